@@ -1,0 +1,2 @@
+//! The hemicube program.
+fn main() {}

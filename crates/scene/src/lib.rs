@@ -1,0 +1,133 @@
+//! Scenes as form-factor computation needs them: triangles in f64 with object and material names and sidedness, read
+//! from OBJ, glTF and AC3D, repaired by documented rules, and cut into patches.
+//!
+//! ```
+//! use hemicube_scene::{Patches, Subdivision, generate};
+//! let scene = generate::cornell_box();
+//! let patches = Patches::new(&scene, Subdivision::Levels(4))?;
+//! assert_eq!(patches.len(), 40 * 256);
+//! # Ok::<(), hemicube_scene::Error>(())
+//! ```
+
+mod error;
+#[cfg(feature = "generate")]
+pub mod generate;
+mod load;
+mod patch;
+#[cfg(any(feature = "obj", feature = "ac3d"))]
+mod polygon;
+pub mod repair;
+mod subdivide;
+
+#[cfg(feature = "ac3d")]
+pub mod ac3d;
+#[cfg(feature = "gltf")]
+pub mod gltf;
+#[cfg(feature = "obj")]
+pub mod obj;
+
+pub use error::{Error, ErrorKind};
+pub use load::{Format, load};
+pub use patch::{InputPatch, Patches, Side};
+pub use subdivide::Subdivision;
+
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+/// A triangle of a scene as it was read: world coordinates in the file's unit, corners counter-clockwise seen from the
+/// front.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triangle {
+    /// The corners, in the file's unit.
+    pub corners: [DVec3; 3],
+    /// Index into [`Scene::objects`].
+    pub object: u32,
+    /// Index into [`Scene::materials`].
+    pub material: u32,
+    /// Position of the face (polygon, or triangle where the format has only triangles) in the file, from 0, counting
+    /// those that were later dropped. A polygon's triangles share it.
+    pub face: u32,
+    /// Whether the back radiates and receives as the front does: such a triangle becomes two patches.
+    pub two_sided: bool,
+}
+
+/// A surface material. Optical properties are read only when [`ReadOptions::optics`] asks for them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Material {
+    /// The name in the file, or `""` for faces without a material.
+    pub name: String,
+    /// Diffuse reflectance (linear RGB, 0 to 1), if the file gives one and it was asked for.
+    pub diffuse: Option<[f64; 3]>,
+    /// Emitted radiosity (linear RGB, the file's own unit), if the file gives one and it was asked for.
+    pub emission: Option<[f64; 3]>,
+}
+
+/// The axis that points up in a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// The x axis.
+    X,
+    /// The y axis.
+    Y,
+    /// The z axis.
+    Z,
+}
+
+/// What a reader found in a file and did not turn into triangles, counted by a short reason such as
+/// `"line element"` or `"face with fewer than 3 corners"`; and what it mended on the way.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Findings {
+    /// Reason and how often it was met. Sorted, so that reports are reproducible.
+    pub counts: BTreeMap<String, u64>,
+    /// Complete sentences for a person, at most a few (a missing material library, an unusual header).
+    pub warnings: Vec<String>,
+}
+
+impl Findings {
+    /// Counts one more `reason`.
+    pub fn count(&mut self, reason: &str) {
+        self.count_many(reason, 1);
+    }
+
+    /// Counts `count` more of `reason`.
+    pub fn count_many(&mut self, reason: &str, count: u64) {
+        if count == 0 {
+            return;
+        }
+        match self.counts.get_mut(reason) {
+            Some(n) => *n += count,
+            None => {
+                self.counts.insert(reason.to_owned(), count);
+            }
+        }
+    }
+
+    /// How often `reason` was counted.
+    pub fn get(&self, reason: &str) -> u64 {
+        self.counts.get(reason).copied().unwrap_or(0)
+    }
+}
+
+/// A scene: triangles in the file's face order, with the names they refer to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scene {
+    /// The triangles, in the file's face order.
+    pub triangles: Vec<Triangle>,
+    /// Object names (OBJ `o`/`g`, glTF node, AC3D object), in order of first use; not necessarily unique.
+    pub objects: Vec<String>,
+    /// Materials, in order of first use.
+    pub materials: Vec<Material>,
+    /// What was skipped or mended while reading.
+    pub findings: Findings,
+    /// The up axis that the format prescribes (glTF: y; AC3D: y), if it does.
+    pub up: Option<Axis>,
+    /// The length of one unit in metres that the format prescribes (glTF: 1), if it does.
+    pub metres_per_unit: Option<f64>,
+}
+
+/// What to read beyond geometry.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// Read diffuse reflectance and emission of materials (and the material libraries that hold them).
+    pub optics: bool,
+}

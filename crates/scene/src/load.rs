@@ -1,0 +1,56 @@
+//! Opens a scene file: format by extension, the reader by format.
+
+use crate::{Error, ErrorKind, ReadOptions, Scene};
+use std::path::Path;
+
+/// A scene file format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Wavefront OBJ, `.obj`.
+    Obj,
+    /// glTF 2.0, `.gltf` or `.glb`.
+    Gltf,
+    /// AC3D, `.ac` or `.acc`.
+    Ac3d,
+}
+
+impl Format {
+    /// The format that a path's extension names, in any case.
+    pub fn from_path(path: &Path) -> Option<Self> {
+        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+        match extension.as_str() {
+            "obj" => Some(Self::Obj),
+            "gltf" | "glb" => Some(Self::Gltf),
+            "ac" | "acc" => Some(Self::Ac3d),
+            _ => None,
+        }
+    }
+}
+
+/// Reads the scene in `path`.
+///
+/// # Errors
+/// When the file cannot be read, its extension names no known format, the format's reader is not compiled in, or the
+/// reader refuses it. The error names the file and, for text formats, the line.
+pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
+    let format = Format::from_path(path).ok_or_else(|| {
+        Error::unsupported("the extension names no scene format; .obj, .gltf, .glb, .ac and .acc are read").in_file(path)
+    })?;
+    let bytes = std::fs::read(path).map_err(|e| Error::new(ErrorKind::Io(e)).in_file(path))?;
+    let base = path.parent();
+    let scene = match format {
+        #[cfg(feature = "obj")]
+        Format::Obj => crate::obj::read(&bytes, base, options),
+        #[cfg(feature = "gltf")]
+        Format::Gltf => crate::gltf::read(&bytes, base, options),
+        #[cfg(feature = "ac3d")]
+        Format::Ac3d => crate::ac3d::read(&bytes, base, options),
+        #[allow(unreachable_patterns, reason = "reached only where a reader is not compiled in")]
+        other => Err(Error::unsupported(format!("the {other:?} reader is not compiled into this program"))),
+    };
+    let scene = scene.map_err(|e| e.in_file(path))?;
+    if scene.triangles.is_empty() {
+        return Err(Error::new(ErrorKind::Empty).in_file(path));
+    }
+    Ok(scene)
+}

@@ -1,0 +1,148 @@
+//! Patches: the planar triangles that emit and receive, the unit of a row and a column of F.
+
+use crate::{Error, ErrorKind, Scene, Subdivision};
+use glam::DVec3;
+
+/// A patch by its position in the file's face order, sub-patches of a face in a fixed order, the back of a two-sided
+/// one directly after its front. This is the number of its row and of its column in everything that leaves the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct InputPatch(pub u32);
+
+/// Which side of a triangle a patch is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The side from which the file's corners run counter-clockwise.
+    Front,
+    /// The other side of a two-sided triangle.
+    Back,
+}
+
+/// The patches of a scene, in input order.
+///
+/// A *surface* is a triangle after subdivision. A one-sided surface carries one patch, a two-sided one two: front and
+/// back, with the same corners and opposite normals.
+#[derive(Clone, Debug, Default)]
+pub struct Patches {
+    surfaces: Vec<[DVec3; 3]>,
+    triangle_of_surface: Vec<u32>,
+    /// Bit 31 set: back.
+    surface_of_patch: Vec<u32>,
+}
+
+const BACK: u32 = 1 << 31;
+
+impl Patches {
+    /// Cuts the triangles of `scene` into patches. Triangles are taken as they are: run [`crate::repair`] first.
+    ///
+    /// # Errors
+    /// [`ErrorKind::TooLarge`] when there would be more than 2³¹ − 16 patches.
+    pub fn new(scene: &Scene, subdivision: Subdivision) -> Result<Self, Error> {
+        let counts: Vec<u64> = scene.triangles.iter().map(|t| subdivision.count(&t.corners)).collect();
+        let surface_count: u64 = counts.iter().fold(0, |a, &c| a.saturating_add(c));
+        let patch_count: u64 = scene
+            .triangles
+            .iter()
+            .zip(&counts)
+            .fold(0, |a, (t, &c)| a.saturating_add(c.saturating_mul(if t.two_sided { 2 } else { 1 })));
+        if patch_count > u64::from(BACK - 16) {
+            return Err(Error::new(ErrorKind::TooLarge(format!(
+                "{patch_count} patches are more than the {} that a matrix can have; subdivide less",
+                BACK - 16
+            ))));
+        }
+        let too_large = || {
+            Error::new(ErrorKind::TooLarge(format!(
+                "{patch_count} patches do not fit in this machine's memory; subdivide less"
+            )))
+        };
+        let mut patches = Self::default();
+        let surface_count = usize::try_from(surface_count).map_err(|_| too_large())?;
+        patches.surfaces.try_reserve_exact(surface_count).map_err(|_| too_large())?;
+        patches.triangle_of_surface.try_reserve_exact(surface_count).map_err(|_| too_large())?;
+        patches
+            .surface_of_patch
+            .try_reserve_exact(usize::try_from(patch_count).map_err(|_| too_large())?)
+            .map_err(|_| too_large())?;
+        let mut parts = Vec::new();
+        for (index, triangle) in (0u32..).zip(&scene.triangles) {
+            parts.clear();
+            subdivision.cut(&triangle.corners, &mut parts);
+            for part in &parts {
+                // Fewer than 2³¹ surfaces, by the check above.
+                #[allow(clippy::cast_possible_truncation, reason = "bounded above")]
+                let surface = patches.surfaces.len() as u32;
+                patches.surfaces.push(*part);
+                patches.triangle_of_surface.push(index);
+                patches.surface_of_patch.push(surface);
+                if triangle.two_sided {
+                    patches.surface_of_patch.push(surface | BACK);
+                }
+            }
+        }
+        Ok(patches)
+    }
+
+    /// How many patches there are.
+    pub fn len(&self) -> usize {
+        self.surface_of_patch.len()
+    }
+
+    /// Whether there is no patch.
+    pub fn is_empty(&self) -> bool {
+        self.surface_of_patch.is_empty()
+    }
+
+    /// All patches in input order.
+    pub fn iter(&self) -> impl Iterator<Item = InputPatch> + use<> {
+        #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
+        let count = self.len() as u32;
+        (0..count).map(InputPatch)
+    }
+
+    /// The surfaces (triangles after subdivision), in input order; corners counter-clockwise seen from the front.
+    pub fn surfaces(&self) -> &[[DVec3; 3]] {
+        &self.surfaces
+    }
+
+    /// The surface that carries a patch.
+    pub fn surface(&self, patch: InputPatch) -> usize {
+        (self.surface_of_patch[patch.0 as usize] & !BACK) as usize
+    }
+
+    /// Which side of its surface a patch is.
+    pub fn side(&self, patch: InputPatch) -> Side {
+        if self.surface_of_patch[patch.0 as usize] & BACK == 0 { Side::Front } else { Side::Back }
+    }
+
+    /// Index into [`Scene::triangles`] of the triangle that a patch was cut from.
+    pub fn triangle(&self, patch: InputPatch) -> usize {
+        self.triangle_of_surface[self.surface(patch)] as usize
+    }
+
+    /// A patch's corners, counter-clockwise seen from its radiating side.
+    pub fn corners(&self, patch: InputPatch) -> [DVec3; 3] {
+        let [a, b, c] = self.surfaces[self.surface(patch)];
+        match self.side(patch) {
+            Side::Front => [a, b, c],
+            Side::Back => [a, c, b],
+        }
+    }
+
+    /// A patch's area, in the file's unit squared.
+    pub fn area(&self, patch: InputPatch) -> f64 {
+        let [a, b, c] = self.corners(patch);
+        0.5 * (b - a).cross(c - a).length()
+    }
+
+    /// A patch's centroid, in the file's unit. The same for both sides of a surface.
+    pub fn centroid(&self, patch: InputPatch) -> DVec3 {
+        let [a, b, c] = self.surfaces[self.surface(patch)];
+        (a + b + c) / 3.0
+    }
+
+    /// A patch's unit normal, pointing away from its radiating side. Zero for a patch without area.
+    pub fn normal(&self, patch: InputPatch) -> DVec3 {
+        let [a, b, c] = self.corners(patch);
+        (b - a).cross(c - a).normalize_or_zero()
+    }
+}
