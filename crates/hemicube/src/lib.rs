@@ -1,6 +1,20 @@
-//! Form-factor matrices by the hemicube method.
+//! Form-factor (view-factor) matrices by the hemicube method.
+//!
+//! F_ij is the fraction of the diffuse energy leaving patch i that reaches patch j directly. A hemicube is put on each
+//! patch, the scene's patch ids are rendered onto its five faces, and the delta form factors of the pixels that each
+//! patch covers add up to one row of F (Cohen & Greenberg 1985).
 
-pub mod store;
-pub mod export;
+pub mod backend;
 pub mod check;
 pub mod compare;
+pub mod compute;
+pub mod delta;
+pub mod export;
+pub mod face;
+pub mod frame;
+mod model;
+pub mod row;
+pub mod store;
+
+pub use hemicube_scene::InputPatch;
+pub use model::{HierarchyOptions, Model, ModelError};

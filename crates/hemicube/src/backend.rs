@@ -1,0 +1,201 @@
+//! The contract between the driver and what renders: hemicubes in, rows of integer weights out.
+//!
+//! Rules a backend keeps, and that the driver checks on every row, in release builds too (see [`crate::row`]):
+//!
+//! 1. `visible` weights, `escaped` and `blocked` of a hemicube sum to exactly [`WHOLE`].
+//! 2. Patches of a row are strictly ascending and below the scene's patch count.
+//! 3. A row depends on the scene, the settings and its own hemicube: not on its place in a batch, on what was rendered
+//!    before, on culling, or on the number of sessions.
+//! 4. Where two surfaces are at the same depth, the smaller patch id wins; the back of a one-sided patch loses to any
+//!    patch.
+//! 5. The emitter's own surface is never seen, whichever side emits.
+
+use crate::row::RowBlock;
+use glam::DVec3;
+use hemicube_scene::InputPatch;
+use hemicube_spatial::Octree;
+use std::sync::Arc;
+
+/// The weight of a whole hemicube: form factor 1 in fixed point.
+pub const WHOLE: u32 = 1 << 31;
+
+/// Resolutions that backends must render: multiples of 16 in this range.
+pub const RESOLUTIONS: std::ops::RangeInclusive<u32> = 16..=1024;
+
+/// A triangle that occludes, with the patch on either side of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Corners in normalised coordinates, counter-clockwise seen from the front.
+    pub corners: [DVec3; 3],
+    /// The patch on the front.
+    pub front: InputPatch,
+    /// The patch on the back; `None` for a one-sided surface, whose back blocks.
+    pub back: Option<InputPatch>,
+}
+
+/// What a backend is given to render: surfaces in the octree's order.
+///
+/// Coordinates are normalised: the middle of the scene's box is the origin, and the longest half side lies in (½, 1],
+/// scaled by a power of two, so that thresholds can be constants whatever the scene's unit.
+#[derive(Clone, Debug)]
+pub struct Geometry {
+    /// The surfaces, in the octree's order.
+    pub surfaces: Vec<Surface>,
+    /// The hierarchy over `surfaces`; its nodes are ranges of them.
+    pub octree: Octree,
+    /// How many patches there are: ids run from 0 to one below.
+    pub patch_count: u32,
+    /// A corner nearer than this to the emitter's plane counts as lying in it, in normalised units.
+    pub plane_tolerance: f64,
+}
+
+/// A hemicube to render: where it stands and how it is turned. Normalised coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hemicube {
+    /// The patch it belongs to, whose surface is not seen; `None` for a free sensor point.
+    pub emitter: Option<InputPatch>,
+    /// The centre.
+    pub origin: DVec3,
+    /// Tangent, bitangent, normal: orthonormal and right-handed; the top face looks along the normal.
+    pub axes: [DVec3; 3],
+}
+
+/// Whether subtrees that cannot be seen are skipped. Rows are the same bits either way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Culling {
+    /// Frustum and occlusion culling.
+    On,
+    /// Every surface is rasterised: the baseline.
+    Off,
+}
+
+/// How hemicubes are rendered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RenderSettings {
+    /// Pixels along the edge of the top face: a multiple of 16 in [`RESOLUTIONS`].
+    pub resolution: u32,
+    /// Whether subtrees that cannot be seen are skipped.
+    pub culling: Culling,
+    /// Whether rows carry covered weights and tiny patches (see [`RowBlock`]).
+    pub covered: bool,
+}
+
+/// What a backend can do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Capabilities {
+    /// Fills in covered weights when asked.
+    pub covered: bool,
+    /// Reports patches that cover no pixel centre but are nearest at their centroid.
+    pub tiny_patches: bool,
+    /// [`HemicubeBackend::items`] works.
+    pub items: bool,
+    /// Rows with culling on and off are the same bits.
+    pub lossless_culling: bool,
+}
+
+/// What a backend is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BackendInfo {
+    /// Name, `[a-z0-9-]{1,32}`.
+    pub name: String,
+    /// Version of the arithmetic: stores of different versions are not mixed.
+    pub version: String,
+    /// The device, in words (an instruction set, a GPU and its driver).
+    pub device: String,
+    /// What it can do.
+    pub capabilities: Capabilities,
+    /// How many hemicubes it likes to be given at once.
+    pub preferred_rows: usize,
+}
+
+/// What was done for some rows. Sums; the same for the same rows, whatever the batches and threads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Counters {
+    /// Hemicubes rendered.
+    pub hemicubes: u64,
+    /// Nodes of the hierarchy that were tested.
+    pub nodes_tested: u64,
+    /// Nodes found outside every face.
+    pub nodes_outside: u64,
+    /// Nodes found hidden behind what was drawn before.
+    pub nodes_hidden: u64,
+    /// Triangles transformed into a hemicube's frame.
+    pub triangles_transformed: u64,
+    /// Triangles rasterised, counted once a face.
+    pub triangles_drawn: u64,
+    /// Hardware occlusion queries issued (0 where there are none).
+    pub queries: u64,
+    /// Bytes read back from a device (0 where there is none).
+    pub bytes_read_back: u64,
+}
+
+impl std::ops::AddAssign for Counters {
+    fn add_assign(&mut self, other: Self) {
+        self.hemicubes += other.hemicubes;
+        self.nodes_tested += other.nodes_tested;
+        self.nodes_outside += other.nodes_outside;
+        self.nodes_hidden += other.nodes_hidden;
+        self.triangles_transformed += other.triangles_transformed;
+        self.triangles_drawn += other.triangles_drawn;
+        self.queries += other.queries;
+        self.bytes_read_back += other.bytes_read_back;
+    }
+}
+
+/// Why a backend could not do what it was asked.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BackendError {
+    /// A request that the contract does not allow; the session stays usable.
+    #[error("{0}")]
+    InvalidArgument(String),
+    /// A legal request that this backend cannot serve; the session stays usable.
+    #[error("{0}")]
+    Unsupported(String),
+    /// Host or device memory ran out; the session stays usable.
+    #[error("out of memory: {0}")]
+    OutOfMemory(String),
+    /// The device is gone; the session is not usable any more.
+    #[error("device lost: {0}")]
+    DeviceLost(String),
+    /// A defect of the backend; the session is not usable any more.
+    #[error("internal error of the backend: {0}")]
+    Internal(String),
+}
+
+/// A session of a backend: renders hemicubes of one scene, one call at a time.
+pub trait HemicubeBackend: Send {
+    /// What this backend is and can do.
+    fn info(&self) -> &BackendInfo;
+
+    /// Takes a scene and how to render it. Replaces what was loaded before.
+    ///
+    /// # Errors
+    /// When the settings are out of range or unsupported, or memory runs out.
+    fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError>;
+
+    /// Another session over the same loaded scene, for another thread; shares what can be shared.
+    ///
+    /// # Errors
+    /// When nothing is loaded, or the device takes no further session.
+    fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError>;
+
+    /// Renders and reduces `hemicubes` and appends one row each to `out`.
+    ///
+    /// # Errors
+    /// When nothing is loaded, a hemicube names a patch that does not exist, or the device fails.
+    fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError>;
+
+    /// The item buffer of one hemicube: for each pixel of the atlas ([`crate::face`]) the patch seen, or
+    /// [`Items::BLOCKED`](crate::face::Items::BLOCKED) or [`Items::ESCAPED`](crate::face::Items::ESCAPED).
+    ///
+    /// # Errors
+    /// As for [`HemicubeBackend::rows`]; [`BackendError::Unsupported`] where the capability is missing.
+    fn items(&mut self, hemicube: &Hemicube) -> Result<crate::face::Items, BackendError> {
+        let _ = hemicube;
+        Err(BackendError::Unsupported(format!(
+            "backend `{}` does not hand out item buffers",
+            self.info().name
+        )))
+    }
+}

@@ -1,0 +1,564 @@
+//! The driver: patches in the order of work → hemicubes → a backend → checked rows → parts → a sink.
+//!
+//! Rows do not depend on threads or batches: a row comes from its own hemicubes only, parts are fixed runs of the order
+//! of work, and workers' results are put back in order before they leave.
+
+use crate::Model;
+use crate::backend::{BackendError, Counters, HemicubeBackend, RenderSettings, WHOLE};
+use crate::row::{RowBlock, RowError};
+use crate::store::{Part, RowSums, StoreWriter};
+use hemicube_scene::InputPatch;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError, mpsc};
+use std::time::{Duration, Instant};
+
+/// Which patches have rows and columns. Everything occludes, selected or not.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Selection {
+    /// For each patch whether it has a row; `None`: all have.
+    pub emitters: Option<Vec<bool>>,
+    /// For each patch whether it has a column; `None`: all have. What the others receive is counted as *unselected*.
+    pub receivers: Option<Vec<bool>>,
+}
+
+impl Selection {
+    fn emits(&self, patch: InputPatch) -> bool {
+        self.emitters.as_ref().is_none_or(|e| e[patch.0 as usize])
+    }
+
+    fn receives(&self, patch: u32) -> bool {
+        self.receivers.as_ref().is_none_or(|r| r[patch as usize])
+    }
+}
+
+/// Which rows of the matrix to compute.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RowChoice {
+    /// All that emit.
+    All,
+    /// Those of the input patches `start..end`.
+    Range {
+        /// The first input patch.
+        start: u32,
+        /// One past the last.
+        end: u32,
+    },
+    /// A sample of this many, drawn without repetition.
+    Sample {
+        /// How many; all of them if there are fewer.
+        count: u32,
+        /// Which sample.
+        seed: u64,
+    },
+}
+
+/// What is to be computed: the rows in the order of work, cut into parts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// The emitting patch of each row, in the order of work.
+    pub rows: Vec<InputPatch>,
+    /// Rows of a part; the last part may have fewer.
+    pub rows_per_part: u32,
+    /// n of the n² hemicubes of a row.
+    pub samples_per_edge: u32,
+    /// Whether each hemicube is turned about its normal.
+    pub rotate: bool,
+    /// Which patches have rows and columns.
+    pub selection: Selection,
+}
+
+impl Plan {
+    /// Plans the rows of `choice`. Depends on the scene and the settings only.
+    pub fn new(model: &Model, choice: RowChoice, selection: Selection, samples_per_edge: u32, rotate: bool) -> Self {
+        let mut rows: Vec<InputPatch> = model.order().filter(|&p| selection.emits(p)).collect();
+        match choice {
+            RowChoice::All => {}
+            RowChoice::Range { start, end } => rows.retain(|p| (start..end).contains(&p.0)),
+            RowChoice::Sample { count, seed } => rows = sample(&rows, count as usize, seed),
+        }
+        // A part is what a killed run loses and what a job of a cluster computes: at most a few seconds and megabytes,
+        // and some dozens of them even in a small scene.
+        #[allow(clippy::cast_possible_truncation, reason = "clamped to 1024")]
+        let rows_per_part = (rows.len() / 64).next_power_of_two().clamp(64, 1024) as u32;
+        Self {
+            rows,
+            rows_per_part,
+            samples_per_edge,
+            rotate,
+            selection,
+        }
+    }
+
+    /// How many parts there are.
+    pub fn part_count(&self) -> usize {
+        self.rows.len().div_ceil(self.rows_per_part as usize)
+    }
+}
+
+/// Draws `count` of `rows`, keeping their order (Knuth 1969, algorithm 3.4.2 S).
+fn sample(rows: &[InputPatch], count: usize, seed: u64) -> Vec<InputPatch> {
+    let mut state = seed;
+    let mut chosen = Vec::with_capacity(count.min(rows.len()));
+    for (i, &row) in rows.iter().enumerate() {
+        // SplitMix64 (Steele, Lea & Flood 2014).
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^= z >> 31;
+        let (left, wanted) = ((rows.len() - i) as u128, count.saturating_sub(chosen.len()) as u128);
+        if (u128::from(z) * left) >> 64 < wanted {
+            chosen.push(row);
+        }
+    }
+    chosen
+}
+
+/// Takes finished parts, in order.
+pub trait PartSink {
+    /// Takes the next part.
+    ///
+    /// # Errors
+    /// When it cannot be kept; the computation then ends.
+    fn take(&mut self, part: Part) -> Result<(), crate::store::Error>;
+}
+
+impl PartSink for StoreWriter {
+    fn take(&mut self, part: Part) -> Result<(), crate::store::Error> {
+        self.write_part(&part)
+    }
+}
+
+/// Keeps the parts in memory: for small scenes, and for embedders.
+impl PartSink for Vec<Part> {
+    fn take(&mut self, part: Part) -> Result<(), crate::store::Error> {
+        self.push(part);
+        Ok(())
+    }
+}
+
+/// How far a computation has come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Rows finished.
+    pub rows: u64,
+    /// Rows in all.
+    pub row_count: u64,
+    /// Entries of the finished rows.
+    pub entries: u64,
+}
+
+/// How a computation is run. Nothing here changes a bit of the result.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Execution {
+    /// Worker threads; 0: one a core.
+    pub threads: usize,
+    /// Hemicubes a call of the backend; 0: what the backend prefers.
+    pub batch: usize,
+}
+
+/// What a computation did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Summary {
+    /// Rows computed.
+    pub rows: u64,
+    /// Entries in them.
+    pub entries: u64,
+    /// Parts handed to the sink.
+    pub parts: u64,
+    /// Weights of all rows together.
+    pub sums: RowSums,
+    /// Hemicubes rendered, the unit of `sums`.
+    pub hemicubes: u64,
+    /// What the backend counted.
+    pub counters: Counters,
+    /// Whether it was cancelled before the last row.
+    pub cancelled: bool,
+    /// Worker threads used.
+    pub threads: usize,
+    /// Time from the first row asked for to the last part kept.
+    pub elapsed: Duration,
+    /// Time in the sink, part of `elapsed`.
+    pub sink: Duration,
+}
+
+/// Why a computation failed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ComputeError {
+    /// The backend reported an error.
+    #[error("backend `{backend}`: {source}")]
+    Backend {
+        /// Its name.
+        backend: String,
+        /// What it said.
+        source: BackendError,
+    },
+    /// The backend returned rows that break the contract.
+    #[error("backend `{backend}` returned a wrong row for the batch that begins with patch {patch}: {source}")]
+    Row {
+        /// Its name.
+        backend: String,
+        /// The first patch of the batch.
+        patch: u32,
+        /// What is wrong.
+        source: RowError,
+    },
+    /// A worker panicked: a defect of this program.
+    #[error("a worker thread panicked: {message}; this is a defect of hemicube, please report it")]
+    Panic {
+        /// The panic's message.
+        message: String,
+    },
+    /// The sink could not keep a part.
+    #[error(transparent)]
+    Store(#[from] crate::store::Error),
+}
+
+/// Rows of one batch, ready to be appended to a part.
+#[derive(Debug, Default)]
+struct Batch {
+    part: Part,
+    counters: Counters,
+}
+
+/// What workers share: who computes what, and how far the collector is.
+#[derive(Debug)]
+struct Queue {
+    state: Mutex<QueueState>,
+    changed: Condvar,
+}
+
+#[derive(Debug)]
+struct QueueState {
+    next: usize,
+    end: usize,
+    collected: usize,
+}
+
+impl Queue {
+    fn lock(&self) -> MutexGuard<'_, QueueState> {
+        // The state is three numbers that are always consistent, so a panic elsewhere does not spoil it.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The next batch to compute, or `None` when there is none left. Waits while the collector is `window` batches
+    /// behind, which bounds memory.
+    fn take(&self, window: usize) -> Option<usize> {
+        let mut state = self.lock();
+        while state.next < state.end && state.next >= state.collected + window {
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+        (state.next < state.end).then(|| {
+            state.next += 1;
+            state.next - 1
+        })
+    }
+
+    fn collected(&self, count: usize) {
+        self.lock().collected = count;
+        self.changed.notify_all();
+    }
+
+    /// Hands out no batch from `end` on.
+    fn stop_at(&self, end: usize) {
+        let mut state = self.lock();
+        state.end = state.end.min(end);
+        drop(state);
+        self.changed.notify_all();
+    }
+}
+
+/// Computes the rows of `plan` with `backend` and hands them, part by part, to `sink`.
+///
+/// `settings` are loaded into the backend here. `progress` is called on this thread now and then. When `cancel` becomes
+/// true, the part being computed is finished and kept, and the summary says so.
+///
+/// # Errors
+/// When the backend fails or breaks the contract, or the sink cannot keep a part. Parts already kept stay.
+pub fn compute(
+    model: &Model,
+    plan: &Plan,
+    settings: RenderSettings,
+    mut backend: Box<dyn HemicubeBackend>,
+    execution: Execution,
+    sink: &mut dyn PartSink,
+    progress: &mut dyn FnMut(Progress),
+    cancel: &AtomicBool,
+) -> Result<Summary, ComputeError> {
+    let name = backend.info().name.clone();
+    let backend_error = |source| ComputeError::Backend {
+        backend: name.clone(),
+        source,
+    };
+    backend.load(model.geometry(), settings).map_err(backend_error)?;
+
+    let samples = plan.samples_per_edge as usize * plan.samples_per_edge as usize;
+    let hemicubes_per_call = if execution.batch == 0 {
+        backend.info().preferred_rows
+    } else {
+        execution.batch
+    };
+    let rows_per_batch = (hemicubes_per_call / samples.max(1)).clamp(1, plan.rows_per_part as usize);
+    let batches_per_part = (plan.rows_per_part as usize).div_ceil(rows_per_batch);
+    let row_count = plan.rows.len();
+    let last_part_rows = row_count - plan.part_count().saturating_sub(1) * plan.rows_per_part as usize;
+    let batch_count = plan.part_count().saturating_sub(1) * batches_per_part + last_part_rows.div_ceil(rows_per_batch);
+    let rows_of_batch = |batch: usize| {
+        let (part, within) = (batch / batches_per_part, batch % batches_per_part);
+        let part_start = part * plan.rows_per_part as usize;
+        let part_end = (part_start + plan.rows_per_part as usize).min(row_count);
+        let start = part_start + within * rows_per_batch;
+        &plan.rows[start..(start + rows_per_batch).min(part_end)]
+    };
+
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = if execution.threads == 0 {
+        cores
+    } else {
+        execution.threads
+    }
+    .clamp(1, batch_count.max(1));
+    let mut sessions = Vec::with_capacity(threads);
+    for _ in 1..threads {
+        sessions.push(backend.fork().map_err(backend_error)?);
+    }
+    sessions.push(backend);
+
+    let queue = Queue {
+        state: Mutex::new(QueueState {
+            next: 0,
+            end: batch_count,
+            collected: 0,
+        }),
+        changed: Condvar::new(),
+    };
+    let window = 8 * threads;
+    let started = Instant::now();
+    let mut summary = Summary {
+        threads,
+        ..Summary::default()
+    };
+    std::thread::scope(|scope| {
+        let (sender, receiver) = mpsc::channel();
+        let workers: Vec<_> = sessions
+            .into_iter()
+            .map(|mut session| {
+                let (sender, queue, rows_of_batch) = (sender.clone(), &queue, &rows_of_batch);
+                scope.spawn(move || {
+                    let mut rows = RowBlock::default();
+                    while let Some(batch) = queue.take(window) {
+                        let result =
+                            compute_batch(model, plan, settings, session.as_mut(), rows_of_batch(batch), &mut rows);
+                        let failed = result.is_err();
+                        if sender.send((batch, result)).is_err() || failed {
+                            queue.stop_at(0);
+                            break;
+                        }
+                    }
+                })
+            })
+            .collect();
+        drop(sender);
+
+        let result = collect(
+            plan,
+            batches_per_part,
+            &queue,
+            &receiver,
+            sink,
+            progress,
+            cancel,
+            &mut summary,
+        );
+        // Whatever ended the collection, nobody may wait for it any more.
+        queue.stop_at(0);
+        drop(receiver);
+        let mut panic = None;
+        for worker in workers {
+            if let Err(payload) = worker.join() {
+                let message = payload
+                    .downcast_ref::<&str>()
+                    .map(|s| (*s).to_owned())
+                    .or_else(|| payload.downcast_ref::<String>().cloned())
+                    .unwrap_or_else(|| "no message".to_owned());
+                panic.get_or_insert(ComputeError::Panic { message });
+            }
+        }
+        panic.map_or(result, Err)
+    })?;
+    summary.elapsed = started.elapsed();
+    Ok(summary)
+}
+
+/// Renders, checks and converts the rows of one batch.
+fn compute_batch(
+    model: &Model,
+    plan: &Plan,
+    settings: RenderSettings,
+    backend: &mut dyn HemicubeBackend,
+    emitters: &[InputPatch],
+    rows: &mut RowBlock,
+) -> Result<Batch, ComputeError> {
+    let mut hemicubes = Vec::with_capacity(emitters.len());
+    let mut count_of_row = Vec::with_capacity(emitters.len());
+    for &emitter in emitters {
+        let before = hemicubes.len();
+        hemicubes.extend(model.hemicubes(emitter, plan.samples_per_edge, plan.rotate));
+        count_of_row.push(hemicubes.len() - before);
+    }
+    rows.clear();
+    let counters = backend.rows(&hemicubes, rows).map_err(|source| ComputeError::Backend {
+        backend: backend_name(backend),
+        source,
+    })?;
+    rows.check(hemicubes.len(), model.geometry().patch_count, settings.covered)
+        .map_err(|source| ComputeError::Row {
+            backend: backend_name(backend),
+            patch: emitters.first().map_or(0, |p| p.0),
+            source,
+        })?;
+
+    let mut batch = Batch {
+        counters,
+        ..Batch::default()
+    };
+    let part = &mut batch.part;
+    let mut merged: Vec<(u32, u64)> = Vec::new();
+    let mut first = 0;
+    for (&emitter, &count) in emitters.iter().zip(&count_of_row) {
+        merged.clear();
+        let mut sums = RowSums::default();
+        for row in first..first + count {
+            let row = rows.row(row);
+            merged.extend(
+                row.patches
+                    .iter()
+                    .copied()
+                    .zip(row.visible.iter().map(|&v| u64::from(v))),
+            );
+            sums.escaped += u64::from(row.escaped);
+            sums.blocked += u64::from(row.blocked);
+        }
+        first += count;
+        if count > 1 {
+            merged.sort_unstable_by_key(|&(patch, _)| patch);
+            merged.dedup_by(|next, kept| {
+                let same = next.0 == kept.0;
+                kept.1 += if same { next.1 } else { 0 };
+                same
+            });
+        }
+        let scale = 1.0 / (f64::from(WHOLE) * count.max(1) as f64);
+        for &(patch, weight) in &merged {
+            if weight == 0 {
+                continue;
+            }
+            if !plan.selection.receives(patch) {
+                sums.unselected += weight;
+                continue;
+            }
+            sums.visible += weight;
+            part.indices.push(patch.cast_signed());
+            #[allow(clippy::cast_possible_truncation, reason = "rounding to the store's f32 is wanted")]
+            part.data.push((weight as f64 * scale) as f32);
+        }
+        part.rows.push(emitter.0);
+        part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
+        part.sums.push(sums);
+        part.hemicubes.push(u32::try_from(count).unwrap_or(u32::MAX));
+    }
+    Ok(batch)
+}
+
+fn backend_name(backend: &dyn HemicubeBackend) -> String {
+    backend.info().name.clone()
+}
+
+/// Puts batches back in order, appends them to parts, and hands full parts to the sink.
+#[allow(clippy::too_many_arguments, reason = "private, called once: the pieces of one loop")]
+fn collect(
+    plan: &Plan,
+    batches_per_part: usize,
+    queue: &Queue,
+    receiver: &mpsc::Receiver<(usize, Result<Batch, ComputeError>)>,
+    sink: &mut dyn PartSink,
+    progress: &mut dyn FnMut(Progress),
+    cancel: &AtomicBool,
+    summary: &mut Summary,
+) -> Result<(), ComputeError> {
+    let row_count = plan.rows.len() as u64;
+    let mut early: BTreeMap<usize, Batch> = BTreeMap::new();
+    let mut next = 0;
+    let mut part = empty_part(0);
+    let mut cancelling = false;
+    progress(Progress {
+        rows: 0,
+        row_count,
+        entries: 0,
+    });
+    loop {
+        if !cancelling && cancel.load(Ordering::Relaxed) {
+            cancelling = true;
+            // Whole parts only: the one in which the first batch not yet handed out lies is still computed.
+            let handed_out = queue.lock().next;
+            queue.stop_at(handed_out.div_ceil(batches_per_part) * batches_per_part);
+        }
+        // A time-out, so that a cancellation is noticed while one slow batch is under way.
+        let (index, batch) = match receiver.recv_timeout(Duration::from_millis(100)) {
+            Ok(received) => received,
+            Err(mpsc::RecvTimeoutError::Timeout) => continue,
+            Err(mpsc::RecvTimeoutError::Disconnected) => break,
+        };
+        early.insert(index, batch?);
+        while let Some(batch) = early.remove(&next) {
+            next += 1;
+            summary.counters += batch.counters;
+            append(&mut part, batch.part);
+            let full = next % batches_per_part == 0 || part.rows.len() as u64 + summary.rows == row_count;
+            if full {
+                summary.rows += part.rows.len() as u64;
+                summary.entries += part.indices.len() as u64;
+                summary.parts += 1;
+                summary.hemicubes += part.hemicubes.iter().map(|&h| u64::from(h)).sum::<u64>();
+                for sums in &part.sums {
+                    summary.sums.visible += sums.visible;
+                    summary.sums.escaped += sums.escaped;
+                    summary.sums.blocked += sums.blocked;
+                    summary.sums.unselected += sums.unselected;
+                }
+                let next_part = empty_part(part.index + 1);
+                let before = Instant::now();
+                sink.take(std::mem::replace(&mut part, next_part))?;
+                summary.sink += before.elapsed();
+            }
+        }
+        queue.collected(next);
+        progress(Progress {
+            rows: summary.rows + part.rows.len() as u64,
+            row_count,
+            entries: summary.entries + part.indices.len() as u64,
+        });
+    }
+    summary.cancelled = summary.rows < row_count;
+    Ok(())
+}
+
+fn empty_part(index: u32) -> Part {
+    Part {
+        index,
+        indptr: vec![0],
+        ..Part::default()
+    }
+}
+
+fn append(part: &mut Part, batch: Part) {
+    let base = part.indptr.last().copied().unwrap_or(0);
+    part.rows.extend(batch.rows);
+    part.indptr.extend(batch.indptr.iter().map(|end| base + end));
+    part.indices.extend(batch.indices);
+    part.data.extend(batch.data);
+    part.sums.extend(batch.sums);
+    part.hemicubes.extend(batch.hemicubes);
+}

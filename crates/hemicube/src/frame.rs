@@ -1,0 +1,103 @@
+//! Where a hemicube stands on its patch and how it is turned. Everything in f64: rounding world coordinates to f32
+//! before the rigid transform gives the emitter's own plane a large part of the row, and the row still sums to 1.
+
+use glam::DVec3;
+use hemicube_scene::InputPatch;
+
+/// Tangent, bitangent and normal of a triangle, orthonormal and right-handed: the tangent along its first edge, then
+/// turned about the normal by `turn` (0 to 1: 0° to 90°, after which a hemicube repeats itself).
+///
+/// The turn is the rational parametrisation of the circle, cos = (1−t²)/(1+t²), sin = 2t/(1+t²), so that frames are the
+/// same bits on every platform. Returns `None` for a triangle without area.
+pub fn axes([a, b, c]: [DVec3; 3], turn: f64) -> Option<[DVec3; 3]> {
+    // Edges first brought to unit length: the square of a tiny edge must not underflow.
+    let (e, f) = ((b - a).try_normalize()?, (c - a).try_normalize()?);
+    let normal = e.cross(f).try_normalize()?;
+    let bitangent = normal.cross(e).try_normalize()?;
+    let tangent = bitangent.cross(normal);
+    let t2 = turn * turn;
+    let (cosine, sine) = ((1.0 - t2) / (1.0 + t2), 2.0 * turn / (1.0 + t2));
+    Some([
+        tangent * cosine + bitangent * sine,
+        bitangent * cosine - tangent * sine,
+        normal,
+    ])
+}
+
+/// The turn of a patch's hemicube: a hash of its id in [0, 1). Turning each hemicube differently decorrelates the
+/// aliasing of neighbouring rows and halves it for the price of nothing.
+pub fn turn(patch: InputPatch) -> f64 {
+    // SplitMix64's finaliser (Steele, Lea & Flood 2014).
+    let mut z = (u64::from(patch.0) + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^= z >> 31;
+    // 32 bits are exact in f64.
+    f64::from((z >> 32) as u32) / 4_294_967_296.0
+}
+
+/// The centroids of the K = n² equal sub-triangles of a triangle, at which K hemicubes sample it. One is the centroid.
+pub fn sample_points([a, b, c]: [DVec3; 3], n: u32) -> Vec<DVec3> {
+    let mut points = Vec::with_capacity(n as usize * n as usize);
+    let third = 3.0 * f64::from(n);
+    let mut at = |i: u32, j: u32, upright: bool| {
+        // Barycentric sums of a sub-triangle's corners, in thirds of its side.
+        let (i, j) = if upright {
+            (3 * i + 1, 3 * j + 1)
+        } else {
+            (3 * i + 2, 3 * j + 2)
+        };
+        let (u, v) = (f64::from(i) / third, f64::from(j) / third);
+        points.push(a * (1.0 - u - v) + b * u + c * v);
+    };
+    for j in 0..n {
+        for i in 0..n - j {
+            at(i, j, true);
+            if i + j + 1 < n {
+                at(i, j, false);
+            }
+        }
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TRIANGLE: [DVec3; 3] = [
+        DVec3::new(1.0, 2.0, 3.0),
+        DVec3::new(4.0, 2.5, 3.5),
+        DVec3::new(0.5, 5.0, 2.0),
+    ];
+
+    #[test]
+    fn frames_are_orthonormal_and_right_handed_at_any_scale() {
+        for scale in [1e-9, 1.0, 1e9] {
+            for turn in [0.0, 0.3, 0.999] {
+                let [t, b, n] = axes(TRIANGLE.map(|p| p * scale), turn).expect("a proper triangle");
+                assert!((t.cross(b) - n).length() < 1e-14);
+                assert!((t.length() - 1.0).abs() < 1e-14 && (b.length() - 1.0).abs() < 1e-14);
+                assert!(n.dot((TRIANGLE[1] - TRIANGLE[0]).cross(TRIANGLE[2] - TRIANGLE[0])) > 0.0);
+            }
+        }
+        assert_eq!(axes([DVec3::ZERO, DVec3::X, DVec3::X * 2.0], 0.0), None);
+    }
+
+    #[test]
+    fn turns_spread_over_the_quarter_circle() {
+        let turns: Vec<f64> = (0..1000).map(|i| turn(InputPatch(i))).collect();
+        assert!(turns.iter().all(|t| (0.0..1.0).contains(t)));
+        assert!((turns.iter().sum::<f64>() / 1000.0 - 0.5).abs() < 0.03);
+    }
+
+    #[test]
+    fn sample_points_average_to_the_centroid() {
+        for n in 1..6 {
+            let points = sample_points(TRIANGLE, n);
+            assert_eq!(points.len() as u32, n * n);
+            let mean = points.iter().sum::<DVec3>() / f64::from(n * n);
+            assert!((mean - TRIANGLE.iter().sum::<DVec3>() / 3.0).length() < 1e-13);
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! A scene made ready for hemicubes: normalised coordinates, surfaces in the octree's order, and the order of work.
+
+use crate::backend::{Geometry, Hemicube, Surface};
+use crate::frame;
+use glam::DVec3;
+use hemicube_scene::{InputPatch, Patches, Side};
+use hemicube_spatial::{Aabb, Octree, OctreeError, OctreeOptions, order_by_normal_and_position};
+use std::sync::Arc;
+
+/// How the octree is cut: the thesis's two parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HierarchyOptions {
+    /// Deepest level, at most 21.
+    pub max_level: u32,
+    /// A node with no more surfaces than this is not divided.
+    pub min_patches: u32,
+}
+
+impl Default for HierarchyOptions {
+    /// Sixteen surfaces fill one SIMD block; levels enough never to be what stops the division of a real scene.
+    fn default() -> Self {
+        Self {
+            max_level: 16,
+            min_patches: 16,
+        }
+    }
+}
+
+/// Why a model could not be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ModelError {
+    /// There is no patch.
+    #[error("the scene has no patch left; nothing can be computed")]
+    Empty,
+    /// Coordinates whose extent f64 cannot hold.
+    #[error("the scene's extent {extent} cannot be normalised; coordinates must be finite and not all alike")]
+    Extent {
+        /// The longest half side of the scene's box.
+        extent: f64,
+    },
+    /// The octree refused the boxes.
+    #[error("octree: {0}")]
+    Octree(#[from] OctreeError),
+}
+
+/// A scene made ready for hemicubes.
+#[derive(Clone, Debug)]
+pub struct Model {
+    patches: Arc<Patches>,
+    geometry: Arc<Geometry>,
+    order: Vec<u32>,
+    center: DVec3,
+    scale: f64,
+}
+
+impl Model {
+    /// Prepares `patches`.
+    ///
+    /// # Errors
+    /// When there is no patch, or coordinates are not finite or all alike.
+    pub fn new(patches: Arc<Patches>, hierarchy: HierarchyOptions) -> Result<Self, ModelError> {
+        if patches.is_empty() {
+            return Err(ModelError::Empty);
+        }
+        let bounds = Aabb::from_points(patches.surfaces().iter().flatten().copied());
+        let center = bounds.center();
+        let half = bounds.half_extent();
+        let extent = half.max_element();
+        if !(extent.is_finite() && extent > 0.0 && center.is_finite() && extent >= f64::MIN_POSITIVE * 1e16) {
+            return Err(ModelError::Extent { extent });
+        }
+        let scale = power_of_two_not_above(1.0 / extent);
+        let normalise = |p: DVec3| (p - center) * scale;
+
+        let mut patches_of: Vec<(InputPatch, Option<InputPatch>)> =
+            vec![(InputPatch(u32::MAX), None); patches.surfaces().len()];
+        for patch in patches.iter() {
+            let sides = &mut patches_of[patches.surface(patch)];
+            match patches.side(patch) {
+                Side::Front => sides.0 = patch,
+                Side::Back => sides.1 = Some(patch),
+            }
+        }
+        let boxes: Vec<Aabb> = patches
+            .surfaces()
+            .iter()
+            .map(|s| Aabb::from_points(s.map(normalise)))
+            .collect();
+        let octree = Octree::build(
+            &boxes,
+            OctreeOptions {
+                max_level: hierarchy.max_level,
+                min_items: hierarchy.min_patches,
+            },
+        )?;
+        drop(boxes);
+        let surfaces = octree
+            .order()
+            .iter()
+            .map(|&index| {
+                let (front, back) = patches_of[index as usize];
+                Surface {
+                    corners: patches.surfaces()[index as usize].map(normalise),
+                    front,
+                    back,
+                }
+            })
+            .collect();
+
+        let (normals, centroids): (Vec<DVec3>, Vec<DVec3>) = patches
+            .iter()
+            .map(|p| (patches.normal(p), normalise(patches.centroid(p))))
+            .unzip();
+        let order = order_by_normal_and_position(
+            &normals,
+            &centroids,
+            Aabb {
+                min: normalise(bounds.min),
+                max: normalise(bounds.max),
+            },
+        );
+
+        // Corners carry the rounding of the coordinates they were given in, which far from the origin is much more than
+        // that of the scene's own extent.
+        let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
+        let plane_tolerance = 1e-10 + 16.0 * f64::EPSILON * largest * scale;
+        #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
+        let patch_count = patches.len() as u32;
+        let geometry = Arc::new(Geometry {
+            surfaces,
+            octree,
+            patch_count,
+            plane_tolerance,
+        });
+        Ok(Self {
+            patches,
+            geometry,
+            order,
+            center,
+            scale,
+        })
+    }
+
+    /// The patches, in input order.
+    pub fn patches(&self) -> &Arc<Patches> {
+        &self.patches
+    }
+
+    /// What backends are given.
+    pub fn geometry(&self) -> &Arc<Geometry> {
+        &self.geometry
+    }
+
+    /// The order of work: patches by normal, then by position, along a Morton curve, so that consecutive hemicubes see
+    /// much the same.
+    pub fn order(&self) -> impl Iterator<Item = InputPatch> + '_ {
+        self.order.iter().map(|&p| InputPatch(p))
+    }
+
+    /// A world point in the normalised coordinates of [`Geometry`].
+    pub fn normalise(&self, point: DVec3) -> DVec3 {
+        (point - self.center) * self.scale
+    }
+
+    /// The hemicubes of a patch: `n`² of them at the centroids of its sub-triangles, each turned about the normal by a
+    /// hash of the patch when `rotate` is on. Empty for a patch without area.
+    pub fn hemicubes(&self, patch: InputPatch, n: u32, rotate: bool) -> Vec<Hemicube> {
+        let corners = self.patches.corners(patch).map(|p| self.normalise(p));
+        let turn = if rotate { frame::turn(patch) } else { 0.0 };
+        let Some(axes) = frame::axes(corners, turn) else {
+            return Vec::new();
+        };
+        frame::sample_points(corners, n)
+            .into_iter()
+            .map(|origin| Hemicube {
+                emitter: Some(patch),
+                origin,
+                axes,
+            })
+            .collect()
+    }
+}
+
+/// The largest power of two that is not above a positive finite `x`.
+fn power_of_two_not_above(x: f64) -> f64 {
+    let exponent = x.to_bits() >> 52;
+    if exponent == 0 {
+        // Subnormal: only where the extent is near the largest f64; any scale in range will do.
+        return f64::MIN_POSITIVE;
+    }
+    f64::from_bits(exponent << 52)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn powers_of_two() {
+        assert_eq!(power_of_two_not_above(1.0), 1.0);
+        assert_eq!(power_of_two_not_above(0.99), 0.5);
+        assert_eq!(power_of_two_not_above(1e-9), 2f64.powi(-30));
+        assert_eq!(power_of_two_not_above(1e9), 2f64.powi(29));
+    }
+}
