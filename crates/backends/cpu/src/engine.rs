@@ -1,0 +1,558 @@
+//! One session of engine 1: the walk over the tree, then the reduction of the row.
+
+use crate::Shared;
+use crate::kernel::{Chunk, Frame, GROUP, Kernel, Reduction, Sums, Target, Transformed, three};
+use crate::tree::{Block, INNER, LANES, Node, Tree, UNUSED};
+use hemicube::InputPatch;
+use hemicube::backend::{Counters, Culling, Hemicube};
+use hemicube::face::{Face, Items};
+use hemicube::row::RowBlock;
+use std::marker::PhantomData;
+
+const ALL_FACES: u8 = 0b1_1111;
+
+/// A hemicube's working memory. One a thread.
+#[derive(Debug)]
+pub(crate) struct Engine<K> {
+    target: Target,
+    sums: Sums,
+    triangles: Box<Transformed>,
+    pending: Vec<Pending>,
+    /// For each block: which hemicube drew it last, and what its lanes covered.
+    drawn: Vec<DrawnBlock>,
+    hemicube: u32,
+    tiny_candidates: Vec<u32>,
+    tiny: Vec<u32>,
+    row: Vec<(u32, u32, u32)>,
+    counters: Counters,
+    kernel: PhantomData<K>,
+}
+
+/// A node waiting to be tested.
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    node: u32,
+    /// Faces that it may be seen on.
+    faces: u8,
+    /// Faces on which it was found hidden: what it covers there is not known.
+    hidden: u8,
+}
+
+/// What the lanes of a block covered in the hemicube that last drew it.
+#[derive(Clone, Copy, Debug)]
+struct DrawnBlock {
+    hemicube: u32,
+    /// Whether no face was left out as hidden, so that `pixels` is all that the lanes would cover.
+    complete: bool,
+    pixels: [u32; LANES],
+}
+
+/// A box of a node in a hemicube's frame.
+struct FrameBox {
+    low: [f64; 3],
+    high: [f64; 3],
+}
+
+impl<K: Kernel> Engine<K> {
+    pub(crate) fn new(shared: &Shared) -> Self {
+        let patch_count = shared.tree.patch_count;
+        let drawn_blocks = if shared.settings.covered {
+            shared.tree.blocks.len()
+        } else {
+            0
+        };
+        Self {
+            // One id above the patches is "blocked", the next is "nothing".
+            target: Target::new(shared.settings.resolution, patch_count + 1),
+            sums: Sums::new(patch_count as usize + 2),
+            triangles: Box::new(Transformed::new()),
+            pending: Vec::new(),
+            drawn: vec![
+                DrawnBlock {
+                    hemicube: 0,
+                    complete: false,
+                    pixels: [0; LANES]
+                };
+                drawn_blocks
+            ],
+            hemicube: 0,
+            tiny_candidates: Vec::new(),
+            tiny: Vec::new(),
+            row: Vec::new(),
+            counters: Counters::default(),
+            kernel: PhantomData,
+        }
+    }
+
+    pub(crate) fn rows(&mut self, shared: &Shared, hemicubes: &[Hemicube], out: &mut RowBlock) -> Counters {
+        self.counters = Counters::default();
+        for hemicube in hemicubes {
+            if shared.settings.covered {
+                self.row::<true>(shared, hemicube, out);
+            } else {
+                self.row::<false>(shared, hemicube, out);
+            }
+        }
+        self.counters
+    }
+
+    pub(crate) fn items(&mut self, shared: &Shared, hemicube: &Hemicube) -> Items {
+        let frame = frame(&shared.tree, hemicube);
+        self.render::<false>(shared, &frame);
+        let patch_count = shared.tree.patch_count;
+        let seen = self.target.items.iter().flat_map(|chunk| chunk.0).map(|id| match id {
+            id if id < patch_count => id,
+            id if id == patch_count => Items::BLOCKED,
+            _ => Items::ESCAPED,
+        });
+        let items = Items {
+            resolution: shared.settings.resolution,
+            seen: seen.collect(),
+        };
+        self.target.items.fill(Chunk([patch_count + 1; LANES]));
+        self.target.depth.fill(Chunk([0.0; LANES]));
+        self.target.dirty.fill(false);
+        self.target.tile_depth.fill(0.0);
+        items
+    }
+
+    fn row<const COVERED: bool>(&mut self, shared: &Shared, hemicube: &Hemicube, out: &mut RowBlock) {
+        let tree = &shared.tree;
+        let frame = frame(tree, hemicube);
+        self.render::<COVERED>(shared, &frame);
+        if COVERED {
+            self.find_tiny(shared, &frame);
+        }
+        let table = &shared.table;
+        let (top, side) = (table.running(Face::Top), table.running(Face::PosX));
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe {
+            K::reduce(
+                &mut self.target,
+                Reduction {
+                    top,
+                    side,
+                    sums: &mut self.sums,
+                },
+            )
+        };
+
+        let (mut escaped, mut blocked) = (0, 0);
+        if !COVERED {
+            self.sums.drain(|id, _, weight| match id {
+                id if id < tree.patch_count => out.push(InputPatch(id), weight, 0),
+                id if id == tree.patch_count => blocked = weight,
+                _ => escaped = weight,
+            });
+            out.end_row(escaped, blocked);
+            return;
+        }
+        let row = &mut self.row;
+        row.clear();
+        self.sums.drain(|id, pixels, weight| match id {
+            id if id < tree.patch_count => row.push((id, pixels, weight)),
+            id if id == tree.patch_count => blocked = weight,
+            _ => escaped = weight,
+        });
+        let mut tiny = self.tiny.iter().copied().peekable();
+        for &(id, pixels, weight) in &self.row {
+            // A tiny patch has no pixel, so its id is never in the row already.
+            while let Some(tiny) = tiny.next_if(|&t| t < id) {
+                out.push(InputPatch(tiny), 0, 0);
+            }
+            let slot = tree.slot_of_patch[id as usize] as usize;
+            let (block, lane) = (slot / LANES, slot % LANES);
+            let drawn = &self.drawn[block];
+            let known = drawn.complete && drawn.hemicube == self.hemicube;
+            let covered = if known && drawn.pixels[lane] == pixels {
+                weight
+            } else {
+                // SAFETY: as above.
+                unsafe {
+                    K::transform(&tree.blocks[block], &frame, &mut self.triangles);
+                    K::cover(&self.triangles, lane, self.target.resolution, top, side).1
+                }
+            };
+            out.push(InputPatch(id), weight, covered);
+        }
+        for tiny in tiny {
+            out.push(InputPatch(tiny), 0, 0);
+        }
+        out.end_row(escaped, blocked);
+    }
+
+    /// Draws the scene into the target, which is clear.
+    fn render<const COVERED: bool>(&mut self, shared: &Shared, frame: &Frame) {
+        let tree = &shared.tree;
+        self.counters.hemicubes += 1;
+        self.hemicube = self.hemicube.wrapping_add(1);
+        if self.hemicube == 0 {
+            // After 2³² hemicubes a stamp could be taken for an old one.
+            self.drawn.iter_mut().for_each(|d| d.hemicube = 0);
+            self.hemicube = 1;
+        }
+        self.tiny_candidates.clear();
+        self.tiny.clear();
+        if shared.settings.culling == Culling::Off {
+            for block in 0..tree.blocks.len() {
+                self.draw_block::<COVERED>(tree, frame, block, ALL_FACES, 0);
+            }
+            return;
+        }
+        self.pending.clear();
+        self.pending.push(Pending {
+            node: 0,
+            faces: ALL_FACES,
+            hidden: 0,
+        });
+        while let Some(Pending { node, faces, hidden }) = self.pending.pop() {
+            let node = &tree.nodes[node as usize];
+            self.counters.nodes_tested += 1;
+            let (faces, hidden_now) = self.visible_faces::<COVERED>(node, frame, faces);
+            let hidden = hidden | hidden_now;
+            if faces == 0 {
+                if hidden_now == 0 {
+                    self.counters.nodes_outside += 1;
+                } else {
+                    self.counters.nodes_hidden += 1;
+                }
+                continue;
+            }
+            if node.block != INNER {
+                self.draw_block::<COVERED>(tree, frame, node.block as usize, faces, hidden);
+                continue;
+            }
+            let [near, far] = front_to_back(tree, node.child, frame);
+            self.pending.push(Pending {
+                node: far,
+                faces,
+                hidden,
+            });
+            self.pending.push(Pending {
+                node: near,
+                faces,
+                hidden,
+            });
+        }
+    }
+
+    fn draw_block<const COVERED: bool>(&mut self, tree: &Tree, frame: &Frame, block: usize, faces: u8, hidden: u8) {
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe { K::transform(&tree.blocks[block], frame, &mut self.triangles) };
+        let live = self.triangles.live;
+        self.counters.triangles_transformed += LANES as u64;
+        let mut pixels = [0; LANES];
+        if live != 0 {
+            for face in Face::ALL {
+                if faces >> face as u8 & 1 == 0 {
+                    continue;
+                }
+                // SAFETY: as above.
+                let drawn = unsafe { K::draw::<COVERED>(&self.triangles, face, live, &mut self.target, &mut pixels) };
+                self.counters.triangles_drawn += u64::from(drawn.triangles);
+            }
+        }
+        if COVERED {
+            self.drawn[block] = DrawnBlock {
+                hemicube: self.hemicube,
+                complete: hidden == 0,
+                pixels,
+            };
+            let mut candidates = live;
+            while candidates != 0 {
+                let lane = candidates.trailing_zeros() as usize;
+                candidates &= candidates - 1;
+                let seen = self.triangles.seen[lane];
+                if pixels[lane] == 0 && seen < tree.patch_count {
+                    self.tiny_candidates.push(seen);
+                }
+            }
+        }
+    }
+
+    /// On which faces a node may be seen, and on which of the others it is hidden.
+    #[inline]
+    fn visible_faces<const COVERED: bool>(&mut self, node: &Node, frame: &Frame, faces: u8) -> (u8, u8) {
+        let b = frame_box(node, frame);
+        if b.high[2] <= frame.tolerance {
+            return (0, 0);
+        }
+        let (mut visible, mut hidden) = (0, 0);
+        let resolution = self.target.resolution as f64;
+        let half = resolution * 0.5;
+        for face in Face::ALL {
+            let bit = 1 << face as u8;
+            if faces & bit == 0 {
+                continue;
+            }
+            let (axis, sign) = face.axes();
+            let range = |c: usize| {
+                if sign[c] > 0.0 {
+                    (b.low[axis[c]], b.high[axis[c]])
+                } else {
+                    (-b.high[axis[c]], -b.low[axis[c]])
+                }
+            };
+            let ((u0, u1), (v0, v1), (w0, w1)) = (range(0), range(1), range(2));
+            let bottom = if face.is_top() { -w1 } else { 0.0 };
+            if w1 <= 0.0 || u0 > w1 || u1 < -w1 || v0 > w1 || v1 < bottom {
+                continue;
+            }
+            if w0 <= NEAREST * w1 {
+                visible |= bit;
+                continue;
+            }
+            let (near, far) = (1.0 / w0, 1.0 / w1);
+            let x0 = u0 * if u0 > 0.0 { far } else { near } * half + half;
+            let x1 = u1 * if u1 > 0.0 { near } else { far } * half + half;
+            let shift = if face.is_top() { half } else { 0.0 };
+            let y0 = v0 * if v0 > 0.0 { far } else { near } * half + shift;
+            let y1 = v1 * if v1 > 0.0 { near } else { far } * half + shift;
+            let rows = if face.is_top() { resolution } else { half };
+            // Pixels whose centres can be covered; with tiny patches, all pixels that the box touches.
+            let centre = if COVERED { 0.0 } else { 0.5 };
+            let slack = 1e-6;
+            // A box that only touches the right or upper edge belongs to the last pixel, as a centroid on the edge does.
+            let x0 = (x0 + (centre - slack)).min(resolution - 1.0).floor_non_negative();
+            let x1 = (x1 - (centre - slack)).min(resolution - 1.0);
+            let y0 = (y0 + (centre - slack)).min(rows - 1.0).floor_non_negative();
+            let y1 = (y1 - (centre - slack)).min(rows - 1.0);
+            if x0 as f64 > x1 || y0 as f64 > y1 {
+                continue;
+            }
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the face")]
+            let (x1, y1) = (x1 as usize, y1 as usize);
+            if self.is_hidden(face, [x0, x1, y0, y1], near) {
+                hidden |= bit;
+            } else {
+                visible |= bit;
+            }
+        }
+        (visible, hidden)
+    }
+
+    /// Whether all of a rectangle of pixels (inclusive) is nearer than `nearest`, in 1/w.
+    #[inline]
+    fn is_hidden(&mut self, face: Face, [x0, x1, y0, y1]: [usize; 4], nearest: f64) -> bool {
+        // Depths are within rounding of the corners' 1/w, widened by a millionth.
+        #[allow(clippy::cast_possible_truncation, reason = "rounding is covered by the factor")]
+        let bound = (nearest * (1.0 + 4e-6)) as f32;
+        let chunks = self.target.chunks_per_row();
+        #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+        let first_row = face.first_row(self.target.resolution as u32) as usize;
+        for tile_row in (first_row + y0) / GROUP..=(first_row + y1) / GROUP {
+            for column in x0 / LANES..=x1 / LANES {
+                let depth = self.tile_depth(tile_row * chunks + column, tile_row, column);
+                if depth <= bound {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    #[inline]
+    fn tile_depth(&mut self, tile: usize, tile_row: usize, column: usize) -> f32 {
+        if self.target.dirty[tile] {
+            self.target.dirty[tile] = false;
+            let chunks = self.target.chunks_per_row();
+            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+            self.target.tile_depth[tile] =
+                unsafe { K::tile_depth(&self.target.depth, tile_row * GROUP * chunks + column, chunks) };
+        }
+        self.target.tile_depth[tile]
+    }
+
+    /// Among the patches that were drawn and covered no pixel centre, finds those that are nearest at their centroid.
+    ///
+    /// "Nearest" means: not behind the plane of what is seen at the pixel there. A neighbour in the same surface must
+    /// not hide it, as it would if depths at the pixel's centre were compared. For culling to change nothing, it must
+    /// also not be behind everything in the tile: what culling drops is.
+    fn find_tiny(&mut self, shared: &Shared, frame: &Frame) {
+        let tree = &shared.tree;
+        let mut candidates = std::mem::take(&mut self.tiny_candidates);
+        for &patch in &candidates {
+            let slot = tree.slot_of_patch[patch as usize] as usize;
+            let (block, lane) = (slot / LANES, slot % LANES);
+            let Some((face, direction, depth)) = centroid_on_face(&tree.blocks[block], lane, frame) else {
+                continue;
+            };
+            let pixel = self.pixel(face, direction);
+            let (row, x) = pixel;
+            let (tile_row, column) = (row / GROUP, x / LANES);
+            let chunks = self.target.chunks_per_row();
+            #[allow(clippy::cast_possible_truncation, reason = "as the depths it is compared with")]
+            if (depth as f32) < self.tile_depth(tile_row * chunks + column, tile_row, column) {
+                continue;
+            }
+            let chunk = row * chunks + column;
+            let id = self.target.items[chunk].0[x % LANES];
+            let in_front = if id > tree.patch_count {
+                true
+            } else {
+                let at_pixel = f64::from(self.target.depth[chunk].0[x % LANES]);
+                let there = if id < tree.patch_count {
+                    plane_depth(tree, id, frame, face, direction).unwrap_or(at_pixel)
+                } else {
+                    at_pixel
+                };
+                depth >= there * (1.0 - 1e-6)
+            };
+            if !in_front {
+                continue;
+            }
+            // A block that was hidden on one of its faces was not drawn there, so its pixels must be counted now.
+            if !self.drawn[block].complete {
+                let table = &shared.table;
+                // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+                let (pixels, _) = unsafe {
+                    K::transform(&tree.blocks[block], frame, &mut self.triangles);
+                    let (top, side) = (table.running(Face::Top), table.running(Face::PosX));
+                    K::cover(&self.triangles, lane, self.target.resolution, top, side)
+                };
+                if pixels != 0 {
+                    continue;
+                }
+            }
+            self.tiny.push(patch);
+        }
+        candidates.clear();
+        self.tiny_candidates = candidates;
+        self.tiny.sort_unstable();
+    }
+
+    /// The atlas row and the column of the pixel that a direction of a face falls in.
+    fn pixel(&self, face: Face, [u, v]: [f64; 2]) -> (usize, usize) {
+        let resolution = self.target.resolution;
+        let half = resolution as f64 * 0.5;
+        let rows = if face.is_top() { resolution } else { resolution / 2 };
+        let shift = if face.is_top() { half } else { 0.0 };
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturates, then clamped"
+        )]
+        let (x, y) = ((u * half + half) as usize, (v * half + shift) as usize);
+        #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+        let first_row = face.first_row(resolution as u32) as usize;
+        (first_row + y.min(rows - 1), x.min(resolution - 1))
+    }
+}
+
+/// A node whose nearest point is closer than this part of its farthest is not tested against depths.
+const NEAREST: f64 = 1e-6;
+
+trait FloorNonNegative {
+    fn floor_non_negative(self) -> usize;
+}
+
+impl FloorNonNegative for f64 {
+    /// ⌊x⌋, or 0 for negative x and NaN.
+    #[inline(always)]
+    fn floor_non_negative(self) -> usize {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturation is wanted"
+        )]
+        let i = self as usize;
+        i
+    }
+}
+
+fn frame(tree: &Tree, hemicube: &Hemicube) -> Frame {
+    Frame {
+        origin: hemicube.origin.to_array(),
+        axes: hemicube.axes.map(|a| a.to_array()),
+        tolerance: tree.plane_tolerance,
+        emitter: hemicube.emitter.map_or(UNUSED, |p| p.0),
+    }
+}
+
+#[inline(always)]
+fn frame_box(node: &Node, frame: &Frame) -> FrameBox {
+    let d = three(|c| node.center[c] - frame.origin[c]);
+    let mut b = FrameBox {
+        low: [0.0; 3],
+        high: [0.0; 3],
+    };
+    for a in 0..3 {
+        let m = &frame.axes[a];
+        let center = m[0] * d[0] + m[1] * d[1] + m[2] * d[2];
+        let half = m[0].abs() * node.half.x + m[1].abs() * node.half.y + m[2].abs() * node.half.z;
+        // Rounding of the sums, far above what it can be and far below what matters.
+        let half = half + 1e-14;
+        b.low[a] = center - half;
+        b.high[a] = center + half;
+    }
+    b
+}
+
+/// The two children of a node, the nearer first.
+#[inline(always)]
+fn front_to_back(tree: &Tree, child: u32, frame: &Frame) -> [u32; 2] {
+    let distance = |node: &Node| {
+        let mut to_box = 0.0;
+        let mut to_center = 0.0;
+        for c in 0..3 {
+            let d = (node.center[c] - frame.origin[c]).abs();
+            let outside = (d - node.half[c]).max(0.0);
+            to_box += outside * outside;
+            to_center += d * d;
+        }
+        (to_box, to_center)
+    };
+    let (a, b) = (
+        distance(&tree.nodes[child as usize]),
+        distance(&tree.nodes[child as usize + 1]),
+    );
+    if a <= b { [child, child + 1] } else { [child + 1, child] }
+}
+
+fn corners_in_frame(block: &Block, lane: usize, frame: &Frame) -> [[f64; 3]; 3] {
+    three(|k| {
+        let d = three(|c| block.corners[3 * k + c][lane] - frame.origin[c]);
+        three(|a| {
+            let m = &frame.axes[a];
+            m[0] * d[0] + m[1] * d[1] + m[2] * d[2]
+        })
+    })
+}
+
+/// The face that a triangle's centroid is seen on, where (u, v), and 1/w there. `None` at or below the horizon.
+fn centroid_on_face(block: &Block, lane: usize, frame: &Frame) -> Option<(Face, [f64; 2], f64)> {
+    let corners = corners_in_frame(block, lane, frame);
+    let centroid = three(|c| (corners[0][c] + corners[1][c] + corners[2][c]) / 3.0);
+    if centroid[2] <= frame.tolerance {
+        return None;
+    }
+    let size = centroid.map(f64::abs);
+    let face = if size[2] >= size[0] && size[2] >= size[1] {
+        Face::Top
+    } else if size[0] >= size[1] {
+        if centroid[0] > 0.0 { Face::PosX } else { Face::NegX }
+    } else if centroid[1] > 0.0 {
+        Face::PosY
+    } else {
+        Face::NegY
+    };
+    let (axis, sign) = face.axes();
+    let along = |c: usize| sign[c] * centroid[axis[c]];
+    let inverse = 1.0 / along(2);
+    Some((face, [along(0) * inverse, along(1) * inverse], inverse))
+}
+
+/// 1/w of a patch's plane in a direction, or `None` where the plane is not met.
+fn plane_depth(tree: &Tree, patch: u32, frame: &Frame, face: Face, [u, v]: [f64; 2]) -> Option<f64> {
+    let slot = tree.slot_of_patch[patch as usize] as usize;
+    let [a, b, c] = corners_in_frame(&tree.blocks[slot / LANES], slot % LANES, frame).map(glam::DVec3::from_array);
+    let normal = (b - a).cross(c - a);
+    let distance = normal.dot(a);
+    let (axis, sign) = face.axes();
+    let mut direction = [0.0; 3];
+    for (c, value) in [u, v, 1.0].into_iter().enumerate() {
+        direction[axis[c]] = sign[c] * value;
+    }
+    let depth = normal.dot(glam::DVec3::from_array(direction)) / distance;
+    (depth.is_finite() && depth > 0.0).then_some(depth)
+}

@@ -1,0 +1,1380 @@
+//! The arithmetic of engine 1, written once and compiled for each instruction set: transform of 16 triangles,
+//! bounding boxes, spans, depth test, reduction.
+//!
+//! Homogeneous rasterisation (Olano & Greer 1997): a pixel's direction d is inside a triangle with corners v0, v1, v2 as
+//! seen from the origin iff d · (v_i × v_j) has one sign for the three edges. No near plane and no clipping. The edge
+//! vectors are computed once for all five faces, in f64 and without fused multiply-add, so that the edge that two
+//! triangles share is the same to the bit with opposite signs: every pixel centre belongs to exactly one of them.
+//! 1/w is affine in the pixel and serves as depth: greater is nearer, 0 is nothing.
+//!
+//! The three paths (AVX-512, AVX2, portable) perform the same operations in the same order and give the same bits; the
+//! tests compare them.
+
+use crate::tree::{Block, LANES, UNUSED};
+use hemicube::face::Face;
+
+/// Rows of pixels that are rasterised together: the height of a tile.
+pub(crate) const GROUP: usize = 8;
+
+/// Sixteen neighbouring pixels of a row: one cache line, the width of a tile.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Chunk<T>(pub(crate) [T; LANES]);
+
+/// A hemicube's frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frame {
+    pub(crate) origin: [f64; 3],
+    /// Tangent, bitangent, normal.
+    pub(crate) axes: [[f64; 3]; 3],
+    /// Heights above the emitter's plane up to this count as 0.
+    pub(crate) tolerance: f64,
+    /// The emitting patch, or `UNUSED`.
+    pub(crate) emitter: u32,
+}
+
+/// Sixteen triangles in a hemicube's frame.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Transformed {
+    /// x, y, z of corner 0, then 1, then 2.
+    pub(crate) corners: [[f64; LANES]; 9],
+    /// The same, rounded: good enough for bounding boxes.
+    near: [[f32; LANES]; 9],
+    /// v1 × v2, v2 × v0, v0 × v1, times the sign of the determinant.
+    pub(crate) edges: [[f64; LANES]; 9],
+    /// |det(v0, v1, v2)|.
+    pub(crate) determinant: [f64; LANES],
+    /// What is seen of the triangle: a patch, or the id for blocked.
+    pub(crate) seen: [u32; LANES],
+    /// Lanes that can be seen at all.
+    pub(crate) live: u16,
+}
+
+impl Transformed {
+    pub(crate) fn new() -> Self {
+        Self {
+            corners: [[0.0; LANES]; 9],
+            near: [[0.0; LANES]; 9],
+            edges: [[0.0; LANES]; 9],
+            determinant: [0.0; LANES],
+            seen: [UNUSED; LANES],
+            live: 0,
+        }
+    }
+}
+
+/// The buffers that one hemicube is drawn into.
+#[derive(Debug)]
+pub(crate) struct Target {
+    pub(crate) resolution: usize,
+    /// 1/w of the nearest surface, by atlas row and chunk.
+    pub(crate) depth: Vec<Chunk<f32>>,
+    /// What is seen, likewise.
+    pub(crate) items: Vec<Chunk<u32>>,
+    /// Whether a tile of 16 × 8 pixels was drawn on since its depth was last taken.
+    pub(crate) dirty: Vec<bool>,
+    /// The farthest depth in each tile.
+    pub(crate) tile_depth: Vec<f32>,
+    /// The id of pixels that hit nothing.
+    pub(crate) nothing: u32,
+}
+
+impl Target {
+    pub(crate) fn new(resolution: u32, nothing: u32) -> Self {
+        let resolution = resolution as usize;
+        let chunks = 3 * resolution * resolution / LANES;
+        Self {
+            resolution,
+            depth: vec![Chunk([0.0; LANES]); chunks],
+            items: vec![Chunk([nothing; LANES]); chunks],
+            dirty: vec![false; chunks / GROUP],
+            tile_depth: vec![0.0; chunks / GROUP],
+            nothing,
+        }
+    }
+
+    pub(crate) fn chunks_per_row(&self) -> usize {
+        self.resolution / LANES
+    }
+}
+
+/// The running sums of delta form factors, and where a row's weights are added up.
+pub(crate) struct Reduction<'a> {
+    pub(crate) top: &'a [u32],
+    pub(crate) side: &'a [u32],
+    pub(crate) sums: &'a mut Sums,
+}
+
+/// Sums for each patch, and for blocked and nothing, with the set of those that are not zero.
+#[derive(Debug)]
+pub(crate) struct Sums {
+    /// Pixels seen in the upper half, weight in the lower.
+    pub(crate) of: Vec<u64>,
+    /// One bit for each sum that was touched.
+    touched: Vec<u64>,
+    /// One bit for each word of `touched` that is not zero.
+    touched_words: Vec<u64>,
+}
+
+impl Sums {
+    pub(crate) fn new(count: usize) -> Self {
+        let words = count.div_ceil(64);
+        Self {
+            of: vec![0; count],
+            touched: vec![0; words],
+            touched_words: vec![0; words.div_ceil(64)],
+        }
+    }
+
+    #[inline(always)]
+    fn add(&mut self, id: u32, pixels: u32, weight: u32) {
+        let index = id as usize;
+        let sum = self.of[index];
+        if sum == 0 {
+            self.touched[index >> 6] |= 1 << (index & 63);
+            self.touched_words[index >> 12] |= 1 << (index >> 6 & 63);
+        }
+        // The weights of a hemicube sum to 2³¹, so the lower half never carries into the upper.
+        self.of[index] = sum + (u64::from(pixels) << 32 | u64::from(weight));
+    }
+
+    /// Hands out (id, pixels, weight) in ascending order of id and forgets them.
+    #[inline]
+    pub(crate) fn drain(&mut self, mut each: impl FnMut(u32, u32, u32)) {
+        for group in 0..self.touched_words.len() {
+            let mut words = std::mem::take(&mut self.touched_words[group]);
+            while words != 0 {
+                let word = group * 64 + words.trailing_zeros() as usize;
+                words &= words - 1;
+                let mut bits = std::mem::take(&mut self.touched[word]);
+                while bits != 0 {
+                    let index = word * 64 + bits.trailing_zeros() as usize;
+                    bits &= bits - 1;
+                    let sum = std::mem::take(&mut self.of[index]);
+                    #[allow(clippy::cast_possible_truncation, reason = "the halves of a u64; ids are u32")]
+                    each(index as u32, (sum >> 32) as u32, sum as u32);
+                }
+            }
+        }
+    }
+}
+
+/// What rasterising a block on a face did.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Drawn {
+    pub(crate) triangles: u32,
+}
+
+/// One instruction set's way through the kernels.
+///
+/// # Safety
+/// Every method may be called only on a machine that has the instruction set; [`crate::Isa`] sees to it.
+pub(crate) trait Kernel: Send + 'static {
+    /// Brings a block into a frame.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn transform(block: &Block, frame: &Frame, out: &mut Transformed);
+
+    /// Rasterises lanes of a block on one face. With `COUNT`, adds the pixels that each lane covers to `pixels`.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn draw<const COUNT: bool>(
+        triangles: &Transformed,
+        face: Face,
+        lanes: u16,
+        target: &mut Target,
+        pixels: &mut [u32; LANES],
+    ) -> Drawn;
+
+    /// Pixels and weight that one lane covers alone, over all faces.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn cover(triangles: &Transformed, lane: usize, resolution: usize, top: &[u32], side: &[u32]) -> (u32, u32);
+
+    /// The farthest depth in a tile, whose first chunk is `first`.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn tile_depth(depth: &[Chunk<f32>], first: usize, chunks_per_row: usize) -> f32;
+
+    /// Adds up the weights that each id shows, and clears the target for the next hemicube on the way, while each chunk
+    /// is in cache.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn reduce(target: &mut Target, reduction: Reduction<'_>);
+}
+
+/// What differs between instruction sets inside the generic bodies. No SIMD type in any signature, so that nothing is
+/// passed in registers that a caller without the feature does not have.
+pub(crate) trait Lanes {
+    /// The first pixel and one past the last, of each of eight rows from `y`, within `x0..x1`. Returns a bit for each
+    /// row whose span is not empty.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn spans(
+        edges: &EdgeLines,
+        y: f64,
+        x0: f64,
+        x1: f64,
+        starts: &mut [i32; GROUP],
+        ends: &mut [i32; GROUP],
+    ) -> u8;
+
+    /// Depth test of the pixels of `mask` in a chunk at depth `base + steps[i]`, clamped to `low..=high`. Returns
+    /// whether any won.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn test(
+        depth: &mut Chunk<f32>,
+        items: &mut Chunk<u32>,
+        mask: u16,
+        base: f32,
+        plane: &DepthPlane,
+        id: u32,
+    ) -> bool;
+
+    /// One bit for each item of a chunk that differs from the one before it.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn changes(items: &Chunk<u32>, before: u32) -> u16;
+}
+
+/// 1/w over a face, as a function of the pixel.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct DepthPlane {
+    /// i × step, for i in 0..16.
+    steps: [f32; LANES],
+    /// The values at the triangle's corners bound the values inside it.
+    low: f32,
+    high: f32,
+    x: f64,
+    y: f64,
+    constant: f64,
+}
+
+/// The three edges of a triangle on a face as lines x = slope · y + offset, in pixels.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct EdgeLines {
+    slope: [f64; 3],
+    offset: [f64; 3],
+    /// Edges that bound the span from the left; the others from the right, but for the flat ones.
+    left: [bool; 3],
+    /// Edges that run along the rows: a row is inside or not.
+    flat: [bool; 3],
+    any_flat: bool,
+    flat_y: [f64; 3],
+    flat_constant: [f64; 3],
+}
+
+/// A box of pixels: `x0..x1` by `y0..y1`.
+#[derive(Clone, Copy, Debug)]
+struct PixelBox {
+    x0: i32,
+    x1: i32,
+    y0: i32,
+    y1: i32,
+}
+
+/// `[f(0), f(1), f(2)]`: the library's `map` is left as a call in these kernels.
+#[inline(always)]
+pub(crate) fn three<T>(mut f: impl FnMut(usize) -> T) -> [T; 3] {
+    [f(0), f(1), f(2)]
+}
+
+#[inline(always)]
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
+pub(crate) fn transform(block: &Block, frame: &Frame, out: &mut Transformed) {
+    let [t, b, n] = &frame.axes;
+    let o = &frame.origin;
+    for k in 0..3 {
+        for l in 0..LANES {
+            let x = block.corners[3 * k][l] - o[0];
+            let y = block.corners[3 * k + 1][l] - o[1];
+            let z = block.corners[3 * k + 2][l] - o[2];
+            let height = n[0] * x + n[1] * y + n[2] * z;
+            out.corners[3 * k][l] = t[0] * x + t[1] * y + t[2] * z;
+            out.corners[3 * k + 1][l] = b[0] * x + b[1] * y + b[2] * z;
+            out.corners[3 * k + 2][l] = if height.abs() <= frame.tolerance { 0.0 } else { height };
+        }
+    }
+    for k in 0..9 {
+        for l in 0..LANES {
+            #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
+            let rounded = out.corners[k][l] as f32;
+            out.near[k][l] = rounded;
+        }
+    }
+    for k in 0..3 {
+        let (i, j) = ((k + 1) % 3 * 3, (k + 2) % 3 * 3);
+        for l in 0..LANES {
+            let (ax, ay, az) = (out.corners[i][l], out.corners[i + 1][l], out.corners[i + 2][l]);
+            let (bx, by, bz) = (out.corners[j][l], out.corners[j + 1][l], out.corners[j + 2][l]);
+            out.edges[3 * k][l] = ay * bz - az * by;
+            out.edges[3 * k + 1][l] = az * bx - ax * bz;
+            out.edges[3 * k + 2][l] = ax * by - ay * bx;
+        }
+    }
+    let mut live = [0u32; LANES];
+    let mut sign = [1.0f64; LANES];
+    for l in 0..LANES {
+        let determinant = out.corners[0][l] * out.edges[0][l]
+            + out.corners[1][l] * out.edges[1][l]
+            + out.corners[2][l] * out.edges[2][l];
+        let (z0, z1, z2) = (out.corners[2][l], out.corners[5][l], out.corners[8][l]);
+        let above = (z0 > 0.0) | (z1 > 0.0) | (z2 > 0.0);
+        let (negative, positive) = (block.negative[l], block.positive[l]);
+        let emitter = (negative == frame.emitter) | (positive == frame.emitter);
+        let turned = determinant < 0.0;
+        out.seen[l] = if turned { negative } else { positive };
+        live[l] = u32::from(above & (determinant != 0.0) & !emitter & (negative != UNUSED)) << l;
+        sign[l] = if turned { -1.0 } else { 1.0 };
+        out.determinant[l] = determinant.abs();
+    }
+    for k in 0..9 {
+        for l in 0..LANES {
+            out.edges[k][l] *= sign[l];
+        }
+    }
+    let mut mask = 0;
+    for bit in live {
+        mask |= bit;
+    }
+    #[allow(clippy::cast_possible_truncation, reason = "16 bits by construction")]
+    let mask = mask as u16;
+    out.live = mask;
+}
+
+/// Bounding boxes of sixteen triangles on a face.
+struct Boxes {
+    x0: [i32; LANES],
+    x1: [i32; LANES],
+    y0: [i32; LANES],
+    y1: [i32; LANES],
+    low: [f32; LANES],
+    high: [f32; LANES],
+    /// Wholly in front of the eye, box not empty.
+    whole: u16,
+    /// Partly behind the eye (w ≤ 0), or nearly.
+    straddling: u16,
+}
+
+/// How far, in pixels, a box exceeds the projected corners: these are f32, spans are not.
+const BOX_SLACK: f32 = 2e-3;
+/// A triangle whose nearest corner is closer than this part of its farthest is treated as straddling the eye plane.
+const STRADDLE: f32 = 1e-6;
+/// How much 1/w at a corner is widened so that rounding inside the triangle is not cut off.
+const DEPTH_SLACK: f32 = 1e-6;
+
+#[inline(always)]
+fn boxes(t: &Transformed, face: Face, resolution: usize) -> Boxes {
+    let (axis, sign) = face.axes();
+    #[allow(clippy::cast_possible_truncation, reason = "±1")]
+    let s = [sign[0] as f32, sign[1] as f32, sign[2] as f32];
+    let width = resolution as f32;
+    let height = if face.is_top() { width } else { width * 0.5 };
+    let half = width * 0.5;
+    // Pixel x has its centre at (x + ½) 2/N − 1.
+    let (u_shift, v_shift) = (half - 0.5, if face.is_top() { half - 0.5 } else { -0.5 });
+    let mut out = Boxes {
+        x0: [0; LANES],
+        x1: [0; LANES],
+        y0: [0; LANES],
+        y1: [0; LANES],
+        low: [0.0; LANES],
+        high: [0.0; LANES],
+        whole: 0,
+        straddling: 0,
+    };
+    let mut whole = [0u32; LANES];
+    let mut straddling = [0u32; LANES];
+    for l in 0..LANES {
+        let w = [
+            s[2] * t.near[axis[2]][l],
+            s[2] * t.near[3 + axis[2]][l],
+            s[2] * t.near[6 + axis[2]][l],
+        ];
+        let u = [
+            s[0] * t.near[axis[0]][l],
+            s[0] * t.near[3 + axis[0]][l],
+            s[0] * t.near[6 + axis[0]][l],
+        ];
+        let v = [
+            s[1] * t.near[axis[1]][l],
+            s[1] * t.near[3 + axis[1]][l],
+            s[1] * t.near[6 + axis[1]][l],
+        ];
+        let far = greater(greater(w[0], w[1]), w[2]);
+        let near = smaller(smaller(w[0], w[1]), w[2]);
+        let i = [1.0 / w[0], 1.0 / w[1], 1.0 / w[2]];
+        let x = [
+            u[0] * i[0] * half + u_shift,
+            u[1] * i[1] * half + u_shift,
+            u[2] * i[2] * half + u_shift,
+        ];
+        let y = [
+            v[0] * i[0] * half + v_shift,
+            v[1] * i[1] * half + v_shift,
+            v[2] * i[2] * half + v_shift,
+        ];
+        // The comparisons send NaN to a bound, so that the conversions below are in range for every lane.
+        let x0 = smaller(greater(smaller(smaller(x[0], x[1]), x[2]) - BOX_SLACK, -0.5), width);
+        let x1 = greater(
+            smaller(greater(greater(x[0], x[1]), x[2]) + BOX_SLACK, width - 1.0),
+            -1.0,
+        );
+        let y0 = smaller(greater(smaller(smaller(y[0], y[1]), y[2]) - BOX_SLACK, -0.5), height);
+        let y1 = greater(
+            smaller(greater(greater(y[0], y[1]), y[2]) + BOX_SLACK, height - 1.0),
+            -1.0,
+        );
+        out.x0[l] = ceil_to_int(x0);
+        out.x1[l] = floor_to_int(x1) + 1;
+        out.y0[l] = ceil_to_int(y0);
+        out.y1[l] = floor_to_int(y1) + 1;
+        let in_front = near > STRADDLE * far;
+        whole[l] = u32::from(in_front & (out.x0[l] < out.x1[l]) & (out.y0[l] < out.y1[l])) << l;
+        straddling[l] = u32::from(!in_front & (far > 0.0)) << l;
+        out.low[l] = greater(
+            smaller(smaller(i[0], i[1]), i[2]) * (1.0 - DEPTH_SLACK),
+            f32::MIN_POSITIVE,
+        );
+        out.high[l] = greater(greater(i[0], i[1]), i[2]) * (1.0 + DEPTH_SLACK);
+    }
+    let (mut whole_mask, mut straddling_mask) = (0, 0);
+    for l in 0..LANES {
+        whole_mask |= whole[l];
+        straddling_mask |= straddling[l];
+    }
+    #[allow(clippy::cast_possible_truncation, reason = "16 bits by construction")]
+    {
+        out.whole = whole_mask as u16 & t.live;
+        out.straddling = straddling_mask as u16 & t.live;
+    }
+    out
+}
+
+/// ⌈x⌉ for −1 ≤ x ≤ 2³⁰.
+#[inline(always)]
+fn ceil_to_int(x: f32) -> i32 {
+    // SAFETY: callers clamp to the pixels of a face, by comparisons that NaN does not pass.
+    let i: i32 = unsafe { x.to_int_unchecked() };
+    i + i32::from((i as f32) < x)
+}
+
+/// ⌊x⌋ for −1 ≤ x ≤ 2³⁰.
+#[inline(always)]
+fn floor_to_int(x: f32) -> i32 {
+    // SAFETY: as above.
+    let i: i32 = unsafe { x.to_int_unchecked() };
+    i - i32::from((i as f32) > x)
+}
+
+/// The bounding box of the part of a straddling triangle that a face sees: clipped to the face's pyramid, in f64.
+fn clipped_box(t: &Transformed, face: Face, lane: usize, resolution: usize) -> Option<PixelBox> {
+    let (axis, sign) = face.axes();
+    let corner = |k: usize| three(|c| sign[c] * t.corners[3 * k + axis[c]][lane]);
+    let mut polygon = [[0.0f64; 3]; 8];
+    for (k, p) in polygon.iter_mut().take(3).enumerate() {
+        *p = corner(k);
+    }
+    let mut count = 3;
+    let bottom = if face.is_top() { 1.0 } else { 0.0 };
+    for plane in [[1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], [0.0, 1.0, bottom], [0.0, -1.0, 1.0]] {
+        let side = |p: &[f64; 3]| plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2];
+        let mut kept = [[0.0f64; 3]; 8];
+        let mut kept_count = 0;
+        for i in 0..count {
+            let (p, q) = (polygon[i], polygon[(i + 1) % count]);
+            let (sp, sq) = (side(&p), side(&q));
+            if sp >= 0.0 {
+                kept[kept_count] = p;
+                kept_count += 1;
+            }
+            if (sp < 0.0) != (sq < 0.0) {
+                let f = sp / (sp - sq);
+                kept[kept_count] = three(|c| p[c] + (q[c] - p[c]) * f);
+                kept_count += 1;
+            }
+        }
+        (polygon, count) = (kept, kept_count);
+        if count < 3 {
+            return None;
+        }
+    }
+    let width = resolution as f64;
+    let height = if face.is_top() { width } else { width * 0.5 };
+    let half = width * 0.5;
+    let v_shift = if face.is_top() { half } else { 0.0 };
+    let (mut x0, mut x1, mut y0, mut y1) = (f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY);
+    for p in &polygon[..count] {
+        if p[2] <= 1e-14 {
+            // The polygon reaches the eye: it may fill the face.
+            (x0, x1, y0, y1) = (0.0, width, 0.0, height);
+            break;
+        }
+        let (x, y) = (p[0] / p[2] * half + half - 0.5, p[1] / p[2] * half + v_shift - 0.5);
+        (x0, x1, y0, y1) = (x0.min(x), x1.max(x), y0.min(y), y1.max(y));
+    }
+    // Clipping moves corners by rounding only; a hundredth of a pixel is far more than that.
+    let slack = 0.01;
+    #[allow(clippy::cast_possible_truncation, reason = "saturates, clamped to the face")]
+    let pixels = PixelBox {
+        x0: (x0 - slack).ceil().clamp(0.0, width) as i32,
+        x1: (x1 + slack).floor().clamp(-1.0, width - 1.0) as i32 + 1,
+        y0: (y0 - slack).ceil().clamp(0.0, height) as i32,
+        y1: (y1 + slack).floor().clamp(-1.0, height - 1.0) as i32 + 1,
+    };
+    (pixels.x0 < pixels.x1 && pixels.y0 < pixels.y1).then_some(pixels)
+}
+
+/// An edge vector's value over a face's pixels: a · x + b · y + c.
+#[inline(always)]
+fn affine(e: [f64; 3], face: Face, resolution: usize) -> [f64; 3] {
+    let step = 2.0 / resolution as f64;
+    let u0 = 0.5 * step - 1.0;
+    let v0 = if face.is_top() { u0 } else { 0.5 * step };
+    // Every operation is odd in e, so the shared edge of two triangles has the same zero line to the bit.
+    [e[0] * step, e[1] * step, e[2] + e[0] * u0 + e[1] * v0]
+}
+
+#[inline(always)]
+fn edge_lines(t: &Transformed, face: Face, lane: usize, resolution: usize) -> (EdgeLines, [f64; 3]) {
+    let (axis, sign) = face.axes();
+    let mut lines = EdgeLines::default();
+    let mut sum = [0.0; 3];
+    for k in 0..3 {
+        let e = three(|c| sign[c] * t.edges[3 * k + axis[c]][lane]);
+        for c in 0..3 {
+            sum[c] += e[c];
+        }
+        let [a, b, c] = affine(e, face, resolution);
+        let inverse = -1.0 / a;
+        lines.slope[k] = b * inverse;
+        lines.offset[k] = c * inverse;
+        lines.left[k] = a > 0.0;
+        if a == 0.0 {
+            lines.flat[k] = true;
+            lines.any_flat = true;
+            lines.flat_y[k] = b;
+            lines.flat_constant[k] = c;
+        }
+    }
+    (lines, sum)
+}
+
+/// Takes rows outside a flat edge away from `rows`. On the line itself, one of the two sides wins.
+#[inline(always)]
+fn flat_rows(lines: &EdgeLines, y: f64, mut rows: u8) -> u8 {
+    for k in 0..3 {
+        if lines.flat[k] {
+            for r in 0..GROUP {
+                let value = lines.flat_y[k] * (y + r as f64) + lines.flat_constant[k];
+                let inside = value > 0.0 || (value == 0.0 && lines.flat_y[k] > 0.0);
+                if !inside {
+                    rows &= !(1 << r);
+                }
+            }
+        }
+    }
+    rows
+}
+
+/// Walks the spans of one triangle on one face: `each(atlas row offset within the face, start, end)`.
+#[inline(always)]
+unsafe fn walk<L: Lanes>(lines: &EdgeLines, pixels: PixelBox, mut each: impl FnMut(usize, usize, usize)) {
+    let mut starts = [0i32; GROUP];
+    let mut ends = [0i32; GROUP];
+    let (x0, x1) = (f64::from(pixels.x0), f64::from(pixels.x1));
+    #[allow(clippy::cast_sign_loss, reason = "a pixel box lies within its face")]
+    let (y0, y1) = (pixels.y0 as usize, pixels.y1 as usize);
+    let mut y = y0 / GROUP * GROUP;
+    while y < y1 {
+        // SAFETY: the caller's promise.
+        let mut rows = unsafe { L::spans(lines, y as f64, x0, x1, &mut starts, &mut ends) };
+        if lines.any_flat {
+            rows = flat_rows(lines, y as f64, rows);
+        }
+        if y < y0 {
+            rows &= u8::MAX << (y0 - y);
+        }
+        if y + GROUP > y1 {
+            rows &= u8::MAX >> (y + GROUP - y1);
+        }
+        while rows != 0 {
+            let r = rows.trailing_zeros() as usize;
+            rows &= rows - 1;
+            #[allow(clippy::cast_sign_loss, reason = "spans lie within the pixel box")]
+            each(y + r, starts[r] as usize, ends[r] as usize);
+        }
+        y += GROUP;
+    }
+}
+
+#[inline(always)]
+pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
+    t: &Transformed,
+    face: Face,
+    lanes: u16,
+    target: &mut Target,
+    pixels: &mut [u32; LANES],
+) -> Drawn {
+    let resolution = target.resolution;
+    let boxes = boxes(t, face, resolution);
+    let mut pending = (boxes.whole | boxes.straddling) & lanes;
+    let mut drawn = Drawn::default();
+    #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+    let first_row = face.first_row(resolution as u32) as usize;
+    let chunks_per_row = resolution / LANES;
+    while pending != 0 {
+        let lane = pending.trailing_zeros() as usize;
+        pending &= pending - 1;
+        let (pixel_box, low, high) = if boxes.straddling >> lane & 1 == 0 {
+            let pixel_box = PixelBox {
+                x0: boxes.x0[lane],
+                x1: boxes.x1[lane],
+                y0: boxes.y0[lane],
+                y1: boxes.y1[lane],
+            };
+            (pixel_box, boxes.low[lane], boxes.high[lane])
+        } else {
+            let Some(pixel_box) = clipped_box(t, face, lane, resolution) else {
+                continue;
+            };
+            (pixel_box, f32::MIN_POSITIVE, f32::MAX)
+        };
+        drawn.triangles += 1;
+        let (lines, sum) = edge_lines(t, face, lane, resolution);
+        let inverse = 1.0 / t.determinant[lane];
+        let [a, b, c] = affine(sum, face, resolution);
+        let (x, y, constant) = (a * inverse, b * inverse, c * inverse);
+        #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
+        let step = x as f32;
+        let mut steps = [0.0; LANES];
+        for (i, s) in steps.iter_mut().enumerate() {
+            *s = step * i as f32;
+        }
+        let plane = DepthPlane {
+            steps,
+            low,
+            high,
+            x,
+            y,
+            constant,
+        };
+        let id = t.seen[lane];
+        let mut covered = 0;
+        // SAFETY: the caller's promise.
+        unsafe {
+            walk::<L>(&lines, pixel_box, |row, start, end| {
+                if COUNT {
+                    covered += end - start;
+                }
+                let row_depth = plane.constant + plane.y * row as f64;
+                let atlas_row = first_row + row;
+                let row_chunk = atlas_row * chunks_per_row;
+                let tile_row = atlas_row / GROUP * chunks_per_row;
+                let mut chunk = start / LANES;
+                let last = (end - 1) / LANES;
+                let mut mask = u16::MAX << (start % LANES);
+                loop {
+                    if chunk == last {
+                        mask &= u16::MAX >> (LANES - 1 - (end - 1) % LANES);
+                    }
+                    #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
+                    let base = (row_depth + plane.x * (chunk * LANES) as f64) as f32;
+                    let at = row_chunk + chunk;
+                    if L::test(&mut target.depth[at], &mut target.items[at], mask, base, &plane, id) {
+                        target.dirty[tile_row + chunk] = true;
+                    }
+                    if chunk == last {
+                        break;
+                    }
+                    chunk += 1;
+                    mask = u16::MAX;
+                }
+            });
+        }
+        if COUNT {
+            #[allow(clippy::cast_possible_truncation, reason = "at most 3·2²⁰ pixels")]
+            {
+                pixels[lane] += covered as u32;
+            }
+        }
+    }
+    drawn
+}
+
+#[inline(always)]
+pub(crate) unsafe fn cover<L: Lanes>(
+    t: &Transformed,
+    lane: usize,
+    resolution: usize,
+    top: &[u32],
+    side: &[u32],
+) -> (u32, u32) {
+    let (mut count, mut weight) = (0, 0);
+    for face in Face::ALL {
+        let boxes = boxes(t, face, resolution);
+        let pixel_box = if boxes.whole >> lane & 1 != 0 {
+            PixelBox {
+                x0: boxes.x0[lane],
+                x1: boxes.x1[lane],
+                y0: boxes.y0[lane],
+                y1: boxes.y1[lane],
+            }
+        } else if boxes.straddling >> lane & 1 != 0 {
+            match clipped_box(t, face, lane, resolution) {
+                Some(pixel_box) => pixel_box,
+                None => continue,
+            }
+        } else {
+            continue;
+        };
+        let (lines, _) = edge_lines(t, face, lane, resolution);
+        let running = if face.is_top() { top } else { side };
+        // SAFETY: the caller's promise.
+        unsafe {
+            walk::<L>(&lines, pixel_box, |row, start, end| {
+                #[allow(clippy::cast_possible_truncation, reason = "at most 1024 pixels")]
+                {
+                    count += (end - start) as u32;
+                }
+                weight += running[row * resolution + end] - running[row * resolution + start];
+            });
+        }
+    }
+    (count, weight)
+}
+
+#[inline(always)]
+pub(crate) fn tile_depth(depth: &[Chunk<f32>], first: usize, chunks_per_row: usize) -> f32 {
+    let mut lanes = depth[first].0;
+    for row in 1..GROUP {
+        let chunk = &depth[first + row * chunks_per_row].0;
+        for l in 0..LANES {
+            lanes[l] = smaller(lanes[l], chunk[l]);
+        }
+    }
+    let mut width = LANES;
+    while width > 1 {
+        width /= 2;
+        for l in 0..width {
+            lanes[l] = smaller(lanes[l], lanes[l + width]);
+        }
+    }
+    lanes[0]
+}
+
+#[inline(always)]
+pub(crate) unsafe fn reduce<L: Lanes>(target: &mut Target, reduction: Reduction<'_>) {
+    let Reduction { top, side, sums } = reduction;
+    let resolution = target.resolution;
+    let chunks_per_row = target.chunks_per_row();
+    let rows = target.items.len() / chunks_per_row;
+    let cleared = Chunk([target.nothing; LANES]);
+    for row in 0..rows {
+        // The top, then four sides that share one table.
+        let (running, face_row) = if row < resolution {
+            (top, row)
+        } else {
+            (side, (row - resolution) % (resolution / 2))
+        };
+        let running = &running[face_row * resolution..][..=resolution];
+        let items = &mut target.items[row * chunks_per_row..][..chunks_per_row];
+        let depth = &mut target.depth[row * chunks_per_row..][..chunks_per_row];
+        let mut id = items[0].0[0];
+        let (mut start, mut sum) = (0usize, running[0]);
+        let mut before = id;
+        for (c, (chunk, chunk_depth)) in items.iter_mut().zip(depth).enumerate() {
+            // SAFETY: the caller's promise.
+            let mut changes = unsafe { L::changes(chunk, before) };
+            before = chunk.0[LANES - 1];
+            while changes != 0 {
+                let l = changes.trailing_zeros() as usize;
+                changes &= changes - 1;
+                let x = c * LANES + l;
+                let upto = running[x];
+                #[allow(clippy::cast_possible_truncation, reason = "at most 1024 pixels")]
+                sums.add(id, (x - start) as u32, upto - sum);
+                (id, start, sum) = (chunk.0[l], x, upto);
+            }
+            *chunk = cleared;
+            *chunk_depth = Chunk([0.0; LANES]);
+        }
+        #[allow(clippy::cast_possible_truncation, reason = "at most 1024 pixels")]
+        sums.add(id, (resolution - start) as u32, running[resolution] - sum);
+    }
+    target.dirty.fill(false);
+    target.tile_depth.fill(0.0);
+}
+
+/// The portable path: the definition of the arithmetic that the others must reproduce.
+#[derive(Debug)]
+pub(crate) struct Portable;
+
+impl Lanes for Portable {
+    #[inline(always)]
+    unsafe fn spans(
+        lines: &EdgeLines,
+        y: f64,
+        x0: f64,
+        x1: f64,
+        starts: &mut [i32; GROUP],
+        ends: &mut [i32; GROUP],
+    ) -> u8 {
+        let mut low = [x0; GROUP];
+        let mut high = [x1; GROUP];
+        for k in 0..3 {
+            if lines.flat[k] {
+                continue;
+            }
+            let (slope, offset) = (lines.slope[k], lines.offset[k]);
+            if lines.left[k] {
+                for (r, low) in low.iter_mut().enumerate() {
+                    let x = slope * (y + r as f64) + offset;
+                    *low = if x > *low { x } else { *low };
+                }
+            } else {
+                for (r, high) in high.iter_mut().enumerate() {
+                    let x = slope * (y + r as f64) + offset;
+                    *high = if x < *high { x } else { *high };
+                }
+            }
+        }
+        let mut rows = 0;
+        for r in 0..GROUP {
+            let low = if low[r] < x1 { low[r] } else { x1 };
+            let high = if high[r] > x0 { high[r] } else { x0 };
+            starts[r] = ceil_f64(low);
+            ends[r] = ceil_f64(high);
+            rows |= u8::from(starts[r] < ends[r]) << r;
+        }
+        rows
+    }
+
+    #[inline(always)]
+    unsafe fn test(
+        depth: &mut Chunk<f32>,
+        items: &mut Chunk<u32>,
+        mask: u16,
+        base: f32,
+        plane: &DepthPlane,
+        id: u32,
+    ) -> bool {
+        let mut any = false;
+        let mut left = mask;
+        while left != 0 {
+            let l = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let z = base + plane.steps[l];
+            let z = if z > plane.low { z } else { plane.low };
+            let z = if z < plane.high { z } else { plane.high };
+            let old = depth.0[l];
+            if z > old || (z == old && id < items.0[l]) {
+                depth.0[l] = z;
+                items.0[l] = id;
+                any = true;
+            }
+        }
+        any
+    }
+
+    #[inline(always)]
+    unsafe fn changes(items: &Chunk<u32>, before: u32) -> u16 {
+        let mut mask = u16::from(items.0[0] != before);
+        for l in 1..LANES {
+            mask |= u16::from(items.0[l] != items.0[l - 1]) << l;
+        }
+        mask
+    }
+}
+
+/// ⌈x⌉ of a pixel position.
+#[inline(always)]
+fn ceil_f64(x: f64) -> i32 {
+    // SAFETY: spans are clamped to their pixel box, by comparisons that NaN does not pass.
+    let i: i32 = unsafe { x.to_int_unchecked() };
+    i + i32::from(f64::from(i) < x)
+}
+
+impl Kernel for Portable {
+    unsafe fn transform(block: &Block, frame: &Frame, out: &mut Transformed) {
+        transform(block, frame, out);
+    }
+
+    unsafe fn draw<const COUNT: bool>(
+        triangles: &Transformed,
+        face: Face,
+        lanes: u16,
+        target: &mut Target,
+        pixels: &mut [u32; LANES],
+    ) -> Drawn {
+        // SAFETY: the portable path needs no instruction set.
+        unsafe { draw::<Self, COUNT>(triangles, face, lanes, target, pixels) }
+    }
+
+    unsafe fn cover(triangles: &Transformed, lane: usize, resolution: usize, top: &[u32], side: &[u32]) -> (u32, u32) {
+        // SAFETY: as above.
+        unsafe { cover::<Self>(triangles, lane, resolution, top, side) }
+    }
+
+    unsafe fn tile_depth(depth: &[Chunk<f32>], first: usize, chunks_per_row: usize) -> f32 {
+        tile_depth(depth, first, chunks_per_row)
+    }
+
+    unsafe fn reduce(target: &mut Target, reduction: Reduction<'_>) {
+        // SAFETY: as above.
+        unsafe { reduce::<Self>(target, reduction) }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod x86 {
+    //! AVX-512 and AVX2.
+
+    use super::*;
+    use std::arch::x86_64::*;
+
+    /// AVX-512 with F, BW, DQ and VL.
+    #[derive(Debug)]
+    pub(crate) struct Avx512;
+
+    /// AVX2.
+    #[derive(Debug)]
+    pub(crate) struct Avx2;
+
+    impl Lanes for Avx512 {
+        #[inline(always)]
+        unsafe fn spans(
+            lines: &EdgeLines,
+            y: f64,
+            x0: f64,
+            x1: f64,
+            starts: &mut [i32; GROUP],
+            ends: &mut [i32; GROUP],
+        ) -> u8 {
+            // SAFETY: the caller's promise of the instruction set; stores are as long as the arrays.
+            unsafe {
+                let rows = _mm512_add_pd(
+                    _mm512_set1_pd(y),
+                    _mm512_setr_pd(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0),
+                );
+                let (first, end) = (_mm512_set1_pd(x0), _mm512_set1_pd(x1));
+                let (mut low, mut high) = (first, end);
+                for k in 0..3 {
+                    let x = _mm512_add_pd(
+                        _mm512_mul_pd(_mm512_set1_pd(lines.slope[k]), rows),
+                        _mm512_set1_pd(lines.offset[k]),
+                    );
+                    let left: __mmask8 = if lines.left[k] { 0xff } else { 0 };
+                    let right: __mmask8 = if lines.left[k] | lines.flat[k] { 0 } else { 0xff };
+                    // The second operand wins over NaN, as in the portable comparison.
+                    low = _mm512_mask_max_pd(low, left, x, low);
+                    high = _mm512_mask_min_pd(high, right, x, high);
+                }
+                low = _mm512_min_pd(low, end);
+                high = _mm512_max_pd(high, first);
+                let low = _mm512_cvtpd_epi32(_mm512_roundscale_pd::<{ _MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC }>(
+                    low,
+                ));
+                let high = _mm512_cvtpd_epi32(_mm512_roundscale_pd::<{ _MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC }>(
+                    high,
+                ));
+                _mm256_storeu_si256(starts.as_mut_ptr().cast(), low);
+                _mm256_storeu_si256(ends.as_mut_ptr().cast(), high);
+                _mm256_cmplt_epi32_mask(low, high)
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn test(
+            depth: &mut Chunk<f32>,
+            items: &mut Chunk<u32>,
+            mask: u16,
+            base: f32,
+            plane: &DepthPlane,
+            id: u32,
+        ) -> bool {
+            // SAFETY: the caller's promise of the instruction set; chunks are 16 lanes, aligned to 64 bytes.
+            unsafe {
+                let z = _mm512_add_ps(_mm512_set1_ps(base), _mm512_load_ps(plane.steps.as_ptr()));
+                let z = _mm512_max_ps(z, _mm512_set1_ps(plane.low));
+                let z = _mm512_min_ps(z, _mm512_set1_ps(plane.high));
+                let old = _mm512_load_ps(depth.0.as_ptr());
+                let mut won = _mm512_mask_cmp_ps_mask::<_CMP_GT_OQ>(mask, z, old);
+                let equal = _mm512_mask_cmp_ps_mask::<_CMP_EQ_OQ>(mask, z, old);
+                let id = _mm512_set1_epi32(id.cast_signed());
+                if equal != 0 {
+                    let old_id = _mm512_load_si512(items.0.as_ptr().cast());
+                    won |= _mm512_mask_cmplt_epu32_mask(equal, id, old_id);
+                }
+                if won == 0 {
+                    return false;
+                }
+                _mm512_mask_store_ps(depth.0.as_mut_ptr(), won, z);
+                _mm512_mask_store_epi32(items.0.as_mut_ptr().cast(), won, id);
+                true
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn changes(items: &Chunk<u32>, before: u32) -> u16 {
+            // SAFETY: the caller's promise of the instruction set; chunks are 16 lanes, aligned to 64 bytes.
+            unsafe {
+                let items = _mm512_load_si512(items.0.as_ptr().cast());
+                let before = _mm512_set1_epi32(before.cast_signed());
+                _mm512_cmpneq_epi32_mask(items, _mm512_alignr_epi32::<15>(items, before))
+            }
+        }
+    }
+
+    impl Lanes for Avx2 {
+        #[inline(always)]
+        unsafe fn spans(
+            lines: &EdgeLines,
+            y: f64,
+            x0: f64,
+            x1: f64,
+            starts: &mut [i32; GROUP],
+            ends: &mut [i32; GROUP],
+        ) -> u8 {
+            // SAFETY: the caller's promise of the instruction set; each half stores four of the eight entries.
+            unsafe {
+                let mut mask = 0;
+                let (first, end) = (_mm256_set1_pd(x0), _mm256_set1_pd(x1));
+                for half in 0..2 {
+                    let rows = _mm256_add_pd(
+                        _mm256_set1_pd(y),
+                        if half == 0 {
+                            _mm256_setr_pd(0.0, 1.0, 2.0, 3.0)
+                        } else {
+                            _mm256_setr_pd(4.0, 5.0, 6.0, 7.0)
+                        },
+                    );
+                    let (mut low, mut high) = (first, end);
+                    for k in 0..3 {
+                        let x = _mm256_add_pd(
+                            _mm256_mul_pd(_mm256_set1_pd(lines.slope[k]), rows),
+                            _mm256_set1_pd(lines.offset[k]),
+                        );
+                        if lines.left[k] {
+                            low = _mm256_max_pd(x, low);
+                        } else if !lines.flat[k] {
+                            high = _mm256_min_pd(x, high);
+                        }
+                    }
+                    low = _mm256_min_pd(low, end);
+                    high = _mm256_max_pd(high, first);
+                    let low = _mm256_cvtpd_epi32(_mm256_ceil_pd(low));
+                    let high = _mm256_cvtpd_epi32(_mm256_ceil_pd(high));
+                    _mm_storeu_si128(starts.as_mut_ptr().add(4 * half).cast(), low);
+                    _mm_storeu_si128(ends.as_mut_ptr().add(4 * half).cast(), high);
+                    let below = _mm_movemask_ps(_mm_castsi128_ps(_mm_cmplt_epi32(low, high)));
+                    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "four bits")]
+                    {
+                        mask |= (below as u8) << (4 * half);
+                    }
+                }
+                mask
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn test(
+            depth: &mut Chunk<f32>,
+            items: &mut Chunk<u32>,
+            mask: u16,
+            base: f32,
+            plane: &DepthPlane,
+            id: u32,
+        ) -> bool {
+            // SAFETY: the caller's promise of the instruction set; each half is eight of the sixteen lanes, aligned to
+            // 32 bytes.
+            unsafe {
+                let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+                let id = _mm256_set1_epi32(id.cast_signed());
+                let mut any = false;
+                for half in 0..2 {
+                    let wanted = _mm256_set1_epi32(i32::from(mask >> (8 * half)));
+                    let wanted = _mm256_cmpeq_epi32(_mm256_and_si256(wanted, bits), bits);
+                    let depth_at = depth.0.as_mut_ptr().add(8 * half);
+                    let items_at = items.0.as_mut_ptr().add(8 * half).cast::<__m256i>();
+                    let z = _mm256_add_ps(_mm256_set1_ps(base), _mm256_load_ps(plane.steps.as_ptr().add(8 * half)));
+                    let z = _mm256_max_ps(z, _mm256_set1_ps(plane.low));
+                    let z = _mm256_min_ps(z, _mm256_set1_ps(plane.high));
+                    let old = _mm256_load_ps(depth_at);
+                    let old_id = _mm256_load_si256(items_at);
+                    let nearer = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_GT_OQ>(z, old));
+                    let equal = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_EQ_OQ>(z, old));
+                    // Ids are below 2³¹, so a signed comparison will do.
+                    let smaller = _mm256_cmpgt_epi32(old_id, id);
+                    let won = _mm256_and_si256(wanted, _mm256_or_si256(nearer, _mm256_and_si256(equal, smaller)));
+                    if _mm256_testz_si256(won, won) == 0 {
+                        _mm256_store_ps(depth_at, _mm256_blendv_ps(old, z, _mm256_castsi256_ps(won)));
+                        _mm256_store_si256(items_at, _mm256_blendv_epi8(old_id, id, won));
+                        any = true;
+                    }
+                }
+                any
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn changes(items: &Chunk<u32>, before: u32) -> u16 {
+            // SAFETY: the caller's promise of the instruction set; the second half's left neighbours start at lane 7.
+            unsafe {
+                let p = items.0.as_ptr();
+                let rotate = _mm256_setr_epi32(7, 0, 1, 2, 3, 4, 5, 6);
+                let low = _mm256_load_si256(p.cast());
+                let shifted = _mm256_permutevar8x32_epi32(low, rotate);
+                let shifted = _mm256_blend_epi32::<1>(shifted, _mm256_set1_epi32(before.cast_signed()));
+                let high = _mm256_load_si256(p.add(8).cast());
+                let high_shifted = _mm256_loadu_si256(p.add(7).cast());
+                let same = |a, b| _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b)));
+                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sixteen bits")]
+                {
+                    !((same(low, shifted) | same(high, high_shifted) << 8) as u16)
+                }
+            }
+        }
+    }
+
+    macro_rules! kernel {
+        ($name:ident, $features:literal) => {
+            impl Kernel for $name {
+                unsafe fn transform(block: &Block, frame: &Frame, out: &mut Transformed) {
+                    #[target_feature(enable = $features)]
+                    fn inner(block: &Block, frame: &Frame, out: &mut Transformed) {
+                        transform(block, frame, out);
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(block, frame, out) }
+                }
+
+                unsafe fn draw<const COUNT: bool>(
+                    triangles: &Transformed,
+                    face: Face,
+                    lanes: u16,
+                    target: &mut Target,
+                    pixels: &mut [u32; LANES],
+                ) -> Drawn {
+                    #[target_feature(enable = $features)]
+                    fn inner<const COUNT: bool>(
+                        triangles: &Transformed,
+                        face: Face,
+                        lanes: u16,
+                        target: &mut Target,
+                        pixels: &mut [u32; LANES],
+                    ) -> Drawn {
+                        // SAFETY: this function has the instruction set.
+                        unsafe { draw::<$name, COUNT>(triangles, face, lanes, target, pixels) }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner::<COUNT>(triangles, face, lanes, target, pixels) }
+                }
+
+                unsafe fn cover(
+                    triangles: &Transformed,
+                    lane: usize,
+                    resolution: usize,
+                    top: &[u32],
+                    side: &[u32],
+                ) -> (u32, u32) {
+                    #[target_feature(enable = $features)]
+                    fn inner(
+                        triangles: &Transformed,
+                        lane: usize,
+                        resolution: usize,
+                        top: &[u32],
+                        side: &[u32],
+                    ) -> (u32, u32) {
+                        // SAFETY: this function has the instruction set.
+                        unsafe { cover::<$name>(triangles, lane, resolution, top, side) }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(triangles, lane, resolution, top, side) }
+                }
+
+                unsafe fn tile_depth(depth: &[Chunk<f32>], first: usize, chunks_per_row: usize) -> f32 {
+                    #[target_feature(enable = $features)]
+                    fn inner(depth: &[Chunk<f32>], first: usize, chunks_per_row: usize) -> f32 {
+                        tile_depth(depth, first, chunks_per_row)
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(depth, first, chunks_per_row) }
+                }
+
+                unsafe fn reduce(target: &mut Target, reduction: Reduction<'_>) {
+                    #[target_feature(enable = $features)]
+                    fn inner(target: &mut Target, reduction: Reduction<'_>) {
+                        // SAFETY: this function has the instruction set.
+                        unsafe { reduce::<$name>(target, reduction) }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(target, reduction) }
+                }
+            }
+        };
+    }
+
+    kernel!(Avx512, "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,lzcnt,popcnt");
+    kernel!(Avx2, "avx2,bmi1,bmi2,lzcnt,popcnt");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn sums_are_handed_out_in_ascending_order_and_forgotten() {
+        let mut sums = Sums::new(10_000);
+        for (id, pixels, weight) in [
+            (9_999, 1, 5),
+            (0, 2, 7),
+            (64, 1, 0),
+            (64, 3, 1),
+            (4_096, 1, 2),
+            (0, 1, 1),
+        ] {
+            sums.add(id, pixels, weight);
+        }
+        let mut seen = Vec::new();
+        sums.drain(|id, pixels, weight| seen.push((id, pixels, weight)));
+        assert_eq!(seen, [(0, 3, 8), (64, 4, 1), (4_096, 1, 2), (9_999, 1, 5)]);
+        sums.drain(|_, _, _| panic!("nothing may be left"));
+        assert!(sums.of.iter().all(|&s| s == 0));
+    }
+
+    /// Numbers that have broken rasterisers: huge, tiny, not finite, signed zeros.
+    fn coefficient() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            8 => -300.0..300.0f64,
+            2 => -1e-3..1e-3f64,
+            1 => prop::sample::select(vec![
+                0.0, -0.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300, 5e-324, 0.5, -0.5, 16.0,
+            ]),
+        ]
+    }
+
+    fn lines() -> impl Strategy<Value = EdgeLines> {
+        (
+            prop::array::uniform3(coefficient()),
+            prop::array::uniform3(coefficient()),
+            any::<[bool; 3]>(),
+        )
+            .prop_map(|(slope, offset, left)| EdgeLines {
+                slope,
+                offset,
+                left,
+                ..EdgeLines::default()
+            })
+    }
+
+    fn spans_of<L: Lanes>(lines: &EdgeLines, y: f64, x0: f64, x1: f64) -> (u8, [i32; GROUP], [i32; GROUP]) {
+        let (mut starts, mut ends) = ([0; GROUP], [0; GROUP]);
+        // SAFETY: callers checked the machine for L's instruction set.
+        let rows = unsafe { L::spans(lines, y, x0, x1, &mut starts, &mut ends) };
+        (rows, starts, ends)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn same_on_every_instruction_set<T: PartialEq + std::fmt::Debug>(
+        portable: T,
+        avx2: impl Fn() -> T,
+        avx512: impl Fn() -> T,
+    ) -> Result<(), TestCaseError> {
+        for isa in crate::Isa::available() {
+            match isa {
+                crate::Isa::Avx512 => prop_assert_eq!(&avx512(), &portable),
+                crate::Isa::Avx2 => prop_assert_eq!(&avx2(), &portable),
+                crate::Isa::Portable => {}
+            }
+        }
+        Ok(())
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        #[test]
+        fn spans_lie_within_their_box_whatever_the_edges(lines in lines(), group in 0u32..32, x0 in 0u32..255, width in 1u32..256) {
+            let (x0, x1) = (f64::from(x0), f64::from((x0 + width).min(256)));
+            let (_, starts, ends) = spans_of::<Portable>(&lines, f64::from(group * 8), x0, x1);
+            for x in starts.into_iter().chain(ends) {
+                prop_assert!((x0..=x1).contains(&f64::from(x)));
+            }
+        }
+
+        #[cfg(target_arch = "x86_64")]
+        #[test]
+        fn spans_are_the_same_bits_on_every_path(lines in lines(), group in 0u32..32, x0 in 0u32..255, width in 1u32..256) {
+            let (y, x0, x1) = (f64::from(group * 8), f64::from(x0), f64::from((x0 + width).min(256)));
+            same_on_every_instruction_set(
+                spans_of::<Portable>(&lines, y, x0, x1),
+                || spans_of::<x86::Avx2>(&lines, y, x0, x1),
+                || spans_of::<x86::Avx512>(&lines, y, x0, x1),
+            )?;
+        }
+
+        #[cfg(target_arch = "x86_64")]
+        #[test]
+        fn depth_tests_are_the_same_bits_on_every_path(
+            old in prop::array::uniform16(prop::sample::select(vec![0.0f32, 0.5, 1.0, 1.5, 2.0])),
+            old_ids in prop::array::uniform16(0u32..4),
+            mask in any::<u16>(),
+            base in prop::sample::select(vec![0.0f32, 0.5, 1.0, f32::NAN, f32::INFINITY]),
+            step in prop::sample::select(vec![0.0f32, 0.1, 0.5, -0.25, f32::NAN]),
+            id in 0u32..4,
+        ) {
+            let mut steps = [0.0; LANES];
+            for (i, s) in steps.iter_mut().enumerate() {
+                *s = step * i as f32;
+            }
+            let plane = DepthPlane { steps, low: 0.25, high: 1.75, x: 0.0, y: 0.0, constant: 0.0 };
+            fn run<L: Lanes>(old: [f32; 16], old_ids: [u32; 16], mask: u16, base: f32, plane: &DepthPlane, id: u32) -> ([u32; 16], [u32; 16], bool) {
+                let (mut depth, mut items) = (Chunk(old), Chunk(old_ids));
+                // SAFETY: callers checked the machine for L's instruction set.
+                let any = unsafe { L::test(&mut depth, &mut items, mask, base, plane, id) };
+                (depth.0.map(f32::to_bits), items.0, any)
+            }
+            same_on_every_instruction_set(
+                run::<Portable>(old, old_ids, mask, base, &plane, id),
+                || run::<x86::Avx2>(old, old_ids, mask, base, &plane, id),
+                || run::<x86::Avx512>(old, old_ids, mask, base, &plane, id),
+            )?;
+        }
+
+        #[cfg(target_arch = "x86_64")]
+        #[test]
+        fn changes_are_the_same_bits_on_every_path(items in prop::array::uniform16(0u32..3), before in 0u32..3) {
+            let chunk = Chunk(items);
+            // SAFETY: each is called only where the machine has the instruction set.
+            unsafe {
+                same_on_every_instruction_set(
+                    Portable::changes(&chunk, before),
+                    || x86::Avx2::changes(&chunk, before),
+                    || x86::Avx512::changes(&chunk, before),
+                )?;
+            }
+        }
+    }
+}
