@@ -1,11 +1,229 @@
-//! Stub.
-use crate::{Error, ReadOptions, Scene};
+//! Reads glTF 2.0, `.gltf` and `.glb`: the triangles of the scene that the file shows first, in world coordinates.
+//!
+//! Specification: Khronos Group, glTF 2.0, 2021 (3.5 nodes, 3.6 buffers and accessors, 3.7 meshes, 4 GLB), and the
+//! extension `KHR_mesh_quantization`.
+//!
+//! What is read, in reading order: the nodes of the default scene depth first, each node's mesh, its primitives in file
+//! order. A node is an object. Without a `scene` member the first scene is read; without scenes every node that has no
+//! parent is a root. A mesh that no node places is not part of the scene.
+//!
+//! What is refused: a file whose nodes, meshes, accessors and views refer to what is not there, whose accessors of
+//! positions and indices do not fit their buffers, or whose geometry only a decoder could open (Draco, meshopt). What
+//! the geometry does not need is never opened or checked: images, textures, animations, skins, cameras, and buffers that
+//! only those use.
+//!
+//! Not the crate `gltf-json`, because its types round node transforms to f32, take an index modulo 2³² (so that
+//! 4294967296 silently means 0), refuse legal scenes without nodes, and refuse the whole file for a fault in a part
+//! that no geometry needs. The JSON is held as `serde_json::Value` and typed where it is asked for.
+//!
+//! Work and memory: vertices are read straight from the buffers when a triangle asks for them, so both are in proportion
+//! to the size of the file and to the triangles that come out. The triangles are counted before the first is made.
+
+mod accessor;
+mod buffer;
+mod extension;
+mod glb;
+mod json;
+mod material;
+mod mesh;
+mod node;
+
+use crate::{Axis, Error, ErrorKind, Findings, ReadOptions, Scene, Triangle};
+use accessor::{Elements, Layout};
+use json::Document;
+use material::Materials;
+use mesh::{Mesh, Primitive};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Reads a scene from the bytes of a file.
+/// More triangles than this could not all be patches; see [`crate::Patches::new`].
+const TRIANGLES_MAX: u64 = (1 << 31) - 16;
+
+/// The next step after a refusal of something that the file's writer got wrong.
+const MEND: &str = "export the scene again (the glTF validator lists such faults)";
+
+/// Longer names are cut: one name can be used by many nodes, and the copies must not outgrow the file.
+const NAME_BYTES_MAX: usize = 1024;
+
+/// Reads a scene from the bytes of a `.gltf` or `.glb` file. Buffers in files of their own are looked up in `base_dir`.
+///
+/// Degenerate triangles (also those that join strips) and non-finite positions are kept: dropping them is
+/// [`crate::repair`]'s work. The up axis is y and the unit is the metre, as the format prescribes.
+///
+/// With [`ReadOptions::optics`] a material's diffuse reflectance is its base colour × (1 − metallic factor), since only
+/// the non-metallic part of glTF's surface model is diffuse, and its emission is the emissive factor × the strength of
+/// `KHR_materials_emissive_strength`. Textures that would vary either are not read and are counted in the findings.
 ///
 /// # Errors
-/// Always, for now.
-pub fn read(_bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
-    Err(Error::unsupported("not written yet"))
+/// When the bytes are not glTF 2, when nodes, meshes, accessors or buffers contradict one another or are not there, or
+/// when the geometry needs an extension that is not read. The message names the place in the file.
+pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
+    let mut findings = Findings::default();
+    let container = glb::open(bytes, &mut findings)?;
+    let root = json::parse(&container, &mut findings)?;
+    let document = Document::new(&root)?;
+    extension::check(&document)?;
+    accessor::check_references(&document)?;
+    let meshes = mesh::plan(&document)?;
+    let placements = node::place(&document, &mut findings)?;
+
+    let mut placed = vec![false; meshes.len()];
+    let mut triangle_count: u64 = 0;
+    for placement in &placements {
+        placed[placement.mesh] = true;
+        triangle_count = triangle_count.saturating_add(meshes[placement.mesh].triangle_count);
+    }
+    let unplaced = placed.iter().filter(|&&placed| !placed).count();
+    findings.count_many("mesh that no node of the scene places", unplaced as u64);
+    if triangle_count > TRIANGLES_MAX {
+        return Err(Error::new(ErrorKind::TooLarge(format!(
+            "the nodes place {triangle_count} triangles, more than the {TRIANGLES_MAX} that are read; place fewer copies \
+             of the meshes"
+        ))));
+    }
+
+    let (buffers, layouts) = open_buffers(&document, &meshes, &placed, container.bin, base_dir)?;
+    // Checking sparse indices costs time in their number, which accessors that share their bytes could multiply.
+    let sparse_count = layouts
+        .values()
+        .fold(0_usize, |sum, layout| sum.saturating_add(layout.sparse_count()));
+    let byte_count = buffers
+        .values()
+        .fold(0_usize, |sum, bytes| sum.saturating_add(bytes.len()));
+    if sparse_count > byte_count {
+        return Err(Error::malformed(format!(
+            "the sparse accessors replace {sparse_count} elements, but the buffers hold {byte_count} bytes; {MEND}"
+        )));
+    }
+    let mut elements = BTreeMap::new();
+    for (&index, layout) in &layouts {
+        elements.insert(index, Elements::new(index, layout, &buffers)?);
+    }
+
+    let mut scene = Scene {
+        up: Some(Axis::Y),
+        metres_per_unit: Some(1.0),
+        ..Scene::default()
+    };
+    usize::try_from(triangle_count).ok().and_then(|n| scene.triangles.try_reserve_exact(n).ok()).ok_or_else(|| {
+        Error::new(ErrorKind::TooLarge(format!(
+            "the {triangle_count} triangles that the nodes place do not fit in this machine's memory; place fewer copies \
+             of the meshes"
+        )))
+    })?;
+    let mut materials = Materials::new(&document, options);
+    for placement in &placements {
+        let mesh = &meshes[placement.mesh];
+        for (reason, &count) in &mesh.findings {
+            findings.count_many(reason, count);
+        }
+        if mesh.primitives.is_empty() {
+            continue;
+        }
+        let object = u32::try_from(scene.objects.len()).map_err(|_| too_many_objects())?;
+        let name = document.nodes.get(placement.node)?.name().or(mesh.name);
+        scene
+            .objects
+            .push(name.map_or_else(|| format!("node {}", placement.node), |n| cut(n).to_owned()));
+        for primitive in &mesh.primitives {
+            let (material, two_sided) = materials.resolve(primitive.material, &mut findings)?;
+            let triangle = Triangle {
+                corners: [glam::DVec3::ZERO; 3],
+                object,
+                material,
+                face: 0,
+                two_sided,
+            };
+            emit(primitive, &elements, placement, triangle, &mut scene.triangles)?;
+        }
+    }
+    scene.materials = materials.into_used();
+    scene.findings = findings;
+    Ok(scene)
+}
+
+fn too_many_objects() -> Error {
+    Error::new(ErrorKind::TooLarge(format!(
+        "more than {} objects; join nodes that belong together",
+        u32::MAX
+    )))
+}
+
+/// The start of `name` that is short enough to be copied for every node.
+fn cut(name: &str) -> &str {
+    let mut end = name.len().min(NAME_BYTES_MAX);
+    while !name.is_char_boundary(end) {
+        end -= 1;
+    }
+    &name[..end]
+}
+
+/// The buffers that the placed meshes need, by index, and the layouts of their accessors, by index.
+type Geometry<'a> = (BTreeMap<usize, Cow<'a, [u8]>>, BTreeMap<usize, Layout>);
+
+fn open_buffers<'a>(
+    document: &Document<'_>,
+    meshes: &[Mesh<'_>],
+    placed: &[bool],
+    bin: Option<&'a [u8]>,
+    base_dir: Option<&Path>,
+) -> Result<Geometry<'a>, Error> {
+    let mut layouts = BTreeMap::new();
+    for (mesh, _) in meshes.iter().zip(placed).filter(|(_, placed)| **placed) {
+        for primitive in &mesh.primitives {
+            for index in [Some(primitive.positions), primitive.indices].into_iter().flatten() {
+                if let std::collections::btree_map::Entry::Vacant(vacant) = layouts.entry(index) {
+                    vacant.insert(Layout::of(document, index)?);
+                }
+            }
+        }
+    }
+    let mut buffers = BTreeMap::new();
+    for index in layouts.values().flat_map(Layout::buffers) {
+        if let std::collections::btree_map::Entry::Vacant(vacant) = buffers.entry(index) {
+            vacant.insert(buffer::open(document, index, bin, base_dir)?);
+        }
+    }
+    Ok((buffers, layouts))
+}
+
+/// Appends the triangles of one primitive as one node places it; `triangle` holds what they share.
+fn emit(
+    primitive: &Primitive,
+    elements: &BTreeMap<usize, Elements<'_>>,
+    placement: &node::Placement,
+    triangle: Triangle,
+    triangles: &mut Vec<Triangle>,
+) -> Result<(), Error> {
+    let bound = |index: usize| {
+        elements
+            .get(&index)
+            .ok_or_else(|| Error::malformed(format!("`accessors[{index}]` was not opened; {MEND}")))
+    };
+    let positions = bound(primitive.positions)?;
+    let indices = primitive.indices.map(bound).transpose()?;
+    for n in 0..primitive.triangle_count {
+        let mut vertices = primitive.topology.corners(n);
+        if let Some(indices) = indices {
+            for vertex in &mut vertices {
+                *vertex = indices.vertex(*vertex, positions.count(), primitive)?;
+            }
+        }
+        if placement.mirrored {
+            vertices.swap(1, 2);
+        }
+        let face = u32::try_from(triangles.len()).map_err(|_| {
+            Error::new(ErrorKind::TooLarge(format!(
+                "more than {TRIANGLES_MAX} triangles; place fewer copies"
+            )))
+        })?;
+        let corners = vertices.map(|vertex| placement.transform.transform_point3(positions.position(vertex)));
+        triangles.push(Triangle {
+            corners,
+            face,
+            ..triangle
+        });
+    }
+    Ok(())
 }
