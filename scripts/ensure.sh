@@ -1,0 +1,45 @@
+# What a bare machine lacks, installed. Sourced by ./run and ./test.
+
+say() { printf '%s\n' "$*" >&2; }
+
+# ensure_packages COMMAND:PACKAGE ... — Debian packages for commands that are not there.
+ensure_packages() {
+    local missing=() pair
+    for pair in "$@"; do
+        command -v "${pair%%:*}" >/dev/null 2>&1 || missing+=("${pair#*:}")
+    done
+    [ ${#missing[@]} -eq 0 ] && return 0
+    if ! command -v apt-get >/dev/null 2>&1; then
+        say "error: missing: ${missing[*]}; this script can only install them with apt-get"
+        say "hint: install them with this system's own tools and run it again"
+        return 1
+    fi
+    local sudo=()
+    if [ "$(id -u)" -ne 0 ]; then
+        command -v sudo >/dev/null 2>&1 || { say "error: missing: ${missing[*]}; run as root, or install them"; return 1; }
+        sudo=(sudo)
+    fi
+    say "installing ${missing[*]}"
+    DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get update -qq >&2
+    DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get install -qq -y --no-install-recommends "${missing[@]}" >&2
+}
+
+# ensure_rust — a Rust toolchain that is new enough, by rustup where there is none.
+ensure_rust() {
+    [ -f "${CARGO_HOME:-$HOME/.cargo}/env" ] && . "${CARGO_HOME:-$HOME/.cargo}/env"
+    local wanted have
+    wanted=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+    if ! command -v cargo >/dev/null 2>&1; then
+        ensure_packages curl:curl
+        [ -d /etc/ssl/certs ] && [ -n "$(ls /etc/ssl/certs 2>/dev/null)" ] || ensure_packages update-ca-certificates:ca-certificates
+        say "installing Rust with rustup"
+        curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal -c rustfmt -c clippy >&2
+        . "${CARGO_HOME:-$HOME/.cargo}/env"
+    fi
+    have=$(rustc --version | cut -d' ' -f2)
+    if [ "$(printf '%s\n%s\n' "$wanted" "$have" | sort -V | head -n1)" != "$wanted" ]; then
+        say "error: Rust $have is older than the $wanted that hemicube needs"
+        say "hint: run 'rustup update stable'"
+        return 1
+    fi
+}
