@@ -87,7 +87,7 @@ impl Model {
             .iter()
             .map(|s| Aabb::from_points(s.map(normalise)))
             .collect();
-        let octree = Octree::build(
+        let octree = Octree::build_loose(
             &boxes,
             OctreeOptions {
                 max_level: hierarchy.max_level,

@@ -1,1 +1,118 @@
-//! Stub.
+//! The store: a form-factor matrix on disk that is never whole in memory.
+//!
+//! ```text
+//! DIR/manifest.json          what it is a matrix of, how it was computed, which parts it has
+//! DIR/patches.npz            one row a patch, in input order: face, object, material, side (0 front, 1 back), area,
+//!                            centroid, normal; escaped, blocked, unselected (fractions of the hemicube) and row_sum,
+//!                            NaN where no row was computed
+//! DIR/parts/part-00000.npz   format, shape, data, indices, indptr: what `scipy.sparse.load_npz` reads, a CSR block of
+//!                            `rows_per_part` rows of the processing order and `patch_count` columns;
+//!                            rows (which input patches its rows are), sums (weights: visible, escaped, blocked,
+//!                            unselected) and hemicubes (how many a row was rendered with)
+//! ```
+//!
+//! F\[i, j\] is from i to j: the fraction of what leaves patch i that reaches patch j. Rows and columns are *input
+//! patches*, positions in the scene file's face order; the processing order (Morton) shows only in which rows a part has.
+//!
+//! Weights are fixed point, 2³¹ for each hemicube, so that visible + escaped + blocked + unselected = hemicubes · 2³¹
+//! holds exactly, row by row.
+//!
+//! Every file is written under a temporary name, synced and renamed; parts do not depend on each other, and the files
+//! depend on scene and settings alone. A part that is there is whole, so a run that was killed loses at most the part it
+//! was at, and equal runs give equal bytes.
+
+mod csr;
+mod durable;
+mod error;
+mod manifest;
+mod matrix;
+mod npy;
+mod npz;
+mod read;
+mod write;
+
+pub use error::{Error, Result};
+pub use manifest::{
+    BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,
+    scene_hash,
+};
+pub use matrix::{Matrix, MatrixRow};
+pub use read::{Row, RowTable, Rows, Store};
+pub use write::StoreWriter;
+
+pub(crate) use durable::DurableFile;
+pub(crate) use matrix::F32_COMMENT;
+pub(crate) use npy::{ElementType, Header as NpyHeader};
+pub(crate) use npz::NpzWriter;
+
+use serde::{Deserialize, Serialize};
+
+/// The weight of a whole hemicube.
+pub const HEMICUBE_WEIGHT: u64 = 1 << 31;
+
+/// Where the weight of a row's hemicubes went. The four sum to the number of hemicubes times [`HEMICUBE_WEIGHT`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RowSums {
+    /// To patches that are columns.
+    pub visible: u64,
+    /// To nothing.
+    pub escaped: u64,
+    /// To the backs of one-sided patches.
+    pub blocked: u64,
+    /// To patches that were not selected as receivers.
+    pub unselected: u64,
+}
+
+impl RowSums {
+    /// All four together, if 64 bits can hold it.
+    pub fn total(&self) -> Option<u64> {
+        self.visible
+            .checked_add(self.escaped)?
+            .checked_add(self.blocked)?
+            .checked_add(self.unselected)
+    }
+
+    /// Both together, if 64 bits can hold it.
+    pub(crate) fn plus(&self, other: &Self) -> Option<Self> {
+        Some(Self {
+            visible: self.visible.checked_add(other.visible)?,
+            escaped: self.escaped.checked_add(other.escaped)?,
+            blocked: self.blocked.checked_add(other.blocked)?,
+            unselected: self.unselected.checked_add(other.unselected)?,
+        })
+    }
+}
+
+/// A fixed run of the processing order: rows of the matrix, compressed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Part {
+    /// Place among the parts, from 0.
+    pub index: u32,
+    /// The input patch of each row.
+    pub rows: Vec<u32>,
+    /// Where each row's entries begin, and one more: where the last one's end.
+    pub indptr: Vec<i64>,
+    /// The input patch of each entry's column, ascending within a row.
+    pub indices: Vec<i32>,
+    /// The form factor of each entry.
+    pub data: Vec<f32>,
+    /// Where each row's weight went.
+    pub sums: Vec<RowSums>,
+    /// How many hemicubes were rendered for each row; 0 for a row that was come by in another way.
+    pub hemicubes: Vec<u32>,
+}
+
+impl Part {
+    /// The columns and form factors of a row, by its place in the part; empty where there is no such row.
+    pub fn row(&self, row: usize) -> (&[i32], &[f32]) {
+        let bound = |place: usize| self.indptr.get(place).and_then(|&bound| usize::try_from(bound).ok());
+        match (bound(row), bound(row.saturating_add(1))) {
+            (Some(start), Some(end)) => (
+                self.indices.get(start..end).unwrap_or(&[]),
+                self.data.get(start..end).unwrap_or(&[]),
+            ),
+            _ => (&[], &[]),
+        }
+    }
+}

@@ -1,0 +1,417 @@
+//! The manifest: what a store is a matrix of, how it was computed, and which parts it has.
+//!
+//! `manifest.json` is pretty-printed JSON with its fields in the order of [`Manifest`], and as its last field `blake3`, the
+//! checksum of all bytes before that field's name. It holds no clock, no machine and no thread count, so that equal runs
+//! give equal bytes.
+
+use super::durable::write_whole;
+use super::{Error, Result, RowSums};
+use hemicube_scene::{Patches, Scene, Side};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// What [`Manifest::format`] says in every store.
+pub const FORMAT: &str = "hemicube-store";
+
+/// The version of the format that is written, and the only one that is read.
+pub const VERSION: u32 = 1;
+
+/// The most patches that a matrix can have: `i32` columns, and room for marks beyond the last id.
+pub const PATCH_COUNT_MAX: u32 = (1 << 31) - 16;
+
+pub(crate) const MANIFEST_FILE: &str = "manifest.json";
+pub(crate) const PATCHES_FILE: &str = "patches.npz";
+pub(crate) const PARTS_DIRECTORY: &str = "parts";
+
+/// A manifest of a million parts has 300 MB; larger ones are not ours.
+const MANIFEST_SIZE_MAX: u64 = 1 << 29;
+
+/// What stands between the manifest's fields and its checksum, and after that.
+const CHECKSUM_KEY: &str = ",\n  \"blake3\": \"";
+const CHECKSUM_END: &str = "\"\n}\n";
+
+/// What is known of a matrix before its first row is computed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Header {
+    /// Version of the program that computes it.
+    pub program: String,
+    /// The scene.
+    pub scene: SceneEntry,
+    /// The resolved settings: everything that a row depends on, and nothing else.
+    pub settings: Value,
+    /// What form factors are made of: `pixel` for visible weights alone.
+    pub correction: String,
+    /// Patches of the scene: the matrix is square, of this size.
+    pub patch_count: u32,
+    /// Rows that the finished store will have: all of them, or those that were selected or sampled.
+    pub row_count: u32,
+    /// Rows of each part but the last, which has what is left.
+    pub rows_per_part: u32,
+    /// The engine.
+    pub backend: BackendEntry,
+    /// Object names; [`PatchTable::object`] counts into them.
+    pub objects: Vec<String>,
+    /// Material names; [`PatchTable::material`] counts into them.
+    pub materials: Vec<String>,
+}
+
+impl Header {
+    /// How many parts the finished store will have.
+    pub fn part_count(&self) -> u32 {
+        self.row_count.div_ceil(self.rows_per_part.max(1))
+    }
+}
+
+/// The scene that a matrix belongs to.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneEntry {
+    /// Its file's name without a directory, or whatever a person recognises it by.
+    pub file: String,
+    /// BLAKE3 of the resolved patches, in hexadecimal; see [`scene_hash`].
+    pub blake3: String,
+}
+
+/// The engine that rendered the hemicubes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BackendEntry {
+    /// Its name.
+    pub name: String,
+    /// Its version, and that of its arithmetic.
+    pub version: String,
+}
+
+/// A file of a store and what its bytes must be.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FileEntry {
+    /// Path in the store, with `/` between its steps.
+    pub file: String,
+    /// BLAKE3 of its bytes, in hexadecimal.
+    pub blake3: String,
+}
+
+/// A part of a matrix.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartEntry {
+    /// Place in the processing order, from 0.
+    pub index: u32,
+    /// Path in the store, with `/` between its steps.
+    pub file: String,
+    /// How many rows it has.
+    pub rows: u32,
+    /// How many entries it has.
+    pub entries: u64,
+    /// BLAKE3 of its bytes, in hexadecimal.
+    pub blake3: String,
+    /// Weights over all its rows.
+    pub sums: RowSums,
+}
+
+/// What a store is a matrix of, how it was computed, and which parts it has.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// [`FORMAT`].
+    pub format: String,
+    /// [`VERSION`].
+    pub version: u32,
+    /// Version of the program that computed it.
+    pub program: String,
+    /// The scene.
+    pub scene: SceneEntry,
+    /// The resolved settings.
+    pub settings: Value,
+    /// BLAKE3 of the settings as compact JSON with sorted keys, in hexadecimal.
+    pub settings_hash: String,
+    /// What form factors are made of: `pixel` for visible weights alone.
+    pub correction: String,
+    /// Patches of the scene: the matrix is square, of this size.
+    pub patch_count: u32,
+    /// Rows of the finished store.
+    pub row_count: u32,
+    /// Parts of the finished store.
+    pub part_count: u32,
+    /// Rows of each part but the last.
+    pub rows_per_part: u32,
+    /// The engine.
+    pub backend: BackendEntry,
+    /// Object names.
+    pub objects: Vec<String>,
+    /// Material names.
+    pub materials: Vec<String>,
+    /// The patch table, once it is written.
+    pub patches: Option<FileEntry>,
+    /// The parts that are there, by index. All of them in a complete store.
+    pub parts: Vec<PartEntry>,
+    /// Entries of all these parts.
+    pub entries: u64,
+    /// Whether every part is there.
+    pub complete: bool,
+}
+
+/// How `part` is called, from the store's directory.
+pub(crate) fn part_file(part: u32) -> String {
+    format!("{PARTS_DIRECTORY}/part-{part:05}.npz")
+}
+
+/// Keys in alphabetical order at every level, whatever order the JSON crate was built to keep.
+fn sorted(value: &Value) -> Value {
+    match value {
+        Value::Object(map) => {
+            let by_key: BTreeMap<&String, Value> = map.iter().map(|(key, value)| (key, sorted(value))).collect();
+            Value::Object(by_key.into_iter().map(|(key, value)| (key.clone(), value)).collect())
+        }
+        Value::Array(values) => Value::Array(values.iter().map(sorted).collect()),
+        other => other.clone(),
+    }
+}
+
+impl Manifest {
+    /// The manifest of a store that has no parts yet.
+    pub(crate) fn new(header: Header) -> Self {
+        let part_count = header.part_count();
+        let settings = sorted(&header.settings);
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            program: header.program,
+            scene: header.scene,
+            settings_hash: blake3::hash(settings.to_string().as_bytes()).to_hex().to_string(),
+            settings,
+            correction: header.correction,
+            patch_count: header.patch_count,
+            row_count: header.row_count,
+            part_count,
+            rows_per_part: header.rows_per_part,
+            backend: header.backend,
+            objects: header.objects,
+            materials: header.materials,
+            patches: None,
+            parts: Vec::new(),
+            entries: 0,
+            complete: false,
+        }
+    }
+
+    /// How many rows `part` has.
+    pub fn rows_of_part(&self, part: u32) -> u32 {
+        let first = u64::from(part) * u64::from(self.rows_per_part);
+        let left = u64::from(self.row_count).saturating_sub(first);
+        u32::try_from(left.min(u64::from(self.rows_per_part))).unwrap_or(0)
+    }
+
+    /// The rows of all parts that are there.
+    pub fn rows_present(&self) -> u64 {
+        self.parts.iter().map(|part| u64::from(part.rows)).sum()
+    }
+
+    /// The bytes of `manifest.json`.
+    ///
+    /// # Errors
+    /// Only when the settings hold what JSON cannot.
+    pub fn to_json(&self) -> serde_json::Result<String> {
+        let mut text = serde_json::to_string_pretty(self)?;
+        // The closing brace and the line break before it.
+        text.truncate(text.trim_end_matches(['}', '\n']).len());
+        let checksum = blake3::hash(text.as_bytes()).to_hex();
+        text.push_str(CHECKSUM_KEY);
+        text.push_str(&checksum);
+        text.push_str(CHECKSUM_END);
+        Ok(text)
+    }
+
+    pub(crate) fn write(&self, directory: &Path) -> Result<()> {
+        let path = directory.join(MANIFEST_FILE);
+        let text = self
+            .to_json()
+            .map_err(|error| Error::refused(&path, format!("its settings are no JSON: {error}")))?;
+        write_whole(&path, text.as_bytes())
+    }
+
+    /// Whether `directory` holds a manifest of this format, of whatever version and in whatever state.
+    pub(crate) fn is_in(directory: &Path) -> bool {
+        // The format's name stands first; what follows may be damaged.
+        let start = format!("{{\n  \"format\": \"{FORMAT}\"");
+        let mut found = vec![0; start.len()];
+        File::open(directory.join(MANIFEST_FILE))
+            .and_then(|mut file| file.read_exact(&mut found))
+            .is_ok_and(|()| found == start.as_bytes())
+    }
+
+    pub(crate) fn read(directory: &Path) -> Result<Self> {
+        let path = directory.join(MANIFEST_FILE);
+        let file = match File::open(&path) {
+            Ok(file) => file,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound && directory.is_dir() => {
+                return Err(Error::malformed(
+                    directory,
+                    format!("is no store: it has no `{MANIFEST_FILE}`"),
+                ));
+            }
+            Err(error) => return Err(Error::io(&path, "opened", error)),
+        };
+        let mut bytes = Vec::new();
+        file.take(MANIFEST_SIZE_MAX + 1)
+            .read_to_end(&mut bytes)
+            .map_err(|error| Error::io(&path, "read", error))?;
+        if bytes.len() as u64 > MANIFEST_SIZE_MAX {
+            return Err(Error::malformed(&path, "is too large for a manifest"));
+        }
+        Self::parse(&bytes).map_err(|reason| Error::malformed(&path, reason))
+    }
+
+    fn parse(bytes: &[u8]) -> std::result::Result<Self, String> {
+        let text = std::str::from_utf8(bytes).map_err(|_| "is not text: it is damaged")?;
+        let mut value: Value = serde_json::from_str(text).map_err(|error| format!("is no JSON: {error}"))?;
+        let fields = value.as_object_mut().ok_or("is no manifest of a store")?;
+        if fields.get("format").and_then(Value::as_str) != Some(FORMAT) {
+            return Err("is no manifest of a store".into());
+        }
+        match fields.get("version").and_then(Value::as_u64) {
+            Some(version) if version == u64::from(VERSION) => {}
+            Some(version) => {
+                return Err(format!(
+                    "has version {version}; this program reads version {VERSION}: use the one that wrote it"
+                ));
+            }
+            None => return Err("has no version".into()),
+        }
+        let (body, end) = text
+            .rsplit_once(CHECKSUM_KEY)
+            .ok_or("has no checksum: it is truncated or damaged")?;
+        let checksum = blake3::hash(body.as_bytes()).to_hex();
+        if end.strip_suffix(CHECKSUM_END) != Some(checksum.as_str()) {
+            return Err("has changed since it was written: its checksum does not fit".into());
+        }
+        fields.remove("blake3");
+        let manifest: Self =
+            serde_json::from_value(value).map_err(|error| format!("is no manifest of a store: {error}"))?;
+        manifest.check()?;
+        Ok(manifest)
+    }
+
+    /// Whether the numbers fit together. Every size that is allocated later rests on this or on a file's size.
+    fn check(&self) -> std::result::Result<(), String> {
+        if self.patch_count > PATCH_COUNT_MAX || self.row_count > self.patch_count {
+            return Err(format!(
+                "has {} rows of {} patches, which cannot be",
+                self.row_count, self.patch_count
+            ));
+        }
+        if self.rows_per_part == 0 || self.part_count != self.row_count.div_ceil(self.rows_per_part) {
+            return Err(format!(
+                "has {} parts of {} rows, which cannot be",
+                self.part_count, self.rows_per_part
+            ));
+        }
+        if self.patches.as_ref().is_some_and(|entry| entry.file != PATCHES_FILE) {
+            return Err("has its patch table in another place than a store has it".into());
+        }
+        let mut entries = 0u64;
+        for (place, part) in self.parts.iter().enumerate() {
+            let after = place.checked_sub(1).and_then(|before| self.parts.get(before));
+            if part.index >= self.part_count
+                || after.is_some_and(|before| before.index >= part.index)
+                || part.file != part_file(part.index)
+                || part.rows != self.rows_of_part(part.index)
+                || part.entries > u64::from(part.rows) * u64::from(self.patch_count)
+            {
+                return Err(format!("has a part `{}` that does not fit the rest", part.file));
+            }
+            entries = entries.saturating_add(part.entries);
+        }
+        if entries != self.entries || self.complete != (self.parts.len() as u64 == u64::from(self.part_count)) {
+            return Err("has totals that its parts do not have".into());
+        }
+        Ok(())
+    }
+}
+
+/// The patches of a matrix, in input order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PatchTable {
+    /// The face of the scene's file that the patch was cut from, from 0.
+    pub face: Vec<u32>,
+    /// Index into [`Manifest::objects`].
+    pub object: Vec<u32>,
+    /// Index into [`Manifest::materials`].
+    pub material: Vec<u32>,
+    /// 0 for a front, 1 for the back of a two-sided triangle.
+    pub side: Vec<u8>,
+    /// Area, in the file's unit squared.
+    pub area: Vec<f64>,
+    /// Centroid, in the file's unit.
+    pub centroid: Vec<[f64; 3]>,
+    /// Unit normal, away from the radiating side; zero for a patch without area.
+    pub normal: Vec<[f64; 3]>,
+}
+
+impl PatchTable {
+    /// The table of `patches`, which were cut from `scene`.
+    pub fn new(scene: &Scene, patches: &Patches) -> Self {
+        let mut table = Self::default();
+        for patch in patches.iter() {
+            let triangle = &scene.triangles[patches.triangle(patch)];
+            table.face.push(triangle.face);
+            table.object.push(triangle.object);
+            table.material.push(triangle.material);
+            table.side.push(match patches.side(patch) {
+                Side::Front => 0,
+                Side::Back => 1,
+            });
+            table.area.push(patches.area(patch));
+            table.centroid.push(patches.centroid(patch).to_array());
+            table.normal.push(patches.normal(patch).to_array());
+        }
+        table
+    }
+
+    /// How many patches there are.
+    pub fn len(&self) -> usize {
+        self.area.len()
+    }
+
+    /// Whether there is no patch.
+    pub fn is_empty(&self) -> bool {
+        self.area.is_empty()
+    }
+
+    pub(crate) fn is_of(&self, patch_count: u32) -> bool {
+        let lengths = [
+            self.face.len(),
+            self.object.len(),
+            self.material.len(),
+            self.side.len(),
+            self.area.len(),
+            self.centroid.len(),
+            self.normal.len(),
+        ];
+        lengths.iter().all(|&length| length == patch_count as usize)
+    }
+}
+
+/// BLAKE3 of the resolved patches, in hexadecimal: the corners of every surface, and for every patch its surface, side,
+/// object and material. Equal geometry under another file name has the same hash; one bit of one corner changes it.
+pub fn scene_hash(scene: &Scene, patches: &Patches) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for corner in patches.surfaces().iter().flatten() {
+        for coordinate in corner.to_array() {
+            hasher.update(&coordinate.to_bits().to_le_bytes());
+        }
+    }
+    for patch in patches.iter() {
+        let triangle = &scene.triangles[patches.triangle(patch)];
+        hasher.update(&(patches.surface(patch) as u64).to_le_bytes());
+        hasher.update(&[u8::from(patches.side(patch) == Side::Back)]);
+        hasher.update(&triangle.object.to_le_bytes());
+        hasher.update(&triangle.material.to_le_bytes());
+    }
+    hasher.finalize().to_hex().to_string()
+}

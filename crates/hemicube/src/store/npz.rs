@@ -1,0 +1,300 @@
+//! Archives of arrays: a zip file whose members are `NAME.npy`.
+//!
+//! Ours are stored, not compressed, so that an element has an offset in the file; their members have a fixed order and
+//! the first day that zip can express, so that equal arrays give equal bytes. Those of other programs may be deflated.
+
+use super::durable::read_exact_at;
+use super::npy::{Element, ElementType, Header, decode};
+use super::{Error, Result};
+use std::fs::File;
+use std::io::{self, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, DateTime, System, ZipArchive, ZipWriter};
+
+/// The most members that an archive may have: SciPy writes 5, the patch table has 11.
+const MEMBERS_MAX: usize = 64;
+
+/// Deflate cannot do better than this.
+const DEFLATE_RATIO_MAX: u64 = 1032;
+
+/// Elements that are encoded or decoded at a time.
+const CHUNK: usize = 1 << 14;
+
+/// Writes arrays into an archive, one after another.
+pub(crate) struct NpzWriter<W: Write + Seek> {
+    zip: ZipWriter<W>,
+}
+
+impl<W: Write + Seek> NpzWriter<W> {
+    pub(crate) fn new(writer: W) -> Self {
+        Self {
+            zip: ZipWriter::new(writer),
+        }
+    }
+
+    /// Begins a member; its elements follow through [`Self::push`].
+    pub(crate) fn begin(&mut self, name: &str, element: ElementType, shape: &[u64]) -> io::Result<()> {
+        let header = Header::bytes(element, shape);
+        let count = shape
+            .iter()
+            .fold(1u64, |product, &length| product.saturating_mul(length));
+        let size = count.saturating_mul(element.size()).saturating_add(header.len() as u64);
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Stored)
+            .last_modified_time(DateTime::default())
+            .system(System::Unix)
+            .unix_permissions(0o644)
+            .large_file(size >= u64::from(u32::MAX));
+        self.zip.start_file(format!("{name}.npy"), options)?;
+        self.zip.write_all(&header)
+    }
+
+    /// Adds elements to the member that was begun last.
+    pub(crate) fn push<T: Element>(&mut self, elements: &[T]) -> io::Result<()> {
+        let mut bytes = Vec::with_capacity(elements.len().min(CHUNK) * size_of::<T>());
+        for chunk in elements.chunks(CHUNK) {
+            bytes.clear();
+            for &element in chunk {
+                element.put(&mut bytes);
+            }
+            self.zip.write_all(&bytes)?;
+        }
+        Ok(())
+    }
+
+    /// A whole member.
+    pub(crate) fn array<T: Element>(&mut self, name: &str, shape: &[u64], elements: &[T]) -> io::Result<()> {
+        self.begin(name, T::TYPE, shape)?;
+        self.push(elements)
+    }
+
+    /// What `scipy.sparse` reads first: the format's name and the shape.
+    pub(crate) fn csr_preamble(&mut self, rows: u64, columns: u64) -> io::Result<()> {
+        self.begin("format", ElementType::Bytes(3), &[])?;
+        self.zip.write_all(b"csr")?;
+        self.begin("shape", ElementType::I64, &[2])?;
+        self.push(&[rows, columns])
+    }
+
+    /// The bytes that `members` of these names and sizes (header included) take in all, to a few hundred.
+    pub(crate) fn size(members: &[(&str, u64)]) -> u64 {
+        // Local header 30, central header 46, and the name twice; zip64 fields 20 and 28; end record 22, 56 and 20 for
+        // zip64.
+        members.iter().fold(98, |size, &(name, bytes)| {
+            size.saturating_add(bytes)
+                .saturating_add(30 + 46 + 20 + 28 + 2 * (name.len() as u64 + 4))
+        })
+    }
+
+    pub(crate) fn finish(self) -> io::Result<W> {
+        Ok(self.zip.finish()?)
+    }
+}
+
+impl<W: Write + Seek> Write for NpzWriter<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.zip.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.zip.flush()
+    }
+}
+
+/// Where an array of an archive is.
+#[derive(Clone, Debug)]
+struct Member {
+    name: String,
+    header: Header,
+    count: u64,
+    /// Where the elements begin in the archive, if they are stored.
+    offset: Option<u64>,
+}
+
+/// An open archive of arrays. Every claimed length has been held against the size of the file.
+pub(crate) struct Npz {
+    path: PathBuf,
+    file: File,
+    archive: ZipArchive<io::BufReader<File>>,
+    members: Vec<Member>,
+}
+
+/// The elements of an array, in the file or, if they were compressed, in memory.
+#[derive(Debug)]
+pub(crate) enum Elements {
+    /// At this offset in the archive.
+    Stored(u64),
+    /// Encoded as in the file.
+    Memory(Vec<u8>),
+}
+
+impl Npz {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
+        let io = |error| Error::io(path, "read", error);
+        let file = File::open(path).map_err(|error| Error::io(path, "opened", error))?;
+        let metadata = file.metadata().map_err(io)?;
+        if metadata.is_dir() {
+            return Err(Error::malformed(path, "is a directory, not an archive of arrays"));
+        }
+        let length = metadata.len();
+        let no_archive = |error: zip::result::ZipError| match error {
+            zip::result::ZipError::Io(error) => io(error),
+            error => Error::malformed(path, format!("is no readable `.npz` archive: {error}")),
+        };
+        // Nothing may stand before the archive: offsets count from the start of the file.
+        let config = zip::read::Config {
+            archive_offset: zip::read::ArchiveOffset::Known(0),
+        };
+        let reader = io::BufReader::new(file.try_clone().map_err(io)?);
+        let mut archive = ZipArchive::with_config(config, reader).map_err(no_archive)?;
+        if archive.len() > MEMBERS_MAX || archive.has_duplicate_names() {
+            return Err(Error::malformed(path, "has too many members, or two of one name"));
+        }
+        let mut members = Vec::with_capacity(archive.len());
+        for index in 0..archive.len() {
+            let mut member = archive.by_index(index).map_err(no_archive)?;
+            let file_name = member.name().map_err(no_archive)?.into_owned();
+            let Some(name) = file_name.strip_suffix(".npy") else {
+                return Err(Error::malformed(
+                    path,
+                    format!("has a member `{file_name}` that is no array"),
+                ));
+            };
+            let of_member = |reason: &str| Error::malformed(path, format!("has a member `{file_name}` that {reason}"));
+            let (size, compressed) = (member.size(), member.compressed_size());
+            let data_start = member
+                .data_start()
+                .ok_or_else(|| of_member("has no place in the file"))?;
+            let stored = match member.compression() {
+                CompressionMethod::Stored => true,
+                CompressionMethod::Deflated => false,
+                _ => {
+                    return Err(Error::unsupported(
+                        path,
+                        "is compressed by another method than deflate; save it again",
+                    ));
+                }
+            };
+            if data_start.checked_add(compressed).is_none_or(|end| end > length) {
+                return Err(of_member("reaches past the end of the file: it is truncated"));
+            }
+            if stored && size != compressed || size > compressed.saturating_mul(DEFLATE_RATIO_MAX).saturating_add(1024)
+            {
+                return Err(of_member("claims a size that it cannot have"));
+            }
+            let header = Header::read(&mut member)
+                .map_err(io)?
+                .map_err(|reason| of_member(&reason))?;
+            if header.total_size() != Some(size) {
+                return Err(of_member("has another number of elements than its shape says"));
+            }
+            let count = header.count().unwrap_or(0);
+            let offset = stored.then_some(data_start + header.size);
+            members.push(Member {
+                name: name.to_owned(),
+                header,
+                count,
+                offset,
+            });
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            file,
+            archive,
+            members,
+        })
+    }
+
+    fn member(&self, name: &str) -> Result<(usize, &Member)> {
+        self.members
+            .iter()
+            .enumerate()
+            .find(|(_, member)| member.name == name)
+            .ok_or_else(|| Error::malformed(&self.path, format!("has no array `{name}`")))
+    }
+
+    /// The header of an array.
+    pub(crate) fn header(&self, name: &str) -> Result<&Header> {
+        Ok(&self.member(name)?.1.header)
+    }
+
+    /// The number of elements of an array.
+    pub(crate) fn count(&self, name: &str) -> Result<u64> {
+        Ok(self.member(name)?.1.count)
+    }
+
+    pub(crate) fn into_file(self) -> File {
+        self.file
+    }
+
+    /// Where the elements of an array are; decompressed if they are not simply stored.
+    pub(crate) fn elements(&mut self, name: &str) -> Result<Elements> {
+        let (index, member) = self.member(name)?;
+        match member.offset {
+            Some(offset) => Ok(Elements::Stored(offset)),
+            None => {
+                let (skip, wanted) = (member.header.size, member.count * member.header.element.size());
+                self.inflate(index, skip, wanted).map(Elements::Memory)
+            }
+        }
+    }
+
+    /// All bytes of an array's elements.
+    pub(crate) fn bytes(&mut self, name: &str) -> Result<Vec<u8>> {
+        match self.elements(name)? {
+            Elements::Memory(bytes) => Ok(bytes),
+            Elements::Stored(offset) => {
+                let (_, member) = self.member(name)?;
+                let size = usize::try_from(member.count * member.header.element.size())
+                    .map_err(|_| Error::unsupported(&self.path, "is too large for this machine's memory"))?;
+                let mut bytes = vec![0; size];
+                read_exact_at(&self.file, &mut bytes, offset).map_err(|error| Error::io(&self.path, "read", error))?;
+                Ok(bytes)
+            }
+        }
+    }
+
+    /// A whole array of `T`.
+    pub(crate) fn array<T: Element>(&mut self, name: &str) -> Result<Vec<T>> {
+        let element = self.header(name)?.element;
+        if element != T::TYPE {
+            return Err(Error::malformed(
+                &self.path,
+                format!("has an array `{name}` of {element:?}, where {:?} belongs", T::TYPE),
+            ));
+        }
+        Ok(decode(&self.bytes(name)?))
+    }
+
+    /// A whole array of signed whole numbers, 4 or 8 bytes wide, none negative.
+    pub(crate) fn counts(&mut self, name: &str) -> Result<Vec<u64>> {
+        let numbers = match self.header(name)?.element {
+            ElementType::I32 => self.array::<i32>(name)?.into_iter().map(u64::try_from).collect(),
+            _ => self.array::<i64>(name)?.into_iter().map(u64::try_from).collect(),
+        };
+        let numbers: std::result::Result<_, _> = numbers;
+        numbers.map_err(|_| Error::malformed(&self.path, format!("has a negative number in `{name}`")))
+    }
+
+    /// Memory grows with what really comes out, not with what the file claims.
+    fn inflate(&mut self, index: usize, skip: u64, wanted: u64) -> Result<Vec<u8>> {
+        let path = &self.path;
+        let member = self
+            .archive
+            .by_index(index)
+            .map_err(|error| Error::malformed(path, format!("is no readable `.npz` archive: {error}")))?;
+        let mut bytes = Vec::new();
+        let mut reader = member.take(skip.saturating_add(wanted).saturating_add(1));
+        io::copy(&mut reader.by_ref().take(skip), &mut io::sink())
+            .and_then(|_| reader.read_to_end(&mut bytes))
+            .map_err(|error| Error::malformed(path, format!("cannot be decompressed: {error}")))?;
+        if bytes.len() as u64 != wanted {
+            return Err(Error::malformed(
+                path,
+                "holds less or more than it claims: it is truncated or damaged",
+            ));
+        }
+        Ok(bytes)
+    }
+}

@@ -1,0 +1,466 @@
+//! Reading a store: the manifest at once, a part's head when a row of it is first wanted, a row by two reads at its
+//! offset.
+//!
+//! Memory: 12 bytes a patch for where its row is, 20 bytes a row for the heads of the parts; entries are never kept.
+
+use super::csr::CsrFile;
+use super::durable::file_checksum;
+use super::npz::Npz;
+use super::{Error, Manifest, Part, PatchTable, Result, RowSums};
+use hemicube_scene::InputPatch;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Files that are kept open. Rows in input order jump from part to part, and the system allows about a thousand.
+const OPEN_FILES_MAX: usize = 128;
+
+/// Bytes that the patch table takes for a patch.
+const PATCH_SIZE: u64 = 101;
+
+/// A row of the matrix.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Row {
+    /// The input patch of each entry's column, ascending.
+    pub indices: Vec<u32>,
+    /// The form factor of each entry.
+    pub data: Vec<f32>,
+}
+
+/// What each row came to, in input order; NaN where none was computed. Fractions of the hemicube are NaN too where a row
+/// was come by without one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RowTable {
+    /// Fraction of the hemicube that hit nothing.
+    pub escaped: Vec<f64>,
+    /// Fraction that hit the back of a one-sided patch.
+    pub blocked: Vec<f64>,
+    /// Fraction that hit patches which were not selected as receivers.
+    pub unselected: Vec<f64>,
+    /// Sum of the form factors.
+    pub row_sum: Vec<f64>,
+}
+
+/// A part without its entries.
+#[derive(Debug)]
+struct PartHead {
+    path: PathBuf,
+    csr: CsrFile,
+}
+
+/// Where the row of a patch is: place of the part among those that are there, and row in it.
+type Location = Option<(u32, u32)>;
+
+/// A store that is open for reading. Every method may be called from several threads.
+#[derive(Debug)]
+pub struct Store {
+    directory: PathBuf,
+    manifest: Manifest,
+    heads: Mutex<Vec<Option<Arc<PartHead>>>>,
+    /// By place of the part, least recently opened first.
+    files: Mutex<Vec<(usize, Arc<File>)>>,
+    locations: Mutex<Option<Arc<Vec<Location>>>>,
+}
+
+impl Store {
+    /// Opens a store, complete or not. Reads the manifest only; parts are opened when they are needed.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] when the directory is no store, or its manifest is not as it was written.
+    pub fn open(directory: &Path) -> Result<Self> {
+        let manifest = Manifest::read(directory)?;
+        let count = manifest.parts.len();
+        // The patch count is only a claim until there is a table as long as it says.
+        let table = directory.join(super::manifest::PATCHES_FILE);
+        if manifest.patches.is_some() {
+            let size = std::fs::metadata(&table)
+                .map_err(|error| Error::io(&table, "read", error))?
+                .len();
+            if size < u64::from(manifest.patch_count) * PATCH_SIZE {
+                return Err(Error::malformed(&table, "is shorter than its patches: it is truncated"));
+            }
+        } else if count > 0 {
+            return Err(Error::malformed(directory, "has parts and no patch table"));
+        }
+        Ok(Self {
+            directory: directory.to_owned(),
+            manifest,
+            heads: Mutex::new(vec![None; count]),
+            files: Mutex::default(),
+            locations: Mutex::default(),
+        })
+    }
+
+    /// The store's directory.
+    pub fn directory(&self) -> &Path {
+        &self.directory
+    }
+
+    /// What it is a matrix of, and which parts it has.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// Patches of the scene: the matrix is square, of this size.
+    pub fn patch_count(&self) -> u32 {
+        self.manifest.patch_count
+    }
+
+    /// Refuses a store of which parts are missing.
+    ///
+    /// # Errors
+    /// [`Error::Incomplete`].
+    pub fn require_complete(&self) -> Result<()> {
+        if self.manifest.complete {
+            return Ok(());
+        }
+        Err(Error::Incomplete {
+            path: self.directory.clone(),
+            present: u32::try_from(self.manifest.parts.len()).unwrap_or(u32::MAX),
+            expected: self.manifest.part_count,
+        })
+    }
+
+    /// The row of a patch; `None` when it was not computed.
+    ///
+    /// # Errors
+    /// When its part is damaged. Bits that flipped within the entries may go unnoticed here, and do not in
+    /// [`Self::verify_part`].
+    pub fn row(&self, patch: InputPatch) -> Result<Option<Row>> {
+        let locations = self.locations()?;
+        match locations.get(patch.0 as usize).copied().flatten() {
+            Some((place, row)) => self.row_at(place as usize, row).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// How many entries the row of a patch has, without reading it; `None` when it was not computed.
+    ///
+    /// # Errors
+    /// When its part is damaged.
+    pub fn entries_of_row(&self, patch: InputPatch) -> Result<Option<u64>> {
+        let locations = self.locations()?;
+        match locations.get(patch.0 as usize).copied().flatten() {
+            Some((place, row)) => Ok(Some(self.head(place as usize)?.csr.bounds(row.into()).1)),
+            None => Ok(None),
+        }
+    }
+
+    /// The patches whose rows were computed, in input order.
+    ///
+    /// # Errors
+    /// When the head of a part is damaged.
+    pub fn computed_patches(&self) -> Result<Vec<InputPatch>> {
+        let locations = self.locations()?;
+        Ok((0..)
+            .zip(locations.iter())
+            .filter_map(|(patch, location)| location.map(|_| InputPatch(patch)))
+            .collect())
+    }
+
+    /// All rows that were computed, in input order. Reads jump between the parts.
+    ///
+    /// # Errors
+    /// When the head of a part is damaged.
+    pub fn rows(&self) -> Result<Rows<'_>> {
+        Ok(Rows {
+            store: self,
+            order: self.computed_patches()?,
+            next: 0,
+        })
+    }
+
+    /// All rows that were computed, in the order in which they were. Reads run through the parts.
+    ///
+    /// # Errors
+    /// When the head of a part is damaged.
+    pub fn rows_in_processing_order(&self) -> Result<Rows<'_>> {
+        let mut order = Vec::new();
+        for place in 0..self.manifest.parts.len() {
+            order.extend(self.rows_of_part(place)?.into_iter().map(InputPatch));
+        }
+        Ok(Rows {
+            store: self,
+            order,
+            next: 0,
+        })
+    }
+
+    /// A part, by its place among those that are there ([`Manifest::parts`]); `None` beyond the last. Reads the whole
+    /// part into memory, and checks of it what no reader can do without: that its arrays fit together.
+    ///
+    /// # Errors
+    /// When the part is damaged.
+    pub fn part(&self, place: usize) -> Result<Option<Part>> {
+        let Some(entry) = self.manifest.parts.get(place) else {
+            return Ok(None);
+        };
+        let (path, mut npz, csr) = self.open_part(place)?;
+        let rows: Vec<u32> = npz.array("rows")?;
+        let sums: Vec<u64> = npz.array("sums")?;
+        let hemicubes: Vec<u32> = npz.array("hemicubes")?;
+        let count = entry.rows as usize;
+        if rows.len() != count || sums.len() != 4 * count || hemicubes.len() != count {
+            return Err(Error::malformed(
+                &path,
+                format!("does not have `rows`, `sums` and `hemicubes` of {count} rows"),
+            ));
+        }
+        if let Some(row) = rows.iter().find(|&&row| row >= self.manifest.patch_count) {
+            return Err(Error::malformed(
+                &path,
+                format!("has a row of patch {row}, which does not exist"),
+            ));
+        }
+        debug_assert_eq!(csr.entries(), entry.entries);
+        Ok(Some(Part {
+            index: entry.index,
+            rows,
+            indptr: npz.array("indptr")?,
+            indices: npz.array("indices")?,
+            data: npz.array("data")?,
+            sums: sums
+                .chunks_exact(4)
+                .map(|sums| RowSums {
+                    visible: sums[0],
+                    escaped: sums[1],
+                    blocked: sums[2],
+                    unselected: sums[3],
+                })
+                .collect(),
+            hemicubes,
+        }))
+    }
+
+    /// Reads a part's file and holds its checksum against the manifest's. Place as in [`Self::part`].
+    ///
+    /// # Errors
+    /// [`Error::Checksum`] when a bit differs; [`Error::Io`] when it cannot be read.
+    pub fn verify_part(&self, place: usize) -> Result<()> {
+        match self.manifest.parts.get(place) {
+            Some(entry) => self.verify(&entry.file, &entry.blake3),
+            None => Ok(()),
+        }
+    }
+
+    /// Reads the patch table and holds its checksum against the manifest's.
+    ///
+    /// # Errors
+    /// [`Error::Checksum`] when a bit differs; [`Error::Io`] when it cannot be read.
+    pub fn verify_patches(&self) -> Result<()> {
+        match &self.manifest.patches {
+            Some(entry) => self.verify(&entry.file, &entry.blake3),
+            None => Ok(()),
+        }
+    }
+
+    fn verify(&self, file: &str, expected: &str) -> Result<()> {
+        let path = self.directory.join(file);
+        let found = file_checksum(&path)?;
+        if found == expected {
+            Ok(())
+        } else {
+            Err(Error::Checksum {
+                path,
+                expected: expected.to_owned(),
+                found,
+            })
+        }
+    }
+
+    /// The patches.
+    ///
+    /// # Errors
+    /// When the patch table is not there, or damaged.
+    pub fn patches(&self) -> Result<PatchTable> {
+        let (path, mut npz) = self.open_patches()?;
+        let triples = |numbers: Vec<f64>| numbers.as_chunks::<3>().0.to_vec();
+        let table = PatchTable {
+            face: npz.array("face")?,
+            object: npz.array("object")?,
+            material: npz.array("material")?,
+            side: npz.array("side")?,
+            area: npz.array("area")?,
+            centroid: triples(npz.array("centroid")?),
+            normal: triples(npz.array("normal")?),
+        };
+        if !table.is_of(self.manifest.patch_count) {
+            return Err(Error::malformed(
+                &path,
+                format!("does not have {} patches", self.manifest.patch_count),
+            ));
+        }
+        Ok(table)
+    }
+
+    /// What each row came to. All NaN as long as the store is not complete.
+    ///
+    /// # Errors
+    /// When the patch table is not there, or damaged.
+    pub fn row_table(&self) -> Result<RowTable> {
+        let (path, mut npz) = self.open_patches()?;
+        let table = RowTable {
+            escaped: npz.array("escaped")?,
+            blocked: npz.array("blocked")?,
+            unselected: npz.array("unselected")?,
+            row_sum: npz.array("row_sum")?,
+        };
+        let count = self.manifest.patch_count as usize;
+        if [&table.escaped, &table.blocked, &table.unselected, &table.row_sum]
+            .iter()
+            .any(|column| column.len() != count)
+        {
+            return Err(Error::malformed(&path, format!("does not have {count} patches")));
+        }
+        Ok(table)
+    }
+
+    fn open_patches(&self) -> Result<(PathBuf, Npz)> {
+        let path = self.directory.join(super::manifest::PATCHES_FILE);
+        let npz = Npz::open(&path)?;
+        Ok((path, npz))
+    }
+
+    fn open_part(&self, place: usize) -> Result<(PathBuf, Npz, CsrFile)> {
+        let entry = self
+            .manifest
+            .parts
+            .get(place)
+            .ok_or_else(|| Error::malformed(&self.directory, format!("has no part at place {place}")))?;
+        let path = self.directory.join(&entry.file);
+        let mut npz = Npz::open(&path)?;
+        let csr = CsrFile::read(&path, &mut npz)?;
+        if csr.row_count != u64::from(entry.rows)
+            || csr.column_count != u64::from(self.manifest.patch_count)
+            || csr.entries() != entry.entries
+            || !csr.is_store_part()
+        {
+            return Err(Error::malformed(
+                &path,
+                format!(
+                    "is no part of {} rows and {} entries, as the manifest says",
+                    entry.rows, entry.entries
+                ),
+            ));
+        }
+        Ok((path, npz, csr))
+    }
+
+    fn head(&self, place: usize) -> Result<Arc<PartHead>> {
+        if let Some(Some(head)) = self.heads.lock().unwrap_or_else(PoisonError::into_inner).get(place) {
+            return Ok(Arc::clone(head));
+        }
+        let (path, npz, csr) = self.open_part(place)?;
+        let head = Arc::new(PartHead { path, csr });
+        self.keep_open(place, Arc::new(npz.into_file()));
+        if let Some(slot) = self.heads.lock().unwrap_or_else(PoisonError::into_inner).get_mut(place) {
+            *slot = Some(Arc::clone(&head));
+        }
+        Ok(head)
+    }
+
+    fn keep_open(&self, place: usize, file: Arc<File>) {
+        let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        if files.len() >= OPEN_FILES_MAX {
+            files.remove(0);
+        }
+        files.push((place, file));
+    }
+
+    fn file(&self, place: usize, path: &Path) -> Result<Arc<File>> {
+        let open = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, file)) = open.iter().rev().find(|(other, _)| *other == place) {
+            return Ok(Arc::clone(file));
+        }
+        drop(open);
+        let file = Arc::new(File::open(path).map_err(|error| Error::io(path, "opened", error))?);
+        self.keep_open(place, Arc::clone(&file));
+        Ok(file)
+    }
+
+    fn rows_of_part(&self, place: usize) -> Result<Vec<u32>> {
+        let (path, mut npz, _) = self.open_part(place)?;
+        let rows: Vec<u32> = npz.array("rows")?;
+        if self
+            .manifest
+            .parts
+            .get(place)
+            .is_none_or(|entry| rows.len() != entry.rows as usize)
+        {
+            return Err(Error::malformed(&path, "has another number of `rows` than of rows"));
+        }
+        Ok(rows)
+    }
+
+    fn locations(&self) -> Result<Arc<Vec<Location>>> {
+        let mut slot = self.locations.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(locations) = &*slot {
+            return Ok(Arc::clone(locations));
+        }
+        let mut locations: Vec<Location> = vec![None; self.manifest.patch_count as usize];
+        for (number, place) in (0u32..).zip(0..self.manifest.parts.len()) {
+            for (row, patch) in (0u32..).zip(self.rows_of_part(place)?) {
+                match locations.get_mut(patch as usize) {
+                    Some(location @ None) => *location = Some((number, row)),
+                    _ => {
+                        let path = self.directory.join(&self.manifest.parts[place].file);
+                        let reason = format!("has a row of patch {patch}, which does not exist or has a row already");
+                        return Err(Error::malformed(&path, reason));
+                    }
+                }
+            }
+        }
+        let locations = Arc::new(locations);
+        *slot = Some(Arc::clone(&locations));
+        Ok(locations)
+    }
+
+    fn row_at(&self, place: usize, row: u32) -> Result<Row> {
+        let head = self.head(place)?;
+        let file = self.file(place, &head.path)?;
+        let (columns, data) = head.csr.row(&file, row.into())?;
+        let mut indices = Vec::with_capacity(columns.len());
+        for column in columns {
+            match u32::try_from(column) {
+                Ok(column)
+                    if column < self.manifest.patch_count && indices.last().is_none_or(|&last| last < column) =>
+                {
+                    indices.push(column);
+                }
+                _ => {
+                    let reason = format!("has column {column} in its row {row}, out of range or out of order");
+                    return Err(Error::malformed(&head.path, reason));
+                }
+            }
+        }
+        Ok(Row { indices, data })
+    }
+}
+
+/// The rows of a store, one at a time; see [`Store::rows`].
+#[derive(Debug)]
+pub struct Rows<'a> {
+    store: &'a Store,
+    order: Vec<InputPatch>,
+    next: usize,
+}
+
+impl Iterator for Rows<'_> {
+    type Item = Result<(InputPatch, Row)>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let patch = *self.order.get(self.next)?;
+        self.next += 1;
+        match self.store.row(patch) {
+            Ok(Some(row)) => Some(Ok((patch, row))),
+            // Every row of the order has a place.
+            Ok(None) => self.next(),
+            Err(error) => Some(Err(error)),
+        }
+    }
+
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        let left = self.order.len() - self.next;
+        (0, Some(left))
+    }
+}

@@ -1,0 +1,386 @@
+//! Writing a store: everything that can be refused is refused before the first row is computed.
+
+use super::durable::{DurableFile, TEMPORARY_SUFFIX, file_checksum, read_exact_at};
+use super::manifest::{FileEntry, PARTS_DIRECTORY, PATCH_COUNT_MAX, PATCHES_FILE, part_file};
+use super::npy::{Element, ElementType};
+use super::npz::{Elements, Npz, NpzWriter};
+use super::{Error, HEMICUBE_WEIGHT, Header, Manifest, Part, PartEntry, PatchTable, Result, RowSums};
+use std::io::{self, Cursor, Write};
+use std::path::{Path, PathBuf};
+
+/// The columns of the patch table that are known before the run, in the file's order.
+const GEOMETRY: [&str; 7] = ["face", "object", "material", "side", "area", "centroid", "normal"];
+
+/// Elements that are copied at a time.
+const COPY: usize = 1 << 16;
+
+/// What the rows of a finished run come to, for the patch table.
+#[derive(Debug)]
+struct RowColumns {
+    escaped: Vec<f64>,
+    blocked: Vec<f64>,
+    unselected: Vec<f64>,
+    row_sum: Vec<f64>,
+}
+
+/// A store that is being written.
+///
+/// Parts may come in any order. A writer that is dropped without [`Self::finish`] or [`Self::interrupt`] leaves the parts
+/// that were written, and a manifest that does not name them.
+#[derive(Debug)]
+pub struct StoreWriter {
+    directory: PathBuf,
+    manifest: Manifest,
+    columns: RowColumns,
+    /// Rows that some part has, by input patch.
+    written: Vec<bool>,
+}
+
+impl StoreWriter {
+    /// Makes the directory and writes everything that is known before the first row.
+    ///
+    /// # Errors
+    /// [`Error::Exists`] when a store is there and `overwrite` is not set; [`Error::InTheWay`] when something else is;
+    /// [`Error::Refused`] when header and table do not fit together; [`Error::Io`] or [`Error::NoSpace`] when the place
+    /// cannot be written.
+    pub fn create(directory: &Path, header: Header, patches: &PatchTable, overwrite: bool) -> Result<Self> {
+        let refused = |reason: String| Err(Error::refused(directory, reason));
+        if header.patch_count > PATCH_COUNT_MAX || header.row_count > header.patch_count || header.rows_per_part == 0 {
+            return refused(format!(
+                "{} rows of {} patches in parts of {} rows are no matrix",
+                header.row_count, header.patch_count, header.rows_per_part
+            ));
+        }
+        if !patches.is_of(header.patch_count) {
+            return refused(format!("the patch table does not have {} patches", header.patch_count));
+        }
+        let replaces = claim(directory, overwrite)?;
+        let count = header.patch_count as usize;
+        let unknown = || vec![f64::NAN; count];
+        let mut writer = Self {
+            directory: directory.to_owned(),
+            manifest: Manifest::new(header),
+            columns: RowColumns {
+                escaped: unknown(),
+                blocked: unknown(),
+                unselected: unknown(),
+                row_sum: unknown(),
+            },
+            written: vec![false; count],
+        };
+        let parts = directory.join(PARTS_DIRECTORY);
+        std::fs::create_dir_all(&parts).map_err(|error| Error::io(&parts, "created", error))?;
+        // First the manifest: from here on the directory is a store, if an incomplete one, whatever happens.
+        writer.manifest.write(directory)?;
+        if replaces {
+            remove_parts(&parts)?;
+        }
+        writer.write_patches(patches)?;
+        writer.manifest.write(directory)?;
+        Ok(writer)
+    }
+
+    /// The store's directory.
+    pub fn directory(&self) -> &Path {
+        &self.directory
+    }
+
+    /// The manifest as it stands.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// Writes a part. When this returns, the part is on the disk.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] when the part is not what a reader may rely on: another number of rows than this part has, rows
+    /// or columns that do not exist or do not ascend, form factors that are no numbers, weights that do not sum to the
+    /// hemicubes'. [`Error::NoSpace`] or [`Error::Io`] when it cannot be written: then the parts before it are intact, and
+    /// it can be tried again.
+    pub fn write_part(&mut self, part: &Part) -> Result<()> {
+        let file = part_file(part.index);
+        let path = self.directory.join(&file);
+        let sums = self.inspect(part).map_err(|reason| Error::refused(&path, reason))?;
+        let bytes = encode(part, self.manifest.patch_count).map_err(|error| Error::write(&path, 0, error))?;
+        super::durable::write_whole(&path, &bytes)?;
+        let entry = PartEntry {
+            index: part.index,
+            file,
+            rows: self.manifest.rows_of_part(part.index),
+            entries: part.data.len() as u64,
+            blake3: blake3::hash(&bytes).to_hex().to_string(),
+            sums,
+        };
+        self.manifest.entries += entry.entries;
+        let place = self.manifest.parts.partition_point(|other| other.index < entry.index);
+        self.manifest.parts.insert(place, entry);
+        for (row, ((&patch, sums), &hemicubes)) in part.rows.iter().zip(&part.sums).zip(&part.hemicubes).enumerate() {
+            let patch = patch as usize;
+            self.written[patch] = true;
+            self.columns.row_sum[patch] = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
+            if hemicubes > 0 {
+                let whole = (u64::from(hemicubes) * HEMICUBE_WEIGHT) as f64;
+                self.columns.escaped[patch] = sums.escaped as f64 / whole;
+                self.columns.blocked[patch] = sums.blocked as f64 / whole;
+                self.columns.unselected[patch] = sums.unselected as f64 / whole;
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends a run whose parts are all written: the patch table gets its last columns, the manifest says that the store
+    /// is complete.
+    ///
+    /// # Errors
+    /// [`Error::Incomplete`] when parts are missing; [`Error::NoSpace`] or [`Error::Io`].
+    pub fn finish(mut self) -> Result<Manifest> {
+        let present = u32::try_from(self.manifest.parts.len()).unwrap_or(u32::MAX);
+        if present != self.manifest.part_count {
+            return Err(Error::Incomplete {
+                path: self.directory,
+                present,
+                expected: self.manifest.part_count,
+            });
+        }
+        self.complete_patches()?;
+        self.manifest.complete = true;
+        self.manifest.write(&self.directory)?;
+        Ok(self.manifest)
+    }
+
+    /// Ends a run early: the manifest names the parts that are there and says that the store is not complete.
+    ///
+    /// # Errors
+    /// [`Error::NoSpace`] or [`Error::Io`]; the parts are there all the same.
+    pub fn interrupt(self) -> Result<Manifest> {
+        if self.manifest.parts.len() as u64 == u64::from(self.manifest.part_count) {
+            return self.finish();
+        }
+        self.manifest.write(&self.directory)?;
+        Ok(self.manifest)
+    }
+
+    /// What a reader may rely on, checked; the sums over all rows.
+    fn inspect(&self, part: &Part) -> std::result::Result<RowSums, String> {
+        let patch_count = self.manifest.patch_count;
+        if part.index >= self.manifest.part_count {
+            return Err(format!("it is part {} of {}", part.index, self.manifest.part_count));
+        }
+        if self.manifest.parts.iter().any(|other| other.index == part.index) {
+            return Err("it was written before".into());
+        }
+        let count = self.manifest.rows_of_part(part.index) as usize;
+        if part.rows.len() != count
+            || part.sums.len() != count
+            || part.hemicubes.len() != count
+            || part.indptr.len() != count + 1
+        {
+            return Err(format!("it does not have {count} rows"));
+        }
+        if part.indices.len() != part.data.len()
+            || part.indptr.first() != Some(&0)
+            || part.indptr.last().copied() != i64::try_from(part.data.len()).ok()
+            || part.indptr.windows(2).any(|bounds| bounds[0] > bounds[1])
+        {
+            return Err("its `indptr` does not divide its entries into rows".into());
+        }
+        let mut total = RowSums::default();
+        let mut own = std::collections::BTreeSet::new();
+        for (row, &patch) in part.rows.iter().enumerate() {
+            if patch >= patch_count || self.written.get(patch as usize).copied().unwrap_or(true) || !own.insert(patch) {
+                return Err(format!(
+                    "its row {row} is of patch {patch}, which does not exist or has a row already"
+                ));
+            }
+            let (columns, factors) = part.row(row);
+            let in_range = |&column: &i32| u32::try_from(column).is_ok_and(|column| column < patch_count);
+            if !columns.iter().all(in_range) || columns.windows(2).any(|pair| pair[0] >= pair[1]) {
+                return Err(format!(
+                    "the columns of patch {patch} do not ascend, or leave the matrix"
+                ));
+            }
+            if let Some(bad) = factors.iter().find(|factor| !factor.is_finite()) {
+                return Err(format!("a form factor of patch {patch} is {bad}"));
+            }
+            let (sums, hemicubes) = (&part.sums[row], u64::from(part.hemicubes[row]));
+            if sums.total() != Some(hemicubes * HEMICUBE_WEIGHT) {
+                return Err(format!(
+                    "the weights of patch {patch} sum to {:?}, not to {hemicubes} hemicubes of {HEMICUBE_WEIGHT}",
+                    sums.total()
+                ));
+            }
+            total = total.plus(sums).ok_or("its weights do not fit 64 bits")?;
+        }
+        Ok(total)
+    }
+
+    fn write_patches(&mut self, patches: &PatchTable) -> Result<()> {
+        let path = self.directory.join(PATCHES_FILE);
+        let wanted = 101 * u64::from(self.manifest.patch_count) + 4096;
+        let columns = &self.columns;
+        write_archive(&path, wanted, |npz| {
+            let count = patches.len() as u64;
+            npz.array(GEOMETRY[0], &[count], &patches.face)?;
+            npz.array(GEOMETRY[1], &[count], &patches.object)?;
+            npz.array(GEOMETRY[2], &[count], &patches.material)?;
+            npz.array(GEOMETRY[3], &[count], &patches.side)?;
+            npz.array(GEOMETRY[4], &[count], &patches.area)?;
+            npz.array(GEOMETRY[5], &[count, 3], patches.centroid.as_flattened())?;
+            npz.array(GEOMETRY[6], &[count, 3], patches.normal.as_flattened())?;
+            columns.write(npz)
+        })?;
+        self.manifest.patches = Some(FileEntry {
+            file: PATCHES_FILE.to_owned(),
+            blake3: file_checksum(&path)?,
+        });
+        Ok(())
+    }
+
+    /// Writes the patch table anew, now with what the rows came to. Its geometry comes from the file: it need not stay in
+    /// memory through the run.
+    fn complete_patches(&mut self) -> Result<()> {
+        let path = self.directory.join(PATCHES_FILE);
+        let mut known = Npz::open(&path)?;
+        let mut sources = Vec::with_capacity(GEOMETRY.len());
+        for name in GEOMETRY {
+            let header = known.header(name)?.clone();
+            let elements = known.elements(name)?;
+            let Some(size) = header.total_size().map(|size| size - header.size) else {
+                return Err(Error::malformed(&path, format!("has an array `{name}` without a size")));
+            };
+            sources.push((name, header, elements, size));
+        }
+        let file = known.into_file();
+        let wanted = 101 * u64::from(self.manifest.patch_count) + 4096;
+        let columns = &self.columns;
+        write_archive(&path, wanted, |npz| {
+            let mut buffer = vec![0; COPY];
+            for (name, header, elements, size) in &sources {
+                npz.begin(name, header.element, &header.shape)?;
+                match elements {
+                    Elements::Memory(bytes) => npz.write_all(bytes)?,
+                    Elements::Stored(offset) => {
+                        let mut done = 0;
+                        while done < *size {
+                            let chunk = usize::try_from(size - done).unwrap_or(COPY).min(COPY);
+                            read_exact_at(&file, &mut buffer[..chunk], offset + done)?;
+                            npz.write_all(&buffer[..chunk])?;
+                            done += chunk as u64;
+                        }
+                    }
+                }
+            }
+            columns.write(npz)
+        })?;
+        self.manifest.patches = Some(FileEntry {
+            file: PATCHES_FILE.to_owned(),
+            blake3: file_checksum(&path)?,
+        });
+        Ok(())
+    }
+}
+
+impl RowColumns {
+    fn write<W: Write + io::Seek>(&self, npz: &mut NpzWriter<W>) -> io::Result<()> {
+        let count = self.row_sum.len() as u64;
+        npz.array("escaped", &[count], &self.escaped)?;
+        npz.array("blocked", &[count], &self.blocked)?;
+        npz.array("unselected", &[count], &self.unselected)?;
+        npz.array("row_sum", &[count], &self.row_sum)
+    }
+}
+
+/// Makes `directory` ours: whether a store is there that is to be replaced.
+fn claim(directory: &Path, overwrite: bool) -> Result<bool> {
+    let in_the_way = |reason| Error::InTheWay {
+        path: directory.to_owned(),
+        reason,
+    };
+    match std::fs::metadata(directory) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            std::fs::create_dir_all(directory).map_err(|error| Error::io(directory, "created", error))?;
+            Ok(false)
+        }
+        Err(error) => Err(Error::io(directory, "read", error)),
+        Ok(metadata) if !metadata.is_dir() => {
+            Err(in_the_way("is a file, and a store is a directory; choose another name"))
+        }
+        Ok(_) if Manifest::is_in(directory) => {
+            if overwrite {
+                Ok(true)
+            } else {
+                Err(Error::Exists {
+                    path: directory.to_owned(),
+                })
+            }
+        }
+        Ok(_) => {
+            let entries = std::fs::read_dir(directory).map_err(|error| Error::io(directory, "read", error))?;
+            for entry in entries {
+                let entry = entry.map_err(|error| Error::io(directory, "read", error))?;
+                // A run that was killed at its very start leaves no more than this.
+                let name = entry.file_name();
+                let ours = name.to_string_lossy().ends_with(TEMPORARY_SUFFIX)
+                    || name == PARTS_DIRECTORY
+                        && std::fs::read_dir(entry.path()).is_ok_and(|mut parts| parts.next().is_none());
+                if !ours {
+                    return Err(in_the_way(
+                        "is a directory that holds something, and no store; choose another name",
+                    ));
+                }
+            }
+            Ok(false)
+        }
+    }
+}
+
+/// Removes the parts of a store that is being replaced, and what a killed run left; nothing else.
+fn remove_parts(parts: &Path) -> Result<()> {
+    let entries = std::fs::read_dir(parts).map_err(|error| Error::io(parts, "read", error))?;
+    for entry in entries {
+        let entry = entry.map_err(|error| Error::io(parts, "read", error))?;
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let is_part = name.starts_with("part-") && name.ends_with(".npz");
+        if is_part || name.ends_with(TEMPORARY_SUFFIX) {
+            std::fs::remove_file(entry.path()).map_err(|error| Error::io(&entry.path(), "removed", error))?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes an archive of about `wanted` bytes to `path`, whole or not at all.
+fn write_archive(
+    path: &Path,
+    wanted: u64,
+    write: impl FnOnce(&mut NpzWriter<DurableFile>) -> io::Result<()>,
+) -> Result<()> {
+    let mut npz = NpzWriter::new(DurableFile::create(path)?);
+    write(&mut npz)
+        .and_then(|()| npz.finish())
+        .and_then(DurableFile::commit)
+        .map_err(|error| Error::write(path, wanted, error))
+}
+
+/// The bytes of a part's file. In memory, because its checksum is wanted and zip headers are written last; a part is in
+/// memory anyway.
+fn encode(part: &Part, patch_count: u32) -> io::Result<Vec<u8>> {
+    let (rows, entries) = (part.rows.len() as u64, part.data.len() as u64);
+    let capacity = 4096 + 8 * part.data.len() + 48 * part.rows.len();
+    let mut npz = NpzWriter::new(Cursor::new(Vec::with_capacity(capacity)));
+    npz.csr_preamble(rows, u64::from(patch_count))?;
+    npz.array("data", &[entries], &part.data)?;
+    npz.array("indices", &[entries], &part.indices)?;
+    npz.array("indptr", &[rows + 1], &part.indptr)?;
+    npz.array("rows", &[rows], &part.rows)?;
+    npz.begin("sums", ElementType::U64, &[rows, 4])?;
+    let mut bytes = Vec::with_capacity(32 * part.sums.len());
+    for sums in &part.sums {
+        for weight in [sums.visible, sums.escaped, sums.blocked, sums.unselected] {
+            weight.put(&mut bytes);
+        }
+    }
+    npz.write_all(&bytes)?;
+    npz.array("hemicubes", &[rows], &part.hemicubes)?;
+    Ok(npz.finish()?.into_inner())
+}
