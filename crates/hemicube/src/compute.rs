@@ -4,7 +4,8 @@
 //! of work, and workers' results are put back in order before they leave.
 
 use crate::Model;
-use crate::backend::{BackendError, Counters, HemicubeBackend, RenderSettings, WHOLE};
+use crate::backend::{BackendError, Counters, HemicubeBackend, RenderSettings};
+use crate::correct::{Converter, Correction};
 use crate::row::{RowBlock, RowError};
 use crate::store::{Part, RowSums, StoreWriter};
 use hemicube_scene::InputPatch;
@@ -54,7 +55,7 @@ pub enum RowChoice {
 }
 
 /// What is to be computed: the rows in the order of work, cut into parts.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// The emitting patch of each row, in the order of work.
     pub rows: Vec<InputPatch>,
@@ -66,6 +67,8 @@ pub struct Plan {
     pub rotate: bool,
     /// Which patches have rows and columns.
     pub selection: Selection,
+    /// How weights become form factors.
+    pub correction: Correction,
 }
 
 impl Plan {
@@ -87,7 +90,15 @@ impl Plan {
             samples_per_edge,
             rotate,
             selection,
+            correction: Correction::Pixel,
         }
+    }
+
+    /// The same plan with another rung of the accuracy ladder.
+    #[must_use]
+    pub fn with_correction(mut self, correction: Correction) -> Self {
+        self.correction = correction;
+        self
     }
 
     /// How many parts there are.
@@ -272,7 +283,7 @@ impl Queue {
 
 /// Computes the rows of `plan` with `backend` and hands them, part by part, to `sink`.
 ///
-/// `settings` are loaded into the backend here. `progress` is called on this thread now and then. When `cancel` becomes
+/// `settings` are loaded into the backend here, with covered weights whenever the plan's correction needs them. `progress` is called on this thread now and then. When `cancel` becomes
 /// true, the part being computed is finished and kept, and the summary says so.
 ///
 /// # Errors
@@ -291,6 +302,10 @@ pub fn compute(
     let backend_error = |source| ComputeError::Backend {
         backend: name.clone(),
         source,
+    };
+    let settings = RenderSettings {
+        covered: settings.covered || plan.correction.needs_covered(),
+        ..settings
     };
     backend.load(model.geometry(), settings).map_err(backend_error)?;
 
@@ -348,9 +363,17 @@ pub fn compute(
                 let (sender, queue, rows_of_batch) = (sender.clone(), &queue, &rows_of_batch);
                 scope.spawn(move || {
                     let mut rows = RowBlock::default();
+                    let mut converter = Converter::new(plan.correction);
                     while let Some(batch) = queue.take(window) {
-                        let result =
-                            compute_batch(model, plan, settings, session.as_mut(), rows_of_batch(batch), &mut rows);
+                        let result = compute_batch(
+                            model,
+                            plan,
+                            settings,
+                            session.as_mut(),
+                            rows_of_batch(batch),
+                            &mut rows,
+                            &mut converter,
+                        );
                         let failed = result.is_err();
                         if sender.send((batch, result)).is_err() || failed {
                             queue.stop_at(0);
@@ -400,6 +423,7 @@ fn compute_batch(
     backend: &mut dyn HemicubeBackend,
     emitters: &[InputPatch],
     rows: &mut RowBlock,
+    converter: &mut Converter,
 ) -> Result<Batch, ComputeError> {
     let mut hemicubes = Vec::with_capacity(emitters.len());
     let mut count_of_row = Vec::with_capacity(emitters.len());
@@ -425,45 +449,19 @@ fn compute_batch(
         ..Batch::default()
     };
     let part = &mut batch.part;
-    let mut merged: Vec<(u32, u64)> = Vec::new();
     let mut first = 0;
     for (&emitter, &count) in emitters.iter().zip(&count_of_row) {
-        merged.clear();
-        let mut sums = RowSums::default();
-        for row in first..first + count {
-            let row = rows.row(row);
-            merged.extend(
-                row.patches
-                    .iter()
-                    .copied()
-                    .zip(row.visible.iter().map(|&v| u64::from(v))),
-            );
-            sums.escaped += u64::from(row.escaped);
-            sums.blocked += u64::from(row.blocked);
-        }
+        let samples = first..first + count;
         first += count;
-        if count > 1 {
-            merged.sort_unstable_by_key(|&(patch, _)| patch);
-            merged.dedup_by(|next, kept| {
-                let same = next.0 == kept.0;
-                kept.1 += if same { next.1 } else { 0 };
-                same
-            });
-        }
-        let scale = 1.0 / (f64::from(WHOLE) * count.max(1) as f64);
-        for &(patch, weight) in &merged {
-            if weight == 0 {
-                continue;
-            }
-            if !plan.selection.receives(patch) {
-                sums.unselected += weight;
-                continue;
-            }
-            sums.visible += weight;
-            part.indices.push(patch.cast_signed());
-            #[allow(clippy::cast_possible_truncation, reason = "rounding to the store's f32 is wanted")]
-            part.data.push((weight as f64 * scale) as f32);
-        }
+        let sums = converter.convert(
+            model,
+            emitter,
+            &hemicubes[samples.clone()],
+            samples.map(|row| rows.row(row)),
+            |patch| plan.selection.receives(patch),
+            &mut part.indices,
+            &mut part.data,
+        );
         part.rows.push(emitter.0);
         part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
         part.sums.push(sums);

@@ -1,2 +1,292 @@
-//! x
-fn main() {}
+//! Hemicubes a second of engine 1: by scene, against its own brute-force setting, by hierarchy, instruction set and
+//! resolution. `cargo bench -p hemicube-backend-cpu --bench engine`.
+//!
+//! Before criterion's own groups, a table of ratios is printed whose two sides were measured in turns in this run, in
+//! processor time of the thread: those are what claims rest on. `HEMICUBE_BENCH=small` leaves the scenes of 1.5 million
+//! patches out; scenes of ../shared/scenes are used where they are.
+#![allow(clippy::print_stdout, reason = "a bench prints")]
+#![allow(missing_docs, reason = "criterion_group! makes undocumented items")]
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
+use hemicube::backend::{Culling, Hemicube, HemicubeBackend, RenderSettings};
+use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
+use hemicube::row::RowBlock;
+use hemicube::store::Part;
+use hemicube::{HierarchyOptions, Model};
+use hemicube_backend_cpu::{CpuBackend, Hierarchy, Isa};
+use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box, generate};
+use hemicube_scene::repair::{RepairOptions, repair};
+use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, load};
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+/// A scene ready to be measured: runs of 16 consecutive patches spread over the order of work.
+struct Case {
+    name: &'static str,
+    model: Model,
+    hemicubes: Vec<Hemicube>,
+}
+
+impl Case {
+    fn new(name: &'static str, mut scene: Scene, subdivision: Subdivision, rows: usize) -> Self {
+        repair(&mut scene, RepairOptions::default());
+        let patches = Patches::new(&scene, subdivision).expect("patches");
+        let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+        let order: Vec<_> = model.order().collect();
+        let runs = rows / 16;
+        let hemicubes = (0..runs)
+            .flat_map(|r| order[r * order.len() / runs..].iter().take(16))
+            .flat_map(|&p| model.hemicubes(p, 1, true))
+            .collect();
+        Self { name, model, hemicubes }
+    }
+
+    fn backend(&self, isa: Isa, hierarchy: Hierarchy, resolution: u32, culling: Culling) -> CpuBackend {
+        let mut backend = CpuBackend::with_isa(isa)
+            .expect("an instruction set of this machine")
+            .with_hierarchy(hierarchy);
+        backend
+            .load(
+                self.model.geometry(),
+                RenderSettings {
+                    resolution,
+                    culling,
+                    covered: false,
+                },
+            )
+            .expect("settings in range");
+        backend
+    }
+
+    fn best(&self, resolution: u32, culling: Culling) -> CpuBackend {
+        self.backend(Isa::available()[0], Hierarchy::SurfaceArea, resolution, culling)
+    }
+}
+
+fn shared_scene(path: &str) -> Option<Scene> {
+    let root = std::env::var_os("HEMICUBE_SCENES").map_or_else(
+        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../../shared/scenes"),
+        PathBuf::from,
+    );
+    let file = root.join(path);
+    if !file.exists() {
+        println!("SKIP {path}: no ../shared/scenes");
+        return None;
+    }
+    Some(load(&file, ReadOptions::default()).expect("a scene that reads"))
+}
+
+fn block_city(blocks: u32, split: u32) -> Scene {
+    BlockCityParameters {
+        blocks,
+        split,
+        ..BlockCityParameters::for_target(1000, 1)
+    }
+    .generate()
+    .expect("a city")
+}
+
+fn cases(large: bool) -> Vec<Case> {
+    let mut cases = vec![
+        Case::new("room-10k", cornell_box(), Subdivision::Levels(4), 256),
+        Case::new("block-city-9k", block_city(25, 1), Subdivision::None, 256),
+        Case::new("block-city-140k", block_city(25, 4), Subdivision::None, 256),
+        Case::new(
+            "spheres-10k",
+            generate(Generate {
+                kind: Kind::Spheres,
+                target_patches: 10_000,
+                seed: 1,
+            })
+            .expect("spheres"),
+            Subdivision::None,
+            256,
+        ),
+        Case::new(
+            "soup-10k",
+            generate(Generate {
+                kind: Kind::Soup,
+                target_patches: 10_000,
+                seed: 1,
+            })
+            .expect("a soup"),
+            Subdivision::None,
+            256,
+        ),
+    ];
+    for (name, path, subdivision) in [
+        ("denhaag-8897", "city/denhaag-8897.obj", Subdivision::None),
+        ("denhaag-8897-x16", "city/denhaag-8897.obj", Subdivision::Levels(2)),
+    ] {
+        cases.extend(shared_scene(path).map(|scene| Case::new(name, scene, subdivision, 256)));
+    }
+    if large {
+        cases.push(Case::new("block-city-1.5M", block_city(82, 4), Subdivision::None, 64));
+        cases.extend(
+            shared_scene("city/denhaag.obj").map(|s| Case::new("denhaag-split6", s, Subdivision::Split(6), 64)),
+        );
+    }
+    cases
+}
+
+/// Time that this thread was on a processor: other programs do not count. The clock on the wall where the system does
+/// not tell.
+fn thread_seconds() -> f64 {
+    std::fs::read_to_string("/proc/thread-self/schedstat")
+        .ok()
+        .and_then(|s| s.split(' ').next()?.parse::<f64>().ok())
+        .map_or_else(
+            || std::time::UNIX_EPOCH.elapsed().map_or(0.0, |d| d.as_secs_f64()),
+            |ns| ns * 1e-9,
+        )
+}
+
+/// Best seconds of each of two backends over the same hemicubes, measured in turns.
+fn in_turns(a: &mut CpuBackend, b: &mut CpuBackend, hemicubes: &[Hemicube]) -> (f64, f64) {
+    let mut rows = RowBlock::default();
+    let mut time = |backend: &mut CpuBackend| {
+        rows.clear();
+        let start = thread_seconds();
+        backend.rows(hemicubes, &mut rows).expect("rows");
+        thread_seconds() - start
+    };
+    let mut best = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..5 {
+        best.0 = best.0.min(time(a));
+        best.1 = best.1.min(time(b));
+    }
+    best
+}
+
+fn print_ratios(cases: &[Case]) {
+    println!("One core, N = 256, best of 5 in turns; hemicubes a second and their ratios.");
+    println!("| scene | patches | culled | brute force | culled / brute | surface area / octree |");
+    println!("|---|---|---|---|---|---|");
+    let isa = Isa::available()[0];
+    for case in cases {
+        let count = case.hemicubes.len() as f64;
+        let mut culled = case.best(256, Culling::On);
+        let (t_culled, t_brute) = in_turns(&mut culled, &mut case.best(256, Culling::Off), &case.hemicubes);
+        let mut octree = case.backend(isa, Hierarchy::Octree, 256, Culling::On);
+        let (t_area, t_octree) = in_turns(&mut culled, &mut octree, &case.hemicubes);
+        println!(
+            "| {} | {} | {:.0} | {:.0} | {:.2} | {:.2} |",
+            case.name,
+            case.model.patches().len(),
+            count / t_culled,
+            count / t_brute,
+            t_brute / t_culled,
+            t_octree / t_area,
+        );
+    }
+    for case in cases.iter().filter(|c| c.model.patches().len() < 1_000_000) {
+        let plan = Plan::new(
+            &case.model,
+            RowChoice::Sample { count: 4096, seed: 1 },
+            Selection::default(),
+            1,
+            true,
+        );
+        let time = |threads| {
+            let settings = RenderSettings {
+                resolution: 256,
+                culling: Culling::On,
+                covered: false,
+            };
+            let mut parts: Vec<Part> = Vec::new();
+            let summary = compute(
+                &case.model,
+                &plan,
+                settings,
+                Box::new(CpuBackend::new()),
+                Execution { threads, batch: 0 },
+                &mut parts,
+                &mut |_| {},
+                &AtomicBool::new(false),
+            )
+            .expect("rows");
+            summary.elapsed.as_secs_f64()
+        };
+        let (mut one, mut two) = (f64::INFINITY, f64::INFINITY);
+        for _ in 0..3 {
+            one = one.min(time(1));
+            two = two.min(time(2));
+        }
+        println!(
+            "{}: two threads {:.2} times one (wall clock, best of 3 in turns)",
+            case.name,
+            one / two
+        );
+    }
+}
+
+fn rate(c: &mut Criterion) {
+    let small = std::env::var("HEMICUBE_BENCH").is_ok_and(|v| v == "small");
+    // Under `--test` every bench runs once, to see that it still does.
+    let test = std::env::args().any(|a| a == "--test");
+    let cases = if test {
+        vec![Case::new("room-640", cornell_box(), Subdivision::Levels(2), 16)]
+    } else {
+        cases(!small)
+    };
+    print_ratios(&cases);
+
+    let mut run = |group: &str, id: BenchmarkId, case: &Case, mut backend: CpuBackend| {
+        let mut rows = RowBlock::default();
+        let mut group = c.benchmark_group(group);
+        group
+            .sample_size(10)
+            .throughput(Throughput::Elements(case.hemicubes.len() as u64));
+        group.bench_function(id, |b| {
+            b.iter(|| {
+                rows.clear();
+                backend.rows(&case.hemicubes, &mut rows).expect("rows")
+            });
+        });
+        group.finish();
+    };
+    for case in &cases {
+        run(
+            "culled",
+            BenchmarkId::new(case.name, 256),
+            case,
+            case.best(256, Culling::On),
+        );
+    }
+    for case in cases
+        .iter()
+        .filter(|c| c.name.starts_with("room") || c.name == "denhaag-8897-x16")
+    {
+        run(
+            "brute",
+            BenchmarkId::new(case.name, 256),
+            case,
+            case.best(256, Culling::Off),
+        );
+        for isa in Isa::available() {
+            let backend = case.backend(isa, Hierarchy::SurfaceArea, 256, Culling::On);
+            run("isa", BenchmarkId::new(format!("{isa:?}"), case.name), case, backend);
+        }
+        run(
+            "hierarchy",
+            BenchmarkId::new("octree", case.name),
+            case,
+            case.backend(Isa::available()[0], Hierarchy::Octree, 256, Culling::On),
+        );
+        for resolution in [64, 128, 512, 1024] {
+            run(
+                "resolution",
+                BenchmarkId::new(case.name, resolution),
+                case,
+                case.best(resolution, Culling::On),
+            );
+        }
+    }
+}
+
+criterion_group!(benches, rate);
+
+fn main() {
+    benches();
+    Criterion::default().configure_from_args().final_summary();
+}

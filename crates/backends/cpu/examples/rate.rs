@@ -67,11 +67,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 },
             )?;
             let loaded = start.elapsed();
-            let used = if culling == Culling::Off {
-                &hemicubes[..hemicubes.len().min(64)]
-            } else {
-                &hemicubes
-            };
+            let used = &hemicubes;
             let mut block = RowBlock::default();
             let mut best = f64::INFINITY;
             let mut counters = Default::default();

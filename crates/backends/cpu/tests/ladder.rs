@@ -1,0 +1,129 @@
+//! The rungs of the accuracy ladder on a closed cube, whose face-to-face factors are known in closed form.
+
+use hemicube::backend::{Culling, RenderSettings};
+use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
+use hemicube::correct::Correction;
+use hemicube::factor::FactorRule;
+use hemicube::store::Part;
+use hemicube::{HierarchyOptions, InputPatch, Model};
+use hemicube_backend_cpu::CpuBackend;
+use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
+use std::sync::atomic::AtomicBool;
+
+/// A unit cube seen from inside; faces 2k and 2k + 1 are opposite.
+fn cube() -> Scene {
+    let mut scene = Scene {
+        objects: vec!["cube".to_owned()],
+        materials: vec![Default::default()],
+        ..Scene::default()
+    };
+    for axis in 0..3 {
+        for side in [0.0, 1.0] {
+            let at = |u: f64, v: f64| {
+                let mut p = [0.0; 3];
+                p[axis] = side;
+                p[(axis + 1) % 3] = u;
+                p[(axis + 2) % 3] = v;
+                p.into()
+            };
+            let (a, b, c, d) = (at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0));
+            let quad = if side == 0.0 {
+                [[a, b, c], [a, c, d]]
+            } else {
+                [[a, c, b], [a, d, c]]
+            };
+            let face = scene.triangles.len() as u32 / 2;
+            scene.triangles.extend(quad.map(|corners| Triangle {
+                corners,
+                object: 0,
+                material: 0,
+                face,
+                two_sided: false,
+            }));
+        }
+    }
+    scene
+}
+
+/// The 6 × 6 face-to-face factors, and the largest deviation of a row's sum from 1.
+fn face_factors(correction: Correction, resolution: u32, samples_per_edge: u32) -> ([[f64; 6]; 6], f64) {
+    let scene = cube();
+    let patches = Patches::new(&scene, Subdivision::Levels(2)).expect("patches");
+    let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+    let plan =
+        Plan::new(&model, RowChoice::All, Selection::default(), samples_per_edge, true).with_correction(correction);
+    let mut parts: Vec<Part> = Vec::new();
+    compute(
+        &model,
+        &plan,
+        RenderSettings {
+            resolution,
+            culling: Culling::On,
+            covered: false,
+        },
+        Box::new(CpuBackend::new()),
+        Execution::default(),
+        &mut parts,
+        &mut |_| {},
+        &AtomicBool::new(false),
+    )
+    .expect("rows");
+    let face = |p: u32| scene.triangles[model.patches().triangle(InputPatch(p))].face as usize;
+    let (mut factors, mut worst) = ([[0.0; 6]; 6], 0.0f64);
+    for part in &parts {
+        for (row, &i) in part.rows.iter().enumerate() {
+            let (columns, data) = part.row(row);
+            let mut sum = 0.0;
+            for (&j, &f) in columns.iter().zip(data) {
+                factors[face(i)][face(j.cast_unsigned())] += f64::from(f) * model.patches().area(InputPatch(i));
+                sum += f64::from(f);
+            }
+            worst = worst.max((sum - 1.0).abs());
+        }
+    }
+    (factors, worst)
+}
+
+/// The largest error of the face-to-face factors.
+fn error(factors: &[[f64; 6]; 6]) -> f64 {
+    let mut worst = 0.0f64;
+    for (i, row) in factors.iter().enumerate() {
+        for (j, &f) in row.iter().enumerate() {
+            let exact = match (i, j) {
+                (i, j) if i == j => 0.0,
+                (i, j) if i / 2 == j / 2 => 0.199_824_895_698_387,
+                _ => 0.200_043_776_075_403,
+            };
+            worst = worst.max((f - exact).abs());
+        }
+    }
+    worst
+}
+
+#[test]
+fn the_area_rung_is_right_where_pixels_and_points_are_not() {
+    let (pixel, pixel_closure) = face_factors(Correction::Pixel, 256, 1);
+    let (point, _) = face_factors(Correction::Point, 256, 1);
+    let (area, area_closure) = face_factors(Correction::Area(FactorRule::for_tolerance(1e-4)), 128, 1);
+    let (pixel, point, area) = (error(&pixel), error(&point), error(&area));
+    assert!(
+        pixel_closure < 1e-6,
+        "pixel rows sum to 1 whatever they are worth: {pixel_closure:e}"
+    );
+    assert!(area < 2e-5, "area: {area:e}");
+    assert!(area_closure < 1e-4, "area rows: {area_closure:e}");
+    assert!(
+        pixel > 50.0 * area && point > 50.0 * area,
+        "a centre is not an area: {pixel:e} {point:e} {area:e}"
+    );
+}
+
+#[test]
+fn more_samples_help_points_and_do_not_hurt_areas() {
+    let rule = FactorRule::for_tolerance(1e-3);
+    let (one, _) = face_factors(Correction::Point, 128, 1);
+    let (four, _) = face_factors(Correction::Point, 128, 2);
+    let (area_four, _) = face_factors(Correction::Area(rule), 128, 2);
+    assert!(error(&four) < 0.7 * error(&one));
+    assert!(error(&area_four) < 2e-4);
+}

@@ -1,0 +1,210 @@
+//! From weights to form factors: the rungs of the accuracy ladder.
+//!
+//! - *pixel*: F_ij = Σ visible weight. Aliasing falls with the resolution; that the emitter is a point does not.
+//! - *point*: F_ij = visible fraction × the closed form from the hemicube's centre.
+//! - *area*: F_ij = visible fraction × the closed form from the whole emitter, as symmetric as visibility allows.
+//!
+//! The *visible fraction* is what a patch shows over what it would cover alone, by the same rasteriser. With K hemicubes a
+//! patch, fractions are averaged with the closed form from each centre as weight, for that is the share that each part of
+//! the emitter has in the whole.
+
+use crate::Model;
+use crate::backend::{Hemicube, WHOLE};
+use crate::factor::{Exchanges, FactorRule, PointFactors};
+use crate::row::RowView;
+use crate::store::RowSums;
+use glam::DVec3;
+use hemicube_scene::InputPatch;
+
+/// A rung of the accuracy ladder.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Correction {
+    /// Sums of pixels.
+    Pixel,
+    /// Visible fraction × point-to-area closed form.
+    Point,
+    /// Visible fraction × area-to-area closed form, integrated by this rule.
+    Area(FactorRule),
+}
+
+impl Correction {
+    /// The name in settings and manifests.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Pixel => "pixel",
+            Self::Point => "point",
+            Self::Area(_) => "area",
+        }
+    }
+
+    /// Whether rows must carry covered weights.
+    pub fn needs_covered(&self) -> bool {
+        !matches!(self, Self::Pixel)
+    }
+}
+
+/// A visible fraction this near to 1 is 1: what is missing is rounding of weights, not an occluder.
+const ALL_VISIBLE: f64 = 0.9999;
+
+/// Converts the rows of one patch at a time. One a thread.
+#[derive(Debug)]
+pub(crate) struct Converter {
+    correction: Correction,
+    /// (patch, sample, visible, covered) of all samples of the row.
+    entries: Vec<(u32, u32, u32, u32)>,
+    exchanges: Option<Exchanges>,
+    fractions: Vec<f64>,
+    values: Vec<f64>,
+    points: PointFactors,
+}
+
+impl Converter {
+    pub(crate) fn new(correction: Correction) -> Self {
+        Self {
+            correction,
+            entries: Vec::new(),
+            exchanges: match correction {
+                Correction::Area(rule) => Some(Exchanges::new(rule)),
+                _ => None,
+            },
+            fractions: Vec::new(),
+            values: Vec::new(),
+            points: PointFactors::new(),
+        }
+    }
+
+    /// Appends the columns and form factors of one row, and returns its sums of weights.
+    ///
+    /// `hemicubes` and `rows` are the emitter's samples; `receives` says whether a patch has a column.
+    pub(crate) fn convert<'r>(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        hemicubes: &[Hemicube],
+        rows: impl Iterator<Item = RowView<'r>>,
+        receives: impl Fn(u32) -> bool,
+        columns: &mut Vec<i32>,
+        data: &mut Vec<f32>,
+    ) -> RowSums {
+        let mut sums = RowSums::default();
+        self.entries.clear();
+        for (sample, row) in (0u32..).zip(rows) {
+            sums.escaped += u64::from(row.escaped);
+            sums.blocked += u64::from(row.blocked);
+            for ((&patch, &visible), &covered) in row.patches.iter().zip(row.visible).zip(row.covered) {
+                if receives(patch) {
+                    sums.visible += u64::from(visible);
+                    self.entries.push((patch, sample, visible, covered));
+                } else {
+                    sums.unselected += u64::from(visible);
+                }
+            }
+        }
+        if hemicubes.len() > 1 {
+            self.entries.sort_unstable();
+        }
+        match self.correction {
+            Correction::Pixel => self.pixel(hemicubes.len(), columns, data),
+            Correction::Point => self.point(model, hemicubes, columns, data),
+            Correction::Area(_) => self.area(model, emitter, hemicubes, columns, data),
+        }
+        sums
+    }
+
+    fn pixel(&self, samples: usize, columns: &mut Vec<i32>, data: &mut Vec<f32>) {
+        let scale = 1.0 / (f64::from(WHOLE) * samples.max(1) as f64);
+        for group in self.entries.chunk_by(|a, b| a.0 == b.0) {
+            let weight: u64 = group.iter().map(|e| u64::from(e.2)).sum();
+            push(columns, data, group[0].0, weight as f64 * scale);
+        }
+    }
+
+    fn point(&mut self, model: &Model, hemicubes: &[Hemicube], columns: &mut Vec<i32>, data: &mut Vec<f32>) {
+        let scale = 1.0 / hemicubes.len().max(1) as f64;
+        for group in self.entries.chunk_by(|a, b| a.0 == b.0) {
+            let patch = group[0].0;
+            let corners = normalised_corners(model, patch);
+            let centers = group.iter().map(|e| &hemicubes[e.1 as usize]);
+            let factors = self.points.evaluate(centers.map(|h| (h.origin, h.axes[2])), &corners);
+            let sum: f64 = group.iter().zip(factors).map(|(e, f)| fraction(e.2, e.3) * f).sum();
+            push(columns, data, patch, sum * scale);
+        }
+    }
+
+    fn area(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        hemicubes: &[Hemicube],
+        columns: &mut Vec<i32>,
+        data: &mut Vec<f32>,
+    ) {
+        let Some(exchanges) = &mut self.exchanges else { return };
+        let own = normalised_corners(model, emitter.0);
+        let per_area = 2.0 / (own[1] - own[0]).cross(own[2] - own[0]).length();
+        self.fractions.clear();
+        self.values.clear();
+        let groups = || self.entries.chunk_by(|a, b| a.0 == b.0);
+        self.values.resize(groups().count(), 0.0);
+        for (place, group) in groups().enumerate() {
+            let corners = normalised_corners(model, group[0].0);
+            let all = group.len() == hemicubes.len() && group.iter().all(|e| fraction(e.2, e.3) == 1.0);
+            let visible = if all {
+                1.0
+            } else if hemicubes.len() == 1 {
+                fraction(group[0].2, group[0].3)
+            } else {
+                let factors = self
+                    .points
+                    .evaluate(hemicubes.iter().map(|h| (h.origin, h.axes[2])), &corners);
+                let whole: f64 = factors.iter().sum();
+                let seen: f64 = group.iter().map(|e| fraction(e.2, e.3) * factors[e.1 as usize]).sum();
+                if whole > 0.0 { seen / whole } else { 0.0 }
+            };
+            self.fractions.push(visible);
+            if visible > 0.0 {
+                exchanges.add(place, &own, &corners, &mut self.values);
+            }
+        }
+        exchanges.finish(&mut self.values);
+        for ((group, &visible), &exchange) in groups().zip(&self.fractions).zip(&self.values) {
+            push(columns, data, group[0].0, visible * exchange * per_area);
+        }
+    }
+}
+
+/// What a patch shows of what it would cover alone. Nothing covered is a patch too small for a pixel, seen at its
+/// centroid.
+fn fraction(visible: u32, covered: u32) -> f64 {
+    if covered == 0 {
+        return 1.0;
+    }
+    let fraction = f64::from(visible) / f64::from(covered);
+    if fraction >= ALL_VISIBLE { 1.0 } else { fraction }
+}
+
+fn normalised_corners(model: &Model, patch: u32) -> [DVec3; 3] {
+    model.patches().corners(InputPatch(patch)).map(|p| model.normalise(p))
+}
+
+fn push(columns: &mut Vec<i32>, data: &mut Vec<f32>, patch: u32, value: f64) {
+    #[allow(clippy::cast_possible_truncation, reason = "rounding to the store's f32 is wanted")]
+    let value = value as f32;
+    if value > 0.0 {
+        columns.push(patch.cast_signed());
+        data.push(value);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fractions() {
+        assert_eq!(fraction(0, 0), 1.0, "a tiny patch is seen");
+        assert_eq!(fraction(5, 10), 0.5);
+        assert_eq!(fraction(99_999, 100_000), 1.0);
+        assert_eq!(fraction(0, 10), 0.0);
+    }
+}
