@@ -18,6 +18,7 @@ mod patch;
 mod polygon;
 pub mod repair;
 mod subdivide;
+pub mod survey;
 
 #[cfg(feature = "ac3d")]
 pub mod ac3d;
@@ -25,6 +26,7 @@ pub mod ac3d;
 pub mod gltf;
 #[cfg(feature = "obj")]
 pub mod obj;
+pub mod write;
 
 pub use error::{Error, ErrorKind};
 pub use load::{Format, load};

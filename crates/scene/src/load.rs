@@ -38,14 +38,16 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
     })?;
     let bytes = std::fs::read(path).map_err(|e| Error::new(ErrorKind::Io(e)).in_file(path))?;
     let base = path.parent();
-    let scene = match format {
+    #[cfg(not(all(feature = "obj", feature = "gltf", feature = "ac3d")))]
+    let _ = (&bytes, base, options);
+    let scene: Result<Scene, Error> = match format {
         #[cfg(feature = "obj")]
         Format::Obj => crate::obj::read(&bytes, base, options),
         #[cfg(feature = "gltf")]
         Format::Gltf => crate::gltf::read(&bytes, base, options),
         #[cfg(feature = "ac3d")]
         Format::Ac3d => crate::ac3d::read(&bytes, base, options),
-        #[allow(unreachable_patterns, reason = "reached only where a reader is not compiled in")]
+        #[allow(unreachable_patterns, unused_variables, reason = "reached only where a reader is not compiled in")]
         other => Err(Error::unsupported(format!("the {other:?} reader is not compiled into this program"))),
     };
     let scene = scene.map_err(|e| e.in_file(path))?;

@@ -1,1 +1,221 @@
-//! Stub.
+//! Drops the triangles that can be no patch, by rules that depend on the triangle alone and not on where or how large it
+//! is, and counts every one.
+//!
+//! 1. **Not finite**: a corner with a coordinate that is infinite or no number. Dropped.
+//! 2. **Degenerate**: with ℓ the longest edge, h the height over it and m the largest coordinate by magnitude,
+//!
+//!    ```text
+//!    h ≤ max(10⁻¹² ℓ, 4 · 2⁻⁵² m)
+//!    ```
+//!
+//!    Dropped. The first bound is of shape: a triangle ten thousand million times as long as high is still kept. The
+//!    second is of rounding: corners are known to half a unit in the last place of m, so that a height of a few such
+//!    units has no direction (at 10⁷ units from the origin that is a height of 10⁻⁸).
+//! 3. **Duplicate**: every side of it that radiates (the front; of a two-sided triangle also the back) lies at the very
+//!    place of an earlier triangle's radiating side. Same place means the same three corner positions, as f64 bits with
+//!    −0 taken as 0, from whichever corner each begins. The later one is dropped, unless [`RepairOptions`] says to keep
+//!    it. So without two-sided triangles a duplicate is a triangle with the same corners *and the same winding*.
+//!
+//!    A two-sided triangle that shares one side with an earlier one-sided triangle and adds the other is a duplicate
+//!    too: it is dropped, and the earlier one becomes two-sided, so that what the file said of the second side holds.
+//! 4. **Reversed duplicate**: same corners as an earlier triangle, but none of its sides is there yet: two one-sided
+//!    triangles back to back, such as a wall between two rooms. Kept, only counted.
+//!
+//! After rules 1 to 3 no two patches of the scene coincide. The rest keep their order and their face numbers.
+
+use crate::{Scene, Triangle};
+use glam::DVec3;
+use std::cmp::Ordering;
+
+/// What [`repair`] leaves alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RepairOptions {
+    /// Count duplicates, but keep them.
+    pub keep_duplicates: bool,
+}
+
+/// How many triangles [`repair`] met of each kind; see the [rules](self).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RepairReport {
+    /// Dropped: a coordinate that is not finite.
+    pub non_finite: u64,
+    /// Dropped: no area to speak of.
+    pub degenerate: u64,
+    /// Duplicates met, dropped or not.
+    pub duplicates: u64,
+    /// Duplicates dropped: all or none.
+    pub duplicates_dropped: u64,
+    /// Kept: back to back with an earlier triangle.
+    pub reversed_duplicates: u64,
+}
+
+/// Drops what can be no patch; see the [rules](self).
+pub fn repair(scene: &mut Scene, options: RepairOptions) -> RepairReport {
+    let mut report = RepairReport::default();
+    scene.triangles.retain(|triangle| {
+        if !triangle.corners.iter().all(|corner| corner.is_finite()) {
+            report.non_finite += 1;
+            return false;
+        }
+        let degenerate = Shape::of(&triangle.corners).is_degenerate();
+        report.degenerate += u64::from(degenerate);
+        !degenerate
+    });
+
+    let mut dropped = vec![false; scene.triangles.len()];
+    for group in coincident(&scene.triangles) {
+        settle(&mut scene.triangles, &group, options, &mut dropped, &mut report);
+    }
+    if report.duplicates > 0 && !options.keep_duplicates {
+        let mut drop = dropped.iter();
+        scene.triangles.retain(|_| drop.next() != Some(&true));
+        report.duplicates_dropped = report.duplicates;
+    }
+    report
+}
+
+/// Longest edge and height of a triangle with finite corners.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Shape {
+    /// The longest edge.
+    pub(crate) longest: f64,
+    /// The height over it.
+    pub(crate) height: f64,
+    /// Rounding in the coordinates, which no height can be told from.
+    noise: f64,
+    /// Powers of two that lead from these units to the scene's, one after the other lest their product overflow.
+    units: [f64; 2],
+}
+
+impl Shape {
+    pub(crate) fn of(corners: &[DVec3; 3]) -> Self {
+        let [a, b, c] = *corners;
+        // In units of about the extent, so that no product of four lengths leaves the range of f64.
+        let (unit, [u, v]) = relative(a, [b, c]);
+        let mut edges = [u, v - u, v].map(|edge| (edge.length(), edge));
+        edges.sort_by(|p, q| p.0.total_cmp(&q.0));
+        let [(_, p), (_, q), (longest, _)] = edges;
+        // The two shorter edges: their product is rounded least.
+        let doubled_area = p.cross(q).length();
+        let largest = corners.iter().fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
+        Self {
+            longest,
+            height: if longest > 0.0 { doubled_area / longest } else { 0.0 },
+            noise: 4.0 * f64::EPSILON * (0.5 * largest / unit),
+            units: [unit, 2.0],
+        }
+    }
+
+    pub(crate) fn is_degenerate(&self) -> bool {
+        self.height <= (1e-12 * self.longest).max(self.noise)
+    }
+
+    /// Longest edge by height.
+    pub(crate) fn aspect(&self) -> f64 {
+        self.longest / self.height
+    }
+
+    /// The area, in the scene's unit squared.
+    pub(crate) fn area(&self) -> f64 {
+        let [p, q] = self.units;
+        0.5 * (self.longest * p * q) * (self.height * p * q)
+    }
+}
+
+/// A power of two `unit` of about half the points' extent, and the points relative to `origin` in units of twice that.
+pub(crate) fn relative<const N: usize>(origin: DVec3, points: [DVec3; N]) -> (f64, [DVec3; N]) {
+    let halves = points.map(|p| half_difference(p, origin));
+    let extent = halves.iter().fold(0.0_f64, |m, d| m.max(d.abs().max_element()));
+    let unit = power_of_two(extent);
+    (unit, halves.map(|d| d / unit))
+}
+
+/// (p − origin) / 2, which is finite where p and the origin are.
+pub(crate) fn half_difference(p: DVec3, origin: DVec3) -> DVec3 {
+    0.5 * p - 0.5 * origin
+}
+
+/// The largest power of two up to `x`, or the smallest normal one.
+pub(crate) fn power_of_two(x: f64) -> f64 {
+    f64::from_bits(x.to_bits() & (0x7FF << 52)).max(f64::MIN_POSITIVE)
+}
+
+/// Corner positions in an order that all triangles with these corners share, and whether the winding is that order's.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Place([[u64; 3]; 3]);
+
+fn place(triangle: &Triangle) -> (Place, bool) {
+    // Adding 0 turns −0 into 0 and leaves all else.
+    let mut corners = triangle.corners.map(|p| (p + 0.0).to_array().map(f64::to_bits));
+    let mut even = true;
+    for (i, j) in [(0, 1), (1, 2), (0, 1)] {
+        if corners[i] > corners[j] {
+            corners.swap(i, j);
+            even = !even;
+        }
+    }
+    (Place(corners), even)
+}
+
+/// A number that equal places share, so that sorting seldom has to look at all nine coordinates.
+fn digest(Place(corners): &Place) -> u64 {
+    corners.as_flattened().iter().fold(0, |hash: u64, &bits| {
+        let mixed = (hash ^ bits).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        mixed ^ (mixed >> 29)
+    })
+}
+
+/// Groups of triangles with the same corner positions, of two and more, each in the order of the scene.
+fn coincident(triangles: &[Triangle]) -> Vec<Vec<usize>> {
+    let mut order: Vec<(u64, usize)> = triangles
+        .iter()
+        .enumerate()
+        .map(|(i, t)| (digest(&place(t).0), i))
+        .collect();
+    let same_place = |&(_, i): &(u64, usize), &(_, j): &(u64, usize)| match (triangles.get(i), triangles.get(j)) {
+        (Some(a), Some(b)) => place(a).0.cmp(&place(b).0),
+        _ => Ordering::Equal,
+    };
+    // A full order, however digests collide: input made to collide costs no more than sorting.
+    order.sort_unstable_by(|a, b| a.0.cmp(&b.0).then_with(|| same_place(a, b)).then(a.1.cmp(&b.1)));
+    order
+        .chunk_by(|a, b| a.0 == b.0 && same_place(a, b).is_eq())
+        .filter(|group| group.len() > 1)
+        .map(|group| group.iter().map(|&(_, i)| i).collect())
+        .collect()
+}
+
+/// Rules 3 and 4 on triangles of one place, in the order of the scene.
+fn settle(
+    triangles: &mut [Triangle],
+    group: &[usize],
+    options: RepairOptions,
+    dropped: &mut [bool],
+    report: &mut RepairReport,
+) {
+    // Which triangle radiates from the side of either winding.
+    let mut owners: [Option<usize>; 2] = [None, None];
+    for &i in group {
+        let front = usize::from(place(&triangles[i]).1);
+        let back = 1 - front;
+        let two_sided = triangles[i].two_sided;
+        let shares = owners[front].is_some() || (two_sided && owners[back].is_some());
+        if !shares {
+            report.reversed_duplicates += u64::from(owners[back].is_some());
+            owners[front] = Some(i);
+            if two_sided {
+                owners[back] = Some(i);
+            }
+            continue;
+        }
+        report.duplicates += 1;
+        dropped[i] = true;
+        if two_sided && let (Some(owner), None) | (None, Some(owner)) = (owners[front], owners[back]) {
+            owners = [Some(owner); 2];
+            // Kept duplicates radiate for themselves.
+            if !options.keep_duplicates {
+                triangles[owner].two_sided = true;
+            }
+        }
+    }
+}

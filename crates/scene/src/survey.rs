@@ -1,0 +1,327 @@
+//! What can be said about a scene before anything is computed: its extent, its triangles, how they join, and what in it
+//! looks like a mistake.
+//!
+//! Two triangles join where they have an edge's two end points in common, as positions, whatever vertices the file gave
+//! them. A *boundary* edge belongs to one triangle, a *non-manifold* one to three and more, and an *inconsistent* one to
+//! two that run along it the same way, so that one shows its front where the other shows its back.
+
+use crate::repair::{RepairReport, Shape};
+use crate::{Axis, Scene, Triangle};
+use glam::DVec3;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::hash::Hash;
+
+/// The part of the largest extent within which [`Survey::welded_edges`] takes positions for the same.
+pub const WELD: f64 = 1e-7;
+/// How many of the worst triangles [`Survey::worst`] names.
+pub const WORST_MAX: usize = 5;
+
+/// What there is to say about a scene; see [`survey`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Survey {
+    /// Triangles that are left after repair.
+    pub triangle_count: usize,
+    /// Those of them that are two-sided.
+    pub two_sided_count: usize,
+    /// Names of objects.
+    pub object_count: usize,
+    /// Names of materials.
+    pub material_count: usize,
+    /// What repair dropped and counted.
+    pub repair: RepairReport,
+    /// The corners of the bounding box, least and greatest, unless there is no triangle.
+    pub bounds: Option<[DVec3; 2]>,
+    /// The bounding box's diagonal.
+    pub diagonal: f64,
+    /// The area of all triangles, of one side each.
+    pub area: f64,
+    /// The smallest triangle's area.
+    pub area_min: f64,
+    /// The largest triangle's area.
+    pub area_max: f64,
+    /// How the triangles join where positions are equal to the last bit.
+    pub edges: Edges,
+    /// How they join where positions are equal after rounding to steps of [`WELD`] of the largest extent. Fewer boundary
+    /// edges than in [`Survey::edges`] mean cracks too narrow to be meant.
+    pub welded_edges: Edges,
+    /// Objects that are closed each on its own, positions equal to the last bit.
+    pub closed_object_count: usize,
+    /// Up to [`WORST_MAX`] triangles of the largest aspect, the worst first.
+    pub worst: Vec<WorstTriangle>,
+    /// The axis that points up.
+    pub up: Axis,
+    /// Why that axis is taken to point up.
+    pub up_reason: String,
+    /// Whether the axis is a guess and not the format's word.
+    pub up_guessed: bool,
+    /// Sentences about units and coordinates that are worth a second look.
+    pub unit_hints: Vec<String>,
+}
+
+/// How triangles join along their edges; see the [module](self) for the words.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Edges {
+    /// Edges, each once however many triangles have it.
+    pub count: usize,
+    /// Edges of one triangle.
+    pub boundary: usize,
+    /// Edges of three triangles and more.
+    pub non_manifold: usize,
+    /// Edges of two triangles of opposite sense.
+    pub inconsistent: usize,
+}
+
+impl Edges {
+    /// Whether the surface is closed: every edge joins two triangles, front to front.
+    pub fn are_closed(&self) -> bool {
+        self.count > 0 && self.boundary == 0 && self.non_manifold == 0 && self.inconsistent == 0
+    }
+
+    fn add(&mut self, uses: &[Edge]) {
+        self.count += 1;
+        match uses {
+            [_] => self.boundary += 1,
+            [a, b] => self.inconsistent += usize::from(a.forward == b.forward),
+            _ => self.non_manifold += 1,
+        }
+    }
+}
+
+/// A triangle that is much longer than high.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorstTriangle {
+    /// Position of its face in the file, from 0.
+    pub face: u32,
+    /// The name of its object.
+    pub object: String,
+    /// Longest edge by the height over it; 1.15 for an equilateral triangle.
+    pub aspect: f64,
+    /// Its area.
+    pub area: f64,
+}
+
+/// Surveys a scene that [`crate::repair::repair`] has been through, with the report it gave.
+pub fn survey(scene: &Scene, report: &RepairReport) -> Survey {
+    let bounds = bounds(&scene.triangles);
+    let extent = bounds.map_or(DVec3::ZERO, |[low, high]| high - low);
+    let mut area = 0.0;
+    let (mut area_min, mut area_max) = (f64::INFINITY, 0.0_f64);
+    let mut worst: Vec<(f64, f64, &Triangle)> = Vec::new();
+    for triangle in &scene.triangles {
+        let shape = Shape::of(&triangle.corners);
+        let triangle_area = shape.area();
+        area += triangle_area;
+        area_min = area_min.min(triangle_area);
+        area_max = area_max.max(triangle_area);
+        // After the ones as bad, so that the first in the file is named.
+        let at = worst.partition_point(|&(aspect, _, _)| aspect >= shape.aspect());
+        if at < WORST_MAX {
+            worst.insert(at, (shape.aspect(), triangle_area, triangle));
+            worst.truncate(WORST_MAX);
+        }
+    }
+    if scene.triangles.is_empty() {
+        area_min = 0.0;
+    }
+
+    let exact = |p: DVec3| (p + 0.0).to_array().map(f64::to_bits);
+    let low = bounds.map_or(DVec3::ZERO, |[low, _]| low);
+    let step = WELD * extent.max_element();
+    // Where nothing can be told from 0, rounding would merge all.
+    let rounded = |p: DVec3| {
+        if step > 0.0 {
+            ((p - low) / step).round().to_array().map(f64::to_bits)
+        } else {
+            exact(p)
+        }
+    };
+    let mut exact_edges = edges_of(&scene.triangles, exact);
+    let mut rounded_edges = edges_of(&scene.triangles, rounded);
+    let (up, up_reason) = up(scene, extent, area);
+    Survey {
+        triangle_count: scene.triangles.len(),
+        two_sided_count: scene.triangles.iter().filter(|t| t.two_sided).count(),
+        object_count: scene.objects.len(),
+        material_count: scene.materials.len(),
+        repair: *report,
+        bounds,
+        diagonal: extent.length(),
+        area,
+        area_min,
+        area_max,
+        closed_object_count: closed_object_count(&mut exact_edges),
+        edges: tally(&mut exact_edges),
+        welded_edges: tally(&mut rounded_edges),
+        worst: worst
+            .into_iter()
+            .map(|(aspect, area, triangle)| WorstTriangle {
+                face: triangle.face,
+                object: scene.objects.get(triangle.object as usize).cloned().unwrap_or_default(),
+                aspect,
+                area,
+            })
+            .collect(),
+        up,
+        up_reason,
+        up_guessed: scene.up.is_none(),
+        unit_hints: unit_hints(scene, bounds, extent, area),
+    }
+}
+
+fn bounds(triangles: &[Triangle]) -> Option<[DVec3; 2]> {
+    let mut corners = triangles.iter().flat_map(|t| t.corners);
+    let first = corners.next()?;
+    Some(corners.fold([first, first], |[low, high], p| [low.min(p), high.max(p)]))
+}
+
+/// A use of an edge by a triangle.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Edge {
+    /// Numbers of the end points, the smaller first.
+    ends: [usize; 2],
+    object: u32,
+    /// Whether the triangle runs from the smaller to the larger number.
+    forward: bool,
+}
+
+/// The edges of all triangles but those that have two corners at one position, unordered.
+fn edges_of<K: Eq + Hash>(triangles: &[Triangle], position: impl Fn(DVec3) -> K) -> Vec<Edge> {
+    let mut numbers: HashMap<K, usize> = HashMap::new();
+    let mut edges = Vec::with_capacity(3 * triangles.len());
+    for triangle in triangles {
+        let [a, b, c] = triangle.corners.map(|p| {
+            let next = numbers.len();
+            match numbers.entry(position(p)) {
+                Entry::Occupied(number) => *number.get(),
+                Entry::Vacant(place) => *place.insert(next),
+            }
+        });
+        if a == b || b == c || c == a {
+            continue;
+        }
+        edges.extend([[a, b], [b, c], [c, a]].map(|[from, to]| Edge {
+            ends: [from.min(to), from.max(to)],
+            object: triangle.object,
+            forward: from < to,
+        }));
+    }
+    edges
+}
+
+fn tally(edges: &mut [Edge]) -> Edges {
+    edges.sort_unstable();
+    let mut tally = Edges::default();
+    for uses in edges.chunk_by(|a, b| a.ends == b.ends) {
+        tally.add(uses);
+    }
+    tally
+}
+
+fn closed_object_count(edges: &mut [Edge]) -> usize {
+    edges.sort_unstable_by_key(|edge| (edge.object, *edge));
+    edges
+        .chunk_by(|a, b| a.object == b.object)
+        .filter(|object| {
+            let mut tally = Edges::default();
+            for uses in object.chunk_by(|a, b| a.ends == b.ends) {
+                tally.add(uses);
+            }
+            tally.are_closed()
+        })
+        .count()
+}
+
+/// The axis that points up, and why.
+fn up(scene: &Scene, extent: DVec3, area: f64) -> (Axis, String) {
+    if let Some(axis) = scene.up {
+        return (axis, "the format says so".to_owned());
+    }
+    // The area that lies within 10° of across each axis.
+    let mut across = [0.0; 3];
+    for triangle in &scene.triangles {
+        let [a, b, c] = triangle.corners;
+        let normal = (b - a).cross(c - a);
+        let doubled_area = normal.length();
+        for (sum, component) in across.iter_mut().zip(normal.to_array()) {
+            if component.abs() >= 0.985 * doubled_area {
+                *sum += 0.5 * doubled_area;
+            }
+        }
+    }
+    let [x, y, z] = across;
+    let flat = extent.z <= 0.5 * extent.x.min(extent.y);
+    if flat && z > x && z > y {
+        let share = 100.0 * z / area;
+        return (
+            Axis::Z,
+            format!("guessed: the scene is flattest along z and {share:.0} % of its area lies level across it"),
+        );
+    }
+    let reason = if flat {
+        "most of the area does not lie level across z"
+    } else {
+        "the scene is not flat along z"
+    };
+    (Axis::Y, format!("guessed: {reason}"))
+}
+
+fn unit_hints(scene: &Scene, bounds: Option<[DVec3; 2]>, extent: DVec3, area: f64) -> Vec<String> {
+    let mut hints = Vec::new();
+    let Some([low, high]) = bounds else { return hints };
+    let across = extent.max_element();
+    if scene.metres_per_unit.is_none() {
+        if across > 1e5 {
+            hints.push(format!(
+                "the scene is {} units across: 1 unit is probably a millimetre, which makes it {} m (scale by 0.001 for metres)",
+                short(across),
+                short(across * 1e-3)
+            ));
+        } else if across < 1e-3 {
+            hints.push(format!(
+                "the scene is only {} units across: 1 unit is probably a kilometre or more (scale by 1000 for metres)",
+                short(across)
+            ));
+        }
+    }
+    let largest = low.abs().max(high.abs()).max_element();
+    let typical = (area / scene.triangles.len() as f64).sqrt();
+    let step = f32_step(largest);
+    if step > 1e-3 * typical {
+        hints.push(format!(
+            "coordinates reach {}, where f32 has steps of {} ({} of a typical triangle's size): they are kept in f64 here, \
+             and ruined where they pass through f32",
+            short(largest),
+            short(step),
+            if step < typical { format!("{:.1} %", 100.0 * step / typical) } else { "more than all".to_owned() }
+        ));
+    }
+    hints
+}
+
+/// The distance between neighbouring f32 numbers at `x`.
+fn f32_step(x: f64) -> f64 {
+    // 23 bits of fraction; f32 ends at 2⁻¹⁴⁹.
+    (crate::repair::power_of_two(x) * 2.0_f64.powi(-23)).max(2.0_f64.powi(-149))
+}
+
+/// A length for a sentence: plain digits where there are few.
+fn short(x: f64) -> String {
+    if (1e-3..1e7).contains(&x) {
+        // Four digits after the first.
+        let digits = (4.0 - x.log10().floor()).clamp(0.0, 8.0);
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped to 0 to 8"
+        )]
+        let text = format!("{x:.*}", digits as usize);
+        if text.contains('.') {
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        } else {
+            text
+        }
+    } else {
+        format!("{x:.3e}")
+    }
+}
