@@ -1,2 +1,77 @@
-//! The hemicube program.
-fn main() {}
+//! The hemicube program: scene in, form-factor matrix out.
+
+mod args;
+mod commands;
+mod config;
+mod exit;
+mod prepare;
+mod progress;
+mod report;
+mod selection;
+
+use crate::args::{Cli, Command};
+use crate::config::Layers;
+use crate::exit::Exit;
+use anyhow::Result;
+use clap::{CommandFactory, FromArgMatches};
+use std::ffi::OsString;
+use std::process::ExitCode;
+use tracing_subscriber::EnvFilter;
+
+fn main() -> ExitCode {
+    match run(std::env::args_os()) {
+        Ok(exit) => exit.into(),
+        Err(error) => exit::failed(&error),
+    }
+}
+
+fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
+    let arguments = args::join_json(arguments);
+    // Help and wrong usage end the program here, before anything is read.
+    let definition = Cli::command();
+    let first = definition.clone().get_matches_from(&arguments);
+    let (subcommand, matches) = match first.subcommand() {
+        Some((name @ ("compute" | "inspect"), matches)) => (name, matches),
+        _ => return dispatch(Cli::from_arg_matches(&first)?, None),
+    };
+    let known = definition.find_subcommand(subcommand).cloned().unwrap_or_default();
+    let layers = Layers::gather(&known, matches)?;
+    let layered = layers.apply(definition, subcommand).get_matches_from(&arguments);
+    let cli = Cli::from_arg_matches(&layered)?;
+    let settings = layered
+        .subcommand_matches(subcommand)
+        .map(|matches| layers.print(&known, matches));
+    dispatch(cli, settings)
+}
+
+fn dispatch(cli: Cli, settings: Option<String>) -> Result<Exit> {
+    let talk = cli.talk;
+    let level = if talk.quiet { "error" } else { "warn" };
+    let filter = EnvFilter::try_from_env("HEMICUBE_LOG").unwrap_or_else(|_| EnvFilter::new(level));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(false)
+        .without_time()
+        .init();
+    let print_config = match &cli.command {
+        Command::Compute(compute) => compute.config.print_config,
+        Command::Inspect(inspect) => inspect.config.print_config,
+        _ => false,
+    };
+    let settings = settings.unwrap_or_default();
+    if print_config {
+        report::print(&settings)?;
+        return Ok(Exit::Done);
+    }
+    talk.detail(settings.trim_end());
+    match cli.command {
+        Command::Compute(arguments) => commands::compute::run(*arguments, talk),
+        Command::Inspect(arguments) => commands::inspect::run(*arguments, talk),
+        Command::Check(arguments) => commands::check::run(&arguments, talk),
+        Command::Compare(arguments) => commands::compare::run(&arguments, talk),
+        Command::Export(arguments) => commands::export::run(&arguments, talk),
+        Command::Generate(arguments) => commands::generate::run(&arguments, talk),
+        Command::Backends { command } => commands::backends::run(&command),
+    }
+}

@@ -1,0 +1,706 @@
+//! The command line: the one definition that help, settings files and environment variables are made from.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use hemicube::backend::RESOLUTIONS;
+use hemicube_scene::Axis;
+use hemicube_scene::generate::Kind;
+use std::ffi::{OsStr, OsString};
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// What every `--help` ends in.
+const AFTER_LONG_HELP: &str = "\
+Environment:
+  HEMICUBE_NAME         the setting `--name` of `compute` and `inspect`: HEMICUBE_RESOLUTION=512
+  HEMICUBE_NO_PROGRESS  1: no progress bar
+  HEMICUBE_LOG          what the libraries log: error, warn, info, debug, trace
+Exit status:
+  0    done
+  1    a check or a comparison did not hold
+  2    wrong usage, unreadable input, or something that could not be written
+  130  interrupted; what was computed is kept";
+
+const SETTINGS_HELP: &str = "\
+Settings, strongest first:
+  1. the command line
+  2. variables HEMICUBE_NAME
+  3. ./hemicube.toml, which holds the long names: `resolution = 512`
+  4. $XDG_CONFIG_HOME/hemicube/hemicube.toml, or ~/.config/hemicube/hemicube.toml
+  5. what is built in
+  `--config FILE` stands for 3 and 4; `--print-config` shows each value and where it came from.";
+
+fn examples(examples: &str, settings: bool) -> String {
+    let settings = if settings {
+        format!("{SETTINGS_HELP}\n")
+    } else {
+        String::new()
+    };
+    format!("Examples:\n{examples}\n{settings}{AFTER_LONG_HELP}")
+}
+
+/// Form-factor (view-factor) matrices of triangle scenes by the hemicube method.
+#[derive(Debug, Parser)]
+#[command(
+    name = "hemicube",
+    version,
+    max_term_width = 100,
+    color = clap::ColorChoice::Never,
+    subcommand_required = true,
+    arg_required_else_help = true,
+    disable_help_subcommand = true,
+    after_long_help = examples(
+        "  hemicube generate room --patches 10240 -o room.obj
+  hemicube compute room.obj -o room.hemicube
+  hemicube check room.hemicube
+  hemicube export room.hemicube room.npz",
+        false,
+    )
+)]
+pub(crate) struct Cli {
+    /// What to do
+    #[command(subcommand)]
+    pub(crate) command: Command,
+    #[command(flatten)]
+    pub(crate) talk: Talk,
+}
+
+/// How much is said on standard error.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct Talk {
+    /// Say nothing but errors
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+    /// Say more: all settings, and what was mended in the scene
+    #[arg(short, long, global = true)]
+    pub(crate) verbose: bool,
+    /// Draw no progress bar (there is none anyway unless standard error is a terminal)
+    #[arg(long, global = true, hide_short_help = true, env = "HEMICUBE_NO_PROGRESS", hide_env = true, value_parser = clap::builder::FalseyValueParser::new())]
+    pub(crate) no_progress: bool,
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Compute the form-factor matrix of a scene
+    #[command(override_usage = "hemicube compute [OPTIONS] SCENE -o DIR", after_long_help = examples(
+        "  hemicube compute room.obj -o room.hemicube
+  hemicube compute city.obj -o city.hemicube --sample-rows 1% --seed 7
+  hemicube compute city.glb -o facades.hemicube --emitters 'facade*' --occluders 'tree*'
+  hemicube compute room.obj -o fine.hemicube --subdivide 4 --resolution 512 --json=fine.json",
+        true,
+    ))]
+    Compute(Box<Compute>),
+    /// Describe a scene: size, area, sides, defects, and what its matrix would cost
+    #[command(override_usage = "hemicube inspect [OPTIONS] SCENE", after_long_help = examples("  hemicube inspect city.obj\n  hemicube inspect city.obj --split 4 --json", true))]
+    Inspect(Box<Inspect>),
+    /// Check a matrix: closure, reciprocity, range, checksums; exit 1 when a bound is broken
+    #[command(after_long_help = examples("  hemicube check room.hemicube\n  hemicube check room.hemicube --reciprocity 0.05", false))]
+    Check(Check),
+    /// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
+    #[command(after_long_help = examples("  hemicube compare fast.hemicube fine.hemicube --max-error 0.02", false))]
+    Compare(Compare),
+    /// Write a matrix for SciPy (.npz, .mtx), MATLAB (.txt, .dat) or NumPy (.npy)
+    #[command(after_long_help = examples("  hemicube export room.hemicube room.npz\n  hemicube export room.hemicube room.data --format mtx", false))]
+    Export(Export),
+    /// Generate a scene: room, city, block-city, maze, spheres, field or soup
+    #[command(after_long_help = examples("  hemicube generate city --patches 100000 --seed 3 -o city.obj", false))]
+    Generate(Generate),
+    /// The engines that render hemicubes
+    Backends {
+        /// What to do.
+        #[command(subcommand)]
+        command: Backends,
+    },
+}
+
+/// What can be done with backends.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Backends {
+    /// List the backends, their devices and what they can do
+    #[command(after_long_help = AFTER_LONG_HELP)]
+    List(BackendsList),
+}
+
+/// `hemicube backends list`
+#[derive(Args, Debug)]
+pub(crate) struct BackendsList {
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+
+/// How the scene is read and cut into patches.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Patches")]
+pub(crate) struct SceneSettings {
+    /// Halve all edges L times: each triangle becomes 4^L patches
+    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(0..=31))]
+    pub(crate) subdivide: Option<u32>,
+    /// Cut all edges in K pieces: each triangle becomes K² patches
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub(crate) split: Option<u32>,
+    /// Cut until no patch is longer than LENGTH, in the scene's unit
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    pub(crate) patch_size: Option<f64>,
+    /// Make both sides of triangles patches; auto: as the file says
+    #[arg(
+        long,
+        value_name = "auto|on|off",
+        default_value = "auto",
+        hide_possible_values = true
+    )]
+    pub(crate) two_sided: AutoSwitch,
+    /// The axis that points up, where the file does not say or is wrong
+    #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
+    pub(crate) up: Option<UpAxis>,
+    /// Multiply all coordinates by FACTOR
+    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = positive, allow_negative_numbers = true)]
+    pub(crate) scale: f64,
+    /// Keep triangles that lie exactly on others
+    #[arg(long, value_name = "WHEN", num_args = 0..=1, require_equals = true, default_missing_value = "on", default_value = "off", hide_short_help = true)]
+    pub(crate) keep_duplicates: Switch,
+}
+
+/// How hemicubes are rendered.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Hemicubes")]
+pub(crate) struct RenderSettings {
+    /// The engine; a name never falls back to another
+    #[arg(long, value_name = "auto|NAME", default_value = "auto")]
+    pub(crate) backend: String,
+    /// Pixels along an edge: a multiple of 16 up to 1024
+    #[arg(long, value_name = "N", default_value = "256", value_parser = resolution)]
+    pub(crate) resolution: u32,
+    /// Hemicubes a patch: 1, 4, 9, 16…
+    #[arg(long, value_name = "K", default_value = "1", value_parser = samples)]
+    pub(crate) samples: Samples,
+    /// What form factors are made of: the pixels seen
+    #[arg(long, value_name = "NAME", default_value = "pixel", value_parser = correction)]
+    pub(crate) correction: Correction,
+    /// Turn each hemicube by a hash of its patch
+    #[arg(long, value_name = "on|off", default_value = "on", hide_possible_values = true)]
+    pub(crate) rotation: Switch,
+    /// Deepest level of the octree, up to 21
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = octree_levels, hide_short_help = true)]
+    pub(crate) octree_levels: Auto,
+    /// Patches up to which a node of the octree is not divided
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = min_patches, hide_short_help = true)]
+    pub(crate) min_patches: Auto,
+    /// Worker threads; 0: one for each core
+    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub(crate) threads: u32,
+}
+
+/// Where settings come from.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Settings and reports")]
+pub(crate) struct ConfigFiles {
+    /// Read settings from FILE (TOML) and from no other file
+    #[arg(long, value_name = "FILE", conflicts_with = "no_config")]
+    pub(crate) config: Option<PathBuf>,
+    /// Read no file of settings
+    #[arg(long, hide_short_help = true)]
+    pub(crate) no_config: bool,
+    /// Print every setting and where it came from, and do nothing else
+    #[arg(long)]
+    pub(crate) print_config: bool,
+}
+
+/// Reports for programs.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Settings and reports")]
+pub(crate) struct Report {
+    /// Report as JSON, to standard output or to FILE
+    #[arg(long, value_name = "FILE|-", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
+    pub(crate) json: Option<PathBuf>,
+    /// Leave times and memory out of the report, so that equal runs report equally
+    #[arg(long, requires = "json", hide_short_help = true)]
+    pub(crate) no_timings: bool,
+}
+
+/// `hemicube compute`
+#[derive(Args, Debug)]
+pub(crate) struct Compute {
+    /// The scene: .obj, .gltf, .glb, .ac or .acc
+    #[arg(value_name = "SCENE", required_unless_present = "print_config")]
+    pub(crate) scene: Option<PathBuf>,
+    /// The directory to write the matrix to
+    #[arg(short, long, value_name = "DIR", required_unless_present = "print_config")]
+    pub(crate) output: Option<PathBuf>,
+    /// Replace a matrix that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    #[command(flatten)]
+    pub(crate) patches: SceneSettings,
+    #[command(flatten)]
+    pub(crate) render: RenderSettings,
+    /// Skip what cannot be seen; the matrix is the same
+    #[arg(
+        long,
+        value_name = "auto|on|off",
+        default_value = "auto",
+        hide_possible_values = true,
+        help_heading = "Hemicubes"
+    )]
+    pub(crate) culling: AutoSwitch,
+    /// Hemicubes a call of the backend; 0: what it likes best
+    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1 << 20), hide = true)]
+    pub(crate) batch: u32,
+    #[command(flatten)]
+    pub(crate) selection: SelectionSettings,
+    #[command(flatten)]
+    pub(crate) config: ConfigFiles,
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+
+/// Which rows and columns are computed.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Rows and columns")]
+pub(crate) struct SelectionSettings {
+    /// Only the rows of patches A to B − 1, counted from 0
+    #[arg(long, value_name = "A..B")]
+    pub(crate) rows: Option<RowRange>,
+    /// Only a random sample of the rows
+    #[arg(long, value_name = "N|P%")]
+    pub(crate) sample_rows: Option<SampleSize>,
+    /// Which sample
+    #[arg(long, value_name = "S", default_value = "1")]
+    pub(crate) seed: u64,
+    /// Rows only for objects or materials that match (repeatable)
+    #[arg(long, value_name = "GLOB")]
+    pub(crate) emitters: Vec<String>,
+    /// Columns only for these (repeatable)
+    #[arg(long, value_name = "GLOB")]
+    pub(crate) receivers: Vec<String>,
+    /// Neither rows nor columns for these: they only occlude (repeatable)
+    #[arg(long, value_name = "GLOB")]
+    pub(crate) occluders: Vec<String>,
+}
+
+/// `hemicube inspect`
+#[derive(Args, Debug)]
+pub(crate) struct Inspect {
+    /// The scene: .obj, .gltf, .glb, .ac or .acc
+    #[arg(value_name = "SCENE", required_unless_present = "print_config")]
+    pub(crate) scene: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) patches: SceneSettings,
+    #[command(flatten)]
+    pub(crate) render: RenderSettings,
+    /// Which hemicubes the forecast is made from
+    #[arg(
+        long,
+        value_name = "S",
+        default_value = "1",
+        help_heading = "Hemicubes",
+        hide_short_help = true
+    )]
+    pub(crate) seed: u64,
+    #[command(flatten)]
+    pub(crate) config: ConfigFiles,
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+
+/// `hemicube check`
+#[derive(Args, Debug)]
+pub(crate) struct Check {
+    /// The matrix
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// Bound on how far from 1 a row may sum [default: 1e-6]
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) closure: Option<f64>,
+    /// Bound on the relative difference of A_i F_ij and A_j F_ji [default: none, it is reported only]
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) reciprocity: Option<f64>,
+    /// Accept a matrix of which parts are missing, such as that of an interrupted run
+    #[arg(long)]
+    pub(crate) allow_incomplete: bool,
+    /// How many of the rows that sum worst are listed
+    #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u16).range(0..=1000))]
+    pub(crate) worst: u16,
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+
+/// `hemicube compare`
+#[derive(Args, Debug)]
+pub(crate) struct Compare {
+    /// The matrix: a store, or a .npz, .mtx or .npy file
+    #[arg(value_name = "A")]
+    pub(crate) matrix: PathBuf,
+    /// The reference
+    #[arg(value_name = "B")]
+    pub(crate) reference: PathBuf,
+    /// Exit 1 when the relative Frobenius error is above X
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) max_error: Option<f64>,
+    /// Compare only the rows A to B − 1, counted from 0
+    #[arg(long, value_name = "A..B")]
+    pub(crate) rows: Option<RowRange>,
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+
+/// `hemicube export`
+#[derive(Args, Debug)]
+pub(crate) struct Export {
+    /// The matrix
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// The file to write
+    #[arg(value_name = "OUT")]
+    pub(crate) output: PathBuf,
+    /// The format, where OUT's extension does not say
+    #[arg(long, value_name = "FORMAT")]
+    pub(crate) format: Option<FormatName>,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    /// Accept a matrix of which parts are missing; their rows become empty
+    #[arg(long)]
+    pub(crate) allow_incomplete: bool,
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+
+/// `hemicube generate`
+#[derive(Args, Debug)]
+pub(crate) struct Generate {
+    /// The kind of scene: room, city, block-city, maze, spheres, field or soup
+    #[arg(value_name = "KIND")]
+    pub(crate) kind: Kind,
+    /// The OBJ file to write; `-` for standard output
+    #[arg(short, long, value_name = "OUT.obj")]
+    pub(crate) output: PathBuf,
+    /// About how many patches it is to have
+    #[arg(long, value_name = "N", default_value = "10000", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) patches: u64,
+    /// Which of the scenes of this kind
+    #[arg(long, value_name = "S", default_value = "1")]
+    pub(crate) seed: u64,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+}
+
+/// On or off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Switch {
+    /// On.
+    On,
+    /// Off.
+    Off,
+}
+
+/// On, off, or what suits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AutoSwitch {
+    /// What suits.
+    Auto,
+    /// On.
+    On,
+    /// Off.
+    Off,
+}
+
+/// An axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum UpAxis {
+    /// x
+    X,
+    /// y
+    Y,
+    /// z
+    Z,
+}
+
+impl From<UpAxis> for Axis {
+    fn from(axis: UpAxis) -> Self {
+        match axis {
+            UpAxis::X => Self::X,
+            UpAxis::Y => Self::Y,
+            UpAxis::Z => Self::Z,
+        }
+    }
+}
+
+/// The export formats, by the extensions that stand for them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FormatName {
+    /// A sparse matrix for `scipy.sparse.load_npz`
+    Npz,
+    /// Matrix Market
+    Mtx,
+    /// `row column value` lines for MATLAB's and Octave's `spconvert`
+    Txt,
+    /// A dense NumPy array
+    Npy,
+}
+
+/// A number, or what suits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Auto {
+    /// What suits.
+    Auto,
+    /// This.
+    Number(u32),
+}
+
+impl Auto {
+    /// The number, or what suits.
+    pub(crate) fn or(self, suits: u32) -> u32 {
+        match self {
+            Self::Auto => suits,
+            Self::Number(number) => number,
+        }
+    }
+}
+
+/// What form factors are made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Correction {
+    /// The weights of the pixels seen.
+    Pixel,
+}
+
+impl Correction {
+    /// Its name in manifests and reports.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Pixel => "pixel",
+        }
+    }
+}
+
+/// How many hemicubes a patch has: the square of what is held here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Samples {
+    /// n of n².
+    pub(crate) per_edge: u32,
+}
+
+/// `A..B`, either end of which may be left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct RowRange {
+    /// The first row.
+    pub(crate) start: u32,
+    /// One past the last; `None`: to the end.
+    pub(crate) end: Option<u32>,
+}
+
+impl FromStr for RowRange {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let form = || "a range such as `0..100`, `100..` or `..100` is needed".to_owned();
+        let (start, end) = text.split_once("..").ok_or_else(form)?;
+        let number = |text: &str| match text.trim() {
+            "" => Ok(None),
+            digits => digits.parse::<u32>().map(Some).map_err(|_| form()),
+        };
+        let (start, end) = (number(start)?.unwrap_or(0), number(end)?);
+        if let Some(end) = end
+            && start >= end
+        {
+            return Err(format!(
+                "it holds no row: the end, {end}, is not above the start, {start}"
+            ));
+        }
+        Ok(Self { start, end })
+    }
+}
+
+/// How many rows are sampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum SampleSize {
+    /// So many.
+    Count(u32),
+    /// So many of a hundred.
+    Percent(f64),
+}
+
+impl FromStr for SampleSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if let Some(percent) = text.strip_suffix('%') {
+            return match percent.trim().parse::<f64>() {
+                Ok(percent) if percent > 0.0 && percent <= 100.0 => Ok(Self::Percent(percent)),
+                _ => Err("a percentage above 0 % and up to 100 % is needed".to_owned()),
+            };
+        }
+        match text.parse::<u32>() {
+            Ok(0) => Err("at least 1 row is needed".to_owned()),
+            Ok(count) => Ok(Self::Count(count)),
+            Err(_) => Err("a number of rows such as `200`, or a percentage such as `5%`, is needed".to_owned()),
+        }
+    }
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.parse::<f64>().map_err(|_| "it is no number".to_owned())
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number = number(text)?;
+    if number > 0.0 && number.is_finite() {
+        Ok(number)
+    } else {
+        Err("a number above 0 is needed".to_owned())
+    }
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    let number = number(text)?;
+    if number >= 0.0 {
+        Ok(number)
+    } else {
+        Err("a number not below 0 is needed".to_owned())
+    }
+}
+
+fn resolution(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(n) if n % 16 == 0 && RESOLUTIONS.contains(&n) => Ok(n),
+        _ => Err(format!(
+            "a multiple of 16 from {} to {} is needed",
+            RESOLUTIONS.start(),
+            RESOLUTIONS.end()
+        )),
+    }
+}
+
+fn samples(text: &str) -> Result<Samples, String> {
+    const MOST: u32 = 4096;
+    match text.parse::<u32>() {
+        Ok(k) if k > 0 && k <= MOST && k.isqrt().pow(2) == k => Ok(Samples { per_edge: k.isqrt() }),
+        _ => Err(format!("a perfect square (1, 4, 9, 16…) up to {MOST} is needed")),
+    }
+}
+
+fn correction(text: &str) -> Result<Correction, String> {
+    match text {
+        "pixel" => Ok(Correction::Pixel),
+        "point" | "area" => {
+            Err("it is not in this version, which has `pixel` only; more samples make that more exact".to_owned())
+        }
+        _ => Err("there is `pixel`".to_owned()),
+    }
+}
+
+fn auto(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<Auto, String> {
+    if text == "auto" {
+        return Ok(Auto::Auto);
+    }
+    match text.parse::<u32>() {
+        Ok(number) if range.contains(&number) => Ok(Auto::Number(number)),
+        _ => Err(format!(
+            "`auto`, or a number from {} to {}, is needed",
+            range.start(),
+            range.end()
+        )),
+    }
+}
+
+fn octree_levels(text: &str) -> Result<Auto, String> {
+    auto(text, 0..=21)
+}
+
+fn min_patches(text: &str) -> Result<Auto, String> {
+    auto(text, 1..=1 << 20)
+}
+
+/// Joins `--json` with a file that follows it as a word of its own. The value is optional, so `--json scene.obj` would
+/// otherwise be ambiguous, and taking the scene for the report's file would overwrite it: only `-` and names that end in
+/// `.json` are joined.
+pub(crate) fn join_json(arguments: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
+    let mut joined: Vec<OsString> = Vec::new();
+    let mut literal = false;
+    for argument in arguments {
+        let is_report = argument == OsStr::new("-")
+            || PathBuf::from(&argument)
+                .extension()
+                .is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
+                && !argument.as_encoded_bytes().starts_with(b"-");
+        match joined.last_mut() {
+            Some(last) if !literal && is_report && last == "--json" => {
+                last.push("=");
+                last.push(argument);
+            }
+            _ => {
+                literal |= argument == "--";
+                joined.push(argument);
+            }
+        }
+    }
+    joined
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definition_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn ranges_and_samples() {
+        let range = |start, end| RowRange { start, end };
+        assert_eq!("3..7".parse(), Ok(range(3, Some(7))));
+        assert_eq!("3..".parse(), Ok(range(3, None)));
+        assert_eq!("..7".parse(), Ok(range(0, Some(7))));
+        for wrong in ["5..2", "5..5", "5", "a..b", "-1..3", "1...3", "", "0..4294967296"] {
+            assert!(wrong.parse::<RowRange>().is_err(), "{wrong}");
+        }
+        assert_eq!("200".parse(), Ok(SampleSize::Count(200)));
+        assert_eq!("2.5%".parse(), Ok(SampleSize::Percent(2.5)));
+        for wrong in ["0", "0%", "101%", "NaN%", "-3", "few", "%"] {
+            assert!(wrong.parse::<SampleSize>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused() {
+        assert_eq!(resolution("256"), Ok(256));
+        for wrong in ["0", "8", "100", "1040", "-16", "1e2"] {
+            assert!(resolution(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(samples("9"), Ok(Samples { per_edge: 3 }));
+        for wrong in ["0", "2", "3", "4225", "-4"] {
+            assert!(samples(wrong).is_err(), "{wrong}");
+        }
+        for wrong in ["0", "-1", "nan", "inf", "x"] {
+            assert!(positive(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(octree_levels("auto"), Ok(Auto::Auto));
+        assert!(octree_levels("22").is_err() && min_patches("0").is_err());
+        assert!(correction("area").is_err_and(|e| e.contains("not in this version")));
+    }
+
+    #[test]
+    fn a_scene_is_never_taken_for_the_report() {
+        let join = |words: &[&str]| join_json(words.iter().map(OsString::from));
+        let words = |words: &[&str]| words.iter().map(OsString::from).collect::<Vec<_>>();
+        assert_eq!(
+            join(&["inspect", "--json", "a.obj"]),
+            words(&["inspect", "--json", "a.obj"])
+        );
+        assert_eq!(
+            join(&["inspect", "--json", "-", "a.obj"]),
+            words(&["inspect", "--json=-", "a.obj"])
+        );
+        assert_eq!(
+            join(&["check", "--json", "r.json", "d"]),
+            words(&["check", "--json=r.json", "d"])
+        );
+        assert_eq!(
+            join(&["check", "--", "--json", "r.json"]),
+            words(&["check", "--", "--json", "r.json"])
+        );
+    }
+}

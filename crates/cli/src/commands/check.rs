@@ -1,0 +1,190 @@
+//! `hemicube check`: whether a store holds what a form-factor matrix must be.
+
+use crate::args::{Check as Arguments, Talk};
+use crate::exit::Exit;
+use crate::progress::Bar;
+use crate::report::{self, JsonReport, Listing, SCHEMA, counted, figures, percent};
+use anyhow::Result;
+use hemicube::check::{Check, CheckOptions, CheckReport, check};
+use hemicube::store::Store;
+use serde::Serialize;
+
+#[derive(Serialize)]
+struct Report<'a> {
+    schema: u32,
+    program: &'static str,
+    version: &'static str,
+    #[serde(flatten)]
+    check: &'a CheckReport,
+}
+
+#[allow(
+    clippy::field_reassign_with_default,
+    reason = "the options are open to new fields, so no literal makes them"
+)]
+pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    let json = JsonReport::open(&arguments.report)?;
+    report::require(&arguments.store)?;
+    let store = Store::open(&arguments.store)?;
+    let mut options = CheckOptions::default();
+    options.closure = arguments.closure;
+    options.reciprocity = arguments.reciprocity;
+    options.worst_rows = arguments.worst.into();
+    options.allow_incomplete = arguments.allow_incomplete;
+    let bar = Bar::spinner(talk, "checking");
+    let found = check(&store, &options)?;
+    drop(bar);
+    if let Some(json) = json {
+        json.write(&Report {
+            schema: SCHEMA,
+            program: "hemicube",
+            version: env!("CARGO_PKG_VERSION"),
+            check: &found,
+        })?;
+    }
+    if !arguments.report.is_to_stdout() {
+        report::print(&text(&found, &store))?;
+    }
+    Ok(if found.ok { Exit::Done } else { Exit::NotHeld })
+}
+
+fn text(found: &CheckReport, store: &Store) -> String {
+    let failed = |checks: &[Check]| {
+        if found.failures.iter().any(|failure| checks.contains(&failure.check)) {
+            "FAILED"
+        } else {
+            "ok"
+        }
+    };
+    let manifest = store.manifest();
+    let parts = if found.complete {
+        "all parts are there".to_owned()
+    } else {
+        format!("{} of {} parts are there", manifest.parts.len(), manifest.part_count)
+    };
+    let mut list = Listing::default();
+    list.add(
+        "matrix",
+        format!("{} of `{}`", found.store.display(), manifest.scene.file),
+    );
+    list.add("patches", report::count(found.patch_count.into()));
+    list.add("rows", format!("{} ({parts})", report::count(found.rows)));
+    let per_row = found.entries_per_row;
+    list.add(
+        "entries",
+        format!(
+            "{} ({} a row in the median, from {} to {})",
+            report::count(found.entries),
+            report::count(per_row.median),
+            report::count(per_row.min),
+            report::count(per_row.max)
+        ),
+    );
+    list.add(
+        "escaped",
+        format!(
+            "{} of the view, on average: it leaves the scene",
+            percent(found.escaped)
+        ),
+    );
+    list.add(
+        "blocked",
+        format!(
+            "{} of the view, on average: backs of one-sided surfaces, in {}",
+            percent(found.blocked),
+            counted(found.blocked_rows, "row")
+        ),
+    );
+    if found.unselected > 0.0 {
+        list.add(
+            "unselected",
+            format!(
+                "{} of the view, on average: no columns for it",
+                percent(found.unselected)
+            ),
+        );
+    }
+    let mut text = list.text();
+    text.push('\n');
+
+    let mut checks = Listing::default();
+    checks.add(
+        "files",
+        format!(
+            "{:6}  checksums, patch table, totals",
+            failed(&[Check::Files, Check::Table, Check::Manifest, Check::Complete])
+        ),
+    );
+    checks.add(
+        "weights",
+        format!(
+            "{:6}  every row's weights are its hemicubes', exactly",
+            failed(&[Check::Weights, Check::Visible])
+        ),
+    );
+    checks.add(
+        "range",
+        format!(
+            "{:6}  every form factor is from 0 to 1, F_ii = 0, columns ascend",
+            failed(&[Check::Range, Check::Diagonal, Check::Columns])
+        ),
+    );
+    checks.add(
+        "closure",
+        format!(
+            "{:6}  |sum of F + escaped + blocked - 1| is at most {}, on average {}; bound {}",
+            failed(&[Check::Closure]),
+            figures(found.closure.max),
+            figures(found.closure.mean),
+            figures(found.closure.bound)
+        ),
+    );
+    let pairs = found.reciprocity;
+    let (state, bound) = match pairs.bound {
+        Some(bound) => (failed(&[Check::Reciprocity]), format!("bound {}", figures(bound))),
+        None => ("-", "no bound (`--reciprocity X` sets one)".to_owned()),
+    };
+    checks.add(
+        "reciprocity",
+        if pairs.pairs == 0 {
+            format!("{state:6}  no pair of rows to compare")
+        } else {
+            format!(
+                "{state:6}  A_i F_ij and A_j F_ji differ by {} in {} of {}; {bound}",
+                percent(pairs.residual),
+                counted(pairs.pairs, "pair"),
+                counted(pairs.rows, "row")
+            )
+        },
+    );
+    text.push_str(&checks.text());
+
+    if !found.worst_rows.is_empty() && found.closure.max > 0.0 {
+        text.push_str("\nThe rows that sum worst:\n");
+        text.push_str(&report::table(
+            ["patch", "closure error", "sum of F", "escaped", "blocked"],
+            found.worst_rows.iter().map(|row| {
+                [
+                    row.patch.to_string(),
+                    figures(row.closure_error),
+                    format!("{:.6}", row.row_sum),
+                    percent(row.escaped),
+                    percent(row.blocked),
+                ]
+            }),
+        ));
+    }
+    text.push('\n');
+    for failure in &found.failures {
+        let name = format!("{:?}", failure.check).to_ascii_lowercase();
+        text.push_str(&format!(
+            "FAILED {name}: {}, the first: {}\n",
+            counted(failure.count, "case"),
+            failure.first
+        ));
+    }
+    if found.ok {
+        text.push_str("Everything holds.\n");
+    }
+    text
+}

@@ -1,0 +1,768 @@
+//! `hemicube compute`: the form-factor matrix of a scene, into a store.
+
+use crate::args::{AutoSwitch, Compute as Arguments, RowRange, SampleSize, SelectionSettings, Switch, Talk};
+use crate::exit::{self, Exit, hinted};
+use crate::prepare::{Prepared, RepairCounts, axis_name, prepare};
+use crate::progress::Bar;
+use crate::report::{
+    self, BackendReport, Input, JsonReport, Listing, SCHEMA, Spread, TEMPORARY_SUFFIX, count, counted, duration,
+    figures, percent, size,
+};
+use anyhow::{Context, Result, anyhow, bail};
+use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
+use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, compute};
+use hemicube::row::RowBlock;
+use hemicube::store::{
+    BackendEntry, HEMICUBE_WEIGHT, Header, Manifest, Part, PatchTable, SceneEntry, Store, StoreWriter, scene_hash,
+};
+use hemicube::{InputPatch, Model};
+use hemicube_scene::Subdivision;
+use serde::Serialize;
+use std::path::Path;
+use std::time::Instant;
+
+/// Hemicubes from which it is seen whether culling pays.
+const CULLING_PROBES: usize = 16;
+
+/// Culling that leaves more of the triangles than this is not worth its tests.
+const CULLING_PAYS_BELOW: f64 = 0.97;
+
+/// Everything that a row depends on, as manifest and report have it.
+#[derive(Debug, Serialize)]
+struct RowSettings {
+    resolution: u32,
+    samples: u32,
+    correction: &'static str,
+    rotation: bool,
+    subdivision: Cut,
+    two_sided: &'static str,
+    keep_duplicates: bool,
+    scale: f64,
+    up: Option<&'static str>,
+    rows: Rows,
+    emitters: Vec<String>,
+    receivers: Vec<String>,
+    occluders: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Cut {
+    None,
+    Subdivide(u32),
+    Split(u32),
+    PatchSize(f64),
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Rows {
+    All,
+    Range { start: u32, end: u32 },
+    Sample { count: u32, seed: u64 },
+}
+
+/// The report of `--json`.
+#[derive(Serialize)]
+struct Report {
+    schema: u32,
+    program: &'static str,
+    version: &'static str,
+    inputs: Vec<Input>,
+    scene: SceneReport,
+    settings: RowSettings,
+    backend: BackendReport,
+    culling: &'static str,
+    threads: usize,
+    repair: RepairCounts,
+    store: String,
+    bytes: u64,
+    complete: bool,
+    parts: u64,
+    part_count: u64,
+    rows: u64,
+    row_count: u64,
+    entries: u64,
+    row_sum: Spread,
+    escaped: f64,
+    blocked: f64,
+    unselected: f64,
+    rows_mostly_blocked: u64,
+    closure: f64,
+    counters: Counters,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    timings: Option<Timings>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    peak_memory_bytes: Option<u64>,
+}
+
+#[derive(Serialize)]
+struct SceneReport {
+    triangles: u64,
+    triangles_used: u64,
+    surfaces: u64,
+    patches: u64,
+    area: f64,
+    objects: u64,
+    materials: u64,
+    up: Option<&'static str>,
+    metres_per_unit: Option<f64>,
+}
+
+/// Seconds. Writing and computing overlap.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+struct Timings {
+    load: f64,
+    build: f64,
+    rows: f64,
+    write: f64,
+}
+
+/// Keeps parts, and what their rows come to.
+struct Recorder {
+    writer: StoreWriter,
+    /// Rows that were rendered.
+    rendered: u64,
+    sum: f64,
+    min: f64,
+    max: f64,
+    closure: f64,
+    mostly_blocked: u64,
+    escaped: f64,
+    blocked: f64,
+    unselected: f64,
+}
+
+impl PartSink for Recorder {
+    fn take(&mut self, part: Part) -> Result<(), hemicube::store::Error> {
+        self.writer.write_part(&part)?;
+        for (row, (sums, &hemicubes)) in part.sums.iter().zip(&part.hemicubes).enumerate() {
+            if hemicubes == 0 {
+                continue;
+            }
+            let whole = (u64::from(hemicubes) * HEMICUBE_WEIGHT) as f64;
+            let lost = [sums.escaped, sums.blocked, sums.unselected].map(|weight| weight as f64 / whole);
+            // From 0: the sum of nothing is −0, which reads oddly in a report.
+            let sum = part.row(row).1.iter().fold(0.0, |sum, &factor| sum + f64::from(factor));
+            self.rendered += 1;
+            self.sum += sum;
+            self.min = self.min.min(sum);
+            self.max = self.max.max(sum);
+            self.closure = self.closure.max((sum + lost.iter().sum::<f64>() - 1.0).abs());
+            self.mostly_blocked += u64::from(lost[1] > 0.5);
+            self.escaped += lost[0];
+            self.blocked += lost[1];
+            self.unselected += lost[2];
+        }
+        Ok(())
+    }
+}
+
+impl Recorder {
+    fn new(writer: StoreWriter) -> Self {
+        Self {
+            writer,
+            rendered: 0,
+            sum: 0.0,
+            min: f64::INFINITY,
+            max: f64::NEG_INFINITY,
+            closure: 0.0,
+            mostly_blocked: 0,
+            escaped: 0.0,
+            blocked: 0.0,
+            unselected: 0.0,
+        }
+    }
+
+    fn mean(&self, sum: f64) -> f64 {
+        if self.rendered == 0 {
+            0.0
+        } else {
+            sum / self.rendered as f64
+        }
+    }
+
+    fn row_sum(&self) -> Spread {
+        if self.rendered == 0 {
+            return Spread::default();
+        }
+        Spread {
+            min: self.min,
+            mean: self.mean(self.sum),
+            max: self.max,
+        }
+    }
+}
+
+pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
+    // clap requires both; only `--print-config` goes without.
+    let (Some(scene_path), Some(directory)) = (arguments.scene.as_deref(), arguments.output.as_deref()) else {
+        bail!("a scene and `--output` are needed");
+    };
+    let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
+    let json = JsonReport::open(&arguments.report)?;
+    let backend = arguments.render.open_backend()?;
+    check_place(directory, arguments.overwrite)?;
+    let result = compute_into(&arguments, scene_path, directory, backend, cancel, json, talk);
+    exit::remove_unused();
+    result
+}
+
+fn compute_into(
+    arguments: &Arguments,
+    scene_path: &Path,
+    directory: &Path,
+    backend: Box<dyn HemicubeBackend>,
+    cancel: &std::sync::atomic::AtomicBool,
+    json: Option<JsonReport>,
+    talk: Talk,
+) -> Result<Exit> {
+    let mut timings = Timings::default();
+    let mut prepared = prepare(scene_path, &arguments.patches, &arguments.render)?;
+    let selection = crate::selection::selection(&prepared.scene, &prepared.patches, &arguments.selection)?;
+    let (plan, rows) = plan(&prepared.model, selection, arguments)?;
+    let device = backend.info().clone();
+    let threads = arguments.render.thread_count();
+    talk.say(&format!(
+        "backend {} {} ({}), {}, {}",
+        device.name,
+        device.version,
+        device.device,
+        counted(threads as u64, "thread"),
+        counted(prepared.patches.len() as u64, "patch"),
+    ));
+    prepared.tell(talk);
+
+    let started = Instant::now();
+    let mut render = RenderSettings {
+        resolution: arguments.render.resolution,
+        culling: Culling::On,
+        covered: false,
+    };
+    render.culling = match arguments.culling {
+        AutoSwitch::On => Culling::On,
+        AutoSwitch::Off => Culling::Off,
+        // A session of its own, so that the scene is not loaded twice at the same time.
+        AutoSwitch::Auto => choose_culling(
+            &prepared.model,
+            &plan,
+            render,
+            arguments.render.open_backend()?.as_mut(),
+            talk,
+        )?,
+    };
+    timings.load = prepared.load_seconds;
+    timings.build = prepared.build_seconds + started.elapsed().as_secs_f64();
+
+    let settings = row_settings(arguments, &prepared, rows);
+    let area = prepared.patches.iter().map(|patch| prepared.patches.area(patch)).sum();
+    // From here to the last manifest an interrupt waits, so that what it leaves is a store.
+    exit::keep(true);
+    let started = Instant::now();
+    let writer = create_store(arguments, &prepared, &plan, &settings, backend.as_ref(), directory)?;
+    timings.write = started.elapsed().as_secs_f64();
+    let scene = SceneReport {
+        triangles: prepared.triangles_read,
+        triangles_used: prepared.scene.triangles.len() as u64,
+        surfaces: prepared.patches.surfaces().len() as u64,
+        patches: prepared.patches.len() as u64,
+        area,
+        objects: prepared.scene.objects.len() as u64,
+        materials: prepared.scene.materials.len() as u64,
+        up: prepared.scene.up.map(axis_name),
+        metres_per_unit: prepared.scene.metres_per_unit,
+    };
+    // Not needed any more, and as large as the patches.
+    prepared.scene.triangles = Vec::new();
+
+    let mut recorder = Recorder::new(writer);
+    let bar = Bar::rows(talk, plan.rows.len() as u64);
+    let execution = Execution {
+        threads,
+        batch: arguments.batch as usize,
+    };
+    let started = Instant::now();
+    let computed = compute(
+        &prepared.model,
+        &plan,
+        render,
+        backend,
+        execution,
+        &mut recorder,
+        &mut |p| bar.show(p),
+        cancel,
+    );
+    drop(bar);
+    let summary = match computed {
+        Ok(summary) => summary,
+        Err(error) => {
+            return Err(keep_what_is_there(
+                anyhow::Error::new(error),
+                recorder.writer,
+                plan.part_count(),
+            ));
+        }
+    };
+    timings.rows = summary.elapsed.as_secs_f64();
+    timings.build += (started.elapsed().as_secs_f64() - timings.rows).max(0.0);
+
+    let started = Instant::now();
+    let (row_sum, means) = (
+        recorder.row_sum(),
+        [recorder.escaped, recorder.blocked, recorder.unselected].map(|sum| recorder.mean(sum)),
+    );
+    let (closure, mostly_blocked) = (recorder.closure, recorder.mostly_blocked);
+    let manifest = if summary.cancelled {
+        recorder.writer.interrupt()
+    } else {
+        recorder.writer.finish()
+    }?;
+    exit::keep(false);
+    timings.write += summary.sink.as_secs_f64() + started.elapsed().as_secs_f64();
+
+    let [escaped, blocked, unselected] = means;
+    let report = Report {
+        schema: SCHEMA,
+        program: "hemicube",
+        version: env!("CARGO_PKG_VERSION"),
+        inputs: vec![prepared.input],
+        scene,
+        settings,
+        backend: BackendReport {
+            name: device.name,
+            version: device.version,
+            device: device.device,
+        },
+        culling: if render.culling == Culling::On { "on" } else { "off" },
+        threads: summary.threads,
+        repair: RepairCounts::from(&prepared.repaired),
+        store: directory.display().to_string(),
+        bytes: bytes_of(directory, &manifest),
+        complete: manifest.complete,
+        parts: summary.parts,
+        part_count: plan.part_count() as u64,
+        rows: summary.rows,
+        row_count: plan.rows.len() as u64,
+        entries: summary.entries,
+        row_sum,
+        escaped,
+        blocked,
+        unselected,
+        rows_mostly_blocked: mostly_blocked,
+        closure,
+        counters: summary.counters,
+        timings: (!arguments.report.no_timings).then_some(timings),
+        peak_memory_bytes: report::peak_memory_bytes().filter(|_| !arguments.report.no_timings),
+    };
+    talk.say(summarise(&report, &summary, directory).trim_end());
+    if let Some(json) = json {
+        json.write(&report)?;
+    }
+    Ok(if summary.cancelled {
+        Exit::Interrupted
+    } else {
+        Exit::Done
+    })
+}
+
+/// Refuses a place that cannot become a store, before a large scene is read; makes the directory. The store's writer has
+/// the last word.
+fn check_place(directory: &Path, overwrite: bool) -> Result<()> {
+    let shown = directory.display();
+    match std::fs::metadata(directory) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            std::fs::create_dir_all(directory).with_context(|| format!("`{shown}` cannot be created"))?;
+            exit::made_for_later(directory);
+        }
+        Err(error) => return Err(error).with_context(|| format!("`{shown}` cannot be read")),
+        Ok(metadata) if !metadata.is_dir() => {
+            bail!("`{shown}` is a file, and a matrix is written to a directory; choose another name");
+        }
+        Ok(_) if directory.join("manifest.json").exists() => {
+            if !overwrite {
+                let incomplete = Store::open(directory).is_ok_and(|store| !store.manifest().complete);
+                let what = if incomplete {
+                    "holds an incomplete matrix already"
+                } else {
+                    "exists already"
+                };
+                return Err(hinted(anyhow!("`{shown}` {what}"), "`--overwrite` replaces it"));
+            }
+        }
+        Ok(_) => {
+            let entries = std::fs::read_dir(directory).with_context(|| format!("`{shown}` cannot be read"))?;
+            for entry in entries {
+                let name = entry.with_context(|| format!("`{shown}` cannot be read"))?.file_name();
+                if name != "parts" && !name.to_string_lossy().ends_with(TEMPORARY_SUFFIX) {
+                    bail!(
+                        "`{shown}` is a directory that holds something else (`{}`); choose another name",
+                        name.to_string_lossy()
+                    );
+                }
+            }
+        }
+    }
+    let probe = directory.join(format!(".probe{TEMPORARY_SUFFIX}"));
+    let tried = std::fs::File::create(&probe).and_then(|_| std::fs::remove_file(&probe));
+    if tried.is_err() {
+        exit::remove_unused();
+    }
+    tried.with_context(|| format!("`{shown}` cannot be written"))
+}
+
+/// The rows that the settings ask for.
+fn plan(model: &Model, selection: Selection, arguments: &Arguments) -> Result<(Plan, Rows)> {
+    #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
+    let patch_count = model.patches().len() as u32;
+    let emitting = selection.emitters.as_ref().map_or(u64::from(patch_count), |emitters| {
+        emitters.iter().filter(|&&emits| emits).count() as u64
+    });
+    let SelectionSettings {
+        rows,
+        sample_rows,
+        seed,
+        ..
+    } = &arguments.selection;
+    let (choice, resolved) = match (*rows, *sample_rows) {
+        (Some(RowRange { start, end }), _) => {
+            let end = end.unwrap_or(patch_count);
+            if start >= end || end > patch_count {
+                bail!(
+                    "`--rows {start}..{end}`: the scene has {}, from 0 on",
+                    counted(patch_count.into(), "patch")
+                );
+            }
+            (RowChoice::Range { start, end }, Rows::Range { start, end })
+        }
+        (None, Some(size)) => {
+            let wanted = match size {
+                SampleSize::Count(number) => u64::from(number),
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "up to the patch count"
+                )]
+                SampleSize::Percent(percent) => (percent / 100.0 * emitting as f64).ceil() as u64,
+            };
+            let sampled = u32::try_from(wanted.min(emitting)).unwrap_or(patch_count);
+            (
+                RowChoice::Sample {
+                    count: sampled,
+                    seed: *seed,
+                },
+                Rows::Sample {
+                    count: sampled,
+                    seed: *seed,
+                },
+            )
+        }
+        (None, None) => (RowChoice::All, Rows::All),
+    };
+    let plan = Plan::new(
+        model,
+        choice,
+        selection,
+        arguments.render.samples.per_edge,
+        arguments.render.rotation == Switch::On,
+    );
+    if plan.rows.is_empty() {
+        bail!("no row is left to compute: `--rows`, `--emitters` and `--occluders` together exclude every patch");
+    }
+    Ok((plan, resolved))
+}
+
+/// Whether culling pays in this scene: from what it leaves of the triangles in a few hemicubes spread over the plan. No
+/// clock, so that the choice is the same in every run.
+fn choose_culling(
+    model: &Model,
+    plan: &Plan,
+    settings: RenderSettings,
+    backend: &mut dyn HemicubeBackend,
+    talk: Talk,
+) -> Result<Culling> {
+    let probes: Vec<InputPatch> = (0..CULLING_PROBES)
+        .filter_map(|probe| plan.rows.get(probe * plan.rows.len() / CULLING_PROBES).copied())
+        .collect();
+    let hemicubes: Vec<_> = probes
+        .iter()
+        .flat_map(|&patch| model.hemicubes(patch, 1, plan.rotate))
+        .collect();
+    backend.load(model.geometry(), settings)?;
+    let counters = backend.rows(&hemicubes, &mut RowBlock::default())?;
+    let left = share_left(&counters, model.geometry().surfaces.len());
+    let culling = if left > CULLING_PAYS_BELOW {
+        Culling::Off
+    } else {
+        Culling::On
+    };
+    talk.say(&format!(
+        "culling {}: it leaves {} of the triangles in {}",
+        if culling == Culling::On { "on" } else { "off" },
+        percent(left),
+        counted(counters.hemicubes, "trial hemicube"),
+    ));
+    Ok(culling)
+}
+
+/// Which share of the triangles was transformed, over the hemicubes.
+fn share_left(counters: &Counters, surfaces: usize) -> f64 {
+    let all = counters.hemicubes as f64 * surfaces as f64;
+    // Blocks of triangles may count what fills them up.
+    if all > 0.0 {
+        (counters.triangles_transformed as f64 / all).min(1.0)
+    } else {
+        1.0
+    }
+}
+
+fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: Rows) -> RowSettings {
+    let Arguments {
+        patches,
+        render,
+        selection,
+        ..
+    } = arguments;
+    RowSettings {
+        resolution: render.resolution,
+        samples: render.samples.per_edge * render.samples.per_edge,
+        correction: render.correction.name(),
+        rotation: render.rotation == Switch::On,
+        subdivision: match patches.subdivision() {
+            Subdivision::None => Cut::None,
+            Subdivision::Levels(levels) => Cut::Subdivide(levels),
+            Subdivision::Split(pieces) => Cut::Split(pieces),
+            Subdivision::PatchSize(length) => Cut::PatchSize(length),
+        },
+        two_sided: match patches.two_sided {
+            AutoSwitch::Auto => "auto",
+            AutoSwitch::On => "on",
+            AutoSwitch::Off => "off",
+        },
+        keep_duplicates: patches.keep_duplicates == Switch::On,
+        scale: patches.scale,
+        up: prepared.scene.up.map(axis_name),
+        rows,
+        emitters: selection.emitters.clone(),
+        receivers: selection.receivers.clone(),
+        occluders: selection.occluders.clone(),
+    }
+}
+
+fn create_store(
+    arguments: &Arguments,
+    prepared: &Prepared,
+    plan: &Plan,
+    settings: &RowSettings,
+    backend: &dyn HemicubeBackend,
+    directory: &Path,
+) -> Result<StoreWriter> {
+    let scene = &prepared.scene;
+    let file = Path::new(&prepared.input.path).file_name();
+    let header = Header {
+        program: env!("CARGO_PKG_VERSION").to_owned(),
+        scene: SceneEntry {
+            file: file.map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+            blake3: scene_hash(scene, &prepared.patches),
+        },
+        settings: serde_json::to_value(settings).context("the settings are no JSON")?,
+        correction: settings.correction.to_owned(),
+        patch_count: u32::try_from(prepared.patches.len()).context("too many patches")?,
+        row_count: u32::try_from(plan.rows.len()).context("too many rows")?,
+        rows_per_part: plan.rows_per_part,
+        backend: BackendEntry {
+            name: backend.info().name.clone(),
+            version: backend.info().version.clone(),
+        },
+        objects: scene.objects.clone(),
+        materials: scene.materials.iter().map(|material| material.name.clone()).collect(),
+    };
+    let table = PatchTable::new(scene, &prepared.patches);
+    Ok(StoreWriter::create(directory, header, &table, arguments.overwrite)?)
+}
+
+/// A computation failed: names the parts that are on the disk in the manifest, and says so.
+fn keep_what_is_there(error: anyhow::Error, writer: StoreWriter, part_count: usize) -> anyhow::Error {
+    let directory = writer.directory().display().to_string();
+    let parts = writer.manifest().parts.len();
+    if parts == 0 {
+        return hinted(
+            error,
+            format!("nothing was computed yet; `{directory}` holds an empty matrix"),
+        );
+    }
+    match writer.interrupt() {
+        Ok(_) => hinted(
+            error,
+            format!(
+                "{parts} of {part_count} parts are kept; `hemicube check {directory} --allow-incomplete` looks at them"
+            ),
+        ),
+        Err(_) => hinted(
+            error,
+            format!("{parts} of {part_count} parts are kept in `{directory}`, but its manifest could not name them"),
+        ),
+    }
+}
+
+/// What a store takes on the disk.
+fn bytes_of(directory: &Path, manifest: &Manifest) -> u64 {
+    let files = manifest.parts.iter().map(|part| part.file.as_str());
+    files
+        .chain(manifest.patches.iter().map(|table| table.file.as_str()))
+        .chain(["manifest.json"])
+        .filter_map(|file| std::fs::metadata(directory.join(file)).ok())
+        .map(|metadata| metadata.len())
+        .sum()
+}
+
+/// What a person wants to know of a run.
+fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
+    let shown = word(directory);
+    let mut list = Listing::default();
+    list.add(
+        "rows",
+        if report.rows == report.scene.patches {
+            format!("{}, one for each patch", count(report.rows))
+        } else if report.rows == report.row_count {
+            format!("{} of {}", count(report.rows), counted(report.scene.patches, "patch"))
+        } else {
+            format!(
+                "{} of {} that were to be computed",
+                count(report.rows),
+                count(report.row_count)
+            )
+        },
+    );
+    let per_row = report.entries as f64 / (report.rows.max(1) as f64);
+    list.add(
+        "entries",
+        format!(
+            "{}: {} a row, {} of a full matrix's",
+            count(report.entries),
+            figures(per_row),
+            percent(per_row / report.scene.patches.max(1) as f64)
+        ),
+    );
+    let sum = report.row_sum;
+    list.add(
+        "row sums",
+        format!("{:.4} on average, from {:.4} to {:.4}", sum.mean, sum.min, sum.max),
+    );
+    list.add(
+        "escaped",
+        format!("{} of what leaves a patch leaves the scene", percent(report.escaped)),
+    );
+    list.add(
+        "blocked",
+        format!("{} ends on backs of one-sided surfaces", percent(report.blocked)),
+    );
+    if report.unselected > 0.0 {
+        list.add(
+            "unselected",
+            format!("{} ends on patches that have no column", percent(report.unselected)),
+        );
+    }
+    let seconds = summary.elapsed.as_secs_f64();
+    let rate = if seconds > 0.0 {
+        summary.hemicubes as f64 / seconds
+    } else {
+        0.0
+    };
+    let culled = 1.0
+        - share_left(
+            &report.counters,
+            usize::try_from(report.scene.surfaces).unwrap_or(usize::MAX),
+        );
+    list.add(
+        "time",
+        format!(
+            "{}, {} hemicubes/s{}",
+            duration(seconds),
+            figures(rate),
+            if report.culling == "on" {
+                format!("; culling spared {} of the triangles", percent(culled))
+            } else {
+                String::new()
+            }
+        ),
+    );
+    list.add("matrix", format!("`{}`, {}", directory.display(), size(report.bytes)));
+    let mut text = list.text();
+    if report.rows_mostly_blocked > 0 {
+        text.push_str(&format!(
+            "warning: {} the back of one-sided surfaces in more than half of the view: wrong winding, or patches inside \
+             solids? `--two-sided on` makes every side a patch\n",
+            if report.rows_mostly_blocked == 1 {
+                "1 row sees".to_owned()
+            } else {
+                format!("{} rows see", count(report.rows_mostly_blocked))
+            }
+        ));
+    }
+    if summary.cancelled {
+        text.push_str(&format!(
+            "interrupted: {} of {} are kept; `hemicube check {shown} --allow-incomplete` looks at them, and \
+             `--overwrite` starts again\n",
+            count(report.parts),
+            counted(report.part_count, "part")
+        ));
+    } else {
+        let name = directory
+            .file_stem()
+            .map_or_else(|| "matrix".to_owned(), |name| name.to_string_lossy().into_owned());
+        let export = word(format!("{name}.npz").as_ref());
+        text.push_str(&format!(
+            "Next:\n  hemicube check {shown}\n  hemicube export {shown} {export}\n"
+        ));
+        // Names that would need quoting in two languages at once are left to who chose them.
+        if !name.contains(['"', '\'', '\\']) {
+            text.push_str(&format!(
+                "  python3 -c 'import scipy.sparse as s; print(s.load_npz(\"{name}.npz\").sum(axis=1))'\n"
+            ));
+        }
+    }
+    text
+}
+
+/// A path as a word of a shell.
+fn word(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = |c: char| c.is_alphanumeric() || "/._-+,:@%=".contains(c);
+    if !text.is_empty() && text.chars().all(plain) {
+        text
+    } else {
+        format!("'{}'", text.replace('\'', "'\\''"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_share_that_culling_leaves() {
+        let counters = Counters {
+            hemicubes: 4,
+            triangles_transformed: 100,
+            ..Counters::default()
+        };
+        assert_eq!(share_left(&counters, 100), 0.25);
+        assert_eq!(share_left(&counters, 20), 1.0);
+        assert_eq!(share_left(&Counters::default(), 20), 1.0);
+    }
+
+    #[test]
+    fn paths_become_words() {
+        assert_eq!(word("a/b-1.x".as_ref()), "a/b-1.x");
+        assert_eq!(word("a b".as_ref()), "'a b'");
+        assert_eq!(word("it's".as_ref()), r"'it'\''s'");
+    }
+
+    #[test]
+    fn settings_have_readable_names() {
+        let text = serde_json::to_string(&[Cut::None, Cut::PatchSize(0.5), Cut::Split(3)]).unwrap();
+        assert_eq!(text, r#"["none",{"patch_size":0.5},{"split":3}]"#);
+        let text = serde_json::to_string(&Rows::Range { start: 1, end: 4 }).unwrap();
+        assert_eq!(text, r#"{"range":{"start":1,"end":4}}"#);
+    }
+}

@@ -1,0 +1,547 @@
+//! `hemicube inspect`: what a scene is, what in it looks like a mistake, and what its matrix would cost.
+//!
+//! The forecast comes from the hemicubes of a random sample of patches; its time is the only figure that a clock enters.
+
+use crate::args::{Inspect as Arguments, Switch, Talk};
+use crate::exit::Exit;
+use crate::prepare::{Prepared, RepairCounts, axis_name, prepare};
+use crate::report::{
+    self, BackendReport, Input, JsonReport, Listing, SCHEMA, about, count, counted, duration, figures, percent, size,
+};
+use anyhow::{Result, bail};
+use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
+use hemicube::compute::{Plan, RowChoice, Selection};
+use hemicube::row::RowBlock;
+use hemicube::{InputPatch, Model};
+use hemicube_scene::survey::{Edges, Survey, survey};
+use serde::Serialize;
+use std::time::Instant;
+
+/// Patches whose hemicubes the forecast is made from.
+const SAMPLE: u32 = 64;
+
+/// Bytes of a store: an entry's column and value; a row's ends, patch, weights and hemicubes; a patch in the table.
+const ENTRY_BYTES: f64 = 8.0;
+const ROW_BYTES: f64 = 48.0;
+const PATCH_BYTES: f64 = 101.0;
+
+/// The report of `--json`.
+#[derive(Serialize)]
+struct Report {
+    schema: u32,
+    program: &'static str,
+    version: &'static str,
+    inputs: Vec<Input>,
+    scene: SceneReport,
+    repair: RepairCounts,
+    findings: std::collections::BTreeMap<String, u64>,
+    warnings: Vec<String>,
+    patches: PatchReport,
+    octree: OctreeReport,
+    backend: BackendReport,
+    forecast: Forecast,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    timings: Option<Timings>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    peak_memory_bytes: Option<u64>,
+}
+
+#[derive(Serialize)]
+struct SceneReport {
+    triangles: u64,
+    triangles_used: usize,
+    two_sided: usize,
+    objects: usize,
+    closed_objects: usize,
+    materials: usize,
+    bounds: Option<[[f64; 3]; 2]>,
+    diagonal: f64,
+    area: f64,
+    area_min: f64,
+    area_max: f64,
+    edges: EdgeReport,
+    welded_edges: EdgeReport,
+    closed: bool,
+    up: &'static str,
+    up_reason: String,
+    up_guessed: bool,
+    metres_per_unit: Option<f64>,
+    hints: Vec<String>,
+    worst: Vec<WorstReport>,
+}
+
+#[derive(Serialize)]
+struct EdgeReport {
+    count: usize,
+    boundary: usize,
+    non_manifold: usize,
+    inconsistent: usize,
+}
+
+impl From<&Edges> for EdgeReport {
+    fn from(edges: &Edges) -> Self {
+        Self {
+            count: edges.count,
+            boundary: edges.boundary,
+            non_manifold: edges.non_manifold,
+            inconsistent: edges.inconsistent,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct WorstReport {
+    face: u32,
+    object: String,
+    aspect: f64,
+    area: f64,
+}
+
+#[derive(Serialize)]
+struct PatchReport {
+    count: usize,
+    surfaces: usize,
+    area_min: f64,
+    area_median: f64,
+    area_max: f64,
+}
+
+#[derive(Serialize)]
+struct OctreeReport {
+    nodes: usize,
+    leaves: usize,
+    levels: u32,
+    surfaces_per_leaf: f64,
+}
+
+/// What the sampled rows say of all.
+#[derive(Serialize)]
+struct Forecast {
+    sampled_rows: usize,
+    seed: u64,
+    resolution: u32,
+    samples: u32,
+    visible_median: u64,
+    visible_percentile_90: u64,
+    /// Share of the patches that face a patch which it sees.
+    visible_of_facing: f64,
+    escaped: f64,
+    blocked: f64,
+    culled: f64,
+    entries: f64,
+    bytes: f64,
+    threads: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seconds: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Timings {
+    load: f64,
+    build: f64,
+}
+
+pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
+    // clap requires it; only `--print-config` goes without.
+    let Some(path) = arguments.scene.as_deref() else {
+        bail!("a scene is needed")
+    };
+    let json = JsonReport::open(&arguments.report)?;
+    let mut backend = arguments.render.open_backend()?;
+    let prepared = prepare(path, &arguments.patches, &arguments.render)?;
+    let mut surveyed = survey(&prepared.scene, &prepared.repaired);
+    if arguments.patches.up.is_some() {
+        "`--up` says so".clone_into(&mut surveyed.up_reason);
+    }
+    let mut forecast = forecast(&prepared.model, &arguments, backend.as_mut())?;
+    if arguments.report.no_timings {
+        forecast.seconds = None;
+    }
+    let device = backend.info().clone();
+    let timed = !arguments.report.no_timings;
+    let report = Report {
+        schema: SCHEMA,
+        program: "hemicube",
+        version: env!("CARGO_PKG_VERSION"),
+        scene: scene_report(&prepared, surveyed),
+        repair: RepairCounts::from(&prepared.repaired),
+        findings: prepared.scene.findings.counts.clone(),
+        warnings: prepared.scene.findings.warnings.clone(),
+        patches: patch_report(&prepared),
+        octree: octree_report(&prepared.model),
+        backend: BackendReport {
+            name: device.name,
+            version: device.version,
+            device: device.device,
+        },
+        forecast,
+        timings: timed.then_some(Timings {
+            load: prepared.load_seconds,
+            build: prepared.build_seconds,
+        }),
+        peak_memory_bytes: report::peak_memory_bytes().filter(|_| timed),
+        inputs: vec![prepared.input],
+    };
+    if !arguments.report.is_to_stdout() {
+        report::print(&text(&report))?;
+    }
+    for warning in &report.warnings {
+        talk.warn(warning);
+    }
+    if let Some(json) = json {
+        json.write(&report)?;
+    }
+    Ok(Exit::Done)
+}
+
+fn scene_report(prepared: &Prepared, survey: Survey) -> SceneReport {
+    SceneReport {
+        triangles: prepared.triangles_read,
+        triangles_used: survey.triangle_count,
+        two_sided: survey.two_sided_count,
+        objects: survey.object_count,
+        closed_objects: survey.closed_object_count,
+        materials: survey.material_count,
+        bounds: survey.bounds.map(|bounds| bounds.map(|corner| corner.to_array())),
+        diagonal: survey.diagonal,
+        area: survey.area,
+        area_min: survey.area_min,
+        area_max: survey.area_max,
+        closed: survey.edges.are_closed(),
+        edges: EdgeReport::from(&survey.edges),
+        welded_edges: EdgeReport::from(&survey.welded_edges),
+        up: axis_name(survey.up),
+        up_reason: survey.up_reason,
+        up_guessed: survey.up_guessed,
+        metres_per_unit: prepared.scene.metres_per_unit,
+        hints: survey.unit_hints,
+        worst: survey
+            .worst
+            .into_iter()
+            .map(|worst| WorstReport {
+                face: worst.face,
+                object: worst.object,
+                aspect: worst.aspect,
+                area: worst.area,
+            })
+            .collect(),
+    }
+}
+
+fn patch_report(prepared: &Prepared) -> PatchReport {
+    let patches = &prepared.patches;
+    let mut areas: Vec<f64> = patches.iter().map(|patch| patches.area(patch)).collect();
+    areas.sort_unstable_by(f64::total_cmp);
+    let at = |place: usize| areas.get(place).copied().unwrap_or(0.0);
+    PatchReport {
+        count: patches.len(),
+        surfaces: patches.surfaces().len(),
+        area_min: at(0),
+        area_median: at(areas.len() / 2),
+        area_max: at(areas.len().saturating_sub(1)),
+    }
+}
+
+fn octree_report(model: &Model) -> OctreeReport {
+    let nodes = model.geometry().octree.nodes();
+    let leaves = nodes.iter().filter(|node| node.is_leaf()).count();
+    OctreeReport {
+        nodes: nodes.len(),
+        leaves,
+        levels: nodes.iter().map(|node| node.level).max().unwrap_or(0),
+        surfaces_per_leaf: model.geometry().surfaces.len() as f64 / leaves.max(1) as f64,
+    }
+}
+
+fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBackend) -> Result<Forecast> {
+    let render = &arguments.render;
+    let choice = RowChoice::Sample {
+        count: SAMPLE,
+        seed: arguments.seed,
+    };
+    let rotate = render.rotation == Switch::On;
+    let plan = Plan::new(model, choice, Selection::default(), render.samples.per_edge, rotate);
+    let settings = RenderSettings {
+        resolution: render.resolution,
+        culling: Culling::On,
+        covered: false,
+    };
+    backend.load(model.geometry(), settings)?;
+
+    let (mut visible, mut facing) = (Vec::new(), 0);
+    let (mut escaped, mut blocked, mut hemicube_count, mut transformed) = (0.0, 0.0, 0u64, 0);
+    let mut seconds = 0.0;
+    let mut block = RowBlock::default();
+    for &patch in &plan.rows {
+        let hemicubes = model.hemicubes(patch, render.samples.per_edge, rotate);
+        if hemicubes.is_empty() {
+            continue;
+        }
+        // The first time fetches the scene into the caches, where a full run has it; the second is measured.
+        backend.rows(&hemicubes, &mut RowBlock::default())?;
+        block.clear();
+        let started = Instant::now();
+        let counters = backend.rows(&hemicubes, &mut block)?;
+        seconds += started.elapsed().as_secs_f64();
+        hemicube_count += counters.hemicubes;
+        transformed += counters.triangles_transformed;
+        let whole = f64::from(hemicube::backend::WHOLE) * hemicubes.len() as f64;
+        escaped += block.escaped.iter().map(|&weight| f64::from(weight)).sum::<f64>() / whole;
+        blocked += block.blocked.iter().map(|&weight| f64::from(weight)).sum::<f64>() / whole;
+        let mut seen: Vec<u32> = block
+            .patches
+            .iter()
+            .zip(&block.visible)
+            .filter(|&(_, &weight)| weight > 0)
+            .map(|(&p, _)| p)
+            .collect();
+        seen.sort_unstable();
+        seen.dedup();
+        visible.push(seen.len() as u64);
+        facing += facing_count(model, patch);
+    }
+    let rows = visible.len().max(1) as f64;
+    let patch_count = model.patches().len() as f64;
+    let total: u64 = visible.iter().sum();
+    let entries = total as f64 / rows * patch_count;
+    visible.sort_unstable();
+    let at = |percent: usize| {
+        visible
+            .get((visible.len() * percent).div_ceil(100).saturating_sub(1))
+            .copied()
+            .unwrap_or(0)
+    };
+    let threads = render.thread_count();
+    let samples = render.samples.per_edge * render.samples.per_edge;
+    let per_hemicube = seconds / hemicube_count.max(1) as f64;
+    let all = hemicube_count as f64 * model.geometry().surfaces.len() as f64;
+    Ok(Forecast {
+        sampled_rows: visible.len(),
+        seed: arguments.seed,
+        resolution: render.resolution,
+        samples,
+        visible_median: at(50),
+        visible_percentile_90: at(90),
+        visible_of_facing: if facing > 0 {
+            (total as f64 / facing as f64).min(1.0)
+        } else {
+            0.0
+        },
+        escaped: escaped / rows,
+        blocked: blocked / rows,
+        culled: if all > 0.0 {
+            (1.0 - transformed as f64 / all).max(0.0)
+        } else {
+            0.0
+        },
+        entries,
+        bytes: entries * ENTRY_BYTES + patch_count * (ROW_BYTES + PATCH_BYTES),
+        threads,
+        seconds: Some(per_hemicube * f64::from(samples) * patch_count / threads as f64),
+    })
+}
+
+/// How many patches a patch could see if nothing were in between: each centroid in front of the other's plane.
+fn facing_count(model: &Model, patch: InputPatch) -> u64 {
+    let patches = model.patches();
+    let (centroid, normal) = (patches.centroid(patch), patches.normal(patch));
+    let faces = |other: InputPatch| {
+        let way = patches.centroid(other) - centroid;
+        way.dot(normal) > 0.0 && way.dot(patches.normal(other)) < 0.0
+    };
+    patches.iter().filter(|&other| faces(other)).count() as u64
+}
+
+fn text(report: &Report) -> String {
+    let scene = &report.scene;
+    let mut list = Listing::default();
+    if let Some(input) = report.inputs.first() {
+        list.add("scene", format!("`{}`, {}", input.path, size(input.bytes)));
+    }
+    list.add(
+        "triangles",
+        format!(
+            "{}, {} two-sided; {}, {}",
+            count(scene.triangles_used as u64),
+            if scene.two_sided == 0 {
+                "none".to_owned()
+            } else {
+                count(scene.two_sided as u64)
+            },
+            counted(scene.objects as u64, "object"),
+            counted(scene.materials as u64, "material")
+        ),
+    );
+    let dropped = [
+        (report.repair.non_finite, "not finite"),
+        (report.repair.degenerate, "without area"),
+        (report.repair.duplicates_dropped, "exactly on others"),
+    ];
+    for (number, what) in dropped.into_iter().filter(|(number, _)| *number > 0) {
+        list.add("dropped", format!("{} {what}", count(number)));
+    }
+    if report.repair.reversed_duplicates > 0 {
+        list.add(
+            "back to back",
+            format!("{}, kept", counted(report.repair.reversed_duplicates, "triangle")),
+        );
+    }
+    for (reason, number) in &report.findings {
+        list.add("in the file", format!("{} × {reason}", count(*number)));
+    }
+    if let Some([low, high]) = scene.bounds {
+        let extent: Vec<String> = low.iter().zip(high).map(|(low, high)| figures(high - low)).collect();
+        let shown = |corner: [f64; 3]| {
+            corner
+                .map(|c| format!("{c:.6}").trim_end_matches('0').trim_end_matches('.').to_owned())
+                .join(" ")
+        };
+        list.add("size", extent.join(" × "));
+        list.add("box", format!("({}) to ({})", shown(low), shown(high)));
+    }
+    list.add("up", format!("{} ({})", scene.up, scene.up_reason));
+    list.add(
+        "unit",
+        match scene.metres_per_unit {
+            Some(metres) => format!("{} m", figures(metres)),
+            None => "not given".to_owned(),
+        },
+    );
+    list.add(
+        "area",
+        format!(
+            "{}, triangles from {} to {}",
+            figures(scene.area),
+            figures(scene.area_min),
+            figures(scene.area_max)
+        ),
+    );
+    list.add("edges", edges(&scene.edges, scene.closed));
+    if scene.welded_edges.boundary < scene.edges.boundary {
+        let cracks = scene.edges.boundary - scene.welded_edges.boundary;
+        list.add(
+            "",
+            format!(
+                "{} of the boundary edges are cracks narrower than 1e-7 of the scene",
+                count(cracks as u64)
+            ),
+        );
+    }
+    list.add(
+        "closed objects",
+        format!(
+            "{} of {}",
+            count(scene.closed_objects as u64),
+            count(scene.objects as u64)
+        ),
+    );
+    for hint in &scene.hints {
+        list.add("note", hint.clone());
+    }
+    let patches = &report.patches;
+    list.add(
+        "patches",
+        format!(
+            "{}, area {} in the median, from {} to {}",
+            count(patches.count as u64),
+            figures(patches.area_median),
+            figures(patches.area_min),
+            figures(patches.area_max)
+        ),
+    );
+    let octree = &report.octree;
+    list.add(
+        "octree",
+        format!(
+            "{}, {} deep, {} patches a leaf",
+            counted(octree.nodes as u64, "node"),
+            counted(octree.levels.into(), "level"),
+            figures(octree.surfaces_per_leaf)
+        ),
+    );
+    let mut text = list.text();
+
+    let forecast = &report.forecast;
+    text.push_str(&format!(
+        "\nFrom the hemicubes of {} (resolution {}, {} a patch):\n",
+        counted(forecast.sampled_rows as u64, "random patch"),
+        forecast.resolution,
+        forecast.samples
+    ));
+    let mut list = Listing::default();
+    list.add(
+        "a patch sees",
+        format!(
+            "{} in the median, {} in the 90th percentile",
+            counted(forecast.visible_median, "patch"),
+            count(forecast.visible_percentile_90)
+        ),
+    );
+    list.add(
+        "occlusion",
+        format!("it sees {} of those that face it", percent(forecast.visible_of_facing)),
+    );
+    list.add(
+        "escaped",
+        format!("{} of the view leaves the scene", percent(forecast.escaped)),
+    );
+    list.add(
+        "blocked",
+        format!(
+            "{} of the view is backs of one-sided surfaces",
+            percent(forecast.blocked)
+        ),
+    );
+    list.add(
+        "culling",
+        format!("spares {} of the triangles", percent(forecast.culled)),
+    );
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturation is wanted"
+    )]
+    let bytes = forecast.bytes as u64;
+    list.add(
+        "all rows",
+        format!("about {} entries, {} on disk", about(forecast.entries), size(bytes)),
+    );
+    if let Some(seconds) = forecast.seconds {
+        let device = format!(
+            "{} with {}",
+            report.backend.name,
+            counted(forecast.threads as u64, "thread")
+        );
+        list.add("", format!("about {} on {device}", duration(seconds)));
+    }
+    text.push_str(&list.text());
+
+    if scene.worst.iter().any(|worst| worst.aspect > 20.0) {
+        text.push_str("\nThe slimmest triangles:\n");
+        text.push_str(&report::table(
+            ["face", "longest edge / height", "area", "object"],
+            scene.worst.iter().map(|worst| {
+                [
+                    worst.face.to_string(),
+                    figures(worst.aspect),
+                    figures(worst.area),
+                    worst.object.clone(),
+                ]
+            }),
+        ));
+    }
+    text
+}
+
+fn edges(edges: &EdgeReport, closed: bool) -> String {
+    if closed {
+        return format!("{}: the surface is closed", count(edges.count as u64));
+    }
+    format!(
+        "{}: {} boundary, {} non-manifold, {} inconsistently wound",
+        count(edges.count as u64),
+        count(edges.boundary as u64),
+        count(edges.non_manifold as u64),
+        count(edges.inconsistent as u64)
+    )
+}

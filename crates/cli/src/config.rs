@@ -1,0 +1,500 @@
+//! Settings in layers: command line, environment, `./hemicube.toml`, the user's file, built-in.
+//!
+//! Every layer below the command line becomes the *default* of the flag of the same name, so that one definition parses
+//! all of them, and one rule decides. Where each value came from is kept beside it.
+
+use crate::exit::hinted;
+use anyhow::{Context, Result, anyhow, bail};
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Command};
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fmt;
+use std::fmt::Write as _;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use toml::de::{DeTable, DeValue};
+
+/// The flags that are settings: they may stand in a file and in the environment.
+const SETTINGS: [&str; 23] = [
+    "backend",
+    "resolution",
+    "samples",
+    "correction",
+    "rotation",
+    "culling",
+    "octree-levels",
+    "min-patches",
+    "subdivide",
+    "split",
+    "patch-size",
+    "two-sided",
+    "up",
+    "scale",
+    "keep-duplicates",
+    "rows",
+    "sample-rows",
+    "seed",
+    "emitters",
+    "receivers",
+    "occluders",
+    "threads",
+    "batch",
+];
+
+/// Settings of which one at most can hold. The one from the strongest layer does.
+const EXCLUSIVE: [&[&str]; 2] = [&["subdivide", "split", "patch-size"], &["rows", "sample-rows"]];
+
+/// The file that is looked for in the working directory.
+const FILE: &str = "hemicube.toml";
+
+/// No file of settings is larger; a scene given by mistake is.
+const FILE_SIZE_MAX: u64 = 1 << 20;
+
+/// Where a value came from. Stronger layers are greater.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Origin {
+    User(PathBuf, usize),
+    Project(PathBuf, usize),
+    Environment(String),
+    CommandLine,
+}
+
+impl Origin {
+    fn layer(&self) -> u8 {
+        match self {
+            Self::User(..) => 0,
+            Self::Project(..) => 1,
+            Self::Environment(_) => 2,
+            Self::CommandLine => 3,
+        }
+    }
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::User(path, line) | Self::Project(path, line) => write!(f, "{}:{line}", path.display()),
+            Self::Environment(name) => f.write_str(name),
+            Self::CommandLine => f.write_str("command line"),
+        }
+    }
+}
+
+/// A value below the command line, as the words that would follow its flag.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Layered {
+    words: Vec<String>,
+    origin: Origin,
+}
+
+/// The values of all layers below the command line, the strongest of each setting.
+#[derive(Debug, Default)]
+pub(crate) struct Layers(BTreeMap<&'static str, Layered>);
+
+impl Layers {
+    /// Gathers the layers for a subcommand, of which `matches` says what the command line holds.
+    pub(crate) fn gather(command: &Command, matches: &ArgMatches) -> Result<Self> {
+        let mut layers = Self::default();
+        let chosen = matches.get_one::<PathBuf>("config");
+        if let Some(path) = chosen {
+            layers.read(path, Origin::Project)?;
+        } else if !matches.get_flag("no_config") {
+            // Weakest first: what comes later replaces it.
+            if let Some(path) = user_file()
+                && path.exists()
+            {
+                layers.read(&path, Origin::User)?;
+            }
+            if Path::new(FILE).exists() {
+                layers.read(Path::new(FILE), Origin::Project)?;
+            }
+        }
+        for name in SETTINGS {
+            let variable = variable(name);
+            if let Some(value) = std::env::var_os(&variable) {
+                let word = value
+                    .into_string()
+                    .map_err(|_| anyhow!("the variable `{variable}` is not UTF-8"))?;
+                layers.0.insert(
+                    name,
+                    Layered {
+                        words: vec![word],
+                        origin: Origin::Environment(variable),
+                    },
+                );
+            }
+        }
+        layers.0.retain(|name, _| argument(command, name).is_some());
+        for (name, layered) in &layers.0 {
+            layered.check(command, name)?;
+        }
+        layers.exclude(matches)?;
+        Ok(layers)
+    }
+
+    /// Lets the strongest of settings that exclude each other win, and refuses two of the same layer.
+    fn exclude(&mut self, matches: &ArgMatches) -> Result<()> {
+        for group in EXCLUSIVE {
+            let set: Vec<(&str, Origin)> = group
+                .iter()
+                .filter_map(|&name| {
+                    let given = is_given(matches, name).then_some(Origin::CommandLine);
+                    given
+                        .or_else(|| self.0.get(name).map(|l| l.origin.clone()))
+                        .map(|origin| (name, origin))
+                })
+                .collect();
+            let Some(top) = set.iter().map(|(_, origin)| origin.layer()).max() else {
+                continue;
+            };
+            let strongest: Vec<_> = set.iter().filter(|(_, origin)| origin.layer() == top).collect();
+            if let [(first, at), (second, other), ..] = strongest[..] {
+                let places = if at == other {
+                    at.to_string()
+                } else {
+                    format!("{at} and {other}")
+                };
+                bail!("`--{first}` and `--{second}` exclude each other, and both are given ({places}); choose one");
+            }
+            for (name, origin) in &set {
+                if origin.layer() < top {
+                    self.0.remove(name);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn read(&mut self, path: &Path, origin: fn(PathBuf, usize) -> Origin) -> Result<()> {
+        let text = read_text(path)?;
+        let line = |offset: usize| {
+            1 + text
+                .as_bytes()
+                .iter()
+                .take(offset)
+                .filter(|&&byte| byte == b'\n')
+                .count()
+        };
+        let place = |offset: usize| format!("{}:{}", path.display(), line(offset));
+        let table = DeTable::parse(&text).map_err(|error| {
+            let place = error
+                .span()
+                .map_or_else(|| path.display().to_string(), |span| place(span.start));
+            anyhow!("{place}: {}", error.message().trim().replace('\n', ", "))
+        })?;
+        for (key, value) in table.get_ref() {
+            let place = place(key.span().start);
+            let name = SETTINGS
+                .into_iter()
+                .find(|&name| name == key.get_ref())
+                .ok_or_else(|| {
+                    let error = anyhow!("{place}: there is no setting `{}`", key.get_ref());
+                    match nearest(key.get_ref()) {
+                        Some(name) => hinted(error, format!("did you mean `{name}`?")),
+                        None => hinted(error, "`hemicube compute --print-config` lists all settings"),
+                    }
+                })?;
+            let words = words(value.get_ref()).with_context(|| format!("{place}: `{name}`"))?;
+            self.0.insert(
+                name,
+                Layered {
+                    words,
+                    origin: origin(path.to_owned(), line(key.span().start)),
+                },
+            );
+        }
+        Ok(())
+    }
+
+    /// The definition, with the values of these layers as the defaults of `subcommand`.
+    pub(crate) fn apply(&self, command: Command, subcommand: &str) -> Command {
+        command.mut_subcommand(subcommand, |mut command| {
+            for (name, layered) in &self.0 {
+                if argument(&command, name).is_some() {
+                    command = command.mut_arg(id(name), |arg| arg.default_values(layered.words.clone()));
+                }
+            }
+            command
+        })
+    }
+
+    /// Every setting of a subcommand with its value and where it came from, as a file of settings.
+    pub(crate) fn print(&self, command: &Command, matches: &ArgMatches) -> String {
+        let mut lines = Vec::new();
+        for name in SETTINGS {
+            if argument(command, name).is_none_or(|arg| arg.is_hide_set()) {
+                continue;
+            }
+            let given = is_given(matches, name).then(|| Origin::CommandLine.to_string());
+            let origin = given
+                .or_else(|| self.0.get(name).map(|layered| layered.origin.to_string()))
+                .unwrap_or_else(|| "built-in".to_owned());
+            let values: Vec<String> = matches
+                .get_raw(&id(name))
+                .into_iter()
+                .flatten()
+                .map(|value| toml_value(&value.to_string_lossy()))
+                .collect();
+            lines.push(match &values[..] {
+                [] => (format!("# {name} ="), "not set".to_owned()),
+                _ if matches!(name, "emitters" | "receivers" | "occluders") => {
+                    (format!("{name} = [{}]", values.join(", ")), origin)
+                }
+                [value, ..] => (format!("{name} = {value}"), origin),
+            });
+        }
+        let width = lines
+            .iter()
+            .map(|(setting, _)| setting.chars().count())
+            .max()
+            .unwrap_or(0);
+        lines.iter().fold(String::new(), |mut text, (setting, origin)| {
+            let _ = writeln!(text, "{setting:width$}  # {origin}");
+            text
+        })
+    }
+}
+
+impl Layered {
+    /// Parses the value with its flag alone, so that an error can name the place that it came from.
+    fn check(&self, command: &Command, name: &str) -> Result<()> {
+        let Some(arg) = argument(command, name) else {
+            return Ok(());
+        };
+        let mut line: Vec<OsString> = vec!["hemicube".into()];
+        line.extend(self.words.iter().map(|word| format!("--{name}={word}").into()));
+        let alone = Command::new("hemicube").arg(arg.clone());
+        match alone.try_get_matches_from(line) {
+            Ok(_) => Ok(()),
+            Err(error) => {
+                let text = error.render().to_string();
+                let first = text
+                    .lines()
+                    .find(|line| !line.trim().is_empty())
+                    .unwrap_or("it is wrong");
+                let possible = text
+                    .lines()
+                    .map(str::trim)
+                    .find(|line| line.starts_with("[possible values"));
+                let first = first.strip_prefix("error: ").unwrap_or(first);
+                bail!(
+                    "{}: {first}{}",
+                    self.origin,
+                    possible.map(|p| format!(" {p}")).unwrap_or_default()
+                )
+            }
+        }
+    }
+}
+
+fn read_text(path: &Path) -> Result<String> {
+    let cannot = || format!("the settings in `{}` cannot be read", path.display());
+    let file = std::fs::File::open(path).with_context(cannot)?;
+    let mut bytes = Vec::new();
+    file.take(FILE_SIZE_MAX + 1)
+        .read_to_end(&mut bytes)
+        .with_context(cannot)?;
+    if bytes.len() as u64 > FILE_SIZE_MAX {
+        bail!("`{}` is too large for a file of settings", path.display());
+    }
+    String::from_utf8(bytes).map_err(|_| anyhow!("`{}` is no file of settings: it is not UTF-8", path.display()))
+}
+
+/// A value as the words that would follow its flag.
+fn words(value: &DeValue<'_>) -> Result<Vec<String>> {
+    Ok(vec![match value {
+        DeValue::String(text) => text.clone().into_owned(),
+        DeValue::Integer(number) if number.radix() == 10 => number.as_str().to_owned(),
+        DeValue::Integer(number) => u64::from_str_radix(number.as_str(), number.radix())
+            .context("the number is too large")?
+            .to_string(),
+        DeValue::Float(number) => number.as_str().to_owned(),
+        DeValue::Boolean(_) => bail!("a switch is \"on\" or \"off\", in quotes"),
+        DeValue::Array(values) => {
+            return values
+                .iter()
+                .map(|value| match value.get_ref() {
+                    DeValue::String(text) => Ok(text.clone().into_owned()),
+                    _ => bail!("a list of texts in quotes is needed"),
+                })
+                .collect();
+        }
+        DeValue::Datetime(_) | DeValue::Table(_) => bail!("a number, a text or a list of texts is needed"),
+    }])
+}
+
+fn toml_value(text: &str) -> String {
+    let is_number = text.parse::<f64>().is_ok_and(f64::is_finite) && text.starts_with(|c: char| c.is_ascii_digit());
+    if is_number && !text.ends_with('.') {
+        return text.to_owned();
+    }
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+/// The user's file, where the system says where such files are.
+fn user_file() -> Option<PathBuf> {
+    let set = |name: &str| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
+    let directory = if cfg!(windows) {
+        set("APPDATA")
+    } else {
+        // The specification has it that a relative path is ignored.
+        set("XDG_CONFIG_HOME")
+            .filter(|path| path.is_absolute())
+            .or_else(|| set("HOME").map(|home| home.join(".config")))
+    };
+    Some(directory?.join("hemicube").join(FILE))
+}
+
+fn variable(name: &str) -> String {
+    format!("HEMICUBE_{}", name.replace('-', "_").to_ascii_uppercase())
+}
+
+fn id(name: &str) -> String {
+    name.replace('-', "_")
+}
+
+fn argument<'a>(command: &'a Command, name: &str) -> Option<&'a clap::Arg> {
+    command.get_arguments().find(|arg| arg.get_long() == Some(name))
+}
+
+fn is_given(matches: &ArgMatches, name: &str) -> bool {
+    // Asking for the source of a flag that the subcommand lacks would panic.
+    matches.ids().any(|known| known.as_str() == id(name))
+        && matches.value_source(&id(name)) == Some(ValueSource::CommandLine)
+}
+
+/// The setting whose name is at most two edits from `name`.
+fn nearest(name: &str) -> Option<&'static str> {
+    let name = name.replace('_', "-").to_ascii_lowercase();
+    SETTINGS
+        .into_iter()
+        .map(|setting| (edits(&name, setting), setting))
+        .min()
+        .and_then(|(distance, setting)| (distance <= 2).then_some(setting))
+}
+
+/// Levenshtein's distance, by rows (Wagner & Fischer 1974).
+fn edits(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = i;
+        row[0] = i + 1;
+        for (j, &y) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(x != y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row.last().copied().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args::Cli;
+    use clap::CommandFactory;
+
+    fn compute() -> Command {
+        let mut command = Cli::command();
+        command.build();
+        command.find_subcommand("compute").expect("compute").clone()
+    }
+
+    #[test]
+    fn every_setting_is_a_flag_of_compute() {
+        let command = compute();
+        for name in SETTINGS {
+            assert!(argument(&command, name).is_some(), "{name}");
+        }
+    }
+
+    #[test]
+    fn every_flag_of_compute_is_a_setting_or_known_not_to_be() {
+        let others = [
+            "output",
+            "overwrite",
+            "config",
+            "no-config",
+            "print-config",
+            "json",
+            "no-timings",
+            "quiet",
+            "verbose",
+            "no-progress",
+            "help",
+            "version",
+        ];
+        for arg in compute().get_arguments() {
+            if let Some(name) = arg.get_long() {
+                assert!(SETTINGS.contains(&name) != others.contains(&name), "{name}");
+            }
+        }
+    }
+
+    fn layers(text: &str) -> Result<Layers> {
+        let file = std::env::temp_dir().join(format!("hemicube-config-{}-{:p}.toml", std::process::id(), &text));
+        std::fs::write(&file, text).unwrap();
+        let mut layers = Layers::default();
+        let read = layers.read(&file, Origin::Project);
+        std::fs::remove_file(&file).unwrap();
+        read.map(|()| layers)
+    }
+
+    #[test]
+    fn values_become_the_words_of_flags() {
+        let read =
+            layers("resolution = 512\n\n# why\nscale=1e-3\nemitters = ['a*', \"b\"]\nrotation = 'off'\n").unwrap();
+        assert_eq!(read.0["resolution"].words, ["512"]);
+        assert_eq!(read.0["scale"].words, ["1e-3"]);
+        assert_eq!(read.0["emitters"].words, ["a*", "b"]);
+        assert!(matches!(read.0["rotation"].origin, Origin::Project(_, 6)));
+        assert!(layers("resolution = { n = 3 }").is_err() && layers("x = = 3").is_err());
+    }
+
+    #[test]
+    fn an_unknown_key_is_named_with_its_line() {
+        let error = layers("\nresolutoin = 512\n").unwrap_err();
+        assert!(
+            error.to_string().contains(".toml:2: there is no setting `resolutoin`"),
+            "{error}"
+        );
+        assert_eq!(nearest("resolutoin"), Some("resolution"));
+        assert_eq!(nearest("patch_size"), Some("patch-size"));
+        assert_eq!(nearest("colour"), None);
+    }
+
+    #[test]
+    fn a_wrong_value_is_named_with_its_place() {
+        let layered = |word: &str, origin| Layered {
+            words: vec![word.to_owned()],
+            origin,
+        };
+        let command = compute();
+        assert!(
+            layered("512", Origin::CommandLine)
+                .check(&command, "resolution")
+                .is_ok()
+        );
+        let wrong = layered("100", Origin::Environment("HEMICUBE_RESOLUTION".into())).check(&command, "resolution");
+        let text = wrong.unwrap_err().to_string();
+        assert!(
+            text.starts_with("HEMICUBE_RESOLUTION: invalid value '100'") && text.contains("multiple of 16"),
+            "{text}"
+        );
+        let wrong = layered("sometimes", Origin::Project("f".into(), 3)).check(&command, "culling");
+        let text = wrong.unwrap_err().to_string();
+        assert!(text.starts_with("f:3: ") && text.contains("auto, on, off"), "{text}");
+    }
+
+    #[test]
+    fn distances() {
+        assert_eq!(edits("kitten", "sitting"), 3);
+        assert_eq!((edits("", "abc"), edits("abc", "")), (3, 3));
+    }
+}

@@ -1,0 +1,180 @@
+//! How the program ends: exit codes, the one error message, and Ctrl-C.
+
+use std::fmt;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// How a command ended that did not fail.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Exit {
+    /// It did what was asked.
+    Done,
+    /// A check or a comparison did not hold.
+    NotHeld,
+    /// Ctrl-C; what was computed is kept.
+    Interrupted,
+}
+
+/// Wrong usage, unreadable input, or something that could not be written.
+const FAILED: u8 = 2;
+const INTERRUPTED: u8 = 130;
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(match exit {
+            Exit::Done => 0,
+            Exit::NotHeld => 1,
+            Exit::Interrupted => INTERRUPTED,
+        })
+    }
+}
+
+/// An error with what to do about it, on a line of its own.
+#[derive(Debug)]
+struct Hinted {
+    error: anyhow::Error,
+    hint: String,
+}
+
+impl fmt::Display for Hinted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(&self.error, f)
+    }
+}
+
+impl std::error::Error for Hinted {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        self.error.source()
+    }
+}
+
+/// `error`, with the next step.
+pub(crate) fn hinted(error: anyhow::Error, hint: impl Into<String>) -> anyhow::Error {
+    anyhow::Error::new(Hinted {
+        error,
+        hint: hint.into(),
+    })
+}
+
+/// Standard output was closed by who read it: as successful as writing all of it.
+#[derive(Debug)]
+pub(crate) struct OutputClosed;
+
+impl fmt::Display for OutputClosed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("standard output was closed")
+    }
+}
+
+impl std::error::Error for OutputClosed {}
+
+/// The chain of an error, joined. Libraries that paste their source into their own message would say it twice.
+fn message(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain() {
+        let cause = cause.to_string();
+        if text.is_empty() {
+            text = cause;
+        } else if !text.ends_with(&cause) {
+            text.push_str(": ");
+            text.push_str(&cause);
+        }
+    }
+    text
+}
+
+/// Says what went wrong, once, and what the exit code is.
+pub(crate) fn failed(error: &anyhow::Error) -> ExitCode {
+    if error.is::<OutputClosed>() {
+        return Exit::Done.into();
+    }
+    // Nobody is left to tell if standard error is closed too.
+    let mut stderr = std::io::stderr().lock();
+    let _ = writeln!(stderr, "error: {}", message(error));
+    if let Some(hint) = error.chain().find_map(|cause| cause.downcast_ref::<Hinted>()) {
+        let _ = writeln!(stderr, "hint: {}", hint.hint);
+    }
+    ExitCode::from(FAILED)
+}
+
+/// Set by the first Ctrl-C while rows are computed.
+static CANCEL: AtomicBool = AtomicBool::new(false);
+/// Whether there is something worth finishing.
+static KEEPING: AtomicBool = AtomicBool::new(false);
+/// A directory that is still empty, to be removed when nothing comes of it.
+static UNUSED: Mutex<Option<PathBuf>> = Mutex::new(None);
+
+/// From now on Ctrl-C (and a request to terminate) ends the program with code 130: at once, or, between [`keep`] and the
+/// end of the computation, after the part that is being computed; the second one always at once.
+///
+/// # Errors
+/// When the system lets no handler be set.
+pub(crate) fn watch_interrupts() -> anyhow::Result<&'static AtomicBool> {
+    ctrlc::set_handler(|| {
+        if KEEPING.load(Ordering::SeqCst) && !CANCEL.swap(true, Ordering::SeqCst) {
+            let text = "interrupted: finishing the part that is being computed; once more ends at once";
+            let _ = writeln!(std::io::stderr(), "\n{text}");
+            return;
+        }
+        remove_unused();
+        std::process::exit(INTERRUPTED.into());
+    })?;
+    Ok(&CANCEL)
+}
+
+/// Whether an interrupt waits for the part that is being computed.
+pub(crate) fn keep(keeping: bool) {
+    KEEPING.store(keeping, Ordering::SeqCst);
+}
+
+/// Names a directory that was made for a result which may never come.
+pub(crate) fn made_for_later(directory: &Path) {
+    *UNUSED.lock().unwrap_or_else(PoisonError::into_inner) = Some(directory.to_owned());
+}
+
+/// Removes that directory, if it is still empty.
+pub(crate) fn remove_unused() {
+    if let Some(directory) = UNUSED.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        // One that is not empty is in use, and stays.
+        let _ = std::fs::remove_dir(directory);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::{Context, anyhow};
+
+    #[derive(Debug)]
+    struct Pasted(std::io::Error);
+
+    impl fmt::Display for Pasted {
+        fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            write!(f, "disk: {}", self.0)
+        }
+    }
+
+    impl std::error::Error for Pasted {
+        fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+            Some(&self.0)
+        }
+    }
+
+    #[test]
+    fn a_chain_is_said_once() {
+        let pasted = anyhow::Error::new(Pasted(std::io::Error::other("full"))).context("`x` was not written");
+        assert_eq!(message(&pasted), "`x` was not written: disk: full");
+    }
+
+    #[test]
+    fn a_hint_is_found_beneath_context() {
+        let error = Err::<(), _>(hinted(anyhow!("no"), "try yes"))
+            .context("asking")
+            .unwrap_err();
+        assert_eq!(message(&error), "asking: no");
+        assert!(error.chain().any(|cause| cause.downcast_ref::<Hinted>().is_some()));
+    }
+}

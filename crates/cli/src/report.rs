@@ -1,0 +1,446 @@
+//! What the program says: messages on standard error, data on standard output or in a file, and how numbers look.
+
+use crate::args::Talk;
+use crate::exit::OutputClosed;
+use anyhow::{Context, Result, bail};
+use serde::Serialize;
+use std::ffi::OsString;
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+
+/// The version of every JSON report.
+pub(crate) const SCHEMA: u32 = 1;
+
+/// The end of temporary names; the library that writes matrices clears such files away when a run was killed.
+pub(crate) const TEMPORARY_SUFFIX: &str = ".hemicube-tmp";
+
+impl Talk {
+    /// Says what a person wants to know.
+    pub(crate) fn say(self, text: &str) {
+        if !self.quiet {
+            line(text);
+        }
+    }
+
+    /// Says what a person wants to know who asked for more.
+    pub(crate) fn detail(self, text: &str) {
+        if self.verbose {
+            line(text);
+        }
+    }
+
+    /// Says what may be wrong.
+    pub(crate) fn warn(self, text: &str) {
+        if !self.quiet {
+            line(&format!("warning: {text}"));
+        }
+    }
+}
+
+fn line(text: &str) {
+    // Messages are a courtesy: a closed standard error is no reason to stop.
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+/// Writes data to standard output.
+///
+/// # Errors
+/// [`OutputClosed`] when the reader has gone, which is no failure.
+pub(crate) fn print(text: &str) -> Result<()> {
+    let mut stdout = io::stdout().lock();
+    stdout
+        .write_all(text.as_bytes())
+        .and_then(|()| stdout.flush())
+        .map_err(output_error)
+}
+
+/// An error of standard output, of which a reader that has gone is none.
+pub(crate) fn output_error(error: io::Error) -> anyhow::Error {
+    if error.kind() == io::ErrorKind::BrokenPipe {
+        anyhow::Error::new(OutputClosed)
+    } else {
+        anyhow::Error::new(error).context("standard output cannot be written")
+    }
+}
+
+impl crate::args::Report {
+    /// Whether standard output is the report's.
+    pub(crate) fn is_to_stdout(&self) -> bool {
+        self.json.as_ref().is_some_and(|path| path.as_os_str() == "-")
+    }
+}
+
+/// Refuses a path at which there is nothing.
+///
+/// # Errors
+/// When nothing is there, or it cannot be looked at.
+pub(crate) fn require(path: &Path) -> Result<()> {
+    match std::fs::metadata(path) {
+        Ok(_) => Ok(()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => bail!("`{}` does not exist", path.display()),
+        Err(error) => Err(error).with_context(|| format!("`{}` cannot be read", path.display())),
+    }
+}
+
+/// A JSON report, whose place is opened before the work that it reports.
+#[derive(Debug)]
+pub(crate) struct JsonReport {
+    file: Option<PendingFile>,
+}
+
+impl JsonReport {
+    /// Opens the place that `--json` names; nothing without it.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub(crate) fn open(arguments: &crate::args::Report) -> Result<Option<Self>> {
+        let Some(path) = &arguments.json else { return Ok(None) };
+        if path.as_os_str() == "-" {
+            return Ok(Some(Self { file: None }));
+        }
+        if path.is_dir() {
+            bail!("`{}` is a directory; `--json` needs the name of a file", path.display());
+        }
+        Ok(Some(Self {
+            file: Some(PendingFile::create(path)?),
+        }))
+    }
+
+    /// Writes the report.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub(crate) fn write(self, report: &impl Serialize) -> Result<()> {
+        let mut text = serde_json::to_string_pretty(report).context("the report is no JSON")?;
+        text.push('\n');
+        match self.file {
+            None => print(&text),
+            Some(mut file) => {
+                file.write_all(text.as_bytes())
+                    .with_context(|| format!("`{}` cannot be written", file.path.display()))?;
+                file.commit()
+            }
+        }
+    }
+}
+
+/// A file that gets its name when it is complete, and leaves nothing behind otherwise.
+#[derive(Debug)]
+pub(crate) struct PendingFile {
+    path: PathBuf,
+    temporary: PathBuf,
+    file: Option<File>,
+}
+
+impl PendingFile {
+    /// Opens a temporary file beside `path`.
+    ///
+    /// # Errors
+    /// When there can be none.
+    pub(crate) fn create(path: &Path) -> Result<Self> {
+        let Some(name) = path.file_name() else {
+            bail!("`{}` names no file", path.display())
+        };
+        let mut temporary = OsString::from(".");
+        temporary.push(name);
+        temporary.push(TEMPORARY_SUFFIX);
+        let temporary = path.with_file_name(temporary);
+        let file = File::create(&temporary).with_context(|| format!("`{}` cannot be written", path.display()))?;
+        Ok(Self {
+            path: path.to_owned(),
+            temporary,
+            file: Some(file),
+        })
+    }
+
+    /// Gives the file its name.
+    ///
+    /// # Errors
+    /// When the disk is full, or the name cannot be given.
+    pub(crate) fn commit(mut self) -> Result<()> {
+        let cannot = || format!("`{}` cannot be written", self.path.display());
+        if let Some(file) = &self.file {
+            file.sync_all().with_context(cannot)?;
+            std::fs::rename(&self.temporary, &self.path).with_context(cannot)?;
+        }
+        self.file = None;
+        Ok(())
+    }
+}
+
+impl Write for PendingFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.as_mut().map_or(Ok(0), |file| file.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.as_mut().map_or(Ok(()), File::flush)
+    }
+}
+
+impl Drop for PendingFile {
+    fn drop(&mut self) {
+        if self.file.take().is_some() {
+            // A file that cannot be removed is known by its name.
+            let _ = std::fs::remove_file(&self.temporary);
+        }
+    }
+}
+
+/// A file that was read, by its bytes.
+#[derive(Debug, Serialize)]
+pub(crate) struct Input {
+    pub(crate) path: String,
+    pub(crate) blake3: String,
+    pub(crate) bytes: u64,
+}
+
+impl Input {
+    /// Reads the file at `path`.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub(crate) fn of(path: &Path) -> Result<Self> {
+        let cannot = || format!("`{}` cannot be read", path.display());
+        let mut file = File::open(path).with_context(cannot)?;
+        let mut hasher = blake3::Hasher::new();
+        let mut buffer = vec![0; 1 << 16];
+        let mut bytes = 0;
+        loop {
+            let count = file.read(&mut buffer).with_context(cannot)?;
+            if count == 0 {
+                break;
+            }
+            hasher.update(&buffer[..count]);
+            bytes += count as u64;
+        }
+        Ok(Self {
+            path: path.display().to_string(),
+            blake3: hasher.finalize().to_hex().to_string(),
+            bytes,
+        })
+    }
+}
+
+/// The engine, in reports.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct BackendReport {
+    pub(crate) name: String,
+    pub(crate) version: String,
+    pub(crate) device: String,
+}
+
+/// Least, average and most over the rows.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(crate) struct Spread {
+    pub(crate) min: f64,
+    pub(crate) mean: f64,
+    pub(crate) max: f64,
+}
+
+/// The most memory that this process has had, where the system tells.
+pub(crate) fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    line.trim()
+        .strip_suffix("kB")?
+        .trim()
+        .parse::<u64>()
+        .ok()
+        .map(|kib| kib * 1024)
+}
+
+/// Labels and values in two columns.
+#[derive(Debug, Default)]
+pub(crate) struct Listing(Vec<(String, String)>);
+
+impl Listing {
+    /// Adds a line.
+    pub(crate) fn add(&mut self, label: &str, value: impl Into<String>) {
+        self.0.push((label.to_owned(), value.into()));
+    }
+
+    /// The lines, values aligned.
+    pub(crate) fn text(&self) -> String {
+        let width = self.0.iter().map(|(label, _)| label.chars().count()).max().unwrap_or(0);
+        self.0
+            .iter()
+            .map(|(label, value)| format!("{label:width$}  {value}\n"))
+            .collect()
+    }
+}
+
+/// A table with a line of headings.
+pub(crate) fn table<const N: usize>(headings: [&str; N], rows: impl IntoIterator<Item = [String; N]>) -> String {
+    let mut table = comfy_table::Table::new();
+    table.load_style(comfy_table::presets::NOTHING);
+    table.set_header(headings);
+    for row in rows {
+        table.add_row(row);
+    }
+    let mut text: String = table.lines().map(|line| format!("{}\n", line.trim_end())).collect();
+    if text.starts_with(' ') {
+        text = text
+            .lines()
+            .map(|line| format!("{}\n", line.strip_prefix(' ').unwrap_or(line)))
+            .collect();
+    }
+    text
+}
+
+/// 1234567 as `1,234,567`.
+pub(crate) fn count(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (place, digit) in digits.chars().enumerate() {
+        if place > 0 && (digits.len() - place).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// `1 row`, `2,000 rows`.
+pub(crate) fn counted(number: u64, what: &str) -> String {
+    let plural = match what.strip_suffix("ch") {
+        _ if number == 1 => what.to_owned(),
+        Some(_) => format!("{what}es"),
+        None => what
+            .strip_suffix('y')
+            .map_or_else(|| format!("{what}s"), |stem| format!("{stem}ies")),
+    };
+    format!("{} {plural}", count(number))
+}
+
+/// 0.1234 as `12.3 %`; what is not nothing never reads as nothing, nor what is not all as all.
+pub(crate) fn percent(fraction: f64) -> String {
+    let percent = 100.0 * fraction;
+    if percent > 0.0 && percent < 0.01 {
+        "< 0.01 %".to_owned()
+    } else if percent > 99.99 && percent < 100.0 {
+        "> 99.99 %".to_owned()
+    } else if percent == 0.0 || percent == 100.0 {
+        format!("{percent:.0} %")
+    } else if !(1.0..=99.0).contains(&percent) {
+        format!("{percent:.2} %")
+    } else {
+        format!("{percent:.1} %")
+    }
+}
+
+/// A number of bytes in the largest unit that it fills.
+pub(crate) fn size(bytes: u64) -> String {
+    let mut value = bytes as f64;
+    let mut unit = "B";
+    for larger in ["kB", "MB", "GB", "TB", "PB"] {
+        if value < 999.5 {
+            break;
+        }
+        value /= 1000.0;
+        unit = larger;
+    }
+    if unit == "B" || value >= 99.5 {
+        format!("{value:.0} {unit}")
+    } else {
+        format!("{} {unit}", figures(value))
+    }
+}
+
+/// Seconds as a person says them.
+pub(crate) fn duration(seconds: f64) -> String {
+    if seconds < 59.95 {
+        return format!("{} s", figures(seconds));
+    }
+    let minutes = seconds / 60.0;
+    if minutes < 59.95 {
+        return format!("{} min", figures(minutes));
+    }
+    let hours = minutes / 60.0;
+    if hours < 47.95 {
+        format!("{} h", figures(hours))
+    } else {
+        format!("{} days", figures(hours / 24.0))
+    }
+}
+
+/// Three significant figures, without an exponent where that is readable.
+pub(crate) fn figures(value: f64) -> String {
+    let magnitude = value.abs();
+    if magnitude == 0.0 {
+        "0".to_owned()
+    } else if !(1e-3..1e6).contains(&magnitude) {
+        format!("{value:.2e}")
+    } else if magnitude < 0.1 {
+        format!("{value:.4}")
+    } else if magnitude < 9.995 {
+        format!("{value:.2}")
+    } else if magnitude < 99.95 {
+        format!("{value:.1}")
+    } else {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "below a million")]
+        let rounded = count(magnitude.round() as u64);
+        if value < 0.0 { format!("-{rounded}") } else { rounded }
+    }
+}
+
+/// An estimate: three figures of a count.
+pub(crate) fn about(value: f64) -> String {
+    let value = value.max(0.0);
+    let unit = if value < 1000.0 {
+        1.0
+    } else {
+        10f64.powf(value.log10().floor() - 2.0)
+    };
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturation is wanted"
+    )]
+    let rounded = ((value / unit).round() * unit).round() as u64;
+    count(rounded)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_as_people_read_them() {
+        assert_eq!([0, 999, 1000, 1_234_567].map(count), ["0", "999", "1,000", "1,234,567"]);
+        assert_eq!(counted(1, "entry"), "1 entry");
+        assert_eq!(counted(2000, "entry"), "2,000 entries");
+        assert_eq!(counted(3, "patch"), "3 patches");
+        assert_eq!(
+            [0.0, 1e-9, 0.0123, 0.5, 0.9999999, 1.0].map(percent),
+            ["0 %", "< 0.01 %", "1.2 %", "50.0 %", "> 99.99 %", "100 %"]
+        );
+        assert_eq!(
+            [0, 999, 1000, 185_000_000].map(size),
+            ["0 B", "999 B", "1.00 kB", "185 MB"]
+        );
+        assert_eq!(
+            [0.0, 4.5, 90.0, 7200.0, 1e6].map(duration),
+            ["0 s", "4.50 s", "1.50 min", "2.00 h", "11.6 days"]
+        );
+        assert_eq!(
+            [3.1e-8, 0.0123, 1234.6, 2e9].map(figures),
+            ["3.10e-8", "0.0123", "1,235", "2.00e9"]
+        );
+    }
+
+    #[test]
+    fn estimates_are_round() {
+        assert_eq!(
+            [0.0, 12.4, 663_382.0, 35_049_000.0].map(about),
+            ["0", "12", "663,000", "35,000,000"]
+        );
+    }
+
+    #[test]
+    fn tables_are_aligned_and_have_no_trailing_blanks() {
+        let text = table(["name", "n"], [["a".into(), "1".into()], ["long".into(), "22".into()]]);
+        assert_eq!(text, "name  n\na     1\nlong  22\n");
+    }
+}
