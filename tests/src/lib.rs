@@ -1,1 +1,14 @@
-//! x
+//! What the tests of the whole workspace share: real scenes and when to skip, geometry with closed forms, rays in f64 to
+//! hold item buffers against, and rows in memory.
+//!
+//! | variable | meaning |
+//! | --- | --- |
+//! | `HEMICUBE_SCENES` | the folder of real scenes; otherwise `../shared/scenes` beside the workspace |
+//! | `HEMICUBE_REQUIRE_SCENES=1` | a test that would skip for want of a scene, or of what unpacks it, fails |
+//! | `HEMICUBE_PYTHON` | a Python with NumPy and SciPy; otherwise `python3` |
+//! | `HEMICUBE_REQUIRE_PYTHON=1` | a test that would skip for want of one fails |
+
+pub mod geometry;
+pub mod rays;
+pub mod rows;
+pub mod scenes;

@@ -11,10 +11,11 @@
 //! 5. The emitter's own surface is never seen, whichever side emits.
 
 use crate::row::RowBlock;
+use crate::tree::{Hierarchy, Tree};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use hemicube_spatial::Octree;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// The weight of a whole hemicube: form factor 1 in fixed point.
 pub const WHOLE: u32 = 1 << 31;
@@ -37,7 +38,7 @@ pub struct Surface {
 ///
 /// Coordinates are normalised: the middle of the scene's box is the origin, and the longest half side lies in (½, 1],
 /// scaled by a power of two, so that thresholds can be constants whatever the scene's unit.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Geometry {
     /// The surfaces, in the octree's order.
     pub surfaces: Vec<Surface>,
@@ -47,6 +48,39 @@ pub struct Geometry {
     pub patch_count: u32,
     /// A corner nearer than this to the emitter's plane counts as lying in it, in normalised units.
     pub plane_tolerance: f64,
+    /// Made when first asked for, see [`Geometry::tree`].
+    tree: OnceLock<Arc<Tree>>,
+}
+
+impl Clone for Geometry {
+    /// Without the tree, so that a clone can be changed.
+    fn clone(&self) -> Self {
+        Self::new(
+            self.surfaces.clone(),
+            self.octree.clone(),
+            self.patch_count,
+            self.plane_tolerance,
+        )
+    }
+}
+
+impl Geometry {
+    /// A scene as backends are given it.
+    pub fn new(surfaces: Vec<Surface>, octree: Octree, patch_count: u32, plane_tolerance: f64) -> Self {
+        Self {
+            surfaces,
+            octree,
+            patch_count,
+            plane_tolerance,
+            tree: OnceLock::new(),
+        }
+    }
+
+    /// The surfaces in blocks under a tree, made when first asked for and shared from then on.
+    pub fn tree(&self) -> &Arc<Tree> {
+        self.tree
+            .get_or_init(|| Arc::new(Tree::new(self, Hierarchy::SurfaceArea)))
+    }
 }
 
 /// A hemicube to render: where it stands and how it is turned. Normalised coordinates.

@@ -281,6 +281,17 @@ impl Queue {
     }
 }
 
+/// Stops the queue when its worker panics: nobody would compute the batch that the others then wait for.
+struct StopOnPanic<'a>(&'a Queue);
+
+impl Drop for StopOnPanic<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.stop_at(0);
+        }
+    }
+}
+
 /// Computes the rows of `plan` with `backend` and hands them, part by part, to `sink`.
 ///
 /// `settings` are loaded into the backend here, with covered weights whenever the plan's correction needs them. `progress` is called on this thread now and then. When `cancel` becomes
@@ -362,6 +373,7 @@ pub fn compute(
             .map(|mut session| {
                 let (sender, queue, rows_of_batch) = (sender.clone(), &queue, &rows_of_batch);
                 scope.spawn(move || {
+                    let _stop = StopOnPanic(queue);
                     let mut rows = RowBlock::default();
                     let mut converter = Converter::new(plan.correction);
                     while let Some(batch) = queue.take(window) {

@@ -16,7 +16,9 @@ pub mod factor;
 pub mod frame;
 mod model;
 pub mod row;
+mod shaft;
 pub mod store;
+pub mod tree;
 
 pub use hemicube_scene::InputPatch;
 pub use model::{HierarchyOptions, Model, ModelError};

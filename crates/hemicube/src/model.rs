@@ -127,12 +127,7 @@ impl Model {
         let plane_tolerance = 1e-10 + 16.0 * f64::EPSILON * largest * scale;
         #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
         let patch_count = patches.len() as u32;
-        let geometry = Arc::new(Geometry {
-            surfaces,
-            octree,
-            patch_count,
-            plane_tolerance,
-        });
+        let geometry = Arc::new(Geometry::new(surfaces, octree, patch_count, plane_tolerance));
         Ok(Self {
             patches,
             geometry,

@@ -1,14 +1,15 @@
-//! The hierarchy that engine 1 walks: a binary tree over blocks of up to 16 triangles, cut by the surface area
-//! heuristic, in f64.
+//! Surfaces in blocks of 16, one a SIMD lane, under a binary tree of boxes in f64: what the CPU backend walks, and what
+//! shafts between two patches are tested against.
 //!
-//! The octree that comes with a scene can be walked instead; bench `engine`, group `hierarchy`, compares the two. The
-//! heuristic's tight boxes make blocks fuller and let more of them be skipped than the cells of an octree do.
-//! Source: MacDonald & Booth 1990, "Heuristics for ray tracing using space subdivision", with binning (Wald 2007).
+//! The tree is cut by the surface area heuristic (MacDonald & Booth 1990, "Heuristics for ray tracing using space
+//! subdivision", with Wald's binning of 2007). The octree that comes with a scene can be packed into blocks instead; bench
+//! `engine` of the CPU backend compares the two. The heuristic's tight boxes make blocks fuller and let more of them be
+//! skipped than the cells of an octree do.
 
+use crate::backend::{Geometry, Surface};
 use glam::DVec3;
-use hemicube::backend::{Geometry, Surface};
 
-/// Which hierarchy engine 1 walks. Rows are the same bits with either.
+/// How blocks are formed and put under a tree. Rows are the same bits with either.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Hierarchy {
     /// A binary tree cut by the surface area heuristic.
@@ -19,10 +20,10 @@ pub enum Hierarchy {
 }
 
 /// Triangles a block holds, one a SIMD lane.
-pub(crate) const LANES: usize = 16;
+pub const LANES: usize = 16;
 
 /// A patch id in a lane that stands for "no patch": unused lane. Real ids, and the id for blocked, are smaller.
-pub(crate) const UNUSED: u32 = u32::MAX;
+pub const UNUSED: u32 = u32::MAX;
 
 /// Up to 16 triangles as a structure of arrays, ready for SIMD.
 ///
@@ -30,38 +31,45 @@ pub(crate) const UNUSED: u32 = u32::MAX;
 /// arithmetic and thus the same depth to the bit; the winding is kept in which of `negative` and `positive` is the front.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
-pub(crate) struct Block {
+pub struct Block {
     /// x, y, z of corner 0, then of 1, then of 2.
-    pub(crate) corners: [[f64; LANES]; 9],
+    pub corners: [[f64; LANES]; 9],
     /// The id seen where det(v0, v1, v2) < 0, with the eye as origin.
-    pub(crate) negative: [u32; LANES],
+    pub negative: [u32; LANES],
     /// The id seen where det > 0.
-    pub(crate) positive: [u32; LANES],
+    pub positive: [u32; LANES],
 }
 
 /// A node of the tree: one cache line.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
-pub(crate) struct Node {
-    pub(crate) center: DVec3,
-    pub(crate) half: DVec3,
+pub struct Node {
+    /// The middle of its box.
+    pub center: DVec3,
+    /// Half the sides of its box, a hair wider than what lies in it.
+    pub half: DVec3,
     /// Index of the first of two children, which are neighbours; meaningless in a leaf.
-    pub(crate) child: u32,
-    /// Index of the leaf's block, or `INNER`.
-    pub(crate) block: u32,
+    pub child: u32,
+    /// Index of the leaf's block, or [`INNER`].
+    pub block: u32,
 }
 
-pub(crate) const INNER: u32 = u32::MAX;
+/// What stands for "no block" in a node that has children.
+pub const INNER: u32 = u32::MAX;
 
-/// The scene as engine 1 holds it. Shared by all sessions.
+/// A scene's surfaces in blocks under a tree; node 0 is the root.
 #[derive(Debug)]
-pub(crate) struct Tree {
-    pub(crate) nodes: Vec<Node>,
-    pub(crate) blocks: Vec<Block>,
+pub struct Tree {
+    /// The nodes; children are neighbours.
+    pub nodes: Vec<Node>,
+    /// The leaves' blocks.
+    pub blocks: Vec<Block>,
     /// block × 16 + lane of each patch's surface.
-    pub(crate) slot_of_patch: Vec<u32>,
-    pub(crate) patch_count: u32,
-    pub(crate) plane_tolerance: f64,
+    pub slot_of_patch: Vec<u32>,
+    /// How many patches there are, which is also the id that stands for blocked.
+    pub patch_count: u32,
+    /// See [`Geometry::plane_tolerance`].
+    pub plane_tolerance: f64,
 }
 
 #[derive(Clone, Copy)]
@@ -119,7 +127,8 @@ impl Bounds {
 const BINS: usize = 32;
 
 impl Tree {
-    pub(crate) fn new(geometry: &Geometry, hierarchy: Hierarchy) -> Self {
+    /// Packs a scene's surfaces.
+    pub fn new(geometry: &Geometry, hierarchy: Hierarchy) -> Self {
         match hierarchy {
             Hierarchy::SurfaceArea => Self::by_surface_area(geometry),
             Hierarchy::Octree => Self::by_octree(geometry),
@@ -363,7 +372,7 @@ fn binning(low: f64, extent: f64) -> impl Fn(f64) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hemicube::{HierarchyOptions, Model};
+    use crate::{HierarchyOptions, Model};
     use hemicube_scene::generate::{Generate, Kind, generate};
     use hemicube_scene::{Patches, Subdivision};
 

@@ -10,6 +10,8 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
 use hemicube::backend::{Culling, Hemicube, HemicubeBackend, RenderSettings};
 use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
+use hemicube::correct::Correction;
+use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
 use hemicube::store::Part;
 use hemicube::{HierarchyOptions, Model};
@@ -187,16 +189,16 @@ fn print_ratios(cases: &[Case]) {
             1,
             true,
         );
-        let time = |threads| {
+        let time = |threads, resolution, correction| {
             let settings = RenderSettings {
-                resolution: 256,
+                resolution,
                 culling: Culling::On,
                 covered: false,
             };
             let mut parts: Vec<Part> = Vec::new();
             let summary = compute(
                 &case.model,
-                &plan,
+                &plan.clone().with_correction(correction),
                 settings,
                 Box::new(CpuBackend::new()),
                 Execution { threads, batch: 0 },
@@ -207,15 +209,22 @@ fn print_ratios(cases: &[Case]) {
             .expect("rows");
             summary.elapsed.as_secs_f64()
         };
-        let (mut one, mut two) = (f64::INFINITY, f64::INFINITY);
+        let area = Correction::Area(FactorRule::for_tolerance(1e-2));
+        let [mut one, mut two, mut pixel_128, mut area_128] = [f64::INFINITY; 4];
         for _ in 0..3 {
-            one = one.min(time(1));
-            two = two.min(time(2));
+            one = one.min(time(1, 256, Correction::Pixel));
+            two = two.min(time(2, 256, Correction::Pixel));
+            pixel_128 = pixel_128.min(time(1, 128, Correction::Pixel));
+            area_128 = area_128.min(time(1, 128, area));
         }
+        let rows = plan.rows.len() as f64;
         println!(
-            "{}: two threads {:.2} times one (wall clock, best of 3 in turns)",
+            "{}: two threads {:.2} times one; a row at N = 128, one thread: pixel {:.3} ms, area {:.3} ms (clock on the \
+             wall, best of 3 in turns)",
             case.name,
-            one / two
+            one / two,
+            1e3 * pixel_128 / rows,
+            1e3 * area_128 / rows,
         );
     }
 }

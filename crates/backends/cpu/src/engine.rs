@@ -2,11 +2,11 @@
 
 use crate::Shared;
 use crate::kernel::{Chunk, Frame, GROUP, Kernel, Reduction, Sums, Target, Transformed, three};
-use crate::tree::{Block, INNER, LANES, Node, Tree, UNUSED};
 use hemicube::InputPatch;
 use hemicube::backend::{Counters, Culling, Hemicube};
 use hemicube::face::{Face, Items};
 use hemicube::row::RowBlock;
+use hemicube::tree::{Block, INNER, LANES, Node, Tree, UNUSED};
 use std::marker::PhantomData;
 
 const ALL_FACES: u8 = 0b1_1111;
@@ -365,9 +365,9 @@ impl<K: Kernel> Engine<K> {
 
     /// Among the patches that were drawn and covered no pixel centre, finds those that are nearest at their centroid.
     ///
-    /// "Nearest" means: not behind the plane of what is seen at the pixel there. A neighbour in the same surface must
-    /// not hide it, as it would if depths at the pixel's centre were compared. For culling to change nothing, it must
-    /// also not be behind everything in the tile: what culling drops is.
+    /// "Nearest" means: not behind what is seen at the pixel there. A neighbour in the same surface must not hide it, as it
+    /// would if depths at the pixel's centre were compared. For culling to change nothing, it must also not be behind
+    /// everything in the tile: what culling drops is.
     fn find_tiny(&mut self, shared: &Shared, frame: &Frame) {
         let tree = &shared.tree;
         let mut candidates = std::mem::take(&mut self.tiny_candidates);
@@ -391,12 +391,20 @@ impl<K: Kernel> Engine<K> {
                 true
             } else {
                 let at_pixel = f64::from(self.target.depth[chunk].0[x % LANES]);
+                // Where the seen patch does not reach the centroid, as beyond a silhouette, what is about as near as the
+                // pixel, or lies in the patch's plane, is taken to be seen.
+                let about = at_pixel * (1.0 - 4.0 / self.target.resolution as f64);
                 let there = if id < tree.patch_count {
-                    plane_depth(tree, id, frame, face, direction).unwrap_or(at_pixel)
+                    depth_there(tree, id, frame, face, direction)
                 } else {
-                    at_pixel
+                    None
                 };
-                depth >= there * (1.0 - 1e-6)
+                let least = match there {
+                    Some((plane, true)) => plane * (1.0 - 1e-6),
+                    Some((plane, false)) => about.min(plane * (1.0 - 1e-6)),
+                    None => about,
+                };
+                depth >= least
             };
             if !in_front {
                 continue;
@@ -542,17 +550,19 @@ fn centroid_on_face(block: &Block, lane: usize, frame: &Frame) -> Option<(Face, 
     Some((face, [along(0) * inverse, along(1) * inverse], inverse))
 }
 
-/// 1/w of a patch's plane in a direction, or `None` where the plane is not met.
-fn plane_depth(tree: &Tree, patch: u32, frame: &Frame, face: Face, [u, v]: [f64; 2]) -> Option<f64> {
+/// 1/w of a patch's plane in a direction and whether the patch itself is met there, or `None` where the plane is not met.
+fn depth_there(tree: &Tree, patch: u32, frame: &Frame, face: Face, [u, v]: [f64; 2]) -> Option<(f64, bool)> {
     let slot = tree.slot_of_patch[patch as usize] as usize;
     let [a, b, c] = corners_in_frame(&tree.blocks[slot / LANES], slot % LANES, frame).map(glam::DVec3::from_array);
-    let normal = (b - a).cross(c - a);
-    let distance = normal.dot(a);
     let (axis, sign) = face.axes();
     let mut direction = [0.0; 3];
     for (c, value) in [u, v, 1.0].into_iter().enumerate() {
         direction[axis[c]] = sign[c] * value;
     }
-    let depth = normal.dot(glam::DVec3::from_array(direction)) / distance;
-    (depth.is_finite() && depth > 0.0).then_some(depth)
+    let direction = glam::DVec3::from_array(direction);
+    let edges = [b.cross(c), c.cross(a), a.cross(b)].map(|e| e.dot(direction));
+    let determinant = b.cross(c).dot(a);
+    let inside = edges.iter().all(|e| e * determinant >= 0.0);
+    let depth = (edges[0] + edges[1] + edges[2]) / determinant;
+    (depth.is_finite() && depth > 0.0).then_some((depth, inside))
 }

@@ -10,8 +10,8 @@
 //! The three paths (AVX-512, AVX2, portable) perform the same operations in the same order and give the same bits; the
 //! tests compare them.
 
-use crate::tree::{Block, LANES, UNUSED};
 use hemicube::face::Face;
+use hemicube::tree::{Block, LANES, UNUSED};
 
 /// Rows of pixels that are rasterised together: the height of a tile.
 pub(crate) const GROUP: usize = 8;
@@ -383,6 +383,11 @@ const STRADDLE: f32 = 1e-6;
 /// How much 1/w at a corner is widened so that rounding inside the triangle is not cut off.
 const DEPTH_SLACK: f32 = 1e-6;
 
+/// By how much the depth of a blocking back is lowered: 4 units in the last place of f32, above the rounding of two depths.
+const BACK: f64 = 1.0 - 1.0 / 2_097_152.0;
+#[allow(clippy::cast_possible_truncation, reason = "exact in f32")]
+const BACK_F32: f32 = BACK as f32;
+
 #[inline(always)]
 fn boxes(t: &Transformed, face: Face, resolution: usize) -> Boxes {
     let (axis, sign) = face.axes();
@@ -664,6 +669,14 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
         let (lines, sum) = edge_lines(t, face, lane, resolution);
         let inverse = 1.0 / t.determinant[lane];
         let [a, b, c] = affine(sum, face, resolution);
+        let id = t.seen[lane];
+        // Where the back of a surface meets a front, as at every silhouette edge of a solid, their depths differ by less
+        // than f32 can tell, and the front must win.
+        let (inverse, low, high) = if id + 1 == target.nothing {
+            (inverse * BACK, low * BACK_F32, high * BACK_F32)
+        } else {
+            (inverse, low, high)
+        };
         let (x, y, constant) = (a * inverse, b * inverse, c * inverse);
         #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
         let step = x as f32;
@@ -679,7 +692,6 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
             y,
             constant,
         };
-        let id = t.seen[lane];
         let mut covered = 0;
         // SAFETY: the caller's promise.
         unsafe {

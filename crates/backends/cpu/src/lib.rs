@@ -23,7 +23,6 @@
 
 mod engine;
 mod kernel;
-mod tree;
 
 use engine::Engine;
 use hemicube::backend::{
@@ -32,10 +31,9 @@ use hemicube::backend::{
 use hemicube::delta::{DeltaTable, is_resolution};
 use hemicube::face::Items;
 use hemicube::row::RowBlock;
+pub use hemicube::tree::Hierarchy;
+use hemicube::tree::Tree;
 use std::sync::Arc;
-use tree::Tree;
-
-pub use tree::Hierarchy;
 
 /// An instruction set that the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,7 +100,7 @@ struct Loaded {
 /// What all sessions over one scene share.
 #[derive(Debug)]
 pub(crate) struct Shared {
-    pub(crate) tree: Tree,
+    pub(crate) tree: Arc<Tree>,
     pub(crate) table: DeltaTable,
     pub(crate) settings: RenderSettings,
 }
@@ -213,7 +211,10 @@ impl HemicubeBackend for CpuBackend {
             )));
         }
         let shared = Arc::new(Shared {
-            tree: Tree::new(geometry, self.hierarchy),
+            tree: match self.hierarchy {
+                Hierarchy::SurfaceArea => Arc::clone(geometry.tree()),
+                other => Arc::new(Tree::new(geometry, other)),
+            },
             table: DeltaTable::new(settings.resolution),
             settings,
         });

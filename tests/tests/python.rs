@@ -1,0 +1,227 @@
+//! SciPy and NumPy open what is written: a part of a store, and the exports. Each value is compared with the computed one.
+//!
+//! Needs Python with SciPy: `HEMICUBE_PYTHON`, otherwise `python3`.
+
+use hemicube::compute::Execution;
+use hemicube::export::{ExportFormat, ExportOptions, export};
+use hemicube::store::{BackendEntry, Header, Part, PatchTable, SceneEntry, Store, StoreWriter, scene_hash};
+use hemicube_backend_cpu::CpuBackend;
+use hemicube_scene::Subdivision;
+use hemicube_scene::generate::cornell_box;
+use hemicube_tests::rows::{parts, plan, settings};
+use hemicube_tests::scenes::{model, skip};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::Path;
+use std::process::Command;
+
+/// Opens the files it is given and prints what is in them, values as the shortest decimals of f64.
+const SCRIPT: &str = r#"
+import json, sys
+import numpy, scipy.io, scipy.sparse
+
+def entries(matrix):
+    matrix = scipy.sparse.coo_matrix(matrix)
+    return {"shape": list(matrix.shape), "type": str(matrix.dtype),
+            "entries": sorted([int(i), int(j), float(numpy.float32(v))]
+                              for i, j, v in zip(matrix.row, matrix.col, matrix.data))}
+
+part, npz, mtx, txt, npy, patches = sys.argv[1:]
+whole = scipy.sparse.load_npz(npz)
+triplets = numpy.loadtxt(txt)
+dense = numpy.load(npy)
+with numpy.load(part) as archive:
+    rows = {"rows": archive["rows"].tolist(), "sums": archive["sums"].tolist(),
+            "hemicubes": archive["hemicubes"].tolist()}
+with numpy.load(patches) as archive:
+    table = {"area": archive["area"].tolist(), "blocked": archive["blocked"].tolist(),
+             "row_sum": archive["row_sum"].tolist()}
+json.dump({
+    "part": entries(scipy.sparse.load_npz(part)), "rows": rows, "patches": table,
+    "npz": entries(whole), "format": whole.format, "sorted": bool(whole.has_sorted_indices),
+    "mtx": entries(scipy.io.mmread(mtx)),
+    "txt": entries(scipy.sparse.coo_matrix((triplets[:, 2], (triplets[:, 0].astype(int) - 1, triplets[:, 1].astype(int) - 1)))),
+    "npy": entries(dense), "contiguous": bool(dense.flags["C_CONTIGUOUS"]),
+    "product": float((whole @ numpy.ones(whole.shape[1])).sum()),
+}, sys.stdout)
+"#;
+
+/// A Python that has SciPy, or a skip.
+fn python(test: &str) -> Option<OsString> {
+    let named = std::env::var_os("HEMICUBE_PYTHON").filter(|program| !program.is_empty());
+    let program = named.clone().unwrap_or_else(|| "python3".into());
+    let works = Command::new(&program)
+        .args(["-c", "import numpy, scipy.sparse, scipy.io"])
+        .output();
+    match works {
+        Ok(output) if output.status.success() => Some(program),
+        // Whoever names one means it.
+        Ok(output) if named.is_some() => {
+            panic!(
+                "`HEMICUBE_PYTHON` has no SciPy: {}",
+                String::from_utf8_lossy(&output.stderr)
+            )
+        }
+        Err(error) if named.is_some() => panic!("`HEMICUBE_PYTHON` cannot be run: {error}"),
+        _ => {
+            skip(test, "no Python with SciPy", "HEMICUBE_REQUIRE_PYTHON");
+            None
+        }
+    }
+}
+
+type Entries = BTreeMap<(u64, u64), f32>;
+
+fn entries(value: &Value) -> Entries {
+    let list = value["entries"].as_array().expect("a list of entries");
+    let number = |v: &Value| v.as_u64().expect("an index");
+    let entry = |e: &Value| {
+        #[allow(clippy::cast_possible_truncation, reason = "it was printed from an f32")]
+        let factor = e[2].as_f64().expect("a number") as f32;
+        ((number(&e[0]), number(&e[1])), factor)
+    };
+    let map: Entries = list.iter().map(entry).collect();
+    assert_eq!(map.len(), list.len(), "an entry twice");
+    map
+}
+
+/// The entries of some parts: by the patch of the row, or by the row's place in its part.
+fn computed(parts: &[Part], by_patch: bool) -> Entries {
+    let mut all = Entries::new();
+    for part in parts {
+        for (k, &patch) in part.rows.iter().enumerate() {
+            let (columns, factors) = part.row(k);
+            for (&column, &factor) in columns.iter().zip(factors) {
+                let row = if by_patch { u64::from(patch) } else { k as u64 };
+                all.insert((row, u64::try_from(column).expect("a column")), factor);
+            }
+        }
+    }
+    all
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("a temporary path is text")
+}
+
+#[test]
+fn scipy_opens_everything() {
+    let Some(python) = python("python::scipy_opens_everything") else {
+        return;
+    };
+    let mut scene = cornell_box();
+    scene.triangles.rotate_left(7);
+    let model = model(scene.clone(), Subdivision::Levels(1));
+    let plan = plan(&model);
+    let (computed_parts, _) = parts(
+        &model,
+        &plan,
+        settings(64),
+        Box::new(CpuBackend::new()),
+        Execution::default(),
+    )
+    .expect("a sound run");
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let directory = place.path().join("F");
+    let patch_count = model.geometry().patch_count;
+    let header = Header {
+        program: "test".to_owned(),
+        scene: SceneEntry {
+            file: "room".to_owned(),
+            blake3: scene_hash(&scene, model.patches()),
+        },
+        settings: json!({ "resolution": 64 }),
+        correction: "pixel".to_owned(),
+        patch_count,
+        row_count: patch_count,
+        rows_per_part: plan.rows_per_part,
+        backend: BackendEntry {
+            name: "cpu".to_owned(),
+            version: "1".to_owned(),
+        },
+        objects: scene.objects.clone(),
+        materials: scene.materials.iter().map(|m| m.name.clone()).collect(),
+    };
+    let table = PatchTable::new(&scene, model.patches());
+    let mut writer = StoreWriter::create(&directory, header, &table, false).expect("a new store");
+    computed_parts
+        .iter()
+        .for_each(|part| writer.write_part(part).expect("a part is written"));
+    let manifest = writer.finish().expect("all parts are there");
+    assert!(
+        manifest.parts.len() > 1,
+        "more than one part, or rows need no gathering"
+    );
+
+    let store = Store::open(&directory).expect("a store");
+    let files = ["F.npz", "F.mtx", "F.txt", "F.npy"].map(|name| place.path().join(name));
+    for file in &files {
+        let format = ExportFormat::of(file).expect("a known extension");
+        export(&store, file, format, ExportOptions::default()).expect("an export");
+    }
+    let part = directory.join(&manifest.parts[1].file);
+    let output = Command::new(python)
+        .args(["-c", SCRIPT, text(&part)])
+        .args(files.iter().map(|file| text(file)))
+        .arg(text(&directory.join("patches.npz")))
+        .output()
+        .expect("Python runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+
+    let whole = computed(&computed_parts, true);
+    assert!(whole.len() > 5_000 && whole.values().all(|&factor| factor > 0.0));
+    for export in ["npz", "mtx", "txt", "npy"] {
+        assert_eq!(found[export]["shape"], json!([patch_count, patch_count]), "{export}");
+        let mut read = entries(&found[export]);
+        // The last line of triplets gives the size, as an explicit zero where the corner is empty.
+        read.retain(|_, factor| *factor != 0.0);
+        assert!(read == whole, "{export}: other entries than were computed");
+    }
+    assert_eq!(found["npz"]["type"], "float32");
+    assert_eq!(found["npy"]["type"], "float32");
+    assert_eq!(
+        (&found["format"], &found["sorted"], &found["contiguous"]),
+        (&json!("csr"), &json!(true), &json!(true))
+    );
+    let sum: f64 = whole.values().map(|&factor| f64::from(factor)).sum();
+    assert!((found["product"].as_f64().expect("a number") - sum).abs() < 1e-9 * sum);
+
+    let one = &computed_parts[1];
+    assert_eq!(entries(&found["part"]), computed(std::slice::from_ref(one), false));
+    assert_eq!(found["part"]["shape"], json!([one.rows.len(), patch_count]));
+    assert_eq!(found["rows"]["rows"], json!(one.rows));
+    assert_eq!(found["rows"]["hemicubes"], json!(one.hemicubes));
+    let sums: Vec<[u64; 4]> = one
+        .sums
+        .iter()
+        .map(|s| [s.visible, s.escaped, s.blocked, s.unselected])
+        .collect();
+    assert_eq!(found["rows"]["sums"], json!(sums));
+
+    let areas = found["patches"]["area"].as_array().expect("a column");
+    assert_eq!(areas.len(), table.area.len());
+    for (read, area) in areas.iter().zip(&table.area) {
+        // The JSON between may be read one unit in the last place off.
+        assert!((read.as_f64().expect("a number") / area - 1.0).abs() < 1e-15);
+    }
+    let blocked = found["patches"]["blocked"].as_array().expect("a column");
+    let row_sums = found["patches"]["row_sum"].as_array().expect("a column");
+    assert_eq!(
+        (blocked.len(), row_sums.len()),
+        (patch_count as usize, patch_count as usize)
+    );
+    for (blocked, sum) in blocked.iter().zip(row_sums) {
+        let total = blocked.as_f64().expect("a number") + sum.as_f64().expect("a number");
+        // Each of some hundred entries was rounded to an f32.
+        assert!((total - 1.0).abs() < 1e-5, "a row of a closed room sums to {total}");
+    }
+    let mut wrong = whole;
+    wrong
+        .values_mut()
+        .next()
+        .into_iter()
+        .for_each(|factor| *factor = f32::from_bits(factor.to_bits() + 1));
+    assert!(entries(&found["npz"]) != wrong, "one bit of one entry was not noticed");
+}
