@@ -8,7 +8,6 @@ use hemicube::row::RowBlock;
 use hemicube::store::Part;
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::InputPatch;
-use std::sync::atomic::AtomicBool;
 
 /// Settings with culling on and no covered weights.
 pub fn settings(resolution: u32) -> RenderSettings {
@@ -83,20 +82,10 @@ pub fn parts(
     plan: &Plan,
     settings: RenderSettings,
     backend: Box<dyn HemicubeBackend>,
-    execution: Execution,
+    execution: Execution<'_>,
 ) -> Result<(Vec<Part>, Summary), ComputeError> {
     let mut sink = Vec::new();
-    let never = AtomicBool::new(false);
-    let summary = compute(
-        model,
-        plan,
-        settings,
-        backend,
-        execution,
-        &mut sink,
-        &mut |_| {},
-        &never,
-    )?;
+    let summary = compute(model, plan, settings, backend, execution, &mut sink, &mut |_| {})?;
     Ok((sink, summary))
 }
 

@@ -28,7 +28,11 @@ fn run(model: &Model, plan: &Plan, threads: usize, batch: usize) -> (Vec<Part>, 
         plan,
         settings(64),
         Box::new(CpuBackend::new()),
-        Execution { threads, batch },
+        Execution {
+            threads,
+            batch,
+            cancel: None,
+        },
     )
     .expect("a sound run")
 }
@@ -175,14 +179,17 @@ fn a_cancelled_run_keeps_whole_parts() {
                 &plan,
                 settings(64),
                 Box::new(CpuBackend::new()),
-                Execution { threads, batch: 8 },
+                Execution {
+                    threads,
+                    batch: 8,
+                    cancel: Some(&cancel),
+                },
                 &mut kept,
                 &mut |progress| {
                     if progress.rows >= 300 {
                         cancel.store(true, Ordering::Relaxed);
                     }
                 },
-                &cancel,
             );
             (kept, summary.expect("a cancellation is no error"))
         });
@@ -282,10 +289,13 @@ fn fails(fault: Fault, threads: usize, batch: usize) -> (ComputeError, usize) {
                 &plan,
                 settings,
                 Box::new(backend),
-                Execution { threads, batch },
+                Execution {
+                    threads,
+                    batch,
+                    cancel: None,
+                },
                 &mut kept,
                 &mut |_: Progress| {},
-                &AtomicBool::new(false),
             )
             .expect_err("a faulty backend passed");
             (error, kept.len())
@@ -395,10 +405,13 @@ fn a_sink_that_is_full_ends_the_run() {
                 &plan,
                 settings(64),
                 Box::new(CpuBackend::new()),
-                Execution { threads, batch: 3 },
+                Execution {
+                    threads,
+                    batch: 3,
+                    cancel: None,
+                },
                 &mut Full { room: 2 },
                 &mut |_| {},
-                &AtomicBool::new(false),
             )
             .expect_err("a full sink passed")
         });

@@ -135,7 +135,11 @@ fn examine(file: &str, model: &Model) -> Line {
             &plan,
             settings(64),
             Box::new(CpuBackend::new()),
-            Execution { threads, batch: 7 },
+            Execution {
+                threads,
+                batch: 7,
+                cancel: None,
+            },
         )
         .unwrap_or_else(|error| panic!("{file}: {error}"))
     };

@@ -5,7 +5,7 @@
 
 use crate::Model;
 use crate::backend::{BackendError, Counters, HemicubeBackend, RenderSettings};
-use crate::correct::{Converter, Correction};
+use crate::correct::{Converter, Correction, Samples};
 use crate::row::{RowBlock, RowError};
 use crate::store::{Part, RowSums, StoreWriter};
 use hemicube_scene::InputPatch;
@@ -61,8 +61,8 @@ pub struct Plan {
     pub rows: Vec<InputPatch>,
     /// Rows of a part; the last part may have fewer.
     pub rows_per_part: u32,
-    /// n of the n² hemicubes of a row.
-    pub samples_per_edge: u32,
+    /// Where the hemicubes of a row stand.
+    pub samples: Samples,
     /// Whether each hemicube is turned about its normal.
     pub rotate: bool,
     /// Which patches have rows and columns.
@@ -87,16 +87,19 @@ impl Plan {
         Self {
             rows,
             rows_per_part,
-            samples_per_edge,
+            samples: Samples::Centroids(samples_per_edge),
             rotate,
             selection,
             correction: Correction::Pixel,
         }
     }
 
-    /// The same plan with another rung of the accuracy ladder.
+    /// The same plan with another rung of the accuracy ladder; that of a tolerance takes its own hemicubes.
     #[must_use]
     pub fn with_correction(mut self, correction: Correction) -> Self {
+        if let Correction::Tolerance(_) = correction {
+            self.samples = Samples::CentroidAndCorners;
+        }
         self.correction = correction;
         self
     }
@@ -161,12 +164,14 @@ pub struct Progress {
 }
 
 /// How a computation is run. Nothing here changes a bit of the result.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Execution {
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Execution<'a> {
     /// Worker threads; 0: one a core.
     pub threads: usize,
     /// Hemicubes a call of the backend; 0: what the backend prefers.
     pub batch: usize,
+    /// When this becomes true, the part being computed is finished and kept, and the summary says so.
+    pub cancel: Option<&'a AtomicBool>,
 }
 
 /// What a computation did.
@@ -294,8 +299,7 @@ impl Drop for StopOnPanic<'_> {
 
 /// Computes the rows of `plan` with `backend` and hands them, part by part, to `sink`.
 ///
-/// `settings` are loaded into the backend here, with covered weights whenever the plan's correction needs them. `progress` is called on this thread now and then. When `cancel` becomes
-/// true, the part being computed is finished and kept, and the summary says so.
+/// `settings` are loaded into the backend here, with covered weights whenever the plan's correction needs them. `progress` is called on this thread now and then.
 ///
 /// # Errors
 /// When the backend fails or breaks the contract, or the sink cannot keep a part. Parts already kept stay.
@@ -304,10 +308,9 @@ pub fn compute(
     plan: &Plan,
     settings: RenderSettings,
     mut backend: Box<dyn HemicubeBackend>,
-    execution: Execution,
+    execution: Execution<'_>,
     sink: &mut dyn PartSink,
     progress: &mut dyn FnMut(Progress),
-    cancel: &AtomicBool,
 ) -> Result<Summary, ComputeError> {
     let name = backend.info().name.clone();
     let backend_error = |source| ComputeError::Backend {
@@ -320,7 +323,7 @@ pub fn compute(
     };
     backend.load(model.geometry(), settings).map_err(backend_error)?;
 
-    let samples = plan.samples_per_edge as usize * plan.samples_per_edge as usize;
+    let samples = plan.samples.count();
     let hemicubes_per_call = if execution.batch == 0 {
         backend.info().preferred_rows
     } else {
@@ -404,7 +407,7 @@ pub fn compute(
             &receiver,
             sink,
             progress,
-            cancel,
+            execution.cancel,
             &mut summary,
         );
         // Whatever ended the collection, nobody may wait for it any more.
@@ -441,7 +444,7 @@ fn compute_batch(
     let mut count_of_row = Vec::with_capacity(emitters.len());
     for &emitter in emitters {
         let before = hemicubes.len();
-        hemicubes.extend(model.hemicubes(emitter, plan.samples_per_edge, plan.rotate));
+        hemicubes.extend(model.hemicubes_at(emitter, plan.samples, plan.rotate));
         count_of_row.push(hemicubes.len() - before);
     }
     rows.clear();
@@ -495,7 +498,7 @@ fn collect(
     receiver: &mpsc::Receiver<(usize, Result<Batch, ComputeError>)>,
     sink: &mut dyn PartSink,
     progress: &mut dyn FnMut(Progress),
-    cancel: &AtomicBool,
+    cancel: Option<&AtomicBool>,
     summary: &mut Summary,
 ) -> Result<(), ComputeError> {
     let row_count = plan.rows.len() as u64;
@@ -509,7 +512,7 @@ fn collect(
         entries: 0,
     });
     loop {
-        if !cancelling && cancel.load(Ordering::Relaxed) {
+        if !cancelling && cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
             cancelling = true;
             // Whole parts only: the one in which the first batch not yet handed out lies is still computed.
             let handed_out = queue.lock().next;

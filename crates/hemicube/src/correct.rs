@@ -3,6 +3,8 @@
 //! - *pixel*: F_ij = Σ visible weight. Aliasing falls with the resolution; that the emitter is a point does not.
 //! - *point*: F_ij = visible fraction × the closed form from the hemicube's centre.
 //! - *area*: F_ij = visible fraction × the closed form from the whole emitter, as symmetric as visibility allows.
+//! - *tolerance*: the area rung, with the visible fraction of those pairs whose penumbra matters measured by rays in the
+//!   shaft between the two patches ([`Refinement`]).
 //!
 //! The *visible fraction* is what a patch shows over what it would cover alone, by the same rasteriser. With K hemicubes a
 //! patch, fractions are averaged with the closed form from each centre as weight, for that is the share that each part of
@@ -12,6 +14,7 @@ use crate::Model;
 use crate::backend::{Hemicube, WHOLE};
 use crate::factor::{Exchanges, FactorRule, PointFactors};
 use crate::row::RowView;
+use crate::shaft::{RAYS, Shaft};
 use crate::store::RowSums;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
@@ -25,6 +28,50 @@ pub enum Correction {
     Point,
     /// Visible fraction × area-to-area closed form, integrated by this rule.
     Area(FactorRule),
+    /// The area rung with as many rays at partly visible pairs as the tolerance asks for.
+    Tolerance(Refinement),
+}
+
+/// How far the visible fractions of a row are refined.
+///
+/// Four hemicubes a row, at the centroid and near the corners, say which patches are visible throughout and which are in
+/// transition. Those in transition whose F is so small that a rough fraction will do keep one; the others get rays, as
+/// many as the row's share of the tolerance asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refinement {
+    /// The relative Frobenius error to aim at.
+    pub tolerance: f64,
+    /// How the closed form is integrated.
+    pub rule: FactorRule,
+}
+
+impl Refinement {
+    /// The refinement for a relative Frobenius error.
+    pub fn for_tolerance(tolerance: f64) -> Self {
+        Self {
+            tolerance,
+            rule: FactorRule::for_tolerance(tolerance * 0.5),
+        }
+    }
+}
+
+/// Where the hemicubes of a row stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Samples {
+    /// At the centroids of n² equal sub-triangles.
+    Centroids(u32),
+    /// At the centroid and at barycentric (0.9, 0.05, 0.05) and its permutations.
+    CentroidAndCorners,
+}
+
+impl Samples {
+    /// How many hemicubes a row has.
+    pub fn count(self) -> usize {
+        match self {
+            Self::Centroids(n) => n as usize * n as usize,
+            Self::CentroidAndCorners => 4,
+        }
+    }
 }
 
 impl Correction {
@@ -34,6 +81,7 @@ impl Correction {
             Self::Pixel => "pixel",
             Self::Point => "point",
             Self::Area(_) => "area",
+            Self::Tolerance(_) => "tolerance",
         }
     }
 
@@ -56,6 +104,20 @@ pub(crate) struct Converter {
     fractions: Vec<f64>,
     values: Vec<f64>,
     points: PointFactors,
+    shaft: Shaft,
+    doubtful: Vec<Doubtful>,
+}
+
+/// A pair in transition between visible and hidden.
+#[derive(Clone, Copy, Debug)]
+struct Doubtful {
+    /// Its place in the row.
+    place: usize,
+    patch: u32,
+    /// F if all were visible.
+    open: f64,
+    /// How far its rough fraction may be off (standard deviation).
+    doubt: f64,
 }
 
 impl Converter {
@@ -64,9 +126,11 @@ impl Converter {
             correction,
             entries: Vec::new(),
             exchanges: match correction {
-                Correction::Area(rule) => Some(Exchanges::new(rule)),
-                _ => None,
+                Correction::Area(rule) | Correction::Tolerance(Refinement { rule, .. }) => Some(Exchanges::new(rule)),
+                Correction::Pixel | Correction::Point => None,
             },
+            shaft: Shaft::default(),
+            doubtful: Vec::new(),
             fractions: Vec::new(),
             values: Vec::new(),
             points: PointFactors::new(),
@@ -76,6 +140,7 @@ impl Converter {
     /// Appends the columns and form factors of one row, and returns its sums of weights.
     ///
     /// `hemicubes` and `rows` are the emitter's samples; `receives` says whether a patch has a column.
+    #[allow(clippy::too_many_arguments, reason = "called once, from the driver's inner loop")]
     pub(crate) fn convert<'r>(
         &mut self,
         model: &Model,
@@ -107,6 +172,9 @@ impl Converter {
             Correction::Pixel => self.pixel(hemicubes.len(), columns, data),
             Correction::Point => self.point(model, hemicubes, columns, data),
             Correction::Area(_) => self.area(model, emitter, hemicubes, columns, data),
+            Correction::Tolerance(refinement) => {
+                self.refined(model, emitter, hemicubes.len(), refinement.tolerance, columns, data);
+            }
         }
         sums
     }
@@ -170,6 +238,143 @@ impl Converter {
         for ((group, &visible), &exchange) in groups().zip(&self.fractions).zip(&self.values) {
             push(columns, data, group[0].0, visible * exchange * per_area);
         }
+    }
+}
+
+impl Converter {
+    /// The rung of [`Refinement`].
+    fn refined(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        samples: usize,
+        tolerance: f64,
+        columns: &mut Vec<i32>,
+        data: &mut Vec<f32>,
+    ) {
+        let Some(exchanges) = &mut self.exchanges else { return };
+        let own = normalised_corners(model, emitter.0);
+        let per_area = 2.0 / (own[1] - own[0]).cross(own[2] - own[0]).length();
+        self.fractions.clear();
+        self.values.clear();
+        self.doubtful.clear();
+        let groups = || self.entries.chunk_by(|a, b| a.0 == b.0);
+        self.values.resize(groups().count(), 0.0);
+        for (place, group) in groups().enumerate() {
+            let corners = normalised_corners(model, group[0].0);
+            exchanges.add(place, &own, &corners, &mut self.values);
+            self.fractions.push(rough_fraction(group, samples));
+        }
+        exchanges.finish(&mut self.values);
+        for value in &mut self.values {
+            *value *= per_area;
+        }
+        for (place, group) in groups().enumerate() {
+            let all = group.len() == samples && group.iter().all(|e| fraction(e.2, e.3) == 1.0);
+            let open = self.values[place];
+            if !all && open > 0.0 {
+                let partly = self.fractions[place] > 0.0 && self.fractions[place] < 1.0;
+                let doubt = if partly { PARTLY_DOUBT } else { EDGE_DOUBT };
+                self.doubtful.push(Doubtful {
+                    place,
+                    patch: group[0].0,
+                    open,
+                    doubt,
+                });
+            }
+        }
+        self.refine(model, emitter, &own, tolerance);
+        for ((group, &visible), &open) in self
+            .entries
+            .chunk_by(|a, b| a.0 == b.0)
+            .zip(&self.fractions)
+            .zip(&self.values)
+        {
+            push(columns, data, group[0].0, visible * open);
+        }
+    }
+
+    /// Replaces rough fractions by measured ones until what the rest may contribute to the row's error is in its budget.
+    fn refine(&mut self, model: &Model, emitter: InputPatch, own: &[DVec3; 3], tolerance: f64) {
+        let norm: f64 = self
+            .values
+            .iter()
+            .zip(&self.fractions)
+            .map(|(f, v)| (f * v) * (f * v))
+            .sum();
+        let budget = tolerance * tolerance * norm;
+        self.doubtful.sort_unstable_by(|a, b| {
+            (a.open * a.doubt)
+                .total_cmp(&(b.open * b.doubt))
+                .then(a.patch.cmp(&b.patch))
+        });
+        // The smallest stay rough while they use up less than a quarter of the budget.
+        let mut rough = 0.0;
+        let mut first = 0;
+        for pair in &self.doubtful {
+            let error = (pair.open * pair.doubt) * (pair.open * pair.doubt);
+            if rough + error > 0.25 * budget {
+                break;
+            }
+            rough += error;
+            first += 1;
+        }
+        let tree = model.geometry().tree();
+        let total: f64 = self.doubtful[first..].iter().map(|pair| pair.open * PARTLY_DOUBT).sum();
+        for pair in &self.doubtful[first..] {
+            let corners = normalised_corners(model, pair.patch);
+            let occluders = self.shaft.build(tree, (emitter.0, own), (pair.patch, &corners));
+            if occluders == 0 {
+                self.fractions[pair.place] = 1.0;
+                continue;
+            }
+            let seed = (u64::from(emitter.0) << 32 | u64::from(pair.patch)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            let mut sums = (0.0, 0.0);
+            self.shaft.cast(0, RAYS, seed, &mut sums);
+            let pilot = if sums.1 > 0.0 { sums.0 / sums.1 } else { 0.0 };
+            let spread = (pilot * (1.0 - pilot)).sqrt().max(LEAST_SPREAD);
+            // Rays in proportion to what a pair contributes, for the budget as a whole; the sequence is four times as good
+            // as independent rays.
+            let wanted = spread * pair.open * total / (0.75 * budget * QUASI_GAIN);
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "saturates, then clamped"
+            )]
+            let rays = (wanted as usize).clamp(RAYS, MOST_RAYS).next_multiple_of(RAYS);
+            if rays > RAYS {
+                sums = (0.0, 0.0);
+                self.shaft.cast(0, rays, seed, &mut sums);
+            }
+            self.fractions[pair.place] = if sums.1 > 0.0 { sums.0 / sums.1 } else { 0.0 };
+        }
+    }
+}
+
+/// Standard deviation of a rough fraction between 0 and 1, and of one that the hemicubes have at 0 or 1 throughout where
+/// they see the patch at all (measured on rooms and cities).
+const PARTLY_DOUBT: f64 = 0.3;
+const EDGE_DOUBT: f64 = 0.15;
+/// A few rays that agree do not prove that all would.
+const LEAST_SPREAD: f64 = 0.15;
+/// How much smaller the squared error of the additive sequence is than that of independent rays.
+const QUASI_GAIN: f64 = 4.0;
+/// Rays at one pair, at most.
+const MOST_RAYS: usize = 16_384;
+
+/// The visible fraction from the centroid and the corners: 0.654 and 0.346 are the weights that fit the fraction from the
+/// whole emitter best.
+fn rough_fraction(group: &[(u32, u32, u32, u32)], samples: usize) -> f64 {
+    let mut center = 0.0;
+    let mut corners = 0.0;
+    for entry in group {
+        let v = fraction(entry.2, entry.3);
+        if entry.1 == 0 { center = v } else { corners += v }
+    }
+    if samples < 2 {
+        center
+    } else {
+        0.654 * center + 0.346 * corners / (samples - 1) as f64
     }
 }
 

@@ -164,7 +164,10 @@ mod tests {
             );
             for face in [Face::Top, Face::PosX] {
                 assert!(table.running(face).is_sorted(), "a negative weight at N = {resolution}");
-                assert_eq!(table.running(face).len() as u32, resolution * face.rows(resolution) + 1);
+                assert_eq!(
+                    table.running(face).len(),
+                    (resolution * face.rows(resolution) + 1) as usize
+                );
             }
         }
     }

@@ -95,7 +95,7 @@ mod tests {
     fn sample_points_average_to_the_centroid() {
         for n in 1..6 {
             let points = sample_points(TRIANGLE, n);
-            assert_eq!(points.len() as u32, n * n);
+            assert_eq!(points.len(), (n * n) as usize);
             let mean = points.iter().sum::<DVec3>() / f64::from(n * n);
             assert!((mean - TRIANGLE.iter().sum::<DVec3>() / 3.0).length() < 1e-13);
         }

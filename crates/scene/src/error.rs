@@ -38,7 +38,11 @@ pub enum ErrorKind {
 impl Error {
     /// An error without a place; see [`Error::at`] and [`Error::in_file`].
     pub fn new(kind: ErrorKind) -> Self {
-        Self { path: None, line: None, kind }
+        Self {
+            path: None,
+            line: None,
+            kind,
+        }
     }
 
     /// A malformed-input error without a place.

@@ -34,7 +34,8 @@ impl Format {
 /// reader refuses it. The error names the file and, for text formats, the line.
 pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
     let format = Format::from_path(path).ok_or_else(|| {
-        Error::unsupported("the extension names no scene format; .obj, .gltf, .glb, .ac and .acc are read").in_file(path)
+        Error::unsupported("the extension names no scene format; .obj, .gltf, .glb, .ac and .acc are read")
+            .in_file(path)
     })?;
     let bytes = std::fs::read(path).map_err(|e| Error::new(ErrorKind::Io(e)).in_file(path))?;
     let base = path.parent();
@@ -47,8 +48,14 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
         Format::Gltf => crate::gltf::read(&bytes, base, options),
         #[cfg(feature = "ac3d")]
         Format::Ac3d => crate::ac3d::read(&bytes, base, options),
-        #[allow(unreachable_patterns, unused_variables, reason = "reached only where a reader is not compiled in")]
-        other => Err(Error::unsupported(format!("the {other:?} reader is not compiled into this program"))),
+        #[allow(
+            unreachable_patterns,
+            unused_variables,
+            reason = "reached only where a reader is not compiled in"
+        )]
+        other => Err(Error::unsupported(format!(
+            "the {other:?} reader is not compiled into this program"
+        ))),
     };
     let scene = scene.map_err(|e| e.in_file(path))?;
     if scene.triangles.is_empty() {

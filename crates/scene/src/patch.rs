@@ -39,11 +39,9 @@ impl Patches {
     pub fn new(scene: &Scene, subdivision: Subdivision) -> Result<Self, Error> {
         let counts: Vec<u64> = scene.triangles.iter().map(|t| subdivision.count(&t.corners)).collect();
         let surface_count: u64 = counts.iter().fold(0, |a, &c| a.saturating_add(c));
-        let patch_count: u64 = scene
-            .triangles
-            .iter()
-            .zip(&counts)
-            .fold(0, |a, (t, &c)| a.saturating_add(c.saturating_mul(if t.two_sided { 2 } else { 1 })));
+        let patch_count: u64 = scene.triangles.iter().zip(&counts).fold(0, |a, (t, &c)| {
+            a.saturating_add(c.saturating_mul(if t.two_sided { 2 } else { 1 }))
+        });
         if patch_count > u64::from(BACK - 16) {
             return Err(Error::new(ErrorKind::TooLarge(format!(
                 "{patch_count} patches are more than the {} that a matrix can have; subdivide less",
@@ -57,8 +55,14 @@ impl Patches {
         };
         let mut patches = Self::default();
         let surface_count = usize::try_from(surface_count).map_err(|_| too_large())?;
-        patches.surfaces.try_reserve_exact(surface_count).map_err(|_| too_large())?;
-        patches.triangle_of_surface.try_reserve_exact(surface_count).map_err(|_| too_large())?;
+        patches
+            .surfaces
+            .try_reserve_exact(surface_count)
+            .map_err(|_| too_large())?;
+        patches
+            .triangle_of_surface
+            .try_reserve_exact(surface_count)
+            .map_err(|_| too_large())?;
         patches
             .surface_of_patch
             .try_reserve_exact(usize::try_from(patch_count).map_err(|_| too_large())?)
@@ -111,7 +115,11 @@ impl Patches {
 
     /// Which side of its surface a patch is.
     pub fn side(&self, patch: InputPatch) -> Side {
-        if self.surface_of_patch[patch.0 as usize] & BACK == 0 { Side::Front } else { Side::Back }
+        if self.surface_of_patch[patch.0 as usize] & BACK == 0 {
+            Side::Front
+        } else {
+            Side::Back
+        }
     }
 
     /// Index into [`Scene::triangles`] of the triangle that a patch was cut from.

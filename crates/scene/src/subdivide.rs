@@ -29,8 +29,18 @@ impl Subdivision {
                 let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
                 let pieces = (longest / length).ceil();
                 // NaN and a length of zero saturate and are refused by the count; `as` saturates by definition.
-                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturation is wanted")]
-                if pieces >= 1.0 { pieces as u32 } else if length > 0.0 { 1 } else { u32::MAX }
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "saturation is wanted"
+                )]
+                if pieces >= 1.0 {
+                    pieces as u32
+                } else if length > 0.0 {
+                    1
+                } else {
+                    u32::MAX
+                }
             }
         }
     }
@@ -89,8 +99,16 @@ mod tests {
 
     #[test]
     fn pieces_keep_area_and_winding_and_share_edges() {
-        let t = [DVec3::new(1e7, 0.1, 0.3), DVec3::new(1e7 + 3.0, 0.7, 0.1), DVec3::new(1e7 + 1.0, 5.1, 0.9)];
-        for subdivision in [Subdivision::Levels(3), Subdivision::Split(7), Subdivision::PatchSize(0.4)] {
+        let t = [
+            DVec3::new(1e7, 0.1, 0.3),
+            DVec3::new(1e7 + 3.0, 0.7, 0.1),
+            DVec3::new(1e7 + 1.0, 5.1, 0.9),
+        ];
+        for subdivision in [
+            Subdivision::Levels(3),
+            Subdivision::Split(7),
+            Subdivision::PatchSize(0.4),
+        ] {
             let mut out = Vec::new();
             subdivision.cut(&t, &mut out);
             assert_eq!(out.len() as u64, subdivision.count(&t));

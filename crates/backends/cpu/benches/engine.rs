@@ -20,7 +20,6 @@ use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box,
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, load};
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
 
 /// A scene ready to be measured: runs of 16 consecutive patches spread over the order of work.
 struct Case {
@@ -201,10 +200,12 @@ fn print_ratios(cases: &[Case]) {
                 &plan.clone().with_correction(correction),
                 settings,
                 Box::new(CpuBackend::new()),
-                Execution { threads, batch: 0 },
+                Execution {
+                    threads,
+                    ..Execution::default()
+                },
                 &mut parts,
                 &mut |_| {},
-                &AtomicBool::new(false),
             )
             .expect("rows");
             summary.elapsed.as_secs_f64()

@@ -8,7 +8,6 @@ use hemicube::store::Part;
 use hemicube::{HierarchyOptions, InputPatch, Model};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
-use std::sync::atomic::AtomicBool;
 
 /// A unit cube seen from inside; faces 2k and 2k + 1 are opposite.
 fn cube() -> Scene {
@@ -32,7 +31,7 @@ fn cube() -> Scene {
             } else {
                 [[a, c, b], [a, d, c]]
             };
-            let face = scene.triangles.len() as u32 / 2;
+            let face = u32::try_from(scene.triangles.len() / 2).expect("six faces");
             scene.triangles.extend(quad.map(|corners| Triangle {
                 corners,
                 object: 0,
@@ -65,7 +64,6 @@ fn face_factors(correction: Correction, resolution: u32, samples_per_edge: u32) 
         Execution::default(),
         &mut parts,
         &mut |_| {},
-        &AtomicBool::new(false),
     )
     .expect("rows");
     let face = |p: u32| scene.triangles[model.patches().triangle(InputPatch(p))].face as usize;

@@ -280,6 +280,7 @@ fn compute_into(
     let execution = Execution {
         threads,
         batch: arguments.batch as usize,
+        cancel: Some(cancel),
     };
     let started = Instant::now();
     let computed = compute(
@@ -290,7 +291,6 @@ fn compute_into(
         execution,
         &mut recorder,
         &mut |p| bar.show(p),
-        cancel,
     );
     drop(bar);
     let summary = match computed {
