@@ -235,7 +235,7 @@ pub(crate) trait Lanes {
         depth: &mut Chunk<f32>,
         items: &mut Chunk<u32>,
         mask: u16,
-        base: f32,
+        base: f64,
         plane: &DepthPlane,
         id: u32,
     ) -> bool;
@@ -251,8 +251,9 @@ pub(crate) trait Lanes {
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct DepthPlane {
-    /// i × step, for i in 0..16.
-    steps: [f32; LANES],
+    /// i × step, for i in 0..16. In f64, and rounded to f32 only with the base added: on a steep plane the base is far from
+    /// the depths in the chunk, and their last digits would be lost.
+    steps: [f64; LANES],
     /// The values at the triangle's corners bound the values inside it.
     low: f32,
     high: f32,
@@ -383,8 +384,9 @@ const STRADDLE: f32 = 1e-6;
 /// How much 1/w at a corner is widened so that rounding inside the triangle is not cut off.
 const DEPTH_SLACK: f32 = 1e-6;
 
-/// By how much the depth of a blocking back is lowered: 4 units in the last place of f32, above the rounding of two depths.
-const BACK: f64 = 1.0 - 1.0 / 2_097_152.0;
+/// By how much the depth of a blocking back is lowered: two to four units in the last place of f32, above the rounding of
+/// two depths.
+const BACK: f64 = 1.0 - 1.0 / 4_194_304.0;
 #[allow(clippy::cast_possible_truncation, reason = "exact in f32")]
 const BACK_F32: f32 = BACK as f32;
 
@@ -678,11 +680,9 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
             (inverse, low, high)
         };
         let (x, y, constant) = (a * inverse, b * inverse, c * inverse);
-        #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
-        let step = x as f32;
         let mut steps = [0.0; LANES];
         for (i, s) in steps.iter_mut().enumerate() {
-            *s = step * i as f32;
+            *s = x * i as f64;
         }
         let plane = DepthPlane {
             steps,
@@ -710,8 +710,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
                     if chunk == last {
                         mask &= u16::MAX >> (LANES - 1 - (end - 1) % LANES);
                     }
-                    #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
-                    let base = (row_depth + plane.x * (chunk * LANES) as f64) as f32;
+                    let base = row_depth + plane.x * (chunk * LANES) as f64;
                     let at = row_chunk + chunk;
                     if L::test(&mut target.depth[at], &mut target.items[at], mask, base, &plane, id) {
                         target.dirty[tile_row + chunk] = true;
@@ -887,7 +886,7 @@ impl Lanes for Portable {
         depth: &mut Chunk<f32>,
         items: &mut Chunk<u32>,
         mask: u16,
-        base: f32,
+        base: f64,
         plane: &DepthPlane,
         id: u32,
     ) -> bool {
@@ -896,7 +895,8 @@ impl Lanes for Portable {
         while left != 0 {
             let l = left.trailing_zeros() as usize;
             left &= left - 1;
-            let z = base + plane.steps[l];
+            #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
+            let z = (base + plane.steps[l]) as f32;
             let z = if z > plane.low { z } else { plane.low };
             let z = if z < plane.high { z } else { plane.high };
             let old = depth.0[l];
@@ -1021,13 +1021,16 @@ pub(crate) mod x86 {
             depth: &mut Chunk<f32>,
             items: &mut Chunk<u32>,
             mask: u16,
-            base: f32,
+            base: f64,
             plane: &DepthPlane,
             id: u32,
         ) -> bool {
             // SAFETY: the caller's promise of the instruction set; chunks are 16 lanes, aligned to 64 bytes.
             unsafe {
-                let z = _mm512_add_ps(_mm512_set1_ps(base), _mm512_load_ps(plane.steps.as_ptr()));
+                let base = _mm512_set1_pd(base);
+                let near = _mm512_cvtpd_ps(_mm512_add_pd(base, _mm512_load_pd(plane.steps.as_ptr())));
+                let far = _mm512_cvtpd_ps(_mm512_add_pd(base, _mm512_load_pd(plane.steps.as_ptr().add(8))));
+                let z = _mm512_insertf32x8::<1>(_mm512_castps256_ps512(near), far);
                 let z = _mm512_max_ps(z, _mm512_set1_ps(plane.low));
                 let z = _mm512_min_ps(z, _mm512_set1_ps(plane.high));
                 let old = _mm512_load_ps(depth.0.as_ptr());
@@ -1114,7 +1117,7 @@ pub(crate) mod x86 {
             depth: &mut Chunk<f32>,
             items: &mut Chunk<u32>,
             mask: u16,
-            base: f32,
+            base: f64,
             plane: &DepthPlane,
             id: u32,
         ) -> bool {
@@ -1129,7 +1132,11 @@ pub(crate) mod x86 {
                     let wanted = _mm256_cmpeq_epi32(_mm256_and_si256(wanted, bits), bits);
                     let depth_at = depth.0.as_mut_ptr().add(8 * half);
                     let items_at = items.0.as_mut_ptr().add(8 * half).cast::<__m256i>();
-                    let z = _mm256_add_ps(_mm256_set1_ps(base), _mm256_load_ps(plane.steps.as_ptr().add(8 * half)));
+                    let steps = plane.steps.as_ptr().add(8 * half);
+                    let base = _mm256_set1_pd(base);
+                    let near = _mm256_cvtpd_ps(_mm256_add_pd(base, _mm256_load_pd(steps)));
+                    let far = _mm256_cvtpd_ps(_mm256_add_pd(base, _mm256_load_pd(steps.add(4))));
+                    let z = _mm256_set_m128(far, near);
                     let z = _mm256_max_ps(z, _mm256_set1_ps(plane.low));
                     let z = _mm256_min_ps(z, _mm256_set1_ps(plane.high));
                     let old = _mm256_load_ps(depth_at);
@@ -1353,16 +1360,16 @@ mod tests {
             old in prop::array::uniform16(prop::sample::select(vec![0.0f32, 0.5, 1.0, 1.5, 2.0])),
             old_ids in prop::array::uniform16(0u32..4),
             mask in any::<u16>(),
-            base in prop::sample::select(vec![0.0f32, 0.5, 1.0, f32::NAN, f32::INFINITY]),
-            step in prop::sample::select(vec![0.0f32, 0.1, 0.5, -0.25, f32::NAN]),
+            base in prop::sample::select(vec![0.0f64, 0.5, 1.0, -7.3, 1e300, f64::NAN, f64::INFINITY]),
+            step in prop::sample::select(vec![0.0f64, 0.1, 0.5, -0.25, f64::NAN]),
             id in 0u32..4,
         ) {
             let mut steps = [0.0; LANES];
             for (i, s) in steps.iter_mut().enumerate() {
-                *s = step * i as f32;
+                *s = step * i as f64;
             }
             let plane = DepthPlane { steps, low: 0.25, high: 1.75, x: 0.0, y: 0.0, constant: 0.0 };
-            fn run<L: Lanes>(old: [f32; 16], old_ids: [u32; 16], mask: u16, base: f32, plane: &DepthPlane, id: u32) -> ([u32; 16], [u32; 16], bool) {
+            fn run<L: Lanes>(old: [f32; 16], old_ids: [u32; 16], mask: u16, base: f64, plane: &DepthPlane, id: u32) -> ([u32; 16], [u32; 16], bool) {
                 let (mut depth, mut items) = (Chunk(old), Chunk(old_ids));
                 // SAFETY: callers checked the machine for L's instruction set.
                 let any = unsafe { L::test(&mut depth, &mut items, mask, base, plane, id) };
