@@ -1,7 +1,7 @@
 //! One session of engine 1: the walk over the tree, then the reduction of the row.
 
 use crate::Shared;
-use crate::kernel::{Chunk, Frame, GROUP, Kernel, Reduction, Sums, Target, Transformed, three};
+use crate::kernel::{Chunk, Frame, GROUP, Kernel, Reduction, Sums, Target, Transformed, is_small, three};
 use hemicube::InputPatch;
 use hemicube::backend::{Counters, Culling, Hemicube};
 use hemicube::face::{Face, Items};
@@ -42,8 +42,8 @@ struct Pending {
 #[derive(Clone, Copy, Debug)]
 struct DrawnBlock {
     hemicube: u32,
-    /// Whether no face was left out as hidden, so that `pixels` is all that the lanes would cover.
-    complete: bool,
+    /// Lanes that were left out on some face as hidden, so that `pixels` is not all that they would cover.
+    incomplete: u16,
     pixels: [u32; LANES],
 }
 
@@ -63,14 +63,18 @@ impl<K: Kernel> Engine<K> {
         };
         Self {
             // One id above the patches is "blocked", the next is "nothing".
-            target: Target::new(shared.settings.resolution, patch_count + 1),
+            target: Target::new(
+                shared.settings.resolution,
+                patch_count + 1,
+                shared.settings.culling == Culling::On,
+            ),
             sums: Sums::new(patch_count as usize + 2),
             triangles: Box::new(Transformed::new()),
             pending: Vec::new(),
             drawn: vec![
                 DrawnBlock {
                     hemicube: 0,
-                    complete: false,
+                    incomplete: 0,
                     pixels: [0; LANES]
                 };
                 drawn_blocks
@@ -163,7 +167,7 @@ impl<K: Kernel> Engine<K> {
             let slot = tree.slot_of_patch[id as usize] as usize;
             let (block, lane) = (slot / LANES, slot % LANES);
             let drawn = &self.drawn[block];
-            let known = drawn.complete && drawn.hemicube == self.hemicube;
+            let known = drawn.incomplete >> lane & 1 == 0 && drawn.hemicube == self.hemicube;
             let covered = if known && drawn.pixels[lane] == pixels {
                 weight
             } else {
@@ -242,6 +246,7 @@ impl<K: Kernel> Engine<K> {
         let live = self.triangles.live;
         self.counters.triangles_transformed += LANES as u64;
         let mut pixels = [0; LANES];
+        let mut incomplete = if hidden == 0 { 0 } else { u16::MAX };
         if live != 0 {
             for face in Face::ALL {
                 if faces >> face as u8 & 1 == 0 {
@@ -250,12 +255,13 @@ impl<K: Kernel> Engine<K> {
                 // SAFETY: as above.
                 let drawn = unsafe { K::draw::<COVERED>(&self.triangles, face, live, &mut self.target, &mut pixels) };
                 self.counters.triangles_drawn += u64::from(drawn.triangles);
+                incomplete |= drawn.hidden;
             }
         }
         if COVERED {
             self.drawn[block] = DrawnBlock {
                 hemicube: self.hemicube,
-                complete: hidden == 0,
+                incomplete,
                 pixels,
             };
             let mut candidates = live;
@@ -322,7 +328,7 @@ impl<K: Kernel> Engine<K> {
             }
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the face")]
             let (x1, y1) = (x1 as usize, y1 as usize);
-            if self.is_hidden(face, [x0, x1, y0, y1], near) {
+            if self.is_hidden::<COVERED>(face, [x0, x1, y0, y1], near) {
                 hidden |= bit;
             } else {
                 visible |= bit;
@@ -333,14 +339,21 @@ impl<K: Kernel> Engine<K> {
 
     /// Whether all of a rectangle of pixels (inclusive) is nearer than `nearest`, in 1/w.
     #[inline]
-    fn is_hidden(&mut self, face: Face, [x0, x1, y0, y1]: [usize; 4], nearest: f64) -> bool {
-        // Depths are within rounding of the corners' 1/w, widened by a millionth.
+    fn is_hidden<const COVERED: bool>(&mut self, face: Face, [x0, x1, y0, y1]: [usize; 4], nearest: f64) -> bool {
+        // Depths are within rounding of the corners' 1/w, widened by a millionth. With tiny patches, what is about as near
+        // as the pixels in front of it may be seen.
+        let slack = if COVERED { 1.0 + self.tiny_slack() } else { 1.0 };
         #[allow(clippy::cast_possible_truncation, reason = "rounding is covered by the factor")]
-        let bound = (nearest * (1.0 + 4e-6)) as f32;
+        let bound = (nearest * slack * (1.0 + 4e-6)) as f32;
         let chunks = self.target.chunks_per_row();
         #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
         let first_row = face.first_row(self.target.resolution as u32) as usize;
-        for tile_row in (first_row + y0) / GROUP..=(first_row + y1) / GROUP {
+        let (y0, y1) = (first_row + y0, first_row + y1);
+        if is_small([x0, x1, y0, y1]) {
+            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+            return unsafe { K::all_nearer(&self.target.depth, chunks, [x0, x1, y0, y1], bound) };
+        }
+        for tile_row in y0 / GROUP..=y1 / GROUP {
             for column in x0 / LANES..=x1 / LANES {
                 let depth = self.tile_depth(tile_row * chunks + column, tile_row, column);
                 if depth <= bound {
@@ -349,6 +362,12 @@ impl<K: Kernel> Engine<K> {
             }
         }
         true
+    }
+
+    /// By how much a tiny patch may be behind the depth at its pixel's centre and still be seen: about what depth varies
+    /// over a few pixels of a surface that is not seen edge-on.
+    fn tiny_slack(&self) -> f64 {
+        16.0 / self.target.resolution as f64
     }
 
     #[inline]
@@ -366,8 +385,8 @@ impl<K: Kernel> Engine<K> {
     /// Among the patches that were drawn and covered no pixel centre, finds those that are nearest at their centroid.
     ///
     /// "Nearest" means: not behind what is seen at the pixel there. A neighbour in the same surface must not hide it, as it
-    /// would if depths at the pixel's centre were compared. For culling to change nothing, it must also not be behind
-    /// everything in the tile: what culling drops is.
+    /// would if depths at the pixel's centre were compared; but for culling to change nothing, it must also be about as near
+    /// as the pixel, for what culling drops is not.
     fn find_tiny(&mut self, shared: &Shared, frame: &Frame) {
         let tree = &shared.tree;
         let mut candidates = std::mem::take(&mut self.tiny_candidates);
@@ -379,38 +398,29 @@ impl<K: Kernel> Engine<K> {
             };
             let pixel = self.pixel(face, direction);
             let (row, x) = pixel;
-            let (tile_row, column) = (row / GROUP, x / LANES);
+            let column = x / LANES;
             let chunks = self.target.chunks_per_row();
-            #[allow(clippy::cast_possible_truncation, reason = "as the depths it is compared with")]
-            if (depth as f32) < self.tile_depth(tile_row * chunks + column, tile_row, column) {
-                continue;
-            }
             let chunk = row * chunks + column;
             let id = self.target.items[chunk].0[x % LANES];
             let in_front = if id > tree.patch_count {
                 true
             } else {
                 let at_pixel = f64::from(self.target.depth[chunk].0[x % LANES]);
-                // Where the seen patch does not reach the centroid, as beyond a silhouette, what is about as near as the
-                // pixel, or lies in the patch's plane, is taken to be seen.
-                let about = at_pixel * (1.0 - 4.0 / self.target.resolution as f64);
+                let about = at_pixel / (1.0 + self.tiny_slack());
+                // Where the seen patch reaches the centroid, its depth there decides; where it does not, as beyond a
+                // silhouette, being about as near as the pixel does.
                 let there = if id < tree.patch_count {
                     depth_there(tree, id, frame, face, direction)
                 } else {
                     None
                 };
-                let least = match there {
-                    Some((plane, true)) => plane * (1.0 - 1e-6),
-                    Some((plane, false)) => about.min(plane * (1.0 - 1e-6)),
-                    None => about,
-                };
-                depth >= least
+                depth >= about && there.is_none_or(|there| depth >= there * (1.0 - 1e-6))
             };
             if !in_front {
                 continue;
             }
             // A block that was hidden on one of its faces was not drawn there, so its pixels must be counted now.
-            if !self.drawn[block].complete {
+            if self.drawn[block].incomplete >> lane & 1 != 0 {
                 let table = &shared.table;
                 // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
                 let (pixels, _) = unsafe {
@@ -550,8 +560,8 @@ fn centroid_on_face(block: &Block, lane: usize, frame: &Frame) -> Option<(Face, 
     Some((face, [along(0) * inverse, along(1) * inverse], inverse))
 }
 
-/// 1/w of a patch's plane in a direction and whether the patch itself is met there, or `None` where the plane is not met.
-fn depth_there(tree: &Tree, patch: u32, frame: &Frame, face: Face, [u, v]: [f64; 2]) -> Option<(f64, bool)> {
+/// 1/w of a patch in a direction, or `None` where the direction misses it.
+fn depth_there(tree: &Tree, patch: u32, frame: &Frame, face: Face, [u, v]: [f64; 2]) -> Option<f64> {
     let slot = tree.slot_of_patch[patch as usize] as usize;
     let [a, b, c] = corners_in_frame(&tree.blocks[slot / LANES], slot % LANES, frame).map(glam::DVec3::from_array);
     let (axis, sign) = face.axes();
@@ -564,5 +574,5 @@ fn depth_there(tree: &Tree, patch: u32, frame: &Frame, face: Face, [u, v]: [f64;
     let determinant = b.cross(c).dot(a);
     let inside = edges.iter().all(|e| e * determinant >= 0.0);
     let depth = (edges[0] + edges[1] + edges[2]) / determinant;
-    (depth.is_finite() && depth > 0.0).then_some((depth, inside))
+    (inside && depth.is_finite() && depth > 0.0).then_some(depth)
 }

@@ -78,10 +78,12 @@ pub(crate) struct Target {
     pub(crate) tile_depth: Vec<f32>,
     /// The id of pixels that hit nothing.
     pub(crate) nothing: u32,
+    /// Whether triangles that cannot be seen are left out.
+    pub(crate) culling: bool,
 }
 
 impl Target {
-    pub(crate) fn new(resolution: u32, nothing: u32) -> Self {
+    pub(crate) fn new(resolution: u32, nothing: u32, culling: bool) -> Self {
         let resolution = resolution as usize;
         let chunks = 3 * resolution * resolution / LANES;
         Self {
@@ -91,6 +93,7 @@ impl Target {
             dirty: vec![false; chunks / GROUP],
             tile_depth: vec![0.0; chunks / GROUP],
             nothing,
+            culling,
         }
     }
 
@@ -163,7 +166,10 @@ impl Sums {
 /// What rasterising a block on a face did.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Drawn {
+    /// Triangles that were rasterised.
     pub(crate) triangles: u32,
+    /// Lanes that were not, because all of their box is nearer than they are.
+    pub(crate) hidden: u16,
 }
 
 /// One instruction set's way through the kernels.
@@ -194,6 +200,12 @@ pub(crate) trait Kernel: Send + 'static {
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn cover(triangles: &Transformed, lane: usize, resolution: usize, top: &[u32], side: &[u32]) -> (u32, u32);
+
+    /// Whether every pixel of a box of the atlas (inclusive) is nearer than `bound`.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn all_nearer(depth: &[Chunk<f32>], chunks_per_row: usize, pixels: [usize; 4], bound: f32) -> bool;
 
     /// The farthest depth in a tile, whose first chunk is `first`.
     ///
@@ -240,12 +252,29 @@ pub(crate) trait Lanes {
         id: u32,
     ) -> bool;
 
+    /// Whether all pixels of `mask` in a chunk are nearer than `bound`.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn nearer(depth: &Chunk<f32>, mask: u16, bound: f32) -> bool;
+
+    /// One bit for each flag that is not 0.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn mask(flags: &Flags) -> u16;
+
     /// One bit for each item of a chunk that differs from the one before it.
     ///
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn changes(items: &Chunk<u32>, before: u32) -> u16;
 }
+
+/// A flag for each lane, 0 or 1.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Flags([u32; LANES]);
 
 /// 1/w over a face, as a function of the pixel.
 #[derive(Clone, Copy, Debug)]
@@ -267,10 +296,11 @@ pub(crate) struct DepthPlane {
 pub(crate) struct EdgeLines {
     slope: [f64; 3],
     offset: [f64; 3],
-    /// Edges that bound the span from the left; the others from the right, but for the flat ones.
-    left: [bool; 3],
-    /// Edges that run along the rows: a row is inside or not.
-    flat: [bool; 3],
+    /// All ones for edges that bound the span from the left: whole bytes, as they are masks of eight rows.
+    left: [u8; 3],
+    /// All ones for edges that bound it from the right.
+    right: [u8; 3],
+    /// Whether an edge runs along the rows, which are then inside it or not.
     any_flat: bool,
     flat_y: [f64; 3],
     flat_constant: [f64; 3],
@@ -302,7 +332,7 @@ fn greater(a: f32, b: f32) -> f32 {
 }
 
 #[inline(always)]
-pub(crate) fn transform(block: &Block, frame: &Frame, out: &mut Transformed) {
+pub(crate) unsafe fn transform<L: Lanes>(block: &Block, frame: &Frame, out: &mut Transformed) {
     let [t, b, n] = &frame.axes;
     let o = &frame.origin;
     for k in 0..3 {
@@ -333,7 +363,7 @@ pub(crate) fn transform(block: &Block, frame: &Frame, out: &mut Transformed) {
             out.edges[3 * k + 2][l] = ax * by - ay * bx;
         }
     }
-    let mut live = [0u32; LANES];
+    let mut live = Flags([0; LANES]);
     let mut sign = [1.0f64; LANES];
     for l in 0..LANES {
         let determinant = out.corners[0][l] * out.edges[0][l]
@@ -345,7 +375,7 @@ pub(crate) fn transform(block: &Block, frame: &Frame, out: &mut Transformed) {
         let emitter = (negative == frame.emitter) | (positive == frame.emitter);
         let turned = determinant < 0.0;
         out.seen[l] = if turned { negative } else { positive };
-        live[l] = u32::from(above & (determinant != 0.0) & !emitter & (negative != UNUSED)) << l;
+        live.0[l] = u32::from(above & (determinant != 0.0) & !emitter & (negative != UNUSED));
         sign[l] = if turned { -1.0 } else { 1.0 };
         out.determinant[l] = determinant.abs();
     }
@@ -354,13 +384,8 @@ pub(crate) fn transform(block: &Block, frame: &Frame, out: &mut Transformed) {
             out.edges[k][l] *= sign[l];
         }
     }
-    let mut mask = 0;
-    for bit in live {
-        mask |= bit;
-    }
-    #[allow(clippy::cast_possible_truncation, reason = "16 bits by construction")]
-    let mask = mask as u16;
-    out.live = mask;
+    // SAFETY: the caller's promise.
+    out.live = unsafe { L::mask(&live) };
 }
 
 /// Bounding boxes of sixteen triangles on a face.
@@ -391,7 +416,7 @@ const BACK: f64 = 1.0 - 1.0 / 4_194_304.0;
 const BACK_F32: f32 = BACK as f32;
 
 #[inline(always)]
-fn boxes(t: &Transformed, face: Face, resolution: usize) -> Boxes {
+unsafe fn boxes<L: Lanes>(t: &Transformed, face: Face, resolution: usize) -> Boxes {
     let (axis, sign) = face.axes();
     #[allow(clippy::cast_possible_truncation, reason = "±1")]
     let s = [sign[0] as f32, sign[1] as f32, sign[2] as f32];
@@ -410,8 +435,8 @@ fn boxes(t: &Transformed, face: Face, resolution: usize) -> Boxes {
         whole: 0,
         straddling: 0,
     };
-    let mut whole = [0u32; LANES];
-    let mut straddling = [0u32; LANES];
+    let mut whole = Flags([0; LANES]);
+    let mut straddling = Flags([0; LANES]);
     for l in 0..LANES {
         let w = [
             s[2] * t.near[axis[2]][l],
@@ -457,23 +482,18 @@ fn boxes(t: &Transformed, face: Face, resolution: usize) -> Boxes {
         out.y0[l] = ceil_to_int(y0);
         out.y1[l] = floor_to_int(y1) + 1;
         let in_front = near > STRADDLE * far;
-        whole[l] = u32::from(in_front & (out.x0[l] < out.x1[l]) & (out.y0[l] < out.y1[l])) << l;
-        straddling[l] = u32::from(!in_front & (far > 0.0)) << l;
+        whole.0[l] = u32::from(in_front & (out.x0[l] < out.x1[l]) & (out.y0[l] < out.y1[l]));
+        straddling.0[l] = u32::from(!in_front & (far > 0.0));
         out.low[l] = greater(
             smaller(smaller(i[0], i[1]), i[2]) * (1.0 - DEPTH_SLACK),
             f32::MIN_POSITIVE,
         );
         out.high[l] = greater(greater(i[0], i[1]), i[2]) * (1.0 + DEPTH_SLACK);
     }
-    let (mut whole_mask, mut straddling_mask) = (0, 0);
-    for l in 0..LANES {
-        whole_mask |= whole[l];
-        straddling_mask |= straddling[l];
-    }
-    #[allow(clippy::cast_possible_truncation, reason = "16 bits by construction")]
-    {
-        out.whole = whole_mask as u16 & t.live;
-        out.straddling = straddling_mask as u16 & t.live;
+    // SAFETY: the caller's promise.
+    unsafe {
+        out.whole = L::mask(&whole) & t.live;
+        out.straddling = L::mask(&straddling) & t.live;
     }
     out
 }
@@ -576,13 +596,11 @@ fn edge_lines(t: &Transformed, face: Face, lane: usize, resolution: usize) -> (E
         let inverse = -1.0 / a;
         lines.slope[k] = b * inverse;
         lines.offset[k] = c * inverse;
-        lines.left[k] = a > 0.0;
-        if a == 0.0 {
-            lines.flat[k] = true;
-            lines.any_flat = true;
-            lines.flat_y[k] = b;
-            lines.flat_constant[k] = c;
-        }
+        lines.left[k] = u8::from(a > 0.0).wrapping_neg();
+        lines.right[k] = u8::from(a < 0.0).wrapping_neg();
+        lines.any_flat |= a == 0.0;
+        lines.flat_y[k] = b;
+        lines.flat_constant[k] = c;
     }
     (lines, sum)
 }
@@ -591,7 +609,7 @@ fn edge_lines(t: &Transformed, face: Face, lane: usize, resolution: usize) -> (E
 #[inline(always)]
 fn flat_rows(lines: &EdgeLines, y: f64, mut rows: u8) -> u8 {
     for k in 0..3 {
-        if lines.flat[k] {
+        if lines.left[k] | lines.right[k] == 0 {
             for r in 0..GROUP {
                 let value = lines.flat_y[k] * (y + r as f64) + lines.flat_constant[k];
                 let inside = value > 0.0 || (value == 0.0 && lines.flat_y[k] > 0.0);
@@ -635,6 +653,64 @@ unsafe fn walk<L: Lanes>(lines: &EdgeLines, pixels: PixelBox, mut each: impl FnM
     }
 }
 
+/// Boxes of at most this many rows and two chunks across are tested pixel by pixel, larger ones by tiles.
+const FEW_ROWS: usize = 2 * GROUP;
+
+/// Whether `box` is small enough to be tested pixel by pixel.
+#[inline(always)]
+pub(crate) fn is_small([x0, x1, y0, y1]: [usize; 4]) -> bool {
+    x1 / LANES - x0 / LANES < 2 && y1 - y0 < FEW_ROWS
+}
+
+/// Whether every pixel of a box of the atlas (inclusive) is nearer than `bound`.
+#[inline(always)]
+pub(crate) unsafe fn all_nearer<L: Lanes>(
+    depth: &[Chunk<f32>],
+    chunks_per_row: usize,
+    [x0, x1, y0, y1]: [usize; 4],
+    bound: f32,
+) -> bool {
+    let (first, last) = (x0 / LANES, x1 / LANES);
+    for row in y0..=y1 {
+        let mut mask = u16::MAX << (x0 % LANES);
+        for chunk in first..=last {
+            if chunk == last {
+                mask &= u16::MAX >> (LANES - 1 - x1 % LANES);
+            }
+            // SAFETY: the caller's promise.
+            if unsafe { !L::nearer(&depth[row * chunks_per_row + chunk], mask, bound) } {
+                return false;
+            }
+            mask = u16::MAX;
+        }
+    }
+    true
+}
+
+/// Whether all that a triangle's box touches is nearer than `high`: by its pixels when it is small, else by what is known
+/// of its tiles. Depths only grow, so that a tile's depth taken earlier is a bound.
+#[inline(always)]
+unsafe fn is_hidden<L: Lanes>(target: &Target, first_row: usize, pixels: PixelBox, high: f32) -> bool {
+    if !target.culling {
+        return false;
+    }
+    #[allow(clippy::cast_sign_loss, reason = "a pixel box lies within its face")]
+    let [x0, x1, y0, y1] = [pixels.x0, pixels.x1 - 1, pixels.y0, pixels.y1 - 1].map(|x| x as usize);
+    let (y0, y1) = (first_row + y0, first_row + y1);
+    let chunks_per_row = target.chunks_per_row();
+    if is_small([x0, x1, y0, y1]) {
+        // SAFETY: the caller's promise.
+        return unsafe { all_nearer::<L>(&target.depth, chunks_per_row, [x0, x1, y0, y1], high) };
+    }
+    for tile_row in y0 / GROUP..=y1 / GROUP {
+        let row = &target.tile_depth[tile_row * chunks_per_row..][x0 / LANES..=x1 / LANES];
+        if row.iter().any(|&depth| depth <= high) {
+            return false;
+        }
+    }
+    true
+}
+
 #[inline(always)]
 pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
     t: &Transformed,
@@ -644,7 +720,8 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
     pixels: &mut [u32; LANES],
 ) -> Drawn {
     let resolution = target.resolution;
-    let boxes = boxes(t, face, resolution);
+    // SAFETY: the caller's promise.
+    let boxes = unsafe { boxes::<L>(t, face, resolution) };
     let mut pending = (boxes.whole | boxes.straddling) & lanes;
     let mut drawn = Drawn::default();
     #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
@@ -667,6 +744,11 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
             };
             (pixel_box, f32::MIN_POSITIVE, f32::MAX)
         };
+        // SAFETY: the caller's promise.
+        if unsafe { is_hidden::<L>(target, first_row, pixel_box, high) } {
+            drawn.hidden |= 1 << lane;
+            continue;
+        }
         drawn.triangles += 1;
         let (lines, sum) = edge_lines(t, face, lane, resolution);
         let inverse = 1.0 / t.determinant[lane];
@@ -743,7 +825,8 @@ pub(crate) unsafe fn cover<L: Lanes>(
 ) -> (u32, u32) {
     let (mut count, mut weight) = (0, 0);
     for face in Face::ALL {
-        let boxes = boxes(t, face, resolution);
+        // SAFETY: the caller's promise.
+        let boxes = unsafe { boxes::<L>(t, face, resolution) };
         let pixel_box = if boxes.whole >> lane & 1 != 0 {
             PixelBox {
                 x0: boxes.x0[lane],
@@ -854,16 +937,13 @@ impl Lanes for Portable {
         let mut low = [x0; GROUP];
         let mut high = [x1; GROUP];
         for k in 0..3 {
-            if lines.flat[k] {
-                continue;
-            }
             let (slope, offset) = (lines.slope[k], lines.offset[k]);
-            if lines.left[k] {
+            if lines.left[k] != 0 {
                 for (r, low) in low.iter_mut().enumerate() {
                     let x = slope * (y + r as f64) + offset;
                     *low = if x > *low { x } else { *low };
                 }
-            } else {
+            } else if lines.right[k] != 0 {
                 for (r, high) in high.iter_mut().enumerate() {
                     let x = slope * (y + r as f64) + offset;
                     *high = if x < *high { x } else { *high };
@@ -910,6 +990,24 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
+    unsafe fn nearer(depth: &Chunk<f32>, mask: u16, bound: f32) -> bool {
+        let mut nearer = 0;
+        for l in 0..LANES {
+            nearer |= u16::from(depth.0[l] > bound) << l;
+        }
+        nearer & mask == mask
+    }
+
+    #[inline(always)]
+    unsafe fn mask(flags: &Flags) -> u16 {
+        flags
+            .0
+            .iter()
+            .enumerate()
+            .fold(0, |mask, (l, &flag)| mask | u16::from(flag != 0) << l)
+    }
+
+    #[inline(always)]
     unsafe fn changes(items: &Chunk<u32>, before: u32) -> u16 {
         let mut mask = u16::from(items.0[0] != before);
         for l in 1..LANES {
@@ -929,7 +1027,8 @@ fn ceil_f64(x: f64) -> i32 {
 
 impl Kernel for Portable {
     unsafe fn transform(block: &Block, frame: &Frame, out: &mut Transformed) {
-        transform(block, frame, out);
+        // SAFETY: the portable path needs no instruction set.
+        unsafe { transform::<Self>(block, frame, out) };
     }
 
     unsafe fn draw<const COUNT: bool>(
@@ -946,6 +1045,11 @@ impl Kernel for Portable {
     unsafe fn cover(triangles: &Transformed, lane: usize, resolution: usize, top: &[u32], side: &[u32]) -> (u32, u32) {
         // SAFETY: as above.
         unsafe { cover::<Self>(triangles, lane, resolution, top, side) }
+    }
+
+    unsafe fn all_nearer(depth: &[Chunk<f32>], chunks_per_row: usize, pixels: [usize; 4], bound: f32) -> bool {
+        // SAFETY: as above.
+        unsafe { all_nearer::<Self>(depth, chunks_per_row, pixels, bound) }
     }
 
     unsafe fn tile_depth(depth: &[Chunk<f32>], first: usize, chunks_per_row: usize) -> f32 {
@@ -996,11 +1100,9 @@ pub(crate) mod x86 {
                         _mm512_mul_pd(_mm512_set1_pd(lines.slope[k]), rows),
                         _mm512_set1_pd(lines.offset[k]),
                     );
-                    let left: __mmask8 = if lines.left[k] { 0xff } else { 0 };
-                    let right: __mmask8 = if lines.left[k] | lines.flat[k] { 0 } else { 0xff };
                     // The second operand wins over NaN, as in the portable comparison.
-                    low = _mm512_mask_max_pd(low, left, x, low);
-                    high = _mm512_mask_min_pd(high, right, x, high);
+                    low = _mm512_mask_max_pd(low, lines.left[k], x, low);
+                    high = _mm512_mask_min_pd(high, lines.right[k], x, high);
                 }
                 low = _mm512_min_pd(low, end);
                 high = _mm512_max_pd(high, first);
@@ -1051,6 +1153,24 @@ pub(crate) mod x86 {
         }
 
         #[inline(always)]
+        unsafe fn nearer(depth: &Chunk<f32>, mask: u16, bound: f32) -> bool {
+            // SAFETY: the caller's promise of the instruction set; chunks are 16 lanes, aligned to 64 bytes.
+            unsafe {
+                let depth = _mm512_load_ps(depth.0.as_ptr());
+                _mm512_mask_cmp_ps_mask::<_CMP_GT_OQ>(mask, depth, _mm512_set1_ps(bound)) == mask
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn mask(flags: &Flags) -> u16 {
+            // SAFETY: the caller's promise of the instruction set; flags are 16 lanes, aligned to 64 bytes.
+            unsafe {
+                let flags = _mm512_load_si512(flags.0.as_ptr().cast());
+                _mm512_test_epi32_mask(flags, flags)
+            }
+        }
+
+        #[inline(always)]
         unsafe fn changes(items: &Chunk<u32>, before: u32) -> u16 {
             // SAFETY: the caller's promise of the instruction set; chunks are 16 lanes, aligned to 64 bytes.
             unsafe {
@@ -1090,9 +1210,9 @@ pub(crate) mod x86 {
                             _mm256_mul_pd(_mm256_set1_pd(lines.slope[k]), rows),
                             _mm256_set1_pd(lines.offset[k]),
                         );
-                        if lines.left[k] {
+                        if lines.left[k] != 0 {
                             low = _mm256_max_pd(x, low);
-                        } else if !lines.flat[k] {
+                        } else if lines.right[k] != 0 {
                             high = _mm256_min_pd(x, high);
                         }
                     }
@@ -1157,6 +1277,36 @@ pub(crate) mod x86 {
         }
 
         #[inline(always)]
+        unsafe fn nearer(depth: &Chunk<f32>, mask: u16, bound: f32) -> bool {
+            // SAFETY: the caller's promise of the instruction set; each half is eight of the sixteen lanes.
+            unsafe {
+                let half = |k: usize| {
+                    let depth = _mm256_load_ps(depth.0.as_ptr().add(8 * k));
+                    _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(depth, _mm256_set1_ps(bound)))
+                };
+                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sixteen bits")]
+                let nearer = (half(0) | half(1) << 8) as u16;
+                nearer & mask == mask
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn mask(flags: &Flags) -> u16 {
+            // SAFETY: the caller's promise of the instruction set; each half is eight of the sixteen flags.
+            unsafe {
+                let zero = _mm256_setzero_si256();
+                let half = |k: usize| {
+                    let flags = _mm256_load_si256(flags.0.as_ptr().add(8 * k).cast());
+                    _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpgt_epi32(flags, zero)))
+                };
+                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sixteen bits")]
+                {
+                    (half(0) | half(1) << 8) as u16
+                }
+            }
+        }
+
+        #[inline(always)]
         unsafe fn changes(items: &Chunk<u32>, before: u32) -> u16 {
             // SAFETY: the caller's promise of the instruction set; the second half's left neighbours start at lane 7.
             unsafe {
@@ -1182,7 +1332,8 @@ pub(crate) mod x86 {
                 unsafe fn transform(block: &Block, frame: &Frame, out: &mut Transformed) {
                     #[target_feature(enable = $features)]
                     fn inner(block: &Block, frame: &Frame, out: &mut Transformed) {
-                        transform(block, frame, out);
+                        // SAFETY: this function has the instruction set.
+                        unsafe { transform::<$name>(block, frame, out) };
                     }
                     // SAFETY: the caller's promise of the instruction set.
                     unsafe { inner(block, frame, out) }
@@ -1230,6 +1381,21 @@ pub(crate) mod x86 {
                     }
                     // SAFETY: the caller's promise of the instruction set.
                     unsafe { inner(triangles, lane, resolution, top, side) }
+                }
+
+                unsafe fn all_nearer(
+                    depth: &[Chunk<f32>],
+                    chunks_per_row: usize,
+                    pixels: [usize; 4],
+                    bound: f32,
+                ) -> bool {
+                    #[target_feature(enable = $features)]
+                    fn inner(depth: &[Chunk<f32>], chunks_per_row: usize, pixels: [usize; 4], bound: f32) -> bool {
+                        // SAFETY: this function has the instruction set.
+                        unsafe { all_nearer::<$name>(depth, chunks_per_row, pixels, bound) }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(depth, chunks_per_row, pixels, bound) }
                 }
 
                 unsafe fn tile_depth(depth: &[Chunk<f32>], first: usize, chunks_per_row: usize) -> f32 {
@@ -1298,12 +1464,13 @@ mod tests {
         (
             prop::array::uniform3(coefficient()),
             prop::array::uniform3(coefficient()),
-            any::<[bool; 3]>(),
+            prop::array::uniform3(prop::sample::select(vec![(0u8, 0u8), (u8::MAX, 0), (0, u8::MAX)])),
         )
-            .prop_map(|(slope, offset, left)| EdgeLines {
+            .prop_map(|(slope, offset, sides)| EdgeLines {
                 slope,
                 offset,
-                left,
+                left: sides.map(|s| s.0),
+                right: sides.map(|s| s.1),
                 ..EdgeLines::default()
             })
     }
