@@ -15,6 +15,7 @@ pub mod face;
 pub mod factor;
 pub mod frame;
 mod model;
+pub mod reference;
 pub mod row;
 mod shaft;
 pub mod store;

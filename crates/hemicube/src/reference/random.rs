@@ -1,0 +1,39 @@
+//! Random numbers: SplitMix64 (Steele, Lea & Flood 2014), and points of a triangle from pairs of them.
+
+use glam::DVec3;
+
+/// A stream of random numbers.
+#[derive(Clone, Debug)]
+pub(super) struct Random(u64);
+
+impl Random {
+    /// The stream that belongs to these numbers.
+    pub(super) fn of(keys: &[u64]) -> Self {
+        let mut stream = Self(0x6A09_E667_F3BC_C908);
+        for &key in keys {
+            stream.0 ^= key;
+            stream.0 = stream.next();
+        }
+        stream
+    }
+
+    pub(super) fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// Evenly in (0, 1), never an end: no point lies on an edge.
+    pub(super) fn unit(&mut self) -> f64 {
+        ((self.next() >> 12) as f64 + 0.5) / (1u64 << 52) as f64
+    }
+}
+
+/// The point of a triangle that belongs to a point of the unit square, areas in proportion. A square cut into strata
+/// gives strata of the triangle.
+pub(super) fn point_of([a, b, c]: &[DVec3; 3], u: f64, v: f64) -> DVec3 {
+    let s = u.sqrt();
+    *a * (1.0 - s) + *b * (s * (1.0 - v)) + *c * (s * v)
+}

@@ -1,0 +1,268 @@
+//! What a ray meets: obvhs's hierarchy over f32 boxes, and triangles met in f64.
+//!
+//! Ray and triangle: Möller & Trumbore 1997. A box is widened by more than the rounding of its corners, of the ray's
+//! origin, of its direction and of the slab test together, so that no ray misses a box whose triangle it meets.
+
+use crate::Model;
+use crate::frame;
+use glam::{DVec3, Vec3A};
+use hemicube_scene::InputPatch;
+use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::ray::{Ray, RayHit};
+use std::time::Duration;
+
+/// How far boxes are widened: a few f32 roundings (6e-8) over a path of at most 2√3, in normalised units.
+const WIDEN: f32 = 4e-6;
+/// Longer than any segment within normalised coordinates.
+const FAR: f32 = 8.0;
+
+/// A patch as rays leave it or arrive at it, in normalised coordinates.
+#[derive(Clone, Debug)]
+pub(super) struct Sight {
+    pub(super) patch: u32,
+    pub(super) corners: [DVec3; 3],
+    pub(super) normal: DVec3,
+    pub(super) area: f64,
+    surface: u32,
+}
+
+impl Sight {
+    /// `None` for a patch without area.
+    pub(super) fn new(model: &Model, patch: InputPatch) -> Option<Self> {
+        let corners = model.patches().corners(patch).map(|p| model.normalise(p));
+        let [_, _, normal] = frame::axes(corners, 0.0)?;
+        let area = 0.5 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+        (area > 0.0).then_some(Self {
+            patch: patch.0,
+            corners,
+            normal,
+            area,
+            surface: u32::try_from(model.patches().surface(patch)).ok()?,
+        })
+    }
+
+    pub(super) fn centroid(&self) -> DVec3 {
+        (self.corners[0] + self.corners[1] + self.corners[2]) / 3.0
+    }
+
+    pub(super) fn height(&self, point: DVec3) -> f64 {
+        self.normal.dot(point - self.corners[0])
+    }
+}
+
+/// What a ray met first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Met {
+    Nothing,
+    /// The back of a one-sided surface.
+    Back,
+    Patch(u32),
+}
+
+#[derive(Clone, Debug)]
+struct Occluder {
+    corner: DVec3,
+    edges: [DVec3; 2],
+    surface: u32,
+    front: u32,
+    back: Option<u32>,
+}
+
+impl Occluder {
+    fn corners(&self) -> [DVec3; 3] {
+        [self.corner, self.corner + self.edges[0], self.corner + self.edges[1]]
+    }
+
+    /// How far along `direction` the triangle is met, and the determinant, positive when its front is met.
+    #[inline(always)]
+    fn meet(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
+        let [e, f] = self.edges;
+        let p = direction.cross(f);
+        let determinant = e.dot(p);
+        if determinant == 0.0 {
+            return None;
+        }
+        let inverse = 1.0 / determinant;
+        let s = origin - self.corner;
+        let u = s.dot(p) * inverse;
+        if !(0.0..=1.0).contains(&u) {
+            return None;
+        }
+        let q = s.cross(e);
+        let v = direction.dot(q) * inverse;
+        if v < 0.0 || u + v > 1.0 {
+            return None;
+        }
+        let t = f.dot(q) * inverse;
+        (t > 0.0).then_some((t, determinant))
+    }
+
+    /// The patch on the side that is met.
+    fn side(&self, determinant: f64) -> Option<u32> {
+        if determinant > 0.0 { Some(self.front) } else { self.back }
+    }
+}
+
+/// All surfaces under a hierarchy.
+pub(super) struct Occluders {
+    hierarchy: Bvh2,
+    /// In the hierarchy's order.
+    occluders: Vec<Occluder>,
+    tolerance: f64,
+}
+
+impl std::fmt::Debug for Occluders {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Occluders")
+            .field("count", &self.occluders.len())
+            .finish_non_exhaustive()
+    }
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "rounding to f32 is what the widened boxes allow for"
+)]
+fn rounded(p: DVec3) -> Vec3A {
+    Vec3A::new(p.x as f32, p.y as f32, p.z as f32)
+}
+
+impl Occluders {
+    pub(super) fn new(model: &Model) -> Self {
+        let geometry = model.geometry();
+        let boxes: Vec<Aabb> = geometry
+            .surfaces
+            .iter()
+            .map(|surface| {
+                let [a, b, c] = surface.corners;
+                Aabb::new(
+                    rounded(a.min(b).min(c)) - Vec3A::splat(WIDEN),
+                    rounded(a.max(b).max(c)) + Vec3A::splat(WIDEN),
+                )
+            })
+            .collect();
+        let mut hierarchy = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
+        let occluders = hierarchy
+            .primitive_indices
+            .iter()
+            .map(|&index| {
+                let surface = &geometry.surfaces[index as usize];
+                let [a, b, c] = surface.corners;
+                Occluder {
+                    corner: a,
+                    edges: [b - a, c - a],
+                    // Fewer than 2³¹ surfaces.
+                    #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
+                    surface: model.patches().surface(surface.front) as u32,
+                    front: surface.front.0,
+                    back: surface.back.map(|patch| patch.0),
+                }
+            })
+            .collect();
+        hierarchy.primitive_indices = Vec::new();
+        Self {
+            hierarchy,
+            occluders,
+            tolerance: geometry.plane_tolerance,
+        }
+    }
+
+    /// Whether a surface lies in or below the emitter's plane, which is its horizon.
+    fn is_below(&self, emitter: &Sight, occluder: &Occluder) -> bool {
+        occluder.surface == emitter.surface || occluder.corners().iter().all(|&c| emitter.height(c) <= self.tolerance)
+    }
+
+    /// What the ray from a point of the emitter meets first; `direction` of unit length.
+    pub(super) fn first(&self, emitter: &Sight, origin: DVec3, direction: DVec3) -> Met {
+        let mut nearest = f64::INFINITY;
+        let mut met = Met::Nothing;
+        let ray = Ray::new(rounded(origin), rounded(direction), 0.0, FAR);
+        self.hierarchy.ray_traverse(ray, &mut RayHit::none(), |_, index| {
+            let occluder = &self.occluders[index];
+            let Some((t, determinant)) = occluder.meet(origin, direction) else {
+                return f32::INFINITY;
+            };
+            // The cosine between ray and plane tells how far apart surfaces in one plane can appear along the ray.
+            let cosine = (determinant / occluder.edges[0].cross(occluder.edges[1]).length()).abs();
+            let tie = 4.0 * self.tolerance / cosine.max(1e-4);
+            if t > nearest + tie || self.is_below(emitter, occluder) {
+                return f32::INFINITY;
+            }
+            let found = occluder.side(determinant).map_or(Met::Back, Met::Patch);
+            let wins = match (met, found) {
+                _ if t < nearest - tie => true,
+                (Met::Nothing, _) => true,
+                (_, Met::Back | Met::Nothing) => false,
+                (Met::Back, Met::Patch(_)) => true,
+                (Met::Patch(old), Met::Patch(new)) => new < old,
+            };
+            if wins {
+                met = found;
+            }
+            nearest = nearest.min(t);
+            // Boxes at the same depth must still be opened.
+            #[allow(clippy::cast_possible_truncation, reason = "rounding to f32, less than the margin")]
+            let limit = (t + tie) as f32 + WIDEN;
+            limit
+        });
+        met
+    }
+
+    /// Whether nothing lies between a point of the emitter and a point of the receiver. `last` remembers what was in the
+    /// way of the pair's previous segment.
+    pub(super) fn sees(
+        &self,
+        emitter: &Sight,
+        from: DVec3,
+        receiver: &Sight,
+        to: DVec3,
+        last: &mut Option<u32>,
+    ) -> bool {
+        let direction = to - from;
+        let length = direction.length();
+        if length == 0.0 {
+            return true;
+        }
+        let occludes = |occluder: &Occluder| {
+            if occluder.surface == receiver.surface || occluder.surface == emitter.surface {
+                return false;
+            }
+            let Some((t, determinant)) = occluder.meet(from, direction) else {
+                return false;
+            };
+            if t > BEYOND || self.is_below(emitter, occluder) {
+                return false;
+            }
+            let in_plane = occluder
+                .corners()
+                .iter()
+                .all(|&c| receiver.height(c).abs() <= self.tolerance);
+            if in_plane {
+                return occluder.side(determinant).is_some_and(|patch| patch < receiver.patch);
+            }
+            t < 1.0
+        };
+        if let Some(occluder) = last.and_then(|index| self.occluders.get(index as usize))
+            && occludes(occluder)
+        {
+            return false;
+        }
+        #[allow(clippy::cast_possible_truncation, reason = "rounding to f32, less than the margin")]
+        let limit = (length * BEYOND) as f32 + WIDEN;
+        let ray = Ray::new(rounded(from), rounded(direction / length), 0.0, limit);
+        self.hierarchy.ray_traverse_miss(ray, |_, index| {
+            if occludes(&self.occluders[index]) {
+                *last = u32::try_from(index).ok();
+                0.0
+            } else {
+                f32::INFINITY
+            }
+        })
+    }
+}
+
+/// How far beyond the receiver a surface in its plane may be met, in lengths of the segment.
+const BEYOND: f64 = 1.001;
