@@ -98,11 +98,11 @@ fn holds(name: &str, model: &Model) {
         rows.patches.len()
     ));
     assert!(partly > 50 && tiny > 50, "{name}: nothing was tested");
-    // "Nearest" is told from the plane of what is seen at the nearest pixel's centre. Beyond a silhouette that plane goes
-    // on, so that the next facet of a convex body is taken for hidden; and within half a pixel of the horizon a patch is
-    // behind every pixel's centre. Both are missed, up to twice as many as are found, and never the other way round but
-    // where surfaces cut one another.
-    assert!(false_tiny * 5 <= tiny, "{name}: {false_tiny} of {tiny}");
+    // Where the patch seen at the nearest pixel's centre reaches the centroid, its depth there decides. Elsewhere being
+    // about as near as the pixel does: in a soup of crossing triangles that lets some through that are hidden (the price of
+    // finding those behind silhouettes, of which 501 of 835 were once missed on the spheres); near the horizon, where
+    // depth changes fast, patches on the ground are missed, up to twice as many as are found.
+    assert!(false_tiny * 4 <= tiny, "{name}: {false_tiny} of {tiny}");
     assert!(missed <= 2 * tiny, "{name}: {missed} beside {tiny}");
 }
 
