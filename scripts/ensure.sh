@@ -20,8 +20,24 @@ ensure_packages() {
         sudo=(sudo)
     fi
     say "installing ${missing[*]}"
-    DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get update -qq >&2
-    DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get install -qq -y --no-install-recommends "${missing[@]}" >&2
+    local log
+    log=$(mktemp)
+    if ! { "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get update -qq &&
+        "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends "${missing[@]}"; } \
+        >"$log" 2>&1; then
+        cat "$log" >&2
+        rm -f "$log"
+        say "error: ${missing[*]} could not be installed"
+        return 1
+    fi
+    rm -f "$log"
+}
+
+# ensure_linker — Rust links with the C compiler, which needs the C library's start-up files beside it.
+ensure_linker() {
+    if ! echo 'int main(void) { return 0; }' | cc -x c -o /dev/null - 2>/dev/null; then
+        ensure_packages no-linker:gcc no-linker:libc6-dev
+    fi
 }
 
 # ensure_rust — a Rust toolchain that is new enough, by rustup where there is none.
