@@ -6,7 +6,8 @@ say() { printf '%s\n' "$*" >&2; }
 ensure_packages() {
     local missing=() pair
     for pair in "$@"; do
-        command -v "${pair%%:*}" >/dev/null 2>&1 || missing+=("${pair#*:}")
+        # A program, not a builtin of this shell: tests call them without one.
+        type -P "${pair%%:*}" >/dev/null || missing+=("${pair#*:}")
     done
     [ ${#missing[@]} -eq 0 ] && return 0
     if ! command -v apt-get >/dev/null 2>&1; then

@@ -179,7 +179,7 @@ fn root(squared: f64) -> f64 {
 
 /// Nothing over nothing is no difference; something over nothing has no ratio, and shows as infinite.
 fn over(part: f64, whole: f64) -> f64 {
-    if part == 0.0 { 0.0 } else { part / whole }
+    if part == 0.0 { 0.0 } else { part / whole.abs() }
 }
 
 /// The middle 95 % of the relative error of as many rows drawn from `rows` with repetition.
