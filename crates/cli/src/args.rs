@@ -173,8 +173,8 @@ pub(crate) struct RenderSettings {
     /// Hemicubes a patch: 1, 4, 9, 16…
     #[arg(long, value_name = "K", default_value = "1", value_parser = samples)]
     pub(crate) samples: Samples,
-    /// What form factors are made of: the pixels seen
-    #[arg(long, value_name = "NAME", default_value = "pixel", value_parser = correction)]
+    /// pixel: sums of pixels; point, area: visible fraction × closed form
+    #[arg(long, value_name = "pixel|point|area", default_value = "pixel", value_parser = correction)]
     pub(crate) correction: Correction,
     /// Turn each hemicube by a hash of its patch
     #[arg(long, value_name = "on|off", default_value = "on", hide_possible_values = true)]
@@ -463,6 +463,10 @@ impl Auto {
 pub(crate) enum Correction {
     /// The weights of the pixels seen.
     Pixel,
+    /// Visible fraction × closed form from the hemicube's centre.
+    Point,
+    /// Visible fraction × closed form from the whole patch.
+    Area,
 }
 
 impl Correction {
@@ -470,6 +474,19 @@ impl Correction {
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Pixel => "pixel",
+            Self::Point => "point",
+            Self::Area => "area",
+        }
+    }
+
+    /// The rung of the library's ladder.
+    pub(crate) fn rung(self) -> hemicube::correct::Correction {
+        use hemicube::correct::Correction;
+        match self {
+            Self::Pixel => Correction::Pixel,
+            Self::Point => Correction::Point,
+            // A closed form that is right to some thousandths: one hemicube leaves more than that to visibility.
+            Self::Area => Correction::Area(hemicube::factor::FactorRule::for_tolerance(1e-2)),
         }
     }
 }
@@ -583,10 +600,9 @@ fn samples(text: &str) -> Result<Samples, String> {
 fn correction(text: &str) -> Result<Correction, String> {
     match text {
         "pixel" => Ok(Correction::Pixel),
-        "point" | "area" => {
-            Err("it is not in this version, which has `pixel` only; more samples make that more exact".to_owned())
-        }
-        _ => Err("there is `pixel`".to_owned()),
+        "point" => Ok(Correction::Point),
+        "area" => Ok(Correction::Area),
+        _ => Err("there are `pixel`, `point` and `area`".to_owned()),
     }
 }
 
@@ -679,7 +695,8 @@ mod tests {
         }
         assert_eq!(octree_levels("auto"), Ok(Auto::Auto));
         assert!(octree_levels("22").is_err() && min_patches("0").is_err());
-        assert!(correction("area").is_err_and(|e| e.contains("not in this version")));
+        assert_eq!(correction("area"), Ok(Correction::Area));
+        assert!(correction("best").is_err_and(|e| e.contains("area")));
     }
 
     #[test]

@@ -21,7 +21,8 @@ use std::path::PathBuf;
 /// What to check, and within which bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CheckOptions {
-    /// Bound on the closure error of a row; `None` for what the correction promises: 1e-6 in pixel mode, 1 % else.
+    /// Bound on the closure error of a row; `None` for 1e-6 where form factors are sums of pixels, and to
+    /// report it only where they are not: there it is a measure of their error, which nothing has promised.
     pub closure: Option<f64>,
     /// Bound on the reciprocity residual; `None` to report it only.
     pub reciprocity: Option<f64>,
@@ -106,8 +107,8 @@ pub struct Closure {
     pub max: f64,
     /// Average over the rows.
     pub mean: f64,
-    /// What no row may exceed.
-    pub bound: f64,
+    /// What no row may exceed, if there is a bound.
+    pub bound: Option<f64>,
     /// Rows that have weights to close with: those that were rendered.
     pub rows: u64,
 }
@@ -184,7 +185,7 @@ pub struct CheckReport {
 pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     let manifest = store.manifest();
     let is_pixel = manifest.correction == "pixel";
-    let closure_bound = options.closure.unwrap_or(if is_pixel { 1e-6 } else { 1e-2 });
+    let closure_bound = options.closure.or(is_pixel.then_some(1e-6));
     let mut tally = Tally::new(store, is_pixel, closure_bound, options.worst_rows);
     if !manifest.complete && !options.allow_incomplete {
         let missing = format!("{} of {} parts are there", manifest.parts.len(), manifest.part_count);
@@ -299,7 +300,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn new(store: &Store, is_pixel: bool, closure_bound: f64, worst_count: usize) -> Self {
+    fn new(store: &Store, is_pixel: bool, closure_bound: Option<f64>, worst_count: usize) -> Self {
         Self {
             patch_count: store.patch_count(),
             is_pixel,
@@ -425,7 +426,7 @@ impl Tally {
         self.closure.rows += 1;
         self.closure_sum += error;
         self.closure.max = self.closure.max.max(error);
-        if error > self.closure.bound {
+        if self.closure.bound.is_some_and(|bound| error > bound) {
             self.fail(
                 Check::Closure,
                 format!("patch {patch} and what it lost sum to 1 only within {error:e}"),

@@ -132,11 +132,18 @@ fn text(found: &CheckReport, store: &Store) -> String {
     checks.add(
         "closure",
         format!(
-            "{:6}  |sum of F + escaped + blocked - 1| is at most {}, on average {}; bound {}",
-            failed(&[Check::Closure]),
+            "{:6}  |sum of F + escaped + blocked - 1| is at most {}, on average {}; {}",
+            if found.closure.bound.is_some() {
+                failed(&[Check::Closure])
+            } else {
+                "-"
+            },
             figures(found.closure.max),
             figures(found.closure.mean),
-            figures(found.closure.bound)
+            found.closure.bound.map_or_else(
+                || "no bound (`--closure X` sets one)".to_owned(),
+                |bound| format!("bound {}", figures(bound))
+            )
         ),
     );
     let pairs = found.reciprocity;

@@ -464,7 +464,8 @@ fn plan(model: &Model, selection: Selection, arguments: &Arguments) -> Result<(P
         selection,
         arguments.render.samples.per_edge,
         arguments.render.rotation == Switch::On,
-    );
+    )
+    .with_correction(arguments.render.correction.rung());
     if plan.rows.is_empty() {
         bail!("no row is left to compute: `--rows`, `--emitters` and `--occluders` together exclude every patch");
     }
