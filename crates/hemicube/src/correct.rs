@@ -346,7 +346,10 @@ impl Converter {
                 sums = (0.0, 0.0);
                 self.shaft.cast(0, rays, seed, &mut sums);
             }
-            self.fractions[pair.place] = if sums.1 > 0.0 { sums.0 / sums.1 } else { 0.0 };
+            // Where no ray had weight, as between planes that all but coincide, the rough fraction is all there is.
+            if sums.1 > 0.0 {
+                self.fractions[pair.place] = sums.0 / sums.1;
+            }
         }
     }
 }
