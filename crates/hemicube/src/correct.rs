@@ -171,9 +171,9 @@ impl Converter {
         match self.correction {
             Correction::Pixel => self.pixel(hemicubes.len(), columns, data),
             Correction::Point => self.point(model, hemicubes, columns, data),
-            Correction::Area(_) => self.area(model, emitter, hemicubes, columns, data),
-            Correction::Tolerance(refinement) => {
-                self.refined(model, emitter, hemicubes.len(), refinement.tolerance, columns, data);
+            Correction::Area(_) => self.area(model, emitter, hemicubes, None, columns, data),
+            Correction::Tolerance(Refinement { tolerance, .. }) => {
+                self.area(model, emitter, hemicubes, Some(tolerance), columns, data);
             }
         }
         sums
@@ -199,56 +199,13 @@ impl Converter {
         }
     }
 
+    /// The area rung; with a tolerance, that of [`Refinement`].
     fn area(
         &mut self,
         model: &Model,
         emitter: InputPatch,
         hemicubes: &[Hemicube],
-        columns: &mut Vec<i32>,
-        data: &mut Vec<f32>,
-    ) {
-        let Some(exchanges) = &mut self.exchanges else { return };
-        let own = normalised_corners(model, emitter.0);
-        let per_area = 2.0 / (own[1] - own[0]).cross(own[2] - own[0]).length();
-        self.fractions.clear();
-        self.values.clear();
-        let groups = || self.entries.chunk_by(|a, b| a.0 == b.0);
-        self.values.resize(groups().count(), 0.0);
-        for (place, group) in groups().enumerate() {
-            let corners = normalised_corners(model, group[0].0);
-            let all = group.len() == hemicubes.len() && group.iter().all(|e| fraction(e.2, e.3) == 1.0);
-            let visible = if all {
-                1.0
-            } else if hemicubes.len() == 1 {
-                fraction(group[0].2, group[0].3)
-            } else {
-                let factors = self
-                    .points
-                    .evaluate(hemicubes.iter().map(|h| (h.origin, h.axes[2])), &corners);
-                let whole: f64 = factors.iter().sum();
-                let seen: f64 = group.iter().map(|e| fraction(e.2, e.3) * factors[e.1 as usize]).sum();
-                if whole > 0.0 { seen / whole } else { 0.0 }
-            };
-            self.fractions.push(visible);
-            if visible > 0.0 {
-                exchanges.add(place, &own, &corners, &mut self.values);
-            }
-        }
-        exchanges.finish(&mut self.values);
-        for ((group, &visible), &exchange) in groups().zip(&self.fractions).zip(&self.values) {
-            push(columns, data, group[0].0, visible * exchange * per_area);
-        }
-    }
-}
-
-impl Converter {
-    /// The rung of [`Refinement`].
-    fn refined(
-        &mut self,
-        model: &Model,
-        emitter: InputPatch,
-        samples: usize,
-        tolerance: f64,
+        tolerance: Option<f64>,
         columns: &mut Vec<i32>,
         data: &mut Vec<f32>,
     ) {
@@ -263,33 +220,48 @@ impl Converter {
         for (place, group) in groups().enumerate() {
             let corners = normalised_corners(model, group[0].0);
             exchanges.add(place, &own, &corners, &mut self.values);
-            self.fractions.push(rough_fraction(group, samples));
+            let all = group.len() == hemicubes.len() && group.iter().all(|e| fraction(e.2, e.3) == 1.0);
+            let visible = if all {
+                1.0
+            } else if hemicubes.len() == 1 {
+                fraction(group[0].2, group[0].3)
+            } else if tolerance.is_some() {
+                rough_fraction(group, hemicubes.len())
+            } else {
+                let centers = hemicubes.iter().map(|h| (h.origin, h.axes[2]));
+                let factors = self.points.evaluate(centers, &corners);
+                let whole: f64 = factors.iter().sum();
+                let seen: f64 = group.iter().map(|e| fraction(e.2, e.3) * factors[e.1 as usize]).sum();
+                if whole > 0.0 { seen / whole } else { 0.0 }
+            };
+            self.fractions.push(visible);
+            if !all && tolerance.is_some() {
+                let doubt = if visible > 0.0 && visible < 1.0 {
+                    PARTLY_DOUBT
+                } else {
+                    EDGE_DOUBT
+                };
+                self.doubtful.push(Doubtful {
+                    place,
+                    patch: group[0].0,
+                    open: 0.0,
+                    doubt,
+                });
+            }
         }
         exchanges.finish(&mut self.values);
         for value in &mut self.values {
             *value *= per_area;
         }
-        for (place, group) in groups().enumerate() {
-            let all = group.len() == samples && group.iter().all(|e| fraction(e.2, e.3) == 1.0);
-            let open = self.values[place];
-            if !all && open > 0.0 {
-                let partly = self.fractions[place] > 0.0 && self.fractions[place] < 1.0;
-                let doubt = if partly { PARTLY_DOUBT } else { EDGE_DOUBT };
-                self.doubtful.push(Doubtful {
-                    place,
-                    patch: group[0].0,
-                    open,
-                    doubt,
-                });
+        if let Some(tolerance) = tolerance {
+            for pair in &mut self.doubtful {
+                pair.open = self.values[pair.place];
             }
+            self.doubtful.retain(|pair| pair.open > 0.0);
+            self.refine(model, emitter, &own, tolerance);
         }
-        self.refine(model, emitter, &own, tolerance);
-        for ((group, &visible), &open) in self
-            .entries
-            .chunk_by(|a, b| a.0 == b.0)
-            .zip(&self.fractions)
-            .zip(&self.values)
-        {
+        let groups = self.entries.chunk_by(|a, b| a.0 == b.0);
+        for ((group, &visible), &open) in groups.zip(&self.fractions).zip(&self.values) {
             push(columns, data, group[0].0, visible * open);
         }
     }

@@ -2,11 +2,13 @@
 
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::correct::Correction;
+use hemicube::correct::{Correction, Refinement};
 use hemicube::factor::FactorRule;
+use hemicube::reference::{EstimatedRow, Reference, ReferenceSettings, errors_against};
 use hemicube::store::Part;
 use hemicube::{HierarchyOptions, InputPatch, Model};
 use hemicube_backend_cpu::CpuBackend;
+use hemicube_scene::generate::BlockCityParameters;
 use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
 /// A unit cube seen from inside; faces 2k and 2k + 1 are opposite.
@@ -124,4 +126,51 @@ fn more_samples_help_points_and_do_not_hurt_areas() {
     let (area_four, _) = face_factors(Correction::Area(rule), 128, 2);
     assert!(error(&four) < 0.7 * error(&one));
     assert!(error(&area_four) < 2e-4);
+}
+
+#[test]
+fn a_tolerance_brings_a_city_nearer_to_the_reference() {
+    let city = BlockCityParameters {
+        blocks: 5,
+        split: 1,
+        ..BlockCityParameters::for_target(1000, 1)
+    };
+    let patches = Patches::new(&city.generate().expect("a city"), Subdivision::None).expect("patches");
+    let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+    let plan = Plan::new(
+        &model,
+        RowChoice::Sample { count: 24, seed: 3 },
+        Selection::default(),
+        1,
+        true,
+    );
+    let reference = Reference::new(&model, ReferenceSettings::default()).expect("a reference");
+    let exact = reference.rows(&plan.rows, 2, &mut |_| {}).expect("rows");
+    let error = |correction| {
+        let plan = plan.clone().with_correction(correction);
+        let settings = RenderSettings {
+            resolution: 128,
+            culling: Culling::On,
+            covered: false,
+        };
+        let mut parts: Vec<Part> = Vec::new();
+        let backend = Box::new(CpuBackend::new());
+        compute(
+            &model,
+            &plan,
+            settings,
+            backend,
+            Execution::default(),
+            &mut parts,
+            &mut |_| {},
+        )
+        .expect("rows");
+        let estimated: Vec<_> = parts.iter().flat_map(EstimatedRow::of_part).collect();
+        errors_against(&exact, &estimated).relative_frobenius
+    };
+    let area = error(Correction::Area(FactorRule::for_tolerance(1e-3)));
+    let one_percent = error(Correction::Tolerance(Refinement::for_tolerance(1e-2)));
+    let fine = error(Correction::Tolerance(Refinement::for_tolerance(1e-3)));
+    assert!(one_percent < 0.6 * area, "{one_percent} {area}");
+    assert!(fine < 0.6 * one_percent, "{fine} {one_percent}");
 }
