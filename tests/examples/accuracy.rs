@@ -1,30 +1,39 @@
-//! Error against cost of every rung of the accuracy ladder: `accuracy [ROWS]`, sampled rows of five scenes held against the
-//! reference by rays. Prints the table of docs/accuracy.md.
-#![allow(clippy::print_stdout, reason = "an example prints")]
+//! What accuracy costs, held against the reference by rays; prints the tables of docs/accuracy.md.
+//!
+//! `accuracy ladder [ROWS [SCENE…]]`: every rung on generated scenes and a real tile.
+//! `accuracy calibration [ROWS [SCENE…]]`: whether what is asked for is what one gets, over real scenes and tolerances.
+//!
+//! With `REFERENCE_CACHE=DIR`, reference rows are kept there for the next run.
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::correct::{Correction, Refinement};
 use hemicube::factor::FactorRule;
-use hemicube::reference::{EstimatedRow, Reference, ReferenceSettings, errors_against, noise_of};
+use hemicube::reference::{
+    EstimatedRow, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against, noise_of,
+};
 use hemicube::store::Part;
-use hemicube::{HierarchyOptions, Model};
+use hemicube::{InputPatch, Model};
 use hemicube_backend_cpu::CpuBackend;
-use hemicube_scene::generate::{BlockCityParameters, cornell_box};
-use hemicube_scene::repair::{RepairOptions, repair};
-use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, load};
+use hemicube_scene::Subdivision;
+use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box, generate};
+use hemicube_tests::scenes::{model, read, scenes_or_skip};
+use std::path::Path;
+
+const SEED: u64 = 777;
 
 /// A rung: its name, the correction, N, and n of n² hemicubes.
 const RUNGS: [(&str, Rung, u32, u32); 9] = [
     ("pixel, K = 1, N = 256", Rung::Pixel, 256, 1),
+    ("pixel, K = 4, N = 256", Rung::Pixel, 256, 2),
     ("pixel, K = 16, N = 256", Rung::Pixel, 256, 4),
     ("area, K = 1, N = 64", Rung::Area, 64, 1),
     ("area, K = 1, N = 128", Rung::Area, 128, 1),
     ("area, K = 4, N = 128", Rung::Area, 128, 2),
     ("area, K = 16, N = 128", Rung::Area, 128, 4),
-    ("tolerance 1 %, N = 128", Rung::Tolerance(1e-2), 128, 1),
-    ("tolerance 0.3 %, N = 128", Rung::Tolerance(3e-3), 128, 1),
-    ("tolerance 0.1 %, N = 128", Rung::Tolerance(1e-3), 128, 1),
+    ("tolerance 1 %", Rung::Tolerance(1e-2), 128, 1),
+    ("tolerance 0.3 %", Rung::Tolerance(3e-3), 128, 1),
 ];
 
 #[derive(Clone, Copy)]
@@ -34,7 +43,8 @@ enum Rung {
     Tolerance(f64),
 }
 
-fn scenes() -> Vec<(&'static str, Scene, Subdivision)> {
+/// A scene by the name that its rows in the tables have; `None` where the folder of real scenes lacks it.
+fn scene(name: &str) -> Option<Model> {
     let block_city = |split| {
         let parameters = BlockCityParameters {
             blocks: 25,
@@ -43,72 +53,89 @@ fn scenes() -> Vec<(&'static str, Scene, Subdivision)> {
         };
         parameters.generate().expect("a city")
     };
-    let mut scenes = vec![
-        ("room 10k", cornell_box(), Subdivision::Levels(4)),
-        ("block city 9k", block_city(1), Subdivision::None),
-        ("block city 140k", block_city(4), Subdivision::None),
-    ];
-    let tile = concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../../../../shared/scenes/city/denhaag-8897.obj"
-    );
-    match load(tile.as_ref(), ReadOptions::default()) {
-        Ok(scene) => {
-            scenes.push(("denhaag-8897", scene.clone(), Subdivision::None));
-            scenes.push(("denhaag-8897 ×16", scene, Subdivision::Levels(2)));
-        }
-        Err(_) => println!("SKIP denhaag-8897: no ../shared/scenes"),
-    }
-    scenes
+    let generated = |kind| {
+        let spec = Generate {
+            kind,
+            target_patches: 10_000,
+            seed: 1,
+        };
+        generate(spec).expect("a target in range")
+    };
+    let (scene, subdivision) = match name {
+        "room-10k" => (cornell_box(), Subdivision::Levels(4)),
+        "block-city-9k" => (block_city(1), Subdivision::None),
+        "block-city-140k" => (block_city(4), Subdivision::None),
+        "maze" => (generated(Kind::Maze), Subdivision::None),
+        "spheres" => (generated(Kind::Spheres), Subdivision::None),
+        "denhaag-8897-x16" => (real("city/denhaag-8897.obj")?, Subdivision::Levels(2)),
+        file => (real(file)?, Subdivision::None),
+    };
+    Some(model(scene, subdivision))
 }
 
+fn real(file: &str) -> Option<hemicube_scene::Scene> {
+    let folder = scenes_or_skip(file)?;
+    Some(read(&folder, file).unwrap_or_else(|error| panic!("{file}: {error}")))
+}
+
+const LADDER: [&str; 5] = [
+    "room-10k",
+    "block-city-9k",
+    "block-city-140k",
+    "city/denhaag-8897.obj",
+    "denhaag-8897-x16",
+];
+
+const CALIBRATION: [&str; 12] = [
+    "city/denhaag-8897.obj",
+    "city/rotterdam-delfshaven.obj",
+    "city/zurich-lv95-rawcoords.obj",
+    "city/3dfier-testarea.obj",
+    "interior/oa_dm5.obj",
+    "interior/aggressor.obj",
+    "ac/fg-zone_maisons-ba.ac",
+    "ac/fg-clem-superstructure.ac",
+    "ac/torcs-street-1.acc",
+    "room-10k",
+    "maze",
+    "spheres",
+];
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let rows = std::env::args().nth(1).map_or(Ok(32), |a| a.parse())?;
+    let mut args = std::env::args().skip(1);
+    let what = args.next().unwrap_or_default();
+    let rows: u32 = args.next().map_or(Ok(24), |a| a.parse())?;
+    let chosen: Vec<String> = args.collect();
+    let listed = |all: &[&'static str]| -> Vec<String> {
+        if chosen.is_empty() {
+            all.iter().map(|&s| s.to_owned()).collect()
+        } else {
+            chosen.clone()
+        }
+    };
+    match what.as_str() {
+        "ladder" => ladder(rows, &listed(&LADDER)),
+        "calibration" => calibration(rows, &listed(&CALIBRATION)),
+        _ => Err("ladder or calibration?".into()),
+    }
+}
+
+fn ladder(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> {
     println!("| scene | rung | ms a row | relative Frobenius | median row | 90th percentile | median L1 | row sums |");
     println!("|---|---|---|---|---|---|---|---|");
-    for (name, mut scene, subdivision) in scenes() {
-        repair(&mut scene, RepairOptions::default());
-        let model = Model::new(Patches::new(&scene, subdivision)?.into(), HierarchyOptions::default())?;
-        let choice = RowChoice::Sample { count: rows, seed: 777 };
-        let plan = Plan::new(&model, choice, Selection::default(), 1, true);
-        let reference = Reference::new(
-            &model,
-            ReferenceSettings {
-                target: 2e-3,
-                ..ReferenceSettings::default()
-            },
-        )?;
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let exact = reference.rows(&plan.rows, threads, &mut |_| {})?;
+    for name in scenes {
+        let Some(model) = scene(name) else { continue };
+        let exact = reference(name, &model, rows)?;
         for (rung, kind, resolution, samples) in RUNGS {
             let correction = match kind {
                 Rung::Pixel => Correction::Pixel,
                 Rung::Area => Correction::Area(FactorRule::for_tolerance(1e-2)),
                 Rung::Tolerance(tolerance) => Correction::Tolerance(Refinement::for_tolerance(tolerance)),
             };
-            let plan = Plan::new(&model, choice, Selection::default(), samples, true).with_correction(correction);
-            let settings = RenderSettings {
-                resolution,
-                culling: Culling::On,
-                covered: false,
-            };
-            let mut best = f64::INFINITY;
-            let mut parts: Vec<Part> = Vec::new();
-            for _ in 0..3 {
-                parts.clear();
-                let execution = Execution {
-                    threads: 1,
-                    ..Execution::default()
-                };
-                let backend = Box::new(CpuBackend::new());
-                let summary = compute(&model, &plan, settings, backend, execution, &mut parts, &mut |_| {})?;
-                best = best.min(summary.elapsed.as_secs_f64() / plan.rows.len() as f64);
-            }
-            let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
-            let m = errors_against(&exact, &estimated);
+            let (seconds, m) = measure(&model, rows, correction, resolution, samples, &exact)?;
             println!(
                 "| {name} | {rung} | {:.2} | {:.4} | {:.4} | {:.4} | {:.4} | {:.4} |",
-                best * 1e3,
+                seconds * 1e3,
                 m.relative_frobenius,
                 m.row_error.median,
                 m.row_error.percentile_90,
@@ -122,4 +149,156 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         );
     }
     Ok(())
+}
+
+fn calibration(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> {
+    println!("| scene | asked | got | of these rows | of the matrix | asked ÷ got | ms a row | noise |");
+    println!("|---|---|---|---|---|---|---|---|");
+    for name in scenes {
+        let Some(model) = scene(name) else { continue };
+        let exact = reference(name, &model, rows)?;
+        for tolerance in [5e-2, 2e-2, 1e-2, 5e-3] {
+            let correction = Correction::Tolerance(Refinement::for_tolerance(tolerance));
+            let (seconds, m) = measure(&model, rows, correction, 128, 1, &exact)?;
+            println!(
+                "| {name} | {tolerance} | {:.5} | {:.5}–{:.5} | {:.5}–{:.5} | {:.2} | {:.2} | {:.5} |",
+                m.relative_frobenius,
+                m.interval_of_rows.low,
+                m.interval_of_rows.high,
+                m.interval_of_matrix.low,
+                m.interval_of_matrix.high,
+                tolerance / m.relative_frobenius,
+                seconds * 1e3,
+                m.reference_noise,
+            );
+        }
+    }
+    Ok(())
+}
+
+fn plan(model: &Model, rows: u32, samples: u32) -> Plan {
+    let choice = RowChoice::Sample {
+        count: rows,
+        seed: SEED,
+    };
+    Plan::new(model, choice, Selection::default(), samples, true)
+}
+
+/// Seconds a row of one thread, the best of three, and how far the rows are from the reference.
+fn measure(
+    model: &Model,
+    rows: u32,
+    correction: Correction,
+    resolution: u32,
+    samples: u32,
+    exact: &[ReferenceRow],
+) -> Result<(f64, Measured), Box<dyn std::error::Error>> {
+    let plan = plan(model, rows, samples).with_correction(correction);
+    let settings = RenderSettings {
+        resolution,
+        culling: Culling::On,
+        covered: false,
+    };
+    let mut best = f64::INFINITY;
+    let mut parts: Vec<Part> = Vec::new();
+    for _ in 0..3 {
+        parts.clear();
+        let execution = Execution {
+            threads: 1,
+            ..Execution::default()
+        };
+        let backend = Box::new(CpuBackend::new());
+        let summary = compute(model, &plan, settings, backend, execution, &mut parts, &mut |_| {})?;
+        best = best.min(summary.elapsed.as_secs_f64() / plan.rows.len() as f64);
+    }
+    let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
+    if std::env::var_os("WORST").is_some() {
+        worst(exact, &estimated);
+    }
+    Ok((best, errors_against(exact, &estimated)))
+}
+
+/// The entries with the largest part in the error.
+fn worst(exact: &[ReferenceRow], estimated: &[EstimatedRow]) {
+    let mut entries = Vec::new();
+    for (e, a) in exact.iter().zip(estimated) {
+        assert_eq!(e.emitter, a.emitter.0);
+        let mut all: std::collections::BTreeMap<u32, (f64, f64)> = std::collections::BTreeMap::new();
+        for (&c, &v) in e.columns.iter().zip(&e.values) {
+            all.entry(c).or_default().0 = v;
+        }
+        for (&c, &v) in a.columns.iter().zip(&a.values) {
+            all.entry(c).or_default().1 = v;
+        }
+        entries.extend(
+            all.into_iter()
+                .map(|(c, (b, a))| ((a - b).powi(2), e.emitter, c, a, b)),
+        );
+    }
+    entries.sort_by(|p, q| q.0.total_cmp(&p.0));
+    let total: f64 = entries.iter().map(|e| e.0).sum();
+    for (squared, i, j, a, b) in entries.iter().take(12) {
+        eprintln!("   {:.3} of Σ d²: F[{i}, {j}] = {a:.6}, reference {b:.6}", squared / total);
+    }
+}
+
+/// Reference rows of the sampled patches, from the cache where there is one.
+fn reference(name: &str, model: &Model, rows: u32) -> Result<Vec<ReferenceRow>, Box<dyn std::error::Error>> {
+    let emitters: Vec<InputPatch> = plan(model, rows, 1).rows;
+    let cached = std::env::var_os("REFERENCE_CACHE")
+        .map(|folder| Path::new(&folder).join(format!("{}-{rows}.bin", name.replace('/', "-"))));
+    if let Some(path) = &cached
+        && let Ok(bytes) = std::fs::read(path)
+    {
+        return Ok(unpack(&bytes));
+    }
+    let settings = ReferenceSettings {
+        target: 2e-3,
+        ..ReferenceSettings::default()
+    };
+    let started = std::time::Instant::now();
+    let exact = Reference::new(model, settings)?.rows(&emitters, 0, &mut |_| {})?;
+    eprintln!("{name}: reference in {:.1?}, noise {:.5}", started.elapsed(), noise_of(&exact));
+    if let Some(path) = &cached {
+        std::fs::write(path, pack(&exact))?;
+    }
+    Ok(exact)
+}
+
+fn pack(rows: &[ReferenceRow]) -> Vec<u8> {
+    let mut numbers = Vec::new();
+    for row in rows {
+        numbers.extend([f64::from(row.emitter), row.columns.len() as f64, row.missed_squared]);
+        for ((&c, &v), &e) in row.columns.iter().zip(&row.values).zip(&row.errors) {
+            numbers.extend([f64::from(c), v, e]);
+        }
+    }
+    numbers.iter().flat_map(|n| n.to_le_bytes()).collect()
+}
+
+fn unpack(bytes: &[u8]) -> Vec<ReferenceRow> {
+    let numbers: Vec<f64> = bytes
+        .chunks_exact(8)
+        .map(|b| f64::from_le_bytes(b.try_into().expect("eight bytes")))
+        .collect();
+    let mut rows = Vec::new();
+    let mut at = 0;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "written as integers")]
+    while at < numbers.len() {
+        let mut row = ReferenceRow {
+            emitter: numbers[at] as u32,
+            missed_squared: numbers[at + 2],
+            ..ReferenceRow::default()
+        };
+        let count = numbers[at + 1] as usize;
+        at += 3;
+        for entry in numbers[at..at + 3 * count].chunks_exact(3) {
+            row.columns.push(entry[0] as u32);
+            row.values.push(entry[1]);
+            row.errors.push(entry[2]);
+        }
+        at += 3 * count;
+        rows.push(row);
+    }
+    rows
 }

@@ -217,9 +217,10 @@ impl Converter {
         self.doubtful.clear();
         let groups = || self.entries.chunk_by(|a, b| a.0 == b.0);
         self.values.resize(groups().count(), 0.0);
+        exchanges.begin(&own);
         for (place, group) in groups().enumerate() {
             let corners = normalised_corners(model, group[0].0);
-            exchanges.add(place, &own, &corners, &mut self.values);
+            exchanges.add(place, &corners, &mut self.values);
             let all = group.len() == hemicubes.len() && group.iter().all(|e| fraction(e.2, e.3) == 1.0);
             let visible = if all {
                 1.0

@@ -99,7 +99,7 @@ fn select(condition: bool, a: f64, b: f64) -> f64 {
 
 /// The angle in 0..=π whose sine is to its cosine as `y` ≥ 0 to `x`; 0 for y = x = 0.
 #[inline(always)]
-fn angle(y: f64, x: f64) -> f64 {
+pub(super) fn angle(y: f64, x: f64) -> f64 {
     let ax = x.abs();
     let steep = y > ax;
     let (small, large) = (select(steep, ax, y), select(steep, y, ax));
