@@ -13,6 +13,7 @@ use hemicube::factor::FactorRule;
 use hemicube::reference::{
     EstimatedRow, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against, noise_of,
 };
+use hemicube::settle::settle;
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
 use hemicube_backend_cpu::CpuBackend;
@@ -157,11 +158,22 @@ fn calibration(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::E
     for name in scenes {
         let Some(model) = scene(name) else { continue };
         let exact = reference(name, &model, rows)?;
-        for tolerance in [5e-2, 2e-2, 1e-2, 5e-3] {
-            let correction = Correction::Tolerance(Refinement::for_tolerance(tolerance));
-            let (seconds, m) = measure(&model, rows, correction, 128, 1, &exact)?;
+        let tolerances: Vec<f64> = std::env::var("T").map_or(vec![5e-2, 2e-2, 1e-2, 5e-3], |t| vec![t.parse().unwrap()]);
+        for tolerance in tolerances {
+        
+            let emitters: Vec<InputPatch> = model.order().collect();
+            let started = std::time::Instant::now();
+            let settled = settle(&model, &emitters, &|_| true, true, tolerance, &mut CpuBackend::new())?;
+            let settling = started.elapsed();
+            let (seconds, m) = measure(&model, rows, settled.correction, settled.resolution, 1, &exact)?;
+            if std::env::var_os("WORST").is_some() {
+                eprintln!("{}", settled.reason);
+            }
             println!(
-                "| {name} | {tolerance} | {:.5} | {:.5}–{:.5} | {:.5}–{:.5} | {:.2} | {:.2} | {:.5} |",
+                "| {name} | {tolerance} | {} {} {:.5} {:.5} {settling:.1?} | {:.5} | {:.5}–{:.5} | {:.5}–{:.5} | {:.2} | {:.2} | {:.5} |",
+                match settled.correction { Correction::Tolerance(r) => format!("refined {}", r.effort), _ => "area".into() },
+                settled.resolution,
+                settled.expected, settled.at_most,
                 m.relative_frobenius,
                 m.interval_of_rows.low,
                 m.interval_of_rows.high,

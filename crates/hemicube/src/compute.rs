@@ -5,7 +5,7 @@
 
 use crate::Model;
 use crate::backend::{BackendError, Counters, HemicubeBackend, RenderSettings};
-use crate::correct::{Converter, Correction, Samples};
+use crate::correct::{Converter, Correction};
 use crate::row::{RowBlock, RowError};
 use crate::store::{Part, RowSums, StoreWriter};
 use hemicube_scene::InputPatch;
@@ -61,8 +61,8 @@ pub struct Plan {
     pub rows: Vec<InputPatch>,
     /// Rows of a part; the last part may have fewer.
     pub rows_per_part: u32,
-    /// Where the hemicubes of a row stand.
-    pub samples: Samples,
+    /// n of the n² hemicubes of a row.
+    pub samples_per_edge: u32,
     /// Whether each hemicube is turned about its normal.
     pub rotate: bool,
     /// Which patches have rows and columns.
@@ -87,21 +87,26 @@ impl Plan {
         Self {
             rows,
             rows_per_part,
-            samples: Samples::Centroids(samples_per_edge),
+            samples_per_edge,
             rotate,
             selection,
             correction: Correction::Pixel,
         }
     }
 
-    /// The same plan with another rung of the accuracy ladder; that of a tolerance takes its own hemicubes.
+    /// The same plan with another rung of the accuracy ladder; that of a tolerance takes one hemicube a row.
     #[must_use]
     pub fn with_correction(mut self, correction: Correction) -> Self {
         if let Correction::Tolerance(_) = correction {
-            self.samples = Samples::CentroidAndCorners;
+            self.samples_per_edge = 1;
         }
         self.correction = correction;
         self
+    }
+
+    /// Hemicubes of a row.
+    pub fn hemicubes_per_row(&self) -> usize {
+        self.samples_per_edge as usize * self.samples_per_edge as usize
     }
 
     /// How many parts there are.
@@ -111,7 +116,7 @@ impl Plan {
 }
 
 /// Draws `count` of `rows`, keeping their order (Knuth 1969, algorithm 3.4.2 S).
-fn sample(rows: &[InputPatch], count: usize, seed: u64) -> Vec<InputPatch> {
+pub(crate) fn sample(rows: &[InputPatch], count: usize, seed: u64) -> Vec<InputPatch> {
     let mut state = seed;
     let mut chosen = Vec::with_capacity(count.min(rows.len()));
     for (i, &row) in rows.iter().enumerate() {
@@ -323,7 +328,7 @@ pub fn compute(
     };
     backend.load(model.geometry(), settings).map_err(backend_error)?;
 
-    let samples = plan.samples.count();
+    let samples = plan.hemicubes_per_row();
     let hemicubes_per_call = if execution.batch == 0 {
         backend.info().preferred_rows
     } else {
@@ -444,7 +449,7 @@ fn compute_batch(
     let mut count_of_row = Vec::with_capacity(emitters.len());
     for &emitter in emitters {
         let before = hemicubes.len();
-        hemicubes.extend(model.hemicubes_at(emitter, plan.samples, plan.rotate));
+        hemicubes.extend(model.hemicubes(emitter, plan.samples_per_edge, plan.rotate));
         count_of_row.push(hemicubes.len() - before);
     }
     rows.clear();

@@ -33,7 +33,7 @@ impl FactorRule {
     pub fn for_tolerance(tolerance: f64) -> Self {
         if tolerance >= 5e-3 {
             Self {
-                far: 5.0,
+                far: 3.5,
                 one: 12.0,
                 six: 1.5,
                 twenty_four: 0.6,
@@ -67,6 +67,16 @@ pub fn point_to_triangle(point: DVec3, normal: DVec3, triangle: &[DVec3; 3]) -> 
         elements.point[k] = [point[k]; LANES];
     }
     lanes::evaluate(&elements)[0]
+}
+
+/// The form factor from an element to the front of a convex polygon that lies above its horizon, whole.
+pub(crate) fn point_to_polygon(point: DVec3, normal: DVec3, polygon: &[DVec3]) -> f64 {
+    let mut sum = 0.0;
+    for (k, &p) in polygon.iter().enumerate() {
+        let q = polygon[(k + 1) % polygon.len()];
+        sum += lanes::term(normal.to_array(), (p - point).to_array(), (q - point).to_array());
+    }
+    (sum * (-0.5 * std::f64::consts::FRAC_1_PI)).max(0.0)
 }
 
 /// Form factors from several elements to one triangle, eight at a time.
@@ -290,7 +300,7 @@ fn in_order(i: &[DVec3; 3], j: &[DVec3; 3]) -> ([DVec3; 3], [DVec3; 3]) {
 }
 
 /// The distance from a point to a triangle (Ericson 2005, §5.1.5, by Voronoi regions).
-fn distance(p: DVec3, [a, b, c]: &[DVec3; 3]) -> f64 {
+pub(crate) fn distance(p: DVec3, [a, b, c]: &[DVec3; 3]) -> f64 {
     let (ab, ac, ap) = (*b - *a, *c - *a, p - *a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     if d1 <= 0.0 && d2 <= 0.0 {

@@ -5,18 +5,24 @@
 //! patch covers add up to one row of F (Cohen & Greenberg 1985).
 
 pub mod backend;
+pub mod balance;
+mod candidates;
 pub mod check;
+mod clip;
 pub mod compare;
 pub mod compute;
 pub mod correct;
 pub mod delta;
+pub mod diagnose;
 pub mod export;
 pub mod face;
 pub mod factor;
 pub mod frame;
 mod model;
 pub mod reference;
+mod refine;
 pub mod row;
+pub mod settle;
 mod shaft;
 pub mod store;
 pub mod tree;

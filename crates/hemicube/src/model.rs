@@ -1,7 +1,6 @@
 //! A scene made ready for hemicubes: normalised coordinates, surfaces in the octree's order, and the order of work.
 
 use crate::backend::{Geometry, Hemicube, Surface};
-use crate::correct::Samples;
 use crate::frame;
 use glam::DVec3;
 use hemicube_scene::{InputPatch, Patches, Side};
@@ -159,34 +158,25 @@ impl Model {
         (point - self.center) * self.scale
     }
 
+    /// The corners of a patch in normalised coordinates.
+    pub(crate) fn normalised_corners(&self, patch: u32) -> [DVec3; 3] {
+        self.patches.corners(InputPatch(patch)).map(|p| self.normalise(p))
+    }
+
     /// The hemicubes of a patch: `n`² of them at the centroids of its sub-triangles, each turned about the normal by a
     /// hash of the patch when `rotate` is on. Empty for a patch without area.
     pub fn hemicubes(&self, patch: InputPatch, n: u32, rotate: bool) -> Vec<Hemicube> {
-        self.hemicubes_at(patch, Samples::Centroids(n), rotate)
-    }
-
-    /// The hemicubes of a patch at `samples`, turned as by [`Model::hemicubes`]. Empty for a patch without area.
-    pub fn hemicubes_at(&self, patch: InputPatch, samples: Samples, rotate: bool) -> Vec<Hemicube> {
-        let corners = self.patches.corners(patch).map(|p| self.normalise(p));
+        let corners = self.normalised_corners(patch.0);
         let turn = if rotate { frame::turn(patch) } else { 0.0 };
         let Some(axes) = frame::axes(corners, turn) else {
             return Vec::new();
-        };
-        let points = match samples {
-            Samples::Centroids(n) => frame::sample_points(corners, n),
-            Samples::CentroidAndCorners => {
-                let [a, b, c] = corners;
-                let mut points = frame::sample_points(corners, 1);
-                points.extend([(a, b, c), (b, c, a), (c, a, b)].map(|(p, q, r)| p * 0.9 + (q + r) * 0.05));
-                points
-            }
         };
         let hemicube = |origin| Hemicube {
             emitter: Some(patch),
             origin,
             axes,
         };
-        points.into_iter().map(hemicube).collect()
+        frame::sample_points(corners, n).into_iter().map(hemicube).collect()
     }
 }
 

@@ -2,8 +2,9 @@
 //! few occluders measure the visible fraction.
 //!
 //! The shaft (Haines & Wallace 1991) is the convex hull of the two triangles. What lies outside one of its planes cannot
-//! come in between; an empty shaft proves that all is visible. The planes of the two triangles themselves are among its
-//! planes, so that neighbours, coplanar triangles and the two themselves are left out with no offset along the rays.
+//! come in between; an empty shaft proves that all is visible, and a triangle that all nine segments between corners pass
+//! through proves that nothing is. Below the emitter's plane and behind the receiver's nothing occludes; what lies in the
+//! receiver's own plane does if its patch has the smaller id, as in a backend's rows.
 //!
 //! The visible fraction is Σ k V / Σ k over points drawn on both triangles, with the same points above and below and the
 //! kernel k = cos φ_i cos φ_j / r² as weight: times the closed form it gives F_ij without the bias of uniform visibility.
@@ -12,63 +13,122 @@
     reason = "functions compiled for an instruction set are called after it was found"
 )]
 
-use crate::factor::point_to_triangle;
 use crate::tree::{INNER, LANES, Tree, UNUSED};
 use glam::DVec3;
+use std::ops::Range;
 
 /// Rays cast together.
 pub(crate) const RAYS: usize = 16;
 
-/// What lies within this part of the pair's extent of a shaft's plane counts as outside.
+/// What lies within this part of the pair's extent of a side of the shaft counts as outside.
 const OUTSIDE: f64 = 4e-6;
 
-/// A triangle that may come in between, relative to the shaft's origin.
+/// See [`Sighting::near`].
+const NEAR: f64 = 2.0;
+
+/// A triangle that may come in between, relative to the sighting's origin.
 #[derive(Clone, Copy, Debug)]
 struct Occluder {
     corner: [f32; 3],
     edges: [[f32; 3]; 2],
     normal: [f32; 3],
+    /// block × 16 + lane in the tree.
+    slot: u32,
+    /// Squared twice its area: the large ones stop most rays.
+    size: f32,
 }
 
-/// The shaft between two triangles, and what may come in between. Reused from pair to pair.
+/// Lists what may come in between two triangles, for many pairs one after the other.
 #[derive(Debug, Default)]
 pub(crate) struct Shaft {
     /// n · p ≥ d inside.
     planes: Vec<([f64; 3], f64)>,
+    /// Of all sightings since [`Shaft::clear`].
     occluders: Vec<Occluder>,
     pending: Vec<u32>,
     low: [f64; 3],
     high: [f64; 3],
-    pair: Pair,
 }
 
-/// Two triangles relative to a corner of the first.
-#[derive(Clone, Copy, Debug, Default)]
-struct Pair {
-    from: [DVec3; 3],
-    to: [DVec3; 3],
-    /// Nearer than 0.6 times their radii: a few rays carry most of the weight.
-    near: bool,
+/// Two triangles that look at each other, and what may be in between.
+#[derive(Clone, Debug)]
+pub(crate) struct Sighting {
+    /// The emitter and the receiver relative to `origin`.
+    pub(crate) emitter: [DVec3; 3],
+    pub(crate) receiver: [DVec3; 3],
+    pub(crate) origin: DVec3,
+    /// The middle of the smaller one is near the other, in its radii: a few segments would carry most of the weight.
+    pub(crate) near: bool,
+    /// Whether the receiver is the smaller of the two.
+    pub(crate) receiver_is_smaller: bool,
+    /// The emitter's area in areas of the smaller of the two.
+    pub(crate) emitter_share: f64,
+    /// What is between the two planes.
+    between: Range<usize>,
+    /// What is so near to one of the planes that rays in f32 cannot tell on which side.
+    beside: Vec<[DVec3; 3]>,
+    /// What lies in the receiver's plane and hides it, as its id is smaller.
+    pub(crate) over: Vec<[DVec3; 3]>,
+    /// One triangle hides all of it.
+    pub(crate) hidden: bool,
+}
+
+impl Sighting {
+    /// Whether all is visible: proved, as nothing may come in between.
+    pub(crate) fn is_open(&self) -> bool {
+        self.between.is_empty() && self.beside.is_empty() && self.over.is_empty()
+    }
+
+    /// Whether something beside stops the segment from `x` to `y`, or something over the receiver is seen at its end.
+    fn is_stopped(&self, x: DVec3, y: DVec3) -> bool {
+        let within = |[a, b, c]: &[DVec3; 3], n: DVec3, p: DVec3| {
+            [(a, b), (b, c), (c, a)]
+                .iter()
+                .all(|&(s, t)| (*t - *s).cross(p - *s).dot(n) >= 0.0)
+        };
+        let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+        self.over.iter().any(|t| within(t, normal(t), y))
+            || self.beside.iter().any(|t| {
+                let n = normal(t);
+                let (hx, hy) = (n.dot(x - t[0]), n.dot(y - t[0]));
+                hx * hy < 0.0 && within(t, n, x + (y - x) * (hx / (hx - hy)))
+            })
+    }
 }
 
 impl Shaft {
-    /// Builds the shaft between two patches of a scene and lists what may come in between; returns how many.
-    pub(crate) fn build(&mut self, tree: &Tree, (i, from): (u32, &[DVec3; 3]), (j, to): (u32, &[DVec3; 3])) -> usize {
-        let origin = from[0];
+    /// Forgets all sightings.
+    pub(crate) fn clear(&mut self) {
+        self.occluders.clear();
+    }
+
+    /// Lists what may come in between an emitting patch and a receiving one.
+    pub(crate) fn sight(
+        &mut self,
+        tree: &Tree,
+        (i, emitter): (u32, &[DVec3; 3]),
+        (j, receiver): (u32, &[DVec3; 3]),
+    ) -> Sighting {
+        let origin = emitter[0];
         let local = |t: &[DVec3; 3]| t.map(|p| p - origin);
-        let (from, to) = (local(from), local(to));
-        let points = [from[0], from[1], from[2], to[0], to[1], to[2]];
+        let (emitter, receiver) = (local(emitter), local(receiver));
+        let points = [
+            emitter[0],
+            emitter[1],
+            emitter[2],
+            receiver[0],
+            receiver[1],
+            receiver[2],
+        ];
         let size = points.iter().map(|p| p.length_squared()).fold(0.0, f64::max).sqrt();
         let sphere = |t: &[DVec3; 3]| {
             let center = (t[0] + t[1] + t[2]) / 3.0;
-            (center, t.iter().map(|p| p.distance(center)).fold(0.0, f64::max))
+            (
+                center,
+                t.iter().map(|p| p.distance_squared(center)).fold(0.0, f64::max).sqrt(),
+            )
         };
-        let ((c0, r0), (c1, r1)) = (sphere(&from), sphere(&to));
-        self.pair = Pair {
-            from,
-            to,
-            near: c0.distance(c1) < 0.6 * (r0 + r1),
-        };
+        let ((c0, r0), (c1, r1)) = (sphere(&emitter), sphere(&receiver));
         let (mut low, mut high) = (DVec3::ZERO, DVec3::ZERO);
         for p in points {
             low = low.min(p);
@@ -77,22 +137,40 @@ impl Shaft {
         let slack = DVec3::splat(OUTSIDE * size);
         (self.low, self.high) = ((low - slack).to_array(), (high + slack).to_array());
         self.make_planes(&points, size);
-        self.list_occluders(tree, origin, OUTSIDE * size, [i, j]);
-        self.occluders.len()
+        let start = self.occluders.len();
+        let area = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).length_squared();
+        let receiver_is_smaller = area(&receiver) < area(&emitter);
+        let mut sighting = Sighting {
+            emitter,
+            receiver,
+            origin,
+            near: if receiver_is_smaller {
+                crate::factor::distance(c1, &emitter) < NEAR * r1
+            } else {
+                crate::factor::distance(c0, &receiver) < NEAR * r0
+            },
+            receiver_is_smaller,
+            emitter_share: (area(&emitter) / area(&receiver).min(area(&emitter)).max(f64::MIN_POSITIVE)).sqrt(),
+            between: start..start,
+            beside: Vec::new(),
+            over: Vec::new(),
+            hidden: false,
+        };
+        self.list_occluders(tree, [i, j], size, &mut sighting);
+        sighting
     }
 
     fn make_planes(&mut self, points: &[DVec3; 6], size: f64) {
         self.planes.clear();
         // Only what rises above the emitter and lies in front of the receiver can be in the way.
         for [a, b, c] in [[0, 1, 2], [3, 4, 5]] {
-            if let Some(n) = (points[b] - points[a]).cross(points[c] - points[a]).try_normalize() {
-                self.planes.push((n.to_array(), n.dot(points[a])));
-            }
+            let n = (points[b] - points[a]).cross(points[c] - points[a]).normalize_or_zero();
+            self.planes.push((n.to_array(), n.dot(points[a])));
         }
         let flat = 2e-6 * size;
         let mut add = |a: usize, b: usize, c: usize| {
             let n = (points[b] - points[a]).cross(points[c] - points[a]);
-            if n.length() <= 1e-9 * size * size {
+            if n.length_squared() <= (1e-9 * size * size).powi(2) {
                 return;
             }
             let n = n.normalize();
@@ -118,11 +196,24 @@ impl Shaft {
         }
     }
 
-    fn list_occluders(&mut self, tree: &Tree, origin: DVec3, outside: f64, own: [u32; 2]) {
-        self.occluders.clear();
+    fn list_occluders(&mut self, tree: &Tree, own: [u32; 2], size: f64, sighting: &mut Sighting) {
+        let origin = sighting.origin;
+        let side = OUTSIDE * size;
+        let tolerance = tree.plane_tolerance;
+        // The emitter's plane, the receiver's, the sides.
+        let outside = |plane: usize| match plane {
+            0 => tolerance,
+            1 => -tolerance,
+            _ => side,
+        };
+        let ([emitter_plane, receiver_plane], receiver_box) = ([self.planes[0], self.planes[1]], {
+            let [a, b, c] = sighting.receiver;
+            (a.min(b).min(c).to_array(), a.max(b).max(c).to_array())
+        });
         self.pending.clear();
         self.pending.push(0);
         let own_slots = own.map(|p| tree.slot_of_patch[p as usize]);
+        let start = self.occluders.len();
         'nodes: while let Some(index) = self.pending.pop() {
             let node = &tree.nodes[index as usize];
             let c = (node.center - origin).to_array();
@@ -132,12 +223,12 @@ impl Shaft {
                     continue 'nodes;
                 }
             }
-            for (n, d) in &self.planes {
+            for (k, (n, d)) in self.planes.iter().enumerate() {
                 let most = n[0] * c[0] + n[1] * c[1] + n[2] * c[2] - d
                     + n[0].abs() * h[0]
                     + n[1].abs() * h[1]
                     + n[2].abs() * h[2];
-                if most <= outside {
+                if most <= outside(k) {
                     continue 'nodes;
                 }
             }
@@ -146,7 +237,7 @@ impl Shaft {
                 continue;
             }
             let block = &tree.blocks[node.block as usize];
-            let mut kept = dispatch_inside(&block.corners, origin.to_array(), &self.planes, outside);
+            let mut kept = dispatch_inside(&block.corners, origin.to_array(), &self.planes, [tolerance, -tolerance, side]);
             while kept != 0 {
                 let l = kept.trailing_zeros() as usize;
                 kept &= kept - 1;
@@ -155,16 +246,26 @@ impl Shaft {
                 if block.negative[l] == UNUSED || own_slots.contains(&slot) {
                     continue;
                 }
-                let corner = |k: usize| {
-                    DVec3::new(
-                        block.corners[3 * k][l],
-                        block.corners[3 * k + 1][l],
-                        block.corners[3 * k + 2][l],
-                    ) - origin
-                };
-                let (a, b, c) = (corner(0), corner(1), corner(2));
+                let [a, b, c] = block.triangle(l).map(|p| p - origin);
                 let (least, most) = (a.min(b).min(c).to_array(), a.max(b).max(c).to_array());
                 if (0..3).any(|x| most[x] < self.low[x] || least[x] > self.high[x]) {
+                    continue;
+                }
+                let height = |(n, d): &([f64; 3], f64)| {
+                    let n = DVec3::from_array(*n);
+                    let h = [n.dot(a) - d, n.dot(b) - d, n.dot(c) - d];
+                    (h[0].min(h[1]).min(h[2]), h[0].max(h[1]).max(h[2]))
+                };
+                let (lowest, highest) = height(&receiver_plane);
+                if highest <= tolerance {
+                    // In the receiver's plane, or below it at one end: of patches there the smaller id is seen.
+                    let n = (b - a).cross(c - a);
+                    let faces = n.dot(DVec3::from_array(receiver_plane.0)) > 0.0;
+                    let id = if faces { block.negative[l] } else { block.positive[l] };
+                    let apart = (0..3).any(|x| most[x] < receiver_box.0[x] - side || least[x] > receiver_box.1[x] + side);
+                    if lowest >= -tolerance && id < own[1] && id < tree.patch_count && !apart {
+                        sighting.over.push([a, b, c]);
+                    }
                     continue;
                 }
                 #[allow(
@@ -173,46 +274,164 @@ impl Shaft {
                 )]
                 let single = |p: DVec3| p.to_array().map(|x| x as f32);
                 let (e, f) = (b - a, c - a);
-                self.occluders.push(Occluder {
+                let normal = e.cross(f);
+                #[allow(clippy::cast_possible_truncation, reason = "only to sort by")]
+                let occluder = Occluder {
                     corner: single(a),
                     edges: [single(e), single(f)],
-                    normal: single(e.cross(f)),
-                });
+                    normal: single(normal),
+                    slot,
+                    size: normal.length_squared() as f32,
+                };
+                if highest <= side || height(&emitter_plane).1 <= side {
+                    sighting.beside.push([a, b, c]);
+                } else {
+                    if hides([a, b, c], normal, sighting) {
+                        sighting.hidden = true;
+                        self.occluders.truncate(start);
+                        return;
+                    }
+                    self.occluders.push(occluder);
+                }
             }
         }
+        // The largest first: they stop most rays, and then the rest need not be tried.
+        self.occluders[start..].sort_unstable_by(|p, q| q.size.total_cmp(&p.size).then(p.slot.cmp(&q.slot)));
+        sighting.between = start..self.occluders.len();
+    }
+
+    /// The corners of what may come in between, relative to the sighting's origin, without what is in the receiver's plane.
+    pub(crate) fn triangles<'a>(
+        &'a self,
+        tree: &'a Tree,
+        sighting: &'a Sighting,
+    ) -> impl Iterator<Item = [DVec3; 3]> + 'a {
+        let between = self.occluders[sighting.between.clone()].iter().map(move |occluder| {
+            let slot = occluder.slot as usize;
+            tree.blocks[slot / LANES]
+                .triangle(slot % LANES)
+                .map(|p| p - sighting.origin)
+        });
+        between.chain(sighting.beside.iter().copied())
     }
 
     /// Casts the rays `start..end` of a sequence (multiples of 16) and adds (Σ k V, Σ k) to `sums`.
-    pub(crate) fn cast(&self, start: usize, end: usize, seed: u64, sums: &mut (f64, f64)) {
-        // With few rays, weighting each emitter point by its closed form costs more than it gives.
-        let stratified = self.pair.near && end >= 512;
+    pub(crate) fn cast(&self, sighting: &Sighting, start: usize, end: usize, seed: u64, sums: &mut (f64, f64)) {
         let shift = shifts(seed);
         let mut group = Group::new();
         let mut at = start;
         while at < end {
-            let x = group.draw(&self.pair, at, &shift, stratified);
-            dispatch_hits(&self.occluders, &mut group);
+            group.draw(sighting, at, &shift);
+            group.hit = [0; RAYS];
+            self.hit(sighting, &mut group);
             let (mut seen, mut whole) = (0.0, 0.0);
             for l in 0..RAYS {
                 let weight = f64::from(group.weight[l]);
                 whole += weight;
                 seen += if group.hit[l] == 0 { weight } else { 0.0 };
             }
-            if let Some(x) = x {
-                let [a, b, c] = self.pair.from;
-                let normal = (b - a).cross(c - a).normalize_or_zero();
-                let factor = point_to_triangle(x, normal, &self.pair.to);
-                if whole > 0.0 && factor > 0.0 {
-                    sums.0 += factor * seen / whole;
-                    sums.1 += factor;
-                }
-            } else {
-                sums.0 += seen;
-                sums.1 += whole;
-            }
+            sums.0 += seen;
+            sums.1 += whole;
             at += RAYS;
         }
     }
+}
+
+impl Shaft {
+    /// Casts rays between a pair so near that segments between evenly drawn points would hardly meet what carries the
+    /// weight: cosine-distributed directions from points of the smaller triangle (Malley's method, with the corners of the
+    /// square left out), of which those that meet the other one count, each as much as any. Stops at `wanted` of these, or
+    /// at `most` directions. Adds (seen, met) to `sums`; returns how many met the other triangle.
+    pub(crate) fn cast_near(
+        &self,
+        sighting: &Sighting,
+        wanted: usize,
+        most: usize,
+        seed: u64,
+        sums: &mut (f64, f64),
+    ) -> usize {
+        let (small, large) = if sighting.receiver_is_smaller {
+            (&sighting.receiver, &sighting.emitter)
+        } else {
+            (&sighting.emitter, &sighting.receiver)
+        };
+        let Some([tangent, bitangent, normal]) = crate::frame::axes(*small, 0.0) else {
+            return 0;
+        };
+        let across = (large[1] - large[0]).cross(large[2] - large[0]);
+        let shift = shifts(seed);
+        let mut group = Group::new();
+        let (mut filled, mut met) = (0, 0);
+        for k in 1..=most {
+            let u: [f64; 4] = std::array::from_fn(|a| wrapped(shift[a] + STEPS_4[a] * k as f64));
+            let (p, q) = (2.0 * u[2] - 1.0, 2.0 * u[3] - 1.0);
+            let squared = p * p + q * q;
+            if squared < 1.0 {
+                let x = point(small, fold(u[0], u[1]));
+                let d = tangent * p + bitangent * q + normal * (1.0 - squared).sqrt();
+                let slope = across.dot(d);
+                // From in front of the other's plane towards it.
+                let t = across.dot(large[0] - x) / slope;
+                let y = x + d * t;
+                let is_in = |t: &[DVec3; 3], n: DVec3| {
+                    (0..3).all(|e| (t[(e + 1) % 3] - t[e]).cross(y - t[e]).dot(n) >= 0.0)
+                };
+                if slope < 0.0 && t > 0.0 && is_in(large, across) {
+                    let (from, to) = if sighting.receiver_is_smaller { (y, x) } else { (x, y) };
+                    group.set(filled, from, to - from, sighting.is_stopped(from, to));
+                    filled += 1;
+                    met += 1;
+                }
+            }
+            let last = met >= wanted || k == most;
+            if filled == RAYS || (last && filled > 0) {
+                group.hit = [0; RAYS];
+                self.hit(sighting, &mut group);
+                sums.0 += group.hit[..filled].iter().filter(|&&h| h == 0).count() as f64;
+                sums.1 += filled as f64;
+                filled = 0;
+            }
+            if last {
+                break;
+            }
+        }
+        met
+    }
+
+    fn hit(&self, sighting: &Sighting, group: &mut Group) {
+        dispatch_hits(&self.occluders[sighting.between.clone()], group);
+    }
+}
+
+fn fold(u: f64, v: f64) -> (f64, f64) {
+    if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) }
+}
+
+fn wrapped(x: f64) -> f64 {
+    x - x.floor()
+}
+
+fn point(t: &[DVec3; 3], (u, v): (f64, f64)) -> DVec3 {
+    t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v
+}
+
+/// Whether all nine segments between corners pass through the inside of a triangle: then so does every segment between the
+/// two, as where they pass its plane is the convex hull of where those do.
+fn hides([a, b, c]: [DVec3; 3], normal: DVec3, sighting: &Sighting) -> bool {
+    let edges = [(a, b), (b, c), (c, a)];
+    let d = normal.dot(a);
+    sighting.emitter.iter().all(|&p| {
+        let hp = normal.dot(p) - d;
+        hp != 0.0
+            && sighting.receiver.iter().all(|&q| {
+                let hq = normal.dot(q) - d;
+                if hp * hq >= 0.0 {
+                    return false;
+                }
+                let at = p + (q - p) * (hp / (hp - hq));
+                edges.iter().all(|&(s, t)| (t - s).cross(at - s).dot(normal) > 0.0)
+            })
+    })
 }
 
 /// Sixteen rays from points of one triangle to points of the other; the other point at parameter 1.
@@ -221,17 +440,18 @@ struct Group {
     origin: [[f32; RAYS]; 3],
     direction: [[f32; RAYS]; 3],
     weight: [f32; RAYS],
+    /// Stopped by what is beside or over.
+    stopped: [u32; RAYS],
     hit: [u32; RAYS],
 }
 
-/// Steps of additive sequences in four and in two dimensions: powers of the roots of x^(d+1) = x + 1 (Roberts 2018).
+/// Steps of an additive sequence in four dimensions: powers of the root of x⁵ = x + 1 (Roberts 2018).
 const STEPS_4: [f64; 4] = [
     0.856_674_883_854_502_9,
     0.733_891_856_627_126,
     0.628_706_721_037_808_7,
     0.538_597_257_223_610_1,
 ];
-const STEPS_2: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
 
 fn shifts(seed: u64) -> [f64; 4] {
     let mut state = seed;
@@ -252,60 +472,54 @@ impl Group {
             origin: [[0.0; RAYS]; 3],
             direction: [[0.0; RAYS]; 3],
             weight: [0.0; RAYS],
+            stopped: [0; RAYS],
             hit: [0; RAYS],
         }
     }
 
-    /// Draws the rays `at..at + 16`. When `stratified`, all start at one point, which is returned.
-    fn draw(&mut self, pair: &Pair, at: usize, shift: &[f64; 4], stratified: bool) -> Option<DVec3> {
-        let fold = |u: f64, v: f64| if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-        let wrapped = |x: f64| x - x.floor();
-        let point = |t: &[DVec3; 3], (u, v): (f64, f64)| t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v;
-        let n_from = (pair.from[1] - pair.from[0]).cross(pair.from[2] - pair.from[0]);
-        let n_to = (pair.to[1] - pair.to[0]).cross(pair.to[2] - pair.to[0]);
-        let group = (at / RAYS + 1) as f64;
-        let common = stratified.then(|| {
-            point(
-                &pair.from,
-                fold(
-                    wrapped(shift[0] + STEPS_2[0] * group),
-                    wrapped(shift[1] + STEPS_2[1] * group),
-                ),
-            )
-        });
+    /// Sets a ray.
+    fn set(&mut self, lane: usize, from: DVec3, direction: DVec3, is_stopped: bool) {
+        #[allow(clippy::cast_possible_truncation, reason = "rays relative to the pair")]
+        for a in 0..3 {
+            self.origin[a][lane] = from[a] as f32;
+            self.direction[a][lane] = direction[a] as f32;
+        }
+        self.stopped[lane] = u32::from(is_stopped);
+    }
+
+    /// Draws the rays `at..at + 16`: the same segments in both directions of a pair.
+    fn draw(&mut self, pair: &Sighting, at: usize, shift: &[f64; 4]) {
+        let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+        let (n_from, n_to) = (normal(&pair.emitter), normal(&pair.receiver));
         for l in 0..RAYS {
             let k = (at + l + 1) as f64;
-            let (x, y) = if let Some(x) = common {
-                let k = (l + 1) as f64;
-                let u = wrapped(shift[2] + STEPS_2[0] * k + 0.618_033_988_749_895 * group);
-                let v = wrapped(shift[3] + STEPS_2[1] * k + 0.414_213_562_373_095 * group);
-                (x, point(&pair.to, fold(u, v)))
+            let u: [f64; 4] = std::array::from_fn(|a| wrapped(shift[a] + STEPS_4[a] * k));
+            let (small, large) = (fold(u[0], u[1]), fold(u[2], u[3]));
+            let (on_emitter, on_receiver) = if pair.receiver_is_smaller {
+                (large, small)
             } else {
-                let u: [f64; 4] = std::array::from_fn(|a| wrapped(shift[a] + STEPS_4[a] * k));
-                (point(&pair.from, fold(u[0], u[1])), point(&pair.to, fold(u[2], u[3])))
+                (small, large)
             };
+            let (x, y) = (point(&pair.emitter, on_emitter), point(&pair.receiver, on_receiver));
             let d = y - x;
             let r2 = d.length_squared();
             // In front of both, or no weight.
             let kernel = n_from.dot(d).max(0.0) * (-n_to.dot(d)).max(0.0) / (r2 * r2);
-            #[allow(clippy::cast_possible_truncation, reason = "weights and rays relative to the pair")]
-            {
-                self.weight[l] = if kernel.is_finite() { kernel as f32 } else { 0.0 };
-                for a in 0..3 {
-                    self.origin[a][l] = x[a] as f32;
-                    self.direction[a][l] = d[a] as f32;
-                }
-            }
+            #[allow(clippy::cast_possible_truncation, reason = "weights relative to the pair")]
+            let weight = if kernel.is_finite() { kernel as f32 } else { 0.0 };
+            self.weight[l] = weight;
+            self.set(l, x, d, pair.is_stopped(x, y));
         }
-        common
     }
 }
 
-/// Which of 16 triangles reach inside all planes, one bit each.
+/// Which of 16 triangles reach inside all planes, one bit each. `outside`: how far in is still out, for the first plane,
+/// the second and the others.
 #[inline(always)]
-fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], planes: &[([f64; 3], f64)], outside: f64) -> u16 {
+fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], planes: &[([f64; 3], f64)], outside: [f64; 3]) -> u16 {
     let mut kept = [1u64; LANES];
-    for (n, d) in planes {
+    for (k, (n, d)) in planes.iter().enumerate() {
+        let outside = outside[if k < 2 { k } else { 2 }];
         for l in 0..LANES {
             let height = |k: usize| {
                 n[0] * (corners[3 * k][l] - origin[0])
@@ -325,10 +539,14 @@ fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], planes: &[([f64; 3], f6
     mask
 }
 
-/// Marks the rays of a group that an occluder stops strictly between their ends (Möller & Trumbore 1997).
+/// Marks the rays of a group that an occluder stops strictly between their ends (Möller & Trumbore 1997), and those that
+/// are stopped anyway.
 #[inline(always)]
 fn hits(occluders: &[Occluder], group: &mut Group) {
-    let mut hit = [0u32; RAYS];
+    let mut hit = group.hit;
+    for l in 0..RAYS {
+        hit[l] |= group.stopped[l];
+    }
     for (count, t) in occluders.iter().enumerate() {
         let ([e, f], n) = (t.edges, t.normal);
         for l in 0..RAYS {
@@ -350,7 +568,7 @@ fn hits(occluders: &[Occluder], group: &mut Group) {
             hit[l] |= u32::from((at > 1e-6) & (at < 1.0 - 1e-6) & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0));
         }
         // When every ray is stopped, the rest cannot change anything.
-        if count % 8 == 7 && hit.iter().all(|&h| h != 0) {
+        if count % 4 == 3 && hit.iter().all(|&h| h != 0) {
             break;
         }
     }
@@ -391,7 +609,7 @@ macro_rules! dispatch {
 dispatch!(
     dispatch_inside,
     inside,
-    (corners: &[[f64; LANES]; 9], origin: [f64; 3], planes: &[([f64; 3], f64)], outside: f64) -> u16
+    (corners: &[[f64; LANES]; 9], origin: [f64; 3], planes: &[([f64; 3], f64)], outside: [f64; 3]) -> u16
 );
 dispatch!(dispatch_hits, hits, (occluders: &[Occluder], group: &mut Group));
 
@@ -399,7 +617,7 @@ dispatch!(dispatch_hits, hits, (occluders: &[Occluder], group: &mut Group));
 mod tests {
     use super::*;
     use crate::{HierarchyOptions, Model};
-    use hemicube_scene::{InputPatch, Patches, Scene, Subdivision, Triangle};
+    use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
     /// A unit square at z = 0 facing up, one at z = 1 facing down, and whatever else.
     fn scene(more: &[[DVec3; 3]]) -> Model {
@@ -429,11 +647,15 @@ mod tests {
     }
 
     fn fraction(model: &Model, i: u32, j: u32, rays: usize) -> (usize, f64) {
-        let corners = |p: u32| model.patches().corners(InputPatch(p)).map(|c| model.normalise(c));
+        let corners = |p: u32| model.normalised_corners(p);
         let mut shaft = Shaft::default();
-        let count = shaft.build(model.geometry().tree(), (i, &corners(i)), (j, &corners(j)));
+        let sighting = shaft.sight(model.geometry().tree(), (i, &corners(i)), (j, &corners(j)));
+        if sighting.hidden {
+            return (1, 0.0);
+        }
         let mut sums = (0.0, 0.0);
-        shaft.cast(0, rays, 1, &mut sums);
+        shaft.cast(&sighting, 0, rays, 1, &mut sums);
+        let count = sighting.between.len() + sighting.beside.len() + sighting.over.len();
         (count, sums.0 / sums.1)
     }
 
@@ -461,7 +683,7 @@ mod tests {
         let (a, b, c, d) = (p(0., 0., 0.5), p(0.5, 0., 0.5), p(0.5, 0.5, 0.5), p(0., 0.5, 0.5));
         let model = scene(&[[a, b, c], [a, c, d]]);
         let rule = crate::factor::FactorRule::for_tolerance(1e-4);
-        let corners = |p: u32| model.patches().corners(InputPatch(p)).map(|c| model.normalise(c));
+        let corners = |p: u32| model.normalised_corners(p);
         let (mut open, mut seen) = (0.0, 0.0);
         for i in 0..2 {
             for j in 2..4 {
@@ -486,16 +708,14 @@ mod tests {
     fn every_path_gives_the_same_hits() {
         let p = DVec3::new;
         let model = scene(&[[p(0.2, 0.1, 0.5), p(0.9, 0.3, 0.4), p(0.4, 0.8, 0.6)]]);
-        let corners = |k: u32| model.patches().corners(InputPatch(k)).map(|c| model.normalise(c));
+        let corners = |k: u32| model.normalised_corners(k);
         let mut shaft = Shaft::default();
-        assert_eq!(
-            shaft.build(model.geometry().tree(), (0, &corners(0)), (2, &corners(2))),
-            1
-        );
+        let sighting = shaft.sight(model.geometry().tree(), (0, &corners(0)), (2, &corners(2)));
+        assert_eq!(sighting.between.len(), 1);
         for at in (0..512).step_by(RAYS) {
             let (mut a, mut b) = (Group::new(), Group::new());
-            a.draw(&shaft.pair, at, &shifts(7), false);
-            b.draw(&shaft.pair, at, &shifts(7), false);
+            a.draw(&sighting, at, &shifts(7));
+            b.draw(&sighting, at, &shifts(7));
             hits(&shaft.occluders, &mut a);
             dispatch_hits(&shaft.occluders, &mut b);
             assert_eq!(a.hit, b.hit);

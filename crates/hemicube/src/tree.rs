@@ -40,6 +40,19 @@ pub struct Block {
     pub positive: [u32; LANES],
 }
 
+impl Block {
+    /// The corners of the triangle in a lane.
+    pub fn triangle(&self, lane: usize) -> [DVec3; 3] {
+        std::array::from_fn(|k| {
+            DVec3::new(
+                self.corners[3 * k][lane],
+                self.corners[3 * k + 1][lane],
+                self.corners[3 * k + 2][lane],
+            )
+        })
+    }
+}
+
 /// A node of the tree: one cache line.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
@@ -52,6 +65,8 @@ pub struct Node {
     pub child: u32,
     /// Index of the leaf's block, or [`INNER`].
     pub block: u32,
+    /// The largest area of a triangle in it, rounded up.
+    pub largest: f32,
 }
 
 /// What stands for "no block" in a node that has children.
@@ -114,6 +129,7 @@ impl Bounds {
             half: (self.high - self.low) * (0.5 * (1.0 + 1e-12)) + DVec3::splat(1e-15),
             child,
             block,
+            largest: f32::INFINITY,
         }
     }
 
@@ -129,9 +145,44 @@ const BINS: usize = 32;
 impl Tree {
     /// Packs a scene's surfaces.
     pub fn new(geometry: &Geometry, hierarchy: Hierarchy) -> Self {
-        match hierarchy {
+        let mut tree = match hierarchy {
             Hierarchy::SurfaceArea => Self::by_surface_area(geometry),
             Hierarchy::Octree => Self::by_octree(geometry),
+        };
+        tree.measure();
+        tree
+    }
+
+    /// Notes in each node the largest area below it.
+    fn measure(&mut self) {
+        // Every node after its children: the reverse of an order in which each comes before them.
+        let mut order = vec![0u32];
+        let mut at = 0;
+        while at < order.len() {
+            let node = &self.nodes[order[at] as usize];
+            if node.block == INNER && node.child != 0 {
+                order.extend([node.child, node.child + 1]);
+            }
+            at += 1;
+        }
+        for &index in order.iter().rev() {
+            let node = &self.nodes[index as usize];
+            let largest = if node.block != INNER {
+                let block = &self.blocks[node.block as usize];
+                let area = (0..LANES).map(|l| {
+                    let [a, b, c] = block.triangle(l);
+                    0.5 * (b - a).cross(c - a).length()
+                });
+                #[allow(clippy::cast_possible_truncation, reason = "rounded up")]
+                let largest = (area.fold(0.0, f64::max) as f32).next_up();
+                largest
+            } else if node.child == 0 {
+                0.0
+            } else {
+                let child = node.child as usize;
+                self.nodes[child].largest.max(self.nodes[child + 1].largest)
+            };
+            self.nodes[index as usize].largest = largest;
         }
     }
 
@@ -194,6 +245,7 @@ impl Tree {
             half: DVec3::ZERO,
             child: 0,
             block: INNER,
+            largest: f32::INFINITY,
         });
         tree
     }

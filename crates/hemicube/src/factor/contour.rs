@@ -71,7 +71,7 @@ pub(crate) fn in_front(triangle: &[DVec3; 3], on: DVec3, normal: DVec3, toleranc
 }
 
 /// A_i F_ij, to within `enough` as a share of the smaller one's area. The order of the arguments matters in the last bits.
-pub(super) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], enough: f64) -> f64 {
+pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], enough: f64) -> f64 {
     let origin = outer[0];
     let size = outer
         .iter()

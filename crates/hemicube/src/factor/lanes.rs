@@ -132,7 +132,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// One edge's term of the contour sum.
 #[inline(always)]
-fn term(n: [f64; 3], p: [f64; 3], q: [f64; 3]) -> f64 {
+pub(super) fn term(n: [f64; 3], p: [f64; 3], q: [f64; 3]) -> f64 {
     let c = cross(p, q);
     let length = dot(c, c).sqrt();
     let along = dot(n, c) / select(length > 0.0, length, 1.0);

@@ -6,6 +6,7 @@
 
 use super::durable::write_whole;
 use super::{Error, Result, RowSums};
+use crate::balance::BalanceEntry;
 use hemicube_scene::{Patches, Scene, Side};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -154,6 +155,9 @@ pub struct Manifest {
     pub entries: u64,
     /// Whether every part is there.
     pub complete: bool,
+    /// What was done to the matrix after it was computed; not there for one as it was computed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub balance: Option<BalanceEntry>,
 }
 
 /// How `part` is called, from the store's directory.
@@ -197,6 +201,7 @@ impl Manifest {
             parts: Vec::new(),
             entries: 0,
             complete: false,
+            balance: None,
         }
     }
 
@@ -219,7 +224,7 @@ impl Manifest {
     pub fn to_json(&self) -> serde_json::Result<String> {
         let mut text = serde_json::to_string_pretty(self)?;
         // The closing brace and the line break before it.
-        text.truncate(text.trim_end_matches(['}', '\n']).len());
+        text.truncate(text.strip_suffix("\n}").map_or(text.len(), str::len));
         let checksum = blake3::hash(text.as_bytes()).to_hex();
         text.push_str(CHECKSUM_KEY);
         text.push_str(&checksum);

@@ -170,18 +170,26 @@ impl Store {
         })
     }
 
+    /// The patches whose rows were computed, in the order in which they were: part by part.
+    ///
+    /// # Errors
+    /// When the head of a part is damaged.
+    pub fn processing_order(&self) -> Result<Vec<InputPatch>> {
+        let mut order = Vec::new();
+        for place in 0..self.manifest.parts.len() {
+            order.extend(self.rows_of_part(place)?.into_iter().map(InputPatch));
+        }
+        Ok(order)
+    }
+
     /// All rows that were computed, in the order in which they were. Reads run through the parts.
     ///
     /// # Errors
     /// When the head of a part is damaged.
     pub fn rows_in_processing_order(&self) -> Result<Rows<'_>> {
-        let mut order = Vec::new();
-        for place in 0..self.manifest.parts.len() {
-            order.extend(self.rows_of_part(place)?.into_iter().map(InputPatch));
-        }
         Ok(Rows {
             store: self,
-            order,
+            order: self.processing_order()?,
             next: 0,
         })
     }

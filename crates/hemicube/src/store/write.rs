@@ -5,6 +5,7 @@ use super::manifest::{FileEntry, PARTS_DIRECTORY, PATCH_COUNT_MAX, PATCHES_FILE,
 use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
 use super::{Error, HEMICUBE_WEIGHT, Header, Manifest, Part, PartEntry, PatchTable, Result, RowSums};
+use crate::balance::BalanceEntry;
 use std::io::{self, Cursor, Write};
 use std::path::{Path, PathBuf};
 
@@ -126,6 +127,11 @@ impl StoreWriter {
             }
         }
         Ok(())
+    }
+
+    /// Has the manifest say what was done to the matrix after it was computed.
+    pub(crate) fn record_balance(&mut self, entry: BalanceEntry) {
+        self.manifest.balance = Some(entry);
     }
 
     /// Ends a run whose parts are all written: the patch table gets its last columns, the manifest says that the store

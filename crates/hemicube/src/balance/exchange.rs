@@ -1,0 +1,253 @@
+//! Entries dealt out by column: for each part a run of the entries in other rows whose columns are its rows.
+//!
+//! ```text
+//! record  u32 row of the part that is the entry's column   u32 input patch of the entry's row   f32 form factor    12 bytes
+//! ```
+//!
+//! The runs lie one behind the other in one file, as long as a first pass has counted, and are filled through small
+//! buffers: a file for each run would be more than a system allows to be open.
+
+use super::require_part;
+use crate::store::{Error, Result, Store};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// Bytes of a record.
+pub(crate) const RECORD: usize = 12;
+
+/// Bytes that all buffers take together, as far as each has room for some records.
+const BUFFERS: usize = 64 << 20;
+
+/// An entry, as the row of its column needs it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Record {
+    /// Place in the part of the row that is the entry's column.
+    pub(crate) row: u32,
+    /// The input patch of the entry's row: a column to that row.
+    pub(crate) column: u32,
+    /// The form factor.
+    pub(crate) factor: f32,
+}
+
+/// The records of a part's row, and those after it. They are sorted.
+pub(crate) fn split_row(records: &[Record], row: usize) -> (&[Record], &[Record]) {
+    records.split_at(records.partition_point(|record| record.row as usize <= row))
+}
+
+/// What one pass over a store finds out.
+#[derive(Debug)]
+pub(crate) struct Survey {
+    /// The input patch of each row, in the processing order.
+    pub(crate) order: Vec<u32>,
+    /// The place of each input patch in that order; none that large where there is no row.
+    position: Vec<u32>,
+    /// Entries whose columns are rows of each part.
+    counts: Vec<u64>,
+    rows_per_part: u32,
+}
+
+impl Survey {
+    /// Reads every part, holds it against its checksum, and refuses what is no form factor.
+    pub(crate) fn new(store: &Store) -> Result<Self> {
+        let manifest = store.manifest();
+        let order: Vec<u32> = store.processing_order()?.iter().map(|patch| patch.0).collect();
+        let mut position = vec![u32::MAX; manifest.patch_count as usize];
+        for (place, &patch) in (0..).zip(&order) {
+            match position.get_mut(patch as usize) {
+                Some(slot) if *slot == u32::MAX => *slot = place,
+                _ => {
+                    let reason = format!("has a row of patch {patch}, which does not exist or has a row already");
+                    return Err(Error::malformed(store.directory(), reason));
+                }
+            }
+        }
+        let mut survey = Self {
+            order,
+            position,
+            counts: vec![0; manifest.parts.len()],
+            rows_per_part: manifest.rows_per_part.max(1),
+        };
+        for place in 0..manifest.parts.len() {
+            store.verify_part(place)?;
+            let part = require_part(store, place)?;
+            for (row, &patch) in part.rows.iter().enumerate() {
+                let (columns, factors) = part.row(row);
+                let mut before = -1;
+                for (&column, &factor) in columns.iter().zip(factors) {
+                    let exists = u32::try_from(column).is_ok_and(|column| column < manifest.patch_count);
+                    let is_factor =
+                        factor >= 0.0 && factor.is_finite() && (factor == 0.0 || column != patch.cast_signed());
+                    if !exists || column <= before || !is_factor {
+                        let reason = format!(
+                            "has F[{patch}, {column}] = {factor} where none can be; `hemicube check` says more"
+                        );
+                        return Err(Error::malformed(
+                            &store.directory().join(&manifest.parts[place].file),
+                            reason,
+                        ));
+                    }
+                    before = column;
+                    if let Some((other, _)) = survey.position_of(column.cast_unsigned())
+                        && let Some(count) = survey.counts.get_mut(other)
+                    {
+                        *count += 1;
+                    }
+                }
+            }
+        }
+        Ok(survey)
+    }
+
+    /// The part that has the row of a patch, and the row's place in it.
+    pub(crate) fn position_of(&self, patch: u32) -> Option<(usize, u32)> {
+        let position = *self.position.get(patch as usize)?;
+        (position != u32::MAX).then(|| ((position / self.rows_per_part) as usize, position % self.rows_per_part))
+    }
+}
+
+/// The entries of a store by the part that has their column's row.
+#[derive(Debug)]
+pub(crate) struct Exchange {
+    file: Scratch,
+    /// Record at which each part's run begins, and where the last one ends.
+    starts: Vec<u64>,
+}
+
+impl Exchange {
+    /// Deals out the entries of `store` into a file in `directory`.
+    pub(crate) fn new(store: &Store, survey: &Survey, directory: &Path) -> Result<Self> {
+        let mut starts = vec![0u64];
+        for count in &survey.counts {
+            starts.push(starts.last().copied().unwrap_or(0) + count);
+        }
+        let mut file = Scratch::create(directory, "exchange")?;
+        let records = (BUFFERS / RECORD / survey.counts.len().max(1)).clamp(1 << 9, 1 << 16);
+        let mut next = starts.clone();
+        let mut buffers: Vec<Vec<u8>> = vec![Vec::new(); survey.counts.len()];
+        for place in 0..store.manifest().parts.len() {
+            let part = require_part(store, place)?;
+            for (row, patch) in part.rows.iter().enumerate() {
+                let (columns, factors) = part.row(row);
+                for (&column, &factor) in columns.iter().zip(factors) {
+                    let Some((other, other_row)) = survey.position_of(column.cast_unsigned()) else {
+                        continue;
+                    };
+                    let Some(buffer) = buffers.get_mut(other) else { continue };
+                    buffer.extend_from_slice(&other_row.to_le_bytes());
+                    buffer.extend_from_slice(&patch.to_le_bytes());
+                    buffer.extend_from_slice(&factor.to_le_bytes());
+                    if buffer.len() >= records * RECORD {
+                        file.write_run(buffer, &mut next[other])?;
+                    }
+                }
+            }
+        }
+        for (buffer, next) in buffers.iter_mut().zip(&mut next) {
+            file.write_run(buffer, next)?;
+        }
+        // The source is read twice; one that changed meanwhile would leave runs that are too short or overlap.
+        if next
+            .iter()
+            .zip(starts.iter().skip(1))
+            .any(|(reached, end)| reached != end)
+        {
+            return Err(Error::malformed(
+                store.directory(),
+                "changed while it was read; balance it again when nothing writes to it",
+            ));
+        }
+        Ok(Self { file, starts })
+    }
+
+    /// The records of a part, by row and column.
+    pub(crate) fn part(&mut self, place: usize) -> Result<Vec<Record>> {
+        let (Some(&start), Some(&end)) = (self.starts.get(place), self.starts.get(place + 1)) else {
+            return Ok(Vec::new());
+        };
+        let bytes = self.file.read(start * RECORD as u64, (end - start) * RECORD as u64)?;
+        let mut records: Vec<Record> = bytes
+            .as_chunks::<RECORD>()
+            .0
+            .iter()
+            .map(|&[a, b, c, d, e, f, g, h, i, j, k, l]| Record {
+                row: u32::from_le_bytes([a, b, c, d]),
+                column: u32::from_le_bytes([e, f, g, h]),
+                factor: f32::from_le_bytes([i, j, k, l]),
+            })
+            .collect();
+        records.sort_unstable_by_key(|record| u64::from(record.row) << 32 | u64::from(record.column));
+        Ok(records)
+    }
+}
+
+/// A file for what does not fit in memory. Gone when it is dropped; where the system allows it, also when the program is
+/// killed.
+#[derive(Debug)]
+pub(crate) struct Scratch {
+    path: PathBuf,
+    /// `None` only while it is dropped.
+    file: Option<File>,
+}
+
+impl Scratch {
+    /// Creates it in a store's directory, under a name that the store's writer knows to be nothing of worth.
+    pub(crate) fn create(directory: &Path, name: &str) -> Result<Self> {
+        let path = directory.join(format!(".{name}.hemicube-tmp"));
+        let file = File::options()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(&path)
+            .map_err(|error| Error::io(&path, "created", error))?;
+        // An open file lives on without its name.
+        #[cfg(unix)]
+        std::fs::remove_file(&path).map_err(|error| Error::io(&path, "removed", error))?;
+        Ok(Self { path, file: Some(file) })
+    }
+
+    fn file(&mut self) -> Result<&mut File> {
+        let closed = || Error::io(&self.path, "read", std::io::Error::other("it is closed"));
+        self.file.as_mut().ok_or_else(closed)
+    }
+
+    /// Writes whole records from record `next` on, and empties the buffer.
+    fn write_run(&mut self, buffer: &mut Vec<u8>, next: &mut u64) -> Result<()> {
+        self.write(*next * RECORD as u64, buffer)?;
+        *next += (buffer.len() / RECORD) as u64;
+        buffer.clear();
+        Ok(())
+    }
+
+    /// Writes bytes at an offset.
+    pub(crate) fn write(&mut self, offset: u64, bytes: &[u8]) -> Result<()> {
+        let path = self.path.clone();
+        let file = self.file()?;
+        file.seek(SeekFrom::Start(offset))
+            .and_then(|_| file.write_all(bytes))
+            .map_err(|error| Error::write(&path, offset + bytes.len() as u64, error))
+    }
+
+    /// Reads so many bytes from an offset on.
+    pub(crate) fn read(&mut self, offset: u64, size: u64) -> Result<Vec<u8>> {
+        let path = self.path.clone();
+        let size = usize::try_from(size)
+            .map_err(|_| Error::unsupported(&path, "has a part that is too large for this machine's memory"))?;
+        let mut bytes = vec![0; size];
+        let file = self.file()?;
+        file.seek(SeekFrom::Start(offset))
+            .and_then(|_| file.read_exact(&mut bytes))
+            .map_err(|error| Error::io(&path, "read", error))?;
+        Ok(bytes)
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        self.file = None;
+        // Best effort: on Unix it has no name any more, elsewhere the next writer of the store removes it.
+        #[cfg(not(unix))]
+        let _ = std::fs::remove_file(&self.path);
+    }
+}

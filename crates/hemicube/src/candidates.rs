@@ -1,0 +1,192 @@
+//! Which patches a patch could exchange much with, whether its hemicube saw them or not.
+//!
+//! A hemicube at one point misses pairs that other points of the emitter see: walls of neighbouring buildings a hair apart,
+//! what begins behind a corner. However large a part of the row they are, no pixel tells. So they are looked for in the tree,
+//! by bounds of the form factor: with d the least distance of the spheres round the two,
+//!
+//! ```text
+//! F_ij ≤ 1,   F_ij ≤ A_j / A_i,   F_ij ≤ A_j cos φ_i / (π d²),   cos φ_i ≤ (height of j above i) / d
+//! ```
+#![allow(
+    unsafe_code,
+    reason = "functions compiled for an instruction set are called after it was found"
+)]
+
+use crate::tree::{Block, INNER, LANES, Tree, UNUSED};
+use glam::DVec3;
+
+/// The emitter as bounds need it.
+#[derive(Clone, Copy, Debug)]
+struct Emitter {
+    corners: [[f64; 3]; 3],
+    center: [f64; 3],
+    normal: [f64; 3],
+    /// n · p of its plane.
+    offset: f64,
+    radius: f64,
+    area: f64,
+    tolerance: f64,
+}
+
+/// Lists patches by bounds of their form factor. Reused from row to row.
+#[derive(Debug, Default)]
+pub(crate) struct Candidates {
+    pending: Vec<u32>,
+    /// What was found, ascending.
+    pub(crate) patches: Vec<u32>,
+}
+
+impl Candidates {
+    /// Finds the patches whose form factor from `emitter` may be `least` or more.
+    pub(crate) fn find(&mut self, tree: &Tree, patch: u32, corners: &[DVec3; 3], least: f64) {
+        self.patches.clear();
+        let [a, b, c] = *corners;
+        let cross = (b - a).cross(c - a);
+        let Some(normal) = cross.try_normalize() else { return };
+        let center = (a + b + c) / 3.0;
+        let emitter = Emitter {
+            corners: corners.map(|p| p.to_array()),
+            center: center.to_array(),
+            normal: normal.to_array(),
+            offset: normal.dot(a),
+            radius: corners.iter().map(|p| p.distance(center)).fold(0.0, f64::max),
+            area: 0.5 * cross.length(),
+            tolerance: tree.plane_tolerance,
+        };
+        let own_slot = tree.slot_of_patch[patch as usize];
+        self.pending.clear();
+        self.pending.push(0);
+        while let Some(index) = self.pending.pop() {
+            let node = &tree.nodes[index as usize];
+            let h = node.half;
+            let highest = normal.dot(node.center) - emitter.offset + normal.abs().dot(h);
+            if highest <= emitter.tolerance {
+                continue;
+            }
+            let outside = ((center - node.center).abs() - h).max(DVec3::ZERO);
+            let distance = (outside.length() - emitter.radius).max(0.0);
+            let largest = f64::from(node.largest);
+            let square = distance * distance;
+            let facing = (highest / distance).min(1.0);
+            if largest < least * emitter.area || largest * facing < least * std::f64::consts::PI * square {
+                continue;
+            }
+            if node.block == INNER {
+                self.pending.extend([node.child, node.child + 1]);
+                continue;
+            }
+            let block = &tree.blocks[node.block as usize];
+            let (front, back) = dispatch_bounds(block, &emitter, least);
+            for (mut mask, ids) in [(front, &block.negative), (back, &block.positive)] {
+                while mask != 0 {
+                    let l = mask.trailing_zeros() as usize;
+                    mask &= mask - 1;
+                    let id = ids[l];
+                    #[allow(clippy::cast_possible_truncation, reason = "slots are u32")]
+                    let slot = (node.block as usize * LANES + l) as u32;
+                    if block.negative[l] != UNUSED && id < tree.patch_count && slot != own_slot {
+                        self.patches.push(id);
+                    }
+                }
+            }
+        }
+        self.patches.sort_unstable();
+    }
+}
+
+/// Which of 16 triangles may reach `least`, by the side that the emitter sees: the one it sees where the determinant is
+/// negative, and the other.
+#[inline(always)]
+fn bounds(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
+    let mut front = [0u64; LANES];
+    let mut back = [0u64; LANES];
+    let at = |l: usize, k: usize| {
+        [
+            block.corners[3 * k][l],
+            block.corners[3 * k + 1][l],
+            block.corners[3 * k + 2][l],
+        ]
+    };
+    let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
+    let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+    let most = |p: f64, q: f64| if p > q { p } else { q };
+    for l in 0..LANES {
+        let (a, b, c) = (at(l, 0), at(l, 1), at(l, 2));
+        let third = 1.0 / 3.0;
+        let center = [
+            (a[0] + b[0] + c[0]) * third,
+            (a[1] + b[1] + c[1]) * third,
+            (a[2] + b[2] + c[2]) * third,
+        ];
+        let (e, f) = (minus(b, a), minus(c, a));
+        let cross = [
+            e[1] * f[2] - e[2] * f[1],
+            e[2] * f[0] - e[0] * f[2],
+            e[0] * f[1] - e[1] * f[0],
+        ];
+        let double_area = dot(cross, cross).sqrt();
+        let square = |p: [f64; 3]| {
+            let d = minus(p, center);
+            dot(d, d)
+        };
+        let radius = most(square(a), most(square(b), square(c))).sqrt();
+        let between = minus(center, emitter.center);
+        let distance = most(dot(between, between).sqrt() - radius - emitter.radius, 0.0);
+        let height = |p: [f64; 3]| dot(emitter.normal, p) - emitter.offset;
+        let highest = most(height(a), most(height(b), height(c)));
+        let area = 0.5 * double_area;
+        let limit = least * std::f64::consts::PI * distance * distance;
+        let reaches = (area >= least * emitter.area) & (highest > emitter.tolerance);
+        // Heights of the emitter's corners above the other's plane, times its double area.
+        let above = |p: [f64; 3]| dot(cross, minus(p, a));
+        let (p, q, r) = (
+            above(emitter.corners[0]),
+            above(emitter.corners[1]),
+            above(emitter.corners[2]),
+        );
+        let enough = emitter.tolerance * double_area;
+        // Either cosine is at most its height over the distance, and at most 1.
+        let side = |height: f64| {
+            (height > enough)
+                & (area >= limit)
+                & (area * highest >= limit * distance)
+                & (0.5 * height >= limit * distance)
+                & (0.5 * height * highest >= limit * distance * distance)
+        };
+        front[l] = u64::from(reaches & side(most(p, most(q, r))));
+        back[l] = u64::from(reaches & side(most(-p, most(-q, -r))));
+    }
+    let mut masks = (0u16, 0u16);
+    for l in 0..LANES {
+        masks.0 |= u16::from(front[l] != 0) << l;
+        masks.1 |= u16::from(back[l] != 0) << l;
+    }
+    masks
+}
+
+fn dispatch_bounds(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+        fn avx512(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
+            bounds(block, emitter, least)
+        }
+        #[target_feature(enable = "avx2")]
+        fn avx2(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
+            bounds(block, emitter, least)
+        }
+        if is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512bw")
+            && is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512vl")
+        {
+            // SAFETY: the processor has the instruction set.
+            return unsafe { avx512(block, emitter, least) };
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has AVX2.
+            return unsafe { avx2(block, emitter, least) };
+        }
+    }
+    bounds(block, emitter, least)
+}

@@ -1,0 +1,446 @@
+//! The visible fraction of a pair without rays: from points of one triangle, the other is cut by what hides it, and what is
+//! left has a closed form.
+//!
+//! From a point x, the part of a polygon that a triangle hides is what lies in the cone of x over it. Taking the cones of all
+//! occluders away leaves convex pieces, whose factors from x are Lambert's contour sums: exact at x, however thin the
+//! pieces. Over the points the visible factor is continuous, with kinks where an edge comes into view, so that few points
+//! do, and more of them only where neighbouring ones disagree: cells of the outer triangle are cut into four until that
+//! changes little. Rays would have to resolve a step in four dimensions instead.
+//!
+//! On which side of the plane through x and an edge a, b a point p lies is the sign of det (a − x, b − x, p − x), which is
+//! affine in x: what holds at the three corners of a cell holds all over it. So whole cells are proved to see all, or
+//! nothing, and occluders that cannot matter are left out of their parts.
+
+use crate::factor::contour::{self, in_front};
+use crate::factor::point_to_polygon;
+use crate::shaft::{Shaft, Sighting};
+use crate::tree::Tree;
+use glam::DVec3;
+
+/// Pieces that a polygon is cut into from one point, at most: beyond, rays are cheaper.
+const MOST_PIECES: usize = 200;
+
+/// Points at one pair, about, at most.
+const MOST_POINTS: usize = 6_000;
+
+/// How much of a cell that nothing is proved of may see other than its points do.
+const UNPROVED: f64 = 0.03;
+
+/// Six points of degree 4 on a triangle (Dunavant 1985): barycentric (large, small, small) in its three turns, and weight.
+const SIX: [(f64, f64, f64); 2] = [
+    (0.816_847_572_980_459, 0.091_576_213_509_771, 0.109_951_743_655_322),
+    (0.108_103_018_168_070, 0.445_948_490_915_965, 0.223_381_589_678_011),
+];
+
+/// A convex polygon.
+#[derive(Clone, Copy, Debug)]
+struct Polygon {
+    corners: [DVec3; Self::MOST],
+    count: usize,
+}
+
+impl Polygon {
+    /// A quadrangle cut by the cone over a pentagon, a few times over: what has more corners is cut short of some of them
+    /// (never met in the scenes of the tests).
+    const MOST: usize = 12;
+
+    const EMPTY: Self = Self {
+        corners: [DVec3::ZERO; Self::MOST],
+        count: 0,
+    };
+
+    fn of(corners: &[DVec3]) -> Self {
+        let mut polygon = Self::EMPTY;
+        for &corner in corners {
+            polygon.push(corner);
+        }
+        polygon
+    }
+
+    fn push(&mut self, corner: DVec3) {
+        if self.count < Self::MOST {
+            self.corners[self.count] = corner;
+            self.count += 1;
+        }
+    }
+
+    fn corners(&self) -> &[DVec3] {
+        &self.corners[..self.count]
+    }
+
+    /// The parts in front of the plane through the origin and behind it.
+    fn split(&self, normal: DVec3, offset: f64) -> (Self, Self) {
+        let (mut within, mut without) = (Self::EMPTY, Self::EMPTY);
+        let height = |p: DVec3| normal.dot(p) - offset;
+        let Some(&last) = self.corners().last() else {
+            return (within, without);
+        };
+        let (mut p, mut hp) = (last, height(last));
+        for &q in self.corners() {
+            let hq = height(q);
+            if (hp > 0.0 && hq < 0.0) || (hp < 0.0 && hq > 0.0) {
+                let cut = p + (q - p) * (hp / (hp - hq));
+                within.push(cut);
+                without.push(cut);
+            }
+            if hq >= 0.0 {
+                within.push(q);
+            }
+            if hq <= 0.0 {
+                without.push(q);
+            }
+            (p, hp) = (q, hq);
+        }
+        (within, without)
+    }
+}
+
+/// What may come in between: a convex polygon between the two planes.
+#[derive(Clone, Copy, Debug)]
+struct Occluder {
+    outline: Polygon,
+    normal: DVec3,
+}
+
+/// Measures visible fractions. Reused from pair to pair.
+#[derive(Debug, Default)]
+pub(crate) struct Clipper {
+    occluders: Vec<Occluder>,
+    /// Which occluders matter to cells; each cell has a run of it.
+    relevant: Vec<u32>,
+    pieces: Vec<Polygon>,
+    next: Vec<Polygon>,
+    points: usize,
+}
+
+/// What a measurement found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Clipped {
+    /// The visible fraction.
+    pub(crate) fraction: f64,
+    /// How far it may be off.
+    pub(crate) change: f64,
+    /// Points it is from.
+    pub(crate) points: usize,
+}
+
+/// A part of the outer triangle: (∫ f visible, ∫ f open).
+#[derive(Clone, Debug)]
+struct Cell {
+    corners: [DVec3; 3],
+    relevant: std::ops::Range<usize>,
+    visible: f64,
+    open: f64,
+    /// How far the six points are from `open`.
+    strayed: f64,
+    /// How far `visible` may be off.
+    doubt: f64,
+}
+
+/// What a pair's cells have in common.
+struct View<'a> {
+    target: &'a [DVec3],
+    /// The whole of what the target is a part of.
+    inner: &'a [DVec3; 3],
+    /// Near each other: the factor varies too much over a cell for six points to be trusted with it.
+    near: bool,
+    normal: DVec3,
+    /// Where the outer triangle lies under something else in its plane.
+    under: &'a [[DVec3; 3]],
+}
+
+impl Clipper {
+    /// The visible fraction of a pair, refined until its cells' doubts add up to `enough` or there are too many points. `None`
+    /// where a polygon falls in too many pieces, or nothing is left of one triangle in front of the other.
+    pub(crate) fn measure(&mut self, shaft: &Shaft, tree: &Tree, sighting: &Sighting, enough: f64) -> Option<Clipped> {
+        let (emitter, receiver) = (&sighting.emitter, &sighting.receiver);
+        let tolerance = tree.plane_tolerance;
+        let unit = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).try_normalize();
+        let (emitter_normal, receiver_normal) = (unit(emitter)?, unit(receiver)?);
+        self.occluders.clear();
+        self.relevant.clear();
+        self.points = 0;
+        for triangle in shaft.triangles(tree, sighting) {
+            let Some(above) = in_front(&triangle, emitter[0], emitter_normal, tolerance) else {
+                continue;
+            };
+            let offset = receiver_normal.dot(receiver[0]);
+            let (between, _) = Polygon::of(above.corners()).split(receiver_normal, offset);
+            self.push_occluder(between);
+        }
+        let (outer, inner, outer_normal, inner_normal) = if sighting.receiver_is_smaller {
+            (receiver, emitter, receiver_normal, emitter_normal)
+        } else {
+            for triangle in &sighting.over {
+                self.push_occluder(Polygon::of(triangle));
+            }
+            (emitter, receiver, emitter_normal, receiver_normal)
+        };
+        let target = in_front(inner, outer[0], outer_normal, 0.0)?;
+        let from = in_front(outer, inner[0], inner_normal, 0.0)?;
+        let view = View {
+            target: target.corners(),
+            inner,
+            near: sighting.near,
+            normal: outer_normal,
+            under: if sighting.receiver_is_smaller {
+                &sighting.over
+            } else {
+                &[]
+            },
+        };
+        #[allow(clippy::cast_possible_truncation, reason = "fewer occluders than surfaces")]
+        self.relevant.extend(0..self.occluders.len() as u32);
+        let all = 0..self.relevant.len();
+        let fan = from.corners();
+        let mut cells = Vec::new();
+        for k in 1..fan.len().saturating_sub(1) {
+            let cell = self.cell([fan[0], fan[k], fan[k + 1]], all.clone(), &view)?;
+            cells.push(cell);
+        }
+        loop {
+            // Doubts of different cells are independent: squares add up.
+            let (mut visible, mut open, mut squared) = (0.0, 0.0, 0.0);
+            for cell in &cells {
+                visible += cell.visible;
+                open += cell.open;
+                squared += cell.doubt * cell.doubt;
+            }
+            let doubt = squared.sqrt();
+            if open <= 0.0 {
+                return None;
+            }
+            if doubt <= enough * open || self.points > MOST_POINTS {
+                return Some(Clipped {
+                    fraction: visible / open,
+                    change: doubt / open,
+                    points: self.points,
+                });
+            }
+            // All cells with more than their part in it at once.
+            let least = 0.7 * enough * open / (cells.len() as f64).sqrt();
+            let mut next = Vec::with_capacity(4 * cells.len());
+            for cell in cells {
+                if cell.doubt <= least {
+                    next.push(cell);
+                } else {
+                    self.divide(&cell, &view, &mut next)?;
+                }
+            }
+            cells = next;
+        }
+    }
+
+    /// A cell from its six points.
+    fn cell(&mut self, corners: [DVec3; 3], parent: std::ops::Range<usize>, view: &View<'_>) -> Option<Cell> {
+        let start = self.relevant.len();
+        let mut hidden = false;
+        for k in parent {
+            let index = self.relevant[k];
+            match self.occluders[index as usize].over(&corners, view.target) {
+                Over::Nothing => {}
+                Over::All => {
+                    hidden = true;
+                    break;
+                }
+                Over::Part => self.relevant.push(index),
+            }
+        }
+        if hidden {
+            self.relevant.truncate(start);
+        }
+        let relevant = start..self.relevant.len();
+        let area = 0.5 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+        let (mut visible, mut open) = (0.0, 0.0);
+        for (large, small, weight) in SIX {
+            for k in 0..3 {
+                let mut at = [small; 3];
+                at[k] = large;
+                let x = corners[0] * at[0] + corners[1] * at[1] + corners[2] * at[2];
+                let whole = point_to_polygon(x, view.normal, view.target);
+                self.points += 1;
+                if whole <= 0.0 {
+                    continue;
+                }
+                open += weight * whole;
+                if hidden || view.under.iter().any(|t| contains(t, x)) {
+                    continue;
+                }
+                visible += weight * self.visible(x, view, relevant.clone(), whole)?;
+            }
+        }
+        let proved = hidden || (relevant.is_empty() && view.under.is_empty());
+        let fraction = if open > 0.0 { visible / open } else { f64::from(u8::from(!hidden)) };
+        let points = open * area;
+        let whole = if view.near {
+            contour::exchange(&corners, view.inner, 1e-5)
+        } else {
+            points
+        };
+        Some(Cell {
+            corners,
+            relevant,
+            visible: whole * fraction,
+            open: whole,
+            strayed: (points - whole).abs(),
+            // Six points do not tell how much they miss.
+            doubt: if proved { 0.0 } else { 0.1 * whole + (points - whole).abs() },
+        })
+    }
+
+    /// The four parts of a cell; how far they are from it, together, is their doubt.
+    fn divide(&mut self, cell: &Cell, view: &View<'_>, out: &mut Vec<Cell>) -> Option<()> {
+        let first = out.len();
+        for part in quarters(&cell.corners) {
+            let part = self.cell(part, cell.relevant.clone(), view)?;
+            out.push(part);
+        }
+        let parts = &mut out[first..];
+        let visible: f64 = parts.iter().map(|part| part.visible).sum();
+        let open: f64 = parts.iter().map(|part| part.open).sum();
+        if open <= 0.0 || cell.open <= 0.0 {
+            return Some(());
+        }
+        // Of the fraction, in terms of what is open: the factor itself is the closed form's business.
+        let change = (visible / open - cell.visible / cell.open).abs() * open;
+        let unproved = parts.iter().filter(|part| part.doubt > 0.0).count().max(1);
+        for part in parts.iter_mut().filter(|part| part.doubt > 0.0) {
+            // The smooth error falls with the square of a cell's size, that of a kink nearly so; and what no point has met
+            // is worth a little as long as nothing is proved.
+            part.doubt = (0.3 * change / unproved as f64).max(UNPROVED * part.open) + 0.5 * part.strayed;
+        }
+        Some(())
+    }
+
+    fn push_occluder(&mut self, outline: Polygon) {
+        if outline.count < 3 {
+            return;
+        }
+        let [a, b, c] = [outline.corners[0], outline.corners[1], outline.corners[2]];
+        let normal = (b - a).cross(c - a);
+        if normal != DVec3::ZERO {
+            self.occluders.push(Occluder { outline, normal });
+        }
+    }
+
+    /// The factor from an element at `x` to what it sees of the target, of which it would see `whole` with nothing in
+    /// between.
+    fn visible(&mut self, x: DVec3, view: &View<'_>, relevant: std::ops::Range<usize>, whole: f64) -> Option<f64> {
+        self.pieces.clear();
+        self.pieces.push(Polygon::of(view.target));
+        for p in &mut self.pieces[0].corners {
+            *p -= x;
+        }
+        let mut cut = false;
+        for &index in &self.relevant[relevant] {
+            let occluder = &self.occluders[index as usize];
+            let outline = occluder.outline.corners();
+            let side = occluder.normal.dot(x - outline[0]);
+            if side == 0.0 {
+                continue;
+            }
+            // Planes of the cone over the occluder, positive inside.
+            let mut cone = [DVec3::ZERO; Polygon::MOST];
+            for (k, &p) in outline.iter().enumerate() {
+                let q = outline[(k + 1) % outline.len()];
+                let n = (p - x).cross(q - x);
+                cone[k] = if side < 0.0 { n } else { -n };
+            }
+            let cone = &cone[..outline.len()];
+            let is_beside =
+                |piece: &Polygon| cone.iter().any(|n| piece.corners().iter().all(|p| n.dot(*p) <= 0.0));
+            if self.pieces.iter().all(is_beside) {
+                continue;
+            }
+            cut = true;
+            self.next.clear();
+            for piece in &self.pieces {
+                if is_beside(piece) {
+                    self.next.push(*piece);
+                    continue;
+                }
+                let mut inside = *piece;
+                for n in cone {
+                    let (within, without) = inside.split(*n, 0.0);
+                    if without.count >= 3 {
+                        self.next.push(without);
+                    }
+                    inside = within;
+                    if inside.count < 3 {
+                        break;
+                    }
+                }
+            }
+            std::mem::swap(&mut self.pieces, &mut self.next);
+            if self.pieces.is_empty() {
+                return Some(0.0);
+            }
+            if self.pieces.len() > MOST_PIECES {
+                return None;
+            }
+        }
+        if !cut {
+            return Some(whole);
+        }
+        let sum: f64 = self
+            .pieces
+            .iter()
+            .map(|piece| point_to_polygon(DVec3::ZERO, view.normal, piece.corners()))
+            .sum();
+        Some(sum.min(whole))
+    }
+}
+
+/// What an occluder does to a cell's view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Over {
+    /// From nowhere in the cell it hides anything of the target.
+    Nothing,
+    /// From everywhere in the cell it hides all of it.
+    All,
+    /// Neither is proved.
+    Part,
+}
+
+impl Occluder {
+    fn over(&self, cell: &[DVec3; 3], target: &[DVec3]) -> Over {
+        let outline = self.outline.corners();
+        let sides = cell.map(|x| self.normal.dot(x - outline[0]));
+        let (front, back) = (sides.iter().all(|&s| s >= 0.0), sides.iter().all(|&s| s <= 0.0));
+        if !front && !back {
+            return Over::Part;
+        }
+        let sign = if front { -1.0 } else { 1.0 };
+        let mut all = sides.iter().all(|&s| s != 0.0);
+        for (k, &a) in outline.iter().enumerate() {
+            let b = outline[(k + 1) % outline.len()];
+            let (mut inside, mut outside) = (true, true);
+            for &x in cell {
+                let n = (a - x).cross(b - x) * sign;
+                for &p in target {
+                    let h = n.dot(p - x);
+                    inside &= h > 0.0;
+                    outside &= h <= 0.0;
+                }
+            }
+            if outside {
+                return Over::Nothing;
+            }
+            all &= inside;
+        }
+        if all { Over::All } else { Over::Part }
+    }
+}
+
+fn quarters([a, b, c]: &[DVec3; 3]) -> [[DVec3; 3]; 4] {
+    let (ab, bc, ca) = ((*a + *b) * 0.5, (*b + *c) * 0.5, (*c + *a) * 0.5);
+    [[*a, ab, ca], [ab, *b, bc], [ca, bc, *c], [ab, bc, ca]]
+}
+
+/// Whether a point in a triangle's plane lies in it.
+fn contains([a, b, c]: &[DVec3; 3], x: DVec3) -> bool {
+    let n = (*b - *a).cross(*c - *a);
+    [(a, b), (b, c), (c, a)]
+        .iter()
+        .all(|&(s, t)| (*t - *s).cross(x - *s).dot(n) >= 0.0)
+}

@@ -1,0 +1,213 @@
+//! Rays through the tree of a scene's surfaces, all in f64: what is met first from a point of a patch.
+//!
+//! Ray and triangle: Möller & Trumbore 1997. Directions: the R₂ sequence (Roberts 2018, "The unreasonable effectiveness
+//! of quasirandom sequences"), of which every beginning is spread evenly, lifted to the hemisphere by Malley's method.
+
+use crate::Model;
+use crate::frame;
+use crate::tree::{Block, INNER, LANES, Tree};
+use glam::DVec3;
+use hemicube_scene::InputPatch;
+use std::f64::consts::TAU;
+
+/// A patch that rays leave, in normalised coordinates.
+pub(super) struct Emitter {
+    pub(super) patch: InputPatch,
+    pub(super) corners: [DVec3; 3],
+    pub(super) axes: [DVec3; 3],
+    slot: usize,
+}
+
+impl Emitter {
+    /// `None` for a patch without area.
+    pub(super) fn new(model: &Model, tree: &Tree, patch: InputPatch) -> Option<Self> {
+        let corners = model.patches().corners(patch).map(|p| model.normalise(p));
+        Some(Self {
+            patch,
+            corners,
+            axes: frame::axes(corners, frame::turn(patch))?,
+            slot: *tree.slot_of_patch.get(patch.0 as usize)? as usize,
+        })
+    }
+
+    pub(super) fn normal(&self) -> DVec3 {
+        self.axes[2]
+    }
+
+    pub(super) fn centroid(&self) -> DVec3 {
+        self.corners.iter().sum::<DVec3>() / 3.0
+    }
+
+    /// A direction of [`directions`] in the patch's own frame.
+    pub(super) fn turned(&self, direction: DVec3) -> DVec3 {
+        let [tangent, bitangent, normal] = self.axes;
+        tangent * direction.x + bitangent * direction.y + normal * direction.z
+    }
+}
+
+/// Cosine-distributed directions about z.
+pub(super) fn directions(count: u32) -> Vec<DVec3> {
+    // The real root of x³ = x + 1.
+    const G: f64 = 1.324_717_957_244_746;
+    (0..count)
+        .map(|k| {
+            let at = |step: f64| (0.5 + f64::from(k + 1) * step).fract();
+            let (u, v) = (at(1.0 / G), at(1.0 / (G * G)));
+            let (sine, cosine) = (TAU * v).sin_cos();
+            DVec3::new(u.sqrt() * cosine, u.sqrt() * sine, (1.0 - u).sqrt())
+        })
+        .collect()
+}
+
+/// What a ray met first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Met {
+    Nothing,
+    /// The back of a one-sided surface.
+    Back,
+    Patch(u32),
+}
+
+/// Casts rays; one a thread.
+pub(super) struct Caster<'t> {
+    tree: &'t Tree,
+    pending: Vec<(f64, u32)>,
+    /// Nodes and blocks looked at, in units of about a node.
+    pub(super) work: u64,
+}
+
+impl<'t> Caster<'t> {
+    pub(super) fn new(tree: &'t Tree) -> Self {
+        Self {
+            tree,
+            pending: Vec::new(),
+            work: 0,
+        }
+    }
+
+    /// What the ray from a point of `emitter` meets first, of all that rises above the emitter's plane. Of surfaces in one
+    /// plane the patch with the smaller id, and any patch before a back.
+    pub(super) fn first(&mut self, emitter: &Emitter, origin: DVec3, direction: DVec3) -> Met {
+        let tree = self.tree;
+        let inverse = direction.recip();
+        let enter = |index: u32| {
+            let node = &tree.nodes[index as usize];
+            let low = (node.center - node.half - origin) * inverse;
+            let high = (node.center + node.half - origin) * inverse;
+            // A coordinate that is 0 × ∞ bounds nothing: `f64::min` and `max` pass over it.
+            let (mut from, mut to) = (0.0_f64, f64::INFINITY);
+            for axis in 0..3 {
+                from = from.max(low[axis].min(high[axis]));
+                to = to.min(low[axis].max(high[axis]));
+            }
+            (from <= to).then_some(from)
+        };
+        // Surfaces in one plane must be told by their ids, not by how their depths are rounded.
+        let tie = 1e-12 + 4.0 * tree.plane_tolerance;
+        let mut nearest = f64::INFINITY;
+        let mut met = Met::Nothing;
+        self.pending.clear();
+        self.pending.extend(enter(0).map(|t| (t, 0)));
+        while let Some((t, index)) = self.pending.pop() {
+            if t > nearest + tie {
+                continue;
+            }
+            self.work += 1;
+            let node = &tree.nodes[index as usize];
+            if node.block == INNER {
+                let mut children = [node.child, node.child + 1].map(|child| enter(child).map(|t| (t, child)));
+                if let [Some(a), Some(b)] = children
+                    && a.0 < b.0
+                {
+                    children.swap(0, 1);
+                }
+                self.pending.extend(children.into_iter().flatten());
+                continue;
+            }
+            self.work += 6;
+            let block = &tree.blocks[node.block as usize];
+            let (distances, determinants) = meet(block, origin, direction);
+            for lane in 0..LANES {
+                let (t, determinant) = (distances[lane], determinants[lane]);
+                if !(t > 0.0 && t <= nearest + tie) || node.block as usize * LANES + lane == emitter.slot {
+                    continue;
+                }
+                let corners = corners_of(block, lane);
+                let height = |p: DVec3| emitter.normal().dot(p - emitter.corners[0]);
+                if corners.iter().all(|&p| height(p) <= tree.plane_tolerance) {
+                    continue;
+                }
+                let id = if determinant > 0.0 {
+                    block.negative[lane]
+                } else {
+                    block.positive[lane]
+                };
+                let found = if id < tree.patch_count {
+                    Met::Patch(id)
+                } else {
+                    Met::Back
+                };
+                let wins = match (met, found) {
+                    _ if t < nearest - tie => true,
+                    (Met::Nothing, _) | (Met::Back, Met::Patch(_)) => true,
+                    (Met::Patch(old), Met::Patch(new)) => new < old,
+                    _ => false,
+                };
+                if wins {
+                    met = found;
+                }
+                nearest = nearest.min(t);
+            }
+        }
+        met
+    }
+}
+
+/// The corners in a lane, ascending.
+#[inline(always)]
+pub(super) fn corners_of(block: &Block, lane: usize) -> [DVec3; 3] {
+    let c = &block.corners;
+    [
+        DVec3::new(c[0][lane], c[1][lane], c[2][lane]),
+        DVec3::new(c[3][lane], c[4][lane], c[5][lane]),
+        DVec3::new(c[6][lane], c[7][lane], c[8][lane]),
+    ]
+}
+
+/// How far along the ray each lane's triangle is met (negative: not at all), and the determinant, whose sign is the side.
+fn meet(block: &Block, origin: DVec3, direction: DVec3) -> ([f64; LANES], [f64; LANES]) {
+    let (mut distances, mut determinants) = ([0.0; LANES], [0.0; LANES]);
+    for lane in 0..LANES {
+        let [a, b, c] = corners_of(block, lane);
+        let (e, f, s) = (b - a, c - a, origin - a);
+        let p = direction.cross(f);
+        let determinant = e.dot(p);
+        let inverse = 1.0 / determinant;
+        let q = s.cross(e);
+        let (u, v) = (s.dot(p) * inverse, direction.dot(q) * inverse);
+        // Unused lanes have no area: their determinant is 0, and nothing compares with what that divides.
+        let hit = u >= 0.0 && v >= 0.0 && u + v <= 1.0;
+        distances[lane] = if hit { f.dot(q) * inverse } else { -1.0 };
+        determinants[lane] = determinant;
+    }
+    (distances, determinants)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_are_spread_by_the_cosine_in_every_beginning() {
+        for count in [32, 128, 1000] {
+            let all = directions(count);
+            let mean = all.iter().sum::<DVec3>() / f64::from(count);
+            // ∫ cos² over the hemisphere / π.
+            assert!(
+                (mean - DVec3::new(0.0, 0.0, 2.0 / 3.0)).length() < 2.0 / f64::from(count).powf(0.8),
+                "{mean}"
+            );
+            assert!(all.iter().all(|d| (d.length() - 1.0).abs() < 1e-14 && d.z > 0.0));
+        }
+    }
+}

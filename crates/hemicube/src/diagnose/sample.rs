@@ -1,0 +1,103 @@
+//! What is looked at: a seeded order of the surfaces, of which a scene's size decides how far it is followed.
+
+use crate::Model;
+use std::sync::Mutex;
+use std::sync::PoisonError;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+
+/// Surfaces that are handed to a thread at once.
+const CHUNK: usize = 64;
+
+/// SplitMix64's finaliser (Steele, Lea & Flood 2014).
+pub(super) fn hash(seed: u64, number: u64) -> u64 {
+    let mut z = seed ^ (number + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// The surfaces of a geometry by a hash of their patch: any beginning of this list is a random sample of them.
+pub(super) fn order(model: &Model, seed: u64) -> Vec<u32> {
+    let surfaces = &model.geometry().surfaces;
+    let mut keys: Vec<(u64, u32)> = (0u32..)
+        .zip(surfaces)
+        .map(|(index, surface)| (hash(seed, surface.front.0.into()), index))
+        .collect();
+    keys.sort_unstable();
+    keys.into_iter().map(|(_, index)| index).collect()
+}
+
+/// Looks at `order` from its beginning, by `threads`, until the work that `look` counts is `limit` or more. Returns what
+/// was found, in order, and how many were looked at; neither depends on the threads.
+pub(super) fn examine<T: Send>(
+    order: &[u32],
+    threads: usize,
+    limit: u64,
+    look: impl Fn(&[u32], &mut u64) -> T + Sync,
+) -> (Vec<T>, usize) {
+    let chunks: Vec<&[u32]> = order.chunks(CHUNK).collect();
+    let threads = match threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        threads => threads,
+    }
+    .clamp(1, chunks.len().max(1));
+    let (next, done) = (AtomicUsize::new(0), AtomicU64::new(0));
+    let found = Mutex::new(Vec::new());
+    let work_through = || {
+        // What is finished is never more than the work of all chunks before the next one, so that none is left out
+        // that belongs to the result.
+        while done.load(Ordering::Relaxed) < limit {
+            let place = next.fetch_add(1, Ordering::Relaxed);
+            let Some(chunk) = chunks.get(place) else { break };
+            let mut work = 0;
+            let result = look(chunk, &mut work);
+            found
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .push((place, work, result));
+            done.fetch_add(work, Ordering::Relaxed);
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..threads {
+            scope.spawn(work_through);
+        }
+        work_through();
+    });
+    let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    found.sort_unstable_by_key(|&(place, _, _)| place);
+    let (mut results, mut examined, mut sum) = (Vec::with_capacity(found.len()), 0, 0u64);
+    for (place, work, result) in found {
+        if sum >= limit {
+            break;
+        }
+        sum = sum.saturating_add(work);
+        examined += chunks[place].len();
+        results.push(result);
+    }
+    (results, examined)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_work_decides_how_far_and_the_threads_do_not() {
+        let order: Vec<u32> = (0..10_000).collect();
+        let run = |threads, limit| {
+            examine(&order, threads, limit, |chunk, work| {
+                *work += chunk.iter().map(|&p| u64::from(p % 97)).sum::<u64>();
+                chunk[0]
+            })
+        };
+        let (all, examined) = run(1, u64::MAX);
+        assert_eq!((all.len(), examined), (10_000usize.div_ceil(CHUNK), 10_000));
+        let (some, examined) = run(1, 50_000);
+        assert!(examined > 500 && examined < 2000, "{examined}");
+        for threads in [2, 3, 8] {
+            assert_eq!(run(threads, 50_000), (some.clone(), examined));
+        }
+        assert_eq!(run(2, 0), (Vec::new(), 0));
+    }
+}

@@ -1,0 +1,280 @@
+//! What patches see, by rays: those buried in solids, and those too large for their neighbours.
+//!
+//! A patch is *buried* when less than a twentieth of the rays from its centroid meet anything but backs of one-sided
+//! surfaces, and the same holds of other points of it; *mostly blocked* when half of the rays from its centroid meet backs. It is *too large* when the form factor to one neighbour (Lambert's contour integral) is
+//! quite another from the centroid than on average over the patch: that is what one hemicube at the centroid gets wrong.
+
+use super::rays::{Caster, Emitter, Met, directions};
+use super::sample::{examine, hash};
+use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, rounded, scale_of, shape};
+use crate::Model;
+use crate::factor::PointFactors;
+use crate::frame;
+use glam::DVec3;
+use hemicube_scene::{InputPatch, Subdivision};
+
+/// Rays from the centroid of a patch that may be buried.
+const RAYS: u32 = 64;
+/// Rays by which it is seen that a patch is not; with more than one of them that meets a back, it may be.
+const RAYS_FIRST: usize = 8;
+/// Rays from each other point.
+const RAYS_ELSEWHERE: usize = 24;
+/// A point sees out when this share of its rays meets something else than backs.
+const SHARE_OUT: f64 = 0.05;
+/// Nodes of the tree that rays may meet: about a second's worth.
+const WORK_MAX: u64 = 50_000_000;
+/// Surfaces whose neighbours are looked at.
+const NEIGHBOURS_MAX: usize = 5000;
+/// Sub-triangles along an edge whose centroids stand for the whole patch.
+const POINTS_PER_EDGE: u32 = 8;
+/// The difference of form factors at which a patch is too large.
+const DIFFERENCE: f64 = 0.1;
+/// Rays that must meet a patch for it to be a neighbour.
+const NEIGHBOUR_HITS: u32 = 2;
+
+pub(super) fn findings(model: &Model, order: &[u32], options: DiagnoseOptions) -> Vec<Finding> {
+    let order = &order[..order.len().min(options.surfaces_max)];
+    let mut findings = buried(model, order, options.threads);
+    let few = &order[..order.len().min(NEIGHBOURS_MAX)];
+    findings.extend(large(model, few, options.threads));
+    findings
+}
+
+/// Both sides of these surfaces.
+fn patches_of<'a>(model: &'a Model, surfaces: &'a [u32]) -> impl Iterator<Item = InputPatch> + 'a {
+    surfaces.iter().flat_map(|&index| {
+        let surface = &model.geometry().surfaces[index as usize];
+        [Some(surface.front), surface.back].into_iter().flatten()
+    })
+}
+
+fn examined(model: &Model, surfaces: &[u32]) -> Examined {
+    Examined {
+        examined: patches_of(model, surfaces).count() as u64,
+        population: model.patches().len() as u64,
+    }
+}
+
+#[derive(Default)]
+struct Burial {
+    area: f64,
+    wholly: Tally,
+    at_centroid: Tally,
+    mostly: Tally,
+}
+
+fn buried(model: &Model, order: &[u32], threads: usize) -> Vec<Finding> {
+    let tree = model.geometry().tree();
+    let directions = directions(RAYS);
+    let (found, looked_at) = examine(order, threads, WORK_MAX, |surfaces, work| {
+        let mut caster = Caster::new(tree);
+        let mut burial = Burial::default();
+        for patch in patches_of(model, surfaces) {
+            bury(model, &mut caster, &directions, patch, &mut burial);
+        }
+        *work += caster.work + 64 * surfaces.len() as u64;
+        burial
+    });
+    let mut all = Burial::default();
+    for burial in found {
+        all.area += burial.area;
+        all.wholly.merge(burial.wholly);
+        all.at_centroid.merge(burial.at_centroid);
+        all.mostly.merge(burial.mostly);
+    }
+    let of = examined(model, &order[..looked_at]);
+    let whole = Some(all.area);
+    let findings = [
+        all.wholly.finding(
+            FindingKind::Buried,
+            of,
+            whole,
+            "delete them, turn them round if they face the wrong way, `--two-sided=on` if they are sheets; their rows are \
+             `blocked`, not wrong"
+                .to_owned(),
+        ),
+        all.at_centroid.finding(
+            FindingKind::CentroidBuried,
+            of,
+            whole,
+            "cut them (`--subdivide 2`), so that what is inside and what is outside become patches of their own, or look \
+             from more points of each (`--samples 16`)"
+                .to_owned(),
+        ),
+        all.mostly.finding(
+            FindingKind::MostlyBlocked,
+            of,
+            whole,
+            "look whether they face the right way; solids that pass through each other are best joined in the modeller"
+                .to_owned(),
+        ),
+    ];
+    findings.into_iter().flatten().collect()
+}
+
+fn bury(model: &Model, caster: &mut Caster<'_>, directions: &[DVec3], patch: InputPatch, burial: &mut Burial) {
+    let area = model.patches().area(patch);
+    burial.area += area;
+    let Some(emitter) = Emitter::new(model, model.geometry().tree(), patch) else {
+        return;
+    };
+    let example = |value| Example {
+        patch,
+        other: None,
+        at: model.patches().centroid(patch),
+        value,
+    };
+    let centroid = emitter.centroid();
+    if share_out(caster, &emitter, centroid, &directions[..RAYS_FIRST]) > 1.0 - 1.5 / RAYS_FIRST as f64 {
+        return;
+    }
+    let share = share_out(caster, &emitter, centroid, directions);
+    if share >= SHARE_OUT {
+        if share < 0.5 {
+            burial.mostly.add(area * (1.0 - share), area, example(1.0 - share));
+        }
+        return;
+    }
+    let [a, b, c] = emitter.corners;
+    let mut points = frame::sample_points(emitter.corners, 4);
+    points.extend([(a, b, c), (b, c, a), (c, a, b)].map(|(p, q, r)| p * 0.98 + (q + r) * 0.01));
+    let count = points.len() as f64;
+    let out = points
+        .into_iter()
+        .filter(|&point| share_out(caster, &emitter, point, &directions[..RAYS_ELSEWHERE]) >= SHARE_OUT)
+        .count() as f64;
+    if out == 0.0 {
+        burial.wholly.add(area, area, example(area));
+    } else {
+        burial.at_centroid.add(area * out / count, area, example(out / count));
+    }
+}
+
+/// The share of what a point of a patch has in view that is something else than backs.
+fn share_out(caster: &mut Caster<'_>, emitter: &Emitter, point: DVec3, directions: &[DVec3]) -> f64 {
+    let out = directions
+        .iter()
+        .filter(|&&direction| caster.first(emitter, point, emitter.turned(direction)) != Met::Back)
+        .count();
+    out as f64 / directions.len().max(1) as f64
+}
+
+#[derive(Default)]
+struct Sizes {
+    tally: Tally,
+    /// Longest edges of those found.
+    longest: Vec<f64>,
+}
+
+fn large(model: &Model, order: &[u32], threads: usize) -> Option<Finding> {
+    let tree = model.geometry().tree();
+    let directions = directions(POINTS_PER_EDGE * POINTS_PER_EDGE);
+    let (found, looked_at) = examine(order, threads, WORK_MAX, |surfaces, work| {
+        let mut caster = Caster::new(tree);
+        let mut factors = PointFactors::new();
+        let mut sizes = Sizes::default();
+        for patch in patches_of(model, surfaces) {
+            let Some(emitter) = Emitter::new(model, tree, patch) else {
+                continue;
+            };
+            let Some((other, difference)) = worst_neighbour(model, &mut caster, &mut factors, &directions, &emitter)
+            else {
+                continue;
+            };
+            if difference >= DIFFERENCE {
+                let example = Example {
+                    patch,
+                    other: Some(other),
+                    at: model.patches().centroid(patch),
+                    value: difference,
+                };
+                sizes.tally.add(difference, 0.0, example);
+                sizes.longest.push(shape(&emitter.corners).0);
+            }
+        }
+        *work += caster.work;
+        sizes
+    });
+    let mut all = Sizes::default();
+    for sizes in found {
+        all.tally.merge(sizes.tally);
+        all.longest.extend(sizes.longest);
+    }
+    all.longest.sort_unstable_by(f64::total_cmp);
+    let median = all.longest.get(all.longest.len() / 2).copied().unwrap_or(0.0);
+    let next = format!(
+        "{}; `--correction area` averages over a patch what is in view of its centroid, and only `--tolerance` looks from \
+         other points too",
+        how_to_cut(model, &rounded(0.5 * median / scale_of(model)))
+    );
+    all.tally.finding(
+        FindingKind::LargePatch,
+        examined(model, &order[..looked_at]),
+        None,
+        next,
+    )
+}
+
+/// More patches than this many times those there are is no advice.
+const TIMES_MAX: f64 = 20.0;
+
+/// How to cut patches to `length`, and what becomes of the others.
+fn how_to_cut(model: &Model, length: &str) -> String {
+    let surfaces = model.patches().surfaces();
+    let times = length.parse().map_or(f64::INFINITY, |length| {
+        let pieces = surfaces
+            .iter()
+            .map(|corners| Subdivision::PatchSize(length).count(corners) as f64);
+        pieces.sum::<f64>() / surfaces.len().max(1) as f64
+    });
+    if times > TIMES_MAX {
+        "cut all (`--subdivide 1` halves them), for patches differ too much in size for one `--patch-size`".to_owned()
+    } else {
+        format!(
+            "cut them: `--patch-size {length}` is half their size and makes {times:.1} times as many patches of the scene"
+        )
+    }
+}
+
+/// The neighbour whose form factor from the centroid differs most from that from the patch, and by how much. Occlusion
+/// decides who is a neighbour, and is not part of the two.
+fn worst_neighbour(
+    model: &Model,
+    caster: &mut Caster<'_>,
+    factors: &mut PointFactors,
+    directions: &[DVec3],
+    emitter: &Emitter,
+) -> Option<(InputPatch, f64)> {
+    let points = frame::sample_points(emitter.corners, POINTS_PER_EDGE);
+    let mut hits = Vec::new();
+    for (k, &direction) in (0u64..).zip(directions) {
+        let direction = emitter.turned(direction);
+        // Neighbouring directions leave from points that have nothing to do with each other.
+        #[allow(clippy::cast_possible_truncation, reason = "below the number of points")]
+        let point = points[(hash(emitter.patch.0.into(), k) % points.len() as u64) as usize];
+        for origin in [emitter.centroid(), point] {
+            if let Met::Patch(patch) = caster.first(emitter, origin, direction) {
+                hits.push(patch);
+            }
+        }
+    }
+    hits.sort_unstable();
+    let neighbours = hits
+        .chunk_by(|a, b| a == b)
+        .filter(|same| same.len() >= NEIGHBOUR_HITS as usize)
+        .map(|same| InputPatch(same[0]));
+    let mut worst: Option<(InputPatch, f64)> = None;
+    for neighbour in neighbours {
+        let triangle = model.patches().corners(neighbour).map(|p| model.normalise(p));
+        let from = std::iter::once(emitter.centroid()).chain(points.iter().copied());
+        let values = factors.evaluate(from.map(|point| (point, emitter.normal())), &triangle);
+        let Some((&centroid, rest)) = values.split_first() else {
+            continue;
+        };
+        let difference = (centroid - rest.iter().sum::<f64>() / rest.len().max(1) as f64).abs();
+        if worst.is_none_or(|(_, most)| difference > most) {
+            worst = Some((neighbour, difference));
+        }
+    }
+    worst
+}
