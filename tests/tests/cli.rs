@@ -302,6 +302,7 @@ fn help_fits_a_screen_and_names_everything() {
         "",
         "compute",
         "inspect",
+        "tradeoff",
         "check",
         "compare",
         "export",
@@ -347,7 +348,7 @@ fn the_report_has_every_field() {
     let place = Place::new();
     place.line("generate maze --patches 500 -o maze.obj").is(0);
     let ran = place
-        .line("compute maze.obj -o m --resolution 64 --samples 4 --threads 2 --json -")
+        .line("compute maze.obj -o m --correction pixel --resolution 64 --samples 4 --threads 2 --json -")
         .is(0);
     let report = ran.json();
     for field in [
@@ -621,7 +622,7 @@ fn settings_come_in_layers() {
     place.write("printed.toml", &text);
     assert_eq!(
         printed(&place, "--config printed.toml")["emitters = [\"x*\"]"],
-        "printed.toml:19"
+        "printed.toml:20"
     );
 
     // They hold for the run, and `inspect` shares what it knows.

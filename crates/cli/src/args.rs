@@ -11,12 +11,12 @@ use std::str::FromStr;
 /// What every `--help` ends in.
 const AFTER_LONG_HELP: &str = "\
 Environment:
-  HEMICUBE_NAME         the setting `--name` of `compute` and `inspect`: HEMICUBE_RESOLUTION=512
+  HEMICUBE_NAME         the setting `--name` of `compute`, `inspect` and `tradeoff`: HEMICUBE_RESOLUTION=512
   HEMICUBE_NO_PROGRESS  1: no progress bar
   HEMICUBE_LOG          what the libraries log: error, warn, info, debug, trace
 Exit status:
   0    done
-  1    a check or a comparison did not hold
+  1    a check, a comparison or a tolerance did not hold
   2    wrong usage, unreadable input, or something that could not be written
   130  interrupted; what was computed is kept";
 
@@ -84,6 +84,7 @@ pub(crate) enum Command {
     /// Compute the form-factor matrix of a scene
     #[command(override_usage = "hemicube compute [OPTIONS] SCENE -o DIR", after_long_help = examples(
         "  hemicube compute room.obj -o room.hemicube
+  hemicube compute room.obj -o room.hemicube --tolerance 0.5% --verify 32
   hemicube compute city.obj -o city.hemicube --sample-rows 1% --seed 7
   hemicube compute city.glb -o facades.hemicube --emitters 'facade*' --occluders 'tree*'
   hemicube compute room.obj -o fine.hemicube --subdivide 4 --resolution 512 --json=fine.json",
@@ -93,9 +94,15 @@ pub(crate) enum Command {
     /// Describe a scene: size, area, sides, defects, and what its matrix would cost
     #[command(override_usage = "hemicube inspect [OPTIONS] SCENE", after_long_help = examples("  hemicube inspect city.obj\n  hemicube inspect city.obj --split 4 --json", true))]
     Inspect(Box<Inspect>),
+    /// Measure error against time on a scene and this machine, and recommend a setting
+    #[command(override_usage = "hemicube tradeoff [OPTIONS] SCENE", after_long_help = examples("  hemicube tradeoff city.obj --plot city.svg\n  hemicube tradeoff city.obj --tolerance 0.3% --sample-rows 64 --json=city.json", true))]
+    Tradeoff(Box<Tradeoff>),
     /// Check a matrix: closure, reciprocity, range, checksums; exit 1 when a bound is broken
     #[command(after_long_help = examples("  hemicube check room.hemicube\n  hemicube check room.hemicube --reciprocity 0.05", false))]
     Check(Check),
+    /// Write a balanced copy of a matrix: reciprocal, closed, or without small entries
+    #[command(override_usage = "hemicube balance [OPTIONS] DIR -o OUT", after_long_help = examples("  hemicube balance room.hemicube -o closed.hemicube --closure\n  hemicube balance city.hemicube -o small.hemicube --min-factor 1e-5 --reciprocity", false))]
+    Balance(Balance),
     /// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
     #[command(after_long_help = examples("  hemicube compare fast.hemicube fine.hemicube --max-error 0.02", false))]
     Compare(Compare),
@@ -160,25 +167,13 @@ pub(crate) struct SceneSettings {
     pub(crate) keep_duplicates: Switch,
 }
 
-/// How hemicubes are rendered.
+/// What renders hemicubes, and how it goes about it. The rows are the same.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Hemicubes")]
-pub(crate) struct RenderSettings {
+pub(crate) struct EngineSettings {
     /// The engine; a name never falls back to another
     #[arg(long, value_name = "auto|NAME", default_value = "auto")]
     pub(crate) backend: String,
-    /// Pixels along an edge: a multiple of 16 up to 1024
-    #[arg(long, value_name = "N", default_value = "256", value_parser = resolution)]
-    pub(crate) resolution: u32,
-    /// Hemicubes a patch: 1, 4, 9, 16…
-    #[arg(long, value_name = "K", default_value = "1", value_parser = samples)]
-    pub(crate) samples: Samples,
-    /// pixel: sums of pixels; point, area: visible fraction × closed form
-    #[arg(long, value_name = "pixel|point|area", default_value = "pixel", value_parser = correction)]
-    pub(crate) correction: Correction,
-    /// Turn each hemicube by a hash of its patch
-    #[arg(long, value_name = "on|off", default_value = "on", hide_possible_values = true)]
-    pub(crate) rotation: Switch,
     /// Deepest level of the octree, up to 21
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = octree_levels, hide_short_help = true)]
     pub(crate) octree_levels: Auto,
@@ -188,6 +183,46 @@ pub(crate) struct RenderSettings {
     /// Worker threads; 0: one for each core
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub(crate) threads: u32,
+}
+
+/// How hemicubes are rendered, and what form factors are made of.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Hemicubes")]
+pub(crate) struct RenderSettings {
+    /// Aim at this relative Frobenius error: 1%, 0.003
+    #[arg(long, value_name = "T", value_parser = tolerance)]
+    pub(crate) tolerance: Option<Tolerance>,
+    /// pixel: sums of pixels; point, area: visible fraction × closed form
+    #[arg(long, value_name = "pixel|point|area", default_value = "area", value_parser = correction)]
+    pub(crate) correction: Correction,
+    /// Pixels along an edge: a multiple of 16 up to 1024
+    #[arg(id = "resolution", long = "resolution", value_name = "auto|N", default_value = "auto", value_parser = resolution)]
+    pub(crate) resolution_asked: Auto,
+    /// What `resolution_asked` comes to, from [`RenderSettings::settle`].
+    #[arg(skip)]
+    pub(crate) resolution: u32,
+    /// Hemicubes a patch: 1, 4, 9, 16…
+    #[arg(long, value_name = "K", default_value = "1", value_parser = samples)]
+    pub(crate) samples: Samples,
+    /// Turn each hemicube by a hash of its patch
+    #[arg(long, value_name = "on|off", default_value = "on", hide_possible_values = true)]
+    pub(crate) rotation: Switch,
+    #[command(flatten)]
+    pub(crate) engine: EngineSettings,
+}
+
+impl RenderSettings {
+    /// Pixels along an edge where nobody says: sums of pixels need more than fractions of them.
+    const RESOLUTION_OF_PIXEL: u32 = 256;
+    const RESOLUTION_OF_FRACTIONS: u32 = 128;
+
+    /// Settles what was left open.
+    pub(crate) fn settle(&mut self) {
+        self.resolution = self.resolution_asked.or(match self.correction {
+            Correction::Pixel => Self::RESOLUTION_OF_PIXEL,
+            Correction::Point | Correction::Area => Self::RESOLUTION_OF_FRACTIONS,
+        });
+    }
 }
 
 /// Where settings come from.
@@ -233,6 +268,9 @@ pub(crate) struct Compute {
     pub(crate) patches: SceneSettings,
     #[command(flatten)]
     pub(crate) render: RenderSettings,
+    /// Measure the error of ROWS of the rows against rays; exit 1 when it is above the tolerance
+    #[arg(long, value_name = "ROWS", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Rows and columns")]
+    pub(crate) verify: Option<u32>,
     /// Skip what cannot be seen; the matrix is the same
     #[arg(
         long,
@@ -302,6 +340,34 @@ pub(crate) struct Inspect {
     pub(crate) report: Report,
 }
 
+/// `hemicube tradeoff`
+#[derive(Args, Debug)]
+pub(crate) struct Tradeoff {
+    /// The scene: .obj, .gltf, .glb, .ac or .acc
+    #[arg(value_name = "SCENE", required_unless_present = "print_config")]
+    pub(crate) scene: Option<PathBuf>,
+    /// The relative Frobenius error that a setting is recommended for
+    #[arg(long, value_name = "T", default_value = "1%", value_parser = tolerance)]
+    pub(crate) tolerance: Tolerance,
+    /// How many random rows are measured
+    #[arg(long, value_name = "N", default_value = "24", value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    pub(crate) sample_rows: u32,
+    /// Which rows
+    #[arg(long, value_name = "S", default_value = "1")]
+    pub(crate) seed: u64,
+    /// Draw error against time into FILE: .svg or .png
+    #[arg(long, value_name = "FILE")]
+    pub(crate) plot: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) patches: SceneSettings,
+    #[command(flatten)]
+    pub(crate) engine: EngineSettings,
+    #[command(flatten)]
+    pub(crate) config: ConfigFiles,
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+
 /// `hemicube check`
 #[derive(Args, Debug)]
 pub(crate) struct Check {
@@ -320,6 +386,41 @@ pub(crate) struct Check {
     /// How many of the rows that sum worst are listed
     #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub(crate) worst: u16,
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+
+/// `hemicube balance`
+#[derive(Args, Debug)]
+#[command(group = clap::ArgGroup::new("work").required(true).multiple(true))]
+pub(crate) struct Balance {
+    /// The matrix
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// The directory to write the balanced matrix to
+    #[arg(short, long, value_name = "OUT")]
+    pub(crate) output: PathBuf,
+    /// Scale rows and columns alike until each row and what it lost sum to 1; keeps reciprocity
+    #[arg(long, group = "work")]
+    pub(crate) closure: bool,
+    /// Make A_i F_ij and A_j F_ji equal
+    #[arg(long, group = "work")]
+    pub(crate) reciprocity: bool,
+    /// Leave out form factors below X, and give what a row loses to its others
+    #[arg(long, value_name = "X", value_parser = share, allow_negative_numbers = true, group = "work")]
+    pub(crate) min_factor: Option<f64>,
+    /// By how much a row may be scaled; rows that want more stay there, and are counted
+    #[arg(long, value_name = "S", default_value = "1.1", value_parser = max_scale, allow_negative_numbers = true)]
+    pub(crate) max_scale: f64,
+    /// How near its sum each row is to come
+    #[arg(long, value_name = "T", default_value = "1e-6", value_parser = residual, allow_negative_numbers = true)]
+    pub(crate) tolerance: f64,
+    /// Sweeps of the scaling before it gives up; exit 1
+    #[arg(long, value_name = "N", default_value = "1000", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) max_sweeps: u32,
+    /// Replace a matrix that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
     #[command(flatten)]
     pub(crate) report: Report,
 }
@@ -469,27 +570,9 @@ pub(crate) enum Correction {
     Area,
 }
 
-impl Correction {
-    /// Its name in manifests and reports.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Pixel => "pixel",
-            Self::Point => "point",
-            Self::Area => "area",
-        }
-    }
-
-    /// The rung of the library's ladder.
-    pub(crate) fn rung(self) -> hemicube::correct::Correction {
-        use hemicube::correct::Correction;
-        match self {
-            Self::Pixel => Correction::Pixel,
-            Self::Point => Correction::Point,
-            // A closed form that is right to some thousandths: one hemicube leaves more than that to visibility.
-            Self::Area => Correction::Area(hemicube::factor::FactorRule::for_tolerance(1e-2)),
-        }
-    }
-}
+/// A relative Frobenius error to aim at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Tolerance(pub(crate) f64);
 
 /// How many hemicubes a patch has: the square of what is held here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -578,11 +661,57 @@ fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
-fn resolution(text: &str) -> Result<u32, String> {
+fn share(text: &str) -> Result<f64, String> {
+    let number = number(text)?;
+    if number > 0.0 && number < 1.0 {
+        Ok(number)
+    } else {
+        Err("a form factor above 0 and below 1 is needed, such as `1e-5`".to_owned())
+    }
+}
+
+fn max_scale(text: &str) -> Result<f64, String> {
+    let number = number(text)?;
+    if number > 1.0 && number <= hemicube::balance::MAX_SCALE_MAX {
+        Ok(number)
+    } else {
+        Err("a factor above 1 and up to 16 is needed".to_owned())
+    }
+}
+
+fn residual(text: &str) -> Result<f64, String> {
+    let number = number(text)?;
+    if (hemicube::balance::TOLERANCE_MIN..1.0).contains(&number) {
+        Ok(number)
+    } else {
+        Err("a number from 1e-7 up to 1 is needed: form factors are stored with seven digits".to_owned())
+    }
+}
+
+fn tolerance(text: &str) -> Result<Tolerance, String> {
+    const LEAST: f64 = 1e-5;
+    const MOST: f64 = 0.5;
+    // 0.001% is 1e-5, but need not be to the last bit.
+    let share = match text.strip_suffix('%') {
+        Some(percent) => percent.trim().parse::<f64>().map(|percent| percent / 100.0),
+        None => text.parse::<f64>(),
+    };
+    match share {
+        Ok(share) if (LEAST * (1.0 - 1e-9)..=MOST).contains(&share) => Ok(Tolerance(share)),
+        Ok(share) if share > MOST => Err("it is above 50 %; 1% is 0.01, and 1 is 100 %".to_owned()),
+        Ok(_) => Err("an error from 0.001% to 50% is needed".to_owned()),
+        Err(_) => Err("an error such as `1%`, `0.3%` or `0.003` is needed".to_owned()),
+    }
+}
+
+fn resolution(text: &str) -> Result<Auto, String> {
+    if text == "auto" {
+        return Ok(Auto::Auto);
+    }
     match text.parse::<u32>() {
-        Ok(n) if n % 16 == 0 && RESOLUTIONS.contains(&n) => Ok(n),
+        Ok(n) if n % 16 == 0 && RESOLUTIONS.contains(&n) => Ok(Auto::Number(n)),
         _ => Err(format!(
-            "a multiple of 16 from {} to {} is needed",
+            "`auto`, or a multiple of 16 from {} to {}, is needed",
             RESOLUTIONS.start(),
             RESOLUTIONS.end()
         )),
@@ -682,7 +811,8 @@ mod tests {
 
     #[test]
     fn numbers_out_of_range_are_refused() {
-        assert_eq!(resolution("256"), Ok(256));
+        assert_eq!(resolution("256"), Ok(Auto::Number(256)));
+        assert_eq!(resolution("auto"), Ok(Auto::Auto));
         for wrong in ["0", "8", "100", "1040", "-16", "1e2"] {
             assert!(resolution(wrong).is_err(), "{wrong}");
         }
@@ -697,6 +827,42 @@ mod tests {
         assert!(octree_levels("22").is_err() && min_patches("0").is_err());
         assert_eq!(correction("area"), Ok(Correction::Area));
         assert!(correction("best").is_err_and(|e| e.contains("area")));
+    }
+
+    #[test]
+    fn tolerances_are_shares_or_percentages() {
+        for (text, share) in [
+            ("1%", 0.01),
+            ("0.01", 0.01),
+            ("0.3 %", 0.003),
+            ("1e-5", 1e-5),
+            ("0.001%", 1e-5),
+            ("50%", 0.5),
+        ] {
+            let read = tolerance(text).expect(text).0;
+            assert!((read - share).abs() <= 1e-12 * share, "{text}: {read}");
+        }
+        for wrong in ["0", "-1%", "0.0009%", "51%", "1", "5", "nan", "nan%", "inf", "%", "", "few"] {
+            assert!(tolerance(wrong).is_err(), "{wrong}");
+        }
+        assert!(tolerance("1").is_err_and(|error| error.contains("100 %")));
+    }
+
+    #[test]
+    fn the_resolution_settles_by_the_correction() {
+        let settled = |words: &[&str]| {
+            let words = ["hemicube", "compute", "a", "-o", "b"].iter().chain(words);
+            let Command::Compute(mut compute) = Cli::try_parse_from(words).expect("good words").command else {
+                panic!("`compute` is `compute`");
+            };
+            compute.render.settle();
+            compute.render.resolution
+        };
+        assert_eq!(settled(&[]), 128);
+        assert_eq!(settled(&["--correction", "pixel"]), 256);
+        assert_eq!(settled(&["--correction", "point"]), 128);
+        assert_eq!(settled(&["--tolerance", "1%"]), 128);
+        assert_eq!(settled(&["--correction=pixel", "--resolution", "64"]), 64);
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! The subcommands, one file each.
 
 pub(crate) mod backends;
+pub(crate) mod balance;
 pub(crate) mod check;
 pub(crate) mod compare;
 pub(crate) mod compute;
 pub(crate) mod export;
 pub(crate) mod generate;
 pub(crate) mod inspect;
+pub(crate) mod tradeoff;

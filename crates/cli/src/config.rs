@@ -16,11 +16,12 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// The flags that are settings: they may stand in a file and in the environment.
-const SETTINGS: [&str; 23] = [
+const SETTINGS: [&str; 24] = [
     "backend",
+    "tolerance",
+    "correction",
     "resolution",
     "samples",
-    "correction",
     "rotation",
     "culling",
     "octree-levels",
@@ -43,7 +44,18 @@ const SETTINGS: [&str; 23] = [
 ];
 
 /// Settings of which one at most can hold. The one from the strongest layer does.
-const EXCLUSIVE: [&[&str]; 2] = [&["subdivide", "split", "patch-size"], &["rows", "sample-rows"]];
+const EXCLUSIVE: [&[&str]; 4] = [
+    &["subdivide", "split", "patch-size"],
+    &["rows", "sample-rows"],
+    &["correction", "tolerance"],
+    &["samples", "tolerance"],
+];
+
+/// A value of one of them that goes with the others all the same: a tolerance is one of the area rung.
+const AGREES: (&str, &str) = ("correction", "area");
+
+/// Settings that mean something else to a subcommand. It takes them from its command line only.
+const OWN: [(&str, &str); 1] = [("tradeoff", "sample-rows")];
 
 /// The file that is looked for in the working directory.
 const FILE: &str = "hemicube.toml";
@@ -125,7 +137,9 @@ impl Layers {
                 );
             }
         }
-        layers.0.retain(|name, _| argument(command, name).is_some());
+        layers
+            .0
+            .retain(|name, _| argument(command, name).is_some() && !OWN.contains(&(command.get_name(), *name)));
         for (name, layered) in &layers.0 {
             layered.check(command, name)?;
         }
@@ -148,7 +162,10 @@ impl Layers {
             let Some(top) = set.iter().map(|(_, origin)| origin.layer()).max() else {
                 continue;
             };
-            let strongest: Vec<_> = set.iter().filter(|(_, origin)| origin.layer() == top).collect();
+            let strongest: Vec<_> = set
+                .iter()
+                .filter(|(name, origin)| origin.layer() == top && !self.agrees(matches, name))
+                .collect();
             if let [(first, at), (second, other), ..] = strongest[..] {
                 let places = if at == other {
                     at.to_string()
@@ -164,6 +181,21 @@ impl Layers {
             }
         }
         Ok(())
+    }
+
+    /// Whether the value that a setting has is the one that excludes nothing.
+    fn agrees(&self, matches: &ArgMatches, name: &str) -> bool {
+        if name != AGREES.0 {
+            return false;
+        }
+        if is_given(matches, name) {
+            return matches
+                .get_raw(&id(name))
+                .is_some_and(|mut values| values.any(|value| value == AGREES.1));
+        }
+        self.0
+            .get(name)
+            .is_some_and(|layered| layered.words.iter().any(|word| word == AGREES.1))
     }
 
     fn read(&mut self, path: &Path, origin: fn(PathBuf, usize) -> Origin) -> Result<()> {
@@ -419,6 +451,7 @@ mod tests {
         let others = [
             "output",
             "overwrite",
+            "verify",
             "config",
             "no-config",
             "print-config",

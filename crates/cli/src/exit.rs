@@ -115,7 +115,7 @@ static UNUSED: Mutex<Option<PathBuf>> = Mutex::new(None);
 pub(crate) fn watch_interrupts() -> anyhow::Result<&'static AtomicBool> {
     ctrlc::set_handler(|| {
         if KEEPING.load(Ordering::SeqCst) && !CANCEL.swap(true, Ordering::SeqCst) {
-            let text = "interrupted: finishing the part that is being computed; once more ends at once";
+            let text = "interrupted: finishing what is being computed; once more ends at once";
             let _ = writeln!(std::io::stderr(), "\n{text}");
             return;
         }

@@ -7,7 +7,9 @@ mod exit;
 mod prepare;
 mod progress;
 mod report;
+mod rung;
 mod selection;
+mod verify;
 
 use crate::args::{Cli, Command};
 use crate::config::Layers;
@@ -31,7 +33,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
     let definition = Cli::command();
     let first = definition.clone().get_matches_from(&arguments);
     let (subcommand, matches) = match first.subcommand() {
-        Some((name @ ("compute" | "inspect"), matches)) => (name, matches),
+        Some((name @ ("compute" | "inspect" | "tradeoff"), matches)) => (name, matches),
         _ => return dispatch(Cli::from_arg_matches(&first)?, None),
     };
     let known = definition.find_subcommand(subcommand).cloned().unwrap_or_default();
@@ -44,8 +46,13 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
     dispatch(cli, settings)
 }
 
-fn dispatch(cli: Cli, settings: Option<String>) -> Result<Exit> {
+fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
     let talk = cli.talk;
+    match &mut cli.command {
+        Command::Compute(compute) => compute.render.settle(),
+        Command::Inspect(inspect) => inspect.render.settle(),
+        _ => {}
+    }
     let level = if talk.quiet { "error" } else { "warn" };
     let filter = EnvFilter::try_from_env("HEMICUBE_LOG").unwrap_or_else(|_| EnvFilter::new(level));
     tracing_subscriber::fmt()
@@ -57,6 +64,7 @@ fn dispatch(cli: Cli, settings: Option<String>) -> Result<Exit> {
     let print_config = match &cli.command {
         Command::Compute(compute) => compute.config.print_config,
         Command::Inspect(inspect) => inspect.config.print_config,
+        Command::Tradeoff(tradeoff) => tradeoff.config.print_config,
         _ => false,
     };
     let settings = settings.unwrap_or_default();
@@ -68,7 +76,9 @@ fn dispatch(cli: Cli, settings: Option<String>) -> Result<Exit> {
     match cli.command {
         Command::Compute(arguments) => commands::compute::run(*arguments, talk),
         Command::Inspect(arguments) => commands::inspect::run(*arguments, talk),
+        Command::Tradeoff(arguments) => commands::tradeoff::run(*arguments, talk),
         Command::Check(arguments) => commands::check::run(&arguments, talk),
+        Command::Balance(arguments) => commands::balance::run(&arguments, talk),
         Command::Compare(arguments) => commands::compare::run(&arguments, talk),
         Command::Export(arguments) => commands::export::run(&arguments, talk),
         Command::Generate(arguments) => commands::generate::run(&arguments, talk),

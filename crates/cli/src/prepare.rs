@@ -1,7 +1,7 @@
-//! From a scene's file to a model: read, scale, repair, cut, order. What `compute` and `inspect` have in common.
+//! From a scene's file to a model: read, scale, repair, cut, order. What `compute`, `inspect` and `tradeoff` have in
+//! common.
 
-use crate::args::{AutoSwitch, SceneSettings, Switch};
-use crate::args::{RenderSettings as RenderArguments, Talk};
+use crate::args::{AutoSwitch, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk};
 use crate::exit::hinted;
 use crate::report::{Input, counted};
 use anyhow::{Context, Result, anyhow};
@@ -92,7 +92,34 @@ impl SceneSettings {
     }
 }
 
+impl AsRef<EngineSettings> for EngineSettings {
+    fn as_ref(&self) -> &EngineSettings {
+        self
+    }
+}
+
+impl AsRef<EngineSettings> for RenderArguments {
+    fn as_ref(&self) -> &EngineSettings {
+        &self.engine
+    }
+}
+
 impl RenderArguments {
+    /// How many threads work.
+    pub(crate) fn thread_count(&self) -> usize {
+        self.engine.thread_count()
+    }
+
+    /// The backend that was asked for.
+    ///
+    /// # Errors
+    /// When there is none of that name.
+    pub(crate) fn open_backend(&self) -> Result<Box<dyn HemicubeBackend>> {
+        self.engine.open_backend()
+    }
+}
+
+impl EngineSettings {
     /// How the octree is cut.
     pub(crate) fn hierarchy(&self) -> HierarchyOptions {
         let suits = HierarchyOptions::default();
@@ -129,7 +156,7 @@ impl RenderArguments {
 ///
 /// # Errors
 /// When it cannot be read, nothing of it can be used, or there are too many patches.
-pub(crate) fn prepare(path: &Path, settings: &SceneSettings, render: &RenderArguments) -> Result<Prepared> {
+pub(crate) fn prepare(path: &Path, settings: &SceneSettings, engine: &impl AsRef<EngineSettings>) -> Result<Prepared> {
     let started = Instant::now();
     if path.is_dir() {
         return Err(anyhow!(
@@ -174,7 +201,7 @@ pub(crate) fn prepare(path: &Path, settings: &SceneSettings, render: &RenderArgu
     let started = Instant::now();
     let patches = Patches::new(&scene, settings.subdivision()).map_err(|error| error.in_file(path))?;
     let patches = Arc::new(patches);
-    let model = Model::new(Arc::clone(&patches), render.hierarchy())
+    let model = Model::new(Arc::clone(&patches), engine.as_ref().hierarchy())
         .with_context(|| format!("`{}` cannot be computed", path.display()))?;
     let build_seconds = started.elapsed().as_secs_f64();
     Ok(Prepared {

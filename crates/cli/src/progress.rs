@@ -18,12 +18,17 @@ fn is_watched(talk: Talk) -> bool {
 impl Bar {
     /// A bar of `row_count` rows with rate and time left, if standard error is a terminal.
     pub(crate) fn rows(talk: Talk, row_count: u64) -> Self {
+        Self::counting(talk, row_count, "rows")
+    }
+
+    /// The same of something else.
+    pub(crate) fn counting(talk: Talk, count: u64, what: &str) -> Self {
         if !is_watched(talk) {
             return Self(None);
         }
-        let bar = ProgressBar::with_draw_target(Some(row_count), ProgressDrawTarget::stderr_with_hz(10));
-        let template = "{wide_bar} {human_pos}/{human_len} rows, {rate}/s, {eta} left";
-        if let Ok(style) = ProgressStyle::with_template(template) {
+        let bar = ProgressBar::with_draw_target(Some(count), ProgressDrawTarget::stderr_with_hz(10));
+        let template = format!("{{wide_bar}} {{human_pos}}/{{human_len}} {what}, {{rate}}/s, {{eta}} left");
+        if let Ok(style) = ProgressStyle::with_template(&template) {
             let rate = |state: &ProgressState, out: &mut dyn Write| {
                 let _ = write!(out, "{:.0}", state.per_sec());
             };

@@ -5,6 +5,7 @@ use crate::exit::Exit;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, SCHEMA, counted, figures, percent};
 use anyhow::Result;
+use hemicube::balance::BalanceEntry;
 use hemicube::check::{Check, CheckOptions, CheckReport, check};
 use hemicube::store::Store;
 use serde::Serialize;
@@ -16,6 +17,9 @@ struct Report<'a> {
     version: &'static str,
     #[serde(flatten)]
     check: &'a CheckReport,
+    /// What was done to the matrix after it was computed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    balance: Option<&'a BalanceEntry>,
 }
 
 #[allow(
@@ -40,6 +44,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             program: "hemicube",
             version: env!("CARGO_PKG_VERSION"),
             check: &found,
+            balance: store.manifest().balance.as_ref(),
         })?;
     }
     if !arguments.report.is_to_stdout() {
@@ -67,6 +72,9 @@ fn text(found: &CheckReport, store: &Store) -> String {
         "matrix",
         format!("{} of `{}`", found.store.display(), manifest.scene.file),
     );
+    if let Some(balance) = &manifest.balance {
+        list.add("balanced", super::balance::summary(balance));
+    }
     list.add("patches", report::count(found.patch_count.into()));
     list.add("rows", format!("{} ({parts})", report::count(found.rows)));
     let per_row = found.entries_per_row;

@@ -8,6 +8,8 @@ use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, Spread, TEMPORARY_SUFFIX, count, counted, duration,
     figures, percent, size,
 };
+use crate::rung::{self, Rung};
+use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
 use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, compute};
@@ -33,6 +35,9 @@ struct RowSettings {
     resolution: u32,
     samples: u32,
     correction: &'static str,
+    tolerance: Option<f64>,
+    /// Why this rung, where the program chose it.
+    reason: Option<String>,
     rotation: bool,
     subdivision: Cut,
     two_sided: &'static str,
@@ -91,6 +96,8 @@ struct Report {
     closure: f64,
     counters: Counters,
     #[serde(skip_serializing_if = "Option::is_none")]
+    verification: Option<Verification>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     timings: Option<Timings>,
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_memory_bytes: Option<u64>,
@@ -116,6 +123,7 @@ struct Timings {
     build: f64,
     rows: f64,
     write: f64,
+    verify: f64,
 }
 
 /// Keeps parts, and what their rows come to.
@@ -220,7 +228,8 @@ fn compute_into(
     let mut timings = Timings::default();
     let mut prepared = prepare(scene_path, &arguments.patches, &arguments.render)?;
     let selection = crate::selection::selection(&prepared.scene, &prepared.patches, &arguments.selection)?;
-    let (plan, rows) = plan(&prepared.model, selection, arguments)?;
+    let rung = rung::settle(&prepared.model, &arguments.render);
+    let (plan, rows) = plan(&prepared.model, selection, arguments, &rung)?;
     let device = backend.info().clone();
     let threads = arguments.render.thread_count();
     talk.say(&format!(
@@ -232,10 +241,13 @@ fn compute_into(
         counted(prepared.patches.len() as u64, "patch"),
     ));
     prepared.tell(talk);
+    if let Some(reason) = &rung.reason {
+        talk.say(reason);
+    }
 
     let started = Instant::now();
     let mut render = RenderSettings {
-        resolution: arguments.render.resolution,
+        resolution: rung.resolution,
         culling: Culling::On,
         covered: false,
     };
@@ -254,7 +266,7 @@ fn compute_into(
     timings.load = prepared.load_seconds;
     timings.build = prepared.build_seconds + started.elapsed().as_secs_f64();
 
-    let settings = row_settings(arguments, &prepared, rows);
+    let settings = row_settings(arguments, &prepared, rows, &rung, &plan);
     let area = prepared.patches.iter().map(|patch| prepared.patches.area(patch)).sum();
     // From here to the last manifest an interrupt waits, so that what it leaves is a store.
     exit::keep(true);
@@ -321,7 +333,7 @@ fn compute_into(
     timings.write += summary.sink.as_secs_f64() + started.elapsed().as_secs_f64();
 
     let [escaped, blocked, unselected] = means;
-    let report = Report {
+    let mut report = Report {
         schema: SCHEMA,
         program: "hemicube",
         version: env!("CARGO_PKG_VERSION"),
@@ -351,18 +363,37 @@ fn compute_into(
         rows_mostly_blocked: mostly_blocked,
         closure,
         counters: summary.counters,
+        verification: None,
         timings: (!arguments.report.no_timings).then_some(timings),
         peak_memory_bytes: report::peak_memory_bytes().filter(|_| !arguments.report.no_timings),
     };
     talk.say(summarise(&report, &summary, directory).trim_end());
-    if let Some(json) = json {
-        json.write(&report)?;
-    }
-    Ok(if summary.cancelled {
+    let mut exit = if summary.cancelled {
         Exit::Interrupted
     } else {
         Exit::Done
-    })
+    };
+    if let (Some(wanted), Exit::Done) = (arguments.verify, exit) {
+        let started = Instant::now();
+        let verify = Verify {
+            rows: wanted,
+            seed: arguments.selection.seed,
+            tolerance: arguments.render.tolerance,
+            threads,
+            cancel,
+        };
+        let verification = verify.run(&prepared.model, &plan, &Store::open(directory)?, talk)?;
+        talk.say(verification.text().trim_end());
+        exit = verification.exit();
+        report.verification = Some(verification);
+        if let Some(timings) = &mut report.timings {
+            timings.verify = started.elapsed().as_secs_f64();
+        }
+    }
+    if let Some(json) = json {
+        json.write(&report)?;
+    }
+    Ok(exit)
 }
 
 /// Refuses a place that cannot become a store, before a large scene is read; makes the directory. The store's writer has
@@ -411,7 +442,7 @@ fn check_place(directory: &Path, overwrite: bool) -> Result<()> {
 }
 
 /// The rows that the settings ask for.
-fn plan(model: &Model, selection: Selection, arguments: &Arguments) -> Result<(Plan, Rows)> {
+fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung) -> Result<(Plan, Rows)> {
     #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
     let patch_count = model.patches().len() as u32;
     let emitting = selection.emitters.as_ref().map_or(u64::from(patch_count), |emitters| {
@@ -462,10 +493,10 @@ fn plan(model: &Model, selection: Selection, arguments: &Arguments) -> Result<(P
         model,
         choice,
         selection,
-        arguments.render.samples.per_edge,
+        rung.samples_per_edge,
         arguments.render.rotation == Switch::On,
     )
-    .with_correction(arguments.render.correction.rung());
+    .with_correction(rung.correction);
     if plan.rows.is_empty() {
         bail!("no row is left to compute: `--rows`, `--emitters` and `--occluders` together exclude every patch");
     }
@@ -516,7 +547,7 @@ fn share_left(counters: &Counters, surfaces: usize) -> f64 {
     }
 }
 
-fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: Rows) -> RowSettings {
+fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: Rows, rung: &Rung, plan: &Plan) -> RowSettings {
     let Arguments {
         patches,
         render,
@@ -524,9 +555,11 @@ fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: Rows) -> RowSe
         ..
     } = arguments;
     RowSettings {
-        resolution: render.resolution,
-        samples: render.samples.per_edge * render.samples.per_edge,
-        correction: render.correction.name(),
+        resolution: rung.resolution,
+        samples: u32::try_from(plan.hemicubes_per_row()).unwrap_or(u32::MAX),
+        correction: rung.correction.name(),
+        tolerance: render.tolerance.map(|tolerance| tolerance.0),
+        reason: rung.reason.clone(),
         rotation: render.rotation == Switch::On,
         subdivision: match patches.subdivision() {
             Subdivision::None => Cut::None,
@@ -726,7 +759,7 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
 }
 
 /// A path as a word of a shell.
-fn word(path: &Path) -> String {
+pub(crate) fn word(path: &Path) -> String {
     let text = path.display().to_string();
     let plain = |c: char| c.is_alphanumeric() || "/._-+,:@%=".contains(c);
     if !text.is_empty() && text.chars().all(plain) {

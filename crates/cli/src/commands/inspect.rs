@@ -1,6 +1,7 @@
 //! `hemicube inspect`: what a scene is, what in it looks like a mistake, and what its matrix would cost.
 //!
-//! The forecast comes from the hemicubes of a random sample of patches; its time is the only figure that a clock enters.
+//! The forecast and the statistics come from the hemicubes of a random sample of patches; the forecast's time is the only
+//! figure that a clock enters.
 
 use crate::args::{Inspect as Arguments, Switch, Talk};
 use crate::exit::Exit;
@@ -11,6 +12,7 @@ use crate::report::{
 use anyhow::{Result, bail};
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::compute::{Plan, RowChoice, Selection};
+use hemicube::diagnose::{DiagnoseOptions, Diagnosis, Finding, FindingKind, SceneStatistics, Unit, diagnose};
 use hemicube::row::RowBlock;
 use hemicube::{InputPatch, Model};
 use hemicube_scene::survey::{Edges, Survey, survey};
@@ -19,6 +21,12 @@ use std::time::Instant;
 
 /// Patches whose hemicubes the forecast is made from.
 const SAMPLE: u32 = 64;
+
+/// Places that the terminal shows of each finding; the JSON report has them all.
+const EXAMPLES_SHOWN: usize = 3;
+
+/// Where long sentences are broken.
+const WIDTH: usize = 100;
 
 /// Bytes of a store: an entry's column and value; a row's ends, patch, weights and hemicubes; a patch in the table.
 const ENTRY_BYTES: f64 = 8.0;
@@ -38,7 +46,9 @@ struct Report {
     warnings: Vec<String>,
     patches: PatchReport,
     octree: OctreeReport,
+    diagnosis: DiagnosisReport,
     backend: BackendReport,
+    statistics: SceneStatistics,
     forecast: Forecast,
     #[serde(skip_serializing_if = "Option::is_none")]
     timings: Option<Timings>,
@@ -114,6 +124,32 @@ struct OctreeReport {
     surfaces_per_leaf: f64,
 }
 
+/// What would spoil form factors, each place with the names of what is there.
+#[derive(Serialize)]
+struct DiagnosisReport {
+    seed: u64,
+    precision: hemicube::diagnose::Precision,
+    findings: Vec<FindingReport>,
+}
+
+#[derive(Serialize)]
+struct FindingReport {
+    #[serde(flatten)]
+    finding: Finding,
+    meaning: &'static str,
+    measure: &'static str,
+    unit: Unit,
+    /// For each example the objects that its patches belong to.
+    objects: Vec<Vec<Place>>,
+}
+
+/// Where a patch comes from.
+#[derive(Serialize)]
+struct Place {
+    face: u32,
+    object: String,
+}
+
 /// What the sampled rows say of all.
 #[derive(Serialize)]
 struct Forecast {
@@ -123,10 +159,6 @@ struct Forecast {
     samples: u32,
     visible_median: u64,
     visible_percentile_90: u64,
-    /// Share of the patches that face a patch which it sees.
-    visible_of_facing: f64,
-    escaped: f64,
-    blocked: f64,
     culled: f64,
     entries: f64,
     bytes: f64,
@@ -139,6 +171,7 @@ struct Forecast {
 struct Timings {
     load: f64,
     build: f64,
+    diagnose: f64,
 }
 
 pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
@@ -153,6 +186,20 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     if arguments.patches.up.is_some() {
         "`--up` says so".clone_into(&mut surveyed.up_reason);
     }
+    let started = Instant::now();
+    let options = DiagnoseOptions {
+        seed: arguments.seed,
+        threads: arguments.render.thread_count(),
+        ..DiagnoseOptions::default()
+    };
+    let diagnosis = diagnosis_report(&prepared, diagnose(&prepared.model, options));
+    let diagnose_seconds = started.elapsed().as_secs_f64();
+    let statistics = SceneStatistics::measure(
+        &prepared.model,
+        backend.as_mut(),
+        arguments.render.resolution,
+        arguments.seed,
+    )?;
     let mut forecast = forecast(&prepared.model, &arguments, backend.as_mut())?;
     if arguments.report.no_timings {
         forecast.seconds = None;
@@ -169,15 +216,18 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         warnings: prepared.scene.findings.warnings.clone(),
         patches: patch_report(&prepared),
         octree: octree_report(&prepared.model),
+        diagnosis,
         backend: BackendReport {
             name: device.name,
             version: device.version,
             device: device.device,
         },
+        statistics,
         forecast,
         timings: timed.then_some(Timings {
             load: prepared.load_seconds,
             build: prepared.build_seconds,
+            diagnose: diagnose_seconds,
         }),
         peak_memory_bytes: report::peak_memory_bytes().filter(|_| timed),
         inputs: vec![prepared.input],
@@ -253,6 +303,39 @@ fn octree_report(model: &Model) -> OctreeReport {
     }
 }
 
+fn diagnosis_report(prepared: &Prepared, diagnosis: Diagnosis) -> DiagnosisReport {
+    let place = |patch: InputPatch| {
+        let triangle = prepared.scene.triangles.get(prepared.patches.triangle(patch))?;
+        let object = prepared.scene.objects.get(triangle.object as usize);
+        Some(Place {
+            face: triangle.face,
+            object: object.cloned().unwrap_or_default(),
+        })
+    };
+    let report = |finding: Finding| FindingReport {
+        meaning: finding.kind.meaning(),
+        measure: finding.kind.measure().name,
+        unit: finding.kind.measure().unit,
+        objects: finding
+            .examples
+            .iter()
+            .map(|example| {
+                [Some(example.patch), example.other]
+                    .into_iter()
+                    .flatten()
+                    .filter_map(place)
+                    .collect()
+            })
+            .collect(),
+        finding,
+    };
+    DiagnosisReport {
+        seed: diagnosis.seed,
+        precision: diagnosis.precision,
+        findings: diagnosis.findings.into_iter().map(report).collect(),
+    }
+}
+
 fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBackend) -> Result<Forecast> {
     let render = &arguments.render;
     let choice = RowChoice::Sample {
@@ -268,8 +351,8 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
     };
     backend.load(model.geometry(), settings)?;
 
-    let (mut visible, mut facing) = (Vec::new(), 0);
-    let (mut escaped, mut blocked, mut hemicube_count, mut transformed) = (0.0, 0.0, 0u64, 0);
+    let mut visible = Vec::new();
+    let (mut hemicube_count, mut transformed) = (0u64, 0);
     let mut seconds = 0.0;
     let mut block = RowBlock::default();
     for &patch in &plan.rows {
@@ -285,9 +368,6 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
         seconds += started.elapsed().as_secs_f64();
         hemicube_count += counters.hemicubes;
         transformed += counters.triangles_transformed;
-        let whole = f64::from(hemicube::backend::WHOLE) * hemicubes.len() as f64;
-        escaped += block.escaped.iter().map(|&weight| f64::from(weight)).sum::<f64>() / whole;
-        blocked += block.blocked.iter().map(|&weight| f64::from(weight)).sum::<f64>() / whole;
         let mut seen: Vec<u32> = block
             .patches
             .iter()
@@ -298,7 +378,6 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
         seen.sort_unstable();
         seen.dedup();
         visible.push(seen.len() as u64);
-        facing += facing_count(model, patch);
     }
     let rows = visible.len().max(1) as f64;
     let patch_count = model.patches().len() as f64;
@@ -322,13 +401,6 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
         samples,
         visible_median: at(50),
         visible_percentile_90: at(90),
-        visible_of_facing: if facing > 0 {
-            (total as f64 / facing as f64).min(1.0)
-        } else {
-            0.0
-        },
-        escaped: escaped / rows,
-        blocked: blocked / rows,
         culled: if all > 0.0 {
             (1.0 - transformed as f64 / all).max(0.0)
         } else {
@@ -339,17 +411,6 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
         threads,
         seconds: Some(per_hemicube * f64::from(samples) * patch_count / threads as f64),
     })
-}
-
-/// How many patches a patch could see if nothing were in between: each centroid in front of the other's plane.
-fn facing_count(model: &Model, patch: InputPatch) -> u64 {
-    let patches = model.patches();
-    let (centroid, normal) = (patches.centroid(patch), patches.normal(patch));
-    let faces = |other: InputPatch| {
-        let way = patches.centroid(other) - centroid;
-        way.dot(normal) > 0.0 && way.dot(patches.normal(other)) < 0.0
-    };
-    patches.iter().filter(|&other| faces(other)).count() as u64
 }
 
 fn text(report: &Report) -> String {
@@ -460,8 +521,9 @@ fn text(report: &Report) -> String {
         ),
     );
     let mut text = list.text();
+    text.push_str(&findings_text(&report.diagnosis));
 
-    let forecast = &report.forecast;
+    let (forecast, statistics) = (&report.forecast, &report.statistics);
     text.push_str(&format!(
         "\nFrom the hemicubes of {} (resolution {}, {} a patch):\n",
         counted(forecast.sampled_rows as u64, "random patch"),
@@ -479,17 +541,33 @@ fn text(report: &Report) -> String {
     );
     list.add(
         "occlusion",
-        format!("it sees {} of those that face it", percent(forecast.visible_of_facing)),
+        format!(
+            "{} of the {} that face it on average are hidden",
+            percent(statistics.occlusion),
+            about(statistics.facing)
+        ),
     );
     list.add(
         "escaped",
-        format!("{} of the view leaves the scene", percent(forecast.escaped)),
+        format!("{} of the view leaves the scene", percent(statistics.escaped)),
     );
     list.add(
         "blocked",
         format!(
             "{} of the view is backs of one-sided surfaces",
-            percent(forecast.blocked)
+            percent(statistics.blocked)
+        ),
+    );
+    list.add(
+        "nearness",
+        format!(
+            "half of its view is nearer than {} of its radii; {} patches nearer than 1.5 on average",
+            if statistics.nearness > 0.0 {
+                figures(statistics.nearness.recip())
+            } else {
+                "any number".to_owned()
+            },
+            figures(statistics.near)
         ),
     );
     list.add(
@@ -516,7 +594,8 @@ fn text(report: &Report) -> String {
     }
     text.push_str(&list.text());
 
-    if scene.worst.iter().any(|worst| worst.aspect > 20.0) {
+    let told = |report: &FindingReport| report.finding.kind == FindingKind::Sliver;
+    if scene.worst.iter().any(|worst| worst.aspect > 20.0) && !report.diagnosis.findings.iter().any(told) {
         text.push_str("\nThe slimmest triangles:\n");
         text.push_str(&report::table(
             ["face", "longest edge / height", "area", "object"],
@@ -531,6 +610,121 @@ fn text(report: &Report) -> String {
         ));
     }
     text
+}
+
+/// What would spoil form factors; nothing when nothing would.
+fn findings_text(diagnosis: &DiagnosisReport) -> String {
+    if diagnosis.findings.is_empty() {
+        return String::new();
+    }
+    let mut text = "\nWhat would spoil form factors:\n".to_owned();
+    for report in &diagnosis.findings {
+        let finding = &report.finding;
+        let kind = finding.kind;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count")]
+        let number = finding.estimate.round() as u64;
+        text.push_str(&format!(
+            "\n  {}: {}{} {}\n",
+            kind.name(),
+            if finding.is_estimate() { "about " } else { "" },
+            pairs(kind, number, finding.is_estimate()),
+            report.meaning
+        ));
+        let mut list = Listing::default();
+        if finding.is_estimate() {
+            list.add(
+                "    from",
+                format!(
+                    "{} found at {} of {} {}, sampled",
+                    count(finding.count),
+                    count(finding.examined),
+                    count(finding.population),
+                    kind.population()
+                ),
+            );
+        }
+        if let (Some(total), Some(measure)) = (finding.total, kind.total()) {
+            let total = match measure.unit {
+                Unit::Fraction => percent(total),
+                _ => figures(total),
+            };
+            list.add("    in all", format!("{total} {}", measure.name));
+        }
+        for (number, (example, places)) in finding
+            .examples
+            .iter()
+            .zip(&report.objects)
+            .enumerate()
+            .take(EXAMPLES_SHOWN)
+        {
+            let mut who = format!("patch {}", example.patch.0);
+            if let Some(other) = example.other {
+                who.push_str(&format!(" with {}", other.0));
+            }
+            let mut names: Vec<&str> = places.iter().map(|place| place.object.as_str()).collect();
+            names.dedup();
+            names.retain(|name| !name.is_empty());
+            if !names.is_empty() {
+                who.push_str(&format!(" (`{}`)", names.join("`, `")));
+            }
+            let at: Vec<String> = example.at.to_array().iter().map(|&c| coordinate(c)).collect();
+            list.add(
+                if number == 0 { "    worst" } else { "" },
+                format!("{who} at ({}): {}", at.join(" "), measured(example.value, report)),
+            );
+        }
+        for (number, line) in wrapped(&finding.next, WIDTH - 11).into_iter().enumerate() {
+            list.add(if number == 0 { "    try" } else { "" }, line);
+        }
+        text.push_str(&list.text());
+    }
+    text
+}
+
+/// A sentence in lines of at most `width` characters, but for words that are longer.
+fn wrapped(sentence: &str, width: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in sentence.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= width => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// How many of what was found, the number rounded where it is an estimate.
+fn pairs(kind: FindingKind, number: u64, is_estimate: bool) -> String {
+    let shown = if is_estimate {
+        about(number as f64)
+    } else {
+        count(number)
+    };
+    // `counted` knows the plurals of single words.
+    let (first, rest) = kind.counted().split_once(' ').unwrap_or((kind.counted(), ""));
+    let plural = counted(number, first);
+    let word = plural.rsplit(' ').next().unwrap_or(first);
+    format!("{shown} {word} {rest}").trim_end().to_owned()
+}
+
+fn measured(value: f64, report: &FindingReport) -> String {
+    match report.unit {
+        Unit::Fraction => format!("{} {}", percent(value), report.measure),
+        Unit::Degrees => format!("{} by {}°", report.measure, figures(value)),
+        _ => format!("{} {}", report.measure, figures(value)),
+    }
+}
+
+fn coordinate(value: f64) -> String {
+    let text = format!("{value:.3}");
+    if value != 0.0 && value.abs() < 0.1 {
+        figures(value)
+    } else {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    }
 }
 
 fn edges(edges: &EdgeReport, closed: bool) -> String {

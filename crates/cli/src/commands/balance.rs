@@ -1,0 +1,210 @@
+//! `hemicube balance`: a copy of a matrix that is reciprocal, closed, or without small entries.
+
+use crate::args::{Balance as Arguments, Talk};
+use crate::exit::{Exit, hinted, watch_interrupts};
+use crate::progress::Bar;
+use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, percent, size};
+use anyhow::Result;
+use hemicube::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
+use hemicube::store::{Error, Store};
+use serde::Serialize;
+
+#[derive(Serialize)]
+struct Report<'a> {
+    schema: u32,
+    program: &'static str,
+    version: &'static str,
+    #[serde(flatten)]
+    report: &'a BalanceReport,
+}
+
+pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    let json = JsonReport::open(&arguments.report)?;
+    report::require(&arguments.store)?;
+    let store = Store::open(&arguments.store)?;
+    let options = BalanceOptions {
+        closure: arguments.closure,
+        reciprocity: arguments.reciprocity,
+        min_factor: arguments.min_factor.unwrap_or(0.0),
+        max_scale: arguments.max_scale,
+        tolerance: arguments.tolerance,
+        max_sweeps: arguments.max_sweeps,
+        overwrite: arguments.overwrite,
+    };
+    // Nothing of a balanced matrix is worth keeping but all of it: an interrupt ends the program at once.
+    watch_interrupts()?;
+    let bar = Bar::spinner(talk, "balancing");
+    let found = balance(&store, &arguments.output, &options).map_err(|error| hint(error, arguments))?;
+    drop(bar);
+    if let Some(json) = json {
+        json.write(&Report {
+            schema: SCHEMA,
+            program: "hemicube",
+            version: env!("CARGO_PKG_VERSION"),
+            report: &found,
+        })?;
+    }
+    if !arguments.report.is_to_stdout() {
+        report::print(&text(&found))?;
+    }
+    for warning in warnings(&found.balance) {
+        talk.warn(&warning);
+    }
+    Ok(if found.balance.converged {
+        Exit::Done
+    } else {
+        Exit::NotHeld
+    })
+}
+
+/// The next step, where the error itself does not say it.
+fn hint(error: Error, arguments: &Arguments) -> anyhow::Error {
+    let step = match &error {
+        Error::Refused { .. } => Some("`hemicube balance --help` has examples".to_owned()),
+        Error::Checksum { .. } | Error::Malformed { .. } => Some(format!(
+            "`hemicube check {}` looks at all of it",
+            arguments.store.display()
+        )),
+        _ => None,
+    };
+    match step {
+        Some(step) => hinted(error.into(), step),
+        None => error.into(),
+    }
+}
+
+/// What was done, in a few words.
+pub(crate) fn summary(entry: &BalanceEntry) -> String {
+    let mut words = Vec::new();
+    if entry.closure {
+        words.push(format!(
+            "scaled to closure in {}",
+            counted(entry.sweeps.into(), "sweep")
+        ));
+    }
+    if entry.reciprocity {
+        words.push("made reciprocal".to_owned());
+    }
+    if entry.min_factor > 0.0 {
+        words.push(format!(
+            "without {} below {}",
+            counted(entry.entries_dropped, "entry"),
+            figures(entry.min_factor)
+        ));
+    }
+    words.join(", ")
+}
+
+fn text(found: &BalanceReport) -> String {
+    let entry = &found.balance;
+    let mut list = Listing::default();
+    list.add(
+        "matrix",
+        format!("`{}` from `{}`", found.output.display(), found.source.display()),
+    );
+    list.add("balanced", summary(entry));
+    if entry.reciprocity {
+        list.add(
+            "pairs",
+            format!(
+                "{}, of which one row lacked {}",
+                count(entry.pairs),
+                count(entry.pairs_one_sided)
+            ),
+        );
+    }
+    if entry.min_factor > 0.0 {
+        list.add(
+            "dropped",
+            format!(
+                "{} with {} of what all carry; the others carry it now",
+                counted(entry.entries_dropped, "entry"),
+                percent(entry.mass_dropped)
+            ),
+        );
+    }
+    list.add(
+        "scaled",
+        format!("entries by {} to {}", factor(entry.scale_min), factor(entry.scale_max)),
+    );
+    let mut text = list.text();
+    text.push('\n');
+    let (before, after) = (entry.before, entry.after);
+    let row = |name: &str, before: String, after: String| [name.to_owned(), before, after];
+    let mut rows = vec![
+        row("entries", count(entry.entries_before), count(entry.entries_after)),
+        row("size", size(found.bytes_before), size(found.bytes_after)),
+        row(
+            "closure error, worst row",
+            figures(before.closure_max),
+            figures(after.closure_max),
+        ),
+        row(
+            "closure error, root mean square",
+            figures(before.closure_rms),
+            figures(after.closure_rms),
+        ),
+        row(
+            "reciprocity residual",
+            figures(before.reciprocity),
+            figures(after.reciprocity),
+        ),
+        row(
+            "reciprocity, worst pair",
+            figures(before.reciprocity_worst),
+            figures(after.reciprocity_worst),
+        ),
+    ];
+    let uncounted = entry.rows_at_bound + entry.rows_empty + entry.rows_without_target;
+    if entry.closure && uncounted > 0 {
+        rows.insert(
+            3,
+            row(
+                "closure error, worst of those that can be closed",
+                String::new(),
+                figures(entry.closure_max_of_others),
+            ),
+        );
+    }
+    text.push_str(&report::table(["", "before", "after"], rows));
+    text
+}
+
+/// A factor near 1 with the digits that tell it from 1.
+fn factor(value: f64) -> String {
+    format!("{value:.4}")
+}
+
+fn warnings(entry: &BalanceEntry) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if !entry.converged {
+        warnings.push(format!(
+            "the rows did not settle within {} to {}; allow more with `--max-sweeps`, or ask for less with `--tolerance`",
+            counted(entry.sweeps.into(), "sweep"),
+            figures(entry.tolerance)
+        ));
+    }
+    let mut rows = |number: u64, why: &str| {
+        if number > 0 {
+            warnings.push(format!("{} {why}", counted(number, "row")));
+        }
+    };
+    rows(
+        entry.rows_empty,
+        "cannot be closed: no entries, though the hemicubes saw patches",
+    );
+    rows(
+        entry.rows_without_target,
+        "cannot be closed: entries, though the hemicubes saw no patch; other patches see theirs",
+    );
+    rows(
+        entry.rows_at_bound,
+        "cannot be scaled to the sum within `--max-scale`: one hemicube lost what most of the patch sees, or too few \
+         entries; the closure error of the worst is above",
+    );
+    rows(
+        entry.rows_kept_whole,
+        "kept entries below `--min-factor`: nearly all that they have is below it",
+    );
+    warnings
+}

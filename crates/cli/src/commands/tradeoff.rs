@@ -1,0 +1,970 @@
+//! `hemicube tradeoff`: every rung of the accuracy ladder on a sample of a scene's rows, its error against rays and its
+//! time on this machine, and the setting to take for a tolerance.
+//!
+//! Errors depend on the scene, the sample and its seed only. Times, and what is chosen by them (the front and the
+//! recommendation), are this machine's. What is tried is settled by counting triangles and pixels, not by a clock.
+
+mod plot;
+
+use crate::args::Tradeoff as Arguments;
+use crate::args::{AutoSwitch, Correction as Name, EngineSettings, SceneSettings, Switch, Talk, Tolerance, UpAxis};
+use crate::commands::compute::word;
+use crate::exit::{self, Exit};
+use crate::prepare::{Prepared, prepare};
+use crate::progress::Bar;
+use crate::report::print;
+use crate::report::{
+    BackendReport, Input, JsonReport, PendingFile, SCHEMA, count, counted, duration, figures, percent,
+};
+use crate::rung::{correction, correction_within, percentage};
+use crate::verify::{reference_rows, reference_settings};
+use anyhow::{Context, Result, bail};
+use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
+use hemicube::compute::{Execution, Plan, Progress, RowChoice, Selection, compute};
+use hemicube::correct::Correction;
+use hemicube::reference::{EstimatedRow, Measured, Reference, errors_against, noise_of};
+use hemicube::row::RowBlock;
+use hemicube::store::Part;
+use hemicube::{InputPatch, Model};
+use plot::{Family, Format, Mark, Picture};
+use serde::Serialize;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What is tried: the tolerances, and the resolutions and hemicubes a patch (n of n²) of the other rungs.
+const TOLERANCES: [f64; 6] = [5e-2, 2e-2, 1e-2, 5e-3, 3e-3, 1e-3];
+const SAMPLES: [u32; 3] = [1, 2, 4];
+const RESOLUTIONS_OF_PIXEL: [u32; 4] = [64, 128, 256, 512];
+const RESOLUTIONS_OF_POINT: [u32; 1] = [128];
+const RESOLUTIONS_OF_AREA: [u32; 3] = [64, 128, 256];
+/// Tolerances have hemicubes of this many pixels along an edge, as `compute` has.
+const RESOLUTION_OF_TOLERANCE: u32 = 128;
+
+/// A cheaper setting is as good if its error is at most this much of the dearer one's: less is chance.
+const AS_GOOD: f64 = 1.05;
+
+/// Errors of this share of the tolerance are still told from nothing.
+const SHARE_TOLD_APART: f64 = 0.3;
+
+/// Nominal milliseconds, to know beforehand what is absurd: for a triangle, a pixel, an entry that is corrected, and an
+/// entry at a tolerance of 1 %.
+const COST_OF_TRIANGLE: f64 = 1e-4;
+const COST_OF_PIXEL: f64 = 8e-7;
+const COST_OF_FACTOR: f64 = 1e-4;
+const COST_OF_TOLERANCE: f64 = 1e-3;
+/// Hemicubes that the nominal cost is counted from.
+const PROBES: usize = 8;
+/// Nominal seconds for all sampled rows beyond which a setting is skipped.
+const SECONDS_MOST: f64 = 60.0;
+/// How often a setting is timed, the best counting, and the seconds from which once is enough. The rows are the same.
+const REPEATS: u32 = 5;
+const SECONDS_ONCE: f64 = 0.5;
+
+/// A setting that is tried.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Setting {
+    rung: Rung,
+    resolution: u32,
+    samples_per_edge: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Rung {
+    Named(Name),
+    Tolerance(f64),
+}
+
+impl Setting {
+    fn correction(self) -> Correction {
+        match self.rung {
+            Rung::Named(name) => correction(name),
+            Rung::Tolerance(tolerance) => correction_within(Tolerance(tolerance)),
+        }
+    }
+
+    fn family(self) -> Family {
+        match self.rung {
+            Rung::Named(Name::Pixel) => Family::Pixel,
+            Rung::Named(Name::Point) => Family::Point,
+            Rung::Named(Name::Area) => Family::Area,
+            Rung::Tolerance(_) => Family::Tolerance,
+        }
+    }
+
+    fn name(self) -> String {
+        match self.rung {
+            Rung::Named(_) => format!(
+                "{} K={} N={}",
+                self.correction().name(),
+                self.samples_per_edge * self.samples_per_edge,
+                self.resolution
+            ),
+            Rung::Tolerance(tolerance) => format!("tolerance {}", percentage(tolerance)),
+        }
+    }
+
+    /// The words of `compute` that ask for it.
+    fn words(self) -> String {
+        match self.rung {
+            Rung::Named(_) => format!(
+                "--correction {} --samples {} --resolution {}",
+                self.correction().name(),
+                self.samples_per_edge * self.samples_per_edge,
+                self.resolution
+            ),
+            Rung::Tolerance(tolerance) => format!("--tolerance {}", percentage(tolerance)),
+        }
+    }
+
+    /// Nominal milliseconds of a row of which a hemicube transforms so many triangles and sees so many patches.
+    fn nominal(self, triangles: f64, seen: f64) -> f64 {
+        let pixels = 3.0 * f64::from(self.resolution) * f64::from(self.resolution);
+        let hemicube = COST_OF_TRIANGLE * triangles + COST_OF_PIXEL * pixels;
+        let samples = f64::from(self.samples_per_edge * self.samples_per_edge);
+        match self.rung {
+            Rung::Named(Name::Pixel) => samples * hemicube,
+            Rung::Named(Name::Point | Name::Area) => samples * hemicube + COST_OF_FACTOR * seen,
+            Rung::Tolerance(tolerance) => hemicube + COST_OF_TOLERANCE * seen * (1e-2 / tolerance),
+        }
+    }
+}
+
+/// Everything worth trying, with the tolerance that is asked for.
+fn settings(asked: Tolerance) -> Vec<Setting> {
+    let named = [
+        (Name::Pixel, RESOLUTIONS_OF_PIXEL.as_slice()),
+        (Name::Point, RESOLUTIONS_OF_POINT.as_slice()),
+        (Name::Area, RESOLUTIONS_OF_AREA.as_slice()),
+    ];
+    let mut settings: Vec<Setting> = Vec::new();
+    for (name, resolutions) in named {
+        for samples_per_edge in SAMPLES {
+            settings.extend(resolutions.iter().map(|&resolution| Setting {
+                rung: Rung::Named(name),
+                resolution,
+                samples_per_edge,
+            }));
+        }
+    }
+    let mut tolerances = TOLERANCES.to_vec();
+    if !tolerances.iter().any(|&tolerance| is_same(tolerance, asked.0)) {
+        tolerances.push(asked.0);
+    }
+    settings.extend(tolerances.into_iter().map(|tolerance| Setting {
+        rung: Rung::Tolerance(tolerance),
+        resolution: RESOLUTION_OF_TOLERANCE,
+        samples_per_edge: 1,
+    }));
+    settings
+}
+
+/// Whether two tolerances are one but for rounding.
+fn is_same(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-9 * a.max(b)
+}
+
+/// A setting with what was measured of it.
+#[derive(Clone, Debug, Serialize)]
+struct Trial {
+    name: String,
+    rung: &'static str,
+    tolerance: Option<f64>,
+    /// Hemicubes a patch.
+    samples: u32,
+    resolution: u32,
+    /// The words of `compute` that ask for it.
+    words: String,
+    entries: u64,
+    measured: Measured,
+    /// Left out where times are: a clock decides them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    timing: Option<Timing>,
+    #[serde(skip)]
+    setting: Setting,
+}
+
+#[derive(Clone, Copy, Debug, Serialize)]
+struct Timing {
+    milliseconds_per_row: f64,
+    /// Forecast for all rows with all threads.
+    seconds_for_all_rows: f64,
+    repeats: u32,
+    /// Whether no cheaper setting is as good.
+    front: bool,
+}
+
+impl Trial {
+    /// The error that may be claimed: its upper end, for all that the reference's noise lets one say.
+    fn bound(&self) -> f64 {
+        let high = self.measured.interval_of_rows.high;
+        if high.is_nan() { f64::INFINITY } else { high }
+    }
+
+    fn milliseconds(&self) -> f64 {
+        self.timing.map_or(f64::INFINITY, |timing| timing.milliseconds_per_row)
+    }
+
+    fn is_on_front(&self) -> bool {
+        self.timing.is_some_and(|timing| timing.front)
+    }
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct Skipped {
+    name: String,
+    /// Nominal seconds for the sampled rows.
+    nominal_seconds: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct ReferenceReport {
+    target: f64,
+    noise: f64,
+    rays: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct Recommendation {
+    name: String,
+    command: String,
+    /// The upper end of the error, which is within the tolerance.
+    error: f64,
+    milliseconds_per_row: f64,
+    seconds_for_all_rows: f64,
+    /// The error that the whole matrix may have, for all that the sampled rows say.
+    error_of_matrix: f64,
+}
+
+/// The report of `--json`.
+#[derive(Serialize)]
+struct Report {
+    schema: u32,
+    program: &'static str,
+    version: &'static str,
+    inputs: Vec<Input>,
+    patches: u64,
+    backend: BackendReport,
+    threads: usize,
+    tolerance: f64,
+    sampled_rows: usize,
+    seed: u64,
+    reference: ReferenceReport,
+    trials: Vec<Trial>,
+    skipped: Vec<Skipped>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recommended: Option<Recommendation>,
+}
+
+pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
+    // clap requires it; only `--print-config` goes without.
+    let Some(path) = arguments.scene.as_deref() else {
+        bail!("a scene is needed")
+    };
+    let plot = match &arguments.plot {
+        Some(file) => Some((Format::of(file)?, PendingFile::create(file)?)),
+        None => None,
+    };
+    let json = JsonReport::open(&arguments.report)?;
+    let mut backend = arguments.engine.open_backend()?;
+    let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
+    let prepared = prepare(path, &arguments.patches, &arguments.engine)?;
+    prepared.tell(talk);
+    // An interrupt ends what is under way, so that files which were begun are removed.
+    exit::keep(true);
+    let Some(mut report) = measure(&arguments, prepared, backend.as_mut(), cancel, talk)? else {
+        talk.say("interrupted: nothing is reported");
+        return Ok(Exit::Interrupted);
+    };
+    exit::keep(false);
+    let recommended = recommend(&report.trials, &arguments, path, report.patches, report.threads);
+    if let Some((format, mut file)) = plot {
+        let picture = picture(&report, recommended.as_ref(), path);
+        file.write_all(&plot::draw(&picture, format)?)
+            .context("the picture cannot be written")?;
+        file.commit()?;
+    }
+    if !arguments.report.is_to_stdout() {
+        print(&text(&report, recommended.as_ref(), &arguments, path))?;
+    }
+    if let Some(json) = json {
+        if arguments.report.no_timings {
+            for trial in &mut report.trials {
+                trial.timing = None;
+            }
+        } else {
+            report.recommended = recommended;
+        }
+        json.write(&report)?;
+    }
+    Ok(Exit::Done)
+}
+
+/// Measures everything; nothing where it was interrupted.
+fn measure(
+    arguments: &Arguments,
+    prepared: Prepared,
+    backend: &mut dyn HemicubeBackend,
+    cancel: &AtomicBool,
+    talk: Talk,
+) -> Result<Option<Report>> {
+    let model = &prepared.model;
+    let threads = arguments.engine.thread_count();
+    let choice = RowChoice::Sample {
+        count: arguments.sample_rows,
+        seed: arguments.seed,
+    };
+    let plan_of = |samples_per_edge, correction| {
+        Plan::new(model, choice, Selection::default(), samples_per_edge, true).with_correction(correction)
+    };
+    let rows = plan_of(1, Correction::Pixel).rows;
+    let row_count = rows.len() as u64;
+
+    // Finer settings than the one that will do are to be told from it too.
+    let finer = Tolerance(arguments.tolerance.0 * SHARE_TOLD_APART);
+    let settings_of_reference = reference_settings(Some(finer), arguments.seed);
+    let reference = Reference::new(model, settings_of_reference).context("there is no reference to measure against")?;
+    talk.say(&format!("reference: {} by rays", counted(row_count, "row")));
+    let bar = Bar::rows(talk, row_count);
+    let exact = reference_rows(&reference, &rows, threads, cancel, &mut |done| {
+        bar.show(Progress {
+            rows: done,
+            row_count,
+            entries: 0,
+        });
+    })?;
+    drop(bar);
+    if cancel.load(Ordering::Relaxed) {
+        return Ok(None);
+    }
+
+    let (triangles, seen) = probe(model, &rows, backend)?;
+    let (mut skipped, mut timings) = (Vec::new(), Vec::new());
+    for setting in settings(arguments.tolerance) {
+        let nominal_seconds = setting.nominal(triangles, seen) * 1e-3 * row_count as f64;
+        if nominal_seconds > SECONDS_MOST {
+            skipped.push(Skipped {
+                name: setting.name(),
+                nominal_seconds,
+            });
+        } else {
+            timings.push(Timed {
+                setting,
+                plan: plan_of(setting.samples_per_edge, setting.correction()),
+                repeats: 0,
+                parts: Vec::new(),
+                milliseconds_per_row: f64::INFINITY,
+            });
+        }
+    }
+    talk.say(&format!(
+        "settings: {}, timed with one thread",
+        count(timings.len() as u64)
+    ));
+    let all = timings.len() as u64 * u64::from(REPEATS);
+    let bar = Bar::counting(talk, all, "timings");
+    // All settings once, then all again: whatever else the machine does in between hits them alike.
+    let mut done = 0;
+    for _ in 0..REPEATS {
+        for timed in &mut timings {
+            if timed.repeats == 0 || timed.milliseconds_per_row * row_count as f64 * 1e-3 < SECONDS_ONCE {
+                timed.run(model, arguments, cancel)?;
+            }
+            if cancel.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            done += 1;
+            bar.show(Progress {
+                rows: done,
+                row_count: all,
+                entries: 0,
+            });
+        }
+    }
+    drop(bar);
+    let patches = model.patches().len() as u64;
+    let mut trials = Vec::with_capacity(timings.len());
+    for timed in timings {
+        let Timed {
+            setting,
+            plan,
+            repeats,
+            parts,
+            milliseconds_per_row,
+        } = timed;
+        let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
+        trials.push(Trial {
+            name: setting.name(),
+            rung: plan.correction.name(),
+            tolerance: match setting.rung {
+                Rung::Tolerance(tolerance) => Some(tolerance),
+                Rung::Named(_) => None,
+            },
+            samples: u32::try_from(plan.hemicubes_per_row()).unwrap_or(u32::MAX),
+            resolution: setting.resolution,
+            words: setting.words(),
+            entries: parts.iter().map(|part| part.indices.len() as u64).sum(),
+            measured: errors_against(&exact, &estimated),
+            timing: Some(Timing {
+                milliseconds_per_row,
+                seconds_for_all_rows: milliseconds_per_row * 1e-3 * patches as f64 / threads as f64,
+                repeats,
+                front: false,
+            }),
+            setting,
+        });
+    }
+    mark_front(&mut trials);
+    let info = backend.info();
+    Ok(Some(Report {
+        schema: SCHEMA,
+        program: "hemicube",
+        version: env!("CARGO_PKG_VERSION"),
+        inputs: vec![prepared.input],
+        patches,
+        backend: BackendReport {
+            name: info.name.clone(),
+            version: info.version.clone(),
+            device: info.device.clone(),
+        },
+        threads,
+        tolerance: arguments.tolerance.0,
+        sampled_rows: rows.len(),
+        seed: arguments.seed,
+        reference: ReferenceReport {
+            target: settings_of_reference.target,
+            noise: noise_of(&exact),
+            rays: exact.iter().map(|row| row.rays).sum(),
+        },
+        trials,
+        skipped,
+        recommended: None,
+    }))
+}
+
+/// Triangles that a hemicube transforms, and patches that it sees, on average over a few.
+fn probe(model: &Model, rows: &[InputPatch], backend: &mut dyn HemicubeBackend) -> Result<(f64, f64)> {
+    let hemicubes: Vec<_> = (0..PROBES)
+        .filter_map(|probe| rows.get(probe * rows.len() / PROBES))
+        .flat_map(|&patch| model.hemicubes(patch, 1, true))
+        .collect();
+    let settings = RenderSettings {
+        resolution: RESOLUTION_OF_TOLERANCE,
+        culling: Culling::On,
+        covered: false,
+    };
+    backend.load(model.geometry(), settings)?;
+    let mut block = RowBlock::default();
+    let counters = backend.rows(&hemicubes, &mut block)?;
+    let share = 1.0 / hemicubes.len().max(1) as f64;
+    Ok((
+        counters.triangles_transformed as f64 * share,
+        block.patches.len() as f64 * share,
+    ))
+}
+
+/// A setting that is being timed.
+struct Timed {
+    setting: Setting,
+    plan: Plan,
+    /// How often so far.
+    repeats: u32,
+    /// The rows, which are the same every time.
+    parts: Vec<Part>,
+    /// The least so far.
+    milliseconds_per_row: f64,
+}
+
+impl Timed {
+    /// Computes the rows once more.
+    fn run(&mut self, model: &Model, arguments: &Arguments, cancel: &AtomicBool) -> Result<()> {
+        let settings = RenderSettings {
+            resolution: self.setting.resolution,
+            culling: Culling::On,
+            covered: false,
+        };
+        let execution = Execution {
+            threads: 1,
+            batch: 0,
+            cancel: Some(cancel),
+        };
+        let backend = arguments.engine.open_backend()?;
+        self.parts.clear();
+        let summary = compute(
+            model,
+            &self.plan,
+            settings,
+            backend,
+            execution,
+            &mut self.parts,
+            &mut |_| {},
+        )?;
+        self.repeats += 1;
+        let milliseconds = summary.elapsed.as_secs_f64() * 1e3 / summary.rows.max(1) as f64;
+        self.milliseconds_per_row = self.milliseconds_per_row.min(milliseconds);
+        Ok(())
+    }
+}
+
+/// Puts trials in order of time, and marks those of which no cheaper one is as good.
+fn mark_front(trials: &mut [Trial]) {
+    trials.sort_by(|a, b| a.milliseconds().total_cmp(&b.milliseconds()));
+    let mut best = f64::INFINITY;
+    for trial in trials {
+        let bound = trial.bound();
+        let front = bound * AS_GOOD < best || (best > 0.0 && bound == 0.0);
+        if let Some(timing) = &mut trial.timing {
+            timing.front = front;
+        }
+        best = best.min(bound);
+    }
+}
+
+/// The cheapest setting that is within the tolerance even at the upper end of its error.
+fn recommend(
+    trials: &[Trial],
+    arguments: &Arguments,
+    path: &Path,
+    patches: u64,
+    threads: usize,
+) -> Option<Recommendation> {
+    let trial = trials
+        .iter()
+        .filter(|trial| trial.bound() <= arguments.tolerance.0)
+        .min_by(|a, b| a.milliseconds().total_cmp(&b.milliseconds()))?;
+    Some(Recommendation {
+        name: trial.name.clone(),
+        command: command(trial, arguments, path),
+        error: trial.bound(),
+        milliseconds_per_row: trial.milliseconds(),
+        seconds_for_all_rows: trial.milliseconds() * 1e-3 * patches as f64 / threads as f64,
+        error_of_matrix: trial.measured.interval_of_matrix.high,
+    })
+}
+
+/// The line that computes the whole matrix with a setting.
+fn command(trial: &Trial, arguments: &Arguments, path: &Path) -> String {
+    let mut output = path.file_stem().map_or_else(|| PathBuf::from("matrix"), PathBuf::from);
+    output.as_mut_os_string().push(".hemicube");
+    let mut words = vec![format!("hemicube compute {} -o {}", word(path), word(&output))];
+    words.extend(scene_words(&arguments.patches, &arguments.engine));
+    words.push(trial.words.clone());
+    words.join(" ")
+}
+
+/// The settings of scene and engine that are not the built-in ones, as words of a command line.
+fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> {
+    let mut words = Vec::new();
+    let mut add = |name: &str, value: Option<String>| {
+        words.extend(value.map(|value| format!("--{name} {value}")));
+    };
+    add("subdivide", patches.subdivide.map(|levels| levels.to_string()));
+    add("split", patches.split.map(|pieces| pieces.to_string()));
+    add("patch-size", patches.patch_size.map(|length| length.to_string()));
+    add(
+        "two-sided",
+        match patches.two_sided {
+            AutoSwitch::Auto => None,
+            AutoSwitch::On => Some("on".to_owned()),
+            AutoSwitch::Off => Some("off".to_owned()),
+        },
+    );
+    add(
+        "up",
+        patches.up.map(|axis| {
+            match axis {
+                UpAxis::X => "x",
+                UpAxis::Y => "y",
+                UpAxis::Z => "z",
+            }
+            .to_owned()
+        }),
+    );
+    add("scale", (patches.scale != 1.0).then(|| patches.scale.to_string()));
+    add(
+        "backend",
+        (engine.backend != "auto").then(|| word(engine.backend.as_ref())),
+    );
+    add("threads", (engine.threads != 0).then(|| engine.threads.to_string()));
+    if patches.keep_duplicates == Switch::On {
+        words.push("--keep-duplicates".to_owned());
+    }
+    words
+}
+
+/// An error as a number of hundredths; only its upper end where the reference's noise hides it.
+fn error_figures(measured: &Measured) -> String {
+    let high = measured.interval_of_rows.high;
+    if measured.relative_frobenius < 0.5 * high {
+        format!("< {}", hundredths(high))
+    } else {
+        hundredths(measured.relative_frobenius)
+    }
+}
+
+/// 0.0123 as `1.23`.
+fn hundredths(share: f64) -> String {
+    let value = 100.0 * share;
+    if value > 0.0 && value < 5e-4 {
+        "<.001".to_owned()
+    } else if value > 0.0 && value < 0.0995 {
+        format!("{value:.3}")
+    } else {
+        figures(value)
+    }
+}
+
+/// What a person reads.
+fn text(report: &Report, recommended: Option<&Recommendation>, arguments: &Arguments, path: &Path) -> String {
+    let mut text = format!(
+        "`{}`, {}, {} with {}\n{} (seed {}) against rays, whose own noise is {}\n\n",
+        path.display(),
+        counted(report.patches, "patch"),
+        report.backend.device,
+        counted(report.threads as u64, "thread"),
+        counted(report.sampled_rows as u64, "random row"),
+        report.seed,
+        percent(report.reference.noise),
+    );
+    let lines = report.trials.iter().map(|trial| {
+        let m = &trial.measured;
+        [
+            if trial.is_on_front() { "*" } else { "" }.to_owned(),
+            trial.name.clone(),
+            figures(trial.milliseconds()),
+            trial
+                .timing
+                .map_or_else(String::new, |t| duration(t.seconds_for_all_rows)),
+            error_figures(m),
+            format!(
+                "{}..{}",
+                hundredths(m.interval_of_matrix.low),
+                hundredths(m.interval_of_matrix.high)
+            ),
+            hundredths(m.row_error.median),
+            hundredths(m.row_error.percentile_90),
+            hundredths(m.row_l1.median),
+            hundredths(m.missed_mass),
+            hundredths(m.row_sum_error.mean),
+            m.worst_entry
+                .map_or_else(|| "0".to_owned(), |worst| figures((worst.a - worst.b).abs())),
+        ]
+    });
+    text.push_str(&right_aligned(
+        [
+            "",
+            "setting",
+            "ms/row",
+            "all rows",
+            "error %",
+            "of matrix",
+            "median",
+            "90th",
+            "L1",
+            "missed",
+            "sums",
+            "worst",
+        ],
+        lines.collect(),
+    ));
+    text.push_str(&format!(
+        "\n* no cheaper setting is as good. ms/row: one thread; all rows: forecast for {}.\n\
+         error: relative Frobenius of these rows, and where that of the matrix lies (95 %); of rows: median and 90th\n\
+         percentile, median L1, mass missed, row sums; all in %. worst: the entry that differs most.\n",
+        counted(report.threads as u64, "thread"),
+    ));
+    for skipped in &report.skipped {
+        text.push_str(&format!(
+            "skipped {}: some {} for these rows\n",
+            skipped.name,
+            duration(skipped.nominal_seconds)
+        ));
+    }
+    let tolerance = percentage(arguments.tolerance.0);
+    text.push('\n');
+    match recommended {
+        Some(best) => {
+            text.push_str(&format!(
+                "For an error of {tolerance}: {}, {} at {} ms a row, about {} for all {}\n  {}\n",
+                best.name,
+                percent(best.error),
+                figures(best.milliseconds_per_row),
+                duration(best.seconds_for_all_rows),
+                counted(report.patches, "row"),
+                best.command,
+            ));
+            if best.error_of_matrix > arguments.tolerance.0 {
+                text.push_str(&format!(
+                    "From these rows alone, the matrix may be off by up to {} %; `--sample-rows {}` tells more\n",
+                    hundredths(best.error_of_matrix),
+                    4 * arguments.sample_rows
+                ));
+            }
+            let asked = report
+                .trials
+                .iter()
+                .find(|trial| trial.tolerance.is_some_and(|t| is_same(t, arguments.tolerance.0)));
+            if let Some(asked) = asked.filter(|trial| trial.name != best.name) {
+                text.push_str(&format!(
+                    "`--tolerance {tolerance}` {}: {} at {} ms a row\n",
+                    if asked.bound() <= arguments.tolerance.0 {
+                        "keeps it too"
+                    } else {
+                        "does not keep it"
+                    },
+                    percent(asked.bound()),
+                    figures(asked.milliseconds()),
+                ));
+            }
+        }
+        None => {
+            let nearest = report.trials.iter().min_by(|a, b| a.bound().total_cmp(&b.bound()));
+            text.push_str(&format!(
+                "For an error of {tolerance}: none of these{}; ask for more with a smaller `--tolerance`\n",
+                nearest.map_or_else(String::new, |trial| format!(
+                    ": {} comes nearest with {}",
+                    trial.name,
+                    percent(trial.bound())
+                )),
+            ));
+        }
+    }
+    text
+}
+
+/// A table of which the columns of numbers, from the third on, end in line.
+fn right_aligned<const N: usize>(headings: [&str; N], rows: Vec<[String; N]>) -> String {
+    let width = |column: usize| {
+        let cells = rows
+            .iter()
+            .filter_map(|row| row.get(column))
+            .map(|cell| cell.chars().count());
+        cells.chain([headings[column].chars().count()]).max().unwrap_or(0)
+    };
+    let widths: [usize; N] = std::array::from_fn(width);
+    let line = |cells: [&str; N]| {
+        let mut line = String::new();
+        for (column, (cell, width)) in cells.into_iter().zip(widths).enumerate() {
+            line.push_str(&match column {
+                0 | 1 => format!("{cell:width$} "),
+                _ => format!(" {cell:>width$}"),
+            });
+        }
+        format!("{}\n", line.trim_end())
+    };
+    let mut text = line(headings);
+    for row in &rows {
+        text.push_str(&line(std::array::from_fn(|column| row[column].as_str())));
+    }
+    text
+}
+
+fn picture(report: &Report, recommended: Option<&Recommendation>, path: &Path) -> Picture {
+    let name = path
+        .file_name()
+        .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    Picture {
+        title: format!("{name}: error against time"),
+        subtitle: format!(
+            "{} · {}, {} · {}, seed {}",
+            counted(report.patches, "patch"),
+            report.backend.device,
+            counted(report.threads as u64, "thread"),
+            counted(report.sampled_rows as u64, "random row"),
+            report.seed,
+        ),
+        marks: report
+            .trials
+            .iter()
+            .map(|trial| Mark {
+                family: trial.setting.family(),
+                name: trial.name.clone(),
+                milliseconds: trial.milliseconds(),
+                error: trial.measured.relative_frobenius,
+                low: trial.measured.interval_of_rows.low,
+                high: trial.measured.interval_of_rows.high,
+                front: trial.is_on_front(),
+                recommended: recommended.is_some_and(|best| best.name == trial.name),
+            })
+            .collect(),
+        tolerance: report.tolerance,
+        noise: report.reference.noise,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args::{Cli, Command};
+    use clap::Parser;
+    use hemicube::reference::Interval;
+
+    fn arguments(words: &[&str]) -> Arguments {
+        let words = ["hemicube", "tradeoff", "a b.obj"].iter().chain(words);
+        match Cli::try_parse_from(words).expect("good words").command {
+            Command::Tradeoff(arguments) => *arguments,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn trial(setting: Setting, milliseconds: f64, error: f64) -> Trial {
+        Trial {
+            name: setting.name(),
+            rung: "area",
+            tolerance: match setting.rung {
+                Rung::Tolerance(tolerance) => Some(tolerance),
+                Rung::Named(_) => None,
+            },
+            samples: 1,
+            resolution: setting.resolution,
+            words: setting.words(),
+            entries: 0,
+            measured: Measured {
+                relative_frobenius: 0.9 * error,
+                interval_of_rows: Interval {
+                    low: 0.8 * error,
+                    high: error,
+                },
+                ..Measured::default()
+            },
+            timing: Some(Timing {
+                milliseconds_per_row: milliseconds,
+                seconds_for_all_rows: 0.0,
+                repeats: 1,
+                front: false,
+            }),
+            setting,
+        }
+    }
+
+    fn area(samples_per_edge: u32) -> Setting {
+        Setting {
+            rung: Rung::Named(Name::Area),
+            resolution: 128,
+            samples_per_edge,
+        }
+    }
+
+    fn within(tolerance: f64) -> Setting {
+        Setting {
+            rung: Rung::Tolerance(tolerance),
+            resolution: RESOLUTION_OF_TOLERANCE,
+            samples_per_edge: 1,
+        }
+    }
+
+    #[test]
+    fn what_is_tried_has_distinct_names_and_the_tolerance_asked_for() {
+        for (asked, more) in [(0.01, 0), (0.007, 1), (0.3 / 100.0, 0)] {
+            let tried = settings(Tolerance(asked));
+            assert_eq!(tried.len(), 12 + 3 + 9 + 6 + more);
+            assert!(
+                tried
+                    .iter()
+                    .any(|s| matches!(s.rung, Rung::Tolerance(t) if is_same(t, asked)))
+            );
+            let mut names: Vec<String> = tried.iter().map(|s| s.name()).collect();
+            names.sort_unstable();
+            names.dedup();
+            assert_eq!(names.len(), tried.len());
+        }
+    }
+
+    #[test]
+    fn every_setting_is_a_good_command_line() {
+        for setting in settings(Tolerance(0.0123)) {
+            let words = setting.words();
+            let line = ["hemicube", "compute", "a.obj", "-o", "b"]
+                .into_iter()
+                .chain(words.split(' '));
+            let Command::Compute(compute) = Cli::try_parse_from(line).expect(&words).command else {
+                panic!("{words}");
+            };
+            let render = compute.render;
+            match setting.rung {
+                Rung::Named(name) => assert_eq!(
+                    (render.correction, render.samples.per_edge, render.tolerance),
+                    (name, setting.samples_per_edge, None)
+                ),
+                Rung::Tolerance(t) => assert!(render.tolerance.is_some_and(|read| is_same(read.0, t)), "{words}"),
+            }
+        }
+    }
+
+    #[test]
+    fn the_front_and_the_cheapest_that_is_good_enough() {
+        let mut trials = [
+            trial(within(0.001), 9.0, 0.001),
+            trial(area(2), 2.0, 0.03),
+            trial(area(1), 0.5, 0.02),
+            trial(area(4), 3.0, 0.0199),
+            trial(within(0.01), 1.5, 0.008),
+            trial(within(0.02), 1.2, f64::NAN),
+        ];
+        mark_front(&mut trials);
+        let front: Vec<&str> = trials
+            .iter()
+            .filter(|t| t.is_on_front())
+            .map(|t| t.name.as_str())
+            .collect();
+        assert_eq!(front, ["area K=1 N=128", "tolerance 1%", "tolerance 0.1%"]);
+
+        let recommended = |words: &[&str]| {
+            let arguments = arguments(words);
+            recommend(&trials, &arguments, "x/a b.obj".as_ref(), 1000, 2).map(|best| best.command)
+        };
+        assert_eq!(
+            recommended(&["--tolerance", "1%"]).as_deref(),
+            Some("hemicube compute 'x/a b.obj' -o 'a b.hemicube' --tolerance 1%")
+        );
+        assert_eq!(
+            recommended(&[
+                "--tolerance",
+                "5%",
+                "--subdivide",
+                "2",
+                "--scale",
+                "0.5",
+                "--keep-duplicates"
+            ])
+            .as_deref(),
+            Some(
+                "hemicube compute 'x/a b.obj' -o 'a b.hemicube' --subdivide 2 --scale 0.5 --keep-duplicates \
+                 --correction area --samples 1 --resolution 128"
+            )
+        );
+        assert_eq!(recommended(&["--tolerance", "0.05%"]), None);
+        // The upper end decides, not the estimate.
+        assert_eq!(
+            recommended(&["--tolerance", "0.75%"])
+                .as_deref()
+                .map(|c| c.ends_with("0.1%")),
+            Some(true)
+        );
+    }
+
+    #[test]
+    fn numbers_end_in_line() {
+        let cell = |text: &str| text.to_owned();
+        let text = right_aligned(
+            ["", "name", "n"],
+            vec![[cell("*"), cell("a"), cell("1")], [cell(""), cell("long"), cell("22")]],
+        );
+        assert_eq!(text, "  name   n\n* a      1\n  long  22\n");
+        assert_eq!(
+            [0.0123, 0.00012, 0.0, 0.25, 1e-9].map(hundredths),
+            ["1.23", "0.012", "0", "25.0", "<.001"]
+        );
+    }
+
+    #[test]
+    fn what_is_absurd_is_known_beforehand() {
+        let most = |triangles| {
+            let nominal = settings(Tolerance(0.01))
+                .into_iter()
+                .map(|s| s.nominal(triangles, 100.0) * 24.0e-3);
+            nominal.fold(0.0, f64::max)
+        };
+        assert!(most(2_000.0) < SECONDS_MOST && most(5e6) > SECONDS_MOST);
+    }
+}

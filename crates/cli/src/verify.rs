@@ -1,0 +1,455 @@
+//! How far computed rows are from reference rows by rays, and whether that keeps a tolerance.
+
+use crate::args::{Talk, Tolerance};
+use crate::exit::{self, Exit};
+use crate::progress::Bar;
+use crate::report::{Listing, count, counted, figures, percent};
+use crate::rung::percentage;
+use anyhow::{Context, Result};
+use hemicube::compute::{Plan, Progress, RowChoice, Selection};
+use hemicube::reference::{
+    EstimatedRow, Interval, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against,
+};
+use hemicube::store::Store;
+use hemicube::{InputPatch, Model};
+use serde::Serialize;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc;
+
+/// Rows from which the spread over rows says something of the rows that were not drawn.
+const ROWS_FOR_THE_MATRIX: u64 = 8;
+
+/// How careful a reference must be to judge a tolerance: a third of it. Below the least, rays are too slow; without a
+/// tolerance, the error of the default rung is worth no more than the most.
+const SHARE_OF_TOLERANCE: f64 = 1.0 / 3.0;
+const LEAST_TARGET: f64 = 1e-4;
+const MOST_TARGET: f64 = 3e-3;
+
+/// The settings of a reference that judges `tolerance`.
+pub(crate) fn reference_settings(tolerance: Option<Tolerance>, seed: u64) -> ReferenceSettings {
+    let target = tolerance.map_or(MOST_TARGET, |tolerance| {
+        (SHARE_OF_TOLERANCE * tolerance.0).clamp(LEAST_TARGET, MOST_TARGET)
+    });
+    let suits = ReferenceSettings::default();
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a small factor above 1"
+    )]
+    let times = (MOST_TARGET / target) as u64;
+    ReferenceSettings {
+        target,
+        max_rays: suits.max_rays * times.clamp(1, 8),
+        seed,
+    }
+}
+
+/// The reference rows of `emitters` in order, by several threads; those that were done where it was cancelled.
+pub(crate) fn reference_rows(
+    reference: &Reference<'_>,
+    emitters: &[InputPatch],
+    threads: usize,
+    cancel: &AtomicBool,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Vec<ReferenceRow>> {
+    let next = AtomicUsize::new(0);
+    let mut rows: Vec<Option<ReferenceRow>> = vec![None; emitters.len()];
+    std::thread::scope(|scope| -> Result<()> {
+        let (sender, receiver) = mpsc::channel();
+        for _ in 0..threads.clamp(1, emitters.len().max(1)) {
+            let (sender, next) = (sender.clone(), &next);
+            scope.spawn(move || {
+                while !cancel.load(Ordering::Relaxed) {
+                    let place = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(&emitter) = emitters.get(place) else { break };
+                    if sender.send((place, reference.row(emitter))).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        progress(0);
+        for (done, (place, row)) in (1..).zip(receiver) {
+            if let Some(slot) = rows.get_mut(place) {
+                *slot = Some(row?);
+            }
+            progress(done);
+        }
+        Ok(())
+    })?;
+    Ok(rows.into_iter().flatten().collect())
+}
+
+/// Leaves of reference rows what has a column.
+fn keep_receivers(rows: &mut [ReferenceRow], receivers: &[bool]) {
+    for row in rows {
+        let before: f64 = row.values.iter().sum();
+        let kept: Vec<usize> = (0..row.columns.len())
+            .filter(|&place| {
+                let patch = row.columns.get(place).and_then(|&column| usize::try_from(column).ok());
+                patch.and_then(|patch| receivers.get(patch)).copied().unwrap_or(false)
+            })
+            .collect();
+        row.columns = kept.iter().map(|&place| row.columns[place]).collect();
+        row.values = kept.iter().map(|&place| row.values[place]).collect();
+        row.errors = kept.iter().map(|&place| row.errors[place]).collect();
+        // What no ray found is spread over the patches like what rays did find, for all that is known.
+        let share = if before > 0.0 {
+            row.values.iter().sum::<f64>() / before
+        } else {
+            0.0
+        };
+        row.missed *= share;
+        row.missed_squared *= share;
+    }
+}
+
+/// What `--verify` asks for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Verify<'a> {
+    pub(crate) rows: u32,
+    pub(crate) seed: u64,
+    pub(crate) tolerance: Option<Tolerance>,
+    pub(crate) threads: usize,
+    pub(crate) cancel: &'a AtomicBool,
+}
+
+/// Whether a tolerance was kept, for all that the rows and the reference let one say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Verdict {
+    /// The whole interval is within it.
+    Kept,
+    /// The whole interval is beyond it.
+    Broken,
+    /// The reference's own noise is too large to say.
+    UnsureForNoise,
+    /// Too few rows were drawn to say.
+    UnsureForRows,
+}
+
+impl Verdict {
+    /// Judges the error of `measured.rows` rows out of `row_count`.
+    fn of(measured: &Measured, row_count: u64, tolerance: Tolerance) -> Self {
+        let all = measured.rows >= row_count;
+        let matrix = if all {
+            measured.interval_of_rows
+        } else {
+            measured.interval_of_matrix
+        };
+        let side = |interval: Interval| match interval {
+            // What is not a number is not within anything.
+            Interval { low, high } if low.is_nan() || high.is_nan() || low > tolerance.0 => Self::Broken,
+            Interval { high, .. } if high <= tolerance.0 => Self::Kept,
+            _ => Self::UnsureForNoise,
+        };
+        let of_rows = side(measured.interval_of_rows);
+        let enough = all || measured.rows >= ROWS_FOR_THE_MATRIX;
+        match side(matrix) {
+            verdict @ (Self::Kept | Self::Broken) if enough => verdict,
+            _ if of_rows == Self::UnsureForNoise => Self::UnsureForNoise,
+            _ => Self::UnsureForRows,
+        }
+    }
+}
+
+/// The measured error of a run.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Verification {
+    rows: u64,
+    rows_asked: u64,
+    rows_computed: u64,
+    seed: u64,
+    reference_target: f64,
+    tolerance: Option<f64>,
+    verdict: Option<Verdict>,
+    interrupted: bool,
+    measured: Measured,
+}
+
+impl Verify<'_> {
+    /// Draws rows among those of `plan`, computes their references, and holds what `store` has against them.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub(crate) fn run(self, model: &Model, plan: &Plan, store: &Store, talk: Talk) -> Result<Verification> {
+        let mut computed = vec![false; model.patches().len()];
+        for row in &plan.rows {
+            if let Some(mark) = computed.get_mut(row.0 as usize) {
+                *mark = true;
+            }
+        }
+        let among = Selection {
+            emitters: Some(computed),
+            receivers: None,
+        };
+        let choice = RowChoice::Sample {
+            count: self.rows,
+            seed: self.seed,
+        };
+        let drawn = Plan::new(model, choice, among, 1, plan.rotate).rows;
+        let settings = reference_settings(self.tolerance, self.seed);
+        let reference = Reference::new(model, settings).context("there is no reference to verify against")?;
+        // An interrupt ends the reference after the rows that are under way, and what was measured is said.
+        exit::keep(true);
+        let bar = Bar::rows(talk, drawn.len() as u64);
+        let row_count = drawn.len() as u64;
+        let mut rows = reference_rows(&reference, &drawn, self.threads, self.cancel, &mut |done| {
+            bar.show(Progress {
+                rows: done,
+                row_count,
+                entries: 0,
+            });
+        })?;
+        drop(bar);
+        exit::keep(false);
+        if let Some(receivers) = &plan.selection.receivers {
+            keep_receivers(&mut rows, receivers);
+        }
+        let mut estimated = Vec::with_capacity(rows.len());
+        for row in &rows {
+            let emitter = InputPatch(row.emitter);
+            if let Some(stored) = store.row(emitter)? {
+                estimated.push(EstimatedRow {
+                    emitter,
+                    columns: stored.indices,
+                    values: stored.data.into_iter().map(f64::from).collect(),
+                });
+            }
+        }
+        Ok(Verification {
+            interrupted: rows.len() < drawn.len(),
+            ..self.judge(&rows, &estimated, plan.rows.len() as u64, settings.target)
+        })
+    }
+
+    /// Holds rows against their references, out of `rows_computed`.
+    fn judge(
+        self,
+        rows: &[ReferenceRow],
+        estimated: &[EstimatedRow],
+        rows_computed: u64,
+        reference_target: f64,
+    ) -> Verification {
+        let measured = errors_against(rows, estimated);
+        let judged = self.tolerance.filter(|_| measured.rows > 0);
+        Verification {
+            rows: measured.rows,
+            rows_asked: self.rows.into(),
+            rows_computed,
+            seed: self.seed,
+            reference_target,
+            tolerance: self.tolerance.map(|tolerance| tolerance.0),
+            verdict: judged.map(|tolerance| Verdict::of(&measured, rows_computed, tolerance)),
+            interrupted: false,
+            measured,
+        }
+    }
+}
+
+impl Verification {
+    /// How the program ends.
+    pub(crate) fn exit(&self) -> Exit {
+        if self.interrupted {
+            Exit::Interrupted
+        } else if self.verdict == Some(Verdict::Broken) {
+            Exit::NotHeld
+        } else {
+            Exit::Done
+        }
+    }
+
+    /// What a person reads.
+    pub(crate) fn text(&self) -> String {
+        let m = &self.measured;
+        let mut list = Listing::default();
+        let rows = if self.rows >= self.rows_computed {
+            format!("all {}", counted(self.rows, "row"))
+        } else {
+            format!(
+                "{} of {} (seed {})",
+                count(self.rows),
+                counted(self.rows_computed, "row"),
+                self.seed
+            )
+        };
+        let interrupted = if self.interrupted { "; interrupted" } else { "" };
+        list.add("verified", format!("{rows} against rays{interrupted}"));
+        if self.rows == 0 {
+            return list.text();
+        }
+        let range = |interval: Interval| format!("{} to {}", percent(interval.low), percent(interval.high));
+        list.add(
+            "error",
+            format!("{} relative Frobenius, in these rows", percent(m.relative_frobenius)),
+        );
+        list.add("", format!("95 %: {} in these rows", range(m.interval_of_rows)));
+        if self.rows < self.rows_computed {
+            list.add("", format!("95 %: {} in the whole matrix", range(m.interval_of_matrix)));
+        }
+        list.add(
+            "row errors",
+            format!(
+                "{} in the median, {} in the 90th percentile",
+                percent(m.row_error.median),
+                percent(m.row_error.percentile_90)
+            ),
+        );
+        list.add(
+            "L1",
+            format!(
+                "{} in the median, {} in the 90th percentile",
+                percent(m.row_l1.median),
+                percent(m.row_l1.percentile_90)
+            ),
+        );
+        list.add(
+            "missed mass",
+            format!(
+                "{}; {} where the reference has nothing",
+                percent(m.missed_mass),
+                percent(m.spurious_mass)
+            ),
+        );
+        list.add(
+            "row sums",
+            format!(
+                "off by {} on average, {} at most",
+                figures(m.row_sum_error.mean),
+                figures(m.row_sum_error.max)
+            ),
+        );
+        if let Some(worst) = m.worst_entry {
+            list.add(
+                "worst entry",
+                format!(
+                    "F[{}, {}] is {}, by the reference {}",
+                    worst.i,
+                    worst.j,
+                    figures(worst.a),
+                    figures(worst.b)
+                ),
+            );
+        }
+        list.add("reference", format!("its own noise is {}", percent(m.reference_noise)));
+        if let (Some(tolerance), Some(verdict)) = (self.tolerance, self.verdict) {
+            let says = match verdict {
+                Verdict::Kept => "kept".to_owned(),
+                Verdict::Broken => "FAILED: not kept; a smaller `--tolerance` leaves a margin".to_owned(),
+                Verdict::UnsureForNoise => "cannot be told: the reference's noise is too large".to_owned(),
+                Verdict::UnsureForRows => format!(
+                    "cannot be told from {}: `--verify {}` takes more",
+                    counted(self.rows, "row"),
+                    4 * self.rows_asked
+                ),
+            };
+            list.add("tolerance", format!("{}: {says}", percentage(tolerance)));
+        }
+        list.text()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn measured(rows: u64, of_rows: [f64; 2], of_matrix: [f64; 2]) -> Measured {
+        let interval = |[low, high]: [f64; 2]| Interval { low, high };
+        Measured {
+            rows,
+            interval_of_rows: interval(of_rows),
+            interval_of_matrix: interval(of_matrix),
+            ..Measured::default()
+        }
+    }
+
+    #[test]
+    fn verdicts() {
+        let of = |measured: &Measured, row_count| Verdict::of(measured, row_count, Tolerance(0.01));
+        let within = measured(20, [0.004, 0.005], [0.003, 0.007]);
+        assert_eq!(of(&within, 1000), Verdict::Kept);
+        let beyond = measured(20, [0.02, 0.021], [0.011, 0.03]);
+        assert_eq!(of(&beyond, 1000), Verdict::Broken);
+        // Rows that break it do not prove that the matrix does.
+        let wide = measured(20, [0.02, 0.021], [0.008, 0.03]);
+        assert_eq!(of(&wide, 1000), Verdict::UnsureForRows);
+        assert_eq!(of(&wide, 20), Verdict::Broken);
+        let noisy = measured(20, [0.004, 0.014], [0.003, 0.015]);
+        assert_eq!(of(&noisy, 1000), Verdict::UnsureForNoise);
+        // A handful of rows says nothing of the others, however well they agree.
+        let few = measured(3, [0.004, 0.005], [0.004, 0.005]);
+        assert_eq!(of(&few, 1000), Verdict::UnsureForRows);
+        assert_eq!(of(&few, 3), Verdict::Kept);
+        let nan = measured(20, [f64::NAN; 2], [f64::NAN; 2]);
+        assert_eq!(of(&nan, 1000), Verdict::Broken);
+    }
+
+    #[test]
+    fn a_wrong_row_ends_in_one() {
+        let reference = ReferenceRow {
+            emitter: 4,
+            columns: vec![1, 2],
+            values: vec![0.3, 0.4],
+            errors: vec![1e-5, 1e-5],
+            ..ReferenceRow::default()
+        };
+        let verify = |tolerance: Option<f64>| {
+            Verify {
+                rows: 1,
+                seed: 1,
+                tolerance: tolerance.map(Tolerance),
+                threads: 1,
+                cancel: &AtomicBool::new(false),
+            }
+            .judge(
+                std::slice::from_ref(&reference),
+                &[EstimatedRow {
+                    emitter: InputPatch(4),
+                    columns: vec![1, 2],
+                    // Off by 0.02 of a norm of 0.5.
+                    values: vec![0.3, 0.42],
+                }],
+                1,
+                1e-3,
+            )
+        };
+        for (tolerance, exit, says) in [
+            (Some(0.03), Exit::NotHeld, "3%: FAILED: not kept"),
+            (Some(0.05), Exit::Done, "5%: kept"),
+            (None, Exit::Done, "4.0 % relative Frobenius"),
+        ] {
+            let verification = verify(tolerance);
+            assert_eq!(verification.exit(), exit);
+            assert!(verification.text().contains(says), "{}", verification.text());
+        }
+    }
+
+    #[test]
+    fn references_are_finer_than_the_tolerance() {
+        let target = |tolerance: Option<f64>| reference_settings(tolerance.map(Tolerance), 1).target;
+        assert_eq!(target(None), MOST_TARGET);
+        assert_eq!(target(Some(0.5)), MOST_TARGET);
+        assert!((target(Some(0.003)) - 0.001).abs() < 1e-12);
+        assert_eq!(target(Some(1e-5)), LEAST_TARGET);
+        assert!(reference_settings(Some(Tolerance(1e-5)), 1).max_rays > reference_settings(None, 1).max_rays);
+    }
+
+    #[test]
+    fn columns_that_nobody_asked_for_are_no_error() {
+        let mut rows = [ReferenceRow {
+            columns: vec![0, 2, 3],
+            values: vec![0.1, 0.2, 0.3],
+            errors: vec![0.01, 0.02, 0.03],
+            missed: 0.06,
+            ..ReferenceRow::default()
+        }];
+        keep_receivers(&mut rows, &[true, true, false, true]);
+        assert_eq!(
+            (rows[0].columns.as_slice(), rows[0].values.as_slice()),
+            (&[0, 3][..], &[0.1, 0.3][..])
+        );
+        assert_eq!(rows[0].errors, [0.01, 0.03]);
+        assert!((rows[0].missed - 0.04).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,281 @@
+//! What `hemicube inspect` says of scenes with and without defects, what it finds in real ones, and the statistics that
+//! settings choose themselves by.
+//!
+//! The binary is the one beside this test: build it with the same profile and target directory before.
+
+use glam::DVec3;
+use hemicube::backend::WHOLE;
+use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
+use hemicube::diagnose::{DiagnoseOptions, FindingKind, SceneStatistics, diagnose};
+use hemicube::row::RowBlock;
+use hemicube_backend_cpu::CpuBackend;
+use hemicube_scene::Subdivision;
+use hemicube_scene::generate::Kind;
+use hemicube_tests::geometry::{box_inside, flipped, quad, scene_of};
+use hemicube_tests::scenes::{generated, model, read, say, scenes_or_skip};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+fn binary() -> PathBuf {
+    // target/PROFILE/deps/inspect-HASH: the program is two steps up.
+    let test = std::env::current_exe().expect("the test's own path");
+    let profile = test.parent().and_then(Path::parent).expect("target/PROFILE");
+    let path = profile.join(format!("hemicube{}", std::env::consts::EXE_SUFFIX));
+    assert!(
+        path.is_file(),
+        "`{}` is missing: run `cargo build --release -p hemicube-cli` first",
+        path.display()
+    );
+    path
+}
+
+/// What `hemicube inspect` writes to standard output.
+fn inspect(scene: &Path, arguments: &[&str]) -> String {
+    let output = assert_cmd::Command::new(binary())
+        .arg("inspect")
+        .arg(scene)
+        .args(arguments)
+        .arg("--no-config")
+        .timeout(std::time::Duration::from_secs(300))
+        .output()
+        .expect("the program runs");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    String::from_utf8(output.stdout).expect("UTF-8")
+}
+
+fn json(scene: &Path, arguments: &[&str]) -> Value {
+    let arguments = [arguments, &["--json", "--no-timings"]].concat();
+    serde_json::from_str(&inspect(scene, &arguments)).expect("JSON")
+}
+
+/// An OBJ file of these triangles, all in object `thing`.
+fn write(path: &Path, triangles: &[[DVec3; 3]]) {
+    let mut text = "o thing\n".to_owned();
+    for corner in triangles.iter().flatten() {
+        text.push_str(&format!("v {} {} {}\n", corner.x, corner.y, corner.z));
+    }
+    for k in 0..triangles.len() {
+        text.push_str(&format!("f {} {} {}\n", 3 * k + 1, 3 * k + 2, 3 * k + 3));
+    }
+    std::fs::write(path, text).expect("room in the temporary directory");
+}
+
+const HEADING: &str = "What would spoil form factors:";
+
+#[test]
+fn nothing_is_said_where_nothing_is_wrong() {
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let scene = place.path().join("room.obj");
+    let room: Vec<[DVec3; 3]> = box_inside(DVec3::new(4.0, 3.0, 2.0))
+        .into_iter()
+        .flat_map(quad)
+        .collect();
+    write(&scene, &room);
+    let arguments = ["--split", "8", "--resolution", "256"];
+    let text = inspect(&scene, &arguments);
+    assert!(!text.contains(HEADING) && !text.contains("try"), "{text}");
+    let report = json(&scene, &arguments);
+    assert_eq!(report["diagnosis"]["findings"], Value::Array(Vec::new()));
+    assert_eq!(report["statistics"]["escaped"], 0.0);
+    let occlusion = report["statistics"]["occlusion"].as_f64();
+    assert!(
+        occlusion.is_some_and(|hidden| hidden < 1e-3),
+        "{occlusion:?}: only what is smaller than a pixel"
+    );
+}
+
+#[test]
+fn a_finding_has_its_count_its_place_and_the_next_thing_to_try() {
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let scene = place.path().join("walls.obj");
+    let p = DVec3::new;
+    let ground = [p(0.0, 0.0, 0.0), p(4.0, 0.0, 0.0), p(0.0, 4.0, 0.0)];
+    let wall = [p(0.5, 1.0, -1.0), p(1.5, 1.0, -1.0), p(1.0, 1.0, 1.0)];
+    write(&scene, &[ground, wall]);
+    let text = inspect(&scene, &[]);
+    for words in [
+        HEADING,
+        "crossing: 1 pair of triangles passing through each other",
+        "0.50 of crossing lines",
+        "patch 1 with 0 (`thing`) at (1 1 0): crossing line 0.50",
+        "try",
+        "--subdivide",
+    ] {
+        assert!(text.contains(words), "`{words}` is not in {text}");
+    }
+    assert!(text.lines().all(|line| line.chars().count() <= 150), "{text}");
+    let report = json(&scene, &[]);
+    let finding = &report["diagnosis"]["findings"][0];
+    assert_eq!(finding["kind"], "crossing");
+    assert_eq!((&finding["count"], &finding["total"]), (&1.into(), &0.5.into()));
+    assert_eq!(finding["examples"][0]["at"], serde_json::json!([1.0, 1.0, 0.0]));
+    assert_eq!(finding["objects"][0][0]["object"], "thing");
+    assert_eq!(finding["unit"], "length");
+
+    // The same bytes, whatever the threads.
+    let arguments = |threads| json(&scene, &["--threads", threads])["diagnosis"].to_string();
+    assert_eq!(arguments("1"), arguments("3"));
+}
+
+fn statistics(model: &hemicube::Model) -> SceneStatistics {
+    SceneStatistics::measure(model, &mut CpuBackend::new(), 64, 1).expect("the CPU backend")
+}
+
+#[test]
+fn statistics_of_scenes_whose_view_is_known() {
+    // A closed convex room: all that faces a patch is seen, and nothing else.
+    let room = box_inside(DVec3::ONE).into_iter().flat_map(quad);
+    let room = statistics(&model(scene_of(room), Subdivision::None));
+    assert_eq!(
+        (room.rows, room.escaped, room.blocked, room.occlusion),
+        (12, 0.0, 0.0, 0.0)
+    );
+    assert_eq!((room.seen, room.facing), (10.0, 10.0));
+    assert!(room.near == 10.0 && room.nearness > 1.0, "{room:?}");
+
+    // Two plates that face each other across ten times their size, and the same turned away.
+    let plate = [
+        DVec3::ZERO,
+        DVec3::new(1.0, 0.0, 0.0),
+        DVec3::new(1.0, 1.0, 0.0),
+        DVec3::new(0.0, 1.0, 0.0),
+    ];
+    let lifted = |plate: [DVec3; 4]| plate.map(|c| c + DVec3::new(0.0, 0.0, 10.0));
+    let facing = quad(plate).into_iter().chain(quad(lifted(flipped(plate))));
+    let facing = statistics(&model(scene_of(facing), Subdivision::None));
+    assert_eq!((facing.seen, facing.near, facing.blocked), (2.0, 0.0, 0.0));
+    assert!(facing.escaped > 0.95, "{facing:?}");
+    // Radius of a half square by the distance.
+    assert!((facing.nearness - 5f64.sqrt() / 3.0 / 10.0).abs() < 2e-3, "{facing:?}");
+    let away = quad(plate).into_iter().chain(quad(lifted(plate)));
+    let away = statistics(&model(scene_of(away), Subdivision::None));
+    assert_eq!((away.seen, away.facing, away.occlusion), (0.0, 0.0, 0.0));
+    // The lower two of the four see the backs of the upper two.
+    assert!(
+        away.blocked > 0.0 && (away.blocked + away.escaped - 1.0).abs() < 1e-9,
+        "{away:?}"
+    );
+
+    // Statistics are of the scene: the same twice.
+    let city = generated(Kind::BlockCity, 3000);
+    let found = statistics(&city);
+    assert_eq!(found, statistics(&city));
+    assert!(
+        found.rows == 64 && found.occlusion > 0.5 && found.escaped > 0.05,
+        "{found:?}"
+    );
+}
+
+/// The share of each patch's view from its centroid that is backs, by a hemicube.
+fn blocked_shares(model: &hemicube::Model) -> Vec<f64> {
+    let mut backend = CpuBackend::new();
+    let settings = RenderSettings {
+        resolution: 64,
+        culling: Culling::On,
+        covered: false,
+    };
+    backend.load(model.geometry(), settings).expect("the CPU backend loads");
+    let mut block = RowBlock::default();
+    for patch in model.patches().iter() {
+        backend
+            .rows(&model.hemicubes(patch, 1, true), &mut block)
+            .expect("the CPU backend renders");
+    }
+    block
+        .blocked
+        .iter()
+        .map(|&weight| f64::from(weight) / f64::from(WHOLE))
+        .collect()
+}
+
+/// Rays and hemicubes know nothing of each other, and must tell the same patches blocked.
+#[test]
+fn rays_and_hemicubes_agree_on_what_is_blocked() {
+    let Some(folder) = scenes_or_skip("rays_and_hemicubes_agree_on_what_is_blocked") else {
+        return;
+    };
+    for file in ["city/denhaag-8897.obj", "cornell/cornell-measured-closed-20q.obj"] {
+        let scene = read(&folder, file).expect("a scene");
+        let subdivision = if file.starts_with("cornell") {
+            Subdivision::Split(16)
+        } else {
+            Subdivision::None
+        };
+        let model = model(scene, subdivision);
+        let diagnosis = diagnose(&model, DiagnoseOptions::default());
+        let blocked = blocked_shares(&model);
+        assert_eq!(blocked.len(), model.patches().len());
+        let count = |kind| diagnosis.of(kind).map_or(0.0, |finding| finding.estimate);
+        let buried = count(FindingKind::Buried) + count(FindingKind::CentroidBuried);
+        let mostly = buried + count(FindingKind::MostlyBlocked);
+        let by_hemicubes = |share: f64| blocked.iter().filter(|&&b| b > share).count() as f64;
+        say(&format!(
+            "{file}: buried {buried} by rays, {} by hemicubes; mostly blocked {mostly} and {}",
+            by_hemicubes(0.95),
+            by_hemicubes(0.5)
+        ));
+        assert!((mostly - by_hemicubes(0.5)).abs() <= 0.05 * by_hemicubes(0.5) + 2.0);
+        // Within what 64 rays can tell of a share of 0.95.
+        assert!((by_hemicubes(0.98)..=by_hemicubes(0.9)).contains(&buried), "{buried}");
+        if file.starts_with("cornell") {
+            // The blocks of the measured box have no bottoms: 92 patches of the floor lie under them.
+            assert_eq!(buried, 92.0);
+            assert!(
+                count(FindingKind::CentroidBuried) > 0.0,
+                "the blocks' edges cross patches"
+            );
+        }
+    }
+}
+
+#[test]
+fn what_is_found_in_real_scenes() {
+    let Some(folder) = scenes_or_skip("what_is_found_in_real_scenes") else {
+        return;
+    };
+    let files = [
+        "city/denhaag-8897.obj",
+        "city/rotterdam-delfshaven.obj",
+        "city/zurich-lv95-rawcoords.obj",
+        "city/3dfier-testarea.obj",
+        "interior/aggressor.obj",
+        "interior/oa_dm5.obj",
+        "ac/fg-clem-superstructure.ac",
+        "ac/fg-zone_maisons-ba.ac",
+        "cornell/CornellBox-Original.obj",
+    ];
+    for file in files {
+        let model = model(read(&folder, file).expect("a scene"), Subdivision::None);
+        let diagnosis = diagnose(&model, DiagnoseOptions::default());
+        let counts: Vec<String> = diagnosis
+            .findings
+            .iter()
+            .map(|finding| format!("{} {:.0}", finding.kind.name(), finding.estimate))
+            .collect();
+        say(&format!("{file}: {}", counts.join(", ")));
+        let has = |kind| diagnosis.of(kind).is_some();
+        match file {
+            // Walls of joined houses, and houses standing in an unsplit ground.
+            "city/denhaag-8897.obj" => {
+                assert!(has(FindingKind::NearContact) && has(FindingKind::Crossing));
+                let line = diagnosis.of(FindingKind::Crossing).and_then(|finding| finding.total);
+                assert!(
+                    line.is_some_and(|length| (1e3..1e5).contains(&length)),
+                    "{line:?} m of crossing lines"
+                );
+            }
+            // Coordinates of millions with three decimals.
+            "city/zurich-lv95-rawcoords.obj" => {
+                assert_eq!(diagnosis.precision.f32_step, 0.25);
+                assert!(diagnosis.precision.f32_digits < 2.0);
+                assert!(has(FindingKind::CoarseGrain));
+            }
+            // 32 clean triangles, of which two lie under the blocks.
+            "cornell/CornellBox-Original.obj" => {
+                assert!(has(FindingKind::CentroidBuried) && !has(FindingKind::Crossing) && !has(FindingKind::Sliver));
+            }
+            _ => {}
+        }
+    }
+}
