@@ -842,7 +842,9 @@ mod tests {
             let read = tolerance(text).expect(text).0;
             assert!((read - share).abs() <= 1e-12 * share, "{text}: {read}");
         }
-        for wrong in ["0", "-1%", "0.0009%", "51%", "1", "5", "nan", "nan%", "inf", "%", "", "few"] {
+        for wrong in [
+            "0", "-1%", "0.0009%", "51%", "1", "5", "nan", "nan%", "inf", "%", "", "few",
+        ] {
             assert!(tolerance(wrong).is_err(), "{wrong}");
         }
         assert!(tolerance("1").is_err_and(|error| error.contains("100 %")));

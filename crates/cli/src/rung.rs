@@ -1,9 +1,13 @@
 //! From settings to a rung of the accuracy ladder: what form factors are made of, from how many pixels and hemicubes.
 
 use crate::args::{Correction as Name, RenderSettings, Tolerance};
+use anyhow::Result;
 use hemicube::Model;
-use hemicube::correct::{Correction, Refinement};
+use hemicube::backend::HemicubeBackend;
+use hemicube::compute::{Plan, RowChoice, Selection};
+use hemicube::correct::Correction;
 use hemicube::factor::FactorRule;
+use hemicube::settle::{Settled, settle};
 
 /// A rung with everything settled that its rows depend on.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,29 +30,54 @@ pub(crate) fn correction(name: Name) -> Correction {
     }
 }
 
-/// The correction that aims at a tolerance.
-pub(crate) fn correction_within(tolerance: Tolerance) -> Correction {
-    Correction::Tolerance(Refinement::for_tolerance(tolerance.0))
+/// What keeps a tolerance in a scene: the same for `compute` and `tradeoff`, whichever of the rows they compute.
+pub(crate) fn within(
+    model: &Model,
+    selection: &Selection,
+    rotate: bool,
+    tolerance: Tolerance,
+    backend: &mut dyn HemicubeBackend,
+    threads: usize,
+) -> Result<Settled> {
+    let emitters = Plan::new(model, RowChoice::All, selection.clone(), 1, rotate).rows;
+    let receives = |patch: u32| {
+        let chosen = selection.receivers.as_ref();
+        chosen.is_none_or(|receivers| receivers.get(patch as usize).copied().unwrap_or(false))
+    };
+    Ok(settle(
+        model,
+        &emitters,
+        &receives,
+        rotate,
+        tolerance.0,
+        backend,
+        threads,
+    )?)
 }
 
 /// Settles the rung for a scene.
-pub(crate) fn settle(_model: &Model, settings: &RenderSettings) -> Rung {
-    let (correction, reason) = match settings.tolerance {
-        None => (correction(settings.correction), None),
-        Some(tolerance) => {
-            let reason = format!(
-                "tolerance {}: visible fraction × closed form, with as many rays at pairs in penumbra as that needs",
-                percentage(tolerance.0)
-            );
-            (correction_within(tolerance), Some(reason))
-        }
+pub(crate) fn choose(
+    model: &Model,
+    selection: &Selection,
+    settings: &RenderSettings,
+    rotate: bool,
+    backend: &mut dyn HemicubeBackend,
+) -> Result<Rung> {
+    let Some(tolerance) = settings.tolerance else {
+        return Ok(Rung {
+            correction: correction(settings.correction),
+            resolution: settings.resolution,
+            samples_per_edge: settings.samples.per_edge,
+            reason: None,
+        });
     };
-    Rung {
-        correction,
-        resolution: settings.resolution,
-        samples_per_edge: settings.samples.per_edge,
-        reason,
-    }
+    let settled = within(model, selection, rotate, tolerance, backend, settings.thread_count())?;
+    Ok(Rung {
+        correction: settled.correction,
+        resolution: settled.resolution,
+        samples_per_edge: 1,
+        reason: Some(format!("tolerance {}: {}", percentage(tolerance.0), settled.reason)),
+    })
 }
 
 /// 0.003 as `0.3%`: a value of `--tolerance`.

@@ -4,7 +4,7 @@
 //! of work, and workers' results are put back in order before they leave.
 
 use crate::Model;
-use crate::backend::{BackendError, Counters, HemicubeBackend, RenderSettings};
+use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use crate::correct::{Converter, Correction};
 use crate::row::{RowBlock, RowError};
 use crate::store::{Part, RowSums, StoreWriter};
@@ -192,6 +192,12 @@ pub struct Summary {
     pub sums: RowSums,
     /// Hemicubes rendered, the unit of `sums`.
     pub hemicubes: u64,
+    /// Rays and points that visible fractions were measured with.
+    pub rays: u64,
+    /// Expected Σ (F − true F)² of all rows; NaN on rungs that do not estimate it.
+    pub squared_error: f64,
+    /// Σ F² of all rows.
+    pub squared_norm: f64,
     /// What the backend counted.
     pub counters: Counters,
     /// Whether it was cancelled before the last row.
@@ -453,16 +459,8 @@ fn compute_batch(
         count_of_row.push(hemicubes.len() - before);
     }
     rows.clear();
-    let counters = backend.rows(&hemicubes, rows).map_err(|source| ComputeError::Backend {
-        backend: backend_name(backend),
-        source,
-    })?;
-    rows.check(hemicubes.len(), model.geometry().patch_count, settings.covered)
-        .map_err(|source| ComputeError::Row {
-            backend: backend_name(backend),
-            patch: emitters.first().map_or(0, |p| p.0),
-            source,
-        })?;
+    let first = emitters.first().copied().unwrap_or(InputPatch(0));
+    let counters = render(model, settings, backend, first, &hemicubes, rows)?;
 
     let mut batch = Batch {
         counters,
@@ -470,24 +468,59 @@ fn compute_batch(
     };
     let part = &mut batch.part;
     let mut first = 0;
+    let receives = |patch| plan.selection.receives(patch);
     for (&emitter, &count) in emitters.iter().zip(&count_of_row) {
         let samples = first..first + count;
         first += count;
-        let sums = converter.convert(
-            model,
-            emitter,
-            &hemicubes[samples.clone()],
-            samples.map(|row| rows.row(row)),
-            |patch| plan.selection.receives(patch),
-            &mut part.indices,
-            &mut part.data,
-        );
+        let (columns, data) = (&mut part.indices, &mut part.data);
+        let start = data.len();
+        let of_row = samples.clone().map(|row| rows.row(row));
+        let mut converted = converter.convert(model, emitter, &hemicubes[samples], of_row, receives, columns, data);
+        let mut hemicubes_of_row = count;
+        if converted.is_odd {
+            // The points do not stand for the emitter: a centroid inside a solid, say, of a patch that reaches out of it.
+            let more = model.hemicubes(emitter, MORE_SAMPLES * plan.samples_per_edge, plan.rotate);
+            let mut odd = RowBlock::default();
+            batch.counters += render(model, settings, backend, emitter, &more, &mut odd)?;
+            let of_row = (0..more.len()).map(|row| odd.row(row));
+            columns.truncate(start);
+            data.truncate(start);
+            converted = converter.convert(model, emitter, &more, of_row, receives, columns, data);
+            hemicubes_of_row = more.len();
+        }
         part.rows.push(emitter.0);
         part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
-        part.sums.push(sums);
-        part.hemicubes.push(u32::try_from(count).unwrap_or(u32::MAX));
+        part.sums.push(converted.sums);
+        part.hemicubes.push(u32::try_from(hemicubes_of_row).unwrap_or(u32::MAX));
+        part.errors.push(converted.error);
+        part.rays.push(u32::try_from(converted.rays).unwrap_or(u32::MAX));
     }
     Ok(batch)
+}
+
+/// A row whose hemicubes do not stand for its emitter gets this many times as many along an edge.
+const MORE_SAMPLES: u32 = 4;
+
+/// Renders and checks rows.
+fn render(
+    model: &Model,
+    settings: RenderSettings,
+    backend: &mut dyn HemicubeBackend,
+    first: InputPatch,
+    hemicubes: &[Hemicube],
+    rows: &mut RowBlock,
+) -> Result<Counters, ComputeError> {
+    let counters = backend.rows(hemicubes, rows).map_err(|source| ComputeError::Backend {
+        backend: backend_name(backend),
+        source,
+    })?;
+    rows.check(hemicubes.len(), model.geometry().patch_count, settings.covered)
+        .map_err(|source| ComputeError::Row {
+            backend: backend_name(backend),
+            patch: first.0,
+            source,
+        })?;
+    Ok(counters)
 }
 
 fn backend_name(backend: &dyn HemicubeBackend) -> String {
@@ -539,6 +572,9 @@ fn collect(
                 summary.rows += part.rows.len() as u64;
                 summary.entries += part.indices.len() as u64;
                 summary.parts += 1;
+                summary.rays += part.rays.iter().map(|&r| u64::from(r)).sum::<u64>();
+                summary.squared_error += part.errors.iter().map(|&e| f64::from(e).powi(2)).sum::<f64>();
+                summary.squared_norm += part.data.iter().map(|&f| f64::from(f).powi(2)).sum::<f64>();
                 summary.hemicubes += part.hemicubes.iter().map(|&h| u64::from(h)).sum::<u64>();
                 for sums in &part.sums {
                     summary.sums.visible += sums.visible;
@@ -579,4 +615,6 @@ fn append(part: &mut Part, batch: Part) {
     part.data.extend(batch.data);
     part.sums.extend(batch.sums);
     part.hemicubes.extend(batch.hemicubes);
+    part.errors.extend(batch.errors);
+    part.rays.extend(batch.rays);
 }

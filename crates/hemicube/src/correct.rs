@@ -13,9 +13,9 @@
 use crate::Model;
 use crate::backend::{Hemicube, WHOLE};
 use crate::factor::{Exchanges, FactorRule, PointFactors};
-use crate::row::RowView;
-use crate::refine::Refiner;
 pub use crate::refine::{Doubts, Refinement};
+use crate::refine::{Refined, Refiner};
+use crate::row::RowView;
 use crate::store::RowSums;
 use hemicube_scene::InputPatch;
 
@@ -48,6 +48,24 @@ impl Correction {
         !matches!(self, Self::Pixel)
     }
 }
+
+/// What a row's conversion came to.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Converted {
+    pub(crate) sums: RowSums,
+    /// Expected √Σ (F − true F)²; NaN where the rung does not estimate it.
+    pub(crate) error: f32,
+    /// Rays and points that fractions were measured with.
+    pub(crate) rays: u64,
+    /// How far the form factors and what was lost are from summing to 1, in a way that says the hemicubes do not stand for
+    /// the emitter.
+    pub(crate) is_odd: bool,
+}
+
+/// Where a rung has no tolerance, rows that sum so badly are odd.
+const ODD: f64 = 0.05;
+/// And nothing less than this is: hemicubes do not know better.
+const ODD_AT_LEAST: f64 = 0.01;
 
 /// A visible fraction this near to 1 is 1: what is missing is rounding of weights, not an occluder.
 const ALL_VISIBLE: f64 = 0.9999;
@@ -84,7 +102,7 @@ impl Converter {
         }
     }
 
-    /// Appends the columns and form factors of one row, and returns its sums of weights.
+    /// Appends the columns and form factors of one row, and returns what it came to.
     ///
     /// `hemicubes` and `rows` are the emitter's samples; `receives` says whether a patch has a column.
     #[allow(clippy::too_many_arguments, reason = "called once, from the driver's inner loop")]
@@ -97,7 +115,42 @@ impl Converter {
         receives: impl Fn(u32) -> bool,
         columns: &mut Vec<i32>,
         data: &mut Vec<f32>,
-    ) -> RowSums {
+    ) -> Converted {
+        let (mut error, mut rays) = (f32::NAN, 0);
+        let sums = self.gather(rows, &receives);
+        let start = data.len();
+        if hemicubes.len() > 1 {
+            self.entries.sort_unstable();
+        }
+        match self.correction {
+            Correction::Pixel => self.pixel(hemicubes.len(), columns, data),
+            Correction::Point => self.point(model, hemicubes, columns, data),
+            Correction::Area(_) => self.area(model, emitter, hemicubes, columns, data),
+            Correction::Tolerance(_) => {
+                let refined = self.tolerance(model, emitter, hemicubes.len(), receives, columns, data);
+                #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
+                let estimate = refined.squared_error.sqrt() as f32;
+                (error, rays) = (estimate, refined.rays + refined.points);
+            }
+        }
+        let whole = f64::from(WHOLE) * hemicubes.len().max(1) as f64;
+        let lost = (sums.escaped + sums.blocked + sums.unselected) as f64 / whole;
+        let sum: f64 = data[start..].iter().map(|&f| f64::from(f)).sum();
+        let bound = match self.correction {
+            Correction::Pixel => f64::INFINITY,
+            Correction::Point | Correction::Area(_) => ODD,
+            Correction::Tolerance(refinement) => refinement.tolerance.max(ODD_AT_LEAST),
+        };
+        Converted {
+            sums,
+            error,
+            rays,
+            is_odd: !hemicubes.is_empty() && (sum + lost - 1.0).abs() > bound,
+        }
+    }
+
+    /// Lists the entries of an emitter's samples; returns where their weight went.
+    fn gather<'r>(&mut self, rows: impl Iterator<Item = RowView<'r>>, receives: &impl Fn(u32) -> bool) -> RowSums {
         let mut sums = RowSums::default();
         self.entries.clear();
         for (sample, row) in (0u32..).zip(rows) {
@@ -111,15 +164,6 @@ impl Converter {
                     sums.unselected += u64::from(visible);
                 }
             }
-        }
-        if hemicubes.len() > 1 {
-            self.entries.sort_unstable();
-        }
-        match self.correction {
-            Correction::Pixel => self.pixel(hemicubes.len(), columns, data),
-            Correction::Point => self.point(model, hemicubes, columns, data),
-            Correction::Area(_) => self.area(model, emitter, hemicubes, columns, data),
-            Correction::Tolerance(_) => self.tolerance(model, emitter, receives, columns, data),
         }
         sums
     }
@@ -187,17 +231,34 @@ impl Converter {
         &mut self,
         model: &Model,
         emitter: InputPatch,
+        samples: usize,
         receives: impl Fn(u32) -> bool,
         columns: &mut Vec<i32>,
         data: &mut Vec<f32>,
-    ) {
-        let Some(refiner) = &mut self.refiner else { return };
-        let seen = self.entries.iter().map(|e| (e.0, fraction(e.2, e.3)));
-        let r = refiner.row(model, emitter, seen, receives);
-        if std::env::var_os("DBG").is_some() { eprintln!("{} seen {} pairs {} {r:?}", emitter.0, self.entries.len(), refiner.pairs.len()); }
+    ) -> Refined {
+        let Some(refiner) = &mut self.refiner else {
+            return Refined::default();
+        };
+        let share = 1.0 / samples.max(1) as f64;
+        let seen = self.entries.chunk_by(|a, b| a.0 == b.0).map(|group| {
+            let sum: f64 = group.iter().map(|e| fraction(e.2, e.3)).sum();
+            (
+                group[0].0,
+                if group.len() == samples {
+                    share * sum
+                } else {
+                    (share * sum).min(0.999)
+                },
+            )
+        });
+        // What was learnt of fractions is of those that one hemicube has.
+        let usual = refiner.with_care(samples > 1);
+        let refined = refiner.row(model, emitter, seen, receives);
+        refiner.set(usual);
         for pair in &refiner.pairs {
             push(columns, data, pair.patch, pair.fraction * pair.open);
         }
+        refined
     }
 }
 

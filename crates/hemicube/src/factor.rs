@@ -9,8 +9,8 @@ pub(crate) mod contour;
 mod far;
 mod lanes;
 
-use glam::DVec3;
 use far::{Others, Own};
+use glam::DVec3;
 use lanes::{Elements, LANES};
 
 /// How carefully pairs are integrated.
@@ -34,7 +34,7 @@ impl FactorRule {
         if tolerance >= 5e-3 {
             Self {
                 far: 3.5,
-                one: 12.0,
+                one: 8.0,
                 six: 1.5,
                 twenty_four: 0.6,
                 enough: 1e-4,

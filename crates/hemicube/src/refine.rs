@@ -35,6 +35,8 @@ pub struct Refinement {
     pub mean_squared_norm: f64,
     /// How far a fraction that one hemicube has may be off.
     pub doubts: Doubts,
+    /// Whether each pair is to have the tolerance by itself: for scenes so small that all pairs can be looked at.
+    pub each: bool,
 }
 
 impl Refinement {
@@ -46,6 +48,7 @@ impl Refinement {
             effort: 1.0,
             mean_squared_norm: 0.0,
             doubts: Doubts::default(),
+            each: false,
         }
     }
 
@@ -71,9 +74,14 @@ const CLASSES: usize = 3;
 const NEARNESSES: usize = 8;
 
 impl Default for Doubts {
-    /// Means over rooms, cities and machines.
+    /// What rooms, cities and machines have, on the large side: a pair that a sample of rows did not meet is rare, and not
+    /// known to be harmless.
     fn default() -> Self {
-        Self([[0.05; NEARNESSES], [0.01; NEARNESSES], [0.02; NEARNESSES]])
+        Self([
+            [0.08, 0.06, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05],
+            [0.02, 0.01, 0.005, 0.003, 0.002, 0.002, 0.002, 0.002],
+            [0.1, 0.05, 0.02, 0.01, 0.01, 0.01, 0.01, 0.01],
+        ])
     }
 }
 
@@ -116,36 +124,28 @@ impl Kind {
     }
 }
 
-/// Sums that doubts are estimated from.
+/// Sums that doubts are estimated from: Σ f² (error)², Σ f² and how many.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct DoubtSums([[(f64, f64); NEARNESSES]; CLASSES]);
+pub(crate) struct DoubtSums([[(f64, f64, f64); NEARNESSES]; CLASSES]);
 
 impl DoubtSums {
-    pub(crate) fn add(&mut self, other: &Self) {
-        for (own, other) in self.0.iter_mut().flatten().zip(other.0.iter().flatten()) {
-            own.0 += other.0;
-            own.1 += other.1;
-        }
-    }
-
-    /// The doubts; classes without evidence keep what is usual.
+    /// The doubts: what is usual counts as much as a few pairs.
     pub(crate) fn doubts(&self) -> Doubts {
         let mut doubts = Doubts::default();
-        for (row, sums) in doubts.0.iter_mut().zip(&self.0) {
-            // Each nearness is drawn towards the class's mean, as if a tenth of the evidence were spread over all.
-            let all = sums.iter().fold((0.0, 0.0), |a, s| (a.0 + s.0, a.1 + s.1));
-            let usual = f64::from(row[0]);
-            let mean = if all.1 > 0.0 { all.0 / all.1 } else { usual };
-            for (doubt, sum) in row.iter_mut().zip(sums) {
-                let prior = 0.02 * all.1 + f64::MIN_POSITIVE;
+        for (doubt, &(error, weight, count)) in doubts.0.iter_mut().flatten().zip(self.0.iter().flatten()) {
+            if count > 0.0 {
+                let usual = USUAL * weight / count;
                 #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
-                let value = ((sum.0 + prior * mean) / (sum.1 + prior)) as f32;
-                *doubt = value.max(1e-6);
+                let found = ((error + usual * f64::from(*doubt)) / (weight + usual)) as f32;
+                *doubt = found;
             }
         }
         doubts
     }
 }
+
+/// Pairs that the usual doubt counts as much as.
+const USUAL: f64 = 5.0;
 
 /// A pair of the row.
 #[derive(Clone, Copy, Debug)]
@@ -207,8 +207,11 @@ const REACH: f64 = 0.3;
 const QUASI_GAIN: f64 = 4.0;
 /// From this many rays on, points are cheaper.
 const MANY_RAYS: f64 = 65_536.0;
+/// Points at one pair, about, at most; and where each pair is to have the tolerance by itself.
+const MOST_POINTS: usize = 6_000;
+const MOST_POINTS_EACH: usize = 20_000;
 /// Below this share of the view, drawing rays by direction is a waste.
-const FILLED: f64 = 0.02;
+const FILLED: f64 = 0.004;
 /// Rays at one pair, at most.
 const MOST_RAYS: f64 = 262_144.0;
 
@@ -227,6 +230,21 @@ impl Refiner {
         }
     }
 
+    /// From now on takes nothing for known, and half of the error, if it is to take care; returns what it did before.
+    pub(crate) fn with_care(&mut self, care: bool) -> Refinement {
+        let before = self.refinement;
+        if care {
+            self.refinement.doubts = Doubts::default();
+            self.refinement.effort *= 0.5;
+        }
+        before
+    }
+
+    /// Refines so from now on.
+    pub(crate) fn set(&mut self, refinement: Refinement) {
+        self.refinement = refinement;
+    }
+
     /// Refines a row: `seen` are the patches that the centroid's hemicube saw, ascending, with their visible fractions.
     /// Afterwards `pairs` is the row, ascending.
     pub(crate) fn row(
@@ -238,6 +256,11 @@ impl Refiner {
     ) -> Refined {
         let own = model.normalised_corners(emitter.0);
         let budget = self.begin(model, emitter, &own, seen, receives);
+        if self.refinement.each {
+            let refined = self.measure_each(model, emitter, &own);
+            self.pairs.sort_unstable_by_key(|pair| pair.patch);
+            return refined;
+        }
 
         // The least doubtful keep what they have while that takes no more than its share.
         self.order.clear();
@@ -289,10 +312,13 @@ impl Refiner {
         self.exchanges.begin(own);
         self.close(model, own, 0);
         let budget = self.refinement.budget(self.squared_norm());
-        let least = REACH * budget.sqrt();
+        let least = if self.refinement.each {
+            f64::MIN_POSITIVE
+        } else {
+            REACH * budget.sqrt()
+        };
         if least > 0.0 && least < 1.0 {
-            self.candidates
-                .find(model.geometry().tree(), emitter.0, own, least);
+            self.candidates.find(model.geometry().tree(), emitter.0, own, least);
             let mut known = 0;
             for &patch in &self.candidates.patches {
                 while known < seen_count && self.pairs[known].patch < patch {
@@ -354,7 +380,7 @@ impl Refiner {
                     let seed = seed(emitter.0, pair.patch);
                     let filled = pair.open * sighting.emitter_share;
                     if sighting.near && filled <= FILLED {
-                        match self.clipper.measure(&self.shaft, tree, &sighting, 0.05) {
+                        match self.clipper.measure(&self.shaft, tree, &sighting, 0.05, MOST_POINTS) {
                             Some(clipped) => rays = (clipped.fraction, 1.0),
                             None => continue,
                         }
@@ -370,6 +396,7 @@ impl Refiner {
                 let sum = &mut sums.0[class][usize::from(pair.kind.nearness)];
                 sum.0 += weight * (fraction - pair.fraction).powi(2);
                 sum.1 += weight;
+                sum.2 += 1.0;
             }
         }
         self.squared_norm()
@@ -389,6 +416,49 @@ impl Refiner {
         for (pair, exchange) in self.pairs[start..].iter_mut().zip(&self.open) {
             pair.open = exchange * per_area;
         }
+    }
+
+    /// Measures the fraction of every pair to the tolerance.
+    fn measure_each(&mut self, model: &Model, emitter: InputPatch, own: &[DVec3; 3]) -> Refined {
+        let tree = model.geometry().tree();
+        let mut refined = Refined::default();
+        for pair in self.pairs.iter_mut().filter(|pair| pair.open > 0.0) {
+            self.shaft.clear();
+            let corners = model.normalised_corners(pair.patch);
+            let sighting = self.shaft.sight(tree, (emitter.0, own), (pair.patch, &corners));
+            refined.shafts += 1;
+            if sighting.hidden || sighting.is_open() {
+                pair.fraction = f64::from(u8::from(!sighting.hidden));
+                continue;
+            }
+            // Of a factor under a hundredth, a hundredth of the tolerance.
+            let enough = EACH_SHARE * self.refinement.tolerance * (SMALL_FACTOR / pair.open).max(1.0);
+            let measured = self
+                .clipper
+                .measure(&self.shaft, tree, &sighting, enough, MOST_POINTS_EACH);
+            if let Some(clipped) = measured {
+                pair.fraction = clipped.fraction;
+                refined.points += clipped.points as u64;
+                refined.squared_error += (clipped.change * pair.open).powi(2);
+                continue;
+            }
+            let seed = seed(emitter.0, pair.patch);
+            let mut sums = (0.0, 0.0);
+            if sighting.near {
+                self.shaft
+                    .cast_near(&sighting, EACH_RAYS, 64 * EACH_RAYS, seed, &mut sums);
+            } else {
+                self.shaft.cast(&sighting, 0, EACH_RAYS, seed, &mut sums);
+            }
+            refined.rays += EACH_RAYS as u64;
+            if sums.1 > 0.0 {
+                pair.fraction = sums.0 / sums.1;
+            }
+            let variance = pair.fraction * (1.0 - pair.fraction) / (QUASI_GAIN * EACH_RAYS as f64);
+            refined.squared_error += pair.open * pair.open * variance;
+        }
+        refined.squared_norm = self.squared_norm();
+        refined
     }
 
     /// Measures the fractions of the pairs from `first` on in the order of doubt.
@@ -424,7 +494,7 @@ impl Refiner {
             let filled = pair.open * sighting.emitter_share;
             let near = sighting.near && filled > FILLED;
             let rays = if near {
-                self.shaft.cast_near(&sighting, 2 * RAYS, 4096, seed, &mut sums)
+                self.shaft.cast_near(&sighting, 2 * RAYS, 8192, seed, &mut sums)
             } else {
                 self.shaft.cast(&sighting, 0, RAYS, seed, &mut sums);
                 RAYS
@@ -444,11 +514,7 @@ impl Refiner {
                 spread: (smooth * (1.0 - smooth)).sqrt(),
             });
         }
-        let total: f64 = self
-            .doubtful
-            .iter()
-            .map(|d| self.pairs[d.place].open * d.spread)
-            .sum();
+        let total: f64 = self.doubtful.iter().map(|d| self.pairs[d.place].open * d.spread).sum();
         for doubtful in &self.doubtful {
             let Doubtful {
                 place,
@@ -465,7 +531,7 @@ impl Refiner {
                 // Its part of the budget, in terms of the fraction.
                 let variance = RAY_SHARE * budget * (spread * pair.open / total);
                 let enough = variance.sqrt() / pair.open;
-                if let Some(clipped) = self.clipper.measure(&self.shaft, tree, sighting, enough) {
+                if let Some(clipped) = self.clipper.measure(&self.shaft, tree, sighting, enough, MOST_POINTS) {
                     pair.fraction = clipped.fraction;
                     refined.points += clipped.points as u64;
                     refined.squared_error += (clipped.change * pair.open).powi(2);
@@ -499,6 +565,11 @@ impl Refiner {
         }
     }
 }
+
+/// Where each pair is measured: the share of the tolerance that points may leave, and rays where points will not do.
+const EACH_SHARE: f64 = 0.3;
+const SMALL_FACTOR: f64 = 1e-2;
+const EACH_RAYS: usize = 1 << 18;
 
 /// Pairs of each class that are surveyed in a row, about.
 const SURVEYED: f64 = 24.0;

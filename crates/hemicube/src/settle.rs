@@ -1,7 +1,7 @@
 //! What a tolerance takes on a given scene: the rung, the resolution and the effort, from a seeded sample of its rows.
 //!
 //! A few hundred rows from one hemicube each tell the norm that the tolerance is a share of; some dozens of them, held
-//! against rays, how far visible fractions from one hemicube are off in this scene ([`Doubts`]). Then the settings, from the
+//! against rays, how far visible fractions from one hemicube are off in this scene ([`crate::correct::Doubts`]). Then the settings, from the
 //! cheapest on, are tried on some rows against the same rows with a quarter of the tolerance and twice the reach: the first
 //! that keeps the tolerance with a margin is taken. Everything depends on the scene, the settings and the seed: never on a
 //! clock.
@@ -11,20 +11,21 @@ use crate::backend::{Culling, HemicubeBackend, RenderSettings};
 use crate::compute::{ComputeError, sample};
 use crate::correct::{Correction, fraction};
 use crate::factor::FactorRule;
-use crate::refine::{Doubts, DoubtSums, Pair, Refined, Refinement, Refiner};
+use crate::refine::{DoubtSums, Pair, Refinement, Refiner};
 use crate::row::{RowBlock, RowView};
 use hemicube_scene::InputPatch;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What to compute with so that a tolerance is kept.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settled {
-    /// The rung: area, or tolerance with what was learnt of the scene.
+    /// The tolerance rung with what was learnt of the scene.
     pub correction: Correction,
     /// Pixels along an edge of the hemicube.
     pub resolution: u32,
-    /// The relative Frobenius error that the rows tried had.
+    /// The relative Frobenius error that the rows tried had; 0 where none was tried.
     pub expected: f64,
-    /// The same with one standard error more for the rows not tried.
+    /// The same with a margin of standard errors for the rows not tried.
     pub at_most: f64,
     /// Rows that were tried.
     pub rows: usize,
@@ -40,44 +41,69 @@ impl Settled {
 }
 
 const NORM_ROWS: usize = 256;
-const TRIED_ROWS: usize = 48;
-const SEED: u64 = 0x7E57_0F_70;
+const TRIED_ROWS: usize = 64;
+/// Standard errors that are added to what the rows tried have.
+const SURE: f64 = 1.5;
+/// Patches of a scene, and the tolerance, up to which every pair is measured by itself.
+const SMALL: usize = 400;
+const FINE: f64 = 2e-3;
+/// What the rows tried must have of the tolerance at most, for the sake of those not tried.
+const MARGIN: f64 = 0.8;
+const SEED: u64 = 0x7E57_0F70;
 
-/// A rung to try.
-#[derive(Clone, Copy)]
-struct Rung {
-    /// Effort; `None`: nothing is refined.
-    effort: Option<f64>,
-    resolution: u32,
-}
-
-/// From the cheapest to the dearest.
-const RUNGS: [Rung; 8] = [
-    Rung { effort: None, resolution: 64 },
-    Rung { effort: None, resolution: 128 },
-    Rung { effort: Some(2.5), resolution: 64 },
-    Rung { effort: Some(1.6), resolution: 128 },
-    Rung { effort: Some(1.0), resolution: 128 },
-    Rung { effort: Some(0.6), resolution: 128 },
-    Rung { effort: Some(0.35), resolution: 128 },
-    Rung { effort: Some(0.2), resolution: 128 },
+/// Effort and resolution, from the cheapest to the dearest. Even the cheapest looks for pairs that its hemicube missed: few
+/// rows of a scene have any, and a sample may have none of these.
+const RUNGS: [(f64, u32); 13] = [
+    (8.0, 64),
+    (4.0, 64),
+    (2.5, 64),
+    (1.8, 128),
+    (1.4, 128),
+    (1.1, 128),
+    (0.9, 128),
+    (0.75, 128),
+    (0.6, 128),
+    (0.45, 128),
+    (0.35, 128),
+    (0.27, 128),
+    (0.2, 128),
 ];
 
 /// One row as a rung has it.
 type Row = Vec<(u32, f64)>;
 
-/// Finds what keeps `tolerance` over the rows of `emitters`.
+/// Finds what keeps `tolerance` over the rows of `emitters`, by several threads (0: one a core), which do not change it.
 ///
 /// # Errors
 /// When the backend fails or breaks the contract.
 pub fn settle(
     model: &Model,
     emitters: &[InputPatch],
-    receives: &dyn Fn(u32) -> bool,
+    receives: &(dyn Fn(u32) -> bool + Sync),
     rotate: bool,
     tolerance: f64,
     backend: &mut dyn HemicubeBackend,
+    threads: usize,
 ) -> Result<Settled, ComputeError> {
+    if model.patches().len() <= SMALL && tolerance <= FINE {
+        // Few enough to look at every pair, and whoever asks for so much of so few wants each pair right.
+        let each = Refinement {
+            each: true,
+            rule: FactorRule::for_tolerance(tolerance * 0.1),
+            ..Refinement::for_tolerance(tolerance)
+        };
+        return Ok(Settled {
+            correction: Correction::Tolerance(each),
+            resolution: 128,
+            expected: 0.0,
+            at_most: 0.0,
+            rows: 0,
+            reason: format!(
+                "every pair measured to the tolerance by itself, as there are only {} patches",
+                model.patches().len()
+            ),
+        });
+    }
     let rows = sample(emitters, NORM_ROWS, SEED);
     let tried: Vec<usize> = {
         let stride = rows.len().div_ceil(TRIED_ROWS).max(1);
@@ -108,71 +134,98 @@ pub fn settle(
         doubts: sums.doubts(),
         ..known
     };
-    let exact = {
-        let mut refiner = Refiner::new(Refinement {
-            effort: 0.2,
-            rule: FactorRule::for_tolerance(tolerance * 0.1),
-            ..known
-        });
-        tried
-            .iter()
-            .map(|&k| {
-                refiner.row(model, rows[k], seen(fine.row(k)), receives);
-                values(&refiner.pairs)
-            })
-            .collect::<Vec<Row>>()
+    let row_of = |refiner: &mut Refiner, block: &RowBlock, k: usize| {
+        refiner.row(model, rows[k], seen(block.row(k)), receives);
+        values(&refiner.pairs)
     };
+    let finest = Refinement {
+        effort: 0.25,
+        rule: FactorRule::for_tolerance(tolerance * 0.1),
+        ..known
+    };
+    let exact: Vec<Row> = side_by_side(threads, finest, &tried, |refiner, k| row_of(refiner, &fine, k));
     let norm = mean_squared_norm.max(f64::MIN_POSITIVE);
     let mut best: Option<Settled> = None;
-    for rung in RUNGS {
-        let refinement = Refinement {
-            effort: rung.effort.unwrap_or(f64::INFINITY),
-            ..known
-        };
-        let block = if rung.resolution == 64 { &coarse } else { &fine };
-        let mut refiner = Refiner::new(refinement);
-        let errors: Vec<f64> = tried
-            .iter()
-            .zip(&exact)
-            .map(|(&k, exact)| {
-                refiner.row(model, rows[k], seen(block.row(k)), receives);
-                let v = values(&refiner.pairs);
-                let e = squared_difference(&v, exact);
-                if std::env::var_os("DBGS").is_some() && e > 0.1 * tolerance * tolerance * norm * tried.len() as f64 {
-                    eprintln!("rung {:?} row {} share {}", rung.effort, rows[k].0, e / norm / tried.len() as f64);
-                    let a: std::collections::BTreeMap<u32, f64> = v.iter().copied().collect();
-                    let b: std::collections::BTreeMap<u32, f64> = exact.iter().copied().collect();
-                    let mut d: Vec<_> = a.keys().chain(b.keys()).map(|p| (a.get(p).unwrap_or(&0.0) - b.get(p).unwrap_or(&0.0), *p)).collect();
-                    d.sort_by(|p, q| q.0.abs().total_cmp(&p.0.abs()));
-                    d.dedup();
-                    for (x, p) in d.iter().take(3) { let pair = refiner.pairs.iter().find(|q| q.patch == *p); eprintln!("   {p}: off {x}, exact {:?} pair {pair:?}", b.get(p)); }
-                }
-                e
-            })
-            .collect();
+    for (effort, resolution) in RUNGS {
+        let refinement = Refinement { effort, ..known };
+        let block = if resolution == 64 { &coarse } else { &fine };
+        let numbered: Vec<usize> = (0..tried.len()).collect();
+        let errors: Vec<f64> = side_by_side(threads, refinement, &numbered, |refiner, n| {
+            squared_difference(&row_of(refiner, block, tried[n]), &exact[n])
+        });
         let count = errors.len().max(1) as f64;
         let mean = errors.iter().sum::<f64>() / count;
         let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
         let settled = Settled {
-            correction: match rung.effort {
-                None => Correction::Area(refinement.rule),
-                Some(_) => Correction::Tolerance(refinement),
-            },
-            resolution: rung.resolution,
+            correction: Correction::Tolerance(refinement),
+            resolution,
             expected: (mean / norm).sqrt(),
-            at_most: ((mean + variance.sqrt()) / norm).sqrt(),
+            at_most: ((mean + SURE * variance.sqrt()) / norm).sqrt(),
             rows: errors.len(),
             reason: String::new(),
         };
-        let keeps = settled.keeps(tolerance);
+        let keeps = settled.at_most <= MARGIN * tolerance;
         best = Some(settled);
         if keeps {
             break;
         }
     }
     let mut settled = best.unwrap_or_else(|| unreachable!("there are rungs"));
-    settled.reason = format!("{:?} {:?}", settled.correction, known.doubts);
+    let percent = |x: f64| format!("{:.3} %", 100.0 * x);
+    let effort = match settled.correction {
+        Correction::Tolerance(refinement) => refinement.effort,
+        _ => f64::NAN,
+    };
+    let verdict = if settled.keeps(tolerance) {
+        ""
+    } else {
+        "; more than was asked for, and the most that is tried"
+    };
+    settled.reason = format!(
+        "visible fractions refined with effort {effort}, N = {}: {} off on {} rows tried, at most about {}{verdict}",
+        settled.resolution,
+        percent(settled.expected),
+        settled.rows,
+        percent(settled.at_most),
+    );
     Ok(settled)
+}
+
+/// `of` each of `items`, in order, by several threads with a refiner each.
+fn side_by_side<T: Send>(
+    threads: usize,
+    refinement: Refinement,
+    items: &[usize],
+    of: impl Fn(&mut Refiner, usize) -> T + Sync,
+) -> Vec<T> {
+    let threads = match threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        threads => threads,
+    }
+    .clamp(1, items.len().max(1));
+    let next = AtomicUsize::new(0);
+    let mut done: Vec<(usize, T)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads)
+            .map(|_| {
+                scope.spawn(|| {
+                    let mut refiner = Refiner::new(refinement);
+                    let mut own = Vec::new();
+                    loop {
+                        let place = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(&item) = items.get(place) else { return own };
+                        own.push((place, of(&mut refiner, item)));
+                    }
+                })
+            })
+            .collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, Vec<(usize, T)>>| match worker.join() {
+            Ok(own) => own,
+            Err(panic) => std::panic::resume_unwind(panic),
+        };
+        workers.into_iter().flat_map(join).collect()
+    });
+    done.sort_by_key(|&(place, _)| place);
+    done.into_iter().map(|(_, value)| value).collect()
 }
 
 fn values(pairs: &[Pair]) -> Row {

@@ -23,6 +23,10 @@ pub(crate) const RAYS: usize = 16;
 /// What lies within this part of the pair's extent of a side of the shaft counts as outside.
 const OUTSIDE: f64 = 4e-6;
 
+/// What rises less than this part of the pair's extent above one of the planes is met in f64: rays in f32 are not sure on
+/// which side of it they begin and end.
+const BESIDE: f64 = 1e-4;
+
 /// See [`Sighting::near`].
 const NEAR: f64 = 2.0;
 
@@ -57,7 +61,8 @@ pub(crate) struct Sighting {
     pub(crate) emitter: [DVec3; 3],
     pub(crate) receiver: [DVec3; 3],
     pub(crate) origin: DVec3,
-    /// The middle of the smaller one is near the other, in its radii: a few segments would carry most of the weight.
+    /// The middle of the smaller one is near the other, in radii of either: a few segments between evenly drawn points would
+    /// carry most of the weight.
     pub(crate) near: bool,
     /// Whether the receiver is the smaller of the two.
     pub(crate) receiver_is_smaller: bool,
@@ -145,9 +150,9 @@ impl Shaft {
             receiver,
             origin,
             near: if receiver_is_smaller {
-                crate::factor::distance(c1, &emitter) < NEAR * r1
+                crate::factor::distance(c1, &emitter) < (NEAR * r1).max(r0)
             } else {
-                crate::factor::distance(c0, &receiver) < NEAR * r0
+                crate::factor::distance(c0, &receiver) < (NEAR * r0).max(r1)
             },
             receiver_is_smaller,
             emitter_share: (area(&emitter) / area(&receiver).min(area(&emitter)).max(f64::MIN_POSITIVE)).sqrt(),
@@ -175,12 +180,14 @@ impl Shaft {
             }
             let n = n.normalize();
             let d = n.dot(points[a]);
-            let (mut least, mut most) = (0.0f64, 0.0f64);
-            for p in points {
-                let s = n.dot(*p) - d;
-                least = least.min(s);
-                most = most.max(s);
+            let heights = points.map(|p| n.dot(p) - d);
+            // A plane of one of the triangles themselves, found again where they share a corner, would count as outside what
+            // lies a hair above it.
+            let lies_in = |t: &[f64]| t.iter().all(|h| h.abs() <= flat);
+            if lies_in(&heights[..3]) || lies_in(&heights[3..]) {
+                return;
             }
+            let (least, most) = heights.iter().fold((0.0f64, 0.0f64), |(l, m), &h| (l.min(h), m.max(h)));
             if least >= -flat && most > flat {
                 self.planes.push((n.to_array(), d));
             } else if most <= flat && least < -flat {
@@ -206,10 +213,7 @@ impl Shaft {
             1 => -tolerance,
             _ => side,
         };
-        let ([emitter_plane, receiver_plane], receiver_box) = ([self.planes[0], self.planes[1]], {
-            let [a, b, c] = sighting.receiver;
-            (a.min(b).min(c).to_array(), a.max(b).max(c).to_array())
-        });
+        let [emitter_plane, receiver_plane] = [self.planes[0], self.planes[1]];
         self.pending.clear();
         self.pending.push(0);
         let own_slots = own.map(|p| tree.slot_of_patch[p as usize]);
@@ -237,7 +241,12 @@ impl Shaft {
                 continue;
             }
             let block = &tree.blocks[node.block as usize];
-            let mut kept = dispatch_inside(&block.corners, origin.to_array(), &self.planes, [tolerance, -tolerance, side]);
+            let mut kept = dispatch_inside(
+                &block.corners,
+                origin.to_array(),
+                &self.planes,
+                [tolerance, -tolerance, side],
+            );
             while kept != 0 {
                 let l = kept.trailing_zeros() as usize;
                 kept &= kept - 1;
@@ -262,9 +271,13 @@ impl Shaft {
                     let n = (b - a).cross(c - a);
                     let faces = n.dot(DVec3::from_array(receiver_plane.0)) > 0.0;
                     let id = if faces { block.negative[l] } else { block.positive[l] };
-                    let apart = (0..3).any(|x| most[x] < receiver_box.0[x] - side || least[x] > receiver_box.1[x] + side);
-                    if lowest >= -tolerance && id < own[1] && id < tree.patch_count && !apart {
-                        sighting.over.push([a, b, c]);
+                    let triangle = [a, b, c];
+                    if lowest >= -tolerance
+                        && id < own[1]
+                        && id < tree.patch_count
+                        && overlap(&triangle, &sighting.receiver, DVec3::from_array(receiver_plane.0), side)
+                    {
+                        sighting.over.push(triangle);
                     }
                     continue;
                 }
@@ -283,7 +296,7 @@ impl Shaft {
                     slot,
                     size: normal.length_squared() as f32,
                 };
-                if highest <= side || height(&emitter_plane).1 <= side {
+                if highest <= BESIDE * size || height(&emitter_plane).1 <= BESIDE * size {
                     sighting.beside.push([a, b, c]);
                 } else {
                     if hides([a, b, c], normal, sighting) {
@@ -359,43 +372,51 @@ impl Shaft {
             return 0;
         };
         let across = (large[1] - large[0]).cross(large[2] - large[0]);
-        let shift = shifts(seed);
+        let fan = Fan {
+            corners: small.map(|p| p.to_array()),
+            axes: [tangent, bitangent, normal].map(|p| p.to_array()),
+            other: large.map(|p| p.to_array()),
+            // Towards the inside of the other one.
+            sides: [0, 1, 2].map(|e| across.cross(large[(e + 1) % 3] - large[e]).to_array()),
+            across: across.to_array(),
+            shift: shifts(seed),
+        };
         let mut group = Group::new();
+        let mut drawn = Drawn::new();
         let (mut filled, mut met) = (0, 0);
-        for k in 1..=most {
-            let u: [f64; 4] = std::array::from_fn(|a| wrapped(shift[a] + STEPS_4[a] * k as f64));
-            let (p, q) = (2.0 * u[2] - 1.0, 2.0 * u[3] - 1.0);
-            let squared = p * p + q * q;
-            if squared < 1.0 {
-                let x = point(small, fold(u[0], u[1]));
-                let d = tangent * p + bitangent * q + normal * (1.0 - squared).sqrt();
-                let slope = across.dot(d);
-                // From in front of the other's plane towards it.
-                let t = across.dot(large[0] - x) / slope;
-                let y = x + d * t;
-                let is_in = |t: &[DVec3; 3], n: DVec3| {
-                    (0..3).all(|e| (t[(e + 1) % 3] - t[e]).cross(y - t[e]).dot(n) >= 0.0)
-                };
-                if slope < 0.0 && t > 0.0 && is_in(large, across) {
-                    let (from, to) = if sighting.receiver_is_smaller { (y, x) } else { (x, y) };
-                    group.set(filled, from, to - from, sighting.is_stopped(from, to));
-                    filled += 1;
-                    met += 1;
+        let mut at = 0;
+        loop {
+            let mut mask = dispatch_draw_fan(&fan, at, &mut drawn);
+            at += RAYS;
+            while mask != 0 && met < wanted {
+                let l = mask.trailing_zeros() as usize;
+                mask &= mask - 1;
+                let lane = |v: &[[f64; RAYS]; 3]| DVec3::new(v[0][l], v[1][l], v[2][l]);
+                let (x, y) = (lane(&drawn.start), lane(&drawn.end));
+                let (from, to) = if sighting.receiver_is_smaller { (y, x) } else { (x, y) };
+                group.set(filled, from, to - from, sighting.is_stopped(from, to));
+                filled += 1;
+                met += 1;
+                if filled == RAYS {
+                    self.count(sighting, &mut group, filled, sums);
+                    filled = 0;
                 }
             }
-            let last = met >= wanted || k == most;
-            if filled == RAYS || (last && filled > 0) {
-                group.hit = [0; RAYS];
-                self.hit(sighting, &mut group);
-                sums.0 += group.hit[..filled].iter().filter(|&&h| h == 0).count() as f64;
-                sums.1 += filled as f64;
-                filled = 0;
-            }
-            if last {
+            if met >= wanted || at >= most {
                 break;
             }
         }
+        if filled > 0 {
+            self.count(sighting, &mut group, filled, sums);
+        }
         met
+    }
+
+    fn count(&self, sighting: &Sighting, group: &mut Group, filled: usize, sums: &mut (f64, f64)) {
+        group.hit = [0; RAYS];
+        self.hit(sighting, group);
+        sums.0 += group.hit[..filled].iter().filter(|&&h| h == 0).count() as f64;
+        sums.1 += filled as f64;
     }
 
     fn hit(&self, sighting: &Sighting, group: &mut Group) {
@@ -407,12 +428,33 @@ fn fold(u: f64, v: f64) -> (f64, f64) {
     if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) }
 }
 
+/// The fractional part of a number from 0 to 2⁵³.
+#[inline(always)]
 fn wrapped(x: f64) -> f64 {
-    x - x.floor()
+    // No call of a library's floor on processors that lack the instruction.
+    #[allow(clippy::cast_possible_truncation, reason = "within 2⁵³")]
+    let whole = x as i64;
+    x - whole as f64
 }
 
 fn point(t: &[DVec3; 3], (u, v): (f64, f64)) -> DVec3 {
     t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v
+}
+
+/// Whether two triangles in one plane with this normal have more than `touch` of an overlap: no line along one of their
+/// edges keeps them apart.
+fn overlap(p: &[DVec3; 3], q: &[DVec3; 3], normal: DVec3, touch: f64) -> bool {
+    let apart = |of: &[DVec3; 3], other: &[DVec3; 3]| {
+        (0..3).any(|k| {
+            let (a, b, c) = (of[k], of[(k + 1) % 3], of[(k + 2) % 3]);
+            let mut across = normal.cross(b - a).normalize_or_zero();
+            if across.dot(c - a) < 0.0 {
+                across = -across;
+            }
+            other.iter().all(|&x| across.dot(x - a) <= touch)
+        })
+    };
+    !apart(p, q) && !apart(q, p)
 }
 
 /// Whether all nine segments between corners pass through the inside of a triangle: then so does every segment between the
@@ -444,6 +486,93 @@ struct Group {
     stopped: [u32; RAYS],
     hit: [u32; RAYS],
 }
+
+/// What directions from points of one triangle to another are drawn from.
+struct Fan {
+    corners: [[f64; 3]; 3],
+    axes: [[f64; 3]; 3],
+    other: [[f64; 3]; 3],
+    sides: [[f64; 3]; 3],
+    across: [f64; 3],
+    shift: [f64; 4],
+}
+
+/// Sixteen segments.
+#[repr(C, align(64))]
+struct Drawn {
+    start: [[f64; RAYS]; 3],
+    end: [[f64; RAYS]; 3],
+}
+
+impl Drawn {
+    const fn new() -> Self {
+        Self {
+            start: [[0.0; RAYS]; 3],
+            end: [[0.0; RAYS]; 3],
+        }
+    }
+}
+
+/// Draws the directions `at + 1..= at + 16` of a sequence; the mask says which meet the other triangle from its front.
+#[inline(always)]
+fn draw_fan(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
+    let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+    let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
+    let mut met = [0u64; RAYS];
+    let start = at as f64 + 1.0;
+    let (e, f) = (
+        minus(fan.corners[1], fan.corners[0]),
+        minus(fan.corners[2], fan.corners[0]),
+    );
+    for l in 0..RAYS {
+        let k = start + LANE[l];
+        // Positive and below 2³¹: adding and taking off 2⁵² leaves the nearest whole number.
+        let fraction = |x: f64| {
+            let nearest = (x + 4_503_599_627_370_496.0) - 4_503_599_627_370_496.0;
+            let rest = x - nearest;
+            rest + if rest < 0.0 { 1.0 } else { 0.0 }
+        };
+        let u: [f64; 4] = [
+            fraction(fan.shift[0] + STEPS_4[0] * k),
+            fraction(fan.shift[1] + STEPS_4[1] * k),
+            fraction(fan.shift[2] + STEPS_4[2] * k),
+            fraction(fan.shift[3] + STEPS_4[3] * k),
+        ];
+        let outside = u[0] + u[1] > 1.0;
+        let (s, t) = (
+            if outside { 1.0 - u[0] } else { u[0] },
+            if outside { 1.0 - u[1] } else { u[1] },
+        );
+        let (p, q) = (2.0 * u[2] - 1.0, 2.0 * u[3] - 1.0);
+        let squared = p * p + q * q;
+        let rest = 1.0 - squared;
+        let up = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
+        let (mut x, mut d) = ([0.0; 3], [0.0; 3]);
+        for a in 0..3 {
+            x[a] = fan.corners[0][a] + e[a] * s + f[a] * t;
+            d[a] = fan.axes[0][a] * p + fan.axes[1][a] * q + fan.axes[2][a] * up;
+        }
+        let slope = dot(fan.across, d);
+        let length = dot(fan.across, minus(fan.other[0], x)) / slope;
+        let y = [x[0] + d[0] * length, x[1] + d[1] * length, x[2] + d[2] * length];
+        let within = |k: usize| dot(fan.sides[k], minus(y, fan.other[k])) >= 0.0;
+        let meets = (rest > 0.0) & (slope < 0.0) & (length > 0.0) & within(0) & within(1) & within(2);
+        met[l] = u64::from(meets);
+        for a in 0..3 {
+            drawn.start[a][l] = x[a];
+            drawn.end[a][l] = y[a];
+        }
+    }
+    let mut mask = 0;
+    for (l, &k) in met.iter().enumerate() {
+        mask |= u16::from(k != 0) << l;
+    }
+    mask
+}
+
+const LANE: [f64; RAYS] = [
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
+];
 
 /// Steps of an additive sequence in four dimensions: powers of the root of x⁵ = x + 1 (Roberts 2018).
 const STEPS_4: [f64; 4] = [
@@ -611,6 +740,7 @@ dispatch!(
     inside,
     (corners: &[[f64; LANES]; 9], origin: [f64; 3], planes: &[([f64; 3], f64)], outside: [f64; 3]) -> u16
 );
+dispatch!(dispatch_draw_fan, draw_fan, (fan: &Fan, at: usize, drawn: &mut Drawn) -> u16);
 dispatch!(dispatch_hits, hits, (occluders: &[Occluder], group: &mut Group));
 
 #[cfg(test)]

@@ -3,12 +3,14 @@
 //! ```text
 //! DIR/manifest.json          what it is a matrix of, how it was computed, which parts it has
 //! DIR/patches.npz            one row a patch, in input order: face, object, material, side (0 front, 1 back), area,
-//!                            centroid, normal; escaped, blocked, unselected (fractions of the hemicube) and row_sum,
-//!                            NaN where no row was computed
+//!                            centroid, normal; escaped, blocked, unselected (fractions of the hemicube), row_sum and
+//!                            error (expected √Σ (F − true F)²), NaN where no row was computed
 //! DIR/parts/part-00000.npz   format, shape, data, indices, indptr: what `scipy.sparse.load_npz` reads, a CSR block of
 //!                            `rows_per_part` rows of the processing order and `patch_count` columns;
 //!                            rows (which input patches its rows are), sums (weights: visible, escaped, blocked,
-//!                            unselected) and hemicubes (how many a row was rendered with)
+//!                            unselected), hemicubes (how many a row was rendered with),
+//!                            errors (expected √Σ (F − true F)², NaN where not estimated) and rays (that its visible
+//!                            fractions were measured with)
 //! ```
 //!
 //! F\[i, j\] is from i to j: the fraction of what leaves patch i that reaches patch j. Rows and columns are *input
@@ -101,6 +103,10 @@ pub struct Part {
     pub sums: Vec<RowSums>,
     /// How many hemicubes were rendered for each row; 0 for a row that was come by in another way.
     pub hemicubes: Vec<u32>,
+    /// The expected √Σ (F − true F)² of each row; NaN where no rung estimates it.
+    pub errors: Vec<f32>,
+    /// Rays and points that visible fractions of each row were measured with.
+    pub rays: Vec<u32>,
 }
 
 impl Part {

@@ -95,6 +95,8 @@ fn push_sums(part: &mut Part, patch: u32, escaped: u64, blocked: u64) {
     part.rows.push(patch);
     part.indptr.push(part.data.len() as i64);
     part.hemicubes.push(1);
+    part.errors.push(0.0);
+    part.rays.push(0);
     part.sums.push(RowSums {
         visible: HEMICUBE_WEIGHT - escaped - blocked,
         escaped,
@@ -497,7 +499,7 @@ fn what_cannot_be_balanced_is_refused_with_a_reason() {
                 std::fs::write(&path, bytes).unwrap();
             })
         };
-        assert!(matches!(flip("parts/part-00001.npz", 2000), Error::Checksum { .. }));
+        assert!(matches!(flip("parts/part-00001.npz", 1000), Error::Checksum { .. }));
         assert!(matches!(flip("patches.npz", 2000), Error::Checksum { .. }));
         for value in [f32::NAN, f32::INFINITY, -0.1] {
             let bad = |directory: &Path| {

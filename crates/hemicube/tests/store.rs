@@ -542,7 +542,7 @@ impl Drop for SmallDisk {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_loses_nothing_that_was_written() {
-    let Some(disk) = SmallDisk::new("a_full_disk_loses_nothing_that_was_written", 256) else {
+    let Some(disk) = SmallDisk::new("a_full_disk_loses_nothing_that_was_written", 280) else {
         return;
     };
     let sample = sample(300, 300, 50, 15);

@@ -121,6 +121,8 @@ struct SceneReport {
 struct Timings {
     load: f64,
     build: f64,
+    /// Finding what keeps a tolerance.
+    settle: f64,
     rows: f64,
     write: f64,
     verify: f64,
@@ -228,7 +230,16 @@ fn compute_into(
     let mut timings = Timings::default();
     let mut prepared = prepare(scene_path, &arguments.patches, &arguments.render)?;
     let selection = crate::selection::selection(&prepared.scene, &prepared.patches, &arguments.selection)?;
-    let rung = rung::settle(&prepared.model, &arguments.render);
+    let started = Instant::now();
+    // A session of its own, so that what is settled and what is computed do not share a loaded scene.
+    let rung = rung::choose(
+        &prepared.model,
+        &selection,
+        &arguments.render,
+        arguments.render.rotation == Switch::On,
+        arguments.render.open_backend()?.as_mut(),
+    )?;
+    timings.settle = started.elapsed().as_secs_f64();
     let (plan, rows) = plan(&prepared.model, selection, arguments, &rung)?;
     let device = backend.info().clone();
     let threads = arguments.render.thread_count();

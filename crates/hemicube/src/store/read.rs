@@ -39,6 +39,8 @@ pub struct RowTable {
     pub unselected: Vec<f64>,
     /// Sum of the form factors.
     pub row_sum: Vec<f64>,
+    /// Expected √Σ (F − true F)², on rungs that estimate it.
+    pub error: Vec<f64>,
 }
 
 /// A part without its entries.
@@ -208,10 +210,12 @@ impl Store {
         let sums: Vec<u64> = npz.array("sums")?;
         let hemicubes: Vec<u32> = npz.array("hemicubes")?;
         let count = entry.rows as usize;
-        if rows.len() != count || sums.len() != 4 * count || hemicubes.len() != count {
+        let (errors, rays): (Vec<f32>, Vec<u32>) = (npz.array("errors")?, npz.array("rays")?);
+        let lengths = [rows.len(), hemicubes.len(), errors.len(), rays.len()];
+        if lengths.iter().any(|&length| length != count) || sums.len() != 4 * count {
             return Err(Error::malformed(
                 &path,
-                format!("does not have `rows`, `sums` and `hemicubes` of {count} rows"),
+                format!("does not have `rows`, `sums`, `hemicubes`, `errors` and `rays` of {count} rows"),
             ));
         }
         if let Some(row) = rows.iter().find(|&&row| row >= self.manifest.patch_count) {
@@ -237,6 +241,8 @@ impl Store {
                 })
                 .collect(),
             hemicubes,
+            errors,
+            rays,
         }))
     }
 
@@ -312,11 +318,18 @@ impl Store {
             blocked: npz.array("blocked")?,
             unselected: npz.array("unselected")?,
             row_sum: npz.array("row_sum")?,
+            error: npz.array("error")?,
         };
         let count = self.manifest.patch_count as usize;
-        if [&table.escaped, &table.blocked, &table.unselected, &table.row_sum]
-            .iter()
-            .any(|column| column.len() != count)
+        if [
+            &table.escaped,
+            &table.blocked,
+            &table.unselected,
+            &table.row_sum,
+            &table.error,
+        ]
+        .iter()
+        .any(|column| column.len() != count)
         {
             return Err(Error::malformed(&path, format!("does not have {count} patches")));
         }

@@ -22,6 +22,7 @@ struct RowColumns {
     blocked: Vec<f64>,
     unselected: Vec<f64>,
     row_sum: Vec<f64>,
+    error: Vec<f64>,
 }
 
 /// A store that is being written.
@@ -66,6 +67,7 @@ impl StoreWriter {
                 blocked: unknown(),
                 unselected: unknown(),
                 row_sum: unknown(),
+                error: unknown(),
             },
             written: vec![false; count],
         };
@@ -119,6 +121,7 @@ impl StoreWriter {
             let patch = patch as usize;
             self.written[patch] = true;
             self.columns.row_sum[patch] = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
+            self.columns.error[patch] = f64::from(part.errors[row]);
             if hemicubes > 0 {
                 let whole = (u64::from(hemicubes) * HEMICUBE_WEIGHT) as f64;
                 self.columns.escaped[patch] = sums.escaped as f64 / whole;
@@ -179,6 +182,8 @@ impl StoreWriter {
         if part.rows.len() != count
             || part.sums.len() != count
             || part.hemicubes.len() != count
+            || part.errors.len() != count
+            || part.rays.len() != count
             || part.indptr.len() != count + 1
         {
             return Err(format!("it does not have {count} rows"));
@@ -222,7 +227,7 @@ impl StoreWriter {
 
     fn write_patches(&mut self, patches: &PatchTable) -> Result<()> {
         let path = self.directory.join(PATCHES_FILE);
-        let wanted = 101 * u64::from(self.manifest.patch_count) + 4096;
+        let wanted = 109 * u64::from(self.manifest.patch_count) + 4096;
         let columns = &self.columns;
         write_archive(&path, wanted, |npz| {
             let count = patches.len() as u64;
@@ -257,7 +262,7 @@ impl StoreWriter {
             sources.push((name, header, elements, size));
         }
         let file = known.into_file();
-        let wanted = 101 * u64::from(self.manifest.patch_count) + 4096;
+        let wanted = 109 * u64::from(self.manifest.patch_count) + 4096;
         let columns = &self.columns;
         write_archive(&path, wanted, |npz| {
             let mut buffer = vec![0; COPY];
@@ -292,7 +297,8 @@ impl RowColumns {
         npz.array("escaped", &[count], &self.escaped)?;
         npz.array("blocked", &[count], &self.blocked)?;
         npz.array("unselected", &[count], &self.unselected)?;
-        npz.array("row_sum", &[count], &self.row_sum)
+        npz.array("row_sum", &[count], &self.row_sum)?;
+        npz.array("error", &[count], &self.error)
     }
 }
 
@@ -388,5 +394,7 @@ fn encode(part: &Part, patch_count: u32) -> io::Result<Vec<u8>> {
     }
     npz.write_all(&bytes)?;
     npz.array("hemicubes", &[rows], &part.hemicubes)?;
+    npz.array("errors", &[rows], &part.errors)?;
+    npz.array("rays", &[rows], &part.rays)?;
     Ok(npz.finish()?.into_inner())
 }

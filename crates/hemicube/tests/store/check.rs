@@ -265,6 +265,8 @@ fn pair(directory: &Path, forward: f32, backward: f32) {
     part.indices = vec![1, 0];
     part.data = vec![forward, backward];
     part.hemicubes = vec![1, 1];
+    part.errors = vec![0.0; 2];
+    part.rays = vec![0; 2];
     for (sums, factor) in part.sums.iter_mut().zip([forward, backward]) {
         let visible = (f64::from(factor) * HEMICUBE_WEIGHT as f64) as u64;
         *sums = hemicube::store::RowSums {

@@ -113,6 +113,8 @@ fn push_row(part: &mut Part, patch: u32, patch_count: u32, random: &mut Random) 
         unselected: left - escaped - blocked,
     });
     part.hemicubes.push(hemicubes);
+    part.errors.push(patch as f32 * 1e-3);
+    part.rays.push(16 * patch);
 }
 
 impl Sample {
@@ -252,6 +254,8 @@ pub(crate) fn doctor_part(directory: &Path, part: &Part) {
             ("rows", npy(&[rows], &part.rows)),
             ("sums", npy(&[rows, 4], &sums)),
             ("hemicubes", npy(&[rows], &part.hemicubes)),
+            ("errors", npy(&[rows], &part.errors)),
+            ("rays", npy(&[rows], &part.rays)),
         ],
         zip::CompressionMethod::Stored,
     );
