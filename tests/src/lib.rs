@@ -1,5 +1,5 @@
-//! What the tests of the whole workspace share: real scenes and when to skip, geometry with closed forms, rays in f64 to
-//! hold item buffers against, and rows in memory.
+//! What the tests of the whole workspace share: real scenes and when to skip, the public cases, geometry with closed forms,
+//! scenes at the extremes, rays in f64 to hold item buffers against, and rows in memory.
 //!
 //! | variable | meaning |
 //! | --- | --- |
@@ -8,6 +8,8 @@
 //! | `HEMICUBE_PYTHON` | a Python with NumPy and SciPy; otherwise `python3` |
 //! | `HEMICUBE_REQUIRE_PYTHON=1` | a test that would skip for want of one fails |
 
+pub mod cases;
+pub mod extremes;
 pub mod geometry;
 pub mod rays;
 pub mod rows;

@@ -4,8 +4,11 @@ use glam::DVec3;
 use hemicube::Model;
 use hemicube::backend::{Counters, Culling, Hemicube, HemicubeBackend, RenderSettings};
 use hemicube::compute::{ComputeError, Execution, Plan, RowChoice, Selection, Summary, compute};
+use hemicube::correct::{Correction, Refinement};
+use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
-use hemicube::store::Part;
+use hemicube::settle::settle;
+use hemicube::store::{HEMICUBE_WEIGHT, Part};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::InputPatch;
 
@@ -87,6 +90,117 @@ pub fn parts(
     let mut sink = Vec::new();
     let summary = compute(model, plan, settings, backend, execution, &mut sink, &mut |_| {})?;
     Ok((sink, summary))
+}
+
+/// A correction with the resolution that it is computed at.
+#[derive(Clone, Copy, Debug)]
+pub struct Rung {
+    /// How weights become form factors.
+    pub correction: Correction,
+    /// Pixels along an edge of the hemicube.
+    pub resolution: u32,
+}
+
+impl Rung {
+    /// Sums of pixels.
+    pub const PIXEL: Self = Self {
+        correction: Correction::Pixel,
+        resolution: 256,
+    };
+
+    /// Visible fraction × closed form.
+    pub fn area() -> Self {
+        Self {
+            correction: Correction::Area(FactorRule::for_tolerance(1e-2)),
+            resolution: 128,
+        }
+    }
+
+    /// What a tolerance stands for where nothing is known of the scene.
+    pub fn tolerance(tolerance: f64) -> Self {
+        Self {
+            correction: Correction::Tolerance(Refinement::for_tolerance(tolerance)),
+            resolution: 128,
+        }
+    }
+
+    /// What is settled for a tolerance from a sample of the scene's rows.
+    ///
+    /// # Panics
+    /// When the backend fails.
+    pub fn settled(model: &Model, tolerance: f64) -> Self {
+        let emitters: Vec<InputPatch> = model.order().collect();
+        let settled = settle(model, &emitters, &|_| true, true, tolerance, &mut CpuBackend::new(), 0);
+        let settled = settled.expect("a backend that keeps its contract");
+        Self {
+            correction: settled.correction,
+            resolution: settled.resolution,
+        }
+    }
+}
+
+/// A whole matrix in memory, by input patches.
+#[derive(Debug)]
+pub struct Factors {
+    /// Of each patch: (patch, F), ascending; none where no row was computed.
+    pub rows: Vec<Vec<(u32, f64)>>,
+    /// Of each patch, the share of its hemicubes' weight that met nothing.
+    pub escaped: Vec<f64>,
+    /// Of each patch, the share that met the back of a one-sided patch.
+    pub blocked: Vec<f64>,
+}
+
+impl Factors {
+    /// F, 0 where there is no entry.
+    pub fn get(&self, from: InputPatch, to: InputPatch) -> f64 {
+        let row = &self.rows[from.0 as usize];
+        row.binary_search_by_key(&to.0, |e| e.0).map_or(0.0, |at| row[at].1)
+    }
+
+    /// Σ F of a row.
+    pub fn sum(&self, from: InputPatch) -> f64 {
+        self.rows[from.0 as usize].iter().map(|e| e.1).sum()
+    }
+
+    /// Σ F over the patches for which `wanted` holds.
+    pub fn sum_to(&self, from: InputPatch, wanted: impl Fn(InputPatch) -> bool) -> f64 {
+        let row = self.rows[from.0 as usize].iter();
+        row.filter(|e| wanted(InputPatch(e.0))).map(|e| e.1).sum()
+    }
+}
+
+/// The matrix of all rows, one hemicube each.
+///
+/// # Errors
+/// What the driver says.
+pub fn factors(model: &Model, rung: Rung) -> Result<Factors, ComputeError> {
+    factors_with(model, rung, Box::new(CpuBackend::new()))
+}
+
+/// The matrix of all rows by a given backend.
+///
+/// # Errors
+/// What the driver says.
+pub fn factors_with(model: &Model, rung: Rung, backend: Box<dyn HemicubeBackend>) -> Result<Factors, ComputeError> {
+    let plan = plan(model).with_correction(rung.correction);
+    let (parts, _) = parts(model, &plan, settings(rung.resolution), backend, Execution::default())?;
+    let count = model.patches().len();
+    let mut factors = Factors {
+        rows: vec![Vec::new(); count],
+        escaped: vec![0.0; count],
+        blocked: vec![0.0; count],
+    };
+    for part in &parts {
+        for (place, (&row, sums)) in part.rows.iter().zip(&part.sums).enumerate() {
+            let (columns, values) = part.row(place);
+            let entries = columns.iter().zip(values);
+            let row = row as usize;
+            factors.rows[row] = entries.map(|(&c, &v)| (c.cast_unsigned(), f64::from(v))).collect();
+            let share = |weight: u64| weight as f64 / HEMICUBE_WEIGHT as f64;
+            (factors.escaped[row], factors.blocked[row]) = (share(sums.escaped), share(sums.blocked));
+        }
+    }
+    Ok(factors)
 }
 
 /// Whether the counters show that much of the scene was never touched: nodes found hidden, and no more than `share` of

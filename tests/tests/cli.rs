@@ -435,7 +435,7 @@ fn the_report_has_every_field() {
 fn stores_do_not_depend_on_threads_batches_culling_or_the_octree() {
     let place = Place::new();
     place.line("generate city --patches 2000 -o city.obj").is(0);
-    let compute = "compute city.obj --resolution 128 -q";
+    let compute = "compute city.obj --resolution 64 -q";
     place
         .line(&format!("{compute} --threads 1 --batch 1 --culling on -o reference"))
         .is(0);
@@ -973,7 +973,7 @@ fn an_interrupt_keeps_what_was_computed() {
             .spawn()
             .expect("the program runs")
     };
-    let slow = "compute city.obj --resolution 1024 --culling off --threads 1 --overwrite";
+    let slow = "compute city.obj --correction pixel --resolution 1024 --culling off --threads 1 --overwrite";
     let child = spawn(&format!("{slow} -o m --json"));
     let first_part = place.path("m/parts/part-00000.npz");
     let started = Instant::now();

@@ -4,10 +4,12 @@
 
 use glam::DVec3;
 use hemicube::Model;
-use hemicube::backend::{Culling, RenderSettings, WHOLE};
+use hemicube::backend::{Culling, Geometry, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::row::{RowBlock, RowView};
+use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::generate::cornell_box;
 use hemicube_scene::{InputPatch, Scene, Side, Subdivision};
+use hemicube_tests::extremes::room_with_a_block;
 use hemicube_tests::geometry::{
     box_inside, even, flipped, grid, irrational_rotation, moved, parallel_rectangles, point_to_polygon, quad, scene_of,
     scene_with_sides,
@@ -469,4 +471,59 @@ fn a_patch_a_million_times_smaller_than_the_room() {
             "{patch:?}: it is tiny"
         );
     }
+}
+
+/// The mean share of rows that goes to patches in the emitter's own plane, or to the backs of one-sided ones, of which a
+/// closed room shows none: with frames in f64 as they are, or made of f32 world coordinates, where the emitter is hit like
+/// anything else.
+fn self_hits(model: &Model, is_single: bool) -> f64 {
+    #[allow(clippy::cast_possible_truncation, reason = "the loss is what is shown")]
+    let single = |p: DVec3| p.as_vec3().as_dvec3();
+    let geometry = model.geometry();
+    let mut surfaces = geometry.surfaces.clone();
+    let patches: Vec<InputPatch> = model.patches().iter().collect();
+    let mut asked = hemicubes(model, &patches);
+    let mut tolerance = geometry.plane_tolerance;
+    if is_single {
+        surfaces.iter_mut().for_each(|s| s.corners = s.corners.map(single));
+        for hemicube in &mut asked {
+            hemicube.origin = single(hemicube.origin);
+            hemicube.axes = hemicube.axes.map(single);
+            hemicube.emitter = None;
+        }
+        tolerance = 0.0;
+    }
+    let geometry = Geometry::new(surfaces, geometry.octree.clone(), geometry.patch_count, tolerance);
+    let mut backend = CpuBackend::new();
+    backend
+        .load(&std::sync::Arc::new(geometry), settings(64))
+        .expect("legal settings");
+    let mut rows = RowBlock::default();
+    backend.rows(&asked, &mut rows).expect("legal hemicubes");
+    rows.check(asked.len(), model.geometry().patch_count, false)
+        .expect("rows that sum to 1 all the same");
+    let of_own_plane = |(k, &patch): (usize, &InputPatch)| {
+        let (normal, origin) = (model.patches().normal(patch), model.patches().centroid(patch));
+        let row = rows.row(k);
+        let in_plane = |seen: InputPatch| {
+            let corners = model.patches().corners(seen);
+            corners.iter().all(|&p| normal.dot(p - origin).abs() < 1e-9)
+        };
+        shown(row, in_plane) + share(row.blocked)
+    };
+    patches.iter().enumerate().map(of_own_plane).sum::<f64>() / patches.len() as f64
+}
+
+#[test]
+fn world_coordinates_in_f32_hit_the_emitter_s_own_plane() {
+    let model = model(
+        moved(room_with_a_block(2), |p| irrational_rotation() * p),
+        Subdivision::None,
+    );
+    assert_eq!(self_hits(&model, false), 0.0);
+    let share = self_hits(&model, true);
+    say(&format!(
+        "f32 world coordinates: {share:.3} of the light goes to the emitter's own plane"
+    ));
+    assert!(share > 0.1, "{share}");
 }

@@ -165,8 +165,6 @@ struct View<'a> {
     /// Near each other: the factor varies too much over a cell for six points to be trusted with it.
     near: bool,
     normal: DVec3,
-    /// Where the outer triangle lies under something else in its plane.
-    under: &'a [[DVec3; 3]],
 }
 
 impl Clipper {
@@ -218,20 +216,28 @@ impl Clipper {
             inner,
             near: sighting.near,
             normal: outer_normal,
-            under: if sighting.receiver_is_smaller {
-                &sighting.over
-            } else {
-                &[]
-            },
         };
         #[allow(clippy::cast_possible_truncation, reason = "fewer occluders than surfaces")]
         self.relevant.extend(0..self.occluders.len() as u32);
         let all = 0..self.relevant.len();
-        let fan = from.corners();
+        // Where the receiver is the outer one, what lies under something else in its plane is seen from nowhere.
+        let (mut seen, mut covered) = (vec![Polygon::of(from.corners())], Vec::new());
+        if sighting.receiver_is_smaller {
+            for triangle in &sighting.over {
+                seen = without(&seen, triangle, receiver_normal, &mut covered);
+            }
+        }
         let mut cells = Vec::new();
-        for k in 1..fan.len().saturating_sub(1) {
-            let cell = self.cell([fan[0], fan[k], fan[k + 1]], all.clone(), &view)?;
-            cells.push(cell);
+        for (pieces, is_covered) in [(&seen, false), (&covered, true)] {
+            for fan in pieces.iter().map(Polygon::corners) {
+                for k in 1..fan.len().saturating_sub(1) {
+                    let mut cell = self.cell([fan[0], fan[k], fan[k + 1]], all.clone(), &view)?;
+                    if is_covered {
+                        (cell.visible, cell.doubt) = (0.0, 0.0);
+                    }
+                    cells.push(cell);
+                }
+            }
         }
         loop {
             // Doubts of different cells are independent: squares add up.
@@ -298,13 +304,13 @@ impl Clipper {
                     continue;
                 }
                 open += weight * whole;
-                if hidden || view.under.iter().any(|t| contains(t, x)) {
+                if hidden {
                     continue;
                 }
                 visible += weight * self.visible(x, view, relevant.clone(), whole)?;
             }
         }
-        let proved = hidden || (relevant.is_empty() && view.under.is_empty());
+        let proved = hidden || relevant.is_empty();
         let fraction = if open > 0.0 {
             visible / open
         } else {
@@ -476,12 +482,28 @@ fn quarters([a, b, c]: &[DVec3; 3]) -> [[DVec3; 3]; 4] {
     [[*a, ab, ca], [ab, *b, bc], [ca, bc, *c], [ab, bc, ca]]
 }
 
-/// Whether a point in a triangle's plane lies in it.
-fn contains([a, b, c]: &[DVec3; 3], x: DVec3) -> bool {
-    let n = (*b - *a).cross(*c - *a);
-    [(a, b), (b, c), (c, a)]
-        .iter()
-        .all(|&(s, t)| (*t - *s).cross(x - *s).dot(n) >= 0.0)
+/// Polygons in one plane without what a triangle in it covers, which is added to `covered`.
+fn without(polygons: &[Polygon], triangle: &[DVec3; 3], normal: DVec3, covered: &mut Vec<Polygon>) -> Vec<Polygon> {
+    let mut rest = Vec::new();
+    for polygon in polygons {
+        let mut inside = *polygon;
+        for k in 0..3 {
+            let (a, b, c) = (triangle[k], triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
+            let mut inwards = normal.cross(b - a).normalize_or_zero();
+            if inwards.dot(c - a) < 0.0 {
+                inwards = -inwards;
+            }
+            let (within, outside) = inside.split(inwards, inwards.dot(a), 0.0);
+            if outside.count >= 3 {
+                outside.keep(&mut rest);
+            }
+            inside = within;
+        }
+        if inside.count >= 3 {
+            inside.keep(covered);
+        }
+    }
+    rest
 }
 
 #[cfg(test)]

@@ -194,7 +194,7 @@ pub struct Summary {
     pub hemicubes: u64,
     /// Rays and points that visible fractions were measured with.
     pub rays: u64,
-    /// Expected Σ (F − true F)² of all rows; NaN on rungs that do not estimate it.
+    /// Expected Σ (F − true F)² of all rows; 0 on rungs that do not estimate it.
     pub squared_error: f64,
     /// Σ F² of all rows.
     pub squared_norm: f64,
@@ -573,7 +573,12 @@ fn collect(
                 summary.entries += part.indices.len() as u64;
                 summary.parts += 1;
                 summary.rays += part.rays.iter().map(|&r| u64::from(r)).sum::<u64>();
-                summary.squared_error += part.errors.iter().map(|&e| f64::from(e).powi(2)).sum::<f64>();
+                summary.squared_error += part
+                    .errors
+                    .iter()
+                    .filter(|e| !e.is_nan())
+                    .map(|&e| f64::from(e).powi(2))
+                    .sum::<f64>();
                 summary.squared_norm += part.data.iter().map(|&f| f64::from(f).powi(2)).sum::<f64>();
                 summary.hemicubes += part.hemicubes.iter().map(|&h| u64::from(h)).sum::<u64>();
                 for sums in &part.sums {

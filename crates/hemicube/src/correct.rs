@@ -62,9 +62,10 @@ pub(crate) struct Converted {
     pub(crate) is_odd: bool,
 }
 
-/// Where a rung has no tolerance, rows that sum so badly are odd.
-const ODD: f64 = 0.05;
-/// And nothing less than this is: hemicubes do not know better.
+/// Rows that sum so badly are odd: in the open, what one hemicube says of the sky is that far off now and then.
+const ODD: f64 = 0.15;
+/// Where nothing escapes, rows know better; but no better than hemicubes know what is blocked.
+const ODD_IN_THE_CLOSED: f64 = 0.05;
 const ODD_AT_LEAST: f64 = 0.01;
 
 /// A visible fraction this near to 1 is 1: what is missing is rounding of weights, not an occluder.
@@ -138,7 +139,8 @@ impl Converter {
         let sum: f64 = data[start..].iter().map(|&f| f64::from(f)).sum();
         let bound = match self.correction {
             Correction::Pixel => f64::INFINITY,
-            Correction::Point | Correction::Area(_) => ODD,
+            _ if sums.escaped > 0 => ODD,
+            Correction::Point | Correction::Area(_) => ODD_IN_THE_CLOSED,
             Correction::Tolerance(refinement) => refinement.tolerance.max(ODD_AT_LEAST),
         };
         Converted {

@@ -86,8 +86,8 @@ impl RowSums {
     }
 }
 
-/// A fixed run of the processing order: rows of the matrix, compressed.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// A fixed run of the processing order: rows of the matrix, compressed. Parts are equal when all their bits are.
+#[derive(Clone, Debug, Default)]
 pub struct Part {
     /// Place among the parts, from 0.
     pub index: u32,
@@ -107,6 +107,22 @@ pub struct Part {
     pub errors: Vec<f32>,
     /// Rays and points that visible fractions of each row were measured with.
     pub rays: Vec<u32>,
+}
+
+impl PartialEq for Part {
+    fn eq(&self, other: &Self) -> bool {
+        // An error that is not estimated is not a number, which would not equal itself.
+        let bits = |part: &Self| part.errors.iter().map(|e| e.to_bits()).collect::<Vec<u32>>();
+        self.index == other.index
+            && self.rows == other.rows
+            && self.indptr == other.indptr
+            && self.indices == other.indices
+            && self.data == other.data
+            && self.sums == other.sums
+            && self.hemicubes == other.hemicubes
+            && bits(self) == bits(other)
+            && self.rays == other.rays
+    }
 }
 
 impl Part {
