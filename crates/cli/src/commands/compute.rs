@@ -94,6 +94,11 @@ struct Report {
     unselected: f64,
     rows_mostly_blocked: u64,
     closure: f64,
+    /// Relative Frobenius error that the rows are expected to have, where their rung estimates it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    expected_error: Option<f64>,
+    /// Rays and points that visible fractions were measured with.
+    rays: u64,
     counters: Counters,
     #[serde(skip_serializing_if = "Option::is_none")]
     verification: Option<Verification>,
@@ -373,6 +378,8 @@ fn compute_into(
         unselected,
         rows_mostly_blocked: mostly_blocked,
         closure,
+        expected_error: expected_error(&summary),
+        rays: summary.rays,
         counters: summary.counters,
         verification: None,
         timings: (!arguments.report.no_timings).then_some(timings),
@@ -661,6 +668,12 @@ fn bytes_of(directory: &Path, manifest: &Manifest) -> u64 {
 }
 
 /// What a person wants to know of a run.
+/// Relative Frobenius error that the rows are expected to have, where their rung estimates it.
+fn expected_error(summary: &Summary) -> Option<f64> {
+    let relative = (summary.squared_error / summary.squared_norm).sqrt();
+    (summary.squared_error > 0.0 && relative.is_finite()).then_some(relative)
+}
+
 fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
     let shown = word(directory);
     let mut list = Listing::default();
@@ -688,6 +701,16 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
             percent(per_row / report.scene.patches.max(1) as f64)
         ),
     );
+    if let Some(error) = report.expected_error {
+        list.add(
+            "error",
+            format!(
+                "{} expected, by {} rays a row (`--verify ROWS` measures it)",
+                percent(error),
+                figures(report.rays as f64 / report.rows.max(1) as f64)
+            ),
+        );
+    }
     let sum = report.row_sum;
     list.add(
         "row sums",

@@ -165,6 +165,8 @@ fn skew((a, b): (DVec3, DVec3), (c, d): (DVec3, DVec3), enough: f64) -> f64 {
         }
         sum * width * length
     };
+    // Below its own rounding a difference says nothing, and halving would go on for ever.
+    let enough = enough.max(ROUNDING * length * c.distance(d));
     let mut pending = vec![(0.0, 1.0, over(0.0, 1.0), 0)];
     let mut sum = 0.0;
     while let Some((start, width, whole, depth)) = pending.pop() {
@@ -179,6 +181,9 @@ fn skew((a, b): (DVec3, DVec3), (c, d): (DVec3, DVec3), enough: f64) -> f64 {
     }
     sum
 }
+
+/// Of an integral over two edges, in their lengths.
+const ROUNDING: f64 = 2e-15;
 
 /// Halvings of an edge: what is left is 1e-12 of it.
 const DEEPEST: u32 = 40;
