@@ -99,6 +99,8 @@ struct Report {
     expected_error: Option<f64>,
     /// Rays and points that visible fractions were measured with.
     rays: u64,
+    /// How many rows took how much.
+    effort: Effort,
     counters: Counters,
     #[serde(skip_serializing_if = "Option::is_none")]
     verification: Option<Verification>,
@@ -106,6 +108,36 @@ struct Report {
     timings: Option<Timings>,
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_memory_bytes: Option<u64>,
+}
+
+/// Histograms over rows: where the effort went.
+#[derive(Clone, Debug, Default, Serialize)]
+struct Effort {
+    /// Rows by the hemicubes they took.
+    hemicubes: std::collections::BTreeMap<u32, u64>,
+    /// Rows by the rays and points their visible fractions took: up to this many, powers of 4, and more than the last before.
+    rays: std::collections::BTreeMap<u64, u64>,
+}
+
+impl Effort {
+    fn add(&mut self, hemicubes: u32, rays: u32) {
+        *self.hemicubes.entry(hemicubes).or_default() += 1;
+        let mut most = u64::from(rays.min(1));
+        while most < u64::from(rays) {
+            most *= 4;
+        }
+        *self.rays.entry(most).or_default() += 1;
+    }
+
+    /// `12 up to 0, 3 up to 64`.
+    fn text(&self) -> String {
+        let list: Vec<String> = self
+            .rays
+            .iter()
+            .map(|(&most, &rows)| format!("{} up to {}", count(rows), count(most)))
+            .collect();
+        list.join(", ")
+    }
 }
 
 #[derive(Serialize)]
@@ -143,6 +175,7 @@ struct Recorder {
     max: f64,
     closure: f64,
     mostly_blocked: u64,
+    effort: Effort,
     escaped: f64,
     blocked: f64,
     unselected: f64,
@@ -160,6 +193,7 @@ impl PartSink for Recorder {
             // From 0: the sum of nothing is −0, which reads oddly in a report.
             let sum = part.row(row).1.iter().fold(0.0, |sum, &factor| sum + f64::from(factor));
             self.rendered += 1;
+            self.effort.add(hemicubes, part.rays.get(row).copied().unwrap_or(0));
             self.sum += sum;
             self.min = self.min.min(sum);
             self.max = self.max.max(sum);
@@ -183,6 +217,7 @@ impl Recorder {
             max: f64::NEG_INFINITY,
             closure: 0.0,
             mostly_blocked: 0,
+            effort: Effort::default(),
             escaped: 0.0,
             blocked: 0.0,
             unselected: 0.0,
@@ -340,6 +375,7 @@ fn compute_into(
         [recorder.escaped, recorder.blocked, recorder.unselected].map(|sum| recorder.mean(sum)),
     );
     let (closure, mostly_blocked) = (recorder.closure, recorder.mostly_blocked);
+    let effort = std::mem::take(&mut recorder.effort);
     let manifest = if summary.cancelled {
         recorder.writer.interrupt()
     } else {
@@ -380,6 +416,7 @@ fn compute_into(
         closure,
         expected_error: expected_error(&summary),
         rays: summary.rays,
+        effort,
         counters: summary.counters,
         verification: None,
         timings: (!arguments.report.no_timings).then_some(timings),
@@ -710,6 +747,7 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
                 figures(report.rays as f64 / report.rows.max(1) as f64)
             ),
         );
+        list.add("rays", format!("rows by rays: {}", report.effort.text()));
     }
     let sum = report.row_sum;
     list.add(
