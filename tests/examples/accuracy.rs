@@ -134,7 +134,7 @@ fn ladder(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>
                 Rung::Tolerance(tolerance) => {
                     let emitters: Vec<InputPatch> = model.order().collect();
                     let settled = settle(&model, &emitters, &|_| true, true, tolerance, &mut CpuBackend::new(), 0)?;
-                    (settled.correction, settled.resolution)
+                    (Correction::Tolerance(settled.refinement), settled.resolution)
                 }
             };
             let (seconds, m) = measure(&model, rows, correction, resolution, samples, &exact)?;
@@ -168,11 +168,15 @@ fn calibration(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::E
             let started = std::time::Instant::now();
             let settled = settle(&model, &emitters, &|_| true, true, tolerance, &mut CpuBackend::new(), 0)?;
             let settling = started.elapsed();
-            let (seconds, m) = measure(&model, rows, settled.correction, settled.resolution, 1, &exact)?;
-            let effort = match settled.correction {
-                Correction::Tolerance(refinement) => refinement.effort,
-                _ => f64::NAN,
-            };
+            let (seconds, m) = measure(
+                &model,
+                rows,
+                Correction::Tolerance(settled.refinement),
+                settled.resolution,
+                1,
+                &exact,
+            )?;
+            let effort = settled.refinement.effort;
             println!(
                 "| {name} | {} % | {:.2} % | {:.2}–{:.2} % | {:.2} | {effort} | {:.2} | {:.1} | {:.2} % |",
                 100.0 * tolerance,

@@ -133,7 +133,7 @@ impl Rung {
         let settled = settle(model, &emitters, &|_| true, true, tolerance, &mut CpuBackend::new(), 0);
         let settled = settled.expect("a backend that keeps its contract");
         Self {
-            correction: settled.correction,
+            correction: Correction::Tolerance(settled.refinement),
             resolution: settled.resolution,
         }
     }

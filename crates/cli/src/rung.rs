@@ -73,7 +73,7 @@ pub(crate) fn choose(
     };
     let settled = within(model, selection, rotate, tolerance, backend, settings.thread_count())?;
     Ok(Rung {
-        correction: settled.correction,
+        correction: Correction::Tolerance(settled.refinement),
         resolution: settled.resolution,
         samples_per_edge: 1,
         reason: Some(format!("tolerance {}: {}", percentage(tolerance.0), settled.reason)),

@@ -501,8 +501,8 @@ fn compute_batch(
 /// A row whose hemicubes do not stand for its emitter gets this many times as many along an edge.
 const MORE_SAMPLES: u32 = 4;
 
-/// Renders and checks rows.
-fn render(
+/// Renders and checks rows; `first` is the emitter to name where something is wrong.
+pub(crate) fn render(
     model: &Model,
     settings: RenderSettings,
     backend: &mut dyn HemicubeBackend,

@@ -57,8 +57,8 @@ pub(crate) struct Converted {
     pub(crate) error: f32,
     /// Rays and points that fractions were measured with.
     pub(crate) rays: u64,
-    /// How far the form factors and what was lost are from summing to 1, in a way that says the hemicubes do not stand for
-    /// the emitter.
+    /// Whether the form factors and what was lost are so far from summing to 1 that the hemicubes cannot stand for the
+    /// emitter.
     pub(crate) is_odd: bool,
 }
 

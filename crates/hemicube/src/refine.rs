@@ -2,13 +2,13 @@
 //!
 //! A row begins with one hemicube at the centroid and the area-to-area closed form of every pair. What is wrong then is the
 //! visible fraction of some pairs, and few of them matter. Candidates are what the hemicube saw and what it did not see but
-//! could be large ([`Candidates`]). Each has a doubt, the standard deviation its fraction is known to have in such a case;
+//! could be large ([`Candidates`]). Each has a doubt, the mean squared error that fractions are known to have in such a case;
 //! those whose doubt hardly matters for the row keep their fraction. For the others the shaft between the two patches is
 //! listed: an empty one proves that all is visible, one blocked by a single triangle that nothing is. A few rays tell how
 //! the rest stand, and then each pair gets rays in proportion to its part in the error, or is measured exactly from points
 //! ([`Clipper`]) where that is cheaper.
 //!
-//! Errors of different pairs are independent, so squares add up. With doubts s, form factors f, n rays each with variance
+//! Errors of different pairs are independent, so squares add up. With spreads s, form factors f, n rays each with variance
 //! s² / (g n), the least rays for Σ f² s² / (g n) ≤ B are n = f s Σ f s / (g B).
 
 use crate::Model;

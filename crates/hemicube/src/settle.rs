@@ -1,15 +1,15 @@
-//! What a tolerance takes on a given scene: the rung, the resolution and the effort, from a seeded sample of its rows.
+//! What a tolerance takes on a given scene: the resolution and the effort, from a seeded sample of its rows.
 //!
 //! A few hundred rows from one hemicube each tell the norm that the tolerance is a share of; some dozens of them, held
-//! against rays, how far visible fractions from one hemicube are off in this scene ([`crate::correct::Doubts`]). Then the settings, from the
-//! cheapest on, are tried on some rows against the same rows with a quarter of the tolerance and twice the reach: the first
+//! against rays, how far visible fractions from one hemicube are off in this scene ([`crate::correct::Doubts`]). Then
+//! efforts, from the cheapest on, are tried on some rows against the same rows with a quarter of the tolerance: the first
 //! that keeps the tolerance with a margin is taken. Everything depends on the scene, the settings and the seed: never on a
 //! clock.
 
 use crate::Model;
 use crate::backend::{Culling, HemicubeBackend, RenderSettings};
-use crate::compute::{ComputeError, sample};
-use crate::correct::{Correction, fraction};
+use crate::compute::{ComputeError, render, sample};
+use crate::correct::fraction;
 use crate::factor::FactorRule;
 use crate::refine::{DoubtSums, Pair, Refinement, Refiner};
 use crate::row::{RowBlock, RowView};
@@ -19,8 +19,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// What to compute with so that a tolerance is kept.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settled {
-    /// The tolerance rung with what was learnt of the scene.
-    pub correction: Correction,
+    /// How to refine rows, with what was learnt of the scene.
+    pub refinement: Refinement,
     /// Pixels along an edge of the hemicube.
     pub resolution: u32,
     /// The relative Frobenius error that the rows tried had; 0 where none was tried.
@@ -93,7 +93,7 @@ pub fn settle(
             ..Refinement::for_tolerance(tolerance)
         };
         return Ok(Settled {
-            correction: Correction::Tolerance(each),
+            refinement: each,
             resolution: 128,
             expected: 0.0,
             at_most: 0.0,
@@ -104,7 +104,9 @@ pub fn settle(
             ),
         });
     }
-    let rows = sample(emitters, NORM_ROWS, SEED);
+    // A patch without area has no hemicube.
+    let mut rows = sample(emitters, NORM_ROWS, SEED);
+    rows.retain(|&row| !model.hemicubes(row, 1, rotate).is_empty());
     let tried: Vec<usize> = {
         let stride = rows.len().div_ceil(TRIED_ROWS).max(1);
         (0..rows.len()).step_by(stride).collect()
@@ -145,44 +147,42 @@ pub fn settle(
     };
     let exact: Vec<Row> = side_by_side(threads, finest, &tried, |refiner, k| row_of(refiner, &fine, k));
     let norm = mean_squared_norm.max(f64::MIN_POSITIVE);
-    let mut best: Option<Settled> = None;
-    for (effort, resolution) in RUNGS {
+    let numbered: Vec<usize> = (0..tried.len()).collect();
+    let try_rung = |(effort, resolution): (f64, u32)| {
         let refinement = Refinement { effort, ..known };
         let block = if resolution == 64 { &coarse } else { &fine };
-        let numbered: Vec<usize> = (0..tried.len()).collect();
         let errors: Vec<f64> = side_by_side(threads, refinement, &numbered, |refiner, n| {
             squared_difference(&row_of(refiner, block, tried[n]), &exact[n])
         });
         let count = errors.len().max(1) as f64;
         let mean = errors.iter().sum::<f64>() / count;
         let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
-        let settled = Settled {
-            correction: Correction::Tolerance(refinement),
+        Settled {
+            refinement,
             resolution,
             expected: (mean / norm).sqrt(),
             at_most: ((mean + SURE * variance.sqrt()) / norm).sqrt(),
             rows: errors.len(),
             reason: String::new(),
-        };
-        let keeps = settled.at_most <= MARGIN * tolerance;
-        best = Some(settled);
-        if keeps {
+        }
+    };
+    let [cheapest, dearer @ ..] = RUNGS;
+    let mut settled = try_rung(cheapest);
+    for rung in dearer {
+        if settled.at_most <= MARGIN * tolerance {
             break;
         }
+        settled = try_rung(rung);
     }
-    let mut settled = best.unwrap_or_else(|| unreachable!("there are rungs"));
     let percent = |x: f64| format!("{:.3} %", 100.0 * x);
-    let effort = match settled.correction {
-        Correction::Tolerance(refinement) => refinement.effort,
-        _ => f64::NAN,
-    };
     let verdict = if settled.keeps(tolerance) {
         ""
     } else {
         "; more than was asked for, and the most that is tried"
     };
     settled.reason = format!(
-        "visible fractions refined with effort {effort}, N = {}: {} off on {} rows tried, at most about {}{verdict}",
+        "visible fractions refined with effort {}, N = {}: {} off on {} rows tried, at most about {}{verdict}",
+        settled.refinement.effort,
         settled.resolution,
         percent(settled.expected),
         settled.rows,
@@ -275,21 +275,15 @@ fn hemicubes(
         culling: Culling::On,
         covered: true,
     };
-    let name = backend.info().name.clone();
-    let failed = |source| ComputeError::Backend {
-        backend: name.clone(),
-        source,
-    };
-    backend.load(model.geometry(), settings).map_err(failed)?;
-    let mut block = RowBlock::default();
-    let asked: Vec<_> = rows.iter().flat_map(|&row| model.hemicubes(row, 1, rotate)).collect();
-    backend.rows(&asked, &mut block).map_err(failed)?;
-    block
-        .check(asked.len(), model.geometry().patch_count, true)
-        .map_err(|source| ComputeError::Row {
-            backend: name.clone(),
-            patch: rows.first().map_or(0, |p| p.0),
+    backend
+        .load(model.geometry(), settings)
+        .map_err(|source| ComputeError::Backend {
+            backend: backend.info().name.clone(),
             source,
         })?;
+    let mut block = RowBlock::default();
+    let asked: Vec<_> = rows.iter().flat_map(|&row| model.hemicubes(row, 1, rotate)).collect();
+    let first = rows.first().copied().unwrap_or(InputPatch(0));
+    render(model, settings, backend, first, &asked, &mut block)?;
     Ok(block)
 }

@@ -89,7 +89,7 @@ impl Setting {
                     backend,
                     threads,
                 )?;
-                Ok((settled.correction, settled.resolution))
+                Ok((Correction::Tolerance(settled.refinement), settled.resolution))
             }
         }
     }
