@@ -12,6 +12,7 @@
     reason = "functions compiled for an instruction set are called after it was found"
 )]
 
+use crate::factor::far::{Own, dot, minus, shape};
 use crate::tree::{Block, INNER, LANES, Tree, UNUSED};
 use glam::DVec3;
 
@@ -107,29 +108,17 @@ fn bounds(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
             block.corners[3 * k + 2][l],
         ]
     };
-    let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
-    let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
     let most = |p: f64, q: f64| if p > q { p } else { q };
     for l in 0..LANES {
         let (a, b, c) = (at(l, 0), at(l, 1), at(l, 2));
-        let third = 1.0 / 3.0;
-        let center = [
-            (a[0] + b[0] + c[0]) * third,
-            (a[1] + b[1] + c[1]) * third,
-            (a[2] + b[2] + c[2]) * third,
-        ];
-        let (e, f) = (minus(b, a), minus(c, a));
-        let cross = [
-            e[1] * f[2] - e[2] * f[1],
-            e[2] * f[0] - e[0] * f[2],
-            e[0] * f[1] - e[1] * f[0],
-        ];
+        let Own {
+            center,
+            cross,
+            squared_radius,
+            ..
+        } = shape(a, b, c);
         let double_area = dot(cross, cross).sqrt();
-        let square = |p: [f64; 3]| {
-            let d = minus(p, center);
-            dot(d, d)
-        };
-        let radius = most(square(a), most(square(b), square(c))).sqrt();
+        let radius = squared_radius.sqrt();
         let between = minus(center, emitter.center);
         let distance = most(dot(between, between).sqrt() - radius - emitter.radius, 0.0);
         let height = |p: [f64; 3]| dot(emitter.normal, p) - emitter.offset;

@@ -12,7 +12,7 @@
 //! nothing, and occluders that cannot matter are left out of their parts.
 
 use crate::factor::contour::{self, in_front};
-use crate::factor::point_to_polygon;
+use crate::factor::{SIX, point_to_polygon, quarters};
 use crate::shaft::{Shaft, Sighting};
 use crate::tree::Tree;
 use glam::DVec3;
@@ -25,12 +25,6 @@ const UNPROVED: f64 = 0.01;
 
 /// Volumes, in cubes of the pair's extent, below which a point counts as on a plane.
 const ROUNDING: f64 = 1e-12;
-
-/// Six points of degree 4 on a triangle (Dunavant 1985): barycentric (large, small, small) in its three turns, and weight.
-const SIX: [(f64, f64, f64); 2] = [
-    (0.816_847_572_980_459, 0.091_576_213_509_771, 0.109_951_743_655_322),
-    (0.108_103_018_168_070, 0.445_948_490_915_965, 0.223_381_589_678_011),
-];
 
 /// A convex polygon.
 #[derive(Clone, Copy, Debug)]
@@ -475,11 +469,6 @@ impl Occluder {
         }
         if all { Over::All } else { Over::Part }
     }
-}
-
-fn quarters([a, b, c]: &[DVec3; 3]) -> [[DVec3; 3]; 4] {
-    let (ab, bc, ca) = ((*a + *b) * 0.5, (*b + *c) * 0.5, (*c + *a) * 0.5);
-    [[*a, ab, ca], [ab, *b, bc], [ca, bc, *c], [ab, bc, ca]]
 }
 
 /// Polygons in one plane without what a triangle in it covers, which is added to `covered`.

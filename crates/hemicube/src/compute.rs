@@ -6,6 +6,7 @@
 use crate::Model;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use crate::correct::{Converter, Correction};
+use crate::random;
 use crate::row::{RowBlock, RowError};
 use crate::store::{Part, RowSums, StoreWriter};
 use hemicube_scene::InputPatch;
@@ -120,12 +121,7 @@ pub(crate) fn sample(rows: &[InputPatch], count: usize, seed: u64) -> Vec<InputP
     let mut state = seed;
     let mut chosen = Vec::with_capacity(count.min(rows.len()));
     for (i, &row) in rows.iter().enumerate() {
-        // SplitMix64 (Steele, Lea & Flood 2014).
-        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^= z >> 31;
+        let z = random::next(&mut state);
         let (left, wanted) = ((rows.len() - i) as u128, count.saturating_sub(chosen.len()) as u128);
         if (u128::from(z) * left) >> 64 < wanted {
             chosen.push(row);

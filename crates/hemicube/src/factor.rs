@@ -6,7 +6,7 @@
 //! the outer one; where they touch, nearly touch or cross, it is a contour integral instead.
 
 pub(crate) mod contour;
-mod far;
+pub(crate) mod far;
 mod lanes;
 
 use far::{Others, Own};
@@ -390,11 +390,18 @@ impl Quadrature {
     }
 }
 
-/// Points and weights of degree 4 on a triangle (Dunavant 1985, n = 6): two orbits of three.
-const SIX: [(f64, f64, f64); 2] = [
+/// Points and weights of degree 4 on a triangle (Dunavant 1985, n = 6): two orbits of three, (large, small, small) in its
+/// turns.
+pub(crate) const SIX: [(f64, f64, f64); 2] = [
     (0.816_847_572_980_459, 0.091_576_213_509_771, 0.109_951_743_655_322),
     (0.108_103_018_168_070, 0.445_948_490_915_965, 0.223_381_589_678_011),
 ];
+
+/// The four parts of a triangle that halving its edges gives.
+pub(crate) fn quarters([a, b, c]: &[DVec3; 3]) -> [[DVec3; 3]; 4] {
+    let (ab, bc, ca) = ((*a + *b) * 0.5, (*b + *c) * 0.5, (*c + *a) * 0.5);
+    [[*a, ab, ca], [ab, *b, bc], [ca, bc, *c], [ab, bc, ca]]
+}
 
 /// Six points on each of the n² sub-triangles.
 fn add_six_points(sum: &mut Quadrature, outer: &[DVec3; 3], n: u32) {

@@ -1,6 +1,7 @@
 //! Where a hemicube stands on its patch and how it is turned. Everything in f64: rounding world coordinates to f32
 //! before the rigid transform gives the emitter's own plane a large part of the row, and the row still sums to 1.
 
+use crate::random;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 
@@ -27,13 +28,7 @@ pub fn axes([a, b, c]: [DVec3; 3], turn: f64) -> Option<[DVec3; 3]> {
 /// The turn of a patch's hemicube: a hash of its id in [0, 1). Turning each hemicube differently decorrelates the
 /// aliasing of neighbouring rows and halves it for the price of nothing.
 pub fn turn(patch: InputPatch) -> f64 {
-    // SplitMix64's finaliser (Steele, Lea & Flood 2014).
-    let mut z = (u64::from(patch.0) + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^= z >> 31;
-    // 32 bits are exact in f64.
-    f64::from((z >> 32) as u32) / 4_294_967_296.0
+    random::unit(random::hash((u64::from(patch.0) + 1).wrapping_mul(random::STEP)))
 }
 
 /// The centroids of the K = n² equal sub-triangles of a triangle, at which K hemicubes sample it. One is the centroid.

@@ -19,6 +19,7 @@ pub mod face;
 pub mod factor;
 pub mod frame;
 mod model;
+mod random;
 pub mod reference;
 mod refine;
 pub mod row;

@@ -15,6 +15,7 @@ use crate::Model;
 use crate::candidates::Candidates;
 use crate::clip::Clipper;
 use crate::factor::{Exchanges, FactorRule};
+use crate::random;
 use crate::shaft::{RAYS, Shaft, Sighting};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
@@ -365,7 +366,7 @@ impl Refiner {
             for pair in self.pairs.iter().filter(of_class).filter(|pair| pair.open > 0.0) {
                 // Drawn in proportion to F, and weighted by what that leaves out.
                 let chance = (SURVEYED * pair.open / total).min(1.0);
-                if unit(seed(emitter.0, pair.patch)) >= chance {
+                if random::unit(random::hash(seed(emitter.0, pair.patch).wrapping_add(random::STEP))) >= chance {
                     continue;
                 }
                 let corners = model.normalised_corners(pair.patch);
@@ -576,17 +577,7 @@ const SURVEYED: f64 = 24.0;
 /// Rays at each of them.
 const SURVEY_RAYS: usize = 512;
 
-/// A number in [0, 1) from a seed.
-fn unit(seed: u64) -> f64 {
-    // SplitMix64's finaliser (Steele, Lea & Flood 2014).
-    let mut z = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^= z >> 31;
-    f64::from((z >> 32) as u32) / 4_294_967_296.0
-}
-
 /// The same in both directions.
 fn seed(i: u32, j: u32) -> u64 {
-    (u64::from(i.min(j)) << 32 | u64::from(i.max(j))).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+    (u64::from(i.min(j)) << 32 | u64::from(i.max(j))).wrapping_mul(random::STEP)
 }

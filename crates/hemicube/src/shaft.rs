@@ -13,6 +13,7 @@
     reason = "functions compiled for an instruction set are called after it was found"
 )]
 
+use crate::random;
 use crate::tree::{INNER, LANES, Tree, UNUSED};
 use glam::DVec3;
 use std::ops::Range;
@@ -584,15 +585,7 @@ const STEPS_4: [f64; 4] = [
 
 fn shifts(seed: u64) -> [f64; 4] {
     let mut state = seed;
-    std::array::from_fn(|_| {
-        // SplitMix64 (Steele, Lea & Flood 2014).
-        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^= z >> 31;
-        f64::from((z >> 32) as u32) / 4_294_967_296.0
-    })
+    std::array::from_fn(|_| random::unit(random::next(&mut state)))
 }
 
 impl Group {

@@ -41,7 +41,8 @@ pub struct Block {
 }
 
 impl Block {
-    /// The corners of the triangle in a lane.
+    /// The corners of the triangle in a lane, ascending.
+    #[inline(always)]
     pub fn triangle(&self, lane: usize) -> [DVec3; 3] {
         std::array::from_fn(|k| {
             DVec3::new(

@@ -6,7 +6,6 @@
 //! a ground under a city is not tested against the whole of it, and so that a sample of triangles finds its share of pairs.
 
 use super::precision::Grain;
-use super::rays::corners_of;
 use super::sample::{examine, hash};
 use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, scale_of, shape};
 use crate::Model;
@@ -339,7 +338,7 @@ impl<'m> Search<'m> {
             } else {
                 let block = &tree.blocks[node.block as usize];
                 (0..LANES)
-                    .map(|lane| measure_box(&corners_of(block, lane)).2)
+                    .map(|lane| measure_box(&block.triangle(lane)).2)
                     .fold(0.0, f64::max)
             };
         }
@@ -389,7 +388,7 @@ impl<'m> Search<'m> {
                 if negative == UNUSED || front == p.patch {
                     continue;
                 }
-                let corners = corners_of(block, lane);
+                let corners = block.triangle(lane);
                 let q_size = measure_box(&corners).2;
                 if q_size < size || (q_size == size && front < p.patch) {
                     continue;

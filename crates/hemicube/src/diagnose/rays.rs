@@ -132,7 +132,7 @@ impl<'t> Caster<'t> {
                 if !(t > 0.0 && t <= nearest + tie) || node.block as usize * LANES + lane == emitter.slot {
                     continue;
                 }
-                let corners = corners_of(block, lane);
+                let corners = block.triangle(lane);
                 let height = |p: DVec3| emitter.normal().dot(p - emitter.corners[0]);
                 if corners.iter().all(|&p| height(p) <= tree.plane_tolerance) {
                     continue;
@@ -163,22 +163,11 @@ impl<'t> Caster<'t> {
     }
 }
 
-/// The corners in a lane, ascending.
-#[inline(always)]
-pub(super) fn corners_of(block: &Block, lane: usize) -> [DVec3; 3] {
-    let c = &block.corners;
-    [
-        DVec3::new(c[0][lane], c[1][lane], c[2][lane]),
-        DVec3::new(c[3][lane], c[4][lane], c[5][lane]),
-        DVec3::new(c[6][lane], c[7][lane], c[8][lane]),
-    ]
-}
-
 /// How far along the ray each lane's triangle is met (negative: not at all), and the determinant, whose sign is the side.
 fn meet(block: &Block, origin: DVec3, direction: DVec3) -> ([f64; LANES], [f64; LANES]) {
     let (mut distances, mut determinants) = ([0.0; LANES], [0.0; LANES]);
     for lane in 0..LANES {
-        let [a, b, c] = corners_of(block, lane);
+        let [a, b, c] = block.triangle(lane);
         let (e, f, s) = (b - a, c - a, origin - a);
         let p = direction.cross(f);
         let determinant = e.dot(p);

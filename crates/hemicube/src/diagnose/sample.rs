@@ -1,6 +1,7 @@
 //! What is looked at: a seeded order of the surfaces, of which a scene's size decides how far it is followed.
 
 use crate::Model;
+use crate::random;
 use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -8,12 +9,9 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 /// Surfaces that are handed to a thread at once.
 const CHUNK: usize = 64;
 
-/// SplitMix64's finaliser (Steele, Lea & Flood 2014).
+/// A hash of a number that differs from seed to seed.
 pub(super) fn hash(seed: u64, number: u64) -> u64 {
-    let mut z = seed ^ (number + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^ (z >> 31)
+    random::hash(seed ^ (number + 1).wrapping_mul(random::STEP))
 }
 
 /// The surfaces of a geometry by a hash of their patch: any beginning of this list is a random sample of them.

@@ -11,14 +11,17 @@
 use super::lanes::LANES;
 use glam::DVec3;
 
-/// The triangle that all eight pairs share.
+/// A triangle, such as the one that all eight pairs share.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Own {
+pub(crate) struct Own {
     corners: [[f64; 3]; 3],
+    /// Of its edges.
     middles: [[f64; 3]; 3],
-    center: [f64; 3],
-    cross: [f64; 3],
-    squared_radius: f64,
+    pub(crate) center: [f64; 3],
+    /// Its normal, as long as twice its area.
+    pub(crate) cross: [f64; 3],
+    /// Of the sphere round the centre.
+    pub(crate) squared_radius: f64,
 }
 
 impl Own {
@@ -28,8 +31,9 @@ impl Own {
     }
 }
 
+/// What is needed of a triangle with these corners.
 #[inline(always)]
-fn shape(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> Own {
+pub(crate) fn shape(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> Own {
     let middle = |p: [f64; 3], q: [f64; 3]| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])];
     let third = 1.0 / 3.0;
     let center = [
@@ -59,12 +63,12 @@ fn shape(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> Own {
 }
 
 #[inline(always)]
-fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+pub(crate) fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
     [p[0] - q[0], p[1] - q[1], p[2] - q[2]]
 }
 
 #[inline(always)]
-fn dot(p: [f64; 3], q: [f64; 3]) -> f64 {
+pub(crate) fn dot(p: [f64; 3], q: [f64; 3]) -> f64 {
     p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 }
 

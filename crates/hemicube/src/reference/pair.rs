@@ -7,7 +7,7 @@
 
 use super::random::{Random, point_of};
 use super::visibility::{Occluders, Sight};
-use crate::factor::{FactorRule, exchange};
+use crate::factor::{FactorRule, exchange, quarters};
 use glam::DVec3;
 
 /// Independent batches of segments of a pair.
@@ -390,11 +390,6 @@ fn divided(outer: &[DVec3; 3], inner: &[DVec3; 3], rule: &FactorRule, enough: f6
 const ENOUGH: f64 = 1e-5;
 /// Pieces from which on the error is left as it is: some hundred milliseconds.
 const MOST_PIECES: usize = 4096;
-
-fn quarters([a, b, c]: &[DVec3; 3]) -> [[DVec3; 3]; 4] {
-    let (ab, bc, ca) = ((*a + *b) * 0.5, (*b + *c) * 0.5, (*c + *a) * 0.5);
-    [[*a, ab, ca], [ab, *b, bc], [ca, bc, *c], [ab, bc, ca]]
-}
 
 #[cfg(test)]
 mod tests {

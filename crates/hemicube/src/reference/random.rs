@@ -1,5 +1,6 @@
-//! Random numbers: SplitMix64 (Steele, Lea & Flood 2014), and points of a triangle from pairs of them.
+//! Streams of random numbers that belong to some keys, and points of a triangle from pairs of them.
 
+use crate::random;
 use glam::DVec3;
 
 /// A stream of random numbers.
@@ -18,11 +19,7 @@ impl Random {
     }
 
     pub(super) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
+        random::next(&mut self.0)
     }
 
     /// Evenly in (0, 1), never an end: no point lies on an edge.
