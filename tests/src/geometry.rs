@@ -4,7 +4,7 @@
 //! ends of an edge, F = (1/2π) |Σ θ(a, b) n · (a × b)/|a × b||, after clipping the polygon at the receiver's horizon.
 
 use glam::{DQuat, DVec3};
-use hemicube_scene::{Material, Scene, Triangle};
+use hemicube_scene::{Material, Scene, Subdivision, Triangle};
 use std::f64::consts::{PI, TAU};
 
 /// A scene of one-sided triangles.
@@ -259,6 +259,24 @@ pub fn slope(points: &[(f64, f64)]) -> f64 {
         .fold((0.0, 0.0), |(x, y), p| (x + p.0 / count, y + p.1 / count));
     let covariance: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
     covariance / logs.iter().map(|p| (p.0 - x).powi(2)).sum::<f64>()
+}
+
+/// Half or all of a sphere, from an octahedron: each face's edges in `pieces`, points moved onto the sphere.
+pub fn sphere(pieces: u32, radius: f64, inwards: bool, whole: bool) -> Vec<[DVec3; 3]> {
+    let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z];
+    let mut faces = vec![[x, y, z], [y, -x, z], [-x, -y, z], [-y, x, z]];
+    if whole {
+        faces.extend(faces.clone().into_iter().map(|[a, b, c]| [b, a, -c]));
+    }
+    let mut parts = Vec::new();
+    faces
+        .iter()
+        .for_each(|face| Subdivision::Split(pieces).cut(face, &mut parts));
+    let turn = |[a, b, c]: [DVec3; 3]| if inwards { [a, c, b] } else { [a, b, c] };
+    parts
+        .into_iter()
+        .map(|t| turn(t.map(|p| p.normalize() * radius)))
+        .collect()
 }
 
 #[cfg(test)]

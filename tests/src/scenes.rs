@@ -1,4 +1,4 @@
-//! Real scenes: where they are, how a compressed one is opened, and when a test that lacks them may skip.
+//! The program and real scenes: where they are, how a compressed one is opened, and when a test that lacks them may skip.
 
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::repair::{RepairOptions, repair};
@@ -22,6 +22,26 @@ pub fn skip(test: &str, reason: &str, required: &str) {
 pub fn say(line: &str) {
     // A closed stream is no reason for a test to fail.
     let _ = std::io::stderr().write_all(format!("{line}\n").as_bytes());
+}
+
+/// The program: the one that Cargo names, or the one beside the running test.
+///
+/// # Panics
+/// When it was not built with the test's profile and target directory.
+pub fn program() -> PathBuf {
+    if let Some(path) = std::env::var_os("CARGO_BIN_EXE_hemicube") {
+        return path.into();
+    }
+    // target/PROFILE/deps/TEST-HASH: the program is two steps up.
+    let test = std::env::current_exe().expect("the test's own path");
+    let profile = test.parent().and_then(Path::parent).expect("target/PROFILE");
+    let path = profile.join(format!("hemicube{}", std::env::consts::EXE_SUFFIX));
+    assert!(
+        path.is_file(),
+        "`{}` is missing: run `cargo build --release -p hemicube-cli` first",
+        path.display()
+    );
+    path
 }
 
 /// The folder of real scenes, if there is one: `HEMICUBE_SCENES`, or `../shared/scenes` beside the workspace.

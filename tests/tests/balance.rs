@@ -1,7 +1,7 @@
 //! Balancing real matrices: a closed room becomes closed and reciprocal, small entries can go, and what that does to the
 //! error against the reference is measured, not assumed.
 //!
-//! The table of docs/accuracy.md: `cargo test --release -p hemicube-tests --test balance -- --ignored --nocapture`
+//! Its table: `cargo test --release -p hemicube-tests --test balance -- --ignored --nocapture`
 
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};

@@ -6,6 +6,7 @@
 #![allow(clippy::print_stderr, reason = "a skipped test says so")]
 
 use assert_cmd::Command;
+use hemicube_tests::scenes::program;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -16,22 +17,6 @@ use tempfile::TempDir;
 
 /// A run that takes longer hangs.
 const TIME_LIMIT: Duration = Duration::from_secs(300);
-
-fn binary() -> PathBuf {
-    if let Some(path) = std::env::var_os("CARGO_BIN_EXE_hemicube") {
-        return path.into();
-    }
-    // target/PROFILE/deps/cli-HASH: the program is two steps up.
-    let test = std::env::current_exe().expect("the test's own path");
-    let profile = test.parent().and_then(Path::parent).expect("target/PROFILE");
-    let path = profile.join(format!("hemicube{}", std::env::consts::EXE_SUFFIX));
-    assert!(
-        path.is_file(),
-        "`{}` is missing: run `cargo build --release -p hemicube-cli` first",
-        path.display()
-    );
-    path
-}
 
 /// What a run came to.
 struct Ran {
@@ -95,7 +80,7 @@ impl Place {
     }
 
     fn command(&self) -> std::process::Command {
-        let mut command = std::process::Command::new(binary());
+        let mut command = std::process::Command::new(program());
         command
             .current_dir(self.directory.path())
             .env("HOME", self.path("home"))
@@ -865,14 +850,14 @@ fn a_reader_that_goes_away_is_success() {
 #[cfg(unix)]
 fn limited(place: &Place, kilobytes: u32, line: &str) -> Ran {
     let script = format!("trap '' XFSZ; ulimit -f {}; exec \"$@\"", 2 * kilobytes);
-    let program = place.command();
+    let started = place.command();
     let mut command = std::process::Command::new("sh");
     command
         .args(["-c", &script, "sh"])
-        .arg(binary())
+        .arg(program())
         .args(line.split_whitespace());
     command.current_dir(place.directory.path());
-    for (name, value) in program.get_envs() {
+    for (name, value) in started.get_envs() {
         match value {
             Some(value) => command.env(name, value),
             None => command.env_remove(name),

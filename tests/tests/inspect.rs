@@ -12,26 +12,13 @@ use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::Kind;
 use hemicube_tests::geometry::{box_inside, flipped, quad, scene_of};
-use hemicube_tests::scenes::{generated, model, read, say, scenes_or_skip};
+use hemicube_tests::scenes::{generated, model, program, read, say, scenes_or_skip};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
-
-fn binary() -> PathBuf {
-    // target/PROFILE/deps/inspect-HASH: the program is two steps up.
-    let test = std::env::current_exe().expect("the test's own path");
-    let profile = test.parent().and_then(Path::parent).expect("target/PROFILE");
-    let path = profile.join(format!("hemicube{}", std::env::consts::EXE_SUFFIX));
-    assert!(
-        path.is_file(),
-        "`{}` is missing: run `cargo build --release -p hemicube-cli` first",
-        path.display()
-    );
-    path
-}
+use std::path::Path;
 
 /// What `hemicube inspect` writes to standard output.
 fn inspect(scene: &Path, arguments: &[&str]) -> String {
-    let output = assert_cmd::Command::new(binary())
+    let output = assert_cmd::Command::new(program())
         .arg("inspect")
         .arg(scene)
         .args(arguments)

@@ -9,12 +9,13 @@ use glam::DVec3;
 use hemicube::Model;
 use hemicube::backend::WHOLE;
 use hemicube_scene::{InputPatch, Subdivision};
+use hemicube_tests::cases::{self, cases, number};
 use hemicube_tests::geometry::{
     box_inside, even, grid, parallel_rectangles, perpendicular_rectangles, point_to_polygon, quad, scene_of,
-    scene_with_sides, slope,
+    scene_with_sides, slope, sphere,
 };
 use hemicube_tests::rows::{hemicubes, render, settings};
-use hemicube_tests::scenes::{model, model_as_it_is, say, scenes_or_skip, skip};
+use hemicube_tests::scenes::{model, model_as_it_is, say};
 use serde_json::Value;
 
 type Quad = [DVec3; 4];
@@ -155,47 +156,19 @@ fn unit_squares_without_any_file() {
     area_error_falls("perpendicular unit squares", &[perpendicular], -1.6, 4e-4);
 }
 
-/// Cases of the public file, or a skip.
-fn cases(test: &str) -> Option<Vec<Value>> {
-    let file = scenes_or_skip(test)?.join("../reference_cases.json");
-    let Ok(text) = std::fs::read_to_string(&file) else {
-        skip(
-            test,
-            "no reference_cases.json beside the scenes",
-            "HEMICUBE_REQUIRE_SCENES",
-        );
-        return None;
-    };
-    let json: Value = serde_json::from_str(&text).expect("JSON");
-    assert_eq!(json["format"], "reference_cases/1");
-    Some(json["cases"].as_array().expect("a list of cases").clone())
-}
-
-fn number(value: &Value) -> f64 {
-    value
-        .as_f64()
-        .or_else(|| value.as_str()?.parse().ok())
-        .unwrap_or_else(|| panic!("{value} is no number"))
-}
-
 /// Pairs of quads from the file, those with obstructions or those without.
 fn pairs(cases: &[Value], occluded: bool) -> Vec<Pair> {
-    let quads = |value: &Value| -> Option<Vec<Quad>> {
-        let point = |p: &Value| DVec3::new(number(&p[0]), number(&p[1]), number(&p[2]));
-        let corners = |q: &Value| [point(&q[0]), point(&q[1]), point(&q[2]), point(&q[3])];
-        Some(value.as_array()?.iter().map(corners).collect())
-    };
-    cases
-        .iter()
+    cases::pairs(cases)
+        .into_iter()
         .filter_map(|case| {
+            let [exact, reversed] = case.exact;
             let pair = Pair {
-                name: case["id"].as_str()?.to_owned(),
-                emitter: quads(&case["emitter"])?,
-                receiver: quads(&case["receiver"])?,
-                obstructions: quads(&case["obstructions"])?,
-                exact: number(&case["F_emitter_to_receiver"]),
+                name: case.name,
+                emitter: case.emitter,
+                receiver: case.receiver,
+                obstructions: case.obstructions,
+                exact,
             };
-            let reversed = number(&case["F_receiver_to_emitter"]);
             assert!(
                 (pair.reversed().exact - reversed).abs() < 1e-12,
                 "{}: not reciprocal",
@@ -342,24 +315,6 @@ fn closed(name: &str, found: &Groups) {
     let none = |values: &[f64]| values.iter().all(|&v| v == 0.0);
     assert!(none(&found.escaped), "{name} leaks: {:?}", found.escaped);
     assert!(none(&found.blocked), "{name} shows a back: {:?}", found.blocked);
-}
-
-/// Half or all of a sphere, from an octahedron: each face's edges in `pieces`, points moved onto the sphere.
-fn sphere(pieces: u32, radius: f64, inwards: bool, whole: bool) -> Vec<Triangle> {
-    let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z];
-    let mut faces = vec![[x, y, z], [y, -x, z], [-x, -y, z], [-y, x, z]];
-    if whole {
-        faces.extend(faces.clone().into_iter().map(|[a, b, c]| [b, a, -c]));
-    }
-    let mut parts = Vec::new();
-    faces
-        .iter()
-        .for_each(|face| Subdivision::Split(pieces).cut(face, &mut parts));
-    let turn = |[a, b, c]: Triangle| if inwards { [a, c, b] } else { [a, b, c] };
-    parts
-        .into_iter()
-        .map(|t| turn(t.map(|p| p.normalize() * radius)))
-        .collect()
 }
 
 /// A disc round the z axis whose rim is `rim`, in `rings` rings; counter-clockwise for a normal of +z.

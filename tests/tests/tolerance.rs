@@ -15,7 +15,7 @@ use hemicube_tests::cases::{Pair, case, cases, expected, number, pairs};
 use hemicube_tests::extremes::{room_with_a_block, tower_through_the_ground, walls_through_the_ground};
 use hemicube_tests::geometry::{
     between_polygons, box_inside, even, grid, irrational_rotation, moved, parallel_rectangles_apart, polygon_area,
-    quad, scene_of, scene_with_sides,
+    quad, scene_of, scene_with_sides, sphere,
 };
 use hemicube_tests::rows::{Factors, Rung, factors};
 use hemicube_tests::scenes::{model, model_as_it_is, say};
@@ -319,24 +319,6 @@ fn enclosures_with_flat_faces() {
         }
     }
     tally.finish("enclosures with flat faces");
-}
-
-/// Half or all of a sphere, from an octahedron: each face's edges in `pieces`, points moved onto the sphere.
-fn sphere(pieces: u32, radius: f64, inwards: bool, whole: bool) -> Vec<Triangle> {
-    let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z];
-    let mut faces = vec![[x, y, z], [y, -x, z], [-x, -y, z], [-y, x, z]];
-    if whole {
-        faces.extend(faces.clone().into_iter().map(|[a, b, c]| [b, a, -c]));
-    }
-    let mut parts = Vec::new();
-    faces
-        .iter()
-        .for_each(|face| Subdivision::Split(pieces).cut(face, &mut parts));
-    let turn = |[a, b, c]: Triangle| if inwards { [a, c, b] } else { [a, b, c] };
-    parts
-        .into_iter()
-        .map(|t| turn(t.map(|p| p.normalize() * radius)))
-        .collect()
 }
 
 fn circle(count: u32, radius: f64, z: f64) -> Vec<DVec3> {

@@ -2,23 +2,12 @@
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 
+use hemicube_tests::scenes::program;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 use tempfile::TempDir;
-
-fn binary() -> PathBuf {
-    let test = std::env::current_exe().expect("the test's own path");
-    let profile = test.parent().and_then(Path::parent).expect("target/PROFILE");
-    let path = profile.join(format!("hemicube{}", std::env::consts::EXE_SUFFIX));
-    assert!(
-        path.is_file(),
-        "`{}` is missing: run `cargo build --release -p hemicube-cli` first",
-        path.display()
-    );
-    path
-}
 
 /// A directory of its own to run in, without settings of the user or the environment.
 struct Place(TempDir);
@@ -44,7 +33,7 @@ impl Place {
     }
 
     fn command(&self, line: &str) -> Command {
-        let mut command = Command::new(binary());
+        let mut command = Command::new(program());
         command
             .args(line.split_whitespace())
             .current_dir(self.0.path())

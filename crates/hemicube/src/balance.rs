@@ -28,10 +28,10 @@
 //! share what it lost in proportion. A row whose entries would grow beyond the bound keeps everything.
 //!
 //! **Out of core.** In memory are some vectors of one number a patch and one part. A row needs its column: entries are
-//! dealt out into a file beside the result, one run for each part that holds the column's row ([`exchange`]), which costs
+//! dealt out into a file beside the result, one run for each part that holds the column's row (`exchange`), which costs
 //! one write and one read of 12 bytes an entry. Passes over the store for one block of columns each would need no disk, but
 //! as many reads of the whole matrix as it is larger than memory. The symmetric matrix is a second such file of 8 bytes an
-//! entry, read once a sweep ([`symmetric`]). Everything runs in one thread and one order: equal input gives equal bytes.
+//! entry, read once a sweep (`symmetric`). Everything runs in one thread and one order: equal input gives equal bytes.
 
 mod exchange;
 mod residual;
