@@ -41,6 +41,44 @@ pub struct Block {
 }
 
 impl Block {
+    /// Packs up to 16 of some surfaces. The back of a one-sided one shows `blocked`: an id above all patches, so that any
+    /// patch at the same depth wins.
+    ///
+    /// # Panics
+    /// When `lanes` is empty.
+    pub fn of(surfaces: &[Surface], lanes: &[u32], blocked: u32) -> Self {
+        let mut block = Self {
+            corners: [[0.0; LANES]; 9],
+            negative: [UNUSED; LANES],
+            positive: [UNUSED; LANES],
+        };
+        for lane in 0..LANES {
+            // Unused lanes repeat the last triangle's first corner: no area, so nothing is drawn.
+            let surface = &surfaces[lanes[lane.min(lanes.len() - 1)] as usize];
+            let (corners, flipped) = sorted_corners(surface.corners);
+            let used = lane < lanes.len();
+            for (k, corner) in corners.iter().enumerate() {
+                let corner = if used { corner } else { &corners[0] };
+                block.corners[3 * k][lane] = corner.x;
+                block.corners[3 * k + 1][lane] = corner.y;
+                block.corners[3 * k + 2][lane] = corner.z;
+            }
+            if !used {
+                continue;
+            }
+            let back = surface.back.map_or(blocked, |p| p.0);
+            // The eye is on the front of counter-clockwise corners where their determinant is negative.
+            let (negative, positive) = if flipped {
+                (back, surface.front.0)
+            } else {
+                (surface.front.0, back)
+            };
+            block.negative[lane] = negative;
+            block.positive[lane] = positive;
+        }
+        block
+    }
+
     /// The corners of the triangle in a lane, ascending.
     #[inline(always)]
     pub fn triangle(&self, lane: usize) -> [DVec3; 3] {
@@ -292,51 +330,39 @@ impl Tree {
 
     fn push_block(&mut self, surfaces: &[Surface], lanes: &[u32]) {
         let index = self.blocks.len();
-        let mut block = Block {
-            corners: [[0.0; LANES]; 9],
-            negative: [UNUSED; LANES],
-            positive: [UNUSED; LANES],
-        };
-        for lane in 0..LANES {
-            // Unused lanes repeat the first triangle's first corner: no area, so nothing is drawn.
-            let surface = &surfaces[lanes[lane.min(lanes.len() - 1)] as usize];
-            let (corners, flipped) = sorted_corners(surface.corners);
-            let used = lane < lanes.len();
-            for (k, corner) in corners.iter().enumerate() {
-                let corner = if used { corner } else { &corners[0] };
-                block.corners[3 * k][lane] = corner.x;
-                block.corners[3 * k + 1][lane] = corner.y;
-                block.corners[3 * k + 2][lane] = corner.z;
-            }
-            if !used {
-                continue;
-            }
+        for (lane, &surface) in lanes.iter().enumerate() {
+            let surface = &surfaces[surface as usize];
             #[allow(
                 clippy::cast_possible_truncation,
                 reason = "fewer blocks than surfaces, of which there are < 2³¹"
             )]
             let slot = (index * LANES + lane) as u32;
             self.slot_of_patch[surface.front.0 as usize] = slot;
-            // The back of a one-sided patch blocks: an id above all patches, so that any patch at the same depth wins.
-            let back = surface.back.map_or(self.patch_count, |p| p.0);
             if let Some(back) = surface.back {
                 self.slot_of_patch[back.0 as usize] = slot;
             }
-            // The eye is on the front of counter-clockwise corners where their determinant is negative.
-            let (negative, positive) = if flipped {
-                (back, surface.front.0)
-            } else {
-                (surface.front.0, back)
-            };
-            block.negative[lane] = negative;
-            block.positive[lane] = positive;
         }
-        self.blocks.push(block);
+        self.blocks.push(Block::of(surfaces, lanes, self.patch_count));
     }
 }
 
+/// Whether two triangles in one plane, whose normal is given, overlap by more than `touch`: no edge of either parts them.
+pub fn overlap(p: &[DVec3; 3], q: &[DVec3; 3], normal: DVec3, touch: f64) -> bool {
+    let apart = |of: &[DVec3; 3], other: &[DVec3; 3]| {
+        (0..3).any(|k| {
+            let (a, b, c) = (of[k], of[(k + 1) % 3], of[(k + 2) % 3]);
+            let mut across = normal.cross(b - a).normalize_or_zero();
+            if across.dot(c - a) < 0.0 {
+                across = -across;
+            }
+            other.iter().all(|&x| across.dot(x - a) <= touch)
+        })
+    };
+    !apart(p, q) && !apart(q, p)
+}
+
 /// Corners in ascending order of (x, y, z), and whether that turned the winding around.
-fn sorted_corners(mut corners: [DVec3; 3]) -> ([DVec3; 3], bool) {
+pub fn sorted_corners(mut corners: [DVec3; 3]) -> ([DVec3; 3], bool) {
     // −0 and 0 are one position: adding 0 makes them the same bits.
     corners = corners.map(|p| p + DVec3::ZERO);
     let above = |p: DVec3, q: DVec3| {

@@ -5,7 +5,7 @@
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::row::RowBlock;
 use hemicube::{HierarchyOptions, Model};
-use hemicube_backend_cpu::{CpuBackend, Isa};
+use hemicube_backend_cpu::{CpuBackend, EngineChoice, Isa};
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, generate};
 use hemicube_scene::{Patches, ReadOptions, Subdivision, load};
 use std::time::Instant;
@@ -53,10 +53,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .into_iter()
         .filter(|i| wanted.as_ref().is_none_or(|w| format!("{i:?}") == *w))
     {
-        for (culling, covered) in [(Culling::On, false), (Culling::On, true), (Culling::Off, false)] {
-            let Some(mut backend) = CpuBackend::with_isa(isa) else {
+        let settings = [(Culling::On, false), (Culling::On, true), (Culling::Off, false)];
+        for (engine, (culling, covered)) in [EngineChoice::Depth, EngineChoice::Order]
+            .into_iter()
+            .flat_map(|engine| settings.map(|s| (engine, s)))
+        {
+            let Some(backend) = CpuBackend::with_isa(isa) else {
                 continue;
             };
+            let mut backend = backend.with_engine(engine);
             let start = Instant::now();
             backend.load(
                 model.geometry(),
@@ -81,7 +86,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let count = used.len() as f64;
             let per = |n: u64| n as f64 / count;
             println!(
-                "{isa:?} culling {culling:?} covered {covered}: {:.0} hemicubes/s ({:.0} µs), {:.0} visible, nodes {:.0} hidden {:.0}, transformed {:.0}, drawn {:.0}, load {loaded:.2?}, hash {}",
+                "{engine:?} {isa:?} culling {culling:?} covered {covered}: {:.0} hemicubes/s ({:.0} µs), {:.0} visible, nodes {:.0} hidden {:.0}, transformed {:.0}, drawn {:.0}, load {loaded:.2?}, hash {}",
                 count / best,
                 best / count * 1e6,
                 block.patches.len() as f64 / count,

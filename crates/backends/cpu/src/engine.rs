@@ -2,6 +2,7 @@
 
 use crate::Shared;
 use crate::kernel::{Chunk, Frame, GROUP, Kernel, Reduction, Sums, Target, Transformed, is_small, three};
+use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Counters, Culling, Hemicube};
 use hemicube::face::{Face, Items};
@@ -9,7 +10,7 @@ use hemicube::row::RowBlock;
 use hemicube::tree::{Block, INNER, LANES, Node, Tree, UNUSED};
 use std::marker::PhantomData;
 
-const ALL_FACES: u8 = 0b1_1111;
+pub(crate) const ALL_FACES: u8 = 0b1_1111;
 
 /// A hemicube's working memory. One a thread.
 #[derive(Debug)]
@@ -48,9 +49,9 @@ struct DrawnBlock {
 }
 
 /// A box of a node in a hemicube's frame.
-struct FrameBox {
-    low: [f64; 3],
-    high: [f64; 3],
+pub(crate) struct FrameBox {
+    pub(crate) low: [f64; 3],
+    pub(crate) high: [f64; 3],
 }
 
 impl<K: Kernel> Engine<K> {
@@ -279,62 +280,11 @@ impl<K: Kernel> Engine<K> {
     /// On which faces a node may be seen, and on which of the others it is hidden.
     #[inline]
     fn visible_faces<const COVERED: bool>(&mut self, node: &Node, frame: &Frame, faces: u8) -> (u8, u8) {
-        let b = frame_box(node, frame);
-        if b.high[2] <= frame.tolerance {
-            return (0, 0);
-        }
-        let (mut visible, mut hidden) = (0, 0);
-        let resolution = self.target.resolution as f64;
-        let half = resolution * 0.5;
-        for face in Face::ALL {
-            let bit = 1 << face as u8;
-            if faces & bit == 0 {
-                continue;
-            }
-            let (axis, sign) = face.axes();
-            let range = |c: usize| {
-                if sign[c] > 0.0 {
-                    (b.low[axis[c]], b.high[axis[c]])
-                } else {
-                    (-b.high[axis[c]], -b.low[axis[c]])
-                }
-            };
-            let ((u0, u1), (v0, v1), (w0, w1)) = (range(0), range(1), range(2));
-            let bottom = if face.is_top() { -w1 } else { 0.0 };
-            if w1 <= 0.0 || u0 > w1 || u1 < -w1 || v0 > w1 || v1 < bottom {
-                continue;
-            }
-            if w0 <= NEAREST * w1 {
-                visible |= bit;
-                continue;
-            }
-            let (near, far) = (1.0 / w0, 1.0 / w1);
-            let x0 = u0 * if u0 > 0.0 { far } else { near } * half + half;
-            let x1 = u1 * if u1 > 0.0 { near } else { far } * half + half;
-            let shift = if face.is_top() { half } else { 0.0 };
-            let y0 = v0 * if v0 > 0.0 { far } else { near } * half + shift;
-            let y1 = v1 * if v1 > 0.0 { near } else { far } * half + shift;
-            let rows = if face.is_top() { resolution } else { half };
-            // Pixels whose centres can be covered; with tiny patches, all pixels that the box touches.
-            let centre = if COVERED { 0.0 } else { 0.5 };
-            let slack = 1e-6;
-            // A box that only touches the right or upper edge belongs to the last pixel, as a centroid on the edge does.
-            let x0 = (x0 + (centre - slack)).min(resolution - 1.0).floor_non_negative();
-            let x1 = (x1 - (centre - slack)).min(resolution - 1.0);
-            let y0 = (y0 + (centre - slack)).min(rows - 1.0).floor_non_negative();
-            let y1 = (y1 - (centre - slack)).min(rows - 1.0);
-            if x0 as f64 > x1 || y0 as f64 > y1 {
-                continue;
-            }
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the face")]
-            let (x1, y1) = (x1 as usize, y1 as usize);
-            if self.is_hidden::<COVERED>(face, [x0, x1, y0, y1], near) {
-                hidden |= bit;
-            } else {
-                visible |= bit;
-            }
-        }
-        (visible, hidden)
+        let b = frame_box(node.center, node.half, frame);
+        let resolution = self.target.resolution;
+        faces_of::<COVERED>(&b, frame, resolution, faces, |face, pixels, nearest| {
+            self.is_hidden::<COVERED>(face, pixels, nearest)
+        })
     }
 
     /// Whether all of a rectangle of pixels (inclusive) is nearer than `nearest`, in 1/w.
@@ -478,7 +428,7 @@ impl FloorNonNegative for f64 {
     }
 }
 
-fn frame(tree: &Tree, hemicube: &Hemicube) -> Frame {
+pub(crate) fn frame(tree: &Tree, hemicube: &Hemicube) -> Frame {
     Frame {
         origin: hemicube.origin.to_array(),
         axes: hemicube.axes.map(|a| a.to_array()),
@@ -487,9 +437,76 @@ fn frame(tree: &Tree, hemicube: &Hemicube) -> Frame {
     }
 }
 
+/// On which faces a box may be seen, and on which of the others it is hidden: `is_hidden(face, pixels, nearest)` is asked
+/// for the pixels of a face that the box touches (inclusive) and the 1/w of its nearest point.
 #[inline(always)]
-fn frame_box(node: &Node, frame: &Frame) -> FrameBox {
-    let d = three(|c| node.center[c] - frame.origin[c]);
+pub(crate) fn faces_of<const COVERED: bool>(
+    b: &FrameBox,
+    frame: &Frame,
+    resolution: usize,
+    faces: u8,
+    mut is_hidden: impl FnMut(Face, [usize; 4], f64) -> bool,
+) -> (u8, u8) {
+    if b.high[2] <= frame.tolerance {
+        return (0, 0);
+    }
+    let (mut visible, mut hidden) = (0, 0);
+    let resolution = resolution as f64;
+    let half = resolution * 0.5;
+    for face in Face::ALL {
+        let bit = 1 << face as u8;
+        if faces & bit == 0 {
+            continue;
+        }
+        let (axis, sign) = face.axes();
+        let range = |c: usize| {
+            if sign[c] > 0.0 {
+                (b.low[axis[c]], b.high[axis[c]])
+            } else {
+                (-b.high[axis[c]], -b.low[axis[c]])
+            }
+        };
+        let ((u0, u1), (v0, v1), (w0, w1)) = (range(0), range(1), range(2));
+        let bottom = if face.is_top() { -w1 } else { 0.0 };
+        if w1 <= 0.0 || u0 > w1 || u1 < -w1 || v0 > w1 || v1 < bottom {
+            continue;
+        }
+        if w0 <= NEAREST * w1 {
+            visible |= bit;
+            continue;
+        }
+        let (near, far) = (1.0 / w0, 1.0 / w1);
+        let x0 = u0 * if u0 > 0.0 { far } else { near } * half + half;
+        let x1 = u1 * if u1 > 0.0 { near } else { far } * half + half;
+        let shift = if face.is_top() { half } else { 0.0 };
+        let y0 = v0 * if v0 > 0.0 { far } else { near } * half + shift;
+        let y1 = v1 * if v1 > 0.0 { near } else { far } * half + shift;
+        let rows = if face.is_top() { resolution } else { half };
+        // Pixels whose centres can be covered; with tiny patches, all pixels that the box touches.
+        let centre = if COVERED { 0.0 } else { 0.5 };
+        let slack = 1e-6;
+        // A box that only touches the right or upper edge belongs to the last pixel, as a centroid on the edge does.
+        let x0 = (x0 + (centre - slack)).min(resolution - 1.0).floor_non_negative();
+        let x1 = (x1 - (centre - slack)).min(resolution - 1.0);
+        let y0 = (y0 + (centre - slack)).min(rows - 1.0).floor_non_negative();
+        let y1 = (y1 - (centre - slack)).min(rows - 1.0);
+        if x0 as f64 > x1 || y0 as f64 > y1 {
+            continue;
+        }
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the face")]
+        let (x1, y1) = (x1 as usize, y1 as usize);
+        if is_hidden(face, [x0, x1, y0, y1], near) {
+            hidden |= bit;
+        } else {
+            visible |= bit;
+        }
+    }
+    (visible, hidden)
+}
+
+#[inline(always)]
+pub(crate) fn frame_box(center: DVec3, half_sides: DVec3, frame: &Frame) -> FrameBox {
+    let d = three(|c| center[c] - frame.origin[c]);
     let mut b = FrameBox {
         low: [0.0; 3],
         high: [0.0; 3],
@@ -497,7 +514,7 @@ fn frame_box(node: &Node, frame: &Frame) -> FrameBox {
     for a in 0..3 {
         let m = &frame.axes[a];
         let center = m[0] * d[0] + m[1] * d[1] + m[2] * d[2];
-        let half = m[0].abs() * node.half.x + m[1].abs() * node.half.y + m[2].abs() * node.half.z;
+        let half = m[0].abs() * half_sides.x + m[1].abs() * half_sides.y + m[2].abs() * half_sides.z;
         // Rounding of the sums, far above what it can be and far below what matters.
         let half = half + 1e-14;
         b.low[a] = center - half;

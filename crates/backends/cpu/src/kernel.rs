@@ -10,6 +10,9 @@
 //! The three paths (AVX-512, AVX2, portable) perform the same operations in the same order and give the same bits; the
 //! tests compare them.
 
+mod bits;
+
+pub(crate) use bits::{Coverage, Shown};
 use hemicube::face::Face;
 use hemicube::tree::{Block, LANES, UNUSED};
 
@@ -43,6 +46,8 @@ pub(crate) struct Transformed {
     near: [[f32; LANES]; 9],
     /// v1 × v2, v2 × v0, v0 × v1, times the sign of the determinant.
     pub(crate) edges: [[f64; LANES]; 9],
+    /// The sign that `edges` have been multiplied by.
+    pub(crate) sign: [f64; LANES],
     /// |det(v0, v1, v2)|.
     pub(crate) determinant: [f64; LANES],
     /// What is seen of the triangle: a patch, or the id for blocked.
@@ -57,6 +62,7 @@ impl Transformed {
             corners: [[0.0; LANES]; 9],
             near: [[0.0; LANES]; 9],
             edges: [[0.0; LANES]; 9],
+            sign: [1.0; LANES],
             determinant: [0.0; LANES],
             seen: [UNUSED; LANES],
             live: 0,
@@ -112,7 +118,7 @@ pub(crate) struct Reduction<'a> {
 /// Sums for each patch, and for blocked and nothing, with the set of those that are not zero.
 #[derive(Debug)]
 pub(crate) struct Sums {
-    /// Pixels seen in the upper half, weight in the lower.
+    /// Pixels seen in the upper half, weight in the lower; with engine 2, covered and visible weight.
     pub(crate) of: Vec<u64>,
     /// One bit for each sum that was touched.
     touched: Vec<u64>,
@@ -131,7 +137,7 @@ impl Sums {
     }
 
     #[inline(always)]
-    fn add(&mut self, id: u32, pixels: u32, weight: u32) {
+    pub(crate) fn add(&mut self, id: u32, pixels: u32, weight: u32) {
         let index = id as usize;
         let sum = self.of[index];
         if sum == 0 {
@@ -140,6 +146,12 @@ impl Sums {
         }
         // The weights of a hemicube sum to 2³¹, so the lower half never carries into the upper.
         self.of[index] = sum + (u64::from(pixels) << 32 | u64::from(weight));
+    }
+
+    /// Sets bits in the upper half of a sum that was touched.
+    #[inline(always)]
+    pub(crate) fn mark(&mut self, id: u32, bits: u32) {
+        self.of[id as usize] |= u64::from(bits) << 32;
     }
 
     /// Hands out (id, pixels, weight) in ascending order of id and forgets them.
@@ -200,6 +212,39 @@ pub(crate) trait Kernel: Send + 'static {
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn cover(triangles: &Transformed, lane: usize, resolution: usize, top: &[u32], side: &[u32]) -> (u32, u32);
+
+    /// Pixels and weight that each of some lanes covers alone, over all faces.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn cover_lanes(
+        triangles: &Transformed,
+        lanes: u16,
+        resolution: usize,
+        top: &[u32],
+        side: &[u32],
+        out: &mut [(u32, u32); LANES],
+    );
+
+    /// Draws lanes of a block into the coverage, in the order given, nearest first.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn draw_bits<const COVERED: bool>(
+        triangles: &Transformed,
+        faces: u8,
+        order: &[u8],
+        coverage: &mut Coverage,
+        top: &[u32],
+        side: &[u32],
+        shown: &mut Shown,
+    );
+
+    /// Whether every pixel of a box of the atlas (inclusive) is covered.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool;
 
     /// Whether every pixel of a box of the atlas (inclusive) is nearer than `bound`.
     ///
@@ -364,7 +409,6 @@ pub(crate) unsafe fn transform<L: Lanes>(block: &Block, frame: &Frame, out: &mut
         }
     }
     let mut live = Flags([0; LANES]);
-    let mut sign = [1.0f64; LANES];
     for l in 0..LANES {
         let determinant = out.corners[0][l] * out.edges[0][l]
             + out.corners[1][l] * out.edges[1][l]
@@ -376,12 +420,12 @@ pub(crate) unsafe fn transform<L: Lanes>(block: &Block, frame: &Frame, out: &mut
         let turned = determinant < 0.0;
         out.seen[l] = if turned { negative } else { positive };
         live.0[l] = u32::from(above & (determinant != 0.0) & !emitter & (negative != UNUSED));
-        sign[l] = if turned { -1.0 } else { 1.0 };
+        out.sign[l] = if turned { -1.0 } else { 1.0 };
         out.determinant[l] = determinant.abs();
     }
     for k in 0..9 {
         for l in 0..LANES {
-            out.edges[k][l] *= sign[l];
+            out.edges[k][l] *= out.sign[l];
         }
     }
     // SAFETY: the caller's promise.
@@ -1047,6 +1091,35 @@ impl Kernel for Portable {
         unsafe { cover::<Self>(triangles, lane, resolution, top, side) }
     }
 
+    unsafe fn cover_lanes(
+        triangles: &Transformed,
+        lanes: u16,
+        resolution: usize,
+        top: &[u32],
+        side: &[u32],
+        out: &mut [(u32, u32); LANES],
+    ) {
+        // SAFETY: as above.
+        unsafe { bits::cover_lanes::<Self>(triangles, lanes, resolution, top, side, out) };
+    }
+
+    unsafe fn draw_bits<const COVERED: bool>(
+        triangles: &Transformed,
+        faces: u8,
+        order: &[u8],
+        coverage: &mut Coverage,
+        top: &[u32],
+        side: &[u32],
+        shown: &mut Shown,
+    ) {
+        // SAFETY: as above.
+        unsafe { bits::draw::<Self, COVERED>(triangles, faces, order, coverage, top, side, shown) };
+    }
+
+    unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {
+        bits::all_covered(coverage, pixels)
+    }
+
     unsafe fn all_nearer(depth: &[Chunk<f32>], chunks_per_row: usize, pixels: [usize; 4], bound: f32) -> bool {
         // SAFETY: as above.
         unsafe { all_nearer::<Self>(depth, chunks_per_row, pixels, bound) }
@@ -1381,6 +1454,67 @@ pub(crate) mod x86 {
                     }
                     // SAFETY: the caller's promise of the instruction set.
                     unsafe { inner(triangles, lane, resolution, top, side) }
+                }
+
+                unsafe fn cover_lanes(
+                    triangles: &Transformed,
+                    lanes: u16,
+                    resolution: usize,
+                    top: &[u32],
+                    side: &[u32],
+                    out: &mut [(u32, u32); LANES],
+                ) {
+                    #[target_feature(enable = $features)]
+                    fn inner(
+                        triangles: &Transformed,
+                        lanes: u16,
+                        resolution: usize,
+                        top: &[u32],
+                        side: &[u32],
+                        out: &mut [(u32, u32); LANES],
+                    ) {
+                        // SAFETY: this function has the instruction set.
+                        unsafe { bits::cover_lanes::<$name>(triangles, lanes, resolution, top, side, out) };
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(triangles, lanes, resolution, top, side, out) }
+                }
+
+                unsafe fn draw_bits<const COVERED: bool>(
+                    triangles: &Transformed,
+                    faces: u8,
+                    order: &[u8],
+                    coverage: &mut Coverage,
+                    top: &[u32],
+                    side: &[u32],
+                    shown: &mut Shown,
+                ) {
+                    #[target_feature(enable = $features)]
+                    fn inner<const COVERED: bool>(
+                        triangles: &Transformed,
+                        faces: u8,
+                        order: &[u8],
+                        coverage: &mut Coverage,
+                        top: &[u32],
+                        side: &[u32],
+                        shown: &mut Shown,
+                    ) {
+                        // SAFETY: this function has the instruction set.
+                        unsafe {
+                            bits::draw::<$name, COVERED>(triangles, faces, order, coverage, top, side, shown);
+                        }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner::<COVERED>(triangles, faces, order, coverage, top, side, shown) }
+                }
+
+                unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {
+                    #[target_feature(enable = $features)]
+                    fn inner(coverage: &Coverage, pixels: [usize; 4]) -> bool {
+                        bits::all_covered(coverage, pixels)
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(coverage, pixels) }
                 }
 
                 unsafe fn all_nearer(

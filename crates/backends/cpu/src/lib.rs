@@ -23,8 +23,12 @@
 
 mod engine;
 mod kernel;
+mod order;
+mod ordered;
 
 use engine::Engine;
+use order::{Limits, Order};
+use ordered::OrderedEngine;
 use hemicube::backend::{
     BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings,
 };
@@ -33,7 +37,7 @@ use hemicube::face::Items;
 use hemicube::row::RowBlock;
 pub use hemicube::tree::Hierarchy;
 use hemicube::tree::Tree;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 /// An instruction set that the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,12 +86,37 @@ impl Isa {
     }
 }
 
+/// Which of the two engines renders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum EngineChoice {
+    /// The one that suits the scene: [`EngineChoice::Order`] where few surfaces must be cut to put them in order and blocks
+    /// stay well filled, else [`EngineChoice::Depth`].
+    #[default]
+    Auto,
+    /// Engine 1, the hierarchical z-buffer: for any scene.
+    Depth,
+    /// Engine 2, ordered coverage bits: for scenes of polygons.
+    Order,
+}
+
+/// What ordering a scene came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OrderStatistics {
+    /// Surfaces and pieces of them, for each surface.
+    pub fragments: f64,
+    /// Mean number of lanes in use, of 16.
+    pub fill: f64,
+}
+
 /// A session of the built-in backend.
 #[derive(Debug)]
 pub struct CpuBackend {
     info: BackendInfo,
     isa: Isa,
     hierarchy: Hierarchy,
+    choice: EngineChoice,
+    /// The order of the scene that was loaded last, if it has one, so that loading it again with other settings is cheap.
+    order: Option<(Weak<Geometry>, Option<Arc<Order>>)>,
     loaded: Option<Loaded>,
 }
 
@@ -101,17 +130,49 @@ struct Loaded {
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub(crate) tree: Arc<Tree>,
+    /// What engine 2 walks, where it is the one that renders.
+    pub(crate) order: Option<Arc<Order>>,
     pub(crate) table: DeltaTable,
     pub(crate) settings: RenderSettings,
+}
+
+/// The engines of one instruction set, made when first asked to work.
+#[derive(Debug)]
+struct Engines<K> {
+    depth: Option<Engine<K>>,
+    ordered: Option<OrderedEngine<K>>,
+}
+
+impl<K: kernel::Kernel> Engines<K> {
+    fn new() -> Self {
+        Self {
+            depth: None,
+            ordered: None,
+        }
+    }
+
+    fn depth(&mut self, shared: &Shared) -> &mut Engine<K> {
+        self.depth.get_or_insert_with(|| Engine::new(shared))
+    }
+
+    fn rows(&mut self, shared: &Shared, hemicubes: &[Hemicube], out: &mut RowBlock) -> Counters {
+        match &shared.order {
+            Some(order) => self
+                .ordered
+                .get_or_insert_with(|| OrderedEngine::new(shared))
+                .rows(shared, order, hemicubes, out),
+            None => self.depth(shared).rows(shared, hemicubes, out),
+        }
+    }
 }
 
 #[derive(Debug)]
 enum AnyEngine {
     #[cfg(target_arch = "x86_64")]
-    Avx512(Engine<kernel::x86::Avx512>),
+    Avx512(Engines<kernel::x86::Avx512>),
     #[cfg(target_arch = "x86_64")]
-    Avx2(Engine<kernel::x86::Avx2>),
-    Portable(Engine<kernel::Portable>),
+    Avx2(Engines<kernel::x86::Avx2>),
+    Portable(Engines<kernel::Portable>),
 }
 
 impl Default for CpuBackend {
@@ -138,6 +199,58 @@ impl CpuBackend {
         self
     }
 
+    /// The same session, with a given engine from its next `load` on.
+    #[must_use]
+    pub fn with_engine(mut self, choice: EngineChoice) -> Self {
+        self.choice = choice;
+        self
+    }
+
+    /// The engine that renders what is loaded: never [`EngineChoice::Auto`]. `None` before `load`.
+    pub fn engine(&self) -> Option<EngineChoice> {
+        self.loaded.as_ref().map(|loaded| match loaded.shared.order {
+            Some(_) => EngineChoice::Order,
+            None => EngineChoice::Depth,
+        })
+    }
+
+    /// What putting the loaded scene in order came to; `None` where it was not tried, or given up.
+    pub fn order_statistics(&self) -> Option<OrderStatistics> {
+        let (_, order) = self.order.as_ref()?;
+        order.as_ref().map(|order| OrderStatistics {
+            fragments: order.fragments_per_surface(),
+            fill: order.fill(),
+        })
+    }
+
+    /// The order of a scene, if the choice of engine wants one and the scene can have it.
+    fn order(&mut self, geometry: &Arc<Geometry>) -> Option<Arc<Order>> {
+        if self.choice == EngineChoice::Depth {
+            return None;
+        }
+        let known = self.order.as_ref().filter(|(of, _)| of.as_ptr() == Arc::as_ptr(geometry));
+        let order = match known {
+            Some((_, order)) => order.clone(),
+            None => {
+                let limits = match self.choice {
+                    EngineChoice::Auto => Limits {
+                        fragments: MOST_FRAGMENTS,
+                    },
+                    _ => Limits {
+                        fragments: f64::INFINITY,
+                    },
+                };
+                let order = Order::new(geometry, limits).map(Arc::new);
+                self.order = Some((Arc::downgrade(geometry), order.clone()));
+                order
+            }
+        };
+        order.filter(|order| {
+            self.choice == EngineChoice::Order
+                || (order.fragments_per_surface() <= MOST_FRAGMENTS && order.fill() >= LEAST_FILL)
+        })
+    }
+
     fn of(isa: Isa) -> Self {
         Self {
             info: BackendInfo {
@@ -155,6 +268,8 @@ impl CpuBackend {
             },
             isa,
             hierarchy: Hierarchy::default(),
+            choice: EngineChoice::default(),
+            order: None,
             loaded: None,
         }
     }
@@ -166,14 +281,19 @@ impl CpuBackend {
     }
 }
 
+/// With more fragments a surface than this, ordering costs more than it saves.
+const MOST_FRAGMENTS: f64 = 1.4;
+/// With fewer lanes of a block in use than this, likewise.
+const LEAST_FILL: f64 = 4.0;
+
 impl Loaded {
     fn new(shared: Arc<Shared>, isa: Isa) -> Self {
         let engine = match isa {
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => AnyEngine::Avx512(Engine::new(&shared)),
+            Isa::Avx512 => AnyEngine::Avx512(Engines::new()),
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => AnyEngine::Avx2(Engine::new(&shared)),
-            _ => AnyEngine::Portable(Engine::new(&shared)),
+            Isa::Avx2 => AnyEngine::Avx2(Engines::new()),
+            _ => AnyEngine::Portable(Engines::new()),
         };
         Self { shared, engine }
     }
@@ -211,6 +331,7 @@ impl HemicubeBackend for CpuBackend {
             )));
         }
         let shared = Arc::new(Shared {
+            order: self.order(geometry),
             tree: match self.hierarchy {
                 Hierarchy::SurfaceArea => Arc::clone(geometry.tree()),
                 other => Arc::new(Tree::new(geometry, other)),
@@ -231,6 +352,8 @@ impl HemicubeBackend for CpuBackend {
             info: self.info.clone(),
             isa: self.isa,
             hierarchy: self.hierarchy,
+            choice: self.choice,
+            order: self.order.clone(),
             loaded: Some(Loaded::new(Arc::clone(&loaded.shared), self.isa)),
         }))
     }
@@ -252,10 +375,10 @@ impl HemicubeBackend for CpuBackend {
         loaded.check(hemicube)?;
         Ok(match &mut loaded.engine {
             #[cfg(target_arch = "x86_64")]
-            AnyEngine::Avx512(engine) => engine.items(&loaded.shared, hemicube),
+            AnyEngine::Avx512(engine) => engine.depth(&loaded.shared).items(&loaded.shared, hemicube),
             #[cfg(target_arch = "x86_64")]
-            AnyEngine::Avx2(engine) => engine.items(&loaded.shared, hemicube),
-            AnyEngine::Portable(engine) => engine.items(&loaded.shared, hemicube),
+            AnyEngine::Avx2(engine) => engine.depth(&loaded.shared).items(&loaded.shared, hemicube),
+            AnyEngine::Portable(engine) => engine.depth(&loaded.shared).items(&loaded.shared, hemicube),
         })
     }
 }

@@ -1,0 +1,842 @@
+//! A scene in an order that can be drawn strictly front to back from any eye: what engine 2 walks.
+//!
+//! A binary space partition (Fuchs, Kedem & Naylor 1980) in f64. Planes are those of surfaces, or run along an axis where
+//! that cuts nothing; surfaces in a plane are packed into blocks of sixteen under a small tree of boxes. Where few
+//! surfaces are left, they share one block and a list of planes that gives the order of its lanes, for a block of sixteen
+//! is drawn at little more than the price of one surface.
+//!
+//! A surface that a plane cuts becomes pieces. A piece's outer edges keep the line of the edge they are part of, and both
+//! sides of a cut share its two end points, so that pieces are as watertight as whole surfaces are, to the bit.
+
+use glam::DVec3;
+use hemicube::backend::Geometry;
+use hemicube::tree::{Block, INNER, LANES, Node, sorted_corners};
+
+/// A node of the partition.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct PlaneNode {
+    pub(crate) center: DVec3,
+    pub(crate) half: DVec3,
+    pub(crate) normal: DVec3,
+    pub(crate) distance: f64,
+    /// What lies in front of the plane and behind it: a node, or `NONE`.
+    pub(crate) front: u32,
+    pub(crate) back: u32,
+    /// What lies in the plane, for an eye in front of it and behind it; in a leaf both are its list of planes.
+    pub(crate) here: [Packs; 2],
+    /// Whether this is a leaf.
+    pub(crate) is_leaf: bool,
+}
+
+/// Some trees of boxes over blocks, drawn one after the other: a range of [`Order::layers`]. In a leaf: a range of
+/// [`Order::planes`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Packs {
+    pub(crate) start: u32,
+    pub(crate) end: u32,
+}
+
+/// One of the planes that order the lanes of a leaf's block.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LeafPlane {
+    pub(crate) normal: DVec3,
+    pub(crate) distance: f64,
+    /// The lanes in the plane.
+    pub(crate) here: u16,
+    /// Whether those overlap, so that their ids decide which is seen.
+    pub(crate) overlap: bool,
+    /// The leaf's planes in front and behind, from its first one, or `NO_PLANE`.
+    pub(crate) front: u8,
+    pub(crate) back: u8,
+}
+
+/// No node.
+pub(crate) const NONE: u32 = u32::MAX;
+/// No plane of a leaf.
+pub(crate) const NO_PLANE: u8 = u8::MAX;
+
+/// The lines that edges of a block's pieces lie on, and the surfaces they are part of.
+#[derive(Clone, Debug)]
+pub(crate) struct Lines {
+    /// Where the line of edge k begins and ends, as if it were corner k.
+    pub(crate) from: Block,
+    pub(crate) to: Block,
+    /// The whole surfaces.
+    pub(crate) whole: Block,
+}
+
+/// A scene's surfaces in order.
+#[derive(Debug)]
+pub(crate) struct Order {
+    pub(crate) nodes: Vec<PlaneNode>,
+    /// Roots of trees of boxes in `boxes`.
+    pub(crate) layers: Vec<u32>,
+    pub(crate) boxes: Vec<Node>,
+    pub(crate) planes: Vec<LeafPlane>,
+    pub(crate) blocks: Vec<Block>,
+    /// For each block, which of `lines` its pieces have, or `NONE` where all its surfaces are whole.
+    pub(crate) lines_of_block: Vec<u32>,
+    pub(crate) lines: Vec<Lines>,
+    /// Whether a patch's surface is in pieces; one bit each.
+    pub(crate) is_cut: Vec<u64>,
+    /// Lanes in use.
+    fragments: usize,
+    surfaces: usize,
+}
+
+/// A part of a surface that planes cut.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    corners: [DVec3; 3],
+    /// The line that the edge opposite each corner lies on.
+    lines: [[DVec3; 2]; 3],
+    surface: u32,
+}
+
+impl Piece {
+    /// All of a surface, its corners sorted as in blocks.
+    fn whole(surface: u32, corners: [DVec3; 3]) -> Self {
+        let ([a, b, c], _) = sorted_corners(corners);
+        Self {
+            corners: [a, b, c],
+            lines: [[b, c], [c, a], [a, b]],
+            surface,
+        }
+    }
+}
+
+fn plane(&[a, b, c]: &[DVec3; 3]) -> Option<(DVec3, f64)> {
+    let normal = (b - a).cross(c - a);
+    let length = normal.length();
+    (length > 1e-28).then(|| {
+        let normal = normal / length;
+        (normal, normal.dot(a))
+    })
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Bounds {
+    fn of(&[a, b, c]: &[DVec3; 3]) -> Self {
+        Self {
+            low: a.min(b).min(c),
+            high: a.max(b).max(c),
+        }
+    }
+
+    const EMPTY: Self = Self {
+        low: DVec3::INFINITY,
+        high: DVec3::NEG_INFINITY,
+    };
+
+    fn union(self, other: Self) -> Self {
+        Self {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+        }
+    }
+
+    fn center(self) -> DVec3 {
+        (self.low + self.high) * 0.5
+    }
+
+    /// Half the sides, a hair wider than what lies in them, as the middle and the halves are rounded.
+    fn half(self) -> DVec3 {
+        (self.high - self.low) * (0.5 * (1.0 + 1e-12)) + DVec3::splat(1e-15)
+    }
+}
+
+/// Which side of a plane a piece lies on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Side {
+    Here,
+    Front,
+    Back,
+    Both,
+}
+
+fn side(corners: &[DVec3; 3], (normal, distance): (DVec3, f64), tolerance: f64) -> (Side, [f64; 3]) {
+    let heights = corners.map(|p| {
+        let height = normal.dot(p) - distance;
+        if height.abs() <= tolerance { 0.0 } else { height }
+    });
+    let above = heights.iter().any(|&h| h > 0.0);
+    let below = heights.iter().any(|&h| h < 0.0);
+    let side = match (above, below) {
+        (false, false) => Side::Here,
+        (true, false) => Side::Front,
+        (false, true) => Side::Back,
+        (true, true) => Side::Both,
+    };
+    (side, heights)
+}
+
+/// The parts of a piece in front of a plane and behind it.
+fn cut(piece: &Piece, heights: [f64; 3], front: &mut Vec<Piece>, back: &mut Vec<Piece>) {
+    // Corners of the two parts in the piece's winding; beside each, the line of the edge that leaves it.
+    let mut parts: [Vec<(DVec3, [DVec3; 2])>; 2] = [Vec::with_capacity(4), Vec::with_capacity(4)];
+    let mut crossings = Vec::with_capacity(2);
+    for k in 0..3 {
+        let next = (k + 1) % 3;
+        // The edge from corner k to the next is opposite the third.
+        let line = piece.lines[(k + 2) % 3];
+        let (p, q) = (piece.corners[k], piece.corners[next]);
+        let (hp, hq) = (heights[k], heights[next]);
+        if hp >= 0.0 {
+            parts[0].push((p, line));
+        }
+        if hp <= 0.0 {
+            parts[1].push((p, line));
+        }
+        if hp == 0.0 {
+            crossings.push(p);
+        }
+        if hp * hq < 0.0 {
+            // From the same end whichever way round, so that two surfaces that share the edge cut it at the same point.
+            let (a, b, ha, hb) = if (p.x, p.y, p.z) < (q.x, q.y, q.z) {
+                (p, q, hp, hq)
+            } else {
+                (q, p, hq, hp)
+            };
+            let at = a + (b - a) * (ha / (ha - hb));
+            crossings.push(at);
+            parts[0].push((at, line));
+            parts[1].push((at, line));
+        }
+    }
+    let &[first, second] = crossings.as_slice() else {
+        return;
+    };
+    for (part, out) in parts.iter_mut().zip([front, back]) {
+        // The edge that runs along the cut leaves the first of two neighbours that are both crossings.
+        let count = part.len();
+        for k in 0..count {
+            let (p, q) = (part[k].0, part[(k + 1) % count].0);
+            if (p == first && q == second) || (p == second && q == first) {
+                // In one direction for both parts: the sign is put right by the caller of the lines' product.
+                part[k].1 = [p, q];
+            }
+        }
+        for k in 1..count.saturating_sub(1) {
+            let (a, b, c) = (part[0], part[k], part[k + 1]);
+            let last = k + 2 == count;
+            // The diagonals between the triangles of a fan are lines of their own, shared by both.
+            let ab = if k == 1 { a.1 } else { [a.0, b.0] };
+            let ca = if last { c.1 } else { [c.0, a.0] };
+            out.push(Piece {
+                corners: [a.0, b.0, c.0],
+                lines: [b.1, ca, ab],
+                surface: piece.surface,
+            });
+        }
+    }
+}
+
+/// Numbers that the choice of planes is drawn with: the same in every run.
+struct Draw(u64);
+
+impl Draw {
+    fn below(&mut self, count: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        #[allow(clippy::cast_possible_truncation, reason = "an index below count")]
+        let index = ((u128::from(self.0 >> 16) * count as u128) >> 48) as usize;
+        index
+    }
+}
+
+/// How many surfaces at most share a leaf's block.
+const LEAF: usize = 12;
+/// How many planes at most a leaf has.
+const LEAF_PLANES: usize = 40;
+/// What cutting one item costs, where having it in the plane gains ½: pieces multiply from plane to plane.
+const CUT: f64 = 8.0;
+/// How many pieces a plane is judged by.
+const JUDGED: usize = 200;
+
+/// What an order may cost at most.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Limits {
+    /// Lanes in use for each surface.
+    pub(crate) fragments: f64,
+}
+
+struct Builder<'g> {
+    geometry: &'g Geometry,
+    order: Order,
+    /// What was cut. An item below the number of surfaces is a whole surface, one above is a piece.
+    pieces: Vec<Piece>,
+    draw: Draw,
+    /// How many pieces there may be.
+    limit: usize,
+}
+
+/// Items waiting for their node, and where that is to be noted: the parent, and whether it lies in front.
+struct Task {
+    items: Vec<u32>,
+    parent: u32,
+    in_front: bool,
+}
+
+impl Order {
+    /// Puts a scene in order, or gives up where surfaces would fall into too many pieces.
+    pub(crate) fn new(geometry: &Geometry, limits: Limits) -> Option<Self> {
+        let count = geometry.surfaces.len();
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a count of surfaces, times a small factor"
+        )]
+        let limit = (count as f64 * (limits.fragments - 1.0)) as usize;
+        let limit = limit.saturating_add(64);
+        let mut builder = Builder {
+            geometry,
+            order: Self {
+                nodes: Vec::new(),
+                layers: Vec::new(),
+                boxes: Vec::new(),
+                planes: Vec::new(),
+                blocks: Vec::new(),
+                lines_of_block: Vec::new(),
+                lines: Vec::new(),
+                is_cut: vec![0; (geometry.patch_count as usize).div_ceil(64)],
+                fragments: 0,
+                surfaces: count,
+            },
+            pieces: Vec::new(),
+            draw: Draw(1),
+            limit,
+        };
+        builder.build().then_some(builder.order)
+    }
+
+    /// Lanes in use for each surface.
+    pub(crate) fn fragments_per_surface(&self) -> f64 {
+        self.fragments as f64 / self.surfaces.max(1) as f64
+    }
+
+    /// Lanes in use of a block's sixteen, on average.
+    pub(crate) fn fill(&self) -> f64 {
+        self.fragments as f64 / self.blocks.len().max(1) as f64
+    }
+}
+
+impl Builder<'_> {
+    fn corners(&self, item: u32) -> &[DVec3; 3] {
+        let item = item as usize;
+        let count = self.geometry.surfaces.len();
+        if item < count {
+            &self.geometry.surfaces[item].corners
+        } else {
+            &self.pieces[item - count].corners
+        }
+    }
+
+    fn surface_of(&self, item: u32) -> u32 {
+        match (item as usize).checked_sub(self.geometry.surfaces.len()) {
+            None => item,
+            Some(piece) => self.pieces[piece].surface,
+        }
+    }
+
+    fn piece(&self, item: u32) -> Piece {
+        match (item as usize).checked_sub(self.geometry.surfaces.len()) {
+            None => Piece::whole(item, self.geometry.surfaces[item as usize].corners),
+            Some(piece) => self.pieces[piece],
+        }
+    }
+
+    /// The plane of an item's surface: pieces can be too thin to tell.
+    fn plane(&self, item: u32) -> Option<(DVec3, f64)> {
+        plane(&self.geometry.surfaces[self.surface_of(item) as usize].corners)
+    }
+
+    fn side(&self, item: u32, plane: (DVec3, f64)) -> Side {
+        side(self.corners(item), plane, self.geometry.plane_tolerance).0
+    }
+
+    /// Returns whether the limit held.
+    fn build(&mut self) -> bool {
+        #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
+        let items: Vec<u32> = (0..self.geometry.surfaces.len() as u32).collect();
+        let mut tasks = vec![Task {
+            items,
+            parent: NONE,
+            in_front: false,
+        }];
+        while let Some(Task { items, parent, in_front }) = tasks.pop() {
+            let bounds = items
+                .iter()
+                .fold(Bounds::EMPTY, |b, &i| b.union(Bounds::of(self.corners(i))));
+            let mut node = PlaneNode {
+                center: bounds.center(),
+                half: bounds.half(),
+                normal: DVec3::ZERO,
+                distance: 0.0,
+                front: NONE,
+                back: NONE,
+                here: [Packs::default(); 2],
+                is_leaf: false,
+            };
+            #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than fragments")]
+            let index = self.order.nodes.len() as u32;
+            let leaf = if items.len() <= LEAF { self.leaf(&items) } else { None };
+            if let Some(leaf) = leaf {
+                node.is_leaf = true;
+                node.here = [leaf; 2];
+                #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than fragments")]
+                let block = self.order.blocks.len() as u32 - 1;
+                node.front = block;
+            } else {
+                let Some(plane) = self.choose(&items) else {
+                    // Nothing that has an area.
+                    continue;
+                };
+                (node.normal, node.distance) = plane;
+                let (here, front, back) = self.part(&items, plane);
+                if self.pieces.len() > self.limit {
+                    return false;
+                }
+                node.here = self.pack_plane(&here, plane.0);
+                for (items, in_front) in [(front, true), (back, false)] {
+                    if !items.is_empty() {
+                        tasks.push(Task {
+                            items,
+                            parent: index,
+                            in_front,
+                        });
+                    }
+                }
+            }
+            self.order.nodes.push(node);
+            if let Some(parent) = self.order.nodes.get_mut(parent as usize) {
+                if in_front {
+                    parent.front = index;
+                } else {
+                    parent.back = index;
+                }
+            }
+        }
+        true
+    }
+
+    /// Parts items by a plane; those it cuts become pieces on both sides.
+    fn part(&mut self, items: &[u32], plane: (DVec3, f64)) -> (Vec<u32>, Vec<u32>, Vec<u32>) {
+        let (mut here, mut front, mut back) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut front_pieces, mut back_pieces) = (Vec::new(), Vec::new());
+        for &item in items {
+            match self.side(item, plane) {
+                Side::Here => here.push(item),
+                Side::Front => front.push(item),
+                Side::Back => back.push(item),
+                Side::Both => {
+                    let piece = self.piece(item);
+                    let (_, heights) = side(&piece.corners, plane, self.geometry.plane_tolerance);
+                    front_pieces.clear();
+                    back_pieces.clear();
+                    cut(&piece, heights, &mut front_pieces, &mut back_pieces);
+                    for (pieces, side) in [(&front_pieces, &mut front), (&back_pieces, &mut back)] {
+                        for &piece in pieces {
+                            #[allow(clippy::cast_possible_truncation, reason = "limited")]
+                            side.push((self.geometry.surfaces.len() + self.pieces.len()) as u32);
+                            self.pieces.push(piece);
+                        }
+                    }
+                }
+            }
+        }
+        (here, front, back)
+    }
+
+    /// A plane that cuts few items and parts the others evenly, judged by a sample.
+    fn choose(&mut self, items: &[u32]) -> Option<(DVec3, f64)> {
+        let count = items.len();
+        let tries = match count {
+            0..=50 => 24,
+            51..=2000 => 48,
+            _ => 72,
+        };
+        let mut best: Option<(f64, (DVec3, f64))> = None;
+        for k in 0..tries.min(2 * count) {
+            let at = if count <= 8 { k % count } else { self.draw.below(count) };
+            let Some(plane) = self.plane(items[at]) else {
+                continue;
+            };
+            let [here, front, back, both] = self.judge(items, plane);
+            let cost = CUT * both + 0.3 * (front - back).abs() - 0.5 * here;
+            if best.is_none_or(|(c, _)| cost < c) {
+                best = Some((cost, plane));
+            }
+        }
+        if count > LEAF {
+            for axis in 0..3 {
+                for k in 0..4 {
+                    let at = self.draw.below(count);
+                    let corner = self.corners(items[at])[k % 3];
+                    let mut normal = DVec3::ZERO;
+                    normal[axis] = 1.0;
+                    let plane = (normal, corner[axis]);
+                    let [here, front, back, both] = self.judge(items, plane);
+                    if front + both == 0.0 || back + both == 0.0 {
+                        continue;
+                    }
+                    let cost = CUT * both + 0.3 * (front - back).abs() - 0.5 * here;
+                    if best.is_none_or(|(c, _)| cost < c) {
+                        best = Some((cost, plane));
+                    }
+                }
+            }
+        }
+        // Where no sample has an area, look for any item that has.
+        best.map(|(_, plane)| plane)
+            .or_else(|| items.iter().find_map(|&i| self.plane(i)))
+    }
+
+    /// How many of a sample lie here, in front, behind, and on both sides.
+    fn judge(&mut self, items: &[u32], plane: (DVec3, f64)) -> [f64; 4] {
+        let mut counts = [0.0; 4];
+        let sample = items.len().min(JUDGED);
+        for k in 0..sample {
+            let at = if sample == items.len() { k } else { self.draw.below(items.len()) };
+            counts[self.side(items[at], plane) as usize] += 1.0;
+        }
+        counts
+    }
+
+    /// The id that an eye on one side of a plane sees of a surface in it.
+    fn seen(&self, item: u32, normal: DVec3, from_front: bool) -> u32 {
+        let surface = &self.geometry.surfaces[self.surface_of(item) as usize];
+        let [a, b, c] = surface.corners;
+        let along = (b - a).cross(c - a).dot(normal) > 0.0;
+        if along == from_front {
+            surface.front.0
+        } else {
+            surface.back.map_or(self.geometry.patch_count, |p| p.0)
+        }
+    }
+
+    /// Packs what lies in a plane, for an eye on either side of it.
+    fn pack_plane(&mut self, items: &[u32], normal: DVec3) -> [Packs; 2] {
+        let overlaps = overlaps(items, normal, self.geometry.plane_tolerance, |i| *self.corners(i));
+        let layers_of = |from_front: bool| {
+            // In ascending order of what is seen: each above the overlapping ones that win over it.
+            let seen: Vec<u32> = items.iter().map(|&i| self.seen(i, normal, from_front)).collect();
+            let mut order: Vec<usize> = (0..items.len()).collect();
+            order.sort_unstable_by_key(|&k| (seen[k], items[k]));
+            let mut rank = vec![0; items.len()];
+            for (r, &k) in order.iter().enumerate() {
+                rank[k] = r;
+            }
+            let mut wins_over: Vec<Vec<usize>> = vec![Vec::new(); items.len()];
+            for &(p, q) in &overlaps {
+                let (first, second) = if rank[p] < rank[q] { (p, q) } else { (q, p) };
+                wins_over[first].push(second);
+            }
+            let mut level = vec![0usize; items.len()];
+            for &k in &order {
+                for &over in &wins_over[k] {
+                    level[over] = level[over].max(level[k] + 1);
+                }
+            }
+            let mut layers = vec![Vec::new(); level.iter().max().map_or(0, |m| m + 1)];
+            for (k, &level) in level.iter().enumerate() {
+                layers[level].push(items[k]);
+            }
+            layers
+        };
+        if items.is_empty() {
+            return [Packs::default(); 2];
+        }
+        if overlaps.is_empty() {
+            let packs = self.pack_layers(vec![items.to_vec()]);
+            return [packs; 2];
+        }
+        let (front, back) = (layers_of(true), layers_of(false));
+        [self.pack_layers(front), self.pack_layers(back)]
+    }
+
+    fn pack_layers(&mut self, layers: Vec<Vec<u32>>) -> Packs {
+        let roots: Vec<u32> = layers.into_iter().map(|layer| self.pack(layer)).collect();
+        #[allow(clippy::cast_possible_truncation, reason = "fewer layers than fragments")]
+        let start = self.order.layers.len() as u32;
+        self.order.layers.extend(roots);
+        #[allow(clippy::cast_possible_truncation, reason = "fewer layers than fragments")]
+        let end = self.order.layers.len() as u32;
+        Packs { start, end }
+    }
+
+    /// Packs items that do not overlap into blocks under a tree of boxes; returns its root.
+    fn pack(&mut self, mut items: Vec<u32>) -> u32 {
+        const EMPTY: Node = Node {
+            center: DVec3::ZERO,
+            half: DVec3::ZERO,
+            child: 0,
+            block: INNER,
+            largest: f32::INFINITY,
+        };
+        let root = self.order.boxes.len();
+        self.order.boxes.push(EMPTY);
+        let mut pending = vec![(root, 0, items.len())];
+        while let Some((node, start, end)) = pending.pop() {
+            let range = &mut items[start..end];
+            let mut bounds = Bounds::EMPTY;
+            let mut centers = Bounds::EMPTY;
+            for &item in range.iter() {
+                let b = Bounds::of(self.corners(item));
+                bounds = bounds.union(b);
+                let c = b.low + b.high;
+                centers = centers.union(Bounds { low: c, high: c });
+            }
+            let mut made = Node {
+                center: bounds.center(),
+                half: bounds.half(),
+                ..EMPTY
+            };
+            if range.len() <= LANES {
+                range.sort_unstable_by_key(|&i| (self.surface_of(i), i));
+                let lanes = range.to_vec();
+                made.block = self.push_block(&lanes);
+                self.order.boxes[node] = made;
+                continue;
+            }
+            let extent = centers.high - centers.low;
+            let axis = (0..3).fold(0, |best, a| if extent[a] > extent[best] { a } else { best });
+            // Whole blocks on one side keep the lanes full.
+            let len = range.len();
+            let first = ((len / 2 + LANES / 2) / LANES * LANES).clamp(LANES, (len - 1) / LANES * LANES);
+            let center = |i: u32| {
+                let b = Bounds::of(self.corners(i));
+                b.low[axis] + b.high[axis]
+            };
+            range.select_nth_unstable_by(first, |&p, &q| center(p).total_cmp(&center(q)).then(p.cmp(&q)));
+            let child = self.order.boxes.len();
+            #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than fragments")]
+            {
+                made.child = child as u32;
+            }
+            self.order.boxes[node] = made;
+            self.order.boxes.extend([EMPTY; 2]);
+            pending.push((child + 1, start + first, end));
+            pending.push((child, start, start + first));
+        }
+        #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than fragments")]
+        {
+            root as u32
+        }
+    }
+
+    fn push_block(&mut self, lanes: &[u32]) -> u32 {
+        let count = self.geometry.surfaces.len();
+        let surfaces: Vec<u32> = lanes.iter().map(|&i| self.surface_of(i)).collect();
+        let whole = Block::of(&self.geometry.surfaces, &surfaces, self.geometry.patch_count);
+        self.order.fragments += lanes.len();
+        if lanes.iter().all(|&i| (i as usize) < count) {
+            self.order.lines_of_block.push(NONE);
+            self.order.blocks.push(whole);
+        } else {
+            let (mut block, mut from, mut to) = (whole.clone(), whole.clone(), whole.clone());
+            for (lane, &item) in lanes.iter().enumerate() {
+                let piece = self.piece(item);
+                for k in 0..3 {
+                    for c in 0..3 {
+                        block.corners[3 * k + c][lane] = piece.corners[k][c];
+                        from.corners[3 * k + c][lane] = piece.lines[k][0][c];
+                        to.corners[3 * k + c][lane] = piece.lines[k][1][c];
+                    }
+                }
+                if (item as usize) >= count {
+                    let surface = &self.geometry.surfaces[piece.surface as usize];
+                    for patch in [Some(surface.front), surface.back].into_iter().flatten() {
+                        self.order.is_cut[patch.0 as usize / 64] |= 1 << (patch.0 % 64);
+                    }
+                }
+            }
+            #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than fragments")]
+            self.order.lines_of_block.push(self.order.lines.len() as u32);
+            self.order.lines.push(Lines { from, to, whole });
+            self.order.blocks.push(block);
+        }
+        #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than fragments")]
+        {
+            self.order.blocks.len() as u32 - 1
+        }
+    }
+
+    /// Puts a few items into one block with the planes that order them, if they fit.
+    fn leaf(&mut self, items: &[u32]) -> Option<Packs> {
+        let before = self.pieces.len();
+        let mut planes = Vec::new();
+        let mut lanes = Vec::new();
+        if self.leaf_plane(items.to_vec(), &mut planes, &mut lanes).is_none() || lanes.is_empty() {
+            self.pieces.truncate(before);
+            return None;
+        }
+        self.push_block(&lanes);
+        #[allow(clippy::cast_possible_truncation, reason = "fewer planes than fragments")]
+        let start = self.order.planes.len() as u32;
+        self.order.planes.extend(planes);
+        #[allow(clippy::cast_possible_truncation, reason = "fewer planes than fragments")]
+        let end = self.order.planes.len() as u32;
+        Some(Packs { start, end })
+    }
+
+    /// The plane for some items of a leaf, with what lies on either side; `None` where they do not fit.
+    fn leaf_plane(&mut self, items: Vec<u32>, planes: &mut Vec<LeafPlane>, lanes: &mut Vec<u32>) -> Option<u8> {
+        let best = items
+            .iter()
+            .filter_map(|&i| self.plane(i))
+            .map(|plane| {
+                let mut counts = [0i32; 4];
+                for &i in &items {
+                    counts[self.side(i, plane) as usize] += 1;
+                }
+                let [_, front, back, both] = counts;
+                (8 * both + (front - back).abs(), plane)
+            })
+            .min_by_key(|&(cost, _)| cost);
+        let Some((_, plane)) = best else {
+            return Some(NO_PLANE);
+        };
+        if planes.len() >= LEAF_PLANES {
+            return None;
+        }
+        let index = planes.len();
+        planes.push(LeafPlane {
+            normal: plane.0,
+            distance: plane.1,
+            here: 0,
+            overlap: false,
+            front: NO_PLANE,
+            back: NO_PLANE,
+        });
+        let (here, front, back) = self.part(&items, plane);
+        if lanes.len() + here.len() > LANES {
+            return None;
+        }
+        let overlapping = overlaps(&here, plane.0, self.geometry.plane_tolerance, |i| *self.corners(i));
+        planes[index].overlap = !overlapping.is_empty();
+        for item in here {
+            planes[index].here |= 1 << lanes.len();
+            lanes.push(item);
+        }
+        let front = self.leaf_plane(front, planes, lanes)?;
+        let back = self.leaf_plane(back, planes, lanes)?;
+        (planes[index].front, planes[index].back) = (front, back);
+        #[allow(clippy::cast_possible_truncation, reason = "at most LEAF_PLANES")]
+        Some(index as u8)
+    }
+}
+
+/// Which pairs of items in a plane have a common inside, by their places.
+fn overlaps(
+    items: &[u32],
+    normal: DVec3,
+    touch: f64,
+    corners: impl Fn(u32) -> [DVec3; 3],
+) -> Vec<(usize, usize)> {
+    if items.len() < 2 {
+        return Vec::new();
+    }
+    // Seen along the axis that the plane faces most.
+    let size = normal.abs();
+    let (u, v) = if size.x >= size.y && size.x >= size.z {
+        (1, 2)
+    } else if size.y >= size.z {
+        (0, 2)
+    } else {
+        (0, 1)
+    };
+    struct Flat {
+        place: usize,
+        low: [f64; 2],
+        high: [f64; 2],
+    }
+    let mut flat: Vec<Flat> = items
+        .iter()
+        .enumerate()
+        .map(|(place, &item)| {
+            let b = Bounds::of(&corners(item));
+            Flat {
+                place,
+                low: [b.low[u] + touch, b.low[v] + touch],
+                high: [b.high[u] - touch, b.high[v] - touch],
+            }
+        })
+        .collect();
+    flat.sort_unstable_by(|p, q| p.low[0].total_cmp(&q.low[0]).then(p.place.cmp(&q.place)));
+    let mut active: Vec<usize> = Vec::new();
+    let mut found = Vec::new();
+    for k in 0..flat.len() {
+        let this = &flat[k];
+        active.retain(|&o| flat[o].high[0] > this.low[0]);
+        for &o in &active {
+            let other = &flat[o];
+            if other.low[1] < this.high[1]
+                && this.low[1] < other.high[1]
+                && hemicube::tree::overlap(
+                    &corners(items[this.place]),
+                    &corners(items[other.place]),
+                    normal,
+                    touch,
+                )
+            {
+                found.push((this.place, other.place));
+            }
+        }
+        active.push(k);
+    }
+    found
+}
+
+#[cfg(test)]
+mod probe {
+    use super::*;
+    use hemicube::{HierarchyOptions, Model};
+    use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box, generate};
+    use hemicube_scene::{Patches, ReadOptions, Subdivision, load};
+    use hemicube_scene::repair::{RepairOptions, repair};
+
+    #[test]
+    #[ignore = "probe"]
+    fn probe() {
+        let city = |blocks, split| {
+            BlockCityParameters { blocks, split, ..BlockCityParameters::for_target(1000, 1) }.generate().expect("city")
+        };
+        let generated = |kind, n| generate(Generate { kind, target_patches: n, seed: 1 }).expect("scene");
+        let file = |p: &str| load(std::path::Path::new("/work/shared/scenes").join(p).as_path(), ReadOptions::default()).expect("file");
+        let cases = vec![
+            ("room", cornell_box(), Subdivision::Levels(4)),
+            ("city9k", city(25, 1), Subdivision::None),
+            ("city140k", city(25, 4), Subdivision::None),
+            ("spheres", generated(Kind::Spheres, 10_000), Subdivision::None),
+            ("soup", generated(Kind::Soup, 10_000), Subdivision::None),
+            ("maze", generated(Kind::Maze, 10_000), Subdivision::None),
+            ("denhaag8897", file("city/denhaag-8897.obj"), Subdivision::None),
+            ("denhaag8897x16", file("city/denhaag-8897.obj"), Subdivision::Levels(2)),
+            ("denhaag", file("city/denhaag.obj"), Subdivision::None),
+            ("denhaag6", file("city/denhaag.obj"), Subdivision::Split(6)),
+            ("rotterdam", file("city/rotterdam-delfshaven.obj"), Subdivision::None),
+            ("city1.5M", city(82, 4), Subdivision::None),
+        ];
+        for (name, mut scene, sub) in cases {
+            if let Ok(only) = std::env::var("ONLY") { if !name.contains(&only) { continue; } }
+            repair(&mut scene, RepairOptions::default());
+            let model = Model::new(Patches::new(&scene, sub).expect("p").into(), HierarchyOptions::default()).expect("m");
+            let n = model.geometry().surfaces.len();
+            let start = std::time::Instant::now();
+            let Some(order) = Order::new(model.geometry(), Limits { fragments: 8.0 }) else {
+                println!("{name}: gave up {:?}", start.elapsed());
+                continue;
+            };
+            println!(
+                "{name}: {n} surfaces, {:.3} fragments, {} nodes, {} leaves, {} boxes, {} blocks fill {:.1}, {} cut blocks, {} planes, {} layers, {:?}",
+                order.fragments as f64 / n as f64, order.nodes.len(), order.nodes.iter().filter(|n| n.is_leaf).count(), order.boxes.len(), order.blocks.len(),
+                order.fragments as f64 / order.blocks.len() as f64, order.lines.len(), order.planes.len(), order.layers.len(), start.elapsed()
+            );
+        }
+    }
+}

@@ -1,0 +1,456 @@
+//! One session of engine 2: the walk over the order, nearest first, and the row straight from what was drawn.
+
+use crate::Shared;
+use crate::engine::{ALL_FACES, faces_of, frame, frame_box};
+use crate::kernel::{Coverage, Frame, Kernel, Shown, Sums, Transformed};
+use crate::order::{NO_PLANE, NONE, Order, PlaneNode};
+use glam::DVec3;
+use hemicube::InputPatch;
+use hemicube::backend::{Counters, Culling, Hemicube};
+use hemicube::face::Face;
+use hemicube::row::RowBlock;
+use hemicube::tree::{Block, INNER, LANES, UNUSED};
+use std::marker::PhantomData;
+
+/// A hemicube's working memory. One a thread.
+#[derive(Debug)]
+pub(crate) struct OrderedEngine<K> {
+    coverage: Coverage,
+    sums: Sums,
+    triangles: Box<Transformed>,
+    lines: Box<[Transformed; 2]>,
+    pending: Vec<Pending>,
+    /// Patches that cover no pixel centre and whose centroid was seen, and whether that they cover none is still to be
+    /// proved.
+    tiny: Vec<(u32, bool)>,
+    row: Vec<Entry>,
+    /// Places in `row` whose covered weight is to be counted.
+    uncounted: Vec<u32>,
+    gathered: Box<Block>,
+    counters: Counters,
+    kernel: PhantomData<K>,
+}
+
+/// An entry of the row being made.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    patch: u32,
+    visible: u32,
+    covered: u32,
+    /// Whether it has no pixel, and is to be left out if it turns out to cover one.
+    tiny: bool,
+}
+
+/// What is waiting to be drawn or taken apart, nearest last.
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    what: What,
+    /// Faces that it may be seen on.
+    faces: u8,
+    /// Faces on which it was found hidden: what it covers there is not known.
+    hidden: u8,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum What {
+    /// A node of the partition.
+    Node(u32),
+    /// A tree of boxes over blocks.
+    Boxes(u32),
+}
+
+/// Marks a covered weight that is not all of it.
+const INCOMPLETE: u32 = 1 << 31;
+
+const IN_TURN: [u8; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
+impl<K: Kernel> OrderedEngine<K> {
+    pub(crate) fn new(shared: &Shared) -> Self {
+        Self {
+            coverage: Coverage::new(shared.settings.resolution, shared.settings.culling == Culling::On),
+            sums: Sums::new(shared.tree.patch_count as usize + 1),
+            triangles: Box::new(Transformed::new()),
+            lines: Box::new([Transformed::new(), Transformed::new()]),
+            pending: Vec::new(),
+            tiny: Vec::new(),
+            row: Vec::new(),
+            uncounted: Vec::new(),
+            gathered: Box::new(Block {
+                corners: [[0.0; LANES]; 9],
+                negative: [UNUSED; LANES],
+                positive: [UNUSED; LANES],
+            }),
+            counters: Counters::default(),
+            kernel: PhantomData,
+        }
+    }
+
+    pub(crate) fn rows(
+        &mut self,
+        shared: &Shared,
+        order: &Order,
+        hemicubes: &[Hemicube],
+        out: &mut RowBlock,
+    ) -> Counters {
+        self.counters = Counters::default();
+        for hemicube in hemicubes {
+            if shared.settings.covered {
+                self.row::<true>(shared, order, hemicube, out);
+            } else {
+                self.row::<false>(shared, order, hemicube, out);
+            }
+        }
+        self.counters
+    }
+
+    fn row<const COVERED: bool>(&mut self, shared: &Shared, order: &Order, hemicube: &Hemicube, out: &mut RowBlock) {
+        let tree = &shared.tree;
+        let frame = frame(tree, hemicube);
+        self.coverage.clear();
+        self.tiny.clear();
+        self.render::<COVERED>(shared, order, &frame);
+        let table = &shared.table;
+        let escaped = self
+            .coverage
+            .open_weight(table.running(Face::Top), table.running(Face::PosX));
+        let mut blocked = 0;
+        if !COVERED {
+            self.sums.drain(|id, _, weight| {
+                if id < tree.patch_count {
+                    out.push(InputPatch(id), weight, 0);
+                } else {
+                    blocked = weight;
+                }
+            });
+            out.end_row(escaped, blocked);
+            return;
+        }
+        self.tiny.sort_unstable();
+        self.tiny.dedup_by_key(|t| t.0);
+        self.row.clear();
+        self.uncounted.clear();
+        let (row, uncounted) = (&mut self.row, &mut self.uncounted);
+        let mut tiny = self.tiny.iter().copied().peekable();
+        let mut push_tiny = |patch: u32, unproved: bool, row: &mut Vec<Entry>| {
+            if unproved {
+                #[allow(clippy::cast_possible_truncation, reason = "fewer entries than patches")]
+                uncounted.push(row.len() as u32);
+            }
+            row.push(Entry {
+                patch,
+                visible: 0,
+                covered: 0,
+                tiny: true,
+            });
+        };
+        self.sums.drain(|patch, covered, visible| {
+            while let Some((t, unproved)) = tiny.next_if(|&(t, _)| t <= patch) {
+                if t < patch {
+                    push_tiny(t, unproved, row);
+                }
+            }
+            if patch == tree.patch_count {
+                blocked = visible;
+                return;
+            }
+            row.push(Entry {
+                patch,
+                visible,
+                covered,
+                tiny: false,
+            });
+        });
+        for (t, unproved) in tiny {
+            push_tiny(t, unproved, row);
+        }
+        let is_cut = |patch: u32| order.is_cut[patch as usize / 64] >> (patch % 64) & 1 != 0;
+        for (place, entry) in row.iter().enumerate() {
+            if !entry.tiny && (entry.covered & INCOMPLETE != 0 || is_cut(entry.patch)) {
+                #[allow(clippy::cast_possible_truncation, reason = "fewer entries than patches")]
+                uncounted.push(place as u32);
+            }
+        }
+        self.count(shared, &frame);
+        for entry in &self.row {
+            if !(entry.tiny && entry.covered != 0) {
+                out.push(InputPatch(entry.patch), entry.visible, entry.covered);
+            }
+        }
+        out.end_row(escaped, blocked);
+    }
+
+    /// Counts what entries cover alone, sixteen at a time. Of a tiny one, only whether it covers a pixel.
+    fn count(&mut self, shared: &Shared, frame: &Frame) {
+        let tree = &shared.tree;
+        let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
+        for places in self.uncounted.chunks(LANES) {
+            for (lane, &place) in places.iter().enumerate() {
+                let slot = tree.slot_of_patch[self.row[place as usize].patch as usize] as usize;
+                let (block, from) = (&tree.blocks[slot / LANES], slot % LANES);
+                for (to, corners) in self.gathered.corners.iter_mut().zip(&block.corners) {
+                    to[lane] = corners[from];
+                }
+                self.gathered.negative[lane] = block.negative[from];
+                self.gathered.positive[lane] = block.positive[from];
+            }
+            let lanes = u16::MAX >> (LANES - places.len());
+            let mut counts = [(0, 0); LANES];
+            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+            unsafe {
+                K::transform(&self.gathered, frame, &mut self.triangles);
+                K::cover_lanes(&self.triangles, lanes, self.coverage.resolution, top, side, &mut counts);
+            }
+            for (&place, &(pixels, weight)) in places.iter().zip(&counts) {
+                let entry = &mut self.row[place as usize];
+                entry.covered = if entry.tiny { pixels } else { weight };
+            }
+        }
+    }
+
+    /// Draws the scene into the coverage, which is clear, and adds up what is seen.
+    fn render<const COVERED: bool>(&mut self, shared: &Shared, order: &Order, frame: &Frame) {
+        self.counters.hemicubes += 1;
+        if order.nodes.is_empty() {
+            return;
+        }
+        let eye = DVec3::from_array(frame.origin);
+        self.pending.clear();
+        self.pending.push(Pending {
+            what: What::Node(0),
+            faces: ALL_FACES,
+            hidden: 0,
+        });
+        while let Some(Pending { what, faces, hidden }) = self.pending.pop() {
+            let (center, half) = match what {
+                What::Node(node) => (order.nodes[node as usize].center, order.nodes[node as usize].half),
+                What::Boxes(node) => (order.boxes[node as usize].center, order.boxes[node as usize].half),
+            };
+            let (faces, hidden) = if self.coverage.culling {
+                self.counters.nodes_tested += 1;
+                let (visible, hidden_now) = self.visible_faces::<COVERED>(center, half, frame, faces);
+                if visible == 0 {
+                    if hidden_now == 0 {
+                        self.counters.nodes_outside += 1;
+                    } else {
+                        self.counters.nodes_hidden += 1;
+                    }
+                    continue;
+                }
+                (visible, hidden | hidden_now)
+            } else {
+                (faces, hidden)
+            };
+            match what {
+                What::Boxes(node) => {
+                    let node = &order.boxes[node as usize];
+                    if node.block != INNER {
+                        self.draw_block::<COVERED>(shared, order, node.block, frame, faces, hidden, &IN_TURN);
+                        continue;
+                    }
+                    // In any order: surfaces in one plane hide nothing of each other.
+                    for child in [node.child + 1, node.child] {
+                        self.pending.push(Pending {
+                            what: What::Boxes(child),
+                            faces,
+                            hidden,
+                        });
+                    }
+                }
+                What::Node(node) => {
+                    let node = &order.nodes[node as usize];
+                    if node.is_leaf {
+                        self.draw_leaf::<COVERED>(shared, order, node, frame, faces, hidden);
+                        continue;
+                    }
+                    let in_front = node.normal.dot(eye) >= node.distance;
+                    let (near, far, here) = if in_front {
+                        (node.front, node.back, node.here[0])
+                    } else {
+                        (node.back, node.front, node.here[1])
+                    };
+                    if far != NONE {
+                        self.pending.push(Pending {
+                            what: What::Node(far),
+                            faces,
+                            hidden,
+                        });
+                    }
+                    for layer in (here.start..here.end).rev() {
+                        self.pending.push(Pending {
+                            what: What::Boxes(order.layers[layer as usize]),
+                            faces,
+                            hidden,
+                        });
+                    }
+                    if near != NONE {
+                        self.pending.push(Pending {
+                            what: What::Node(near),
+                            faces,
+                            hidden,
+                        });
+                    }
+                }
+            }
+        }
+    }
+
+    #[inline]
+    fn visible_faces<const COVERED: bool>(&self, center: DVec3, half: DVec3, frame: &Frame, faces: u8) -> (u8, u8) {
+        let b = frame_box(center, half, frame);
+        let resolution = self.coverage.resolution;
+        faces_of::<COVERED>(&b, frame, resolution, faces, |face, [x0, x1, y0, y1], _| {
+            #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+            let first_row = face.first_row(resolution as u32) as usize;
+            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+            unsafe { K::all_covered(&self.coverage, [x0, x1, first_row + y0, first_row + y1]) }
+        })
+    }
+
+    /// Draws a leaf's block in the order that its planes give.
+    fn draw_leaf<const COVERED: bool>(
+        &mut self,
+        shared: &Shared,
+        order: &Order,
+        node: &PlaneNode,
+        frame: &Frame,
+        faces: u8,
+        hidden: u8,
+    ) {
+        let planes = &order.planes[node.here[0].start as usize..node.here[0].end as usize];
+        let block = node.front;
+        let eye = DVec3::from_array(frame.origin);
+        let mut lanes = [0u8; LANES];
+        let mut count = 0;
+        // A plane is met twice: to be taken apart, and to have its own lanes drawn.
+        let mut pending = [(0u8, false); 2 * LEAF_DEPTH];
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let (index, draw) = pending[depth];
+            let plane = &planes[usize::from(index)];
+            if draw {
+                let start = count;
+                let mut here = plane.here;
+                while here != 0 {
+                    #[allow(clippy::cast_possible_truncation, reason = "below 16")]
+                    {
+                        lanes[count] = here.trailing_zeros() as u8;
+                    }
+                    count += 1;
+                    here &= here - 1;
+                }
+                if plane.overlap {
+                    let block = &order.blocks[block as usize];
+                    lanes[start..count].sort_unstable_by_key(|&l| seen_from(block, usize::from(l), eye));
+                }
+                continue;
+            }
+            let in_front = plane.normal.dot(eye) >= plane.distance;
+            let (near, far) = if in_front {
+                (plane.front, plane.back)
+            } else {
+                (plane.back, plane.front)
+            };
+            for next in [(far, false), (index, true), (near, false)] {
+                if next.0 != NO_PLANE {
+                    pending[depth] = next;
+                    depth += 1;
+                }
+            }
+        }
+        self.draw_block::<COVERED>(shared, order, block, frame, faces, hidden, &lanes[..count]);
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "private: the pieces of one loop")]
+    fn draw_block<const COVERED: bool>(
+        &mut self,
+        shared: &Shared,
+        order: &Order,
+        index: u32,
+        frame: &Frame,
+        faces: u8,
+        hidden: u8,
+        lanes: &[u8],
+    ) {
+        let index = index as usize;
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe { K::transform(&order.blocks[index], frame, &mut self.triangles) };
+        self.counters.triangles_transformed += LANES as u64;
+        let lines = order.lines_of_block[index];
+        if lines != NONE {
+            self.put_on_lines(order, lines, frame);
+        }
+        let live = self.triangles.live;
+        if live == 0 {
+            return;
+        }
+        let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
+        let mut shown = Shown::new();
+        // SAFETY: as above.
+        unsafe {
+            K::draw_bits::<COVERED>(&self.triangles, faces, lanes, &mut self.coverage, top, side, &mut shown);
+        }
+        self.counters.triangles_drawn += u64::from(shown.drawn);
+        let incomplete = if hidden == 0 { shown.hidden } else { u16::MAX };
+        let mut seen = shown.seen;
+        while seen != 0 {
+            let lane = seen.trailing_zeros() as usize;
+            seen &= seen - 1;
+            let id = self.triangles.seen[lane];
+            self.sums.add(id, shown.covered[lane], shown.visible[lane]);
+            if COVERED && incomplete >> lane & 1 != 0 {
+                self.sums.mark(id, INCOMPLETE);
+            }
+        }
+        if COVERED {
+            let mut tiny = shown.tiny;
+            while tiny != 0 {
+                let lane = tiny.trailing_zeros() as usize;
+                tiny &= tiny - 1;
+                let patch = self.triangles.seen[lane];
+                if patch < shared.tree.patch_count {
+                    self.tiny.push((patch, hidden != 0 || lines != NONE));
+                }
+            }
+        }
+    }
+
+    /// Gives the pieces of a block the edges and the side of the surfaces they are part of.
+    fn put_on_lines(&mut self, order: &Order, lines: u32, frame: &Frame) {
+        let lines = &order.lines[lines as usize];
+        let [from, to] = &mut *self.lines;
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe {
+            K::transform(&lines.whole, frame, from);
+        }
+        let t = &mut *self.triangles;
+        (t.sign, t.seen, t.live) = (from.sign, from.seen, from.live);
+        // SAFETY: as above.
+        unsafe {
+            K::transform(&lines.from, frame, from);
+            K::transform(&lines.to, frame, to);
+        }
+        for k in 0..3 {
+            for l in 0..LANES {
+                let [ax, ay, az] = [0, 1, 2].map(|c| from.corners[3 * k + c][l]);
+                let [bx, by, bz] = [0, 1, 2].map(|c| to.corners[3 * k + c][l]);
+                t.edges[3 * k][l] = (ay * bz - az * by) * t.sign[l];
+                t.edges[3 * k + 1][l] = (az * bx - ax * bz) * t.sign[l];
+                t.edges[3 * k + 2][l] = (ax * by - ay * bx) * t.sign[l];
+            }
+        }
+    }
+}
+
+/// The deepest that a leaf's planes can be stacked.
+const LEAF_DEPTH: usize = 48;
+
+/// The id that an eye sees of a lane.
+fn seen_from(block: &Block, lane: usize, eye: DVec3) -> u32 {
+    let [a, b, c] = block.triangle(lane).map(|p| p - eye);
+    if a.dot(b.cross(c)) < 0.0 {
+        block.negative[lane]
+    } else {
+        block.positive[lane]
+    }
+}
