@@ -303,6 +303,40 @@ pub(crate) trait Lanes {
     /// The machine has the instruction set.
     unsafe fn nearer(depth: &Chunk<f32>, mask: u16, bound: f32) -> bool;
 
+    /// Covers the pixels of a lane on a face, whose box is `left..right` by `low..high`, and weighs them and those that
+    /// nothing covered before.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "numbers that stay in registers")]
+    unsafe fn draw_lane<const COVERED: bool>(
+        triangles: &Transformed,
+        face: Face,
+        lane: usize,
+        left: i32,
+        right: i32,
+        low: i32,
+        high: i32,
+        coverage: &mut Coverage,
+        running: &[u32],
+    ) -> bits::DrawnLane
+    where
+        Self: Sized,
+    {
+        // SAFETY: the caller's promise.
+        unsafe { bits::draw_lane::<Self, COVERED>(triangles, face, lane, left, right, low, high, coverage, running) }
+    }
+
+    /// Which of eight words lack one of the bits of `mask`.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn lacking(rows: &[u64; GROUP], mask: u64) -> u8 {
+        bits::lacking(rows, mask)
+    }
+
     /// One bit for each flag that is not 0.
     ///
     /// # Safety
@@ -353,7 +387,7 @@ pub(crate) struct EdgeLines {
 
 /// A box of pixels: `x0..x1` by `y0..y1`.
 #[derive(Clone, Copy, Debug)]
-struct PixelBox {
+pub(crate) struct PixelBox {
     x0: i32,
     x1: i32,
     y0: i32,
@@ -432,7 +466,8 @@ pub(crate) unsafe fn transform<L: Lanes>(block: &Block, frame: &Frame, out: &mut
     out.live = unsafe { L::mask(&live) };
 }
 
-/// Bounding boxes of sixteen triangles on a face.
+/// Bounding boxes of sixteen triangles on a face. Aligned, so that what was stored by the register is soon read by the lane.
+#[repr(C, align(64))]
 struct Boxes {
     x0: [i32; LANES],
     x1: [i32; LANES],
@@ -1117,7 +1152,8 @@ impl Kernel for Portable {
     }
 
     unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {
-        bits::all_covered(coverage, pixels)
+        // SAFETY: as above.
+        unsafe { bits::all_covered::<Self>(coverage, pixels) }
     }
 
     unsafe fn all_nearer(depth: &[Chunk<f32>], chunks_per_row: usize, pixels: [usize; 4], bound: f32) -> bool {
@@ -1151,6 +1187,28 @@ pub(crate) mod x86 {
     pub(crate) struct Avx2;
 
     impl Lanes for Avx512 {
+        #[inline(always)]
+        unsafe fn lacking(rows: &[u64; GROUP], mask: u64) -> u8 {
+            // SAFETY: the caller's promise of the instruction set.
+            unsafe { bits::lacking_avx512(rows, mask) }
+        }
+
+        #[inline(always)]
+        unsafe fn draw_lane<const COVERED: bool>(
+            triangles: &Transformed,
+            face: Face,
+            lane: usize,
+            left: i32,
+            right: i32,
+            low: i32,
+            high: i32,
+            coverage: &mut Coverage,
+            running: &[u32],
+        ) -> bits::DrawnLane {
+            // SAFETY: the caller's promise of the instruction set.
+            unsafe { bits::draw_lane_avx512::<COVERED>(triangles, face, lane, left, right, low, high, coverage, running) }
+        }
+
         #[inline(always)]
         unsafe fn spans(
             lines: &EdgeLines,
@@ -1511,7 +1569,8 @@ pub(crate) mod x86 {
                 unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {
                     #[target_feature(enable = $features)]
                     fn inner(coverage: &Coverage, pixels: [usize; 4]) -> bool {
-                        bits::all_covered(coverage, pixels)
+                        // SAFETY: this function has the instruction set.
+                        unsafe { bits::all_covered::<$name>(coverage, pixels) }
                     }
                     // SAFETY: the caller's promise of the instruction set.
                     unsafe { inner(coverage, pixels) }

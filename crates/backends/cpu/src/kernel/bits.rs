@@ -4,7 +4,7 @@
 //! Spans are those of engine 1, to the bit.
 
 use super::{
-    Boxes, EdgeLines, GROUP, Lanes, PixelBox, Transformed, boxes, clipped_box, edge_lines, flat_rows, three, walk,
+    Boxes, GROUP, Lanes, PixelBox, Transformed, boxes, clipped_box, edge_lines, flat_rows, three, walk,
 };
 use hemicube::face::Face;
 use hemicube::tree::LANES;
@@ -110,6 +110,7 @@ fn weight_of(mut bits: u64, running: &[u32]) -> u32 {
 
 /// What the lanes of a block showed and covered, over all faces.
 #[derive(Clone, Debug)]
+#[repr(C, align(64))]
 pub(crate) struct Shown {
     pub(crate) visible: [u32; LANES],
     /// Only with `COVERED`.
@@ -137,19 +138,57 @@ impl Shown {
     }
 }
 
+/// A place in a pixel box: none is negative.
 #[inline(always)]
-pub(crate) fn all_covered(coverage: &Coverage, [x0, x1, y0, y1]: [usize; 4]) -> bool {
+fn at(x: i32) -> usize {
+    #[allow(clippy::cast_sign_loss, reason = "a pixel box lies within its face")]
+    let at = x as u32;
+    at as usize
+}
+
+/// Which of eight words lack one of the bits of `mask`.
+#[inline(always)]
+pub(super) fn lacking(rows: &[u64; GROUP], mask: u64) -> u8 {
+    let mut lacking = 0;
+    for (r, &bits) in rows.iter().enumerate() {
+        lacking |= u8::from(!bits & mask != 0) << r;
+    }
+    lacking
+}
+
+/// [`lacking`] with a row in each lane.
+///
+/// # Safety
+/// The machine has AVX-512 F.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+pub(super) unsafe fn lacking_avx512(rows: &[u64; GROUP], mask: u64) -> u8 {
+    use std::arch::x86_64::*;
+    // SAFETY: the caller's promise of the instruction set; the load is as long as the array.
+    unsafe {
+        let bits = _mm512_loadu_epi64(rows.as_ptr().cast());
+        let mask = _mm512_set1_epi64(mask.cast_signed());
+        _mm512_cmpneq_epi64_mask(_mm512_and_si512(bits, mask), mask)
+    }
+}
+
+/// Whether every pixel of a box of the atlas (inclusive) is covered.
+#[inline(always)]
+pub(crate) unsafe fn all_covered<L: Lanes>(coverage: &Coverage, [x0, x1, y0, y1]: [usize; 4]) -> bool {
     for column in x0 / WIDTH..=x1 / WIDTH {
         let from = x0.saturating_sub(column * WIDTH);
         let to = (x1 + 1 - column * WIDTH).min(WIDTH);
         let mask = low_bits(to) & !low_bits(from);
-        let first = column * coverage.groups;
-        for group in y0 / GROUP..=y1 / GROUP {
-            let rows = &coverage.rows[first + group].0;
-            let (low, high) = (y0.saturating_sub(group * GROUP), y1 - group * GROUP);
-            let mut open = 0;
-            for (r, bits) in rows.iter().enumerate() {
-                open |= if r >= low && r <= high { !bits & mask } else { 0 };
+        let column = &coverage.rows[column * coverage.groups..][..coverage.groups];
+        let (low, high) = (y0 / GROUP, y1 / GROUP);
+        for (group, rows) in (low..).zip(&column[low..=high]) {
+            // SAFETY: the caller's promise.
+            let mut open = unsafe { L::lacking(&rows.0, mask) };
+            if group == low {
+                open &= u8::MAX << (y0 % GROUP);
+            }
+            if group == high {
+                open &= u8::MAX >> (GROUP - 1 - y1 % GROUP);
             }
             if open != 0 {
                 return false;
@@ -243,21 +282,30 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
             if on_face >> lane & 1 == 0 {
                 continue;
             }
-            let Some(pixel_box) = pixel_box(t, &boxes, face, lane, resolution) else {
-                continue;
-            };
+            // One number after the other: a box stored in parts and loaded whole would have to wait for all of them.
+            let (left, right, low, high);
+            if boxes.whole >> lane & 1 != 0 {
+                (left, right) = (boxes.x0[lane], boxes.x1[lane]);
+                (low, high) = (boxes.y0[lane], boxes.y1[lane]);
+            } else {
+                let Some(clipped) = clipped_box(t, face, lane, resolution) else {
+                    continue;
+                };
+                (left, right) = (clipped.x0, clipped.x1);
+                (low, high) = (clipped.y0, clipped.y1);
+            }
             if coverage.culling {
-                #[allow(clippy::cast_sign_loss, reason = "a pixel box lies within its face")]
-                let [x0, x1, y0, y1] = [pixel_box.x0, pixel_box.x1 - 1, pixel_box.y0, pixel_box.y1 - 1].map(|x| x as usize);
-                if all_covered(coverage, [x0, x1, first_row + y0, first_row + y1]) {
+                let (x0, y0) = (at(left), first_row + at(low));
+                let (x1, y1) = (at(right) - 1, first_row + at(high) - 1);
+                // SAFETY: the caller's promise.
+                if unsafe { all_covered::<L>(coverage, [x0, x1, y0, y1]) } {
                     shown.hidden |= 1 << lane;
                     continue;
                 }
             }
             shown.drawn += 1;
-            let (lines, _) = edge_lines(t, face, lane, resolution);
             // SAFETY: the caller's promise.
-            let drawn = unsafe { draw_lane::<L, COVERED>(&lines, pixel_box, coverage, first_row, running) };
+            let drawn = unsafe { L::draw_lane::<COVERED>(t, face, lane, left, right, low, high, coverage, running) };
             shown.visible[lane] += drawn.visible;
             shown.covered[lane] += drawn.covered;
             pixels[lane] += drawn.pixels;
@@ -274,36 +322,45 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
 }
 
 /// What one lane showed and covered on one face.
-#[derive(Default)]
-struct DrawnLane {
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct DrawnLane {
     visible: u32,
+    /// This and the next only with `COVERED`.
     covered: u32,
     pixels: u32,
     seen: bool,
 }
 
+/// The lane of a block on a face, eight rows at a time: what [`Lanes::draw_lane`] must reproduce.
 #[inline(always)]
-unsafe fn draw_lane<L: Lanes, const COVERED: bool>(
-    lines: &EdgeLines,
-    pixels: PixelBox,
+#[allow(clippy::too_many_arguments, reason = "private, called once: numbers that stay in registers")]
+pub(super) unsafe fn draw_lane<L: Lanes, const COVERED: bool>(
+    t: &Transformed,
+    face: Face,
+    lane: usize,
+    left: i32,
+    right: i32,
+    low: i32,
+    high: i32,
     coverage: &mut Coverage,
-    first_row: usize,
     running: &[u32],
 ) -> DrawnLane {
     let resolution = coverage.resolution;
+    let (lines, _) = edge_lines(t, face, lane, resolution);
+    #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+    let first_row = face.first_row(resolution as u32) as usize;
     let mut drawn = DrawnLane::default();
     let mut starts = [0i32; GROUP];
     let mut ends = [0i32; GROUP];
-    let (x0, x1) = (f64::from(pixels.x0), f64::from(pixels.x1));
-    #[allow(clippy::cast_sign_loss, reason = "a pixel box lies within its face")]
-    let [left, right, y0, y1] = [pixels.x0, pixels.x1 - 1, pixels.y0, pixels.y1].map(|x| x as usize);
-    let (first, last) = (left / WIDTH, right / WIDTH);
+    let (x0, x1) = (f64::from(left), f64::from(right));
+    let (left_pixel, right_pixel, y0, y1) = (at(left), at(right) - 1, at(low), at(high));
+    let (first, last) = (left_pixel / WIDTH, right_pixel / WIDTH);
     let mut y = y0 / GROUP * GROUP;
     while y < y1 {
         // SAFETY: the caller's promise.
-        let mut rows = unsafe { L::spans(lines, y as f64, x0, x1, &mut starts, &mut ends) };
+        let mut rows = unsafe { L::spans(&lines, y as f64, x0, x1, &mut starts, &mut ends) };
         if lines.any_flat {
-            rows = flat_rows(lines, y as f64, rows);
+            rows = flat_rows(&lines, y as f64, rows);
         }
         if y < y0 {
             rows &= u8::MAX << (y0 - y);
@@ -323,11 +380,11 @@ unsafe fn draw_lane<L: Lanes, const COVERED: bool>(
                 unseen |= u;
             }
             let face_row = y * resolution;
-            let mut left = if COVERED { rows } else { seen };
+            let mut pending = if COVERED { rows } else { seen };
             drawn.seen |= seen != 0;
-            while left != 0 {
-                let r = left.trailing_zeros() as usize;
-                left &= left - 1;
+            while pending != 0 {
+                let r = pending.trailing_zeros() as usize;
+                pending &= pending - 1;
                 let row = &running[face_row + r * resolution..];
                 #[allow(clippy::cast_sign_loss, reason = "spans lie within the pixel box")]
                 let (start, end) = (starts[r] as usize, ends[r] as usize);
@@ -383,6 +440,194 @@ fn mark(
         unseen |= u8::from(shows != mask) << r;
     }
     (seen, unseen)
+}
+
+/// [`draw_lane`] with a row in each lane of the registers.
+///
+/// # Safety
+/// The machine has AVX-512 F, BW, DQ and VL.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[inline(never)]
+#[allow(clippy::too_many_arguments, reason = "private, called once: numbers that stay in registers")]
+pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
+    t: &Transformed,
+    face: Face,
+    lane: usize,
+    left: i32,
+    right: i32,
+    low: i32,
+    high: i32,
+    coverage: &mut Coverage,
+    running: &[u32],
+) -> DrawnLane {
+    use std::arch::x86_64::*;
+    let resolution = coverage.resolution;
+    let (axis, sign) = face.axes();
+    let mut drawn = DrawnLane::default();
+    // SAFETY: the caller's promise of the instruction set. Groups and columns lie within the coverage, and gathered
+    // places within `running`, as spans are clamped to their pixel box and that to its face.
+    unsafe {
+        // The operations of `affine` and `edge_lines`, an edge in each lane.
+        let edge = |c: usize| {
+            let e = &t.edges;
+            let a = axis[c];
+            let e = _mm256_setr_pd(e[a][lane], e[3 + a][lane], e[6 + a][lane], 1.0);
+            _mm256_mul_pd(_mm256_set1_pd(sign[c]), e)
+        };
+        let (eu, ev, ew) = (edge(0), edge(1), edge(2));
+        let step = 2.0 / resolution as f64;
+        let u0 = 0.5 * step - 1.0;
+        let v0 = if face.is_top() { u0 } else { 0.5 * step };
+        let a = _mm256_mul_pd(eu, _mm256_set1_pd(step));
+        let b = _mm256_mul_pd(ev, _mm256_set1_pd(step));
+        let c = _mm256_add_pd(
+            _mm256_add_pd(ew, _mm256_mul_pd(eu, _mm256_set1_pd(u0))),
+            _mm256_mul_pd(ev, _mm256_set1_pd(v0)),
+        );
+        let zero = _mm256_setzero_pd();
+        let from_left = _mm256_cmp_pd_mask::<_CMP_GT_OQ>(a, zero);
+        let from_right = _mm256_cmp_pd_mask::<_CMP_LT_OQ>(a, zero);
+        let inverse = _mm256_div_pd(_mm256_set1_pd(-1.0), a);
+        let mut slope = [0.0; 4];
+        let mut offset = [0.0; 4];
+        _mm256_storeu_pd(slope.as_mut_ptr(), _mm256_mul_pd(b, inverse));
+        _mm256_storeu_pd(offset.as_mut_ptr(), _mm256_mul_pd(c, inverse));
+        let is_flat = (from_left | from_right) & 0b111 != 0b111;
+        let flat_lines = if is_flat {
+            Some(edge_lines(t, face, lane, resolution).0)
+        } else {
+            None
+        };
+        let all = |mask: u8, k: usize| (mask >> k & 1).wrapping_neg();
+
+        #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+        let first_row = face.first_row(resolution as u32) as usize;
+        let (x0, x1, y0, y1) = (at(left), at(right) - 1, at(low), at(high));
+        let (first, last) = (x0 / WIDTH, x1 / WIDTH);
+        let iota = _mm512_setr_pd(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0);
+        let ones = _mm512_set1_epi64(-1);
+        let (first_x, end_x) = (
+            _mm512_set1_pd(f64::from(left)),
+            _mm512_set1_pd(f64::from(right)),
+        );
+        let mut pixel_sum = _mm256_setzero_si256();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "at most 1024")]
+        let (width, row_steps) = (
+            resolution as i32,
+            _mm256_mullo_epi32(
+                _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7),
+                _mm256_set1_epi32(resolution as i32),
+            ),
+        );
+        // What shows of each column; written before it is read.
+        let mut visible = [const { std::mem::MaybeUninit::<Rows>::uninit() }; MOST_COLUMNS];
+        let mut y = y0 / GROUP * GROUP;
+        while y < y1 {
+            let mut rows = u8::MAX;
+            if let Some(lines) = &flat_lines {
+                rows = flat_rows(lines, y as f64, rows);
+            }
+            if y < y0 {
+                rows &= u8::MAX << (y0 - y);
+            }
+            if y + GROUP > y1 {
+                rows &= u8::MAX >> (y + GROUP - y1);
+            }
+            let ys = _mm512_add_pd(_mm512_set1_pd(y as f64), iota);
+            let (mut least, mut most) = (first_x, end_x);
+            for k in 0..3 {
+                let x = _mm512_add_pd(
+                    _mm512_mul_pd(_mm512_set1_pd(slope[k]), ys),
+                    _mm512_set1_pd(offset[k]),
+                );
+                least = _mm512_mask_max_pd(least, all(from_left, k), x, least);
+                most = _mm512_mask_min_pd(most, all(from_right, k), x, most);
+            }
+            least = _mm512_min_pd(least, end_x);
+            most = _mm512_max_pd(most, first_x);
+            const UP: i32 = _MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC;
+            let start = _mm512_cvtpd_epi32(_mm512_roundscale_pd::<UP>(least));
+            let end = _mm512_cvtpd_epi32(_mm512_roundscale_pd::<UP>(most));
+            rows &= _mm256_cmplt_epi32_mask(start, end);
+            if rows == 0 {
+                y += GROUP;
+                continue;
+            }
+            let (mut seen, mut unseen) = (0u8, 0u8);
+            let group = (first_row + y) / GROUP;
+            let (start64, end64) = (_mm512_cvtepi32_epi64(start), _mm512_cvtepi32_epi64(end));
+            for column in first..=last {
+                let offset = _mm512_set1_epi64((column * WIDTH) as i64);
+                let zero = _mm512_setzero_si512();
+                // Shifts by 64 and more give 0.
+                let from = _mm512_max_epi64(_mm512_sub_epi64(start64, offset), zero);
+                let to = _mm512_max_epi64(_mm512_sub_epi64(end64, offset), zero);
+                let mask = _mm512_maskz_andnot_epi64(rows, _mm512_sllv_epi64(ones, to), _mm512_sllv_epi64(ones, from));
+                let words = coverage.rows.get_unchecked_mut(column * coverage.groups + group).0.as_mut_ptr().cast();
+                let covered = _mm512_load_epi64(words);
+                let shows = _mm512_andnot_si512(covered, mask);
+                _mm512_store_epi64(words, _mm512_or_si512(covered, mask));
+                _mm512_store_epi64(visible.get_unchecked_mut(column - first).as_mut_ptr().cast(), shows);
+                seen |= _mm512_test_epi64_mask(shows, shows);
+                unseen |= _mm512_cmpneq_epi64_mask(shows, mask);
+            }
+            drawn.seen |= seen != 0;
+            let whole_rows = rows & !unseen;
+            let weighed = if COVERED { rows } else { whole_rows };
+            if weighed != 0 {
+                #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "at most 2^20 pixels")]
+                let base = _mm256_add_epi32(row_steps, _mm256_set1_epi32(y as i32 * width));
+                // Gather instructions are slower than this. Rows that are not weighed begin and end at 0.
+                let mut before = [0u32; GROUP];
+                let mut after = [0u32; GROUP];
+                let place = |x: __m256i| _mm256_maskz_add_epi32(weighed, base, x);
+                _mm256_storeu_si256(before.as_mut_ptr().cast(), place(start));
+                _mm256_storeu_si256(after.as_mut_ptr().cast(), place(end));
+                // In memory, or the compiler makes a gather of it again.
+                let (before, after) = (std::hint::black_box(&before), std::hint::black_box(&after));
+                let weight = |r: usize| running.get_unchecked(after[r] as usize) - running.get_unchecked(before[r] as usize);
+                let mut all = 0u32;
+                for r in 0..GROUP {
+                    all = all.wrapping_add(weight(r));
+                }
+                if COVERED {
+                    drawn.covered = drawn.covered.wrapping_add(all);
+                    pixel_sum = _mm256_mask_add_epi32(pixel_sum, rows, pixel_sum, _mm256_sub_epi32(end, start));
+                }
+                if weighed == whole_rows {
+                    drawn.visible = drawn.visible.wrapping_add(all);
+                } else {
+                    let mut whole = whole_rows;
+                    while whole != 0 {
+                        drawn.visible = drawn.visible.wrapping_add(weight(whole.trailing_zeros() as usize));
+                        whole &= whole - 1;
+                    }
+                }
+            }
+            let mut part = rows & seen & unseen;
+            while part != 0 {
+                let r = part.trailing_zeros() as usize;
+                part &= part - 1;
+                let row = &running[(y + r) * resolution..];
+                for column in first..=last {
+                    let bits = visible.get_unchecked(column - first).assume_init_ref().0[r];
+                    drawn.visible += weight_of(bits, &row[column * WIDTH..]);
+                }
+            }
+            y += GROUP;
+        }
+        let sum = |v: __m256i| {
+            let v = _mm_add_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256::<1>(v));
+            let v = _mm_add_epi32(v, _mm_shuffle_epi32::<0b00_00_11_10>(v));
+            let v = _mm_add_epi32(v, _mm_shuffle_epi32::<0b00_00_00_01>(v));
+            _mm_cvtsi128_si32(v).cast_unsigned()
+        };
+        if COVERED {
+            drawn.pixels = sum(pixel_sum);
+        }
+    }
+    drawn
 }
 
 /// Lanes whose centroid lies above the horizon at a pixel that nothing covers.
