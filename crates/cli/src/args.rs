@@ -171,9 +171,18 @@ pub(crate) struct SceneSettings {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Hemicubes")]
 pub(crate) struct EngineSettings {
-    /// The engine; a name never falls back to another
+    /// What renders; a name never falls back to another
     #[arg(long, value_name = "auto|NAME", default_value = "auto")]
     pub(crate) backend: String,
+    /// How the CPU backend finds what is visible: by depth, for any scene, or in order, for polygonal ones
+    #[arg(
+        long,
+        value_name = "auto|depth|order",
+        default_value = "auto",
+        hide_possible_values = true,
+        hide_short_help = true
+    )]
+    pub(crate) engine: Engine,
     /// Deepest level of the octree, up to 21
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = octree_levels, hide_short_help = true)]
     pub(crate) octree_levels: Auto,
@@ -493,6 +502,17 @@ pub(crate) enum Switch {
     On,
     /// Off.
     Off,
+}
+
+/// Which engine of the CPU backend renders.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Engine {
+    /// What suits the scene.
+    Auto,
+    /// The hierarchical z-buffer.
+    Depth,
+    /// Ordered coverage bits.
+    Order,
 }
 
 /// On, off, or what suits.

@@ -16,8 +16,9 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// The flags that are settings: they may stand in a file and in the environment.
-const SETTINGS: [&str; 24] = [
+const SETTINGS: [&str; 25] = [
     "backend",
+    "engine",
     "tolerance",
     "correction",
     "resolution",

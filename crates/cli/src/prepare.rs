@@ -1,13 +1,13 @@
 //! From a scene's file to a model: read, scale, repair, cut, order. What `compute`, `inspect` and `tradeoff` have in
 //! common.
 
-use crate::args::{AutoSwitch, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk};
+use crate::args::{AutoSwitch, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk};
 use crate::exit::hinted;
 use crate::report::{Input, counted};
 use anyhow::{Context, Result, anyhow};
 use hemicube::backend::HemicubeBackend;
 use hemicube::{HierarchyOptions, Model};
-use hemicube_backend_cpu::CpuBackend;
+use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
 use hemicube_scene::{Axis, Patches, ReadOptions, Scene, Subdivision};
 use serde::Serialize;
@@ -142,8 +142,13 @@ impl EngineSettings {
     /// # Errors
     /// When there is none of that name.
     pub(crate) fn open_backend(&self) -> Result<Box<dyn HemicubeBackend>> {
+        let engine = match self.engine {
+            Engine::Auto => EngineChoice::Auto,
+            Engine::Depth => EngineChoice::Depth,
+            Engine::Order => EngineChoice::Order,
+        };
         match self.backend.as_str() {
-            "auto" | "cpu" => Ok(Box::new(CpuBackend::new())),
+            "auto" | "cpu" => Ok(Box::new(CpuBackend::new().with_engine(engine))),
             other => Err(hinted(
                 anyhow!("there is no backend `{other}`; there is `cpu`, and `auto`, which takes it"),
                 "`hemicube backends list` shows what each can do",

@@ -15,7 +15,9 @@ use crate::tree::{Hierarchy, Tree};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use hemicube_spatial::Octree;
-use std::sync::{Arc, OnceLock};
+use std::any::{Any, TypeId};
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// The weight of a whole hemicube: form factor 1 in fixed point.
 pub const WHOLE: u32 = 1 << 31;
@@ -50,10 +52,12 @@ pub struct Geometry {
     pub plane_tolerance: f64,
     /// Made when first asked for, see [`Geometry::tree`].
     tree: OnceLock<Arc<Tree>>,
+    /// What backends made of it, see [`Geometry::kept`].
+    kept: Mutex<HashMap<TypeId, Arc<dyn Any + Send + Sync>>>,
 }
 
 impl Clone for Geometry {
-    /// Without the tree, so that a clone can be changed.
+    /// Without the tree and what backends keep, so that a clone can be changed.
     fn clone(&self) -> Self {
         Self::new(
             self.surfaces.clone(),
@@ -73,7 +77,17 @@ impl Geometry {
             patch_count,
             plane_tolerance,
             tree: OnceLock::new(),
+            kept: Mutex::default(),
         }
+    }
+
+    /// What a backend makes of the scene and wants to make only once, whatever the number of its sessions: one value of
+    /// each type, made when first asked for.
+    pub fn kept<T: Any + Send + Sync>(&self, make: impl FnOnce(&Self) -> T) -> Arc<T> {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let value = Arc::clone(kept.entry(TypeId::of::<T>()).or_insert_with(|| Arc::new(make(self))));
+        drop(kept);
+        value.downcast().unwrap_or_else(|_| unreachable!("kept by its type"))
     }
 
     /// The surfaces in blocks under a tree, made when first asked for and shared from then on.
@@ -132,7 +146,8 @@ pub struct Capabilities {
 pub struct BackendInfo {
     /// Name, `[a-z0-9-]{1,32}`.
     pub name: String,
-    /// Version of the arithmetic: stores of different versions are not mixed.
+    /// Version of the arithmetic: stores of different versions are not mixed. Of a backend that chooses between several by
+    /// the scene, that of the one chosen, from `load` on.
     pub version: String,
     /// The device, in words (an instruction set, a GPU and its driver).
     pub device: String,
@@ -207,6 +222,11 @@ pub trait HemicubeBackend: Send {
     /// # Errors
     /// When the settings are out of range or unsupported, or memory runs out.
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError>;
+
+    /// What was chosen for the loaded scene, and why: a line each, for the log.
+    fn choices(&self) -> Vec<String> {
+        Vec::new()
+    }
 
     /// Another session over the same loaded scene, for another thread; shares what can be shared.
     ///

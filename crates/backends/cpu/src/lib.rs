@@ -37,7 +37,7 @@ use hemicube::face::Items;
 use hemicube::row::RowBlock;
 pub use hemicube::tree::Hierarchy;
 use hemicube::tree::Tree;
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
 
 /// An instruction set that the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,15 +99,6 @@ pub enum EngineChoice {
     Order,
 }
 
-/// What ordering a scene came to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OrderStatistics {
-    /// Surfaces and pieces of them, for each surface.
-    pub fragments: f64,
-    /// Mean number of lanes in use, of 16.
-    pub fill: f64,
-}
-
 /// A session of the built-in backend.
 #[derive(Debug)]
 pub struct CpuBackend {
@@ -115,8 +106,8 @@ pub struct CpuBackend {
     isa: Isa,
     hierarchy: Hierarchy,
     choice: EngineChoice,
-    /// The order of the scene that was loaded last, if it has one, so that loading it again with other settings is cheap.
-    order: Option<(Weak<Geometry>, Option<Arc<Order>>)>,
+    /// Why the engine of the loaded scene is the one it is.
+    reason: String,
     loaded: Option<Loaded>,
 }
 
@@ -214,48 +205,27 @@ impl CpuBackend {
         })
     }
 
-    /// What putting the loaded scene in order came to; `None` where it was not tried, or given up.
-    pub fn order_statistics(&self) -> Option<OrderStatistics> {
-        let (_, order) = self.order.as_ref()?;
-        order.as_ref().map(|order| OrderStatistics {
-            fragments: order.fragments_per_surface(),
-            fill: order.fill(),
-        })
-    }
-
-    /// The order of a scene, if the choice of engine wants one and the scene can have it.
-    fn order(&mut self, geometry: &Arc<Geometry>) -> Option<Arc<Order>> {
-        if self.choice == EngineChoice::Depth {
-            return None;
-        }
-        let known = self.order.as_ref().filter(|(of, _)| of.as_ptr() == Arc::as_ptr(geometry));
-        let order = match known {
-            Some((_, order)) => order.clone(),
-            None => {
-                let limits = match self.choice {
-                    EngineChoice::Auto => Limits {
-                        fragments: MOST_FRAGMENTS,
-                    },
-                    _ => Limits {
-                        fragments: f64::INFINITY,
-                    },
-                };
-                let order = Order::new(geometry, limits).map(Arc::new);
-                self.order = Some((Arc::downgrade(geometry), order.clone()));
-                order
-            }
+    /// The order of a scene, if the choice of engine wants one and the scene suits it, and why.
+    fn order(&self, geometry: &Geometry) -> (Option<Arc<Order>>, String) {
+        let found = match self.choice {
+            EngineChoice::Depth => return (None, "engine depth, as asked".to_owned()),
+            EngineChoice::Order => geometry.kept(AnyOrder::new).0.clone(),
+            EngineChoice::Auto => geometry.kept(SuitableOrder::new).0.clone(),
         };
-        order.filter(|order| {
-            self.choice == EngineChoice::Order
-                || (order.fragments_per_surface() <= MOST_FRAGMENTS && order.fill() >= LEAST_FILL)
-        })
+        match found {
+            Ok(order) => {
+                let reason = format!("engine order: {order}");
+                (Some(order), reason)
+            }
+            Err(reason) => (None, format!("engine depth: {reason}")),
+        }
     }
 
     fn of(isa: Isa) -> Self {
         Self {
             info: BackendInfo {
                 name: "cpu".to_owned(),
-                // The version of the arithmetic. It changes when any row could change by a bit.
+                // The version of the arithmetic. It changes when any row could change by a bit. `load` says which engine's.
                 version: "1".to_owned(),
                 device: format!("this machine's processor, {}", isa.name()),
                 capabilities: Capabilities {
@@ -269,7 +239,7 @@ impl CpuBackend {
             isa,
             hierarchy: Hierarchy::default(),
             choice: EngineChoice::default(),
-            order: None,
+            reason: String::new(),
             loaded: None,
         }
     }
@@ -285,6 +255,35 @@ impl CpuBackend {
 const MOST_FRAGMENTS: f64 = 1.4;
 /// With fewer lanes of a block in use than this, likewise.
 const LEAST_FILL: f64 = 4.0;
+
+/// The order of a scene, where engine 2 was asked for.
+struct AnyOrder(Result<Arc<Order>, String>);
+
+impl AnyOrder {
+    fn new(geometry: &Geometry) -> Self {
+        let limits = Limits {
+            fragments: f64::INFINITY,
+        };
+        let order = Order::new(geometry, limits).map(Arc::new);
+        Self(order.ok_or_else(|| "the scene falls into too many pieces to be ordered".to_owned()))
+    }
+}
+
+/// The order of a scene, where that suits it.
+struct SuitableOrder(Result<Arc<Order>, String>);
+
+impl SuitableOrder {
+    fn new(geometry: &Geometry) -> Self {
+        let limits = Limits {
+            fragments: MOST_FRAGMENTS,
+        };
+        Self(match Order::new(geometry, limits) {
+            Some(order) if order.fill() >= LEAST_FILL => Ok(Arc::new(order)),
+            Some(order) => Err(format!("in order, blocks would be too empty ({order})")),
+            None => Err(format!("in order, there would be over {MOST_FRAGMENTS} pieces a surface")),
+        })
+    }
+}
 
 impl Loaded {
     fn new(shared: Arc<Shared>, isa: Isa) -> Self {
@@ -323,6 +322,13 @@ impl HemicubeBackend for CpuBackend {
         &self.info
     }
 
+    fn choices(&self) -> Vec<String> {
+        match self.loaded {
+            Some(_) => vec![self.reason.clone()],
+            None => Vec::new(),
+        }
+    }
+
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
         if !is_resolution(settings.resolution) {
             return Err(BackendError::InvalidArgument(format!(
@@ -330,8 +336,11 @@ impl HemicubeBackend for CpuBackend {
                 settings.resolution
             )));
         }
+        let (order, reason) = self.order(geometry);
+        self.info.version = if order.is_some() { "order-1" } else { "depth-1" }.to_owned();
+        self.reason = reason;
         let shared = Arc::new(Shared {
-            order: self.order(geometry),
+            order,
             tree: match self.hierarchy {
                 Hierarchy::SurfaceArea => Arc::clone(geometry.tree()),
                 other => Arc::new(Tree::new(geometry, other)),
@@ -353,7 +362,7 @@ impl HemicubeBackend for CpuBackend {
             isa: self.isa,
             hierarchy: self.hierarchy,
             choice: self.choice,
-            order: self.order.clone(),
+            reason: self.reason.clone(),
             loaded: Some(Loaded::new(Arc::clone(&loaded.shared), self.isa)),
         }))
     }

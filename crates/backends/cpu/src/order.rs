@@ -325,6 +325,17 @@ impl Order {
     }
 }
 
+impl std::fmt::Display for Order {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{:.2} pieces a surface, {:.1} of {LANES} lanes in use",
+            self.fragments_per_surface(),
+            self.fill()
+        )
+    }
+}
+
 impl Builder<'_> {
     fn corners(&self, item: u32) -> &[DVec3; 3] {
         let item = item as usize;

@@ -262,7 +262,7 @@ fn compute_into(
     arguments: &Arguments,
     scene_path: &Path,
     directory: &Path,
-    backend: Box<dyn HemicubeBackend>,
+    mut backend: Box<dyn HemicubeBackend>,
     cancel: &std::sync::atomic::AtomicBool,
     json: Option<JsonReport>,
     talk: Talk,
@@ -281,16 +281,7 @@ fn compute_into(
     )?;
     timings.settle = started.elapsed().as_secs_f64();
     let (plan, rows) = plan(&prepared.model, selection, arguments, &rung)?;
-    let device = backend.info().clone();
     let threads = arguments.render.thread_count();
-    talk.say(&format!(
-        "backend {} {} ({}), {}, {}",
-        device.name,
-        device.version,
-        device.device,
-        counted(threads as u64, "thread"),
-        counted(prepared.patches.len() as u64, "patch"),
-    ));
     prepared.tell(talk);
     if let Some(reason) = &rung.reason {
         talk.say(reason);
@@ -305,15 +296,22 @@ fn compute_into(
     render.culling = match arguments.culling {
         AutoSwitch::On => Culling::On,
         AutoSwitch::Off => Culling::Off,
-        // A session of its own, so that the scene is not loaded twice at the same time.
-        AutoSwitch::Auto => choose_culling(
-            &prepared.model,
-            &plan,
-            render,
-            arguments.render.open_backend()?.as_mut(),
-            talk,
-        )?,
+        AutoSwitch::Auto => choose_culling(&prepared.model, &plan, render, backend.as_mut(), talk)?,
     };
+    // What it chooses by the scene is part of what the store is made with.
+    backend.load(prepared.model.geometry(), render)?;
+    let device = backend.info().clone();
+    talk.say(&format!(
+        "backend {} {} ({}), {}, {}",
+        device.name,
+        device.version,
+        device.device,
+        counted(threads as u64, "thread"),
+        counted(prepared.patches.len() as u64, "patch"),
+    ));
+    for choice in backend.choices() {
+        talk.say(&choice);
+    }
     timings.load = prepared.load_seconds;
     timings.build = prepared.build_seconds + started.elapsed().as_secs_f64();
 

@@ -323,7 +323,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
 
 /// What one lane showed and covered on one face.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(super) struct DrawnLane {
+pub(crate) struct DrawnLane {
     visible: u32,
     /// This and the next only with `COVERED`.
     covered: u32,
