@@ -56,7 +56,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let settings = [(Culling::On, false), (Culling::On, true), (Culling::Off, false)];
         for (engine, (culling, covered)) in [EngineChoice::Depth, EngineChoice::Order]
             .into_iter()
-            .filter(|e| std::env::var("ENGINE").is_ok_and(|w| format!("{e:?}") == w) || std::env::var("ENGINE").is_err())
+            .filter(|e| {
+                std::env::var("ENGINE").is_ok_and(|w| format!("{e:?}") == w) || std::env::var("ENGINE").is_err()
+            })
             .flat_map(|engine| settings.map(|s| (engine, s)))
             .filter(|(_, (culling, covered))| *covered || *culling == Culling::On && std::env::var("COVERED").is_err())
         {

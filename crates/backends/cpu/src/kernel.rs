@@ -226,25 +226,28 @@ pub(crate) trait Kernel: Send + 'static {
         out: &mut [(u32, u32); LANES],
     );
 
-    /// Draws lanes of a block into the coverage, in the order given, nearest first.
+    /// Draws lanes of a block into the coverage, in the order given, nearest first. Whether centroids are seen is asked of
+    /// what is covered, or of what was when that was `remembered`.
     ///
     /// # Safety
     /// The machine has the instruction set.
+    #[allow(clippy::too_many_arguments, reason = "the pieces of one loop")]
     unsafe fn draw_bits<const COVERED: bool>(
         triangles: &Transformed,
         faces: u8,
         order: &[u8],
+        remembered: bool,
         coverage: &mut Coverage,
         top: &[u32],
         side: &[u32],
         shown: &mut Shown,
     );
 
-    /// Whether every pixel of a box of the atlas (inclusive) is covered.
+    /// Whether every pixel of a box of the atlas (inclusive) is covered, or was when that was `remembered`.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool;
+    unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4], remembered: bool) -> bool;
 
     /// Whether every pixel of a box of the atlas (inclusive) is nearer than `bound`.
     ///
@@ -1142,18 +1145,19 @@ impl Kernel for Portable {
         triangles: &Transformed,
         faces: u8,
         order: &[u8],
+        remembered: bool,
         coverage: &mut Coverage,
         top: &[u32],
         side: &[u32],
         shown: &mut Shown,
     ) {
         // SAFETY: as above.
-        unsafe { bits::draw::<Self, COVERED>(triangles, faces, order, coverage, top, side, shown) };
+        unsafe { bits::draw::<Self, COVERED>(triangles, faces, order, remembered, coverage, top, side, shown) };
     }
 
-    unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {
+    unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4], remembered: bool) -> bool {
         // SAFETY: as above.
-        unsafe { bits::all_covered::<Self>(coverage, pixels) }
+        unsafe { bits::all_covered::<Self>(coverage, pixels, remembered) }
     }
 
     unsafe fn all_nearer(depth: &[Chunk<f32>], chunks_per_row: usize, pixels: [usize; 4], bound: f32) -> bool {
@@ -1206,7 +1210,9 @@ pub(crate) mod x86 {
             running: &[u32],
         ) -> bits::DrawnLane {
             // SAFETY: the caller's promise of the instruction set.
-            unsafe { bits::draw_lane_avx512::<COVERED>(triangles, face, lane, left, right, low, high, coverage, running) }
+            unsafe {
+                bits::draw_lane_avx512::<COVERED>(triangles, face, lane, left, right, low, high, coverage, running)
+            }
         }
 
         #[inline(always)]
@@ -1542,16 +1548,19 @@ pub(crate) mod x86 {
                     triangles: &Transformed,
                     faces: u8,
                     order: &[u8],
+                    remembered: bool,
                     coverage: &mut Coverage,
                     top: &[u32],
                     side: &[u32],
                     shown: &mut Shown,
                 ) {
                     #[target_feature(enable = $features)]
+                    #[allow(clippy::too_many_arguments, reason = "the arguments of `Kernel::draw_bits`")]
                     fn inner<const COVERED: bool>(
                         triangles: &Transformed,
                         faces: u8,
                         order: &[u8],
+                        remembered: bool,
                         coverage: &mut Coverage,
                         top: &[u32],
                         side: &[u32],
@@ -1559,21 +1568,23 @@ pub(crate) mod x86 {
                     ) {
                         // SAFETY: this function has the instruction set.
                         unsafe {
-                            bits::draw::<$name, COVERED>(triangles, faces, order, coverage, top, side, shown);
+                            bits::draw::<$name, COVERED>(
+                                triangles, faces, order, remembered, coverage, top, side, shown,
+                            );
                         }
                     }
                     // SAFETY: the caller's promise of the instruction set.
-                    unsafe { inner::<COVERED>(triangles, faces, order, coverage, top, side, shown) }
+                    unsafe { inner::<COVERED>(triangles, faces, order, remembered, coverage, top, side, shown) }
                 }
 
-                unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {
+                unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4], remembered: bool) -> bool {
                     #[target_feature(enable = $features)]
-                    fn inner(coverage: &Coverage, pixels: [usize; 4]) -> bool {
+                    fn inner(coverage: &Coverage, pixels: [usize; 4], remembered: bool) -> bool {
                         // SAFETY: this function has the instruction set.
-                        unsafe { bits::all_covered::<$name>(coverage, pixels) }
+                        unsafe { bits::all_covered::<$name>(coverage, pixels, remembered) }
                     }
                     // SAFETY: the caller's promise of the instruction set.
-                    unsafe { inner(coverage, pixels) }
+                    unsafe { inner(coverage, pixels, remembered) }
                 }
 
                 unsafe fn all_nearer(

@@ -27,8 +27,6 @@ mod order;
 mod ordered;
 
 use engine::Engine;
-use order::{Limits, Order};
-use ordered::OrderedEngine;
 use hemicube::backend::{
     BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings,
 };
@@ -37,6 +35,8 @@ use hemicube::face::Items;
 use hemicube::row::RowBlock;
 pub use hemicube::tree::Hierarchy;
 use hemicube::tree::Tree;
+use order::{Limits, Order};
+use ordered::OrderedEngine;
 use std::sync::Arc;
 
 /// An instruction set that the kernels are compiled for.
@@ -280,7 +280,9 @@ impl SuitableOrder {
         Self(match Order::new(geometry, limits) {
             Some(order) if order.fill() >= LEAST_FILL => Ok(Arc::new(order)),
             Some(order) => Err(format!("in order, blocks would be too empty ({order})")),
-            None => Err(format!("in order, there would be over {MOST_FRAGMENTS} pieces a surface")),
+            None => Err(format!(
+                "in order, there would be over {MOST_FRAGMENTS} pieces a surface"
+            )),
         })
     }
 }

@@ -242,7 +242,10 @@ struct Draw(u64);
 
 impl Draw {
     fn below(&mut self, count: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         #[allow(clippy::cast_possible_truncation, reason = "an index below count")]
         let index = ((u128::from(self.0 >> 16) * count as u128) >> 48) as usize;
         index
@@ -379,7 +382,12 @@ impl Builder<'_> {
             parent: NONE,
             in_front: false,
         }];
-        while let Some(Task { items, parent, in_front }) = tasks.pop() {
+        while let Some(Task {
+            items,
+            parent,
+            in_front,
+        }) = tasks.pop()
+        {
             let bounds = items
                 .iter()
                 .fold(Bounds::EMPTY, |b, &i| b.union(Bounds::of(self.corners(i))));
@@ -512,7 +520,11 @@ impl Builder<'_> {
         let mut counts = [0.0; 4];
         let sample = items.len().min(JUDGED);
         for k in 0..sample {
-            let at = if sample == items.len() { k } else { self.draw.below(items.len()) };
+            let at = if sample == items.len() {
+                k
+            } else {
+                self.draw.below(items.len())
+            };
             counts[self.side(items[at], plane) as usize] += 1.0;
         }
         counts
@@ -743,12 +755,7 @@ impl Builder<'_> {
 }
 
 /// Which pairs of items in a plane have a common inside, by their places.
-fn overlaps(
-    items: &[u32],
-    normal: DVec3,
-    touch: f64,
-    corners: impl Fn(u32) -> [DVec3; 3],
-) -> Vec<(usize, usize)> {
+fn overlaps(items: &[u32], normal: DVec3, touch: f64, corners: impl Fn(u32) -> [DVec3; 3]) -> Vec<(usize, usize)> {
     if items.len() < 2 {
         return Vec::new();
     }
@@ -788,12 +795,7 @@ fn overlaps(
             let other = &flat[o];
             if other.low[1] < this.high[1]
                 && this.low[1] < other.high[1]
-                && hemicube::tree::overlap(
-                    &corners(items[this.place]),
-                    &corners(items[other.place]),
-                    normal,
-                    touch,
-                )
+                && hemicube::tree::overlap(&corners(items[this.place]), &corners(items[other.place]), normal, touch)
             {
                 found.push((this.place, other.place));
             }
@@ -804,50 +806,112 @@ fn overlaps(
 }
 
 #[cfg(test)]
-mod probe {
+mod tests {
     use super::*;
     use hemicube::{HierarchyOptions, Model};
-    use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box, generate};
-    use hemicube_scene::{Patches, ReadOptions, Subdivision, load};
-    use hemicube_scene::repair::{RepairOptions, repair};
+    use hemicube_scene::generate::{Generate, Kind, cornell_box, generate};
+    use hemicube_scene::{Patches, Scene, Subdivision};
+
+    const ANY: Limits = Limits {
+        fragments: f64::INFINITY,
+    };
+
+    fn model(scene: &Scene, subdivision: Subdivision) -> Model {
+        let patches = Patches::new(scene, subdivision).expect("patches");
+        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
+    }
+
+    fn generated(kind: Kind) -> Model {
+        let spec = Generate {
+            kind,
+            target_patches: 2_000,
+            seed: 3,
+        };
+        model(&generate(spec).expect("a target in range"), Subdivision::None)
+    }
+
+    fn area([a, b, c]: [DVec3; 3]) -> f64 {
+        0.5 * (b - a).cross(c - a).length()
+    }
+
+    /// The blocks that an eye in front of all planes, or behind all of them, is shown.
+    fn blocks_seen(order: &Order, side: usize) -> Vec<u32> {
+        let mut seen = Vec::new();
+        for node in &order.nodes {
+            if node.is_leaf {
+                seen.push(node.front);
+                continue;
+            }
+            let mut pending = order.layers[node.here[side].start as usize..node.here[side].end as usize].to_vec();
+            while let Some(at) = pending.pop() {
+                let node = &order.boxes[at as usize];
+                if node.block == INNER {
+                    pending.extend([node.child, node.child + 1]);
+                } else {
+                    seen.push(node.block);
+                }
+            }
+        }
+        seen
+    }
 
     #[test]
-    #[ignore = "probe"]
-    fn probe() {
-        let city = |blocks, split| {
-            BlockCityParameters { blocks, split, ..BlockCityParameters::for_target(1000, 1) }.generate().expect("city")
-        };
-        let generated = |kind, n| generate(Generate { kind, target_patches: n, seed: 1 }).expect("scene");
-        let file = |p: &str| load(std::path::Path::new("/work/shared/scenes").join(p).as_path(), ReadOptions::default()).expect("file");
-        let cases = vec![
-            ("room", cornell_box(), Subdivision::Levels(4)),
-            ("city9k", city(25, 1), Subdivision::None),
-            ("city140k", city(25, 4), Subdivision::None),
-            ("spheres", generated(Kind::Spheres, 10_000), Subdivision::None),
-            ("soup", generated(Kind::Soup, 10_000), Subdivision::None),
-            ("maze", generated(Kind::Maze, 10_000), Subdivision::None),
-            ("denhaag8897", file("city/denhaag-8897.obj"), Subdivision::None),
-            ("denhaag8897x16", file("city/denhaag-8897.obj"), Subdivision::Levels(2)),
-            ("denhaag", file("city/denhaag.obj"), Subdivision::None),
-            ("denhaag6", file("city/denhaag.obj"), Subdivision::Split(6)),
-            ("rotterdam", file("city/rotterdam-delfshaven.obj"), Subdivision::None),
-            ("city1.5M", city(82, 4), Subdivision::None),
-        ];
-        for (name, mut scene, sub) in cases {
-            if let Ok(only) = std::env::var("ONLY") { if !name.contains(&only) { continue; } }
-            repair(&mut scene, RepairOptions::default());
-            let model = Model::new(Patches::new(&scene, sub).expect("p").into(), HierarchyOptions::default()).expect("m");
-            let n = model.geometry().surfaces.len();
-            let start = std::time::Instant::now();
-            let Some(order) = Order::new(model.geometry(), Limits { fragments: 8.0 }) else {
-                println!("{name}: gave up {:?}", start.elapsed());
-                continue;
-            };
-            println!(
-                "{name}: {n} surfaces, {:.3} fragments, {} nodes, {} leaves, {} boxes, {} blocks fill {:.1}, {} cut blocks, {} planes, {} layers, {:?}",
-                order.fragments as f64 / n as f64, order.nodes.len(), order.nodes.iter().filter(|n| n.is_leaf).count(), order.boxes.len(), order.blocks.len(),
-                order.fragments as f64 / order.blocks.len() as f64, order.lines.len(), order.planes.len(), order.layers.len(), start.elapsed()
-            );
+    fn the_pieces_of_a_surface_make_up_all_of_it() {
+        for model in [
+            model(&cornell_box(), Subdivision::Levels(2)),
+            generated(Kind::Soup),
+            generated(Kind::Spheres),
+            generated(Kind::BlockCity),
+        ] {
+            let geometry = model.geometry();
+            let order = Order::new(geometry, ANY).expect("no limit");
+            let cut = |patch: u32| order.is_cut[patch as usize / 64] >> (patch % 64) & 1 != 0;
+            for side in 0..2 {
+                let mut areas = vec![0.0; geometry.patch_count as usize];
+                let mut lanes = vec![0; geometry.patch_count as usize];
+                for block in blocks_seen(&order, side) {
+                    let block = &order.blocks[block as usize];
+                    for lane in 0..LANES {
+                        let patch = block.negative[lane].min(block.positive[lane]);
+                        if patch < geometry.patch_count {
+                            areas[patch as usize] += area(block.triangle(lane));
+                            lanes[patch as usize] += 1;
+                        }
+                    }
+                }
+                for surface in &geometry.surfaces {
+                    let patch = surface.front.0.min(surface.back.map_or(u32::MAX, |p| p.0));
+                    let (whole, pieces) = (area(surface.corners), areas[patch as usize]);
+                    assert!(
+                        (whole - pieces).abs() < 1e-12,
+                        "patch {patch}: {whole}, in pieces {pieces}"
+                    );
+                    assert_eq!(lanes[patch as usize] > 1, cut(patch), "patch {patch}");
+                }
+            }
         }
+    }
+
+    #[test]
+    fn a_scene_that_falls_into_pieces_is_given_up() {
+        let soup = generated(Kind::Soup);
+        assert!(Order::new(soup.geometry(), Limits { fragments: 1.2 }).is_none());
+        let order = Order::new(soup.geometry(), ANY).expect("no limit");
+        assert!(order.fragments_per_surface() > 1.2, "{order}");
+    }
+
+    #[test]
+    fn overlapping_surfaces_in_a_plane_lie_in_layers() {
+        let square = |x: f64, z: f64| {
+            [
+                DVec3::new(x, 0.0, z),
+                DVec3::new(x + 1.0, 0.0, z),
+                DVec3::new(x, 1.0, z),
+            ]
+        };
+        let triangles = [square(0.0, 0.0), square(0.5, 0.0), square(2.0, 0.0)];
+        let of = |i: u32| triangles[i as usize];
+        assert_eq!(overlaps(&[0, 1, 2], DVec3::Z, 1e-10, of), [(1, 0)]);
+        assert_eq!(overlaps(&[0, 2], DVec3::Z, 1e-10, of), []);
     }
 }

@@ -56,7 +56,20 @@ enum What {
     /// A node of the partition.
     Node(u32),
     /// A tree of boxes over blocks.
+    Layer(u32),
+    /// One of the boxes of such a tree.
     Boxes(u32),
+}
+
+/// What is done about what was covered before the surfaces of a plane were begun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Memory {
+    /// Nothing.
+    Leave,
+    /// It is remembered, of the pixels that are looked at.
+    Keep,
+    /// It is what is asked.
+    Ask,
 }
 
 /// Marks a covered weight that is not all of it.
@@ -223,11 +236,19 @@ impl<K: Kernel> OrderedEngine<K> {
         while let Some(Pending { what, faces, hidden }) = self.pending.pop() {
             let (center, half) = match what {
                 What::Node(node) => (order.nodes[node as usize].center, order.nodes[node as usize].half),
-                What::Boxes(node) => (order.boxes[node as usize].center, order.boxes[node as usize].half),
+                What::Layer(node) | What::Boxes(node) => {
+                    (order.boxes[node as usize].center, order.boxes[node as usize].half)
+                }
             };
             let (faces, hidden) = if self.coverage.culling {
                 self.counters.nodes_tested += 1;
-                let (visible, hidden_now) = self.visible_faces::<COVERED>(center, half, frame, faces);
+                // With tiny patches, what is hidden in a layer is decided by what lies in front of all of it.
+                let memory = match what {
+                    What::Layer(_) if COVERED => Memory::Keep,
+                    What::Boxes(_) if COVERED => Memory::Ask,
+                    _ => Memory::Leave,
+                };
+                let (visible, hidden_now) = self.visible_faces::<COVERED>(center, half, frame, faces, memory);
                 if visible == 0 {
                     if hidden_now == 0 {
                         self.counters.nodes_outside += 1;
@@ -238,13 +259,16 @@ impl<K: Kernel> OrderedEngine<K> {
                 }
                 (visible, hidden | hidden_now)
             } else {
+                if COVERED && matches!(what, What::Layer(_)) {
+                    self.coverage.remember(self.coverage.all());
+                }
                 (faces, hidden)
             };
             match what {
-                What::Boxes(node) => {
+                What::Layer(node) | What::Boxes(node) => {
                     let node = &order.boxes[node as usize];
                     if node.block != INNER {
-                        self.draw_block::<COVERED>(shared, order, node.block, frame, faces, hidden, &IN_TURN);
+                        self.draw_block::<COVERED>(shared, order, node.block, frame, faces, hidden, &IN_TURN, true);
                         continue;
                     }
                     // In any order: surfaces in one plane hide nothing of each other.
@@ -277,7 +301,7 @@ impl<K: Kernel> OrderedEngine<K> {
                     }
                     for layer in (here.start..here.end).rev() {
                         self.pending.push(Pending {
-                            what: What::Boxes(order.layers[layer as usize]),
+                            what: What::Layer(order.layers[layer as usize]),
                             faces,
                             hidden,
                         });
@@ -294,16 +318,36 @@ impl<K: Kernel> OrderedEngine<K> {
         }
     }
 
+    /// On which faces a box may be seen, and on which of the others it is hidden.
     #[inline]
-    fn visible_faces<const COVERED: bool>(&self, center: DVec3, half: DVec3, frame: &Frame, faces: u8) -> (u8, u8) {
+    fn visible_faces<const COVERED: bool>(
+        &mut self,
+        center: DVec3,
+        half: DVec3,
+        frame: &Frame,
+        faces: u8,
+        memory: Memory,
+    ) -> (u8, u8) {
         let b = frame_box(center, half, frame);
         let resolution = self.coverage.resolution;
-        faces_of::<COVERED>(&b, frame, resolution, faces, |face, [x0, x1, y0, y1], _| {
+        let mut remembered = 0;
+        let (visible, hidden) = faces_of::<COVERED>(&b, frame, resolution, faces, |face, [x0, x1, y0, y1], _| {
             #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
             let first_row = face.first_row(resolution as u32) as usize;
+            let pixels = [x0, x1, first_row + y0, first_row + y1];
             // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-            unsafe { K::all_covered(&self.coverage, [x0, x1, first_row + y0, first_row + y1]) }
-        })
+            let is_hidden = unsafe { K::all_covered(&self.coverage, pixels, memory == Memory::Ask) };
+            if memory == Memory::Keep && !is_hidden {
+                self.coverage.remember(pixels);
+                remembered |= 1 << face as u8;
+            }
+            is_hidden
+        });
+        if memory == Memory::Keep && visible & !remembered != 0 {
+            // So near that its pixels were not asked for.
+            self.coverage.remember(self.coverage.all());
+        }
+        (visible, hidden)
     }
 
     /// Draws a leaf's block in the order that its planes give.
@@ -358,7 +402,7 @@ impl<K: Kernel> OrderedEngine<K> {
                 }
             }
         }
-        self.draw_block::<COVERED>(shared, order, block, frame, faces, hidden, &lanes[..count]);
+        self.draw_block::<COVERED>(shared, order, block, frame, faces, hidden, &lanes[..count], false);
     }
 
     #[allow(clippy::too_many_arguments, reason = "private: the pieces of one loop")]
@@ -371,6 +415,7 @@ impl<K: Kernel> OrderedEngine<K> {
         faces: u8,
         hidden: u8,
         lanes: &[u8],
+        in_one_plane: bool,
     ) {
         let index = index as usize;
         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
@@ -388,7 +433,16 @@ impl<K: Kernel> OrderedEngine<K> {
         let mut shown = Shown::new();
         // SAFETY: as above.
         unsafe {
-            K::draw_bits::<COVERED>(&self.triangles, faces, lanes, &mut self.coverage, top, side, &mut shown);
+            K::draw_bits::<COVERED>(
+                &self.triangles,
+                faces,
+                lanes,
+                in_one_plane,
+                &mut self.coverage,
+                top,
+                side,
+                &mut shown,
+            );
         }
         self.counters.triangles_drawn += u64::from(shown.drawn);
         let incomplete = if hidden == 0 { shown.hidden } else { u16::MAX };
@@ -409,7 +463,8 @@ impl<K: Kernel> OrderedEngine<K> {
                 tiny &= tiny - 1;
                 let patch = self.triangles.seen[lane];
                 if patch < shared.tree.patch_count {
-                    self.tiny.push((patch, hidden != 0 || lines != NONE));
+                    let unproved = hidden != 0 || lines != NONE || shown.hidden >> lane & 1 != 0;
+                    self.tiny.push((patch, unproved));
                 }
             }
         }

@@ -3,9 +3,7 @@
 //!
 //! Spans are those of engine 1, to the bit.
 
-use super::{
-    Boxes, GROUP, Lanes, PixelBox, Transformed, boxes, clipped_box, edge_lines, flat_rows, three, walk,
-};
+use super::{Boxes, GROUP, Lanes, PixelBox, Transformed, boxes, clipped_box, edge_lines, flat_rows, three, walk};
 use hemicube::face::Face;
 use hemicube::tree::LANES;
 
@@ -27,6 +25,9 @@ pub(crate) struct Coverage {
     groups: usize,
     /// By column, then by group.
     rows: Vec<Rows>,
+    /// What was covered before the surfaces of one plane were begun, as far as was asked: surfaces in one plane do not hide
+    /// each other's centroids.
+    before: Vec<Rows>,
     /// Whether triangles whose box is covered are left out.
     pub(crate) culling: bool,
 }
@@ -39,7 +40,21 @@ impl Coverage {
             resolution,
             groups,
             rows: vec![Rows([0; GROUP]); groups * resolution.div_ceil(WIDTH)],
+            before: vec![Rows([0; GROUP]); groups * resolution.div_ceil(WIDTH)],
             culling,
+        }
+    }
+
+    /// The box of the whole atlas.
+    pub(crate) fn all(&self) -> [usize; 4] {
+        [0, self.resolution - 1, 0, 3 * self.resolution - 1]
+    }
+
+    /// Remembers what is covered now of a box of the atlas (inclusive).
+    pub(crate) fn remember(&mut self, [x0, x1, y0, y1]: [usize; 4]) {
+        for column in x0 / WIDTH..=x1 / WIDTH {
+            let range = column * self.groups + y0 / GROUP..=column * self.groups + y1 / GROUP;
+            self.before[range.clone()].copy_from_slice(&self.rows[range]);
         }
     }
 
@@ -47,10 +62,11 @@ impl Coverage {
         self.rows.fill(Rows([0; GROUP]));
     }
 
-    /// Whether a pixel of the atlas is covered.
+    /// Whether a pixel of the atlas is covered, or was when that was remembered.
     #[inline(always)]
-    pub(crate) fn is_covered(&self, row: usize, x: usize) -> bool {
-        self.rows[x / WIDTH * self.groups + row / GROUP].0[row % GROUP] >> (x % WIDTH) & 1 != 0
+    fn is_covered(&self, row: usize, x: usize, remembered: bool) -> bool {
+        let rows = if remembered { &self.before } else { &self.rows };
+        rows[x / WIDTH * self.groups + row / GROUP].0[row % GROUP] >> (x % WIDTH) & 1 != 0
     }
 
     /// The weight of all pixels that nothing covers.
@@ -119,7 +135,7 @@ pub(crate) struct Shown {
     pub(crate) seen: u16,
     /// Lanes that were left out on some face, as all their box was covered.
     pub(crate) hidden: u16,
-    /// Lanes that cover no pixel and whose centroid was seen before any lane was drawn. Only with `COVERED`.
+    /// Lanes that were not found to cover a pixel and whose centroid was seen before any lane was drawn. Only with `COVERED`.
     pub(crate) tiny: u16,
     /// Triangles drawn, counted once a face.
     pub(crate) drawn: u32,
@@ -172,14 +188,19 @@ pub(super) unsafe fn lacking_avx512(rows: &[u64; GROUP], mask: u64) -> u8 {
     }
 }
 
-/// Whether every pixel of a box of the atlas (inclusive) is covered.
+/// Whether every pixel of a box of the atlas (inclusive) is covered, or was when that was remembered.
 #[inline(always)]
-pub(crate) unsafe fn all_covered<L: Lanes>(coverage: &Coverage, [x0, x1, y0, y1]: [usize; 4]) -> bool {
+pub(crate) unsafe fn all_covered<L: Lanes>(
+    coverage: &Coverage,
+    [x0, x1, y0, y1]: [usize; 4],
+    remembered: bool,
+) -> bool {
+    let rows = if remembered { &coverage.before } else { &coverage.rows };
     for column in x0 / WIDTH..=x1 / WIDTH {
         let from = x0.saturating_sub(column * WIDTH);
         let to = (x1 + 1 - column * WIDTH).min(WIDTH);
         let mask = low_bits(to) & !low_bits(from);
-        let column = &coverage.rows[column * coverage.groups..][..coverage.groups];
+        let column = &rows[column * coverage.groups..][..coverage.groups];
         let (low, high) = (y0 / GROUP, y1 / GROUP);
         for (group, rows) in (low..).zip(&column[low..=high]) {
             // SAFETY: the caller's promise.
@@ -252,10 +273,12 @@ pub(crate) unsafe fn cover_lanes<L: Lanes>(
 }
 
 #[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "the arguments of `Kernel::draw_bits`")]
 pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
     t: &Transformed,
     faces: u8,
     order: &[u8],
+    remembered: bool,
     coverage: &mut Coverage,
     top: &[u32],
     side: &[u32],
@@ -263,7 +286,11 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
 ) {
     let resolution = coverage.resolution;
     let mut pixels = [0u32; LANES];
-    let open = if COVERED { open_centroids(t, coverage) } else { 0 };
+    let open = if COVERED {
+        open_centroids(t, faces, coverage, remembered)
+    } else {
+        0
+    };
     for face in Face::ALL {
         if faces >> face as u8 & 1 == 0 {
             continue;
@@ -298,7 +325,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
                 let (x0, y0) = (at(left), first_row + at(low));
                 let (x1, y1) = (at(right) - 1, first_row + at(high) - 1);
                 // SAFETY: the caller's promise.
-                if unsafe { all_covered::<L>(coverage, [x0, x1, y0, y1]) } {
+                if unsafe { all_covered::<L>(coverage, [x0, x1, y0, y1], false) } {
                     shown.hidden |= 1 << lane;
                     continue;
                 }
@@ -317,7 +344,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
         for (lane, &pixels) in pixels.iter().enumerate() {
             none |= u16::from(pixels == 0) << lane;
         }
-        shown.tiny = none & open & !shown.hidden;
+        shown.tiny = none & open;
     }
 }
 
@@ -333,7 +360,10 @@ pub(crate) struct DrawnLane {
 
 /// The lane of a block on a face, eight rows at a time: what [`Lanes::draw_lane`] must reproduce.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "private, called once: numbers that stay in registers")]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "private, called once: numbers that stay in registers"
+)]
 pub(super) unsafe fn draw_lane<L: Lanes, const COVERED: bool>(
     t: &Transformed,
     face: Face,
@@ -430,9 +460,16 @@ fn mark(
     let (mut seen, mut unseen) = (0, 0);
     for r in 0..GROUP {
         #[allow(clippy::cast_sign_loss, reason = "clamped")]
-        let (from, to) = ((starts[r] - offset).clamp(0, 64) as u64, (ends[r] - offset).clamp(0, 64) as u64);
+        let (from, to) = (
+            (starts[r] - offset).clamp(0, 64) as u64,
+            (ends[r] - offset).clamp(0, 64) as u64,
+        );
         let above = |count: u64| if count >= 64 { 0 } else { u64::MAX << count };
-        let mask = if rows >> r & 1 != 0 { above(from) & !above(to) } else { 0 };
+        let mask = if rows >> r & 1 != 0 {
+            above(from) & !above(to)
+        } else {
+            0
+        };
         let shows = mask & !covered[r];
         covered[r] |= mask;
         visible[r] = shows;
@@ -449,7 +486,10 @@ fn mark(
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
-#[allow(clippy::too_many_arguments, reason = "private, called once: numbers that stay in registers")]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "private, called once: numbers that stay in registers"
+)]
 pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
     t: &Transformed,
     face: Face,
@@ -507,12 +547,13 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
         let (first, last) = (x0 / WIDTH, x1 / WIDTH);
         let iota = _mm512_setr_pd(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0);
         let ones = _mm512_set1_epi64(-1);
-        let (first_x, end_x) = (
-            _mm512_set1_pd(f64::from(left)),
-            _mm512_set1_pd(f64::from(right)),
-        );
+        let (first_x, end_x) = (_mm512_set1_pd(f64::from(left)), _mm512_set1_pd(f64::from(right)));
         let mut pixel_sum = _mm256_setzero_si256();
-        #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "at most 1024")]
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_possible_wrap,
+            reason = "at most 1024"
+        )]
         let (width, row_steps) = (
             resolution as i32,
             _mm256_mullo_epi32(
@@ -537,10 +578,7 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
             let ys = _mm512_add_pd(_mm512_set1_pd(y as f64), iota);
             let (mut least, mut most) = (first_x, end_x);
             for k in 0..3 {
-                let x = _mm512_add_pd(
-                    _mm512_mul_pd(_mm512_set1_pd(slope[k]), ys),
-                    _mm512_set1_pd(offset[k]),
-                );
+                let x = _mm512_add_pd(_mm512_mul_pd(_mm512_set1_pd(slope[k]), ys), _mm512_set1_pd(offset[k]));
                 least = _mm512_mask_max_pd(least, all(from_left, k), x, least);
                 most = _mm512_mask_min_pd(most, all(from_right, k), x, most);
             }
@@ -564,7 +602,12 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
                 let from = _mm512_max_epi64(_mm512_sub_epi64(start64, offset), zero);
                 let to = _mm512_max_epi64(_mm512_sub_epi64(end64, offset), zero);
                 let mask = _mm512_maskz_andnot_epi64(rows, _mm512_sllv_epi64(ones, to), _mm512_sllv_epi64(ones, from));
-                let words = coverage.rows.get_unchecked_mut(column * coverage.groups + group).0.as_mut_ptr().cast();
+                let words = coverage
+                    .rows
+                    .get_unchecked_mut(column * coverage.groups + group)
+                    .0
+                    .as_mut_ptr()
+                    .cast();
                 let covered = _mm512_load_epi64(words);
                 let shows = _mm512_andnot_si512(covered, mask);
                 _mm512_store_epi64(words, _mm512_or_si512(covered, mask));
@@ -576,7 +619,11 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
             let whole_rows = rows & !unseen;
             let weighed = if COVERED { rows } else { whole_rows };
             if weighed != 0 {
-                #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "at most 2^20 pixels")]
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_possible_wrap,
+                    reason = "at most 2^20 pixels"
+                )]
                 let base = _mm256_add_epi32(row_steps, _mm256_set1_epi32(y as i32 * width));
                 // Gather instructions are slower than this. Rows that are not weighed begin and end at 0.
                 let mut before = [0u32; GROUP];
@@ -586,7 +633,8 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
                 _mm256_storeu_si256(after.as_mut_ptr().cast(), place(end));
                 // In memory, or the compiler makes a gather of it again.
                 let (before, after) = (std::hint::black_box(&before), std::hint::black_box(&after));
-                let weight = |r: usize| running.get_unchecked(after[r] as usize) - running.get_unchecked(before[r] as usize);
+                let weight =
+                    |r: usize| running.get_unchecked(after[r] as usize) - running.get_unchecked(before[r] as usize);
                 let mut all = 0u32;
                 for r in 0..GROUP {
                     all = all.wrapping_add(weight(r));
@@ -630,9 +678,9 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
     drawn
 }
 
-/// Lanes whose centroid lies above the horizon at a pixel that nothing covers.
+/// Lanes whose centroid lies above the horizon at a pixel of one of the faces that nothing covers.
 #[inline(always)]
-fn open_centroids(t: &Transformed, coverage: &Coverage) -> u16 {
+fn open_centroids(t: &Transformed, faces: u8, coverage: &Coverage, remembered: bool) -> u16 {
     let resolution = coverage.resolution;
     #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
     let half = resolution as f32 * 0.5;
@@ -662,12 +710,13 @@ fn open_centroids(t: &Transformed, coverage: &Coverage) -> u16 {
             x
         };
         let v = if on_top { y } else { z };
-        let side = match (on_x, x > 0.0, y > 0.0) {
-            (true, true, _) => 0.0,
-            (true, false, _) => 1.0,
-            (false, _, true) => 2.0,
-            (false, _, false) => 3.0,
+        let (side, bit) = match (on_x, x > 0.0, y > 0.0) {
+            (true, true, _) => (0.0, 1 << Face::PosX as u32),
+            (true, false, _) => (1.0, 1 << Face::NegX as u32),
+            (false, _, true) => (2.0, 1 << Face::PosY as u32),
+            (false, _, false) => (3.0, 1 << Face::NegY as u32),
         };
+        let bit = if on_top { 1 << Face::Top as u32 } else { bit };
         let inverse = 1.0 / w;
         let edge = 2.0 * half - 1.0;
         let column = clamped(u * inverse * half + half, edge);
@@ -682,14 +731,14 @@ fn open_centroids(t: &Transformed, coverage: &Coverage) -> u16 {
             rows[l] = row.to_int_unchecked();
             columns[l] = column.to_int_unchecked();
         }
-        above[l] = u32::from(z > 0.0);
+        above[l] = u32::from(z > 0.0) & u32::from(u32::from(faces) & bit != 0);
     }
     let mut open = 0;
     let mut lanes = t.live;
     while lanes != 0 {
         let l = lanes.trailing_zeros() as usize;
         lanes &= lanes - 1;
-        if above[l] != 0 && !coverage.is_covered(rows[l] as usize, columns[l] as usize) {
+        if above[l] != 0 && !coverage.is_covered(rows[l] as usize, columns[l] as usize, remembered) {
             open |= 1 << l;
         }
     }

@@ -1,0 +1,264 @@
+//! The two engines of the CPU backend see the same: pixel sums are the same bits, covered weights too, and engine 2 is as
+//! lossless and as independent of the instruction set when it is forced on scenes that do not suit it.
+
+use hemicube::Model;
+use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
+use hemicube::row::{RowBlock, RowView};
+use hemicube_backend_cpu::{CpuBackend, EngineChoice, Isa};
+use hemicube_scene::Subdivision;
+use hemicube_scene::generate::{self, Kind};
+use hemicube_tests::extremes;
+use hemicube_tests::rows::{hemicubes, render_with, spread};
+use hemicube_tests::scenes::{generated, model, read, say, scenes_or_skip};
+use std::collections::{BTreeMap, BTreeSet};
+
+fn backend(choice: EngineChoice, isa: Isa) -> CpuBackend {
+    CpuBackend::with_isa(isa)
+        .expect("an instruction set of this machine")
+        .with_engine(choice)
+}
+
+fn settings(resolution: u32, covered: bool) -> RenderSettings {
+    RenderSettings {
+        resolution,
+        culling: Culling::On,
+        covered,
+    }
+}
+
+fn rows(model: &Model, choice: EngineChoice, count: usize, settings: RenderSettings) -> RowBlock {
+    let hemicubes = hemicubes(model, &spread(model, count));
+    let mut backend = backend(choice, Isa::available()[0]);
+    let (rows, _) = render_with(&mut backend, model, &hemicubes, settings);
+    assert_eq!(backend.engine(), Some(choice));
+    rows
+}
+
+/// Scenes of every kind, those that suit engine 2 and those that do not.
+fn scenes() -> Vec<(String, Model)> {
+    let mut found = vec![
+        (
+            "Cornell box ×256".to_owned(),
+            model(generate::cornell_box(), Subdivision::Levels(4)),
+        ),
+        (
+            "open Cornell box".to_owned(),
+            model(generate::cornell_box_open(), Subdivision::Levels(2)),
+        ),
+    ];
+    for (kind, count) in [
+        (Kind::BlockCity, 9_000),
+        (Kind::City, 9_000),
+        (Kind::Maze, 5_000),
+        (Kind::Spheres, 3_000),
+        (Kind::Field, 3_000),
+        (Kind::Soup, 1_500),
+    ] {
+        found.push((kind.name().to_owned(), generated(kind, count)));
+    }
+    let spec = generate::Generate {
+        kind: Kind::Soup,
+        target_patches: 1_500,
+        seed: 5,
+    };
+    let mut scene = generate::generate(spec).expect("a target in range");
+    for triangle in scene.triangles.iter_mut().step_by(3) {
+        triangle.two_sided = true;
+    }
+    found.push(("two-sided soup".to_owned(), model(scene, Subdivision::None)));
+    for (name, scene) in [
+        ("duplicates", extremes::duplicates()),
+        ("slivers", extremes::slivers()),
+        ("room with a block", extremes::room_with_a_block(4)),
+        ("mote", extremes::mote()),
+        ("buried centroids", extremes::buried_centroids()),
+    ] {
+        found.push((name.to_owned(), model(scene, Subdivision::None)));
+    }
+    found
+}
+
+#[test]
+fn pixel_sums_are_the_same_bits() {
+    for (name, model) in scenes() {
+        for resolution in [64, 256] {
+            let [depth, order] = [EngineChoice::Depth, EngineChoice::Order]
+                .map(|engine| rows(&model, engine, 60, settings(resolution, false)));
+            for row in 0..depth.len() {
+                assert_eq!(depth.row(row), order.row(row), "{name}, N = {resolution}, row {row}");
+            }
+        }
+    }
+}
+
+#[test]
+fn covered_weights_are_the_same_bits() {
+    for (name, model) in scenes() {
+        let [depth, order] =
+            [EngineChoice::Depth, EngineChoice::Order].map(|engine| rows(&model, engine, 60, settings(128, true)));
+        let (mut shared, mut tiny_of_depth, mut tiny_of_order) = (0, 0, 0);
+        for row in 0..depth.len() {
+            let (depth, order) = (depth.row(row), order.row(row));
+            assert_eq!(
+                (depth.escaped, depth.blocked),
+                (order.escaped, order.blocked),
+                "{name}, row {row}"
+            );
+            let mut others = order.patches.iter().zip(order.visible).zip(order.covered).peekable();
+            for ((patch, visible), covered) in depth.patches.iter().zip(depth.visible).zip(depth.covered) {
+                while others.next_if(|((p, _), _)| *p < patch).is_some() {
+                    tiny_of_order += 1;
+                }
+                match others.next_if(|((p, _), _)| *p == patch) {
+                    Some(((_, v), c)) => {
+                        assert_eq!((v, c), (visible, covered), "{name}, row {row}, patch {patch}");
+                        shared += 1;
+                    }
+                    None => {
+                        assert_eq!(
+                            (*visible, *covered),
+                            (0, 0),
+                            "{name}, row {row}, patch {patch} is not seen"
+                        );
+                        tiny_of_depth += 1;
+                    }
+                }
+            }
+            for ((patch, visible), covered) in others {
+                assert_eq!((*visible, *covered), (0, 0), "{name}, row {row}, patch {patch} is seen");
+                tiny_of_order += 1;
+            }
+        }
+        assert!(shared > 0, "{name}: nothing was compared");
+        say(&format!(
+            "{name}: {shared} entries alike; tiny patches seen by one engine only: depth {tiny_of_depth}, order {tiny_of_order}"
+        ));
+        // Where pixels decide what hides a tiny patch, the engines may differ on some.
+        assert!(
+            tiny_of_depth + tiny_of_order <= shared / 4 + 8,
+            "{name}: {tiny_of_depth} + {tiny_of_order} of {shared}"
+        );
+    }
+}
+
+#[test]
+fn culling_in_order_is_lossless() {
+    for (name, model) in scenes() {
+        for covered in [false, true] {
+            let on = settings(64, covered);
+            let off = RenderSettings {
+                culling: Culling::Off,
+                ..on
+            };
+            let [on, off] = [on, off].map(|s| rows(&model, EngineChoice::Order, 30, s));
+            for row in 0..on.len() {
+                assert_eq!(on.row(row), off.row(row), "{name}, covered {covered}, row {row}");
+            }
+        }
+    }
+}
+
+#[test]
+fn instruction_sets_draw_the_same() {
+    for (name, model) in scenes() {
+        for covered in [false, true] {
+            let hemicubes = hemicubes(&model, &spread(&model, 30));
+            let of = |isa| {
+                let mut backend = backend(EngineChoice::Order, isa);
+                render_with(&mut backend, &model, &hemicubes, settings(144, covered))
+            };
+            let portable = of(Isa::Portable);
+            for isa in Isa::available() {
+                assert_eq!(of(isa), portable, "{name}, {isa:?}, covered {covered}");
+            }
+        }
+    }
+}
+
+#[test]
+fn real_scenes_are_the_same_in_both() {
+    let Some(folder) = scenes_or_skip("engines::real_scenes_are_the_same_in_both") else {
+        return;
+    };
+    for (file, most) in [
+        ("city/denhaag-8897.obj", 12),
+        ("city/rotterdam-delfshaven.obj", 6),
+        ("interior/aggressor.obj", 0),
+        ("cornell/cornell-measured-closed-20q.obj", 0),
+    ] {
+        let scene = read(&folder, file).unwrap_or_else(|error| panic!("{error}"));
+        let model = model(scene, Subdivision::None);
+        let [depth, order] =
+            [EngineChoice::Depth, EngineChoice::Order].map(|engine| rows(&model, engine, 60, settings(128, false)));
+        // Walls a hair apart are nearer to each other than f32 depths can tell; the order can.
+        let apart: Vec<u64> = (0..depth.len())
+            .map(|r| apart(&depth.row(r), &order.row(r)))
+            .filter(|&weight| weight > 0)
+            .collect();
+        say(&format!(
+            "{file}: {} of {} rows differ, by at most {:.1e} of the whole",
+            apart.len(),
+            depth.len(),
+            apart.iter().max().map_or(0.0, |&w| w as f64 / f64::from(WHOLE))
+        ));
+        assert!(apart.len() <= most, "{file}: {} rows differ", apart.len());
+        assert!(
+            apart.iter().all(|&weight| weight <= u64::from(WHOLE) / 1000),
+            "{file}: {apart:?}"
+        );
+    }
+}
+
+/// Half the weight that two rows disagree about.
+fn apart(a: &RowView<'_>, b: &RowView<'_>) -> u64 {
+    let of = |row: &RowView<'_>| -> BTreeMap<u32, u32> {
+        row.patches.iter().copied().zip(row.visible.iter().copied()).collect()
+    };
+    let (of_a, of_b) = (of(a), of(b));
+    let patches: BTreeSet<u32> = of_a.keys().chain(of_b.keys()).copied().collect();
+    let weight = |row: &BTreeMap<u32, u32>, patch| row.get(&patch).copied().unwrap_or(0);
+    let entries: u64 = patches
+        .iter()
+        .map(|p| u64::from(weight(&of_a, *p).abs_diff(weight(&of_b, *p))))
+        .sum();
+    (entries + u64::from(a.escaped.abs_diff(b.escaped)) + u64::from(a.blocked.abs_diff(b.blocked))) / 2
+}
+
+#[test]
+fn a_difference_is_noticed() {
+    fn row(visible: &[u32; 2], escaped: u32) -> RowView<'_> {
+        RowView {
+            patches: &[3, 5],
+            visible,
+            covered: &[0, 0],
+            escaped,
+            blocked: 0,
+        }
+    }
+    assert_eq!(apart(&row(&[10, 20], 5), &row(&[10, 20], 5)), 0);
+    assert_eq!(apart(&row(&[10, 20], 5), &row(&[12, 17], 6)), 3);
+}
+
+#[test]
+fn each_scene_gets_the_engine_that_suits_it() {
+    let chosen = |model: &Model| {
+        let mut backend = CpuBackend::new();
+        backend
+            .load(model.geometry(), settings(64, false))
+            .expect("legal settings");
+        (backend.engine(), backend.choices().join("\n"))
+    };
+    for (kind, count, wanted) in [
+        (Kind::BlockCity, 9_000, EngineChoice::Order),
+        (Kind::BlockCity, 140_000, EngineChoice::Order),
+        (Kind::Maze, 10_000, EngineChoice::Order),
+        (Kind::Spheres, 10_000, EngineChoice::Depth),
+        (Kind::Soup, 10_000, EngineChoice::Depth),
+    ] {
+        let (engine, reason) = chosen(&generated(kind, count));
+        assert_eq!(engine, Some(wanted), "{}: {reason}", kind.name());
+        assert!(reason.starts_with("engine "), "{reason}");
+    }
+    let room = model(generate::cornell_box(), Subdivision::Levels(4));
+    assert_eq!(chosen(&room).0, Some(EngineChoice::Order));
+}
