@@ -1,6 +1,7 @@
 //! One session of engine 1: the walk over the tree, then the reduction of the row.
 
 use crate::Shared;
+use crate::alone::Alone;
 use crate::kernel::{Chunk, Frame, GROUP, Kernel, Reduction, Sums, Target, Transformed, is_small, three};
 use glam::DVec3;
 use hemicube::InputPatch;
@@ -25,6 +26,9 @@ pub(crate) struct Engine<K> {
     tiny_candidates: Vec<u32>,
     tiny: Vec<u32>,
     row: Vec<(u32, u32, u32)>,
+    /// Patches of which it is to be counted what they cover alone.
+    uncounted: Vec<u32>,
+    alone: Alone<K>,
     counters: Counters,
     kernel: PhantomData<K>,
 }
@@ -84,6 +88,8 @@ impl<K: Kernel> Engine<K> {
             tiny_candidates: Vec::new(),
             tiny: Vec::new(),
             row: Vec::new(),
+            uncounted: Vec::new(),
+            alone: Alone::new(),
             counters: Counters::default(),
             kernel: PhantomData,
         }
@@ -159,25 +165,26 @@ impl<K: Kernel> Engine<K> {
             id if id == tree.patch_count => blocked = weight,
             _ => escaped = weight,
         });
-        let mut tiny = self.tiny.iter().copied().peekable();
-        for &(id, pixels, weight) in &self.row {
-            // A tiny patch has no pixel, so its id is never in the row already.
-            while let Some(tiny) = tiny.next_if(|&t| t < id) {
-                out.push(InputPatch(tiny), 0, 0);
-            }
+        // What is not known of covered weights is counted; of the others, all that is covered is seen.
+        self.uncounted.clear();
+        for &(id, pixels, _) in &self.row {
             let slot = tree.slot_of_patch[id as usize] as usize;
             let (block, lane) = (slot / LANES, slot % LANES);
             let drawn = &self.drawn[block];
             let known = drawn.incomplete >> lane & 1 == 0 && drawn.hemicube == self.hemicube;
-            let covered = if known && drawn.pixels[lane] == pixels {
-                weight
-            } else {
-                // SAFETY: as above.
-                unsafe {
-                    K::transform(&tree.blocks[block], &frame, &mut self.triangles);
-                    K::cover(&self.triangles, lane, self.target.resolution, top, side).1
-                }
-            };
+            if !(known && drawn.pixels[lane] == pixels) {
+                self.uncounted.push(id);
+            }
+        }
+        let counts = self.alone.count(shared, &frame, &self.uncounted);
+        let mut counted = self.uncounted.iter().zip(counts).peekable();
+        let mut tiny = self.tiny.iter().copied().peekable();
+        for &(id, _, weight) in &self.row {
+            // A tiny patch has no pixel, so its id is never in the row already.
+            while let Some(tiny) = tiny.next_if(|&t| t < id) {
+                out.push(InputPatch(tiny), 0, 0);
+            }
+            let covered = counted.next_if(|(patch, _)| **patch == id).map_or(weight, |(_, c)| c.1);
             out.push(InputPatch(id), weight, covered);
         }
         for tiny in tiny {
@@ -340,6 +347,7 @@ impl<K: Kernel> Engine<K> {
     fn find_tiny(&mut self, shared: &Shared, frame: &Frame) {
         let tree = &shared.tree;
         let mut candidates = std::mem::take(&mut self.tiny_candidates);
+        self.uncounted.clear();
         for &patch in &candidates {
             let slot = tree.slot_of_patch[patch as usize] as usize;
             let (block, lane) = (slot / LANES, slot % LANES);
@@ -369,21 +377,16 @@ impl<K: Kernel> Engine<K> {
             if !in_front {
                 continue;
             }
-            // A block that was hidden on one of its faces was not drawn there, so its pixels must be counted now.
+            // A block that was hidden on one of its faces was not drawn there, so its pixels must be counted.
             if self.drawn[block].incomplete >> lane & 1 != 0 {
-                let table = &shared.table;
-                // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-                let (pixels, _) = unsafe {
-                    K::transform(&tree.blocks[block], frame, &mut self.triangles);
-                    let (top, side) = (table.running(Face::Top), table.running(Face::PosX));
-                    K::cover(&self.triangles, lane, self.target.resolution, top, side)
-                };
-                if pixels != 0 {
-                    continue;
-                }
+                self.uncounted.push(patch);
+            } else {
+                self.tiny.push(patch);
             }
-            self.tiny.push(patch);
         }
+        let counts = self.alone.count(shared, frame, &self.uncounted);
+        let none = self.uncounted.iter().zip(counts).filter(|(_, (pixels, _))| *pixels == 0);
+        self.tiny.extend(none.map(|(&patch, _)| patch));
         candidates.clear();
         self.tiny_candidates = candidates;
         self.tiny.sort_unstable();

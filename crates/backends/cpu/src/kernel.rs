@@ -207,12 +207,6 @@ pub(crate) trait Kernel: Send + 'static {
         pixels: &mut [u32; LANES],
     ) -> Drawn;
 
-    /// Pixels and weight that one lane covers alone, over all faces.
-    ///
-    /// # Safety
-    /// The machine has the instruction set.
-    unsafe fn cover(triangles: &Transformed, lane: usize, resolution: usize, top: &[u32], side: &[u32]) -> (u32, u32);
-
     /// Pixels and weight that each of some lanes covers alone, over all faces.
     ///
     /// # Safety
@@ -898,49 +892,6 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
 }
 
 #[inline(always)]
-pub(crate) unsafe fn cover<L: Lanes>(
-    t: &Transformed,
-    lane: usize,
-    resolution: usize,
-    top: &[u32],
-    side: &[u32],
-) -> (u32, u32) {
-    let (mut count, mut weight) = (0, 0);
-    for face in Face::ALL {
-        // SAFETY: the caller's promise.
-        let boxes = unsafe { boxes::<L>(t, face, resolution) };
-        let pixel_box = if boxes.whole >> lane & 1 != 0 {
-            PixelBox {
-                x0: boxes.x0[lane],
-                x1: boxes.x1[lane],
-                y0: boxes.y0[lane],
-                y1: boxes.y1[lane],
-            }
-        } else if boxes.straddling >> lane & 1 != 0 {
-            match clipped_box(t, face, lane, resolution) {
-                Some(pixel_box) => pixel_box,
-                None => continue,
-            }
-        } else {
-            continue;
-        };
-        let (lines, _) = edge_lines(t, face, lane, resolution);
-        let running = if face.is_top() { top } else { side };
-        // SAFETY: the caller's promise.
-        unsafe {
-            walk::<L>(&lines, pixel_box, |row, start, end| {
-                #[allow(clippy::cast_possible_truncation, reason = "at most 1024 pixels")]
-                {
-                    count += (end - start) as u32;
-                }
-                weight += running[row * resolution + end] - running[row * resolution + start];
-            });
-        }
-    }
-    (count, weight)
-}
-
-#[inline(always)]
 pub(crate) fn tile_depth(depth: &[Chunk<f32>], first: usize, chunks_per_row: usize) -> f32 {
     let mut lanes = depth[first].0;
     for row in 1..GROUP {
@@ -1122,11 +1073,6 @@ impl Kernel for Portable {
     ) -> Drawn {
         // SAFETY: the portable path needs no instruction set.
         unsafe { draw::<Self, COUNT>(triangles, face, lanes, target, pixels) }
-    }
-
-    unsafe fn cover(triangles: &Transformed, lane: usize, resolution: usize, top: &[u32], side: &[u32]) -> (u32, u32) {
-        // SAFETY: as above.
-        unsafe { cover::<Self>(triangles, lane, resolution, top, side) }
     }
 
     unsafe fn cover_lanes(
@@ -1496,28 +1442,6 @@ pub(crate) mod x86 {
                     }
                     // SAFETY: the caller's promise of the instruction set.
                     unsafe { inner::<COUNT>(triangles, face, lanes, target, pixels) }
-                }
-
-                unsafe fn cover(
-                    triangles: &Transformed,
-                    lane: usize,
-                    resolution: usize,
-                    top: &[u32],
-                    side: &[u32],
-                ) -> (u32, u32) {
-                    #[target_feature(enable = $features)]
-                    fn inner(
-                        triangles: &Transformed,
-                        lane: usize,
-                        resolution: usize,
-                        top: &[u32],
-                        side: &[u32],
-                    ) -> (u32, u32) {
-                        // SAFETY: this function has the instruction set.
-                        unsafe { cover::<$name>(triangles, lane, resolution, top, side) }
-                    }
-                    // SAFETY: the caller's promise of the instruction set.
-                    unsafe { inner(triangles, lane, resolution, top, side) }
                 }
 
                 unsafe fn cover_lanes(

@@ -21,6 +21,7 @@
 //! # }
 //! ```
 
+mod alone;
 mod engine;
 mod kernel;
 mod order;

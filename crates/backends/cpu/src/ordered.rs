@@ -1,6 +1,7 @@
 //! One session of engine 2: the walk over the order, nearest first, and the row straight from what was drawn.
 
 use crate::Shared;
+use crate::alone::Alone;
 use crate::engine::{ALL_FACES, faces_of, frame, frame_box};
 use crate::kernel::{Coverage, Frame, Kernel, Shown, Sums, Transformed};
 use crate::order::{NO_PLANE, NONE, Order, PlaneNode};
@@ -9,7 +10,7 @@ use hemicube::InputPatch;
 use hemicube::backend::{Counters, Culling, Hemicube};
 use hemicube::face::Face;
 use hemicube::row::RowBlock;
-use hemicube::tree::{Block, INNER, LANES, UNUSED};
+use hemicube::tree::{Block, INNER, LANES};
 use std::marker::PhantomData;
 
 /// A hemicube's working memory. One a thread.
@@ -26,7 +27,9 @@ pub(crate) struct OrderedEngine<K> {
     row: Vec<Entry>,
     /// Places in `row` whose covered weight is to be counted.
     uncounted: Vec<u32>,
-    gathered: Box<Block>,
+    /// Their patches.
+    patches: Vec<u32>,
+    alone: Alone<K>,
     counters: Counters,
     kernel: PhantomData<K>,
 }
@@ -88,11 +91,8 @@ impl<K: Kernel> OrderedEngine<K> {
             tiny: Vec::new(),
             row: Vec::new(),
             uncounted: Vec::new(),
-            gathered: Box::new(Block {
-                corners: [[0.0; LANES]; 9],
-                negative: [UNUSED; LANES],
-                positive: [UNUSED; LANES],
-            }),
+            patches: Vec::new(),
+            alone: Alone::new(),
             counters: Counters::default(),
             kernel: PhantomData,
         }
@@ -183,41 +183,21 @@ impl<K: Kernel> OrderedEngine<K> {
                 uncounted.push(place as u32);
             }
         }
-        self.count(shared, &frame);
+        self.patches.clear();
+        self.patches
+            .extend(self.uncounted.iter().map(|&place| self.row[place as usize].patch));
+        let counts = self.alone.count(shared, &frame, &self.patches);
+        for (&place, &(pixels, weight)) in self.uncounted.iter().zip(counts) {
+            let entry = &mut self.row[place as usize];
+            // Of a tiny one, only whether it covers a pixel.
+            entry.covered = if entry.tiny { pixels } else { weight };
+        }
         for entry in &self.row {
             if !(entry.tiny && entry.covered != 0) {
                 out.push(InputPatch(entry.patch), entry.visible, entry.covered);
             }
         }
         out.end_row(escaped, blocked);
-    }
-
-    /// Counts what entries cover alone, sixteen at a time. Of a tiny one, only whether it covers a pixel.
-    fn count(&mut self, shared: &Shared, frame: &Frame) {
-        let tree = &shared.tree;
-        let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
-        for places in self.uncounted.chunks(LANES) {
-            for (lane, &place) in places.iter().enumerate() {
-                let slot = tree.slot_of_patch[self.row[place as usize].patch as usize] as usize;
-                let (block, from) = (&tree.blocks[slot / LANES], slot % LANES);
-                for (to, corners) in self.gathered.corners.iter_mut().zip(&block.corners) {
-                    to[lane] = corners[from];
-                }
-                self.gathered.negative[lane] = block.negative[from];
-                self.gathered.positive[lane] = block.positive[from];
-            }
-            let lanes = u16::MAX >> (LANES - places.len());
-            let mut counts = [(0, 0); LANES];
-            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-            unsafe {
-                K::transform(&self.gathered, frame, &mut self.triangles);
-                K::cover_lanes(&self.triangles, lanes, self.coverage.resolution, top, side, &mut counts);
-            }
-            for (&place, &(pixels, weight)) in places.iter().zip(&counts) {
-                let entry = &mut self.row[place as usize];
-                entry.covered = if entry.tiny { pixels } else { weight };
-            }
-        }
     }
 
     /// Draws the scene into the coverage, which is clear, and adds up what is seen.
