@@ -130,12 +130,12 @@ pub(crate) fn sample(rows: &[InputPatch], count: usize, seed: u64) -> Vec<InputP
     chosen
 }
 
-/// Takes finished parts, in order.
-pub trait PartSink {
+/// Takes finished parts, in order, on a thread of its own, so that rows are computed while a part is written.
+pub trait PartSink: Send {
     /// Takes the next part.
     ///
     /// # Errors
-    /// When it cannot be kept; the computation then ends.
+    /// When it cannot be kept; the computation then ends, and no further part comes.
     fn take(&mut self, part: Part) -> Result<(), crate::store::Error>;
 }
 
@@ -202,7 +202,7 @@ pub struct Summary {
     pub threads: usize,
     /// Time from the first row asked for to the last part kept.
     pub elapsed: Duration,
-    /// Time in the sink, part of `elapsed`.
+    /// Time in the sink; rows were computed meanwhile.
     pub sink: Duration,
 }
 
@@ -228,7 +228,7 @@ pub enum ComputeError {
         /// What is wrong.
         source: RowError,
     },
-    /// A worker panicked: a defect of this program.
+    /// A worker or the sink panicked: a defect of this program.
     #[error("a worker thread panicked: {message}; this is a defect of hemicube, please report it")]
     Panic {
         /// The panic's message.
@@ -293,7 +293,7 @@ impl Queue {
     }
 }
 
-/// Stops the queue when its worker panics: nobody would compute the batch that the others then wait for.
+/// Stops the queue when its thread panics: nobody would compute the batch, or take the part, that the others wait for.
 struct StopOnPanic<'a>(&'a Queue);
 
 impl Drop for StopOnPanic<'_> {
@@ -378,6 +378,14 @@ pub fn compute(
     };
     std::thread::scope(|scope| {
         let (sender, receiver) = mpsc::channel();
+        let (parts, finished) = mpsc::sync_channel(PARTS_WAITING);
+        let writer = {
+            let queue = &queue;
+            scope.spawn(move || {
+                let _stop = StopOnPanic(queue);
+                keep_parts(&finished, queue, sink)
+            })
+        };
         let workers: Vec<_> = sessions
             .into_iter()
             .map(|mut session| {
@@ -412,7 +420,7 @@ pub fn compute(
             batches_per_part,
             &queue,
             &receiver,
-            sink,
+            parts,
             progress,
             execution.cancel,
             &mut summary,
@@ -423,18 +431,50 @@ pub fn compute(
         let mut panic = None;
         for worker in workers {
             if let Err(payload) = worker.join() {
-                let message = payload
-                    .downcast_ref::<&str>()
-                    .map(|s| (*s).to_owned())
-                    .or_else(|| payload.downcast_ref::<String>().cloned())
-                    .unwrap_or_else(|| "no message".to_owned());
-                panic.get_or_insert(ComputeError::Panic { message });
+                panic.get_or_insert(panicked(payload.as_ref()));
             }
         }
-        panic.map_or(result, Err)
+        // Parts that are waiting are whole, and are kept whatever ended the run.
+        let kept = match writer.join() {
+            Ok(kept) => kept.map_err(ComputeError::from),
+            Err(payload) => Err(panic.take().unwrap_or_else(|| panicked(payload.as_ref()))),
+        };
+        summary.sink = panic.map_or(result, Err).and(kept)?;
+        Ok::<(), ComputeError>(())
     })?;
     summary.elapsed = started.elapsed();
     Ok(summary)
+}
+
+fn panicked(payload: &(dyn std::any::Any + Send)) -> ComputeError {
+    let message = payload
+        .downcast_ref::<&str>()
+        .map(|s| (*s).to_owned())
+        .or_else(|| payload.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no message".to_owned());
+    ComputeError::Panic { message }
+}
+
+/// Parts that wait for the sink while it is at one: two, so that a slow disk is always busy. What is beyond them stops
+/// the workers, which bounds memory.
+const PARTS_WAITING: usize = 2;
+
+/// Hands parts to the sink as they come; the time it took. Its error ends the run: the workers get no further batch.
+fn keep_parts(
+    finished: &mpsc::Receiver<Part>,
+    queue: &Queue,
+    sink: &mut dyn PartSink,
+) -> Result<Duration, crate::store::Error> {
+    let mut spent = Duration::ZERO;
+    for part in finished {
+        let before = Instant::now();
+        if let Err(error) = sink.take(part) {
+            queue.stop_at(0);
+            return Err(error);
+        }
+        spent += before.elapsed();
+    }
+    Ok(spent)
 }
 
 /// Renders, checks and converts the rows of one batch.
@@ -523,14 +563,15 @@ fn backend_name(backend: &dyn HemicubeBackend) -> String {
     backend.info().name.clone()
 }
 
-/// Puts batches back in order, appends them to parts, and hands full parts to the sink.
+/// Puts batches back in order, appends them to parts, and hands full parts on. Ends early, and without an error of its
+/// own, when nobody takes parts any more.
 #[allow(clippy::too_many_arguments, reason = "private, called once: the pieces of one loop")]
 fn collect(
     plan: &Plan,
     batches_per_part: usize,
     queue: &Queue,
     receiver: &mpsc::Receiver<(usize, Result<Batch, ComputeError>)>,
-    sink: &mut dyn PartSink,
+    parts: mpsc::SyncSender<Part>,
     progress: &mut dyn FnMut(Progress),
     cancel: Option<&AtomicBool>,
     summary: &mut Summary,
@@ -584,9 +625,9 @@ fn collect(
                     summary.sums.unselected += sums.unselected;
                 }
                 let next_part = empty_part(part.index + 1);
-                let before = Instant::now();
-                sink.take(std::mem::replace(&mut part, next_part))?;
-                summary.sink += before.elapsed();
+                if parts.send(std::mem::replace(&mut part, next_part)).is_err() {
+                    return Ok(());
+                }
             }
         }
         queue.collected(next);
