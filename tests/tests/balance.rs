@@ -66,6 +66,8 @@ impl Subject {
             patch_count: count(self.model.patches().len()),
             row_count: count(plan.rows.len()),
             rows_per_part: plan.rows_per_part,
+            form: hemicube::store::Form::Plain,
+            min_factor: 0.0,
             backend: BackendEntry {
                 name: "cpu".to_owned(),
                 version: "1".to_owned(),

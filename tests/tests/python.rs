@@ -136,6 +136,8 @@ fn scipy_opens_everything() {
         patch_count,
         row_count: patch_count,
         rows_per_part: plan.rows_per_part,
+        form: hemicube::store::Form::Plain,
+        min_factor: 0.0,
         backend: BackendEntry {
             name: "cpu".to_owned(),
             version: "1".to_owned(),

@@ -2,6 +2,7 @@
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use hemicube::backend::RESOLUTIONS;
+use hemicube::store::Form;
 use hemicube_scene::Axis;
 use hemicube_scene::generate::Kind;
 use std::ffi::{OsStr, OsString};
@@ -19,6 +20,18 @@ Exit status:
   1    a check, a comparison or a tolerance did not hold
   2    wrong usage, unreadable input, or something that could not be written
   130  interrupted; what was computed is kept";
+
+/// The same for `balance`, of which an interrupt leaves nothing of use.
+const AFTER_BALANCE_HELP: &str = "\
+Environment:
+  HEMICUBE_NO_PROGRESS  1: no progress bar
+  HEMICUBE_LOG          what the libraries log: error, warn, info, debug, trace
+Exit status:
+  0    done
+  1    the rows did not settle within `--max-sweeps`; the matrix is written all the same
+  2    wrong usage, unreadable input, or something that could not be written
+  130  interrupted; OUT is not there or says that it is incomplete, and `--overwrite` starts again
+";
 
 const SETTINGS_HELP: &str = "\
 Settings, strongest first:
@@ -101,7 +114,7 @@ pub(crate) enum Command {
     #[command(after_long_help = examples("  hemicube check room.hemicube\n  hemicube check room.hemicube --reciprocity 0.05", false))]
     Check(Check),
     /// Write a balanced copy of a matrix: reciprocal, closed, or without small entries
-    #[command(override_usage = "hemicube balance [OPTIONS] DIR -o OUT", after_long_help = examples("  hemicube balance room.hemicube -o closed.hemicube --closure\n  hemicube balance city.hemicube -o small.hemicube --min-factor 1e-5 --reciprocity", false))]
+    #[command(override_usage = "hemicube balance [OPTIONS] DIR -o OUT", after_long_help = format!("Examples:\n  hemicube balance room.hemicube -o closed.hemicube --closure\n  hemicube balance city.hemicube -o small.hemicube --min-factor 1e-5 --reciprocity\n{}", AFTER_BALANCE_HELP.trim_end()))]
     Balance(Balance),
     /// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
     #[command(after_long_help = examples("  hemicube compare fast.hemicube fine.hemicube --max-error 0.02", false))]
@@ -294,6 +307,18 @@ pub(crate) struct Compute {
     pub(crate) batch: u32,
     #[command(flatten)]
     pub(crate) selection: SelectionSettings,
+    /// plain: f32, opens in SciPy; compact: a third to a quarter of that, form factors within 0.05 % of themselves
+    #[arg(
+        long,
+        value_name = "plain|compact",
+        default_value = "plain",
+        value_parser = form,
+        help_heading = "What is kept"
+    )]
+    pub(crate) store: Form,
+    /// Leave out form factors below F; the others of a row share what they carried
+    #[arg(long, value_name = "F", value_parser = share, allow_negative_numbers = true, help_heading = "What is kept")]
+    pub(crate) min_factor: Option<f64>,
     #[command(flatten)]
     pub(crate) config: ConfigFiles,
     #[command(flatten)]
@@ -755,6 +780,14 @@ fn correction(text: &str) -> Result<Correction, String> {
     }
 }
 
+fn form(text: &str) -> Result<Form, String> {
+    match text {
+        "plain" => Ok(Form::Plain),
+        "compact" => Ok(Form::Compact),
+        _ => Err("there are `plain` and `compact`".to_owned()),
+    }
+}
+
 fn auto(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<Auto, String> {
     if text == "auto" {
         return Ok(Auto::Auto);
@@ -847,6 +880,8 @@ mod tests {
         assert!(octree_levels("22").is_err() && min_patches("0").is_err());
         assert_eq!(correction("area"), Ok(Correction::Area));
         assert!(correction("best").is_err_and(|e| e.contains("area")));
+        assert_eq!(form("compact"), Ok(Form::Compact));
+        assert!(form("small").is_err_and(|e| e.contains("compact")));
     }
 
     #[test]

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// The flags that are settings: they may stand in a file and in the environment.
-const SETTINGS: [&str; 25] = [
+const SETTINGS: [&str; 27] = [
     "backend",
     "engine",
     "tolerance",
@@ -40,6 +40,8 @@ const SETTINGS: [&str; 25] = [
     "emitters",
     "receivers",
     "occluders",
+    "store",
+    "min-factor",
     "threads",
     "batch",
 ];

@@ -1,13 +1,16 @@
 //! From settings to a rung of the accuracy ladder: what form factors are made of, from how many pixels and hemicubes.
 
 use crate::args::{Correction as Name, RenderSettings, Tolerance};
-use anyhow::Result;
+use crate::exit::hinted;
+use crate::report::percent;
+use anyhow::{Result, anyhow};
 use hemicube::Model;
 use hemicube::backend::HemicubeBackend;
 use hemicube::compute::{Plan, RowChoice, Selection};
 use hemicube::correct::Correction;
 use hemicube::factor::FactorRule;
 use hemicube::settle::{Settled, settle};
+use hemicube::store::Form;
 
 /// A rung with everything settled that its rows depend on.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,12 +58,33 @@ pub(crate) fn within(
     )?)
 }
 
+/// What of a tolerance is left for the rows when the store rounds them: the two errors have nothing to do with each
+/// other, so their squares add.
+fn left_by(form: Form, tolerance: Tolerance) -> Result<Tolerance> {
+    let rounding = form.value_error();
+    if rounding == 0.0 {
+        return Ok(tolerance);
+    }
+    if tolerance.0 < 2.0 * rounding {
+        return Err(hinted(
+            anyhow!(
+                "`--store compact` rounds form factors by up to {}, which leaves too little of a tolerance of {}",
+                percent(rounding),
+                percent(tolerance.0)
+            ),
+            "`--store plain` rounds nothing",
+        ));
+    }
+    Ok(Tolerance((tolerance.0.powi(2) - rounding.powi(2)).sqrt()))
+}
+
 /// Settles the rung for a scene.
 pub(crate) fn choose(
     model: &Model,
     selection: &Selection,
     settings: &RenderSettings,
     rotate: bool,
+    form: Form,
     backend: &mut dyn HemicubeBackend,
 ) -> Result<Rung> {
     let Some(tolerance) = settings.tolerance else {
@@ -71,7 +95,8 @@ pub(crate) fn choose(
             reason: None,
         });
     };
-    let settled = within(model, selection, rotate, tolerance, backend, settings.thread_count())?;
+    let left = left_by(form, tolerance)?;
+    let settled = within(model, selection, rotate, left, backend, settings.thread_count())?;
     Ok(Rung {
         correction: Correction::Tolerance(settled.refinement),
         resolution: settled.resolution,

@@ -27,19 +27,23 @@
 //! Without reciprocity and closure rows stay on their own: entries below the least factor go, and the others of the row
 //! share what it lost in proportion. A row whose entries would grow beyond the bound keeps everything.
 //!
+//! The result is in the plain form, whatever the source's: what is made equal here would not stay so in 16 bits.
+//!
 //! **Out of core.** In memory are some vectors of one number a patch and one part. A row needs its column: entries are
 //! dealt out into a file beside the result, one run for each part that holds the column's row (`exchange`), which costs
 //! one write and one read of 12 bytes an entry. Passes over the store for one block of columns each would need no disk, but
 //! as many reads of the whole matrix as it is larger than memory. The symmetric matrix is a second such file of 8 bytes an
 //! entry, read once a sweep (`symmetric`). Everything runs in one thread and one order: equal input gives equal bytes.
 
+pub(crate) mod cut;
 mod exchange;
-mod residual;
+pub(crate) mod residual;
 mod symmetric;
 
 pub use residual::Residuals;
 
-use crate::store::{Error, Header, Manifest, Part, PatchTable, Result, Store, StoreWriter};
+use crate::store::{Error, Form, Header, Manifest, Part, PatchTable, Result, Store, StoreWriter};
+use cut::{Cut, sums};
 use exchange::{Exchange, Survey};
 use residual::{Tally, merge};
 use serde::{Deserialize, Serialize};
@@ -78,7 +82,7 @@ impl Default for BalanceOptions {
             closure: false,
             reciprocity: false,
             min_factor: 0.0,
-            max_scale: 1.1,
+            max_scale: cut::MAX_SCALE,
             tolerance: 1e-6,
             max_sweeps: 1000,
             overwrite: false,
@@ -290,7 +294,7 @@ impl Areas {
 }
 
 /// The sum that a row is to have, 1 minus what its hemicubes lost; `None` for a row without hemicubes.
-fn target_of(part: &Part, row: usize) -> Option<f64> {
+pub(crate) fn target_of(part: &Part, row: usize) -> Option<f64> {
     let (sums, hemicubes) = (part.sums.get(row)?, *part.hemicubes.get(row)?);
     if hemicubes == 0 {
         return None;
@@ -324,7 +328,7 @@ fn balance_rows(
         for (row, &patch) in source.rows.iter().enumerate() {
             let (columns, factors) = source.row(row);
             let (whole, kept) = sums(factors, options.min_factor);
-            let cut = Cut::new(whole, kept, options);
+            let cut = Cut::new(whole, kept, options.min_factor, options.max_scale);
             let start = part.data.len();
             for (&column, factor) in columns.iter().zip(factors).filter(|&(_, &factor)| cut.keeps(factor)) {
                 part.indices.push(column);
@@ -376,58 +380,6 @@ fn balance_rows(
     }
     (entry.before, entry.after) = (before.finish(), after.finish());
     Ok(entry)
-}
-
-/// What becomes of the entries of a row that is cut by itself.
-#[derive(Clone, Copy, Debug)]
-struct Cut {
-    /// Entries below are left out.
-    least: f64,
-    /// The others are multiplied by this.
-    scale: f64,
-}
-
-impl Default for Cut {
-    fn default() -> Self {
-        Self { least: 0.0, scale: 1.0 }
-    }
-}
-
-impl Cut {
-    /// For a row that sums to `whole`, and to `kept` without what is below the least factor.
-    fn new(whole: f64, kept: f64, options: &BalanceOptions) -> Self {
-        let least = options.min_factor;
-        if kept * options.max_scale * options.max_scale < whole {
-            Self::default()
-        } else if kept == whole {
-            Self { least, scale: 1.0 }
-        } else {
-            Self {
-                least,
-                scale: whole / kept,
-            }
-        }
-    }
-
-    fn keeps(self, factor: f32) -> bool {
-        f64::from(factor) >= self.least
-    }
-
-    fn of(self, factor: f32) -> f32 {
-        if self.keeps(factor) {
-            narrow(f64::from(factor) * self.scale)
-        } else {
-            0.0
-        }
-    }
-}
-
-/// What a row sums to, and what it sums to without the entries below `least`.
-fn sums(factors: &[f32], least: f64) -> (f64, f64) {
-    factors.iter().fold((0.0, 0.0), |(whole, kept), &factor| {
-        let factor = f64::from(factor);
-        (whole + factor, if factor >= least { kept + factor } else { kept })
-    })
 }
 
 /// Pairs made equal, small ones left out, and the rows scaled to their sums.
@@ -593,7 +545,7 @@ fn header(store: &Store, options: &BalanceOptions) -> Result<Header> {
     let Some(fields) = settings.as_object_mut() else {
         return Err(Error::malformed(store.directory(), "has settings that are no table"));
     };
-    let of_balance = serde_json::json!({
+    let mut of_balance = serde_json::json!({
         "closure": options.closure,
         "reciprocity": options.is_symmetric(),
         "min_factor": options.min_factor,
@@ -602,6 +554,11 @@ fn header(store: &Store, options: &BalanceOptions) -> Result<Header> {
         "max_sweeps": options.max_sweeps,
         "source_settings_hash": manifest.settings_hash,
     });
+    if manifest.value_error > 0.0
+        && let Some(of_balance) = of_balance.as_object_mut()
+    {
+        of_balance.insert("source_value_error".to_owned(), manifest.value_error.into());
+    }
     fields.insert("balance".to_owned(), of_balance);
     Ok(Header {
         program: env!("CARGO_PKG_VERSION").to_owned(),
@@ -612,6 +569,9 @@ fn header(store: &Store, options: &BalanceOptions) -> Result<Header> {
         patch_count: manifest.patch_count,
         row_count: manifest.row_count,
         rows_per_part: manifest.rows_per_part,
+        // Whatever the source's: sums and pairs that agree to seven digits would not survive 16-bit form factors.
+        form: Form::Plain,
+        min_factor: manifest.min_factor,
         backend: manifest.backend.clone(),
         objects: manifest.objects.clone(),
         materials: manifest.materials.clone(),
@@ -714,12 +674,12 @@ fn size_of(directory: &Path, manifest: &Manifest) -> u64 {
 }
 
 /// A share of something, 0 of nothing.
-fn share_of(share: f64, whole: f64) -> f64 {
+pub(crate) fn share_of(share: f64, whole: f64) -> f64 {
     if whole > 0.0 { share / whole } else { 0.0 }
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "form factors are stored as f32")]
-fn narrow(value: f64) -> f32 {
+pub(crate) fn narrow(value: f64) -> f32 {
     value as f32
 }
 

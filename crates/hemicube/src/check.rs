@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! weights      visible + escaped + blocked + unselected = hemicubes · 2³¹, exactly, for every row
-//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ 2⁻²⁴ Σⱼ Fᵢⱼ: what rounding each factor to f32 can do (pixel mode)
+//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ ε Σⱼ Fᵢⱼ: what rounding each factor can do (pixel mode); ε is 2⁻²⁴
+//!              for f32, 2⁻¹¹ more in the compact form, and 2⁻²⁴ more where small factors were left out and shared
 //! range        0 ≤ Fᵢⱼ ≤ 1
 //! columns      ascending, of patches that exist
 //! diagonal     Fᵢᵢ = 0: a planar patch does not see itself
@@ -13,7 +14,7 @@
 //! and whether its files are as they were written. Reciprocity has no bound of its own in pixel mode: the two sides are
 //! two hemicubes at two points.
 
-use crate::store::{Error, HEMICUBE_WEIGHT, Part, Result, RowSums, Store};
+use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Result, RowSums, Store};
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -21,8 +22,8 @@ use std::path::PathBuf;
 /// What to check, and within which bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CheckOptions {
-    /// Bound on the closure error of a row; `None` for 1e-6 where form factors are sums of pixels, and to
-    /// report it only where they are not: there it is a measure of their error, which nothing has promised.
+    /// Bound on the closure error of a row; `None` for 1e-6 and the value error of the store's form where form factors
+    /// are sums of pixels, and to report it only where they are not: there it is a measure of their error, which nothing has promised.
     pub closure: Option<f64>,
     /// Bound on the reciprocity residual; `None` to report it only.
     pub reciprocity: Option<f64>,
@@ -158,6 +159,10 @@ pub struct CheckReport {
     pub rows: u64,
     /// Entries that are there.
     pub entries: u64,
+    /// How its parts are written.
+    pub form: Form,
+    /// By how much of itself a form factor may be off what was computed, by its form.
+    pub value_error: f64,
     /// Entries of a row, over the rows.
     pub entries_per_row: EntriesPerRow,
     /// Weights over all rows.
@@ -185,7 +190,7 @@ pub struct CheckReport {
 pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     let manifest = store.manifest();
     let is_pixel = manifest.correction == "pixel";
-    let closure_bound = options.closure.or(is_pixel.then_some(1e-6));
+    let closure_bound = options.closure.or(is_pixel.then_some(1e-6 + manifest.value_error));
     let mut tally = Tally::new(store, is_pixel, closure_bound, options.worst_rows);
     if !manifest.complete && !options.allow_incomplete {
         let missing = format!("{} of {} parts are there", manifest.parts.len(), manifest.part_count);
@@ -286,6 +291,8 @@ fn of_row(part: &Part, row: usize) -> [f64; 4] {
 struct Tally {
     patch_count: u32,
     is_pixel: bool,
+    /// By how much of itself each form factor can be off its weight.
+    rounding: f64,
     worst_count: usize,
     failures: Vec<Failure>,
     entries: u64,
@@ -304,6 +311,11 @@ impl Tally {
         Self {
             patch_count: store.patch_count(),
             is_pixel,
+            rounding: {
+                let once = f64::powi(2.0, -24);
+                let shared = if store.manifest().min_factor > 0.0 { once } else { 0.0 };
+                (1.0 + once) * (1.0 + shared) * (1.0 + store.manifest().value_error) - 1.0
+            },
             worst_count,
             failures: Vec::new(),
             entries: 0,
@@ -405,9 +417,9 @@ impl Tally {
         let row_sum: f64 = factors.iter().map(|&factor| f64::from(factor)).sum();
         let whole = whole as f64;
         let visible = sums.visible as f64 / whole;
-        // Half a unit in the last place of each factor; then what f64 loses in the sum, and in factors below f32's
-        // normal range.
-        let bound = visible * f64::powi(2.0, -24) + factors.len() as f64 * 1e-16;
+        // Half a unit in the last place of each factor, every time that it was rounded; then what f64 loses in the sum, and
+        // in factors below f32's normal range.
+        let bound = visible * self.rounding + factors.len() as f64 * 1e-16;
         let is_off = (row_sum - visible).abs() > bound || row_sum.is_nan();
         if self.is_pixel && is_off {
             self.fail(
@@ -462,6 +474,8 @@ impl Tally {
             patch_count: self.patch_count,
             rows: of_rows.len() as u64,
             entries: self.entries,
+            form: store.manifest().form,
+            value_error: store.manifest().value_error,
             entries_per_row: EntriesPerRow {
                 min: of_rows.first().copied().unwrap_or(0),
                 median: of_rows.get(of_rows.len().saturating_sub(1) / 2).copied().unwrap_or(0),

@@ -3,12 +3,16 @@
 //! Rows do not depend on threads or batches: a row comes from its own hemicubes only, parts are fixed runs of the order
 //! of work, and workers' results are put back in order before they leave.
 
+mod entries;
+
+pub use entries::Thinning;
+
 use crate::Model;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use crate::correct::{Converter, Correction};
 use crate::random;
 use crate::row::{RowBlock, RowError};
-use crate::store::{Part, RowSums, StoreWriter};
+use crate::store::{Form, Part, RowSums, StoreWriter};
 use hemicube_scene::InputPatch;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -70,6 +74,10 @@ pub struct Plan {
     pub selection: Selection,
     /// How weights become form factors.
     pub correction: Correction,
+    /// Form factors below this are left out, and the others of the row share what they carried; 0: none is.
+    pub min_factor: f64,
+    /// What form factors are rounded to.
+    pub form: Form,
 }
 
 impl Plan {
@@ -92,6 +100,8 @@ impl Plan {
             rotate,
             selection,
             correction: Correction::Pixel,
+            min_factor: 0.0,
+            form: Form::Plain,
         }
     }
 
@@ -102,6 +112,22 @@ impl Plan {
             self.samples_per_edge = 1;
         }
         self.correction = correction;
+        self
+    }
+
+    /// The same plan without form factors below `min_factor`, at least 0 and below 1. The others of their row share what
+    /// they carried in proportion, as [`balance`](crate::balance::balance) does it afterwards; [`Summary::thinning`] says
+    /// what that did.
+    #[must_use]
+    pub fn with_min_factor(mut self, min_factor: f64) -> Self {
+        self.min_factor = min_factor;
+        self
+    }
+
+    /// The same plan for a store of another form: rows leave the driver as that store keeps them.
+    #[must_use]
+    pub fn with_form(mut self, form: Form) -> Self {
+        self.form = form;
         self
     }
 
@@ -194,6 +220,8 @@ pub struct Summary {
     pub squared_error: f64,
     /// Σ F² of all rows.
     pub squared_norm: f64,
+    /// What leaving out small form factors did, where that was asked for.
+    pub thinning: Option<Thinning>,
     /// What the backend counted.
     pub counters: Counters,
     /// Whether it was cancelled before the last row.
@@ -243,6 +271,8 @@ pub enum ComputeError {
 #[derive(Debug, Default)]
 struct Batch {
     part: Part,
+    /// What became of each row, where entries were left out.
+    changes: Vec<entries::RowChange>,
     counters: Counters,
 }
 
@@ -416,6 +446,7 @@ pub fn compute(
         drop(sender);
 
         let result = collect(
+            model,
             plan,
             batches_per_part,
             &queue,
@@ -524,6 +555,12 @@ fn compute_batch(
             converted = converter.convert(model, emitter, &more, of_row, receives, columns, data);
             hemicubes_of_row = more.len();
         }
+        if plan.min_factor > 0.0 || plan.form != Form::Plain {
+            let change = entries::keep(part, start, plan.min_factor, plan.form, &mut converted.error);
+            if plan.min_factor > 0.0 {
+                batch.changes.push(change);
+            }
+        }
         part.rows.push(emitter.0);
         part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
         part.sums.push(converted.sums);
@@ -567,6 +604,7 @@ fn backend_name(backend: &dyn HemicubeBackend) -> String {
 /// own, when nobody takes parts any more.
 #[allow(clippy::too_many_arguments, reason = "private, called once: the pieces of one loop")]
 fn collect(
+    model: &Model,
     plan: &Plan,
     batches_per_part: usize,
     queue: &Queue,
@@ -581,6 +619,7 @@ fn collect(
     let mut next = 0;
     let mut part = empty_part(0);
     let mut cancelling = false;
+    let mut thinned = entries::Tally::default();
     progress(Progress {
         rows: 0,
         row_count,
@@ -603,7 +642,12 @@ fn collect(
         while let Some(batch) = early.remove(&next) {
             next += 1;
             summary.counters += batch.counters;
+            let before = part.rows.len();
             append(&mut part, batch.part);
+            for (row, change) in (before..).zip(&batch.changes) {
+                let area = model.patches().area(InputPatch(part.rows[row]));
+                thinned.add(&part, row, area, change);
+            }
             let full = next % batches_per_part == 0 || part.rows.len() as u64 + summary.rows == row_count;
             if full {
                 summary.rows += part.rows.len() as u64;
@@ -638,6 +682,7 @@ fn collect(
         });
     }
     summary.cancelled = summary.rows < row_count;
+    summary.thinning = (plan.min_factor > 0.0).then(|| thinned.finish(plan.min_factor));
     Ok(())
 }
 

@@ -19,10 +19,15 @@
 //! Weights are fixed point, 2³¹ for each hemicube, so that visible + escaped + blocked + unselected = hemicubes · 2³¹
 //! holds exactly, row by row.
 //!
+//! In the *compact* form ([`Form`]) a part is a third to a quarter of that: instead of data and indices it has codes, gaps,
+//! lengths and runptr (`store/compact.rs` and `docs/store.md` say what they are), and its form factors are rounded by a
+//! relative error that the manifest states. Everything that reads a store reads both.
+//!
 //! Every file is written under a temporary name, synced and renamed; parts do not depend on each other, and the files
 //! depend on scene and settings alone. A part that is there is whole, so a run that was killed loses at most the part it
 //! was at, and equal runs give equal bytes.
 
+mod compact;
 mod csr;
 mod durable;
 mod error;
@@ -51,6 +56,40 @@ use serde::{Deserialize, Serialize};
 
 /// The weight of a whole hemicube.
 pub const HEMICUBE_WEIGHT: u64 = 1 << 31;
+
+/// How parts are written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Form {
+    /// f32 form factors and i32 columns, 8 bytes an entry, as `scipy.sparse.load_npz` reads them.
+    #[default]
+    Plain,
+    /// 16-bit form factors and runs of columns, 2 to 3 bytes an entry in most scenes.
+    Compact,
+}
+
+impl Form {
+    /// By how much of itself a form factor may be off what was computed: 0 in the plain form, 2⁻¹¹ in the compact one
+    /// (for those from 2⁻⁶³ up; smaller ones are kept as one of about that size).
+    pub fn value_error(self) -> f64 {
+        match self {
+            Self::Plain => 0.0,
+            Self::Compact => compact::VALUE_ERROR,
+        }
+    }
+
+    /// The form factor that is kept of one. Rounding again changes nothing.
+    pub fn round(self, factor: f32) -> f32 {
+        match self {
+            Self::Plain => factor,
+            Self::Compact => compact::round(factor),
+        }
+    }
+
+    pub(crate) fn is_plain(&self) -> bool {
+        *self == Self::Plain
+    }
+}
 
 /// Where the weight of a row's hemicubes went. The four sum to the number of hemicubes times [`HEMICUBE_WEIGHT`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -72,6 +72,28 @@ fn text(found: &CheckReport, store: &Store) -> String {
         "matrix",
         format!("{} of `{}`", found.store.display(), manifest.scene.file),
     );
+    if found.value_error > 0.0 {
+        list.add(
+            "form",
+            format!(
+                "compact: form factors within {} of themselves",
+                percent(found.value_error)
+            ),
+        );
+    }
+    if manifest.min_factor > 0.0 {
+        let entries = manifest.thinning.map_or_else(String::new, |thinning| {
+            format!(
+                "{} with {} of what all carry, which the others of their row carry now; ",
+                counted(thinning.entries_dropped, "entry"),
+                percent(thinning.mass_dropped)
+            )
+        });
+        list.add(
+            "left out",
+            format!("{entries}form factors below {}", figures(manifest.min_factor)),
+        );
+    }
     if let Some(balance) = &manifest.balance {
         list.add("balanced", super::balance::summary(balance));
     }

@@ -12,10 +12,10 @@ use crate::rung::{self, Rung};
 use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
-use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, compute};
+use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, Thinning, compute};
 use hemicube::row::RowBlock;
 use hemicube::store::{
-    BackendEntry, HEMICUBE_WEIGHT, Header, Manifest, Part, PatchTable, SceneEntry, Store, StoreWriter, scene_hash,
+    BackendEntry, Form, HEMICUBE_WEIGHT, Header, Manifest, Part, PatchTable, SceneEntry, Store, StoreWriter, scene_hash,
 };
 use hemicube::{InputPatch, Model};
 use hemicube_scene::Subdivision;
@@ -48,6 +48,8 @@ struct RowSettings {
     emitters: Vec<String>,
     receivers: Vec<String>,
     occluders: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    min_factor: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -81,6 +83,9 @@ struct Report {
     threads: usize,
     repair: RepairCounts,
     store: String,
+    form: Form,
+    /// By how much of itself a form factor may be off what was computed, by the store's form.
+    value_error: f64,
     bytes: u64,
     complete: bool,
     parts: u64,
@@ -97,6 +102,9 @@ struct Report {
     /// Relative Frobenius error that the rows are expected to have, where their rung estimates it.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected_error: Option<f64>,
+    /// What leaving out small form factors did, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    thinning: Option<Thinning>,
     /// Rays and points that visible fractions were measured with.
     rays: u64,
     /// How many rows took how much.
@@ -153,7 +161,7 @@ struct SceneReport {
     metres_per_unit: Option<f64>,
 }
 
-/// Seconds. Writing and computing overlap.
+/// Seconds. Parts are written while rows are computed, so that `write` is in part within `rows`.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 struct Timings {
     load: f64,
@@ -277,6 +285,7 @@ fn compute_into(
         &selection,
         &arguments.render,
         arguments.render.rotation == Switch::On,
+        arguments.store,
         arguments.render.open_backend()?.as_mut(),
     )?;
     timings.settle = started.elapsed().as_secs_f64();
@@ -374,6 +383,7 @@ fn compute_into(
     );
     let (closure, mostly_blocked) = (recorder.closure, recorder.mostly_blocked);
     let effort = std::mem::take(&mut recorder.effort);
+    recorder.writer.record_thinning(summary.thinning);
     let manifest = if summary.cancelled {
         recorder.writer.interrupt()
     } else {
@@ -399,6 +409,8 @@ fn compute_into(
         threads: summary.threads,
         repair: RepairCounts::from(&prepared.repaired),
         store: directory.display().to_string(),
+        form: manifest.form,
+        value_error: manifest.value_error,
         bytes: bytes_of(directory, &manifest),
         complete: manifest.complete,
         parts: summary.parts,
@@ -413,6 +425,7 @@ fn compute_into(
         rows_mostly_blocked: mostly_blocked,
         closure,
         expected_error: expected_error(&summary),
+        thinning: summary.thinning,
         rays: summary.rays,
         effort,
         counters: summary.counters,
@@ -421,6 +434,17 @@ fn compute_into(
         peak_memory_bytes: report::peak_memory_bytes().filter(|_| !arguments.report.no_timings),
     };
     talk.say(summarise(&report, &summary, directory).trim_end());
+    if let (Some(tolerance), Some(error), Some(thinning)) =
+        (arguments.render.tolerance, report.expected_error, report.thinning)
+        && error > tolerance.0
+    {
+        talk.warn(&format!(
+            "the expected error, {}, is above the tolerance with form factors below {} left out; a smaller \
+             `--min-factor` keeps it",
+            percent(error),
+            figures(thinning.min_factor)
+        ));
+    }
     let mut exit = if summary.cancelled {
         Exit::Interrupted
     } else {
@@ -549,7 +573,9 @@ fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung)
         rung.samples_per_edge,
         arguments.render.rotation == Switch::On,
     )
-    .with_correction(rung.correction);
+    .with_correction(rung.correction)
+    .with_min_factor(arguments.min_factor.unwrap_or(0.0))
+    .with_form(arguments.store);
     if plan.rows.is_empty() {
         bail!("no row is left to compute: `--rows`, `--emitters` and `--occluders` together exclude every patch");
     }
@@ -632,6 +658,7 @@ fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: Rows, rung: &R
         emitters: selection.emitters.clone(),
         receivers: selection.receivers.clone(),
         occluders: selection.occluders.clone(),
+        min_factor: arguments.min_factor,
     }
 }
 
@@ -656,6 +683,8 @@ fn create_store(
         patch_count: u32::try_from(prepared.patches.len()).context("too many patches")?,
         row_count: u32::try_from(plan.rows.len()).context("too many rows")?,
         rows_per_part: plan.rows_per_part,
+        form: plan.form,
+        min_factor: plan.min_factor,
         backend: BackendEntry {
             name: backend.info().name.clone(),
             version: backend.info().version.clone(),
@@ -736,6 +765,32 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
             percent(per_row / report.scene.patches.max(1) as f64)
         ),
     );
+    if let Some(thinning) = report.thinning {
+        list.add(
+            "left out",
+            format!(
+                "{} below {}, with {} of what all carry; the others carry it now, {} times as large at most{}",
+                counted(thinning.entries_dropped, "entry"),
+                figures(thinning.min_factor),
+                percent(thinning.mass_dropped),
+                figures(thinning.scale_max),
+                match thinning.rows_kept_whole {
+                    0 => String::new(),
+                    rows => format!("; {} kept all, having little else", counted(rows, "row")),
+                }
+            ),
+        );
+        list.add(
+            "closure",
+            format!(
+                "error of the worst row {} before and {} after, root mean square {} and {}",
+                figures(thinning.closure_max_before),
+                figures(thinning.closure_max_after),
+                figures(thinning.closure_rms_before),
+                figures(thinning.closure_rms_after)
+            ),
+        );
+    }
     if let Some(error) = report.expected_error {
         list.add(
             "error",
@@ -790,7 +845,17 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
             }
         ),
     );
-    list.add("matrix", format!("`{}`, {}", directory.display(), size(report.bytes)));
+    let form = match report.form {
+        Form::Plain => String::new(),
+        Form::Compact => format!(
+            ", compact: form factors within {} of themselves",
+            percent(report.value_error)
+        ),
+    };
+    list.add(
+        "matrix",
+        format!("`{}`, {}{form}", directory.display(), size(report.bytes)),
+    );
     let mut text = list.text();
     if report.rows_mostly_blocked > 0 {
         text.push_str(&format!(

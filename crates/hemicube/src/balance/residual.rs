@@ -28,12 +28,37 @@ pub struct Residuals {
     pub reciprocity_worst: f64,
 }
 
+/// The closure errors of some rows.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ClosureTally {
+    max: f64,
+    squares: f64,
+    rows: u64,
+}
+
+impl ClosureTally {
+    /// Adds a row that sums to `sum` and should sum to `target`; its error.
+    pub(crate) fn add(&mut self, sum: f64, target: f64) -> f64 {
+        let error = (sum - target).abs();
+        self.max = self.max.max(error);
+        self.squares += error * error;
+        self.rows += 1;
+        error
+    }
+
+    pub(crate) fn max(&self) -> f64 {
+        self.max
+    }
+
+    pub(crate) fn rms(&self) -> f64 {
+        share_of(self.squares, self.rows as f64).sqrt()
+    }
+}
+
 /// The sums that residuals are made of.
 #[derive(Debug, Default)]
 pub(crate) struct Tally {
-    closure_max: f64,
-    closure_squares: f64,
-    closure_rows: u64,
+    closure: ClosureTally,
     difference: f64,
     total: f64,
     worst: f64,
@@ -44,11 +69,7 @@ impl Tally {
     pub(crate) fn row(&mut self, part: &Part, row: usize) -> f64 {
         let Some(target) = target_of(part, row) else { return 0.0 };
         let sum: f64 = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
-        let error = (sum - target).abs();
-        self.closure_max = self.closure_max.max(error);
-        self.closure_squares += error * error;
-        self.closure_rows += 1;
-        error
+        self.closure.add(sum, target)
     }
 
     /// Adds F\[i, j\] and F\[j, i\]; each pair comes twice, once from either row.
@@ -66,9 +87,9 @@ impl Tally {
 
     pub(crate) fn finish(&self) -> Residuals {
         Residuals {
-            closure_max: self.closure_max,
-            closure_rms: share_of(self.closure_squares, self.closure_rows as f64).sqrt(),
-            closure_rows: self.closure_rows,
+            closure_max: self.closure.max(),
+            closure_rms: self.closure.rms(),
+            closure_rows: self.closure.rows,
             reciprocity: share_of(self.difference, self.total).sqrt(),
             reciprocity_worst: self.worst,
         }

@@ -1,11 +1,11 @@
-//! A compressed-row matrix in an archive of arrays: as SciPy saves it, and as every part of a store is.
+//! A compressed-row matrix in an archive of arrays: as SciPy saves it, and as every part of a store is, in either form.
 //!
-//! Only `indptr` is in memory. A row is two reads at its offset, unless the archive is compressed.
+//! Only `indptr` (and `runptr`) is in memory. A row is two or three reads at its offset, unless the archive is compressed.
 
 use super::durable::read_exact_at;
 use super::npy::{Element, ElementType, decode};
 use super::npz::{Elements, Npz};
-use super::{Error, Result};
+use super::{Error, Form, Result, compact};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -17,6 +17,13 @@ struct Sequence {
 }
 
 impl Sequence {
+    fn of(npz: &mut Npz, name: &str) -> Result<Self> {
+        Ok(Self {
+            element: npz.header(name)?.element,
+            elements: npz.elements(name)?,
+        })
+    }
+
     /// The bytes of `count` elements from `start` on. Both were held against the array's length.
     fn read(&self, path: &Path, file: &File, start: u64, count: u64) -> Result<Vec<u8>> {
         let too_large = || Error::unsupported(path, "has a row that is too large for this machine's memory");
@@ -47,8 +54,39 @@ pub(crate) struct CsrFile {
     pub(crate) row_count: u64,
     pub(crate) column_count: u64,
     indptr: Vec<u64>,
-    indices: Sequence,
-    data: Sequence,
+    entries: Entries,
+}
+
+/// Columns and values, in the form that the file has.
+#[derive(Debug)]
+enum Entries {
+    Plain {
+        indices: Sequence,
+        data: Sequence,
+    },
+    Compact {
+        runptr: Vec<u64>,
+        gaps: Sequence,
+        lengths: Sequence,
+        codes: Sequence,
+    },
+}
+
+/// Where a row begins, and how many it has; none where there is no such row.
+fn bounds(bounds: &[u64], row: u64) -> (u64, u64) {
+    let bound = |row: u64| usize::try_from(row).ok().and_then(|row| bounds.get(row)).copied();
+    match (bound(row), bound(row.saturating_add(1))) {
+        (Some(start), Some(end)) => (start, end - start),
+        _ => (0, 0),
+    }
+}
+
+/// Whether `bounds` divides `count` elements into rows.
+fn divides(bounds: &[u64], rows: u64, count: u64) -> bool {
+    (bounds.len() as u64).checked_sub(1) == Some(rows)
+        && bounds.first() == Some(&0)
+        && bounds.last() == Some(&count)
+        && bounds.is_sorted()
 }
 
 impl CsrFile {
@@ -60,36 +98,46 @@ impl CsrFile {
             }
             _ => Vec::new(),
         };
-        if format != b"csr" {
-            let format = String::from_utf8_lossy(&format).into_owned();
-            return Err(Error::unsupported(
-                path,
-                format!("is a matrix of format `{format}`; save it with `.tocsr()`"),
-            ));
-        }
+        let form = match format.as_slice() {
+            b"csr" => Form::Plain,
+            b"run" => Form::Compact,
+            _ => {
+                let format = String::from_utf8_lossy(&format).into_owned();
+                return Err(Error::unsupported(
+                    path,
+                    format!("is a matrix of format `{format}`; save it with `.tocsr()`"),
+                ));
+            }
+        };
         let shape = npz.counts("shape")?;
         let &[row_count, column_count] = shape.as_slice() else {
             return Err(Error::malformed(path, "has a shape that is not of two lengths"));
         };
         let indptr = npz.counts("indptr")?;
-        let entries = npz.count("data")?;
-        let divides = (indptr.len() as u64).checked_sub(1) == Some(row_count)
-            && indptr.first() == Some(&0)
-            && indptr.last() == Some(&entries)
-            && indptr.is_sorted();
-        if !divides || npz.count("indices")? != entries {
-            return Err(Error::malformed(
-                path,
-                "has an `indptr` that does not divide its entries into rows",
-            ));
+        let wrong =
+            |name: &str| Error::malformed(path, format!("has `{name}` that do not divide its entries into rows"));
+        let values = if form.is_plain() { "data" } else { "codes" };
+        if !divides(&indptr, row_count, npz.count(values)?) {
+            return Err(wrong("indptr"));
         }
-        let mut sequence = |name| -> Result<Sequence> {
-            Ok(Sequence {
-                element: npz.header(name)?.element,
-                elements: npz.elements(name)?,
-            })
+        let entries = match form {
+            Form::Plain => Self::read_plain(path, npz, &wrong)?,
+            Form::Compact => Self::read_compact(path, npz, row_count, &wrong)?,
         };
-        let (indices, data) = (sequence("indices")?, sequence("data")?);
+        Ok(Self {
+            path: path.to_owned(),
+            row_count,
+            column_count,
+            indptr,
+            entries,
+        })
+    }
+
+    fn read_plain(path: &Path, npz: &mut Npz, wrong: &dyn Fn(&str) -> Error) -> Result<Entries> {
+        if npz.count("indices")? != npz.count("data")? {
+            return Err(wrong("indices"));
+        }
+        let (indices, data) = (Sequence::of(npz, "indices")?, Sequence::of(npz, "data")?);
         if !matches!(indices.element, ElementType::I32 | ElementType::I64) {
             return Err(Error::malformed(
                 path,
@@ -102,18 +150,43 @@ impl CsrFile {
                 "has `data` that are not f4 or f8; save it as one of these",
             ));
         }
-        Ok(Self {
-            path: path.to_owned(),
-            row_count,
-            column_count,
-            indptr,
-            indices,
-            data,
+        Ok(Entries::Plain { indices, data })
+    }
+
+    fn read_compact(path: &Path, npz: &mut Npz, row_count: u64, wrong: &dyn Fn(&str) -> Error) -> Result<Entries> {
+        let runptr = npz.counts("runptr")?;
+        let runs = npz.count("gaps")?;
+        if !divides(&runptr, row_count, runs) || npz.count("lengths")? != runs {
+            return Err(wrong("runptr"));
+        }
+        let (gaps, lengths, codes) = (
+            Sequence::of(npz, "gaps")?,
+            Sequence::of(npz, "lengths")?,
+            Sequence::of(npz, "codes")?,
+        );
+        let elements = [gaps.element, lengths.element, codes.element];
+        if elements != [ElementType::U16, ElementType::U8, ElementType::U16] {
+            return Err(Error::malformed(
+                path,
+                "has `gaps`, `lengths` and `codes` that are not u2, u1 and u2",
+            ));
+        }
+        Ok(Entries::Compact {
+            runptr,
+            gaps,
+            lengths,
+            codes,
         })
     }
 
-    pub(crate) fn is_store_part(&self) -> bool {
-        self.indices.element == ElementType::I32 && self.data.element == ElementType::F32
+    /// Whether it is what a store of this form has as a part.
+    pub(crate) fn is_store_part(&self, form: Form) -> bool {
+        match &self.entries {
+            Entries::Plain { indices, data } => {
+                form.is_plain() && indices.element == ElementType::I32 && data.element == ElementType::F32
+            }
+            Entries::Compact { .. } => form == Form::Compact,
+        }
     }
 
     pub(crate) fn entries(&self) -> u64 {
@@ -122,34 +195,87 @@ impl CsrFile {
 
     /// Where a row's entries begin and how many it has; none where there is no such row.
     pub(crate) fn bounds(&self, row: u64) -> (u64, u64) {
-        let bound = |row: u64| usize::try_from(row).ok().and_then(|row| self.indptr.get(row)).copied();
-        match (bound(row), bound(row.saturating_add(1))) {
-            (Some(start), Some(end)) => (start, end - start),
-            _ => (0, 0),
-        }
+        bounds(&self.indptr, row)
     }
 
     /// The columns and values of a row as they stand in a store's part.
     pub(crate) fn row(&self, file: &File, row: u64) -> Result<(Vec<i32>, Vec<f32>)> {
         let (start, count) = self.bounds(row);
-        Ok((
-            decode(&self.indices.read(&self.path, file, start, count)?),
-            decode(&self.data.read(&self.path, file, start, count)?),
-        ))
+        let read = |sequence: &Sequence, (start, count)| sequence.read(&self.path, file, start, count);
+        match &self.entries {
+            Entries::Plain { indices, data } => Ok((
+                decode(&read(indices, (start, count))?),
+                decode(&read(data, (start, count))?),
+            )),
+            Entries::Compact {
+                runptr,
+                gaps,
+                lengths,
+                codes,
+            } => {
+                let runs = bounds(runptr, row);
+                let mut columns = Vec::new();
+                let (gaps, lengths) = (decode(&read(gaps, runs)?), read(lengths, runs)?);
+                if !compact::columns(&gaps, &lengths, count, &mut columns) {
+                    return Err(self.no_columns(row));
+                }
+                let codes: Vec<u16> = decode(&read(codes, (start, count))?);
+                Ok((columns, codes.into_iter().map(compact::factor).collect()))
+            }
+        }
+    }
+
+    /// The columns and values of all rows of a store's part, whose archive is still open.
+    pub(crate) fn rows(&self, npz: &mut Npz) -> Result<(Vec<i32>, Vec<f32>)> {
+        let Entries::Compact { runptr, .. } = &self.entries else {
+            return Ok((npz.array("indices")?, npz.array("data")?));
+        };
+        let codes: Vec<u16> = npz.array("codes")?;
+        let (gaps, lengths): (Vec<u16>, Vec<u8>) = (npz.array("gaps")?, npz.array("lengths")?);
+        let mut columns = Vec::with_capacity(codes.len());
+        for row in 0..self.row_count {
+            let (start, count) = bounds(runptr, row);
+            let range = |bound: u64| usize::try_from(bound).unwrap_or(usize::MAX);
+            let runs = range(start)..range(start.saturating_add(count));
+            let (gaps, lengths) = (gaps.get(runs.clone()).unwrap_or(&[]), lengths.get(runs).unwrap_or(&[]));
+            if !compact::columns(gaps, lengths, self.bounds(row).1, &mut columns) {
+                return Err(self.no_columns(row));
+            }
+        }
+        Ok((columns, codes.into_iter().map(compact::factor).collect()))
+    }
+
+    fn no_columns(&self, row: u64) -> Error {
+        Error::malformed(
+            &self.path,
+            format!("has runs of columns in row {row} that are not of its entries: it is damaged"),
+        )
     }
 
     /// The columns and values of a row of any matrix, with ascending columns, equal ones added up, all in range.
     pub(crate) fn row_f64(&self, file: &File, row: u64) -> Result<(Vec<u32>, Vec<f64>)> {
         let (start, count) = self.bounds(row);
-        let columns = self.indices.read(&self.path, file, start, count)?;
-        let columns: Vec<i64> = match self.indices.element {
-            ElementType::I32 => columns.chunks_exact(4).map(|chunk| i32::get(chunk).into()).collect(),
-            _ => decode(&columns),
-        };
-        let values = self.data.read(&self.path, file, start, count)?;
-        let values: Vec<f64> = match self.data.element {
-            ElementType::F32 => values.chunks_exact(4).map(|chunk| f32::get(chunk).into()).collect(),
-            _ => decode(&values),
+        let (columns, values): (Vec<i64>, Vec<f64>) = match &self.entries {
+            Entries::Plain { indices, data } => {
+                let columns = indices.read(&self.path, file, start, count)?;
+                let columns = match indices.element {
+                    ElementType::I32 => columns.chunks_exact(4).map(|chunk| i32::get(chunk).into()).collect(),
+                    _ => decode(&columns),
+                };
+                let values = data.read(&self.path, file, start, count)?;
+                let values = match data.element {
+                    ElementType::F32 => values.chunks_exact(4).map(|chunk| f32::get(chunk).into()).collect(),
+                    _ => decode(&values),
+                };
+                (columns, values)
+            }
+            Entries::Compact { .. } => {
+                let (columns, values) = self.row(file, row)?;
+                (
+                    columns.into_iter().map(i64::from).collect(),
+                    values.into_iter().map(f64::from).collect(),
+                )
+            }
         };
         let mut entries = Vec::with_capacity(columns.len());
         for (column, value) in columns.into_iter().zip(values) {

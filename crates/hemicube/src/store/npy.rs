@@ -21,6 +21,7 @@ pub(crate) enum ElementType {
     I32,
     I64,
     U8,
+    U16,
     U32,
     U64,
     /// Byte strings of a fixed length.
@@ -33,6 +34,7 @@ impl ElementType {
     pub(crate) fn size(self) -> u64 {
         match self {
             Self::U8 => 1,
+            Self::U16 => 2,
             Self::F32 | Self::I32 | Self::U32 => 4,
             Self::F64 | Self::I64 | Self::U64 => 8,
             Self::Bytes(length) => u64::from(length),
@@ -47,6 +49,7 @@ impl ElementType {
             Self::I32 => "<i4".into(),
             Self::I64 => "<i8".into(),
             Self::U8 => "|u1".into(),
+            Self::U16 => "<u2".into(),
             Self::U32 => "<u4".into(),
             Self::U64 => "<u8".into(),
             Self::Bytes(length) => format!("|S{length}"),
@@ -61,6 +64,7 @@ impl ElementType {
             "<i4" => Self::I32,
             "<i8" => Self::I64,
             "|u1" => Self::U8,
+            "<u2" => Self::U16,
             "<u4" => Self::U32,
             "<u8" => Self::U64,
             _ => {
@@ -102,7 +106,7 @@ macro_rules! element {
         }
     )*};
 }
-element!(f32: F32, f64: F64, i32: I32, i64: I64, u8: U8, u32: U32, u64: U64);
+element!(f32: F32, f64: F64, i32: I32, i64: I64, u8: U8, u16: U16, u32: U32, u64: U64);
 
 /// Decodes all whole elements of `bytes`.
 pub(crate) fn decode<T: Element>(bytes: &[u8]) -> Vec<T> {

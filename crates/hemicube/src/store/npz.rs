@@ -71,8 +71,13 @@ impl<W: Write + Seek> NpzWriter<W> {
 
     /// What `scipy.sparse` reads first: the format's name and the shape.
     pub(crate) fn csr_preamble(&mut self, rows: u64, columns: u64) -> io::Result<()> {
+        self.preamble(b"csr", rows, columns)
+    }
+
+    /// The same for a format of another name, which `scipy.sparse` then refuses by that name.
+    pub(crate) fn preamble(&mut self, format: &[u8; 3], rows: u64, columns: u64) -> io::Result<()> {
         self.begin("format", ElementType::Bytes(3), &[])?;
-        self.zip.write_all(b"csr")?;
+        self.zip.write_all(format)?;
         self.begin("shape", ElementType::I64, &[2])?;
         self.push(&[rows, columns])
     }

@@ -1,7 +1,7 @@
-//! Reading a store: the manifest at once, a part's head when a row of it is first wanted, a row by two reads at its
-//! offset.
+//! Reading a store of either form: the manifest at once, a part's head when a row of it is first wanted, a row by two or
+//! three reads at its offset.
 //!
-//! Memory: 12 bytes a patch for where its row is, 20 bytes a row for the heads of the parts; entries are never kept.
+//! Memory: 12 bytes a patch for where its row is, 20 or 28 bytes a row for the heads of the parts; entries are never kept.
 
 use super::csr::CsrFile;
 use super::durable::file_checksum;
@@ -225,12 +225,13 @@ impl Store {
             ));
         }
         debug_assert_eq!(csr.entries(), entry.entries);
+        let (indices, data) = csr.rows(&mut npz)?;
         Ok(Some(Part {
             index: entry.index,
             rows,
             indptr: npz.array("indptr")?,
-            indices: npz.array("indices")?,
-            data: npz.array("data")?,
+            indices,
+            data,
             sums: sums
                 .chunks_exact(4)
                 .map(|sums| RowSums {
@@ -354,13 +355,13 @@ impl Store {
         if csr.row_count != u64::from(entry.rows)
             || csr.column_count != u64::from(self.manifest.patch_count)
             || csr.entries() != entry.entries
-            || !csr.is_store_part()
+            || !csr.is_store_part(self.manifest.form)
         {
             return Err(Error::malformed(
                 &path,
                 format!(
-                    "is no part of {} rows and {} entries, as the manifest says",
-                    entry.rows, entry.entries
+                    "is no {:?} part of {} rows and {} entries, as the manifest says",
+                    self.manifest.form, entry.rows, entry.entries
                 ),
             ));
         }

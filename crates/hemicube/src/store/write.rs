@@ -4,8 +4,9 @@ use super::durable::{DurableFile, TEMPORARY_SUFFIX, file_checksum, read_exact_at
 use super::manifest::{FileEntry, PARTS_DIRECTORY, PATCH_COUNT_MAX, PATCHES_FILE, part_file};
 use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
-use super::{Error, HEMICUBE_WEIGHT, Header, Manifest, Part, PartEntry, PatchTable, Result, RowSums};
+use super::{Error, Form, HEMICUBE_WEIGHT, Header, Manifest, Part, PartEntry, PatchTable, Result, RowSums, compact};
 use crate::balance::BalanceEntry;
+use crate::compute::Thinning;
 use std::io::{self, Cursor, Write};
 use std::path::{Path, PathBuf};
 
@@ -93,18 +94,20 @@ impl StoreWriter {
         &self.manifest
     }
 
-    /// Writes a part. When this returns, the part is on the disk.
+    /// Writes a part. When this returns, the part is on the disk. In the compact form its form factors are rounded
+    /// ([`Form::round`]), if that was not done before.
     ///
     /// # Errors
     /// [`Error::Refused`] when the part is not what a reader may rely on: another number of rows than this part has, rows
-    /// or columns that do not exist or do not ascend, form factors that are no numbers, weights that do not sum to the
-    /// hemicubes'. [`Error::NoSpace`] or [`Error::Io`] when it cannot be written: then the parts before it are intact, and
+    /// or columns that do not exist or do not ascend, form factors that are no numbers (in the compact form also negative
+    /// ones and such as are 2 and more), weights that do not sum to the hemicubes'. [`Error::NoSpace`] or [`Error::Io`] when it cannot be written: then the parts before it are intact, and
     /// it can be tried again.
     pub fn write_part(&mut self, part: &Part) -> Result<()> {
         let file = part_file(part.index);
         let path = self.directory.join(&file);
         let sums = self.inspect(part).map_err(|reason| Error::refused(&path, reason))?;
-        let bytes = encode(part, self.manifest.patch_count).map_err(|error| Error::write(&path, 0, error))?;
+        let form = self.manifest.form;
+        let bytes = encode(part, self.manifest.patch_count, form).map_err(|error| Error::write(&path, 0, error))?;
         super::durable::write_whole(&path, &bytes)?;
         let entry = PartEntry {
             index: part.index,
@@ -120,7 +123,8 @@ impl StoreWriter {
         for (row, ((&patch, sums), &hemicubes)) in part.rows.iter().zip(&part.sums).zip(&part.hemicubes).enumerate() {
             let patch = patch as usize;
             self.written[patch] = true;
-            self.columns.row_sum[patch] = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
+            let factors = part.row(row).1.iter();
+            self.columns.row_sum[patch] = factors.map(|&factor| f64::from(form.round(factor))).sum();
             self.columns.error[patch] = f64::from(part.errors[row]);
             if hemicubes > 0 {
                 let whole = (u64::from(hemicubes) * HEMICUBE_WEIGHT) as f64;
@@ -130,6 +134,11 @@ impl StoreWriter {
             }
         }
         Ok(())
+    }
+
+    /// Has the manifest say what leaving out small form factors did ([`Summary::thinning`](crate::compute::Summary)).
+    pub fn record_thinning(&mut self, thinning: Option<Thinning>) {
+        self.manifest.thinning = thinning;
     }
 
     /// Has the manifest say what was done to the matrix after it was computed.
@@ -212,6 +221,14 @@ impl StoreWriter {
             }
             if let Some(bad) = factors.iter().find(|factor| !factor.is_finite()) {
                 return Err(format!("a form factor of patch {patch} is {bad}"));
+            }
+            let misfit = |&&factor: &&f32| compact::code(factor).is_none();
+            if !self.manifest.form.is_plain()
+                && let Some(bad) = factors.iter().find(misfit)
+            {
+                return Err(format!(
+                    "a form factor of patch {patch} is {bad}, which the compact form cannot hold"
+                ));
             }
             let (sums, hemicubes) = (&part.sums[row], u64::from(part.hemicubes[row]));
             if sums.total() != Some(hemicubes * HEMICUBE_WEIGHT) {
@@ -376,13 +393,29 @@ fn write_archive(
 
 /// The bytes of a part's file. In memory, because its checksum is wanted and zip headers are written last; a part is in
 /// memory anyway.
-fn encode(part: &Part, patch_count: u32) -> io::Result<Vec<u8>> {
-    let (rows, entries) = (part.rows.len() as u64, part.data.len() as u64);
-    let capacity = 4096 + 8 * part.data.len() + 48 * part.rows.len();
+fn encode(part: &Part, patch_count: u32, form: Form) -> io::Result<Vec<u8>> {
+    let (rows, entries, columns) = (part.rows.len() as u64, part.data.len() as u64, u64::from(patch_count));
+    let per_entry = if form.is_plain() { 8 } else { 3 };
+    let capacity = 4096 + per_entry * part.data.len() + 64 * part.rows.len();
     let mut npz = NpzWriter::new(Cursor::new(Vec::with_capacity(capacity)));
-    npz.csr_preamble(rows, u64::from(patch_count))?;
-    npz.array("data", &[entries], &part.data)?;
-    npz.array("indices", &[entries], &part.indices)?;
+    match form {
+        Form::Plain => {
+            npz.csr_preamble(rows, columns)?;
+            npz.array("data", &[entries], &part.data)?;
+            npz.array("indices", &[entries], &part.indices)?;
+        }
+        Form::Compact => {
+            npz.preamble(b"run", rows, columns)?;
+            let misfit = || io::Error::other("a form factor does not fit the compact form");
+            let codes: Option<Vec<u16>> = part.data.iter().map(|&factor| compact::code(factor)).collect();
+            npz.array("codes", &[entries], &codes.ok_or_else(misfit)?)?;
+            let runs = compact::Runs::new(&part.indptr, &part.indices);
+            let count = runs.gaps.len() as u64;
+            npz.array("gaps", &[count], &runs.gaps)?;
+            npz.array("lengths", &[count], &runs.lengths)?;
+            npz.array("runptr", &[rows + 1], &runs.runptr)?;
+        }
+    }
     npz.array("indptr", &[rows + 1], &part.indptr)?;
     npz.array("rows", &[rows], &part.rows)?;
     npz.begin("sums", ElementType::U64, &[rows, 4])?;

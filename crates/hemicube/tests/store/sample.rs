@@ -66,6 +66,8 @@ pub(crate) fn sample(patch_count: u32, row_count: u32, rows_per_part: u32, seed:
         patch_count,
         row_count,
         rows_per_part,
+        form: hemicube::store::Form::Plain,
+        min_factor: 0.0,
         backend: BackendEntry {
             name: "cpu".into(),
             version: "1".into(),
