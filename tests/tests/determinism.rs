@@ -14,9 +14,9 @@ use hemicube_scene::generate::{self, Kind};
 use hemicube_tests::rows::{parts, plan, settings};
 use hemicube_tests::scenes::{generated, model};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 fn cornell() -> Model {
     model(generate::cornell_box_open(), Subdivision::Levels(3))
@@ -416,5 +416,102 @@ fn a_sink_that_is_full_ends_the_run() {
             .expect_err("a full sink passed")
         });
         assert!(matches!(error, ComputeError::Store(_)), "{error}");
+    }
+}
+
+/// A sink that panics.
+struct Panics;
+
+impl PartSink for Panics {
+    fn take(&mut self, _: Part) -> Result<(), hemicube::store::Error> {
+        panic!("the sink is broken");
+    }
+}
+
+/// A sink that keeps its first part waiting until more rows are computed than it has been given.
+struct Slow {
+    /// Rows that are computed and collected.
+    rows: Arc<AtomicU64>,
+    rows_per_part: u64,
+    waited: bool,
+}
+
+impl PartSink for Slow {
+    fn take(&mut self, part: Part) -> Result<(), hemicube::store::Error> {
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while part.index == 0 && Instant::now() < deadline {
+            if self.rows.load(Ordering::SeqCst) >= 2 * self.rows_per_part {
+                self.waited = true;
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn a_sink_that_panics_ends_the_run() {
+    for threads in [1, 3] {
+        let error = in_time("a sink that panics", move || {
+            let model = cornell();
+            let plan = plan(&model);
+            let execution = Execution {
+                threads,
+                ..Execution::default()
+            };
+            let backend = Box::new(CpuBackend::new());
+            compute(
+                &model,
+                &plan,
+                settings(64),
+                backend,
+                execution,
+                &mut Panics,
+                &mut |_| {},
+            )
+            .expect_err("a panic passed")
+        });
+        assert!(
+            matches!(&error, ComputeError::Panic { message } if message.contains("broken")),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn rows_are_computed_while_a_part_is_written() {
+    for threads in [1, 2] {
+        let sink = in_time("a slow sink", move || {
+            let model = cornell();
+            let plan = plan(&model);
+            let rows = Arc::new(AtomicU64::new(0));
+            let mut sink = Slow {
+                rows: Arc::clone(&rows),
+                rows_per_part: plan.rows_per_part.into(),
+                waited: false,
+            };
+            assert!(plan.part_count() > 3);
+            let execution = Execution {
+                threads,
+                batch: 4,
+                cancel: None,
+            };
+            let backend = Box::new(CpuBackend::new());
+            let mut progress = |p: Progress| rows.store(p.rows, Ordering::SeqCst);
+            let summary = compute(
+                &model,
+                &plan,
+                settings(64),
+                backend,
+                execution,
+                &mut sink,
+                &mut progress,
+            )
+            .expect("rows");
+            assert_eq!(summary.parts, plan.part_count() as u64);
+            sink
+        });
+        assert!(sink.waited, "nothing was computed while the sink was at its first part");
     }
 }

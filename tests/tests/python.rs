@@ -2,14 +2,15 @@
 //!
 //! Needs Python with SciPy: `HEMICUBE_PYTHON`, otherwise `python3`.
 
+use hemicube::Model;
 use hemicube::compute::Execution;
 use hemicube::export::{ExportFormat, ExportOptions, export};
-use hemicube::store::{BackendEntry, Header, Part, PatchTable, SceneEntry, Store, StoreWriter, scene_hash};
+use hemicube::store::{BackendEntry, Form, Header, Part, PatchTable, SceneEntry, Store, StoreWriter, scene_hash};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::cornell_box;
 use hemicube_tests::rows::{parts, plan, settings};
-use hemicube_tests::scenes::{model, skip};
+use hemicube_tests::scenes::{model, skip, workspace};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -46,6 +47,62 @@ json.dump({
     "product": float((whole @ numpy.ones(whole.shape[1])).sum()),
 }, sys.stdout)
 "#;
+
+/// Decodes the parts it is given with the function in the documentation, and prints what `SCRIPT` prints of a matrix.
+const COMPACT_SCRIPT: &str = r#"
+import json, sys
+json.dump([{"shape": list(m.shape), "sorted": bool(m.has_sorted_indices), "type": str(m.dtype),
+            "entries": [[int(i), int(j), float(v)] for i, j, v in zip(m.tocoo().row, m.tocoo().col, m.data)]}
+           for m in map(compact_part, sys.argv[1:])], sys.stdout)
+"#;
+
+/// The Python that `docs/store.md` gives to read compact parts with.
+fn documented() -> String {
+    let path = workspace().join("docs/store.md");
+    let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("`{}`: {error}", path.display()));
+    let (_, code) = text.split_once("```python\n").expect("a block of Python");
+    code.split_once("```").expect("the end of the block").0.to_owned()
+}
+
+#[test]
+fn the_documented_function_reads_compact_parts() {
+    let Some(python) = python("python::the_documented_function_reads_compact_parts") else {
+        return;
+    };
+    let model = model(cornell_box(), Subdivision::Levels(2));
+    let plan = plan(&model).with_form(Form::Compact);
+    let (parts, _) = parts(
+        &model,
+        &plan,
+        settings(64),
+        Box::new(CpuBackend::new()),
+        Execution::default(),
+    )
+    .expect("a sound run");
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let directory = place.path().join("F");
+    let table = PatchTable::new(&cornell_box(), model.patches());
+    let header = header(&model, plan.rows_per_part, Form::Compact);
+    let mut writer = StoreWriter::create(&directory, header, &table, false).expect("a new store");
+    parts
+        .iter()
+        .for_each(|part| writer.write_part(part).expect("a part is written"));
+    let manifest = writer.finish().expect("all parts are there");
+    let output = Command::new(python)
+        .args(["-c", &format!("{}{COMPACT_SCRIPT}", documented())])
+        .args(manifest.parts.iter().map(|part| directory.join(&part.file)))
+        .output()
+        .expect("Python runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Vec<Value> = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert!(parts.len() > 1 && found.len() == parts.len());
+    for (part, found) in parts.iter().zip(&found) {
+        assert!(part.data.len() > 100);
+        assert_eq!(entries(found), computed(std::slice::from_ref(part), false));
+        assert_eq!(found["shape"], json!([part.rows.len(), model.geometry().patch_count]));
+        assert_eq!((&found["sorted"], &found["type"]), (&json!(true), &json!("float32")));
+    }
+}
 
 /// A Python that has SciPy, or a skip.
 fn python(test: &str) -> Option<OsString> {
@@ -105,6 +162,32 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("a temporary path is text")
 }
 
+/// Of a store of all rows.
+fn header(model: &Model, rows_per_part: u32, form: Form) -> Header {
+    let patch_count = model.geometry().patch_count;
+    let scene = cornell_box();
+    Header {
+        program: "test".to_owned(),
+        scene: SceneEntry {
+            file: "room".to_owned(),
+            blake3: scene_hash(&scene, model.patches()),
+        },
+        settings: json!({ "resolution": 64 }),
+        correction: "pixel".to_owned(),
+        patch_count,
+        row_count: patch_count,
+        rows_per_part,
+        form,
+        min_factor: 0.0,
+        backend: BackendEntry {
+            name: "cpu".to_owned(),
+            version: "1".to_owned(),
+        },
+        objects: scene.objects.clone(),
+        materials: scene.materials.iter().map(|m| m.name.clone()).collect(),
+    }
+}
+
 #[test]
 fn scipy_opens_everything() {
     let Some(python) = python("python::scipy_opens_everything") else {
@@ -125,26 +208,7 @@ fn scipy_opens_everything() {
     let place = tempfile::tempdir().expect("a temporary directory");
     let directory = place.path().join("F");
     let patch_count = model.geometry().patch_count;
-    let header = Header {
-        program: "test".to_owned(),
-        scene: SceneEntry {
-            file: "room".to_owned(),
-            blake3: scene_hash(&scene, model.patches()),
-        },
-        settings: json!({ "resolution": 64 }),
-        correction: "pixel".to_owned(),
-        patch_count,
-        row_count: patch_count,
-        rows_per_part: plan.rows_per_part,
-        form: hemicube::store::Form::Plain,
-        min_factor: 0.0,
-        backend: BackendEntry {
-            name: "cpu".to_owned(),
-            version: "1".to_owned(),
-        },
-        objects: scene.objects.clone(),
-        materials: scene.materials.iter().map(|m| m.name.clone()).collect(),
-    };
+    let header = header(&model, plan.rows_per_part, Form::Plain);
     let table = PatchTable::new(&scene, model.patches());
     let mut writer = StoreWriter::create(&directory, header, &table, false).expect("a new store");
     computed_parts

@@ -130,7 +130,7 @@ fn measure(source: &Store, parts: &[Part], form: Form, directory: &Path) -> Resu
             for (&computed, &kept) in computed.iter().zip(kept) {
                 let (computed, kept) = (f64::from(computed), f64::from(kept));
                 // What is smaller keeps its place, not its value.
-                if computed >= f64::powi(2.0, -63) {
+                if computed >= f64::powi(2.0, -62) {
                     worst = worst.max((kept - computed).abs() / computed);
                 }
                 squares += (kept - computed).powi(2);

@@ -87,13 +87,29 @@ impl Model {
             .iter()
             .map(|s| Aabb::from_points(s.map(normalise)))
             .collect();
-        let octree = Octree::build_loose(
-            &boxes,
-            OctreeOptions {
-                max_level: hierarchy.max_level,
-                min_items: hierarchy.min_patches,
-            },
-        )?;
+        // The order of work has nothing to do with the octree: each on a thread of its own.
+        let work_order = || {
+            let (normals, centroids): (Vec<DVec3>, Vec<DVec3>) = patches
+                .iter()
+                .map(|p| (patches.normal(p), normalise(patches.centroid(p))))
+                .unzip();
+            let bounds = Aabb {
+                min: normalise(bounds.min),
+                max: normalise(bounds.max),
+            };
+            order_by_normal_and_position(&normals, &centroids, bounds)
+        };
+        let options = OctreeOptions {
+            max_level: hierarchy.max_level,
+            min_items: hierarchy.min_patches,
+        };
+        let (octree, order) = std::thread::scope(|scope| {
+            let order = scope.spawn(work_order);
+            let octree = Octree::build_loose(&boxes, options);
+            (octree, order.join())
+        });
+        let octree = octree?;
+        let order = order.unwrap_or_else(|payload| std::panic::resume_unwind(payload));
         drop(boxes);
         let surfaces = octree
             .order()
@@ -107,19 +123,6 @@ impl Model {
                 }
             })
             .collect();
-
-        let (normals, centroids): (Vec<DVec3>, Vec<DVec3>) = patches
-            .iter()
-            .map(|p| (patches.normal(p), normalise(patches.centroid(p))))
-            .unzip();
-        let order = order_by_normal_and_position(
-            &normals,
-            &centroids,
-            Aabb {
-                min: normalise(bounds.min),
-                max: normalise(bounds.max),
-            },
-        );
 
         // Corners carry the rounding of the coordinates they were given in, which far from the origin is much more than
         // that of the scene's own extent.

@@ -70,7 +70,7 @@ pub enum Form {
 
 impl Form {
     /// By how much of itself a form factor may be off what was computed: 0 in the plain form, 2⁻¹¹ in the compact one
-    /// (for those from 2⁻⁶³ up; smaller ones are kept as one of about that size).
+    /// (for those from 2⁻⁶² up; what is smaller is kept as something below that).
     pub fn value_error(self) -> f64 {
         match self {
             Self::Plain => 0.0,

@@ -295,35 +295,14 @@ impl Tree {
         #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
         let mut order: Vec<u32> = (0..count as u32).collect();
         let mut tree = Self::empty(geometry);
-        let empty = tree.nodes[0];
-        let mut pending = vec![(0usize, 0usize, count)];
-        while let Some((node, start, end)) = pending.pop() {
-            let range = &mut order[start..end];
-            let mut bounds = Bounds::EMPTY;
-            let mut centers = Bounds::EMPTY;
-            for &s in range.iter() {
-                let b = Bounds::of(&surfaces[s as usize]);
-                bounds = bounds.union(b);
-                let c = b.low + b.high;
-                centers = centers.union(Bounds { low: c, high: c });
-            }
-            if range.len() <= LANES {
-                #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than surfaces")]
-                let block = tree.blocks.len() as u32;
-                tree.nodes[node] = bounds.node(0, block);
-                // Ids in ascending lanes: the tree then depends on the set of triangles only.
-                range.sort_unstable_by_key(|&s| surfaces[s as usize].front.0);
-                tree.push_block(surfaces, range);
-                continue;
-            }
-            let split = split(surfaces, range, centers);
-            #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than surfaces")]
-            let child = tree.nodes.len() as u32;
-            tree.nodes[node] = bounds.node(child, INNER);
-            tree.nodes.push(empty);
-            tree.nodes.push(empty);
-            pending.push((child as usize + 1, start + split, end));
-            pending.push((child as usize, start, start + split));
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        // Twice as many pieces as threads, as the halves of a scene are not equally dear.
+        let whole = cut(surfaces, &mut order, 2 * threads.next_power_of_two());
+        tree.nodes = whole.nodes;
+        let mut start = 0;
+        for lanes in whole.leaves {
+            tree.push_block(surfaces, &order[start..start + lanes]);
+            start += lanes;
         }
         tree
     }
@@ -359,6 +338,102 @@ pub fn overlap(p: &[DVec3; 3], q: &[DVec3; 3], normal: DVec3, touch: f64) -> boo
         })
     };
     !apart(p, q) && !apart(q, p)
+}
+
+/// A part of the tree by itself: its root first, children and blocks counted from its own first.
+struct Piece {
+    nodes: Vec<Node>,
+    /// How many surfaces each leaf has, in the order of the surfaces.
+    leaves: Vec<usize>,
+}
+
+impl Node {
+    /// The same node in a tree that has so many nodes and blocks more before its children.
+    fn moved(mut self, nodes: usize, blocks: usize) -> Self {
+        #[allow(clippy::cast_possible_truncation, reason = "fewer nodes and blocks than surfaces")]
+        if self.block == INNER {
+            self.child += nodes as u32;
+        } else {
+            self.block += blocks as u32;
+        }
+        self
+    }
+}
+
+/// Fewer surfaces are cut sooner than a thread is started.
+const PARALLEL_FROM: usize = 1 << 13;
+
+/// The box of some surfaces, and that of twice their middles.
+fn bounds_of(surfaces: &[Surface], range: &[u32]) -> (Bounds, Bounds) {
+    range
+        .iter()
+        .fold((Bounds::EMPTY, Bounds::EMPTY), |(bounds, centers), &s| {
+            let b = Bounds::of(&surfaces[s as usize]);
+            let c = b.low + b.high;
+            (bounds.union(b), centers.union(Bounds { low: c, high: c }))
+        })
+}
+
+/// Sorts the surfaces of `range` into leaves and puts a tree over them, in up to about `pieces` pieces at the same time.
+/// Neither half of a node looks at the other, so the tree is the same whatever the pieces.
+fn cut(surfaces: &[Surface], range: &mut [u32], pieces: usize) -> Piece {
+    if pieces <= 1 || range.len() < PARALLEL_FROM {
+        return cut_alone(surfaces, range);
+    }
+    let (bounds, centers) = bounds_of(surfaces, range);
+    let middle = split(surfaces, range, centers);
+    let (first, second) = range.split_at_mut(middle);
+    let (first, second) = std::thread::scope(|scope| {
+        let second = scope.spawn(|| cut(surfaces, second, pieces / 2));
+        let first = cut(surfaces, first, pieces / 2);
+        let second = second.join();
+        (
+            first,
+            second.unwrap_or_else(|payload| std::panic::resume_unwind(payload)),
+        )
+    });
+    // The pair of children, what is below the first, what is below the second.
+    let (below, leaves) = (first.nodes.len(), first.leaves.len());
+    let mut nodes = Vec::with_capacity(1 + below + second.nodes.len());
+    nodes.push(bounds.node(1, INNER));
+    nodes.push(first.nodes[0].moved(2, 0));
+    nodes.push(second.nodes[0].moved(below + 1, leaves));
+    nodes.extend(first.nodes[1..].iter().map(|node| node.moved(2, 0)));
+    nodes.extend(second.nodes[1..].iter().map(|node| node.moved(below + 1, leaves)));
+    let mut all = first.leaves;
+    all.extend(second.leaves);
+    Piece { nodes, leaves: all }
+}
+
+/// The same on this thread, without recursion: a scene can make the tree as deep as it has leaves.
+fn cut_alone(surfaces: &[Surface], range: &mut [u32]) -> Piece {
+    let empty = Bounds::EMPTY.node(0, INNER);
+    let mut piece = Piece {
+        nodes: vec![empty],
+        leaves: Vec::new(),
+    };
+    let mut pending = vec![(0usize, 0usize, range.len())];
+    while let Some((node, start, end)) = pending.pop() {
+        let range = &mut range[start..end];
+        let (bounds, centers) = bounds_of(surfaces, range);
+        if range.len() <= LANES {
+            #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than surfaces")]
+            let block = piece.leaves.len() as u32;
+            piece.nodes[node] = bounds.node(0, block);
+            // Ids in ascending lanes: the tree then depends on the set of triangles only.
+            range.sort_unstable_by_key(|&s| surfaces[s as usize].front.0);
+            piece.leaves.push(range.len());
+            continue;
+        }
+        let split = split(surfaces, range, centers);
+        #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than surfaces")]
+        let child = piece.nodes.len() as u32;
+        piece.nodes[node] = bounds.node(child, INNER);
+        piece.nodes.extend([empty, empty]);
+        pending.push((child as usize + 1, start + split, end));
+        pending.push((child as usize, start, start + split));
+    }
+    piece
 }
 
 /// Corners in ascending order of (x, y, z), and whether that turned the winding around.
@@ -514,6 +589,34 @@ mod tests {
                     .iter()
                     .all(|&slot| (slot as usize) < tree.blocks.len() * LANES)
             );
+        }
+    }
+
+    #[test]
+    fn pieces_change_nothing() {
+        let scene = generate(Generate {
+            kind: Kind::BlockCity,
+            target_patches: 40_000,
+            seed: 1,
+        })
+        .expect("a city");
+        let patches = Patches::new(&scene, Subdivision::None).expect("patches");
+        let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+        let surfaces = &model.geometry().surfaces;
+        assert!(surfaces.len() > 3 * PARALLEL_FROM);
+        let tree = |pieces: usize| {
+            let mut order: Vec<u32> = (0..u32::try_from(surfaces.len()).expect("few")).collect();
+            let piece = cut(surfaces, &mut order, pieces);
+            let nodes: Vec<_> = piece
+                .nodes
+                .iter()
+                .map(|n| (n.center, n.half, n.child, n.block))
+                .collect();
+            (order, nodes, piece.leaves)
+        };
+        let alone = tree(1);
+        for pieces in [2, 3, 8, 64] {
+            assert!(tree(pieces) == alone, "{pieces} pieces");
         }
     }
 

@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "each test program uses its share")]
 
 use hemicube::store::{
-    BackendEntry, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowSums, SceneEntry, Store, StoreWriter,
+    BackendEntry, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowSums, SceneEntry, Store, StoreWriter,
 };
 use npyz::WriterBuilder;
 use serde_json::json;
@@ -66,7 +66,7 @@ pub(crate) fn sample(patch_count: u32, row_count: u32, rows_per_part: u32, seed:
         patch_count,
         row_count,
         rows_per_part,
-        form: hemicube::store::Form::Plain,
+        form: Form::Plain,
         min_factor: 0.0,
         backend: BackendEntry {
             name: "cpu".into(),
@@ -120,6 +120,15 @@ fn push_row(part: &mut Part, patch: u32, patch_count: u32, random: &mut Random) 
 }
 
 impl Sample {
+    /// The same matrix as a store of another form keeps it.
+    pub(crate) fn in_form(mut self, form: Form) -> Self {
+        self.header.form = form;
+        for factor in self.parts.iter_mut().flat_map(|part| &mut part.data) {
+            *factor = form.round(*factor);
+        }
+        self
+    }
+
     pub(crate) fn writer(&self, directory: &Path) -> StoreWriter {
         StoreWriter::create(directory, self.header.clone(), &self.patches, false).unwrap()
     }
