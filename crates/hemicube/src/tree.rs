@@ -296,8 +296,10 @@ impl Tree {
         let mut order: Vec<u32> = (0..count as u32).collect();
         let mut tree = Self::empty(geometry);
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let boxes: Vec<Bounds> = surfaces.iter().map(Bounds::of).collect();
         // Twice as many pieces as threads, as the halves of a scene are not equally dear.
-        let whole = cut(surfaces, &mut order, 2 * threads.next_power_of_two());
+        let id = |s: u32| surfaces[s as usize].front.0;
+        let whole = cut(&boxes, &id, &mut order, 2 * threads.next_power_of_two());
         tree.nodes = whole.nodes;
         let mut start = 0;
         for lanes in whole.leaves {
@@ -364,28 +366,28 @@ impl Node {
 const PARALLEL_FROM: usize = 1 << 13;
 
 /// The box of some surfaces, and that of twice their middles.
-fn bounds_of(surfaces: &[Surface], range: &[u32]) -> (Bounds, Bounds) {
+fn bounds_of(boxes: &[Bounds], range: &[u32]) -> (Bounds, Bounds) {
     range
         .iter()
         .fold((Bounds::EMPTY, Bounds::EMPTY), |(bounds, centers), &s| {
-            let b = Bounds::of(&surfaces[s as usize]);
+            let b = boxes[s as usize];
             let c = b.low + b.high;
             (bounds.union(b), centers.union(Bounds { low: c, high: c }))
         })
 }
 
 /// Sorts the surfaces of `range` into leaves and puts a tree over them, in up to about `pieces` pieces at the same time.
-/// Neither half of a node looks at the other, so the tree is the same whatever the pieces.
-fn cut(surfaces: &[Surface], range: &mut [u32], pieces: usize) -> Piece {
+/// `id` names a surface's patch. Neither half of a node looks at the other, so the tree is the same whatever the pieces.
+fn cut(boxes: &[Bounds], id: &(impl Fn(u32) -> u32 + Sync), range: &mut [u32], pieces: usize) -> Piece {
     if pieces <= 1 || range.len() < PARALLEL_FROM {
-        return cut_alone(surfaces, range);
+        return cut_alone(boxes, id, range);
     }
-    let (bounds, centers) = bounds_of(surfaces, range);
-    let middle = split(surfaces, range, centers);
+    let (bounds, centers) = bounds_of(boxes, range);
+    let middle = split(boxes, range, centers);
     let (first, second) = range.split_at_mut(middle);
     let (first, second) = std::thread::scope(|scope| {
-        let second = scope.spawn(|| cut(surfaces, second, pieces / 2));
-        let first = cut(surfaces, first, pieces / 2);
+        let second = scope.spawn(|| cut(boxes, id, second, pieces / 2));
+        let first = cut(boxes, id, first, pieces / 2);
         let second = second.join();
         (
             first,
@@ -406,7 +408,7 @@ fn cut(surfaces: &[Surface], range: &mut [u32], pieces: usize) -> Piece {
 }
 
 /// The same on this thread, without recursion: a scene can make the tree as deep as it has leaves.
-fn cut_alone(surfaces: &[Surface], range: &mut [u32]) -> Piece {
+fn cut_alone(boxes: &[Bounds], id: &impl Fn(u32) -> u32, range: &mut [u32]) -> Piece {
     let empty = Bounds::EMPTY.node(0, INNER);
     let mut piece = Piece {
         nodes: vec![empty],
@@ -415,17 +417,17 @@ fn cut_alone(surfaces: &[Surface], range: &mut [u32]) -> Piece {
     let mut pending = vec![(0usize, 0usize, range.len())];
     while let Some((node, start, end)) = pending.pop() {
         let range = &mut range[start..end];
-        let (bounds, centers) = bounds_of(surfaces, range);
+        let (bounds, centers) = bounds_of(boxes, range);
         if range.len() <= LANES {
             #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than surfaces")]
             let block = piece.leaves.len() as u32;
             piece.nodes[node] = bounds.node(0, block);
             // Ids in ascending lanes: the tree then depends on the set of triangles only.
-            range.sort_unstable_by_key(|&s| surfaces[s as usize].front.0);
+            range.sort_unstable_by_key(|&s| id(s));
             piece.leaves.push(range.len());
             continue;
         }
-        let split = split(surfaces, range, centers);
+        let split = split(boxes, range, centers);
         #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than surfaces")]
         let child = piece.nodes.len() as u32;
         piece.nodes[node] = bounds.node(child, INNER);
@@ -457,22 +459,26 @@ pub fn sorted_corners(mut corners: [DVec3; 3]) -> ([DVec3; 3], bool) {
 }
 
 /// Partitions `range` in two by the cheapest of the binned planes; returns the size of the first part.
-fn split(surfaces: &[Surface], range: &mut [u32], centers: Bounds) -> usize {
+fn split(surfaces: &[Bounds], range: &mut [u32], centers: Bounds) -> usize {
     let extent = centers.high - centers.low;
+    let bin_of: [_; 3] = std::array::from_fn(|axis| binning(centers.low[axis], extent[axis]));
+    let mut boxes = [[Bounds::EMPTY; BINS]; 3];
+    let mut counts = [[0usize; BINS]; 3];
+    // One pass for the three axes: what costs is fetching the boxes.
+    for &s in range.iter() {
+        let b = surfaces[s as usize];
+        for axis in 0..3 {
+            let bin = bin_of[axis](b.low[axis] + b.high[axis]);
+            boxes[axis][bin] = boxes[axis][bin].union(b);
+            counts[axis][bin] += 1;
+        }
+    }
     let mut best: Option<(f64, usize, usize)> = None;
     for axis in 0..3 {
         if extent[axis] <= 0.0 {
             continue;
         }
-        let bin_of = binning(centers.low[axis], extent[axis]);
-        let mut boxes = [Bounds::EMPTY; BINS];
-        let mut counts = [0usize; BINS];
-        for &s in range.iter() {
-            let b = Bounds::of(&surfaces[s as usize]);
-            let bin = bin_of(b.low[axis] + b.high[axis]);
-            boxes[bin] = boxes[bin].union(b);
-            counts[bin] += 1;
-        }
+        let (boxes, counts) = (&boxes[axis], &counts[axis]);
         let mut left = [(0.0, 0usize); BINS];
         let (mut bounds, mut count) = (Bounds::EMPTY, 0);
         for bin in 0..BINS {
@@ -502,7 +508,7 @@ fn split(surfaces: &[Surface], range: &mut [u32], centers: Bounds) -> usize {
     first = ((first + LANES / 2) / LANES * LANES).clamp(LANES, (len - 1) / LANES * LANES);
     range.select_nth_unstable_by(first, |&p, &q| {
         let center = |s: u32| {
-            let b = Bounds::of(&surfaces[s as usize]);
+            let b = surfaces[s as usize];
             b.low[axis] + b.high[axis]
         };
         center(p).total_cmp(&center(q)).then(p.cmp(&q))
@@ -604,9 +610,10 @@ mod tests {
         let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
         let surfaces = &model.geometry().surfaces;
         assert!(surfaces.len() > 3 * PARALLEL_FROM);
+        let boxes: Vec<Bounds> = surfaces.iter().map(Bounds::of).collect();
         let tree = |pieces: usize| {
             let mut order: Vec<u32> = (0..u32::try_from(surfaces.len()).expect("few")).collect();
-            let piece = cut(surfaces, &mut order, pieces);
+            let piece = cut(&boxes, &|s| surfaces[s as usize].front.0, &mut order, pieces);
             let nodes: Vec<_> = piece
                 .nodes
                 .iter()
