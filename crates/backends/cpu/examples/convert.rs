@@ -33,7 +33,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Correction::Area(FactorRule::for_tolerance(1e-4)),
     ];
     println!("N = {resolution}, {rows} rows, one thread; ms a row, and ns a pair more than `pixel`");
-    println!("| scene | pairs a row | pixel | point | area, 1 % | area, 0.1 % | area, 0.01 % | error of 1 % | of 0.1 % |");
+    println!(
+        "| scene | pairs a row | pixel | point | area, 1 % | area, 0.1 % | area, 0.01 % | error of 1 % | of 0.1 % |"
+    );
     println!("|---|---|---|---|---|---|---|---|---|");
     for (name, scene, subdivision) in scenes()? {
         if !chosen.is_empty() && chosen.iter().all(|c| c != name) {
@@ -55,9 +57,23 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ..Execution::default()
         };
         let backend = Box::new(CpuBackend::new());
-        compute(&model, &strictest, settings, backend, one_thread, &mut first, &mut |_| {})?;
+        compute(
+            &model,
+            &strictest,
+            settings,
+            backend,
+            one_thread,
+            &mut first,
+            &mut |_| {},
+        )?;
         let hemicubes_of_row = first.iter().flat_map(|part| &part.hemicubes);
-        plan.rows = plan.rows.iter().zip(hemicubes_of_row).filter(|(_, n)| **n == 1).map(|(&p, _)| p).collect();
+        plan.rows = plan
+            .rows
+            .iter()
+            .zip(hemicubes_of_row)
+            .filter(|(_, n)| **n == 1)
+            .map(|(&p, _)| p)
+            .collect();
         // One call of the backend for all rows: processor time is read once before and once after.
         plan.rows_per_part = u32::try_from(plan.rows.len())?;
         let hemicubes: Vec<Hemicube> = plan.rows.iter().flat_map(|&p| model.hemicubes(p, 1, true)).collect();
@@ -135,7 +151,11 @@ fn relative_frobenius(found: &[Part], exact: &[Part]) -> f64 {
         for row in 0..exact.rows.len() {
             let entries = |part: &Part| {
                 let (start, end) = (part.indptr[row] as usize, part.indptr[row + 1] as usize);
-                part.indices[start..end].iter().copied().zip(part.data[start..end].iter().copied()).collect()
+                part.indices[start..end]
+                    .iter()
+                    .copied()
+                    .zip(part.data[start..end].iter().copied())
+                    .collect()
             };
             let (found, exact): (Vec<(i32, f32)>, Vec<(i32, f32)>) = (entries(found), entries(exact));
             let mut columns: std::collections::BTreeMap<i32, (f64, f64)> = std::collections::BTreeMap::new();

@@ -152,6 +152,41 @@ fn lifted(p: [f64; 3], q: [f64; 3], zp: f64, zq: f64) -> [f64; 3] {
     ]
 }
 
+/// What an edge adds to the contour.
+#[derive(Clone, Copy)]
+struct Edge {
+    /// Of its part above the horizon.
+    term: f64,
+    /// Where the outline dips below the horizon along it, or 0.
+    down: [f64; 3],
+    /// Where it comes up again, or 0.
+    up: [f64; 3],
+}
+
+#[inline(always)]
+fn edge(n: [f64; 3], p: [f64; 3], q: [f64; 3], zp: f64, zq: f64) -> Edge {
+    let (from, to) = (lifted(p, q, zp, zq), lifted(q, p, zq, zp));
+    let (dips, rises) = ((zp >= 0.0) & (zq < 0.0), (zp < 0.0) & (zq >= 0.0));
+    Edge {
+        term: select((zp < 0.0) & (zq < 0.0), 0.0, term(n, from, to)),
+        down: [
+            select(dips, to[0], 0.0),
+            select(dips, to[1], 0.0),
+            select(dips, to[2], 0.0),
+        ],
+        up: [
+            select(rises, from[0], 0.0),
+            select(rises, from[1], 0.0),
+            select(rises, from[2], 0.0),
+        ],
+    }
+}
+
+#[inline(always)]
+fn plus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    [p[0] + q[0], p[1] + q[1], p[2] + q[2]]
+}
+
 #[inline(always)]
 fn evaluate_portable(elements: &Elements, out: &mut [f64; LANES]) {
     for l in 0..LANES {
@@ -166,20 +201,12 @@ fn evaluate_portable(elements: &Elements, out: &mut [f64; LANES]) {
         };
         let (a, b, c) = (corner(0), corner(1), corner(2));
         let (za, zb, zc) = (dot(n, a), dot(n, b), dot(n, c));
-        let mut sum = 0.0;
-        // Where the outline dips below the horizon, and where it comes up again.
-        let (mut down, mut up) = ([0.0; 3], [0.0; 3]);
-        for (p, q, zp, zq) in [(a, b, za, zb), (b, c, zb, zc), (c, a, zc, za)] {
-            let (from, to) = (lifted(p, q, zp, zq), lifted(q, p, zq, zp));
-            sum += select((zp < 0.0) & (zq < 0.0), 0.0, term(n, from, to));
-            let (dips, rises) = ((zp >= 0.0) & (zq < 0.0), (zp < 0.0) & (zq >= 0.0));
-            for k in 0..3 {
-                down[k] += select(dips, to[k], 0.0);
-                up[k] += select(rises, from[k], 0.0);
-            }
-        }
+        // Each edge's part above the horizon. Written out: an inner loop would keep the lanes from being vectorised.
+        let (ab, bc, ca) = (edge(n, a, b, za, zb), edge(n, b, c, zb, zc), edge(n, c, a, zc, za));
         // A triangle crosses the horizon at most once each way, or not at all, when this term is 0.
-        sum += term(n, down, up);
+        let down = plus(plus(ab.down, bc.down), ca.down);
+        let up = plus(plus(ab.up, bc.up), ca.up);
+        let sum = ab.term + bc.term + ca.term + term(n, down, up);
         let factor = sum * (-0.5 * std::f64::consts::FRAC_1_PI);
         out[l] = select(factor > 0.0, factor, 0.0);
     }
