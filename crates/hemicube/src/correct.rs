@@ -78,6 +78,8 @@ pub(crate) struct Converter {
     /// (patch, sample, visible, covered) of all samples of the row.
     entries: Vec<(u32, u32, u32, u32)>,
     exchanges: Option<Exchanges>,
+    /// Those of the row, with their visible fractions and A_i F_ij if all were visible.
+    patches: Vec<u32>,
     fractions: Vec<f64>,
     values: Vec<f64>,
     points: PointFactors,
@@ -97,6 +99,7 @@ impl Converter {
                 Correction::Tolerance(refinement) => Some(Refiner::new(refinement)),
                 Correction::Pixel | Correction::Point | Correction::Area(_) => None,
             },
+            patches: Vec::new(),
             fractions: Vec::new(),
             values: Vec::new(),
             points: PointFactors::new(),
@@ -118,15 +121,26 @@ impl Converter {
         data: &mut Vec<f32>,
     ) -> Converted {
         let (mut error, mut rays) = (f32::NAN, 0);
-        let sums = self.gather(rows, &receives);
         let start = data.len();
+        // By far the most rows of a large scene: no list of samples to sort and to group.
+        let is_plain = hemicubes.len() == 1 && matches!(self.correction, Correction::Area(_));
+        let sums = if is_plain {
+            self.fractions_of_one(rows, &receives)
+        } else {
+            self.gather(rows, &receives)
+        };
         if hemicubes.len() > 1 {
             self.entries.sort_unstable();
         }
         match self.correction {
             Correction::Pixel => self.pixel(hemicubes.len(), columns, data),
             Correction::Point => self.point(model, hemicubes, columns, data),
-            Correction::Area(_) => self.area(model, emitter, hemicubes, columns, data),
+            Correction::Area(_) => {
+                if !is_plain {
+                    self.fractions(model, hemicubes);
+                }
+                self.area(model, emitter, columns, data);
+            }
             Correction::Tolerance(_) => {
                 let refined = self.tolerance(model, emitter, hemicubes.len(), receives, columns, data);
                 #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
@@ -136,7 +150,7 @@ impl Converter {
         }
         let whole = f64::from(WHOLE) * hemicubes.len().max(1) as f64;
         let lost = (sums.escaped + sums.blocked + sums.unselected) as f64 / whole;
-        let sum: f64 = data[start..].iter().map(|&f| f64::from(f)).sum();
+        let sum = sum(&data[start..]);
         let bound = match self.correction {
             Correction::Pixel => f64::INFINITY,
             _ if sums.escaped > 0 => ODD,
@@ -180,52 +194,76 @@ impl Converter {
 
     fn point(&mut self, model: &Model, hemicubes: &[Hemicube], columns: &mut Vec<i32>, data: &mut Vec<f32>) {
         let scale = 1.0 / hemicubes.len().max(1) as f64;
+        let pairs = self.entries.iter().map(|e| {
+            let hemicube = &hemicubes[e.1 as usize];
+            (hemicube.origin, hemicube.axes[2], model.normalised_corners(e.0))
+        });
+        let mut factors = self.points.pairs(pairs);
         for group in self.entries.chunk_by(|a, b| a.0 == b.0) {
-            let patch = group[0].0;
-            let corners = model.normalised_corners(patch);
-            let centers = group.iter().map(|e| &hemicubes[e.1 as usize]);
-            let factors = self.points.evaluate(centers.map(|h| (h.origin, h.axes[2])), &corners);
-            let sum: f64 = group.iter().zip(factors).map(|(e, f)| fraction(e.2, e.3) * f).sum();
-            push(columns, data, patch, sum * scale);
+            let (of_group, rest) = factors.split_at(group.len());
+            let sum: f64 = group.iter().zip(of_group).map(|(e, f)| fraction(e.2, e.3) * f).sum();
+            push(columns, data, group[0].0, sum * scale);
+            factors = rest;
         }
     }
 
-    fn area(
+    /// Lists the patches of a row of one sample, and their visible fractions; returns where its weight went.
+    fn fractions_of_one<'r>(
         &mut self,
-        model: &Model,
-        emitter: InputPatch,
-        hemicubes: &[Hemicube],
-        columns: &mut Vec<i32>,
-        data: &mut Vec<f32>,
-    ) {
-        let Some(exchanges) = &mut self.exchanges else { return };
-        let own = model.normalised_corners(emitter.0);
-        let per_area = 2.0 / (own[1] - own[0]).cross(own[2] - own[0]).length();
+        rows: impl Iterator<Item = RowView<'r>>,
+        receives: &impl Fn(u32) -> bool,
+    ) -> RowSums {
+        let mut sums = RowSums::default();
+        self.patches.clear();
         self.fractions.clear();
-        self.values.clear();
-        let groups = || self.entries.chunk_by(|a, b| a.0 == b.0);
-        self.values.resize(groups().count(), 0.0);
-        exchanges.begin(&own);
-        for (place, group) in groups().enumerate() {
-            let corners = model.normalised_corners(group[0].0);
-            exchanges.add(place, &corners, &mut self.values);
+        for row in rows {
+            sums.escaped += u64::from(row.escaped);
+            sums.blocked += u64::from(row.blocked);
+            self.patches.reserve(row.patches.len());
+            self.fractions.reserve(row.patches.len());
+            for ((&patch, &visible), &covered) in row.patches.iter().zip(row.visible).zip(row.covered) {
+                if receives(patch) {
+                    sums.visible += u64::from(visible);
+                    self.patches.push(patch);
+                    self.fractions.push(fraction(visible, covered));
+                } else {
+                    sums.unselected += u64::from(visible);
+                }
+            }
+        }
+        sums
+    }
+
+    /// Lists the patches of all samples, and their visible fractions.
+    fn fractions(&mut self, model: &Model, hemicubes: &[Hemicube]) {
+        self.patches.clear();
+        self.fractions.clear();
+        for group in self.entries.chunk_by(|a, b| a.0 == b.0) {
             let all = group.len() == hemicubes.len() && group.iter().all(|e| fraction(e.2, e.3) == 1.0);
             let visible = if all {
                 1.0
-            } else if hemicubes.len() == 1 {
-                fraction(group[0].2, group[0].3)
             } else {
                 let centers = hemicubes.iter().map(|h| (h.origin, h.axes[2]));
-                let factors = self.points.evaluate(centers, &corners);
+                let factors = self.points.evaluate(centers, &model.normalised_corners(group[0].0));
                 let whole: f64 = factors.iter().sum();
                 let seen: f64 = group.iter().map(|e| fraction(e.2, e.3) * factors[e.1 as usize]).sum();
                 if whole > 0.0 { seen / whole } else { 0.0 }
             };
+            self.patches.push(group[0].0);
             self.fractions.push(visible);
         }
-        exchanges.finish(&mut self.values);
-        for ((group, &visible), &exchange) in groups().zip(&self.fractions).zip(&self.values) {
-            push(columns, data, group[0].0, visible * exchange * per_area);
+    }
+
+    fn area(&mut self, model: &Model, emitter: InputPatch, columns: &mut Vec<i32>, data: &mut Vec<f32>) {
+        let Some(exchanges) = &mut self.exchanges else { return };
+        let own = model.normalised_corners(emitter.0);
+        let per_area = 2.0 / (own[1] - own[0]).cross(own[2] - own[0]).length();
+        self.values.clear();
+        self.values.resize(self.patches.len(), 0.0);
+        exchanges.begin(&own);
+        exchanges.row(model, &self.patches, &mut self.values);
+        for ((&patch, &visible), &exchange) in self.patches.iter().zip(&self.fractions).zip(&self.values) {
+            push(columns, data, patch, visible * exchange * per_area);
         }
     }
 
@@ -272,6 +310,19 @@ pub(crate) fn fraction(visible: u32, covered: u32) -> f64 {
     }
     let fraction = f64::from(visible) / f64::from(covered);
     if fraction >= ALL_VISIBLE { 1.0 } else { fraction }
+}
+
+/// In eight sums, so that none waits for the one before.
+fn sum(values: &[f32]) -> f64 {
+    let mut sums = [0.0; 8];
+    let chunks = values.chunks_exact(sums.len());
+    let rest: f64 = chunks.remainder().iter().map(|&value| f64::from(value)).sum();
+    for chunk in chunks {
+        for (sum, &value) in sums.iter_mut().zip(chunk) {
+            *sum += f64::from(value);
+        }
+    }
+    sums.iter().sum::<f64>() + rest
 }
 
 fn push(columns: &mut Vec<i32>, data: &mut Vec<f32>, patch: u32, value: f64) {

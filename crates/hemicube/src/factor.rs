@@ -5,10 +5,13 @@
 //! both directions get the same bits. How many outer points a pair needs depends on how near the two are, in radii of
 //! the outer one; where they touch, nearly touch or cross, it is a contour integral instead.
 
+pub(crate) mod coarse;
 pub(crate) mod contour;
 pub(crate) mod far;
 mod lanes;
 
+use crate::Model;
+use coarse::{Found, Pairs, Reach, Shape, WIDTH};
 use far::{Others, Own};
 use glam::DVec3;
 use lanes::{Elements, LANES};
@@ -26,6 +29,8 @@ pub struct FactorRule {
     twenty_four: f64,
     /// Error of the contour integral, as a share of the smaller area.
     enough: f64,
+    /// From where on single precision will do, where it will do at all.
+    coarse: Option<Reach>,
 }
 
 impl FactorRule {
@@ -38,6 +43,11 @@ impl FactorRule {
                 six: 1.5,
                 twenty_four: 0.6,
                 enough: 1e-4,
+                coarse: Some(Reach {
+                    far: 8.0,
+                    middle: 1.25,
+                    cut: 6.0,
+                }),
             }
         } else if tolerance >= 5e-4 {
             Self {
@@ -46,6 +56,7 @@ impl FactorRule {
                 six: 3.0,
                 twenty_four: 1.2,
                 enough: 1e-5,
+                coarse: None,
             }
         } else {
             Self {
@@ -54,6 +65,7 @@ impl FactorRule {
                 six: 6.0,
                 twenty_four: 2.5,
                 enough: 1e-7,
+                coarse: None,
             }
         }
     }
@@ -103,13 +115,20 @@ impl PointFactors {
 
     /// The form factor from each (position, unit normal) to the front of `triangle`, in order.
     pub fn evaluate(&mut self, from: impl Iterator<Item = (DVec3, DVec3)>, triangle: &[DVec3; 3]) -> &[f64] {
+        self.pairs(from.map(|(point, normal)| (point, normal, *triangle)))
+    }
+
+    /// The form factor from each (position, unit normal) to the front of its triangle, in order.
+    pub(crate) fn pairs(&mut self, pairs: impl Iterator<Item = (DVec3, DVec3, [DVec3; 3])>) -> &[f64] {
         self.out.clear();
-        set_target(&mut self.elements, DVec3::Z, triangle);
         let mut filled = 0;
-        for (point, normal) in from {
+        for (point, normal, triangle) in pairs {
             for k in 0..3 {
                 self.elements.point[k][filled] = point[k];
                 self.elements.normal[k][filled] = normal[k];
+                for (c, corner) in triangle.iter().enumerate() {
+                    self.elements.corners[3 * c + k][filled] = corner[k];
+                }
             }
             filled += 1;
             if filled == LANES {
@@ -134,20 +153,40 @@ pub fn exchange(i: &[DVec3; 3], j: &[DVec3; 3], rule: &FactorRule) -> f64 {
     out[0]
 }
 
-/// A_i F_ij of one triangle and many others: those far away are evaluated eight at a time. The same bits as [`exchange`].
+/// A_i F_ij of one triangle and many others: those far away are evaluated several at a time. The same bits as
+/// [`exchange`].
 #[derive(Debug)]
 pub struct Exchanges {
     rule: FactorRule,
     corners: [DVec3; 3],
-    own: Own,
-    others: Others,
-    /// Where each lane's value goes.
-    places: [usize; LANES],
-    filled: usize,
+    single: Single,
+    double: Double,
     waiting: Elements,
     /// Where each waiting lane's value goes, and the outer area it is to be multiplied by.
     waiting_places: [(usize, f64); LANES],
     waiting_filled: usize,
+}
+
+/// Pairs to be evaluated in single precision, and where their values go.
+#[derive(Debug)]
+struct Single {
+    own: Shape,
+    pairs: Pairs,
+    places: [usize; WIDTH],
+    corners: [[DVec3; 3]; WIDTH],
+    filled: usize,
+    middle: Pairs,
+    middle_places: [usize; WIDTH],
+    middle_filled: usize,
+}
+
+/// Pairs to be evaluated in double precision, and where their values go.
+#[derive(Debug)]
+struct Double {
+    own: Own,
+    others: Others,
+    places: [usize; LANES],
+    filled: usize,
 }
 
 impl Exchanges {
@@ -156,12 +195,24 @@ impl Exchanges {
         Self {
             rule,
             corners: [DVec3::ZERO; 3],
-            own: Own::default(),
-            others: Others {
-                corners: [[0.0; LANES]; 9],
+            single: Single {
+                own: Shape::default(),
+                pairs: Pairs::new(),
+                places: [0; WIDTH],
+                corners: [[DVec3::ZERO; 3]; WIDTH],
+                filled: 0,
+                middle: Pairs::new(),
+                middle_places: [0; WIDTH],
+                middle_filled: 0,
             },
-            places: [0; LANES],
-            filled: 0,
+            double: Double {
+                own: Own::default(),
+                others: Others {
+                    corners: [[0.0; LANES]; 9],
+                },
+                places: [0; LANES],
+                filled: 0,
+            },
             waiting: Elements::new(),
             waiting_places: [(0, 0.0); LANES],
             waiting_filled: 0,
@@ -171,52 +222,154 @@ impl Exchanges {
     /// Begins with triangle `i`, after the pairs of another were finished.
     pub fn begin(&mut self, i: &[DVec3; 3]) {
         self.corners = *i;
-        self.own = Own::new(i);
-        self.filled = 0;
-        self.waiting_filled = 0;
+        if self.rule.coarse.is_some() {
+            self.single.own = Shape::new(i);
+        } else {
+            self.double.own = Own::new(i);
+        }
     }
 
     /// Adds the pair (i, j), whose value will be at `out[place]` after [`Exchanges::finish`], if not before.
     pub fn add(&mut self, place: usize, j: &[DVec3; 3], out: &mut [f64]) {
+        if let Some(reach) = self.rule.coarse {
+            let single = &mut self.single;
+            single.pairs.set(single.filled, &single.own, &Shape::new(j));
+            single.places[single.filled] = place;
+            single.corners[single.filled] = *j;
+            single.filled += 1;
+            if single.filled == WIDTH {
+                self.flush_added(reach, out);
+            }
+            return;
+        }
+        let double = &mut self.double;
         for (c, corner) in j.iter().enumerate() {
             for k in 0..3 {
-                self.others.corners[3 * c + k][self.filled] = corner[k];
+                double.others.corners[3 * c + k][double.filled] = corner[k];
             }
         }
-        self.places[self.filled] = place;
-        self.filled += 1;
-        if self.filled == LANES {
-            self.flush(out);
+        double.places[double.filled] = place;
+        double.filled += 1;
+        if double.filled == LANES {
+            self.flush_double(out);
         }
     }
 
     /// Evaluates the pairs that still wait.
     pub fn finish(&mut self, out: &mut [f64]) {
-        self.flush(out);
+        if let Some(reach) = self.rule.coarse {
+            self.flush_added(reach, out);
+            self.flush_middle(out);
+        } else {
+            self.flush_double(out);
+        }
         self.flush_waiting(out);
     }
 
-    fn flush(&mut self, out: &mut [f64]) {
-        if self.filled == 0 {
+    /// The pairs of triangle `i`, begun with before, and `patches`, in order.
+    pub(crate) fn row(&mut self, model: &Model, patches: &[u32], out: &mut [f64]) {
+        let Some(reach) = self.rule.coarse else {
+            for (place, &patch) in patches.iter().enumerate() {
+                self.add(place, &model.normalised_corners(patch), out);
+            }
+            self.finish(out);
+            return;
+        };
+        let shapes = model.shapes();
+        for (block, patches) in patches.chunks(WIDTH).enumerate() {
+            let single = &mut self.single;
+            for (l, &patch) in patches.iter().enumerate() {
+                single.pairs.set(l, &single.own, &shapes[patch as usize]);
+            }
+            let found = coarse::far(&single.own, &single.pairs, &reach);
+            for l in 0..patches.len() {
+                self.place(
+                    block * WIDTH + l,
+                    l,
+                    &found,
+                    || model.normalised_corners(patches[l]),
+                    out,
+                );
+            }
+        }
+        self.finish(out);
+    }
+
+    /// Evaluates what was added in single precision.
+    fn flush_added(&mut self, reach: Reach, out: &mut [f64]) {
+        let single = &mut self.single;
+        if single.filled == 0 {
             return;
         }
-        let far = far::evaluate(&self.own, &self.others, self.rule.far);
-        for l in 0..self.filled {
+        let filled = std::mem::take(&mut single.filled);
+        let found = coarse::far(&single.own, &single.pairs, &reach);
+        for l in 0..filled {
+            let corners = self.single.corners[l];
+            self.place(self.single.places[l], l, &found, || corners, out);
+        }
+    }
+
+    /// Puts a pair's value where it belongs, or the pair where it will be evaluated.
+    #[inline(always)]
+    fn place(
+        &mut self,
+        place: usize,
+        lane: usize,
+        found: &Found,
+        corners: impl FnOnce() -> [DVec3; 3],
+        out: &mut [f64],
+    ) {
+        match found.kind[lane] {
+            coarse::DONE => out[place] = found.exchange[lane],
+            coarse::MIDDLE => {
+                let single = &mut self.single;
+                single.middle.copy(single.middle_filled, &single.pairs, lane);
+                single.middle_places[single.middle_filled] = place;
+                single.middle_filled += 1;
+                if single.middle_filled == WIDTH {
+                    self.flush_middle(out);
+                }
+            }
+            _ => self.add_near(place, &corners(), out),
+        }
+    }
+
+    fn flush_middle(&mut self, out: &mut [f64]) {
+        let single = &mut self.single;
+        if single.middle_filled == 0 {
+            return;
+        }
+        let found = coarse::middle(&single.own, &single.middle);
+        for (exchange, &place) in found.exchange.iter().zip(&single.middle_places[..single.middle_filled]) {
+            out[place] = *exchange;
+        }
+        single.middle_filled = 0;
+    }
+
+    fn flush_double(&mut self, out: &mut [f64]) {
+        let double = &mut self.double;
+        if double.filled == 0 {
+            return;
+        }
+        let filled = std::mem::take(&mut double.filled);
+        let far = far::evaluate(&double.own, &double.others, self.rule.far);
+        for l in 0..filled {
+            let double = &self.double;
+            let place = double.places[l];
             if far.kind[l] == far::DONE {
-                out[self.places[l]] = far.exchange[l];
+                out[place] = far.exchange[l];
                 continue;
             }
             let corner = |k: usize| {
                 DVec3::new(
-                    self.others.corners[3 * k][l],
-                    self.others.corners[3 * k + 1][l],
-                    self.others.corners[3 * k + 2][l],
+                    double.others.corners[3 * k][l],
+                    double.others.corners[3 * k + 1][l],
+                    double.others.corners[3 * k + 2][l],
                 )
             };
             let j = [corner(0), corner(1), corner(2)];
-            self.add_near(self.places[l], &j, out);
+            self.add_near(place, &j, out);
         }
-        self.filled = 0;
     }
 
     fn add_near(&mut self, place: usize, j: &[DVec3; 3], out: &mut [f64]) {

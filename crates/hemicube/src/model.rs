@@ -1,11 +1,12 @@
 //! A scene made ready for hemicubes: normalised coordinates, surfaces in the octree's order, and the order of work.
 
 use crate::backend::{Geometry, Hemicube, Surface};
+use crate::factor::coarse::Shape;
 use crate::frame;
 use glam::DVec3;
 use hemicube_scene::{InputPatch, Patches, Side};
 use hemicube_spatial::{Aabb, Octree, OctreeError, OctreeOptions, order_by_normal_and_position};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// How the octree is cut: the thesis's two parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +53,8 @@ pub struct Model {
     order: Vec<u32>,
     center: DVec3,
     scale: f64,
+    /// By patch; made when first asked for.
+    shapes: Arc<OnceLock<Vec<Shape>>>,
 }
 
 impl Model {
@@ -137,6 +140,7 @@ impl Model {
             order,
             center,
             scale,
+            shapes: Arc::default(),
         })
     }
 
@@ -164,6 +168,14 @@ impl Model {
     /// The corners of a patch in normalised coordinates.
     pub(crate) fn normalised_corners(&self, patch: u32) -> [DVec3; 3] {
         self.patches.corners(InputPatch(patch)).map(|p| self.normalise(p))
+    }
+
+    /// What closed forms to some thousandths need of each patch.
+    pub(crate) fn shapes(&self) -> &[Shape] {
+        self.shapes.get_or_init(|| {
+            let corners = self.patches.iter().map(|patch| self.normalised_corners(patch.0));
+            corners.map(|corners| Shape::new(&corners)).collect()
+        })
     }
 
     /// The hemicubes of a patch: `n`² of them at the centroids of its sub-triangles, each turned about the normal by a

@@ -1,0 +1,479 @@
+//! Form factors between triangles that are not near each other to some thousandths, sixteen pairs at a time in single
+//! precision.
+//!
+//! The kernel K(d) = (n_i · d)(−n_j · d) / (π d⁴) depends on where two points lie only by the vector d between them. Far
+//! apart, its mean over both triangles is its value at the centroids and half its second derivatives times the sum of the
+//! triangles' second moments: one division a pair. Nearer, it is summed over six points of either (degree 4). Single
+//! precision is enough because vectors between centroids are taken in double precision first, and all else is relative to
+//! the centroids.
+//!
+//! Both are sums whose terms change places when the triangles do, so that A_i F_ij = A_j F_ji to the bit.
+#![allow(
+    unsafe_code,
+    reason = "functions compiled for an instruction set are called after it was found"
+)]
+
+use super::SIX;
+use glam::DVec3;
+
+/// Pairs a call.
+pub(crate) const WIDTH: usize = 16;
+
+/// What these pairs need of a triangle: a cache line.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C, align(64))]
+pub(crate) struct Shape {
+    center: [f64; 3],
+    /// 0 for a triangle without area.
+    normal: [f32; 3],
+    /// From corner 0 to corner 1.
+    edge: [f32; 3],
+    /// From the centroid to corner 2. The other two are at −½ of it, less and more half the edge.
+    median: [f32; 3],
+    area: f32,
+}
+
+impl Shape {
+    #[allow(clippy::cast_possible_truncation, reason = "rounding to single precision is wanted")]
+    pub(crate) fn new([a, b, c]: &[DVec3; 3]) -> Self {
+        let center = (*a + *b + *c) / 3.0;
+        let single = |v: DVec3| v.to_array().map(|x| x as f32);
+        let cross = (*b - *a).cross(*c - *a);
+        Self {
+            center: center.to_array(),
+            normal: single(cross.normalize_or_zero()),
+            edge: single(*b - *a),
+            median: single(*c - center),
+            area: (0.5 * cross.length()) as f32,
+        }
+    }
+}
+
+/// Sixteen triangles as one other sees them.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Pairs {
+    /// From the centroid of the one to theirs, by coordinate.
+    between: [[f32; WIDTH]; 3],
+    normal: [[f32; WIDTH]; 3],
+    edge: [[f32; WIDTH]; 3],
+    median: [[f32; WIDTH]; 3],
+    area: [f32; WIDTH],
+}
+
+impl Pairs {
+    pub(crate) const fn new() -> Self {
+        Self {
+            between: [[0.0; WIDTH]; 3],
+            normal: [[0.0; WIDTH]; 3],
+            edge: [[0.0; WIDTH]; 3],
+            median: [[0.0; WIDTH]; 3],
+            area: [0.0; WIDTH],
+        }
+    }
+
+    /// Puts the pair of `own` and `other` into a lane.
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, reason = "rounding to single precision is wanted")]
+    pub(crate) fn set(&mut self, lane: usize, own: &Shape, other: &Shape) {
+        for k in 0..3 {
+            self.between[k][lane] = (other.center[k] - own.center[k]) as f32;
+            self.normal[k][lane] = other.normal[k];
+            self.edge[k][lane] = other.edge[k];
+            self.median[k][lane] = other.median[k];
+        }
+        self.area[lane] = other.area;
+    }
+
+    /// Copies a lane of others.
+    #[inline(always)]
+    pub(crate) fn copy(&mut self, lane: usize, from: &Self, from_lane: usize) {
+        for k in 0..3 {
+            self.between[k][lane] = from.between[k][from_lane];
+            self.normal[k][lane] = from.normal[k][from_lane];
+            self.edge[k][lane] = from.edge[k][from_lane];
+            self.median[k][lane] = from.median[k][from_lane];
+        }
+        self.area[lane] = from.area[from_lane];
+    }
+}
+
+/// How far apart, as squared distances of centroids in sums of both triangles' squared distances of corners from them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Reach {
+    /// From here on, second derivatives.
+    pub(crate) far: f32,
+    /// From here on, six points on either.
+    pub(crate) middle: f32,
+    /// The same where one's plane cuts the other: the kernel has a kink there.
+    pub(crate) cut: f32,
+}
+
+/// What is known of sixteen pairs.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Found {
+    /// A_i F_ij, of use as `kind` says.
+    pub(crate) exchange: [f64; WIDTH],
+    pub(crate) kind: [u32; WIDTH],
+}
+
+/// The exchange is found, or 0 because one triangle lies wholly behind the other.
+pub(crate) const DONE: u32 = 0;
+/// For [`middle`].
+pub(crate) const MIDDLE: u32 = 1;
+/// For neither.
+pub(crate) const NEAR: u32 = 2;
+
+impl Found {
+    const fn new() -> Self {
+        Self {
+            exchange: [0.0; WIDTH],
+            kind: [DONE; WIDTH],
+        }
+    }
+}
+
+/// Defines a function that runs `$portable` compiled for the best instruction set there is.
+macro_rules! dispatch {
+    ($(#[$doc:meta])* $name:ident = $portable:ident, $avx2:ident, $avx512:ident ( $($arg:ident : $type:ty),* )) => {
+        $(#[$doc])*
+        pub(crate) fn $name($($arg: $type),*) -> Found {
+            let mut out = Found::new();
+            #[cfg(target_arch = "x86_64")]
+            {
+                if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
+                    // SAFETY: the processor has AVX-512 F and DQ.
+                    unsafe { $avx512($($arg,)* &mut out) };
+                    return out;
+                }
+                if is_x86_feature_detected!("avx2") {
+                    // SAFETY: the processor has AVX2.
+                    unsafe { $avx2($($arg,)* &mut out) };
+                    return out;
+                }
+            }
+            $portable($($arg,)* &mut out);
+            out
+        }
+
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx512f,avx512dq")]
+        fn $avx512($($arg: $type,)* out: &mut Found) {
+            $portable($($arg,)* out);
+        }
+
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx2")]
+        fn $avx2($($arg: $type,)* out: &mut Found) {
+            $portable($($arg,)* out);
+        }
+    };
+}
+
+dispatch! {
+    /// Sorts sixteen pairs by how far apart they are, and evaluates those far apart.
+    far = far_portable, far_avx2, far_avx512 (own: &Shape, others: &Pairs, reach: &Reach)
+}
+
+dispatch! {
+    /// Evaluates sixteen pairs by six points on either triangle.
+    middle = middle_portable, middle_avx2, middle_avx512 (own: &Shape, others: &Pairs)
+}
+
+#[inline(always)]
+fn dot(p: [f32; 3], q: [f32; 3]) -> f32 {
+    p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
+}
+
+#[inline(always)]
+fn lane(of: &[[f32; WIDTH]; 3], l: usize) -> [f32; 3] {
+    [of[0][l], of[1][l], of[2][l]]
+}
+
+#[inline(always)]
+fn select(condition: bool, a: f32, b: f32) -> f32 {
+    if condition { a } else { b }
+}
+
+#[inline(always)]
+fn most(p: f32, q: f32) -> f32 {
+    select(p > q, p, q)
+}
+
+#[inline(always)]
+fn least(p: f32, q: f32) -> f32 {
+    select(p < q, p, q)
+}
+
+/// Sum of the squared distances of a triangle's corners from its centroid.
+#[inline(always)]
+fn extent(edge: [f32; 3], median: [f32; 3]) -> f32 {
+    1.5 * dot(median, median) + 0.5 * dot(edge, edge)
+}
+
+/// Shares of the outer products of median and edge in a triangle's second moments.
+const OF_MEDIAN: f32 = 1.0 / 8.0;
+const OF_EDGE: f32 = 1.0 / 24.0;
+
+#[inline(always)]
+fn far_portable(own: &Shape, others: &Pairs, reach: &Reach, out: &mut Found) {
+    let mut kernels = [0.0; WIDTH];
+    let own_extent = extent(own.edge, own.median);
+    for l in 0..WIDTH {
+        let (d, normal) = (lane(&others.between, l), lane(&others.normal, l));
+        let (edge, median) = (lane(&others.edge, l), lane(&others.median, l));
+        let square = dot(d, d);
+        let sizes = own_extent + extent(edge, median);
+        // Heights of each one's centroid above the other's plane, and how those of its corners differ.
+        let (a, b) = (dot(own.normal, d), -dot(normal, d));
+        let (a_edge, a_median) = (dot(own.normal, edge), dot(own.normal, median));
+        let (b_edge, b_median) = (dot(normal, own.edge), dot(normal, own.median));
+        let highest = |h: f32, edge: f32, median: f32| h + most(median, 0.5 * edge.abs() - 0.5 * median);
+        let lowest = |h: f32, edge: f32, median: f32| h + least(median, -0.5 * edge.abs() - 0.5 * median);
+        let behind = (highest(a, a_edge, a_median) <= 0.0) | (highest(b, b_edge, b_median) <= 0.0);
+        let in_front = (lowest(a, a_edge, a_median) > 0.0) & (lowest(b, b_edge, b_median) > 0.0);
+
+        let w = 1.0 / select(square > 0.0, square, 1.0);
+        let (aw, bw) = (a * w, b * w);
+        let both = aw * bw;
+        // Along a vector v within j's plane, half the second derivative of (a b)/d⁴ is, with p = d·v/d²,
+        // (−4 (n_i·v) b p + a b (12 p² − 2 v²/d²)) / d⁴; within i's plane with the two changing places.
+        let along = |height: f32, of_other: f32, v: [f32; 3]| {
+            let p = dot(d, v) * w;
+            both * (12.0 * (p * p) - 2.0 * (dot(v, v) * w)) - 4.0 * (height * of_other * p)
+        };
+        let of_others = OF_MEDIAN * along(a_median * w, bw, median) + OF_EDGE * along(a_edge * w, bw, edge);
+        let of_own = OF_MEDIAN * along(b_median * w, -aw, own.median) + OF_EDGE * along(b_edge * w, -aw, own.edge);
+        let kernel = both + (of_others + of_own);
+        kernels[l] = select(behind, 0.0, most(kernel, 0.0));
+        let is_far = in_front & (square >= reach.far * sizes);
+        let from = select(in_front, reach.middle, reach.cut);
+        let kind = if square >= from * sizes { MIDDLE } else { NEAR };
+        out.kind[l] = if behind | is_far { DONE } else { kind };
+    }
+    weigh(own, others, &kernels, out);
+}
+
+/// Where the six points of a triangle are, in vectors from its centroid to its corners, and their weights.
+#[allow(clippy::cast_possible_truncation, reason = "rounding to single precision is wanted")]
+const ORBIT: [(f32, f32); 2] = [
+    ((SIX[0].0 - SIX[0].1) as f32, SIX[0].2 as f32),
+    ((SIX[1].0 - SIX[1].1) as f32, SIX[1].2 as f32),
+];
+
+/// Vectors from the centroid to the corners.
+#[inline(always)]
+fn corners(edge: [f32; 3], median: [f32; 3]) -> [[f32; 3]; 3] {
+    let (e, m) = (scaled(edge, 0.5), scaled(median, -0.5));
+    [
+        [m[0] - e[0], m[1] - e[1], m[2] - e[2]],
+        [m[0] + e[0], m[1] + e[1], m[2] + e[2]],
+        median,
+    ]
+}
+
+#[inline(always)]
+fn scaled(v: [f32; 3], by: f32) -> [f32; 3] {
+    [v[0] * by, v[1] * by, v[2] * by]
+}
+
+/// A pair, as sums over points of either triangle need it.
+#[derive(Clone, Copy)]
+struct Pair {
+    between: [f32; 3],
+    normals: [[f32; 3]; 2],
+    /// Heights of each one's centroid above the other's plane.
+    heights: [f32; 2],
+    /// Vectors from either centroid to its corners.
+    corners: [[[f32; 3]; 3]; 2],
+}
+
+// Functions and not closures, which would not all be inlined, and then the lanes are not vectorised.
+impl Pair {
+    /// The kernel between the point near corner `k` of the one, in its orbit, and that near corner `l` of the other.
+    #[inline(always)]
+    fn kernel(&self, (k, orbit): (usize, usize), (l, of_orbit): (usize, usize)) -> f32 {
+        let x = scaled(self.corners[0][k], ORBIT[orbit].0);
+        let y = scaled(self.corners[1][l], ORBIT[of_orbit].0);
+        let d = self.between;
+        // The difference of the small vectors first: its sign alone changes when the triangles change places.
+        let v = [d[0] + (y[0] - x[0]), d[1] + (y[1] - x[1]), d[2] + (y[2] - x[2])];
+        let w = 1.0 / most(dot(v, v), f32::MIN_POSITIVE);
+        let from_one = most(self.heights[0] + dot(self.normals[0], y), 0.0);
+        let from_other = most(self.heights[1] + dot(self.normals[1], x), 0.0);
+        (from_one * w) * (from_other * w)
+    }
+
+    /// Two kernels that change places when the triangles do.
+    #[inline(always)]
+    fn both(&self, p: (usize, usize), q: (usize, usize)) -> f32 {
+        self.kernel(p, q) + self.kernel(q, p)
+    }
+
+    /// Σ over both of an orbit.
+    #[inline(always)]
+    fn same(&self, o: usize) -> f32 {
+        let on = self.kernel((0, o), (0, o)) + self.kernel((1, o), (1, o)) + self.kernel((2, o), (2, o));
+        on + (self.both((0, o), (1, o)) + self.both((1, o), (2, o)) + self.both((2, o), (0, o)))
+    }
+
+    /// Σ over points of different orbits.
+    #[inline(always)]
+    fn mixed(&self) -> f32 {
+        let on = self.both((0, 0), (0, 1)) + self.both((1, 0), (1, 1)) + self.both((2, 0), (2, 1));
+        let there = self.both((0, 0), (1, 1)) + self.both((1, 0), (2, 1)) + self.both((2, 0), (0, 1));
+        let back = self.both((1, 0), (0, 1)) + self.both((2, 0), (1, 1)) + self.both((0, 0), (2, 1));
+        on + (there + back)
+    }
+}
+
+#[inline(always)]
+fn middle_portable(own: &Shape, others: &Pairs, out: &mut Found) {
+    let mut kernels = [0.0; WIDTH];
+    let own_corners = corners(own.edge, own.median);
+    for l in 0..WIDTH {
+        let (d, normal) = (lane(&others.between, l), lane(&others.normal, l));
+        let pair = Pair {
+            between: d,
+            normals: [own.normal, normal],
+            heights: [dot(own.normal, d), -dot(normal, d)],
+            corners: [own_corners, corners(lane(&others.edge, l), lane(&others.median, l))],
+        };
+        let (outer, inner) = (ORBIT[0].1, ORBIT[1].1);
+        let sum = outer * outer * pair.same(0) + inner * inner * pair.same(1) + outer * inner * pair.mixed();
+        kernels[l] = sum;
+    }
+    weigh(own, others, &kernels, out);
+}
+
+/// Kernels to exchanges, apart from the loops before: a loop has as many lanes as its widest numbers allow.
+#[inline(always)]
+fn weigh(own: &Shape, others: &Pairs, kernels: &[f32; WIDTH], out: &mut Found) {
+    for l in 0..WIDTH {
+        let areas = f64::from(own.area) * f64::from(others.area[l]);
+        out.exchange[l] = areas * (f64::from(kernels[l]) * std::f64::consts::FRAC_1_PI);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::factor::{FactorRule, exchange, is_cut};
+    use proptest::prelude::*;
+
+    const REACH: Reach = Reach {
+        far: 8.0,
+        middle: 1.5,
+        cut: 4.0,
+    };
+
+    fn triangle() -> impl Strategy<Value = [DVec3; 3]> {
+        prop::array::uniform3(prop::array::uniform3(-1.0..1.0f64).prop_map(DVec3::from_array))
+    }
+
+    fn pairs(own: &Shape, triangles: &[[DVec3; 3]]) -> Pairs {
+        let mut pairs = Pairs::new();
+        for (l, triangle) in triangles.iter().enumerate() {
+            pairs.set(l, own, &Shape::new(triangle));
+        }
+        pairs
+    }
+
+    /// What the two could exchange at the distance of their centroids, turned to each other.
+    fn most_exchanged(i: &[DVec3; 3], j: &[DVec3; 3]) -> f64 {
+        let area = |t: &[DVec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
+        let middle = |t: &[DVec3; 3]| (t[0] + t[1] + t[2]) / 3.0;
+        area(i) * area(j) / (std::f64::consts::PI * middle(i).distance_squared(middle(j)))
+    }
+
+    #[test]
+    fn a_shape_is_a_cache_line() {
+        assert_eq!(std::mem::size_of::<Shape>(), 64);
+    }
+
+    #[test]
+    fn a_triangle_without_area_exchanges_nothing() {
+        let flat = [DVec3::ZERO, DVec3::X, DVec3::X * 2.0];
+        let other = [DVec3::Z * 9.0, DVec3::Z * 9.0 + DVec3::Y, DVec3::Z * 9.0 + DVec3::X];
+        let own = Shape::new(&flat);
+        let found = far(&own, &pairs(&own, &[other]), &REACH);
+        assert_eq!((found.kind[0], found.exchange[0]), (DONE, 0.0));
+    }
+
+    proptest! {
+        #[test]
+        fn every_path_gives_the_same_bits(
+            i in triangle(), others in prop::collection::vec((triangle(), prop::array::uniform3(-9.0..9.0f64)), WIDTH),
+        ) {
+            let own = Shape::new(&i);
+            let others: Vec<_> = others.into_iter().map(|(t, shift)| t.map(|p| p + DVec3::from_array(shift))).collect();
+            let pairs = pairs(&own, &others);
+            let (mut portable_far, mut portable_middle) = (Found::new(), Found::new());
+            far_portable(&own, &pairs, &REACH, &mut portable_far);
+            middle_portable(&own, &pairs, &mut portable_middle);
+            let same = |p: &Found, q: &Found| p.kind == q.kind && p.exchange.map(f64::to_bits) == q.exchange.map(f64::to_bits);
+            #[cfg(target_arch = "x86_64")]
+            {
+                let (mut found_far, mut found_middle) = (Found::new(), Found::new());
+                if is_x86_feature_detected!("avx2") {
+                    // SAFETY: the processor has AVX2.
+                    unsafe { far_avx2(&own, &pairs, &REACH, &mut found_far) };
+                    // SAFETY: as above.
+                    unsafe { middle_avx2(&own, &pairs, &mut found_middle) };
+                    prop_assert!(same(&portable_far, &found_far) && same(&portable_middle, &found_middle));
+                }
+                if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
+                    // SAFETY: the processor has AVX-512 F and DQ.
+                    unsafe { far_avx512(&own, &pairs, &REACH, &mut found_far) };
+                    // SAFETY: as above.
+                    unsafe { middle_avx512(&own, &pairs, &mut found_middle) };
+                    prop_assert!(same(&portable_far, &found_far) && same(&portable_middle, &found_middle));
+                }
+            }
+            prop_assert!(same(&portable_far, &far(&own, &pairs, &REACH)));
+            prop_assert!(same(&portable_middle, &middle(&own, &pairs)));
+        }
+
+        #[test]
+        fn both_directions_give_the_same_bits(
+            i in triangle(), j in triangle(), shift in prop::array::uniform3(-9.0..9.0f64),
+        ) {
+            let j = j.map(|p| p + DVec3::from_array(shift));
+            let (of_i, of_j) = (Shape::new(&i), Shape::new(&j));
+            let (there, back) = (pairs(&of_i, &[j]), pairs(&of_j, &[i]));
+            let (p, q) = (far(&of_i, &there, &REACH), far(&of_j, &back, &REACH));
+            prop_assert_eq!(p.kind[0], q.kind[0]);
+            prop_assert_eq!(p.exchange[0].to_bits(), q.exchange[0].to_bits());
+            let (p, q) = (middle(&of_i, &there), middle(&of_j, &back));
+            prop_assert_eq!(p.exchange[0].to_bits(), q.exchange[0].to_bits());
+        }
+
+        #[test]
+        fn pairs_are_as_good_as_their_distance(
+            i in triangle(), j in triangle(), shift in prop::array::uniform3(-20.0..20.0f64),
+        ) {
+            let j = j.map(|p| p + DVec3::from_array(shift));
+            let own = Shape::new(&i);
+            let pairs = pairs(&own, &[j]);
+            let most = most_exchanged(&i, &j);
+            let exact = exchange(&i, &j, &FactorRule::for_tolerance(1e-6));
+            let is_cut = is_cut(&i, &j) || is_cut(&j, &i);
+            for (reach, bound) in [(8.0, 2e-3), (32.0, 3e-4), (128.0, 5e-5)] {
+                let found = far(&own, &pairs, &Reach { far: reach, middle: reach, cut: reach });
+                if found.kind[0] == DONE {
+                    let found = found.exchange[0];
+                    prop_assert!((found - exact).abs() < bound * most, "far {reach}: {found} {exact} {most}");
+                }
+            }
+            for (reach, bound) in [(1.5, 1e-3), (8.0, 4e-5)] {
+                let bound = if is_cut { 1e-2 } else { bound };
+                let found = far(&own, &pairs, &Reach { far: f32::INFINITY, middle: reach, cut: reach });
+                if found.kind[0] == MIDDLE {
+                    let found = middle(&own, &pairs).exchange[0];
+                    prop_assert!((found - exact).abs() < bound * most, "middle {reach}: {found} {exact} {most}");
+                }
+            }
+        }
+    }
+}
