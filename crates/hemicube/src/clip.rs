@@ -11,7 +11,7 @@
 //! affine in x: what holds at the three corners of a cell holds all over it. So whole cells are proved to see all, or
 //! nothing, and occluders that cannot matter are left out of their parts.
 
-use crate::factor::contour::{self, in_front};
+use crate::factor::contour::{self, Care, in_front};
 use crate::factor::{SIX, point_to_polygon, quarters};
 use crate::shaft::{Shaft, Sighting};
 use crate::tree::Tree;
@@ -312,7 +312,7 @@ impl Clipper {
         };
         let points = open * area;
         let whole = if view.near {
-            contour::exchange(&corners, view.inner, 1e-5)
+            contour::exchange(&corners, view.inner, Care::of_area(1e-5))
         } else {
             points
         };

@@ -1,5 +1,6 @@
 //! Form factors between triangles near each other: the double contour integral (Sparrow 1963), whose inner integral, and
-//! all that lies between parallel edges, has a closed form; the rest by adaptive quadrature along one edge.
+//! all that lies between edges whose lines are parallel or meet, has a closed form; the rest by adaptive quadrature along
+//! one edge.
 //!
 //! ```text
 //! A_i F_ij = 1/(2π) ∮_i ∮_j ln r  dr_i · dr_j
@@ -70,8 +71,39 @@ pub(crate) fn in_front(triangle: &[DVec3; 3], on: DVec3, normal: DVec3, toleranc
     Some(outline)
 }
 
-/// A_i F_ij, to within `enough` as a share of the smaller one's area. The order of the arguments matters in the last bits.
-pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], enough: f64) -> f64 {
+/// How exact a contour integral is to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Care {
+    /// Error, as a share of the smaller one's area, to begin with.
+    pub(crate) absolute: f64,
+    /// Error as a share of the value: where nearly flat edges leave little of the area, terms cancel.
+    pub(crate) relative: f64,
+    /// Error, as a share of the smaller one's area, below which no value is worth more effort.
+    pub(crate) least: f64,
+}
+
+impl Care {
+    /// Of the area and of the value, however small it is.
+    pub(crate) const fn of_both(absolute: f64, relative: f64) -> Self {
+        Self {
+            absolute,
+            relative,
+            least: 1e-14,
+        }
+    }
+
+    /// Of the area only.
+    pub(crate) const fn of_area(share: f64) -> Self {
+        Self {
+            absolute: share,
+            relative: 0.0,
+            least: share,
+        }
+    }
+}
+
+/// A_i F_ij, to within `care` of the smaller one's area and of the value. The order of the arguments matters in the last bits.
+pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f64 {
     let origin = outer[0];
     let size = outer
         .iter()
@@ -96,9 +128,9 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], enough: f64) -> f
     ) else {
         return 0.0;
     };
-    let area = 0.5 * (outer[1] - outer[0]).cross(outer[2] - outer[0]).length();
-    let share = enough * area * std::f64::consts::TAU / 9.0;
-    let mut sum = 0.0;
+    let mut closed = Closed::new();
+    let mut skew: [Option<Skew>; 16] = [None; 16];
+    let mut skew_count = 0;
     for (a, b) in first.edges() {
         let Some(u) = (b - a).try_normalize() else { continue };
         for (c, d) in second.edges() {
@@ -107,18 +139,200 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], enough: f64) -> f
             if cosine.abs() < RIGHT_ANGLE {
                 continue;
             }
-            let turned = if cosine < 0.0 { (d, c) } else { (c, d) };
-            let comparable = a.distance(b) > COMPARABLE * c.distance(d);
-            let part = if comparable && u.cross(v).length_squared() < PARALLEL {
-                parallel((a, b), turned)
+            // Both the same way.
+            let ((c, d), v) = if cosine < 0.0 { ((d, c), -v) } else { ((c, d), v) };
+            let (p, q) = (Edge::new(a, b, u), Edge::new(c, d, v));
+            let comparable = p.length > COMPARABLE * q.length;
+            if comparable && u.cross(v).length_squared() < PARALLEL {
+                closed.add_parallel(&p, &q, cosine);
+            } else if let Some(apex) = apex(&p, &q) {
+                closed.add_meeting(&p, &q, apex, cosine);
             } else {
-                skew((a, b), turned, share / cosine.abs())
-            };
-            sum += cosine * part;
+                skew[skew_count] = Some(Skew { p, q, cosine });
+                skew_count += 1;
+            }
         }
     }
+    let closed = closed.sum();
+    let area = 0.5 * (outer[1] - outer[0]).cross(outer[2] - outer[0]).length();
+    let whole = area * std::f64::consts::TAU;
+    let (mut enough, least) = (care.absolute * whole, care.least * whole);
+    let sum = loop {
+        let (mut sum, mut error) = (closed, 0.0);
+        for Skew { p, q, cosine } in skew[..skew_count].iter().flatten() {
+            let (part, doubt) = along_skew(p, q, enough / (9.0 * cosine.abs()));
+            sum += cosine * part;
+            error += cosine.abs() * doubt;
+        }
+        // The doubts are those of a much rougher quadrature: that they are small enough proves more than is needed.
+        if error <= care.relative * sum || enough <= least {
+            break sum;
+        }
+        enough = (care.relative * sum).min(1e-1 * enough).max(1e-3 * enough).max(least);
+    };
     let exchange = sum * size * size / std::f64::consts::TAU;
     if exchange > 0.0 { exchange } else { 0.0 }
+}
+
+/// An edge: its ends, its direction and its length.
+#[derive(Clone, Copy, Debug)]
+struct Edge {
+    start: DVec3,
+    end: DVec3,
+    along: DVec3,
+    length: f64,
+}
+
+impl Edge {
+    fn new(start: DVec3, end: DVec3, along: DVec3) -> Self {
+        Self {
+            start,
+            end,
+            along,
+            length: start.distance(end),
+        }
+    }
+}
+
+/// Two edges that have no closed form here, and the cosine between them.
+#[derive(Clone, Copy, Debug)]
+struct Skew {
+    p: Edge,
+    q: Edge,
+    cosine: f64,
+}
+
+/// Where the lines of two edges meet, as coordinates of the first edge's start and the second's; `None` if they do not, or
+/// far from both.
+fn apex(p: &Edge, q: &Edge) -> Option<(f64, f64)> {
+    // Corners in common first: for those no angle is too small.
+    for (corner, s) in [(p.start, 0.0), (p.end, -p.length)] {
+        for (other, t) in [(q.start, 0.0), (q.end, -q.length)] {
+            if corner.distance_squared(other) <= ON_PLANE * ON_PLANE {
+                return Some((s, t));
+            }
+        }
+    }
+    let cosine = p.along.dot(q.along);
+    let sine_squared = p.along.cross(q.along).length_squared();
+    if sine_squared < SLENDER {
+        return None;
+    }
+    let between = q.start - p.start;
+    let (on_p, on_q) = (between.dot(p.along), between.dot(q.along));
+    let s = (on_p - cosine * on_q) / sine_squared;
+    let t = (cosine * on_p - on_q) / sine_squared;
+    let gap = between + q.along * t - p.along * s;
+    let reach = MEETING_REACH * (p.length + q.length);
+    (gap.length_squared() <= MEET * MEET && s.abs() <= reach && t.abs() <= reach).then_some((-s, -t))
+}
+
+/// Lines nearer to each other than this, in units of the pair's extent, meet: what that changes is its square.
+const MEET: f64 = 1e-8;
+/// Squared sines below this: where lines meet is not known well enough.
+const SLENDER: f64 = 1e-4;
+/// Lengths of the edges beyond which an apex is too far away: the closed form would lose its digits.
+const MEETING_REACH: f64 = 4.0;
+
+/// Closed forms to be evaluated, eight at a time.
+struct Closed {
+    sum: f64,
+    segments: Segments,
+    weights: [f64; LANES],
+    filled: usize,
+    quadratics: Quadratics,
+    quadratic_weights: [f64; LANES],
+    quadratics_filled: usize,
+}
+
+impl Closed {
+    fn new() -> Self {
+        Self {
+            sum: 0.0,
+            segments: Segments::new(),
+            weights: [0.0; LANES],
+            filled: 0,
+            quadratics: Quadratics {
+                x: [0.0; LANES],
+                h: [0.0; LANES],
+            },
+            quadratic_weights: [0.0; LANES],
+            quadratics_filled: 0,
+        }
+    }
+
+    /// ∫∫ ln r over two parallel edges that point the same way.
+    ///
+    /// With x = t − s along both and h the distance of their lines, it is the second difference of Q, Q'' = ½ ln (h² + x²).
+    fn add_parallel(&mut self, p: &Edge, q: &Edge, cosine: f64) {
+        let (from, to) = (q.start - p.start, q.end - p.start);
+        let (start, end) = (p.along.dot(from), p.along.dot(to));
+        let h = (from.cross(p.along).length() + to.cross(p.along).length()) * 0.5;
+        for (x, sign) in [
+            (end, 1.0),
+            (start, -1.0),
+            (end - p.length, -1.0),
+            (start - p.length, 1.0),
+        ] {
+            let l = self.quadratics_filled;
+            (self.quadratics.x[l], self.quadratics.h[l]) = (x, h);
+            self.quadratic_weights[l] = sign * cosine;
+            self.quadratics_filled += 1;
+            if self.quadratics_filled == LANES {
+                self.flush_quadratics();
+            }
+        }
+    }
+
+    /// ∫∫ ln r over two edges whose lines meet, `s` and `t` the coordinates of their starts from there.
+    ///
+    /// r is homogeneous in the two coordinates x = (s, t), so that div (x ln r) = 2 ln r + 1, and by Gauss's theorem
+    /// ∫∫ ln r = ½ (∮ ln r x·n − s-length × t-length): from each edge's ends along the other.
+    fn add_meeting(&mut self, p: &Edge, q: &Edge, (s, t): (f64, f64), cosine: f64) {
+        self.add_segment(p.start, q, -0.5 * cosine * s);
+        self.add_segment(p.end, q, 0.5 * cosine * (s + p.length));
+        self.add_segment(q.start, p, -0.5 * cosine * t);
+        self.add_segment(q.end, p, 0.5 * cosine * (t + q.length));
+        self.sum -= 0.5 * cosine * p.length * q.length;
+    }
+
+    fn add_segment(&mut self, point: DVec3, edge: &Edge, weight: f64) {
+        if weight == 0.0 {
+            return;
+        }
+        self.segments.set(self.filled, point, edge);
+        self.weights[self.filled] = weight;
+        self.filled += 1;
+        if self.filled == LANES {
+            self.flush();
+        }
+    }
+
+    fn flush(&mut self) {
+        let values = along(&self.segments);
+        for (value, weight) in values.iter().zip(&self.weights[..self.filled]) {
+            self.sum += weight * value;
+        }
+        self.filled = 0;
+    }
+
+    fn flush_quadratics(&mut self) {
+        let values = quadratics(&self.quadratics);
+        for (value, weight) in values.iter().zip(&self.quadratic_weights[..self.quadratics_filled]) {
+            self.sum += weight * value;
+        }
+        self.quadratics_filled = 0;
+    }
+
+    fn sum(mut self) -> f64 {
+        if self.filled > 0 {
+            self.flush();
+        }
+        if self.quadratics_filled > 0 {
+            self.flush_quadratics();
+        }
+        self.sum
+    }
 }
 
 /// In units of the pair's extent.
@@ -131,55 +345,49 @@ const PARALLEL: f64 = 1e-18;
 /// Edges shorter than this part of the other: the differences of the closed form would lose their digits.
 const COMPARABLE: f64 = 1e-3;
 
-/// ∫∫ ln r over two parallel edges that point the same way.
-///
-/// With x = t − s along both and h the distance of their lines, it is the second difference of Q, Q'' = ½ ln (h² + x²):
-/// Q = ¼ (x² − h²) ln (h² + x²) − ¾ x² + h x atan (x/h).
-fn parallel((a, b): (DVec3, DVec3), (c, d): (DVec3, DVec3)) -> f64 {
-    let length = a.distance(b);
-    let u = (b - a) / length;
-    let (start, end) = (u.dot(c - a), u.dot(d - a));
-    let h = ((c - a).cross(u).length() + (d - a).cross(u).length()) * 0.5;
-    let q = |x: f64| {
-        let squared = h * h + x * x;
-        0.25 * (x * x - h * h) * logarithm(squared) - 0.75 * x * x + h * x.abs() * angle(x.abs(), h)
-    };
-    (q(end) - q(start)) - (q(end - length) - q(start - length))
-}
-
-/// ∫∫ ln r over two edges, to within `enough`.
-fn skew((a, b): (DVec3, DVec3), (c, d): (DVec3, DVec3), enough: f64) -> f64 {
-    let length = a.distance(b);
-    let over = |start: f64, width: f64| {
-        let mut points = Points::new(c, d);
+/// ∫∫ ln r over two edges, to within `enough`, and the sum of the differences that the halvings made.
+fn along_skew(p: &Edge, q: &Edge, enough: f64) -> (f64, f64) {
+    let mut segments = Segments::new();
+    for l in 0..LANES {
+        segments.set(l, DVec3::ZERO, q);
+    }
+    let mut over = |start: f64, width: f64| {
         for (l, &(x, _)) in GAUSS.iter().enumerate() {
-            let p = a + (b - a) * (start + width * x);
+            let point = p.start + (p.end - p.start) * (start + width * x);
             for k in 0..3 {
-                points.point[k][l] = p[k];
+                segments.point[k][l] = point[k];
             }
         }
-        let values = along(&points);
+        let values = along(&segments);
         let mut sum = 0.0;
         for (value, &(_, weight)) in values.iter().zip(&GAUSS) {
             sum += value * weight;
         }
-        sum * width * length
+        sum * width * p.length
     };
     // Below its own rounding a difference says nothing, and halving would go on for ever.
-    let enough = enough.max(ROUNDING * length * c.distance(d));
-    let mut pending = vec![(0.0, 1.0, over(0.0, 1.0), 0)];
-    let mut sum = 0.0;
-    while let Some((start, width, whole, depth)) = pending.pop() {
+    let enough = enough.max(ROUNDING * p.length * q.length);
+    // Of each halving one half waits while the other is halved.
+    let mut pending = [(0.0, 0.0, 0.0, 0u32); DEEPEST as usize + 2];
+    pending[0] = (0.0, 1.0, over(0.0, 1.0), 0);
+    let mut count = 1;
+    let (mut sum, mut error) = (0.0, 0.0);
+    while count > 0 {
+        count -= 1;
+        let (start, width, whole, depth) = pending[count];
         let half = 0.5 * width;
         let (left, right) = (over(start, half), over(start + half, half));
-        if depth >= DEEPEST || (left + right - whole).abs() <= enough {
+        let difference = (left + right - whole).abs();
+        if depth >= DEEPEST || difference <= enough {
             sum += left + right;
+            error += difference;
         } else {
-            pending.push((start, half, left, depth + 1));
-            pending.push((start + half, half, right, depth + 1));
+            pending[count] = (start, half, left, depth + 1);
+            pending[count + 1] = (start + half, half, right, depth + 1);
+            count += 2;
         }
     }
-    sum
+    (sum, error)
 }
 
 /// Of an integral over two edges, in their lengths.
@@ -189,29 +397,87 @@ const ROUNDING: f64 = 2e-15;
 const DEEPEST: u32 = 40;
 
 /// Eight points, and the edge that each is integrated along.
+#[derive(Clone, Debug)]
 #[repr(C, align(64))]
-struct Points {
+struct Segments {
     point: [[f64; LANES]; 3],
-    start: [f64; 3],
-    along: [f64; 3],
-    length: f64,
+    start: [[f64; LANES]; 3],
+    along: [[f64; LANES]; 3],
+    length: [f64; LANES],
 }
 
-impl Points {
-    fn new(start: DVec3, end: DVec3) -> Self {
-        let length = start.distance(end);
+impl Segments {
+    const fn new() -> Self {
         Self {
             point: [[0.0; LANES]; 3],
-            start: start.to_array(),
-            along: ((end - start) / length).to_array(),
-            length,
+            start: [[0.0; LANES]; 3],
+            along: [[0.0; LANES]; 3],
+            length: [0.0; LANES],
         }
+    }
+
+    fn set(&mut self, lane: usize, point: DVec3, edge: &Edge) {
+        for k in 0..3 {
+            self.point[k][lane] = point[k];
+            self.start[k][lane] = edge.start[k];
+            self.along[k][lane] = edge.along[k];
+        }
+        self.length[lane] = edge.length;
+    }
+}
+
+/// Where Q is to be evaluated.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+struct Quadratics {
+    x: [f64; LANES],
+    h: [f64; LANES],
+}
+
+/// Q = ¼ (x² − h²) ln (h² + x²) − ¾ x² + h x atan (x/h), whose second derivative in x is ½ ln (h² + x²).
+fn quadratics(at: &Quadratics) -> [f64; LANES] {
+    let mut out = [0.0; LANES];
+    #[cfg(target_arch = "x86_64")]
+    {
+        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
+            // SAFETY: the processor has AVX-512 F and DQ.
+            unsafe { quadratics_avx512(at, &mut out) };
+            return out;
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has AVX2.
+            unsafe { quadratics_avx2(at, &mut out) };
+            return out;
+        }
+    }
+    quadratics_portable(at, &mut out);
+    out
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq")]
+fn quadratics_avx512(at: &Quadratics, out: &mut [f64; LANES]) {
+    quadratics_portable(at, out);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn quadratics_avx2(at: &Quadratics, out: &mut [f64; LANES]) {
+    quadratics_portable(at, out);
+}
+
+#[inline(always)]
+fn quadratics_portable(at: &Quadratics, out: &mut [f64; LANES]) {
+    for l in 0..LANES {
+        let (x, h) = (at.x[l], at.h[l]);
+        let squared = h * h + x * x;
+        out[l] = 0.25 * (x * x - h * h) * logarithm(squared) - 0.75 * x * x + h * x.abs() * angle(x.abs(), h);
     }
 }
 
 /// ∫ ln r from each point along the edge: with t along it and h the distance of its line,
 /// ½ t ln (h² + t²) − t + h atan (t/h) between its ends.
-fn along(points: &Points) -> [f64; LANES] {
+fn along(points: &Segments) -> [f64; LANES] {
     let mut out = [0.0; LANES];
     #[cfg(target_arch = "x86_64")]
     {
@@ -232,24 +498,25 @@ fn along(points: &Points) -> [f64; LANES] {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq")]
-fn along_avx512(points: &Points, out: &mut [f64; LANES]) {
+fn along_avx512(points: &Segments, out: &mut [f64; LANES]) {
     along_portable(points, out);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn along_avx2(points: &Points, out: &mut [f64; LANES]) {
+fn along_avx2(points: &Segments, out: &mut [f64; LANES]) {
     along_portable(points, out);
 }
 
 #[inline(always)]
-fn along_portable(points: &Points, out: &mut [f64; LANES]) {
-    let (s, u, length) = (points.start, points.along, points.length);
+fn along_portable(points: &Segments, out: &mut [f64; LANES]) {
     for l in 0..LANES {
+        let u = [points.along[0][l], points.along[1][l], points.along[2][l]];
+        let length = points.length[l];
         let d = [
-            s[0] - points.point[0][l],
-            s[1] - points.point[1][l],
-            s[2] - points.point[2][l],
+            points.start[0][l] - points.point[0][l],
+            points.start[1][l] - points.point[1][l],
+            points.start[2][l] - points.point[2][l],
         ];
         let t = d[0] * u[0] + d[1] * u[1] + d[2] * u[2];
         let c = [
@@ -318,6 +585,10 @@ mod tests {
         assert_eq!(logarithm(0.0), logarithm(1e-300));
     }
 
+    fn care(share: f64) -> Care {
+        Care::of_both(share, share)
+    }
+
     /// Mean over fine pieces of the outer triangle of the factor from a point: what the contour integral must give.
     fn by_area(outer: &[DVec3; 3], inner: &[DVec3; 3], n: u32) -> f64 {
         let cross = (outer[1] - outer[0]).cross(outer[2] - outer[0]);
@@ -339,7 +610,7 @@ mod tests {
         let low = [p(0., 0., 0.), p(1., 0., 0.), p(0., 1., 0.)];
         for gap in [1e-4, 1e-6, 1e-9] {
             let high = [p(0.5, 0., gap), p(0.5, 1., gap), p(1.5, 0., gap)];
-            let found = exchange(&low, &high, 1e-8);
+            let found = exchange(&low, &high, care(1e-8));
             assert!((found - 0.125).abs() < 2.0 * gap + 1e-7, "{gap}: {found}");
         }
     }
@@ -351,8 +622,8 @@ mod tests {
         let above = [p(0., 2. / 3., 0.), p(0., 1., 0.5), p(0., 0., 0.5)];
         let rest = [p(0., 0., 0.), p(0., 2. / 3., 0.), p(0., 0., 0.5)];
         // The floor is cut too: only what lies in front of the wall sees it.
-        let whole = exchange(&wall, &floor, 1e-9);
-        let parts = exchange(&above, &floor, 1e-9) + exchange(&rest, &floor, 1e-9);
+        let whole = exchange(&wall, &floor, care(1e-9));
+        let parts = exchange(&above, &floor, care(1e-9)) + exchange(&rest, &floor, care(1e-9));
         assert!((whole - parts).abs() < 1e-8, "{whole} {parts}");
         assert!(whole > 0.01);
     }
@@ -370,7 +641,7 @@ mod tests {
             if crate::factor::is_cut(&i, &j) || crate::factor::is_cut(&j, &i) {
                 return Ok(());
             }
-            let found = exchange(&i, &j, 1e-7);
+            let found = exchange(&i, &j, care(1e-7));
             let fine = by_area(&i, &j, 96);
             let area = 0.5 * (i[1] - i[0]).cross(i[2] - i[0]).length();
             prop_assert!((found - fine).abs() < 1e-3 * area, "{found} {fine}");
@@ -378,21 +649,54 @@ mod tests {
 
         #[test]
         fn both_directions_agree(i in triangle(), j in triangle()) {
-            let (there, back) = (exchange(&i, &j, 1e-9), exchange(&j, &i, 1e-9));
+            let (there, back) = (exchange(&i, &j, care(1e-9)), exchange(&j, &i, care(1e-9)));
             prop_assert!((there - back).abs() < 1e-6, "{there} {back}");
         }
 
         #[test]
         fn every_path_gives_the_same_bits(t in triangle(), at in triangle()) {
-            let mut points = Points::new(t[0], t[1]);
+            let edge = Edge::new(t[0], t[1], (t[1] - t[0]).normalize());
+            let mut segments = Segments::new();
             for l in 0..LANES {
-                for k in 0..3 {
-                    points.point[k][l] = at[l % 3][k] * (l as f64 * 0.3);
-                }
+                segments.set(l, at[l % 3] * (l as f64 * 0.3), &edge);
             }
-            let mut portable = [0.0; LANES];
-            along_portable(&points, &mut portable);
-            prop_assert_eq!(along(&points).map(f64::to_bits), portable.map(f64::to_bits));
+            let at = Quadratics {
+                x: segments.point[0],
+                h: segments.point[1].map(f64::abs),
+            };
+            let (mut portable, mut portable_quadratics) = ([0.0; LANES], [0.0; LANES]);
+            along_portable(&segments, &mut portable);
+            quadratics_portable(&at, &mut portable_quadratics);
+            prop_assert_eq!(along(&segments).map(f64::to_bits), portable.map(f64::to_bits));
+            prop_assert_eq!(quadratics(&at).map(f64::to_bits), portable_quadratics.map(f64::to_bits));
+            #[cfg(target_arch = "x86_64")]
+            if is_x86_feature_detected!("avx2") {
+                let (mut found, mut found_quadratics) = ([0.0; LANES], [0.0; LANES]);
+                // SAFETY: the processor has AVX2.
+                unsafe { along_avx2(&segments, &mut found) };
+                // SAFETY: as above.
+                unsafe { quadratics_avx2(&at, &mut found_quadratics) };
+                prop_assert_eq!(found.map(f64::to_bits), portable.map(f64::to_bits));
+                prop_assert_eq!(found_quadratics.map(f64::to_bits), portable_quadratics.map(f64::to_bits));
+            }
+        }
+
+        #[test]
+        fn edges_whose_lines_meet_have_a_closed_form(
+            apex in triangle(), s in -1.0..1.0f64, t in -1.0..1.0f64, lengths in [0.1..2.0f64, 0.1..2.0f64],
+        ) {
+            // Lines through corner 0 along two edges; either may run through the apex.
+            let (u, v) = ((apex[1] - apex[0]).normalize(), (apex[2] - apex[0]).normalize());
+            let edge = |along: DVec3, from: f64, length: f64| {
+                Edge::new(apex[0] + along * from, apex[0] + along * (from + length), along)
+            };
+            let (p, q) = (edge(u, s, lengths[0]), edge(v, t, lengths[1]));
+            let Some(found_apex) = super::apex(&p, &q) else { return Ok(()) };
+            let mut closed = Closed::new();
+            closed.add_meeting(&p, &q, found_apex, 1.0);
+            let closed = closed.sum();
+            let (by_quadrature, _) = along_skew(&p, &q, 1e-13);
+            prop_assert!((closed - by_quadrature).abs() < 1e-11, "{closed} {by_quadrature}");
         }
     }
 }
