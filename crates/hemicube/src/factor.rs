@@ -434,7 +434,13 @@ fn near(outer: &[DVec3; 3], inner: &[DVec3; 3], normal: DVec3, area: f64, rule: 
         return contour::exchange(outer, inner, rule.care);
     }
     let mut sum = Quadrature::new(normal, inner);
-    add_six_points(&mut sum, outer, if radii > rule.six { 1 } else { 2 });
+    if radii > rule.six {
+        add_six_points(&mut sum, outer, 1.0);
+    } else {
+        for quarter in quarters(outer) {
+            add_six_points(&mut sum, &quarter, 0.25);
+        }
+    }
     area * sum.finish()
 }
 
@@ -516,8 +522,8 @@ impl Quadrature {
         }
     }
 
-    fn add(&mut self, barycentric: [f64; 3], weight: f64, outer: &[DVec3; 3]) {
-        let point = outer[0] * barycentric[0] + outer[1] * barycentric[1] + outer[2] * barycentric[2];
+    #[inline(always)]
+    fn add(&mut self, point: DVec3, weight: f64) {
         for k in 0..3 {
             self.elements.point[k][self.filled] = point[k];
         }
@@ -557,28 +563,12 @@ pub(crate) fn quarters([a, b, c]: &[DVec3; 3]) -> [[DVec3; 3]; 4] {
     [[*a, ab, ca], [ab, *b, bc], [ca, bc, *c], [ab, bc, ca]]
 }
 
-/// Six points on each of the n² sub-triangles.
-fn add_six_points(sum: &mut Quadrature, outer: &[DVec3; 3], n: u32) {
-    let scale = 1.0 / f64::from(n);
-    let weight = scale * scale;
-    for j in 0..n {
-        for i in 0..n - j {
-            let (i0, j0) = (f64::from(i), f64::from(j));
-            let mut piece = |corners: [(f64, f64); 3]| {
-                for (large, small, w) in SIX {
-                    for k in 0..3 {
-                        let mut at = [small; 3];
-                        at[k] = large;
-                        let u = (at[0] * corners[0].0 + at[1] * corners[1].0 + at[2] * corners[2].0) * scale;
-                        let v = (at[0] * corners[0].1 + at[1] * corners[1].1 + at[2] * corners[2].1) * scale;
-                        sum.add([1.0 - u - v, u, v], w * weight, outer);
-                    }
-                }
-            };
-            piece([(i0, j0), (i0 + 1.0, j0), (i0, j0 + 1.0)]);
-            if i + j + 1 < n {
-                piece([(i0 + 1.0, j0 + 1.0), (i0, j0 + 1.0), (i0 + 1.0, j0)]);
-            }
+/// Six points on a triangle that is `share` of the outer one.
+fn add_six_points(sum: &mut Quadrature, triangle: &[DVec3; 3], share: f64) {
+    for (large, small, weight) in SIX {
+        let all = (triangle[0] + triangle[1] + triangle[2]) * small;
+        for corner in triangle {
+            sum.add(all + *corner * (large - small), weight * share);
         }
     }
 }
