@@ -16,6 +16,7 @@ use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box, generate};
 use hemicube_scene::{Patches, Scene, Subdivision};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
 const TURNS: usize = 5;
@@ -122,7 +123,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-fn scenes() -> Result<Vec<(&'static str, Scene, Subdivision)>, Box<dyn std::error::Error>> {
+type Named = (&'static str, Scene, Subdivision);
+
+fn scenes() -> Result<Vec<Named>, Box<dyn std::error::Error>> {
     let city = |split| {
         BlockCityParameters {
             blocks: 25,
@@ -149,20 +152,12 @@ fn relative_frobenius(found: &[Part], exact: &[Part]) -> f64 {
     let (mut difference, mut norm) = (0.0, 0.0);
     for (found, exact) in found.iter().zip(exact) {
         for row in 0..exact.rows.len() {
-            let entries = |part: &Part| {
-                let (start, end) = (part.indptr[row] as usize, part.indptr[row + 1] as usize);
-                part.indices[start..end]
-                    .iter()
-                    .copied()
-                    .zip(part.data[start..end].iter().copied())
-                    .collect()
-            };
-            let (found, exact): (Vec<(i32, f32)>, Vec<(i32, f32)>) = (entries(found), entries(exact));
-            let mut columns: std::collections::BTreeMap<i32, (f64, f64)> = std::collections::BTreeMap::new();
-            for (column, value) in found {
+            let mut columns: BTreeMap<i32, (f64, f64)> = BTreeMap::new();
+            let ((found_columns, found_values), (exact_columns, exact_values)) = (found.row(row), exact.row(row));
+            for (&column, &value) in found_columns.iter().zip(found_values) {
                 columns.entry(column).or_default().0 = f64::from(value);
             }
-            for (column, value) in exact {
+            for (&column, &value) in exact_columns.iter().zip(exact_values) {
                 columns.entry(column).or_default().1 = f64::from(value);
             }
             for (found, exact) in columns.values() {
