@@ -1,5 +1,5 @@
-//! Hemicubes a second of engine 1: by scene, against its own brute-force setting, by hierarchy, instruction set and
-//! resolution. `cargo bench -p hemicube-backend-cpu --bench engine`.
+//! Hemicubes a second of the two engines: by scene, one against the other and against brute force, by hierarchy,
+//! instruction set and resolution. `cargo bench -p hemicube-backend-cpu --bench engine`.
 //!
 //! Before criterion's own groups, a table of ratios is printed whose two sides were measured in turns in this run, in
 //! processor time of the thread: those are what claims rest on. `HEMICUBE_BENCH=small` leaves the scenes of 1.5 million
@@ -15,7 +15,7 @@ use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
 use hemicube::store::Part;
 use hemicube::{HierarchyOptions, Model};
-use hemicube_backend_cpu::{CpuBackend, Hierarchy, Isa};
+use hemicube_backend_cpu::{CpuBackend, EngineChoice, Hierarchy, Isa};
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box, generate};
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, load};
@@ -42,9 +42,18 @@ impl Case {
         Self { name, model, hemicubes }
     }
 
-    fn backend(&self, isa: Isa, hierarchy: Hierarchy, resolution: u32, culling: Culling) -> CpuBackend {
+    fn backend(
+        &self,
+        isa: Isa,
+        engine: EngineChoice,
+        hierarchy: Hierarchy,
+        resolution: u32,
+        culling: Culling,
+        covered: bool,
+    ) -> CpuBackend {
         let mut backend = CpuBackend::with_isa(isa)
             .expect("an instruction set of this machine")
+            .with_engine(engine)
             .with_hierarchy(hierarchy);
         backend
             .load(
@@ -52,15 +61,34 @@ impl Case {
                 RenderSettings {
                     resolution,
                     culling,
-                    covered: false,
+                    covered,
                 },
             )
             .expect("settings in range");
         backend
     }
 
-    fn best(&self, resolution: u32, culling: Culling) -> CpuBackend {
-        self.backend(Isa::available()[0], Hierarchy::SurfaceArea, resolution, culling)
+    fn engine(&self, engine: EngineChoice, resolution: u32, covered: bool) -> CpuBackend {
+        self.backend(
+            Isa::available()[0],
+            engine,
+            Hierarchy::SurfaceArea,
+            resolution,
+            Culling::On,
+            covered,
+        )
+    }
+
+    /// Engine 1 without any culling.
+    fn brute(&self, resolution: u32) -> CpuBackend {
+        self.backend(
+            Isa::available()[0],
+            EngineChoice::Depth,
+            Hierarchy::SurfaceArea,
+            resolution,
+            Culling::Off,
+            false,
+        )
     }
 }
 
@@ -160,25 +188,71 @@ fn in_turns(a: &mut CpuBackend, b: &mut CpuBackend, hemicubes: &[Hemicube]) -> (
 }
 
 fn print_ratios(cases: &[Case]) {
-    println!("One core, N = 256, best of 5 in turns; hemicubes a second and their ratios.");
-    println!("| scene | patches | culled | brute force | culled / brute | surface area / octree |");
-    println!("|---|---|---|---|---|---|");
     let isa = Isa::available()[0];
+    let own = |case: &Case| {
+        case.engine(EngineChoice::Auto, 256, false)
+            .engine()
+            .expect("it is loaded")
+    };
+    println!("One core, N = 256, best of 5 in turns; hemicubes a second and their ratios. `auto` is what the scene gets.");
+    println!("| scene | patches | auto | order | depth | order / depth | brute force | auto / brute |");
+    println!("|---|---|---|---|---|---|---|---|");
     for case in cases {
         let count = case.hemicubes.len() as f64;
-        let mut culled = case.best(256, Culling::On);
-        let (t_culled, t_brute) = in_turns(&mut culled, &mut case.best(256, Culling::Off), &case.hemicubes);
-        let mut octree = case.backend(isa, Hierarchy::Octree, 256, Culling::On);
-        let (t_area, t_octree) = in_turns(&mut culled, &mut octree, &case.hemicubes);
+        let mut order = case.engine(EngineChoice::Order, 256, false);
+        let mut depth = case.engine(EngineChoice::Depth, 256, false);
+        let (t_order, t_depth) = in_turns(&mut order, &mut depth, &case.hemicubes);
+        let own = own(case);
+        let best = if own == EngineChoice::Order { &mut order } else { &mut depth };
+        let (t_best, t_brute) = in_turns(best, &mut case.brute(256), &case.hemicubes);
         println!(
-            "| {} | {} | {:.0} | {:.0} | {:.2} | {:.2} |",
+            "| {} | {} | {} | {:.0} | {:.0} | {:.2} | {:.0} | {:.2} |",
             case.name,
             case.model.patches().len(),
-            count / t_culled,
+            if own == EngineChoice::Order { "order" } else { "depth" },
+            count / t_order,
+            count / t_depth,
+            t_depth / t_order,
             count / t_brute,
-            t_brute / t_culled,
-            t_octree / t_area,
+            t_brute / t_best,
         );
+    }
+    println!("The same with covered weights, as the corrections want them, and what the chosen engine makes of it:");
+    println!("| scene | order | depth | order / depth | N = 1024 / 64 in time | portable / {isa:?} at 256 | at 64 |");
+    println!("|---|---|---|---|---|---|---|");
+    for case in cases {
+        let count = case.hemicubes.len() as f64;
+        let mut order = case.engine(EngineChoice::Order, 256, true);
+        let mut depth = case.engine(EngineChoice::Depth, 256, true);
+        let (t_order, t_depth) = in_turns(&mut order, &mut depth, &case.hemicubes);
+        let own = own(case);
+        let (t_small, t_large) = in_turns(
+            &mut case.engine(own, 64, true),
+            &mut case.engine(own, 1024, true),
+            &case.hemicubes,
+        );
+        let portable = [256, 64].map(|n| {
+            let mut plain = case.backend(Isa::Portable, own, Hierarchy::SurfaceArea, n, Culling::On, true);
+            let (t_best, t_plain) = in_turns(&mut case.engine(own, n, true), &mut plain, &case.hemicubes);
+            t_best / t_plain
+        });
+        println!(
+            "| {} | {:.0} | {:.0} | {:.2} | {:.2} | {:.2} | {:.2} |",
+            case.name,
+            count / t_order,
+            count / t_depth,
+            t_depth / t_order,
+            t_large / t_small,
+            portable[0],
+            portable[1],
+        );
+    }
+    println!("Engine 1 over the surface area tree against the octree:");
+    for case in cases {
+        let depth = EngineChoice::Depth;
+        let mut octree = case.backend(isa, depth, Hierarchy::Octree, 256, Culling::On, false);
+        let (t_area, t_octree) = in_turns(&mut case.engine(depth, 256, false), &mut octree, &case.hemicubes);
+        println!("{}: {:.2}", case.name, t_octree / t_area);
     }
     for case in cases.iter().filter(|c| c.model.patches().len() < 1_000_000) {
         let plan = Plan::new(
@@ -260,7 +334,7 @@ fn rate(c: &mut Criterion) {
             "culled",
             BenchmarkId::new(case.name, 256),
             case,
-            case.best(256, Culling::On),
+            case.engine(EngineChoice::Auto, 256, false),
         );
     }
     for case in cases
@@ -271,24 +345,32 @@ fn rate(c: &mut Criterion) {
             "brute",
             BenchmarkId::new(case.name, 256),
             case,
-            case.best(256, Culling::Off),
+            case.brute(256),
         );
         for isa in Isa::available() {
-            let backend = case.backend(isa, Hierarchy::SurfaceArea, 256, Culling::On);
+            let auto = EngineChoice::Auto;
+            let backend = case.backend(isa, auto, Hierarchy::SurfaceArea, 256, Culling::On, false);
             run("isa", BenchmarkId::new(format!("{isa:?}"), case.name), case, backend);
         }
         run(
             "hierarchy",
             BenchmarkId::new("octree", case.name),
             case,
-            case.backend(Isa::available()[0], Hierarchy::Octree, 256, Culling::On),
+            case.backend(
+                Isa::available()[0],
+                EngineChoice::Depth,
+                Hierarchy::Octree,
+                256,
+                Culling::On,
+                false,
+            ),
         );
         for resolution in [64, 128, 512, 1024] {
             run(
                 "resolution",
                 BenchmarkId::new(case.name, resolution),
                 case,
-                case.best(resolution, Culling::On),
+                case.engine(EngineChoice::Auto, resolution, false),
             );
         }
     }
