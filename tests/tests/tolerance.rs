@@ -600,11 +600,8 @@ fn hold_room(
         closure.0,
         closure.1
     ));
-    // The tolerance is kept over the matrix. Above a thousandth it is not kept by every row, and as either direction of a
-    // pair has rays of its own, nor by their difference weighted by area: 3.1 times the tolerance was the worst seen.
-    let bound = if tolerance > 1e-3 { 4.0 * tolerance } else { tolerance };
-    tally.hold(|| format!("{at}: row {:?}", closure.1), 1.0 + closure.0, 1.0, bound);
-    tally.hold(|| format!("{at}: reciprocity"), residual, 0.0, bound);
+    tally.hold(|| format!("{at}: row {:?}", closure.1), 1.0 + closure.0, 1.0, tolerance);
+    tally.hold(|| format!("{at}: reciprocity"), residual, 0.0, tolerance);
     tally.hold(
         || format!("{at}: F over what it can be"),
         excess.max(1.0),

@@ -20,8 +20,9 @@ use glam::DVec3;
 /// Pieces that a polygon is cut into from one point, at most: beyond, rays are cheaper.
 const MOST_PIECES: usize = 200;
 
-/// How much of a cell that nothing is proved of may see other than its points do.
-const UNPROVED: f64 = 0.01;
+/// How much of a cell that nothing is proved of may see other than its points do, by how often it was divided: few points
+/// miss much more than many do.
+const UNPROVED: [f64; 4] = [0.1, 0.015, 0.006, 0.002];
 
 /// Volumes, in cubes of the pair's extent, below which a point counts as on a plane.
 const ROUNDING: f64 = 1e-12;
@@ -63,29 +64,23 @@ impl Polygon {
         &self.corners[..self.count]
     }
 
-    /// Adds it to `pieces`, in two where it has too many corners.
-    fn keep(&self, pieces: &mut Vec<Self>) {
-        if self.count <= Self::MANY {
-            pieces.push(*self);
-            return;
-        }
-        let middle = self.count / 2;
-        pieces.push(Self::of(&self.corners[..=middle]));
-        let mut rest = Self::of(&self.corners[middle..self.count]);
-        rest.push(self.corners[0]);
-        pieces.push(rest);
-    }
-
-    /// The parts in front of a plane and behind it; corners nearer to it than `slack` lie on it, so that no edge is cut next
-    /// to its end: an edge of no length has no side.
+    /// The parts in front of a plane and behind it.
     fn split(&self, normal: DVec3, offset: f64, slack: f64) -> (Self, Self) {
         let (mut within, mut without) = (Self::EMPTY, Self::EMPTY);
+        self.split_into(normal, offset, slack, &mut within, &mut without);
+        (within, without)
+    }
+
+    /// As [`Self::split`], over what the two were: corners nearer to the plane than `slack` lie on it, so that no edge is cut
+    /// next to its end, as an edge of no length has no side.
+    fn split_into(&self, normal: DVec3, offset: f64, slack: f64, within: &mut Self, without: &mut Self) {
+        (within.count, without.count) = (0, 0);
         let height = |p: DVec3| {
             let h = normal.dot(p) - offset;
             if h.abs() <= slack { 0.0 } else { h }
         };
         let Some(&last) = self.corners().last() else {
-            return (within, without);
+            return;
         };
         let (mut p, mut hp) = (last, height(last));
         for &q in self.corners() {
@@ -103,7 +98,46 @@ impl Polygon {
             }
             (p, hp) = (q, hq);
         }
-        (within, without)
+    }
+}
+
+/// Polygons one after the other; those that are taken out leave their room to the next.
+#[derive(Debug, Default)]
+struct Pieces {
+    polygons: Vec<Polygon>,
+    count: usize,
+}
+
+impl Pieces {
+    fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    fn as_slice(&self) -> &[Polygon] {
+        &self.polygons[..self.count]
+    }
+
+    /// Adds the polygon with these corners: only they are copied.
+    fn push(&mut self, corners: impl Iterator<Item = DVec3>) {
+        if self.count == self.polygons.len() {
+            self.polygons.push(Polygon::EMPTY);
+        }
+        let polygon = &mut self.polygons[self.count];
+        polygon.count = 0;
+        corners.for_each(|corner| polygon.push(corner));
+        self.count += 1;
+    }
+
+    /// Adds a polygon, in two where it has too many corners.
+    fn keep(&mut self, polygon: &Polygon) {
+        let corners = polygon.corners();
+        if corners.len() <= Polygon::MANY {
+            self.push(corners.iter().copied());
+            return;
+        }
+        let middle = corners.len() / 2;
+        self.push(corners[..=middle].iter().copied());
+        self.push(corners[middle..].iter().chain(&corners[..1]).copied());
     }
 }
 
@@ -120,8 +154,8 @@ pub(crate) struct Clipper {
     occluders: Vec<Occluder>,
     /// Which occluders matter to cells; each cell has a run of it.
     relevant: Vec<u32>,
-    pieces: Vec<Polygon>,
-    next: Vec<Polygon>,
+    pieces: Pieces,
+    next: Pieces,
     points: usize,
     /// Volumes below this are rounding.
     slack: f64,
@@ -149,6 +183,8 @@ struct Cell {
     strayed: f64,
     /// How far `visible` may be off.
     doubt: f64,
+    /// How often the triangle was divided for it.
+    depth: usize,
 }
 
 /// What a pair's cells have in common.
@@ -215,7 +251,8 @@ impl Clipper {
         self.relevant.extend(0..self.occluders.len() as u32);
         let all = 0..self.relevant.len();
         // Where the receiver is the outer one, what lies under something else in its plane is seen from nowhere.
-        let (mut seen, mut covered) = (vec![Polygon::of(from.corners())], Vec::new());
+        let (mut seen, mut covered) = (Pieces::default(), Pieces::default());
+        seen.push(from.corners().iter().copied());
         if sighting.receiver_is_smaller {
             for triangle in &sighting.over {
                 seen = without(&seen, triangle, receiver_normal, &mut covered);
@@ -223,7 +260,7 @@ impl Clipper {
         }
         let mut cells = Vec::new();
         for (pieces, is_covered) in [(&seen, false), (&covered, true)] {
-            for fan in pieces.iter().map(Polygon::corners) {
+            for fan in pieces.as_slice().iter().map(Polygon::corners) {
                 for k in 1..fan.len().saturating_sub(1) {
                     let mut cell = self.cell([fan[0], fan[k], fan[k + 1]], all.clone(), &view)?;
                     if is_covered {
@@ -326,8 +363,9 @@ impl Clipper {
             doubt: if proved {
                 0.0
             } else {
-                0.1 * whole + (points - whole).abs()
+                UNPROVED[0] * whole + (points - whole).abs()
             },
+            depth: 0,
         })
     }
 
@@ -346,11 +384,13 @@ impl Clipper {
         }
         // Of the fraction, in terms of what is open: the factor itself is the closed form's business.
         let change = (visible / open - cell.visible / cell.open).abs() * open;
+        let missed = UNPROVED[(cell.depth + 1).min(UNPROVED.len() - 1)];
+        parts.iter_mut().for_each(|part| part.depth = cell.depth + 1);
         let unproved = parts.iter().filter(|part| part.doubt > 0.0).count().max(1);
         for part in parts.iter_mut().filter(|part| part.doubt > 0.0) {
             // The smooth error falls with the square of a cell's size, that of a kink nearly so; and what no point has met
             // is worth a little as long as nothing is proved.
-            part.doubt = (0.3 * change / unproved as f64).max(UNPROVED * part.open) + 0.5 * part.strayed;
+            part.doubt = (0.3 * change / unproved as f64).max(missed * part.open) + 0.5 * part.strayed;
         }
         Some(())
     }
@@ -367,12 +407,11 @@ impl Clipper {
     /// between.
     fn visible(&mut self, x: DVec3, view: &View<'_>, relevant: std::ops::Range<usize>, whole: f64) -> Option<f64> {
         self.pieces.clear();
-        self.pieces.push(Polygon::of(view.target));
-        for p in &mut self.pieces[0].corners {
-            *p -= x;
-        }
+        self.pieces.push(view.target.iter().map(|&p| p - x));
         let mut cut = false;
         let slack = self.slack;
+        // What is being cut, and what is cut off it.
+        let (mut inside, mut within, mut without) = (Polygon::EMPTY, Polygon::EMPTY, Polygon::EMPTY);
         for &index in &self.relevant[relevant] {
             let occluder = &self.occluders[index as usize];
             let outline = occluder.outline.corners();
@@ -389,33 +428,33 @@ impl Clipper {
             }
             let cone = &cone[..outline.len()];
             let is_beside = |piece: &Polygon| cone.iter().any(|n| piece.corners().iter().all(|p| n.dot(*p) <= slack));
-            if self.pieces.iter().all(is_beside) {
+            if self.pieces.as_slice().iter().all(is_beside) {
                 continue;
             }
             cut = true;
             self.next.clear();
-            for piece in &self.pieces {
+            for piece in self.pieces.as_slice() {
                 if is_beside(piece) {
-                    self.next.push(*piece);
+                    self.next.push(piece.corners().iter().copied());
                     continue;
                 }
-                let mut inside = *piece;
-                for n in cone {
-                    let (within, without) = inside.split(*n, 0.0, slack);
+                for (k, n) in cone.iter().enumerate() {
+                    let whole = if k == 0 { piece } else { &inside };
+                    whole.split_into(*n, 0.0, slack, &mut within, &mut without);
                     if without.count >= 3 {
-                        without.keep(&mut self.next);
+                        self.next.keep(&without);
                     }
-                    inside = within;
+                    std::mem::swap(&mut inside, &mut within);
                     if inside.count < 3 {
                         break;
                     }
                 }
             }
             std::mem::swap(&mut self.pieces, &mut self.next);
-            if self.pieces.is_empty() {
+            if self.pieces.count == 0 {
                 return Some(0.0);
             }
-            if self.pieces.len() > MOST_PIECES {
+            if self.pieces.count > MOST_PIECES {
                 return None;
             }
         }
@@ -424,6 +463,7 @@ impl Clipper {
         }
         let sum: f64 = self
             .pieces
+            .as_slice()
             .iter()
             .map(|piece| point_to_polygon(DVec3::ZERO, view.normal, piece.corners()))
             .sum();
@@ -472,9 +512,9 @@ impl Occluder {
 }
 
 /// Polygons in one plane without what a triangle in it covers, which is added to `covered`.
-fn without(polygons: &[Polygon], triangle: &[DVec3; 3], normal: DVec3, covered: &mut Vec<Polygon>) -> Vec<Polygon> {
-    let mut rest = Vec::new();
-    for polygon in polygons {
+fn without(polygons: &Pieces, triangle: &[DVec3; 3], normal: DVec3, covered: &mut Pieces) -> Pieces {
+    let mut rest = Pieces::default();
+    for polygon in polygons.as_slice() {
         let mut inside = *polygon;
         for k in 0..3 {
             let (a, b, c) = (triangle[k], triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
@@ -484,12 +524,12 @@ fn without(polygons: &[Polygon], triangle: &[DVec3; 3], normal: DVec3, covered: 
             }
             let (within, outside) = inside.split(inwards, inwards.dot(a), 0.0);
             if outside.count >= 3 {
-                outside.keep(&mut rest);
+                rest.keep(&outside);
             }
             inside = within;
         }
         if inside.count >= 3 {
-            inside.keep(covered);
+            covered.keep(&inside);
         }
     }
     rest

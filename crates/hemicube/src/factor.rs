@@ -37,37 +37,26 @@ pub struct FactorRule {
 impl FactorRule {
     /// The rule whose own error is well below a relative tolerance.
     pub fn for_tolerance(tolerance: f64) -> Self {
-        if tolerance >= 5e-3 {
-            Self {
-                far: 3.5,
-                one: 8.0,
-                six: 1.5,
-                twenty_four: 0.6,
-                care: Care::of_both(1e-4, 2e-3),
-                coarse: Some(Reach {
-                    far: 8.0,
-                    middle: 1.25,
-                    cut: 6.0,
-                }),
-            }
-        } else if tolerance >= 5e-4 {
-            Self {
-                far: 12.0,
-                one: 30.0,
-                six: 3.0,
-                twenty_four: 1.2,
-                care: Care::of_both(1e-5, 2e-4),
-                coarse: None,
-            }
-        } else {
-            Self {
-                far: 40.0,
-                one: 100.0,
-                six: 6.0,
-                twenty_four: 2.5,
-                care: Care::of_both(1e-7, 1e-5),
-                coarse: None,
-            }
+        // Each step's own error is measured on real rows in `backends/cpu/tests/ladder.rs`: below 6e-4 for the first, 4e-5 for the third.
+        let (far, one, six, twenty_four, care) = match tolerance {
+            t if t >= 2.5e-3 => (3.5, 8.0, 1.5, 0.6, Care::of_both(1e-4, 2e-3)),
+            t if t >= 1.5e-3 => (6.5, 15.0, 2.1, 0.85, Care::of_both(3e-5, 6e-4)),
+            t if t >= 5e-4 => (12.0, 30.0, 3.0, 1.2, Care::of_both(1e-5, 2e-4)),
+            t if t >= 1.5e-4 => (22.0, 55.0, 4.2, 1.7, Care::of_both(1e-6, 5e-5)),
+            _ => (40.0, 100.0, 6.0, 2.5, Care::of_both(1e-7, 1e-5)),
+        };
+        let coarse = (tolerance >= 2.5e-3).then_some(Reach {
+            far: 8.0,
+            middle: 1.25,
+            cut: 6.0,
+        });
+        Self {
+            far,
+            one,
+            six,
+            twenty_four,
+            care,
+            coarse,
         }
     }
 }

@@ -8,15 +8,21 @@
 //! the rest stand, and then each pair gets rays in proportion to its part in the error, or is measured exactly from points
 //! ([`Clipper`]) where that is cheaper.
 //!
-//! Errors of different pairs are independent, so squares add up. With spreads s, form factors f, n rays each with variance
-//! s² / (g n), the least rays for Σ f² s² / (g n) ≤ B are n = f s Σ f s / (g B).
+//! Errors of different pairs are independent, so squares add up. Let one unit of squared error be worth μ rays, the same
+//! all over the scene. A pair with the stake z and the spread s, whose n rays leave z² s² / (g n), then has n = z s √(μ / g)
+//! of them, and one whose doubt is d is left as it is where μ z² d is less than the shaft and its rays would cost. μ follows
+//! from the error that is asked for, over a sample of the scene's rows ([`Refinement::priced`]).
+//!
+//! The stake is what the pair's visible fraction moves in both its rows: z² = (F_ij² + F_ji²) / 2. Spread, rays and points
+//! are the same in both directions, and so is the fraction that is measured, to the bit: what is not reciprocal is what one
+//! of the two rows leaves as its centroid has it.
 
 use crate::Model;
 use crate::candidates::Candidates;
 use crate::clip::Clipper;
-use crate::factor::{Exchanges, FactorRule};
+use crate::factor::{self, Exchanges, FactorRule};
 use crate::random;
-use crate::shaft::{RAYS, Shaft, Sighting};
+use crate::shaft::{RAYS, Shaft};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 
@@ -34,8 +40,12 @@ pub struct Refinement {
     /// The tolerance is for the matrix, not for each row: half of what a row may err by is in proportion to itself, half is
     /// the same for all, so that rows with next to nothing in them get next to no rays.
     pub mean_squared_norm: f64,
+    /// How many rays a unit of squared error is worth; 0 where it is not known, and each row finds its own price.
+    pub price: f64,
     /// How far a fraction that one hemicube has may be off.
     pub doubts: Doubts,
+    /// Whether all pairs are measured, and none stays as the centroid has it: for scenes so small that it takes no time.
+    pub all: bool,
     /// Whether each pair is to have the tolerance by itself: for scenes so small that all pairs can be looked at.
     pub each: bool,
 }
@@ -48,9 +58,32 @@ impl Refinement {
             rule: FactorRule::for_tolerance(tolerance * 0.5),
             effort: 1.0,
             mean_squared_norm: 0.0,
+            price: 0.0,
             doubts: Doubts::default(),
+            all: false,
             each: false,
         }
+    }
+
+    /// The price of what is expected of a sample of rows, so that Σ (F − true F)² is what the effort stands for.
+    pub(crate) fn priced(self, rows: &[Vec<Stake>]) -> Self {
+        let worth = self.worth();
+        let budget = SHARE * (self.tolerance * self.effort).powi(2) * self.mean_squared_norm * rows.len() as f64;
+        let mut price = price_of(rows.iter().flatten(), budget, worth);
+        if self.all {
+            // Rows have no price of their own then, so this one must do for their sums.
+            let most = SHARE * (ROW_SUM * self.tolerance).powi(2);
+            price = rows
+                .iter()
+                .map(|row| price_of(row.iter(), most, worth))
+                .fold(price, f64::max);
+        }
+        Self { price, ..self }
+    }
+
+    /// What z √d √μ must be for a pair to be measured.
+    fn worth(&self) -> f64 {
+        if self.all { 0.0 } else { WORTH_A_SHAFT }
     }
 
     /// What Σ (F − true F)² of a row may be.
@@ -64,13 +97,60 @@ impl Refinement {
     }
 }
 
-/// Mean squared errors of visible fractions from one hemicube at the centroid, by what it says (between 0 and 1, 1, 0 or
-/// nothing) and by how near the pair is.
+/// What is expected of a pair that stays as the centroid has it: z √d and F √d.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stake {
+    both: f64,
+    own: f64,
+}
+
+/// See [`Refinement::worth`]: with √d for the spread, a shaft, as dear as 400 rays, and the rays then
+/// cost what they save.
+const WORTH_A_SHAFT: f64 = 20.5;
+
+impl Stake {
+    /// The squared error that is expected at this price, where pairs worth less than `worth` are not measured.
+    fn left(&self, price: f64, worth: f64) -> f64 {
+        let root = self.both * price.sqrt();
+        let square = self.own * self.own;
+        if root <= worth {
+            return square;
+        }
+        square / (root * QUASI_GAIN.sqrt()).max(QUASI_GAIN * RAYS as f64)
+    }
+}
+
+/// The price at which these pairs leave no more than `budget` of squared error, about; next to nothing where they do so
+/// anyway.
+fn price_of<'a>(stakes: impl Iterator<Item = &'a Stake> + Clone, budget: f64, worth: f64) -> f64 {
+    let error = |price: f64| stakes.clone().map(|stake| stake.left(price, worth)).sum::<f64>();
+    if budget.is_infinite() || error(0.0) <= budget {
+        return f64::MIN_POSITIVE;
+    }
+    // By halves of the logarithm; a root has the same bits everywhere, which a power has not.
+    let (mut low, mut high) = (1e-10f64, 1e40f64);
+    while high > 1.09 * low {
+        let middle = (low * high).sqrt();
+        if error(middle) <= budget {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    high
+}
+
+/// Mean squared errors of visible fractions from one hemicube at the centroid, by what it says and by how near the pair is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doubts([[f32; NEARNESSES]; CLASSES]);
 
-/// What a hemicube says of a patch: partly visible, all visible, not visible.
-const CLASSES: usize = 3;
+/// See [`Kind::group`].
+const GROUPS: usize = CLASSES + 2;
+/// What a hemicube says of a patch: partly visible, all visible, not visible, nearly all, hardly at all.
+const CLASSES: usize = 5;
+const UNSEEN: usize = 2;
+/// Nearly all, and the rest of it hardly at all.
+const NEARLY: f64 = 0.85;
 /// Steps of a factor 2 in the distance, measured in radii.
 const NEARNESSES: usize = 8;
 
@@ -82,6 +162,8 @@ impl Default for Doubts {
             [0.08, 0.06, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05],
             [0.02, 0.01, 0.005, 0.003, 0.002, 0.002, 0.002, 0.002],
             [0.1, 0.05, 0.02, 0.01, 0.01, 0.01, 0.01, 0.01],
+            [0.04, 0.03, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02],
+            [0.08, 0.05, 0.03, 0.02, 0.02, 0.02, 0.02, 0.02],
         ])
     }
 }
@@ -103,10 +185,24 @@ impl Kind {
     fn class(fraction: f64) -> u8 {
         if fraction >= 1.0 {
             1
-        } else if fraction > 0.0 {
-            0
-        } else {
+        } else if fraction <= 0.0 {
             2
+        } else if fraction >= NEARLY {
+            3
+        } else if fraction <= 1.0 - NEARLY {
+            4
+        } else {
+            0
+        }
+    }
+
+    /// Pairs that are off together where one point stands badly for a patch: those of a class, and of unseen ones, which may
+    /// be near neighbours or a whole street, those that are about as near.
+    fn group(self) -> usize {
+        match (usize::from(self.class), self.nearness) {
+            (UNSEEN, 0) => CLASSES,
+            (UNSEEN, 1 | 2) => CLASSES + 1,
+            (class, _) => class,
         }
     }
 
@@ -155,7 +251,12 @@ pub(crate) struct Pair {
     /// F if all were visible.
     pub(crate) open: f64,
     pub(crate) fraction: f64,
+    /// A_i F if all were visible, the same bits from both sides; and what it is multiplied by for z.
+    exchange: f64,
+    stake: f64,
     kind: Kind,
+    /// F is only what the middles of the two have it for: enough as long as nothing of it is seen.
+    is_rough: bool,
 }
 
 /// Refines the rows of one patch at a time. One a thread.
@@ -166,25 +267,34 @@ pub(crate) struct Refiner {
     candidates: Candidates,
     exchanges: Exchanges,
     open: Vec<f64>,
-    order: Vec<u32>,
-    doubtful: Vec<Doubtful>,
+    /// Unseen pairs far from each other.
+    far: Vec<Pair>,
+    /// What is expected of each pair.
+    stakes: Vec<Stake>,
+    own_area: f64,
+    is_measured: Vec<bool>,
+    /// Which pairs are measured in any case.
+    is_probe: Vec<bool>,
     shaft: Shaft,
     clipper: Clipper,
 }
 
-/// A pair whose fraction is being measured.
-#[derive(Debug)]
-struct Doubtful {
-    place: usize,
-    /// Whether rays are drawn by direction.
-    near: bool,
-    /// F from the smaller of the two, nothing in between.
-    filled: f64,
-    sighting: Sighting,
-    /// Σ k V and Σ k of the first rays.
-    sums: (f64, f64),
-    rays: usize,
-    spread: f64,
+/// How far the measured pairs of a group were off, and how far they were expected to be: Σ z² (error)² and Σ z² d.
+#[derive(Clone, Copy, Debug, Default)]
+struct Found {
+    squared: f64,
+    expected: f64,
+}
+
+impl Found {
+    /// How much larger the group's doubts are in this row than elsewhere: what is usual counts as much as what was found.
+    fn larger(self) -> f64 {
+        if self.expected > 0.0 {
+            (0.5 + 0.5 * self.squared / self.expected).max(1.0)
+        } else {
+            1.0
+        }
+    }
 }
 
 /// What a row's refinement came to.
@@ -199,9 +309,17 @@ pub(crate) struct Refined {
     pub(crate) shafts: u64,
 }
 
-/// Shares of the squared error for what stays as the centroid has it, and for rays.
-const ROUGH_SHARE: f64 = 0.3;
-const RAY_SHARE: f64 = 0.5;
+/// The share of the squared error for visible fractions.
+const SHARE: f64 = 0.8;
+/// The share of its part of the squared error that a row may have from pairs that stay as the centroid has them: doubts are
+/// what is usual, and where one point stands badly for a patch, all of its pairs are off at once.
+const ROUGH_SHARE: f64 = 0.5;
+/// The standard error of a row's sum in tolerances, at most.
+const ROW_SUM: f64 = 0.33;
+/// The spread that a pair is not believed to have less of where rows' sums depend on it.
+const LEAST_SPREAD: f64 = 0.25;
+/// The root of how many pairs have a part in that, with a margin.
+const PAIRS_OF_A_SUM: f64 = 6.0;
 /// Unseen pairs are looked for down to this share of the row's permitted error.
 const REACH: f64 = 0.3;
 /// How much smaller the squared error of the additive sequence is than that of independent rays.
@@ -211,8 +329,14 @@ const MANY_RAYS: f64 = 65_536.0;
 /// Points at one pair, about, at most; and where each pair is to have the tolerance by itself.
 const MOST_POINTS: usize = 6_000;
 const MOST_POINTS_EACH: usize = 20_000;
-/// Below this share of the view, drawing rays by direction is a waste.
-const FILLED: f64 = 0.004;
+/// Pairs of each group that are measured in any case, at most.
+const PROBES: f64 = 6.0;
+/// How often what was found may lead to more.
+const PASSES: usize = 4;
+/// From this nearness on, the middles of two patches tell their factor well enough to see whether it matters.
+const FAR: u8 = 3;
+/// Directions that are drawn for a ray between near patches, at most.
+const MOST_DRAWN: usize = 32;
 /// Rays at one pair, at most.
 const MOST_RAYS: f64 = 262_144.0;
 
@@ -224,8 +348,11 @@ impl Refiner {
             candidates: Candidates::default(),
             exchanges: Exchanges::new(refinement.rule),
             open: Vec::new(),
-            order: Vec::new(),
-            doubtful: Vec::new(),
+            far: Vec::new(),
+            stakes: Vec::new(),
+            own_area: 0.0,
+            is_measured: Vec::new(),
+            is_probe: Vec::new(),
             shaft: Shaft::default(),
             clipper: Clipper::default(),
         }
@@ -234,9 +361,11 @@ impl Refiner {
     /// From now on takes nothing for known, and half of the error, if it is to take care; returns what it did before.
     pub(crate) fn with_care(&mut self, care: bool) -> Refinement {
         let before = self.refinement;
-        if care {
+        // Where all pairs are measured, hemicubes tell nothing that could be doubted.
+        if care && !self.refinement.all {
             self.refinement.doubts = Doubts::default();
             self.refinement.effort *= 0.5;
+            self.refinement.price *= 16.0;
         }
         before
     }
@@ -263,31 +392,67 @@ impl Refiner {
             return refined;
         }
 
-        // The least doubtful keep what they have while that takes no more than its share.
-        self.order.clear();
-        #[allow(clippy::cast_possible_truncation, reason = "fewer pairs than patches")]
-        self.order
-            .extend((0..self.pairs.len() as u32).filter(|&k| self.pairs[k as usize].open > 0.0));
-        let doubts = self.refinement.doubts;
-        let weight = |pair: &Pair| pair.open * pair.open * doubts.of(pair.kind);
-        self.order.sort_unstable_by(|&p, &q| {
-            let (p, q) = (&self.pairs[p as usize], &self.pairs[q as usize]);
-            weight(p).total_cmp(&weight(q)).then(p.patch.cmp(&q.patch))
-        });
+        self.find_stakes();
+        let (price, least) = self.price(budget);
         let mut refined = Refined::default();
-        let mut first = 0;
-        for &k in &self.order {
-            let error = weight(&self.pairs[k as usize]);
-            if refined.squared_error + error > ROUGH_SHARE * budget {
-                break;
-            }
-            refined.squared_error += error;
-            first += 1;
-        }
-        self.measure(model, emitter, &own, first, budget, &mut refined);
+        self.measure(model, emitter, &own, price, least, &mut refined);
         self.pairs.sort_unstable_by_key(|pair| pair.patch);
         refined.squared_norm = self.squared_norm();
         refined
+    }
+
+    /// What is expected of a row's pairs.
+    pub(crate) fn census(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        seen: impl Iterator<Item = (u32, f64)>,
+        receives: impl Fn(u32) -> bool,
+    ) -> Vec<Stake> {
+        let own = model.normalised_corners(emitter.0);
+        self.begin(model, emitter, &own, seen, receives);
+        self.find_stakes();
+        self.stakes.clone()
+    }
+
+    fn find_stakes(&mut self) {
+        let doubts = self.refinement.doubts;
+        self.stakes.clear();
+        self.stakes.extend(self.pairs.iter().map(|pair| {
+            let own = pair.open * doubts.of(pair.kind).sqrt();
+            Stake {
+                both: own * pair.stake * self.own_area,
+                own,
+            }
+        }));
+    }
+
+    /// What a squared error is worth in this row: what it is all over the scene, or more where the row by itself would be
+    /// too far off. And the z √d from which on pairs are measured.
+    fn price(&self, budget: f64) -> (f64, f64) {
+        let worth = self.refinement.worth();
+        let mut price = self.refinement.price;
+        if price <= 0.0 {
+            price = price_of(self.stakes.iter(), SHARE * budget, worth);
+            return (price, worth / price.sqrt());
+        }
+        if self.refinement.all {
+            // The same price for all rows, so that both of a pair have the same rays.
+            return (price, 0.0);
+        }
+        let most = SHARE * (ROW_SUM * self.refinement.tolerance).powi(2);
+        if self.stakes.iter().map(|stake| stake.left(price, worth)).sum::<f64>() > most {
+            price = price_of(self.stakes.iter(), most, worth).max(price);
+        }
+        let mut least = worth / price.sqrt();
+        let rough = |least: f64| -> f64 {
+            let kept = self.stakes.iter().filter(|stake| stake.both <= least);
+            kept.map(|stake| stake.own * stake.own).sum()
+        };
+        while rough(least) > ROUGH_SHARE * budget {
+            least *= 0.7;
+        }
+        (price, least)
     }
 
     /// Makes the list of pairs: what was seen, and what was not but could be large. Returns what the row may err by.
@@ -304,16 +469,20 @@ impl Refiner {
             patch,
             open: 0.0,
             fraction,
+            exchange: 0.0,
+            stake: 0.0,
             kind: Kind {
                 class: Kind::class(fraction),
                 nearness: 0,
             },
+            is_rough: false,
         }));
         let seen_count = self.pairs.len();
         self.exchanges.begin(own);
+        self.own_area = area(own);
         self.close(model, own, 0);
         let budget = self.refinement.budget(self.squared_norm());
-        let least = if self.refinement.each {
+        let least = if self.refinement.each || self.refinement.all {
             f64::MIN_POSITIVE
         } else {
             REACH * budget.sqrt()
@@ -326,19 +495,32 @@ impl Refiner {
                     known += 1;
                 }
                 let is_known = known < seen_count && self.pairs[known].patch == patch;
-                if !is_known && receives(patch) {
-                    self.pairs.push(Pair {
-                        patch,
-                        open: 0.0,
-                        fraction: 0.0,
-                        kind: Kind {
-                            class: Kind::class(0.0),
-                            nearness: 0,
-                        },
-                    });
+                if is_known || !receives(patch) {
+                    continue;
+                }
+                let corners = model.normalised_corners(patch);
+                let nearness = Kind::nearness(own, &corners);
+                let is_rough = nearness >= FAR && !self.refinement.each && !self.refinement.all;
+                let pair = Pair {
+                    patch,
+                    open: if is_rough { by_middles(own, &corners) } else { 0.0 },
+                    fraction: 0.0,
+                    exchange: 0.0,
+                    stake: stake(area(own), area(&corners)),
+                    kind: Kind {
+                        class: Kind::class(0.0),
+                        nearness,
+                    },
+                    is_rough,
+                };
+                if is_rough {
+                    self.far.push(pair);
+                } else {
+                    self.pairs.push(pair);
                 }
             }
             self.close(model, own, seen_count);
+            self.pairs.append(&mut self.far);
         }
         budget
     }
@@ -379,15 +561,9 @@ impl Refiner {
                 } else {
                     let mut rays = (0.0, 0.0);
                     let seed = seed(emitter.0, pair.patch);
-                    let filled = pair.open * sighting.emitter_share;
-                    if sighting.near && filled <= FILLED {
-                        match self.clipper.measure(&self.shaft, tree, &sighting, 0.05, MOST_POINTS) {
-                            Some(clipped) => rays = (clipped.fraction, 1.0),
-                            None => continue,
-                        }
-                    } else if sighting.near {
+                    if sighting.near {
                         self.shaft
-                            .cast_near(&sighting, SURVEY_RAYS, 64 * SURVEY_RAYS, seed, &mut rays);
+                            .cast_near(&sighting, SURVEY_RAYS, MOST_DRAWN * SURVEY_RAYS, seed, &mut rays);
                     } else {
                         self.shaft.cast(&sighting, 0, SURVEY_RAYS, seed, &mut rays);
                     }
@@ -405,17 +581,19 @@ impl Refiner {
 
     /// The closed forms of the pairs from `start` on.
     fn close(&mut self, model: &Model, own: &[DVec3; 3], start: usize) {
-        let per_area = 2.0 / (own[1] - own[0]).cross(own[2] - own[0]).length();
+        let own_area = area(own);
         self.open.clear();
         self.open.resize(self.pairs.len() - start, 0.0);
         for (place, pair) in self.pairs[start..].iter_mut().enumerate() {
             let corners = model.normalised_corners(pair.patch);
             self.exchanges.add(place, &corners, &mut self.open);
             pair.kind.nearness = Kind::nearness(own, &corners);
+            pair.stake = stake(own_area, area(&corners));
         }
         self.exchanges.finish(&mut self.open);
         for (pair, exchange) in self.pairs[start..].iter_mut().zip(&self.open) {
-            pair.open = exchange * per_area;
+            pair.open = exchange / own_area;
+            pair.exchange = *exchange;
         }
     }
 
@@ -447,7 +625,7 @@ impl Refiner {
             let mut sums = (0.0, 0.0);
             if sighting.near {
                 self.shaft
-                    .cast_near(&sighting, EACH_RAYS, 64 * EACH_RAYS, seed, &mut sums);
+                    .cast_near(&sighting, EACH_RAYS, MOST_DRAWN * EACH_RAYS, seed, &mut sums);
             } else {
                 self.shaft.cast(&sighting, 0, EACH_RAYS, seed, &mut sums);
             }
@@ -462,109 +640,182 @@ impl Refiner {
         refined
     }
 
-    /// Measures the fractions of the pairs from `first` on in the order of doubt.
+    /// Measures the fractions of the pairs whose z √d is more than `least`, at this price of a squared error.
     fn measure(
         &mut self,
         model: &Model,
         emitter: InputPatch,
         own: &[DVec3; 3],
-        first: usize,
-        budget: f64,
+        price: f64,
+        least: f64,
+        refined: &mut Refined,
+    ) {
+        // Doubts of the groups in this row: where one point stands badly for a patch, all that it says is off at once. So
+        // some pairs of each group are tried in any case, and where they are off, so may be others.
+        let mut found = [Found::default(); GROUPS];
+        self.find_probes(emitter);
+        self.is_measured.clear();
+        self.is_measured.resize(self.pairs.len(), false);
+        for pass in 0..PASSES {
+            let larger = found.map(|f| f.larger());
+            let mut any = false;
+            for place in 0..self.pairs.len() {
+                let (group, stake) = (self.pairs[place].kind.group(), self.stakes[place]);
+                let is_worth = stake.both * larger[group].sqrt() > least;
+                let is_probe = pass == 0 && self.is_probe[place];
+                if self.is_measured[place] || !(is_worth || is_probe) {
+                    continue;
+                }
+                let before = self.pairs[place].fraction;
+                self.measure_pair(model, (emitter, own), place, price, refined);
+                let pair = &self.pairs[place];
+                found[group].squared += (pair.open * (pair.fraction - before)).powi(2);
+                found[group].expected += stake.own * stake.own;
+                self.is_measured[place] = true;
+                any = true;
+            }
+            if !any {
+                break;
+            }
+        }
+        for (place, stake) in self.stakes.iter().enumerate() {
+            if !self.is_measured[place] {
+                let larger = found[self.pairs[place].kind.group()].larger();
+                refined.squared_error += larger * stake.own.powi(2);
+            }
+        }
+    }
+
+    /// Draws pairs of each group in proportion to their part in its doubt, evenly through the row.
+    fn find_probes(&mut self, emitter: InputPatch) {
+        let mut totals = [0.0; GROUPS];
+        for (stake, pair) in self.stakes.iter().zip(&self.pairs) {
+            totals[pair.kind.group()] += stake.own * stake.own;
+        }
+        let steps = totals.map(|total| total / PROBES);
+        let first = random::unit(random::hash(u64::from(emitter.0).wrapping_add(random::STEP)));
+        let mut next = steps.map(|step| first * step);
+        let mut sums = [0.0; GROUPS];
+        self.is_probe.clear();
+        for (stake, pair) in self.stakes.iter().zip(&self.pairs) {
+            let group = pair.kind.group();
+            sums[group] += stake.own * stake.own;
+            let is_probe = stake.own > 0.0 && sums[group] > next[group];
+            while steps[group] > 0.0 && next[group] < sums[group] {
+                next[group] += steps[group];
+            }
+            self.is_probe.push(is_probe);
+        }
+    }
+
+    /// Measures the fraction of a pair.
+    fn measure_pair(
+        &mut self,
+        model: &Model,
+        (emitter, own): (InputPatch, &[DVec3; 3]),
+        place: usize,
+        price: f64,
         refined: &mut Refined,
     ) {
         let tree = model.geometry().tree();
+        let pair = &mut self.pairs[place];
+        let corners = model.normalised_corners(pair.patch);
         self.shaft.clear();
-        self.doubtful.clear();
-        for &place in &self.order[first..] {
-            let place = place as usize;
-            let pair = &mut self.pairs[place];
-            let corners = model.normalised_corners(pair.patch);
-            let sighting = self.shaft.sight(tree, (emitter.0, own), (pair.patch, &corners));
-            refined.shafts += 1;
-            if sighting.hidden {
-                pair.fraction = 0.0;
-                continue;
+        let sighting = self.shaft.sight(tree, (emitter.0, own), (pair.patch, &corners));
+        refined.shafts += 1;
+        if sighting.hidden {
+            pair.fraction = 0.0;
+            return;
+        }
+        if pair.is_rough {
+            let exchange = factor::exchange(own, &corners, &self.refinement.rule);
+            (pair.open, pair.exchange, pair.is_rough) = (exchange / area(own), exchange, false);
+        }
+        if sighting.is_open() {
+            pair.fraction = 1.0;
+            return;
+        }
+        let seed = seed(emitter.0, pair.patch);
+        let mut sums = (0.0, 0.0);
+        let mut rays = if sighting.near {
+            let first = 2 * RAYS;
+            self.shaft
+                .cast_near(&sighting, first, MOST_DRAWN * first, seed, &mut sums)
+        } else {
+            self.shaft.cast(&sighting, 0, RAYS, seed, &mut sums);
+            RAYS
+        };
+        refined.rays += rays as u64;
+        // A few rays that agree do not prove that all would (Laplace's rule of succession, for half a ray).
+        let count = rays as f64;
+        let pilot = if sums.1 > 0.0 { sums.0 / sums.1 } else { 0.5 };
+        let smooth = (pilot * count + 0.5) / (count + 1.0);
+        let spread = (smooth * (1.0 - smooth)).sqrt();
+        let exchanged = pair.exchange * pair.stake;
+        let mut wanted = spread * exchanged * (price / QUASI_GAIN).sqrt();
+        if self.refinement.all {
+            // A row's sum may be off by what a few dozen such pairs leave, even where their first rays agree by chance. The
+            // larger factor of the two is at most √2 z.
+            let larger = std::f64::consts::SQRT_2 * exchanged;
+            let error = PAIRS_OF_A_SUM * larger * spread.max(LEAST_SPREAD) / (ROW_SUM * self.refinement.tolerance);
+            wanted = wanted.max(error * error / QUASI_GAIN);
+        }
+        let is_poor = sums.1 <= 0.0 || (sighting.near && rays < RAYS);
+        if wanted > MANY_RAYS || is_poor {
+            // What so many rays would leave.
+            let enough = spread / (QUASI_GAIN * wanted.max(1.0)).sqrt();
+            let clipped = self.clipper.measure(&self.shaft, tree, &sighting, enough, MOST_POINTS);
+            if let Some(clipped) = clipped {
+                pair.fraction = clipped.fraction;
+                refined.points += clipped.points as u64;
+                refined.squared_error += (clipped.change * pair.open).powi(2);
+                return;
             }
-            if sighting.is_open() {
-                pair.fraction = 1.0;
-                continue;
-            }
-            let seed = seed(emitter.0, pair.patch);
-            let mut sums = (0.0, 0.0);
-            // From the smaller one, how much of the view the other fills.
-            let filled = pair.open * sighting.emitter_share;
-            let near = sighting.near && filled > FILLED;
-            let rays = if near {
-                self.shaft.cast_near(&sighting, 2 * RAYS, 8192, seed, &mut sums)
-            } else {
-                self.shaft.cast(&sighting, 0, RAYS, seed, &mut sums);
-                RAYS
-            };
+        }
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped, then a number of rays"
+        )]
+        let wanted = (wanted.clamp(0.0, MOST_RAYS) as usize).next_multiple_of(RAYS);
+        if wanted > rays && sighting.near {
+            sums = (0.0, 0.0);
+            rays = self
+                .shaft
+                .cast_near(&sighting, wanted, MOST_DRAWN * wanted, seed, &mut sums);
             refined.rays += rays as u64;
-            // A few rays that agree do not prove that all would (Laplace's rule of succession, for half a ray).
-            let count = rays as f64;
-            let pilot = if sums.1 > 0.0 { sums.0 / sums.1 } else { 0.5 };
-            let smooth = (pilot * count + 0.5) / (count + 1.0);
-            self.doubtful.push(Doubtful {
-                place,
-                near,
-                filled,
-                sighting,
-                sums,
-                rays,
-                spread: (smooth * (1.0 - smooth)).sqrt(),
-            });
+        } else if wanted > rays {
+            self.shaft.cast(&sighting, rays, wanted, seed, &mut sums);
+            refined.rays += (wanted - rays) as u64;
+            rays = wanted;
         }
-        let total: f64 = self.doubtful.iter().map(|d| self.pairs[d.place].open * d.spread).sum();
-        for doubtful in &self.doubtful {
-            let Doubtful {
-                place,
-                near,
-                filled,
-                ref sighting,
-                mut sums,
-                mut rays,
-                spread,
-            } = *doubtful;
-            let pair = &mut self.pairs[place];
-            let wanted = spread * pair.open * total / (RAY_SHARE * budget * QUASI_GAIN);
-            if wanted > MANY_RAYS || (sighting.near && !near && wanted > RAYS as f64) || sums.1 <= 0.0 {
-                // Its part of the budget, in terms of the fraction.
-                let variance = RAY_SHARE * budget * (spread * pair.open / total);
-                let enough = variance.sqrt() / pair.open;
-                if let Some(clipped) = self.clipper.measure(&self.shaft, tree, sighting, enough, MOST_POINTS) {
-                    pair.fraction = clipped.fraction;
-                    refined.points += clipped.points as u64;
-                    refined.squared_error += (clipped.change * pair.open).powi(2);
-                    continue;
-                }
-            }
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "clamped, then a number of rays"
-            )]
-            let count = |x: f64| (x.clamp(0.0, MOST_RAYS) as usize).next_multiple_of(RAYS);
-            let wanted = count(wanted);
-            let seed = seed(emitter.0, pair.patch);
-            if wanted > rays && near {
-                sums = (0.0, 0.0);
-                rays = self
-                    .shaft
-                    .cast_near(sighting, wanted, count(4.0 * wanted as f64 / filled), seed, &mut sums);
-                refined.rays += rays as u64;
-            } else if wanted > rays {
-                self.shaft.cast(sighting, rays, wanted, seed, &mut sums);
-                refined.rays += (wanted - rays) as u64;
-                rays = wanted;
-            }
-            // Where no ray had weight, as between planes that all but coincide, the centroid's fraction is all there is.
-            if sums.1 > 0.0 {
-                pair.fraction = sums.0 / sums.1;
-            }
-            refined.squared_error += (spread * pair.open).powi(2) / (QUASI_GAIN * rays.max(1) as f64);
+        // Where no ray had weight, as between planes that all but coincide, the centroid's fraction is all there is.
+        if sums.1 > 0.0 {
+            pair.fraction = sums.0 / sums.1;
         }
+        refined.squared_error += (spread * pair.open).powi(2) / (QUASI_GAIN * rays.max(1) as f64);
     }
+}
+
+/// The factor from patch to patch as their middles have it, by the parts of either in front of the other.
+fn by_middles(i: &[DVec3; 3], j: &[DVec3; 3]) -> f64 {
+    let cross = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+    let middle = |t: &[DVec3; 3]| (t[0] + t[1] + t[2]) / 3.0;
+    let (n, m) = (cross(i), cross(j));
+    let between = middle(j) - middle(i);
+    let square = between.length_squared();
+    let highest = |n: DVec3, from: DVec3, t: &[DVec3; 3]| t.iter().map(|&p| n.dot(p - from)).fold(0.0, f64::max);
+    let (up, back) = (highest(n, i[0], j) / n.length(), highest(m, j[0], i));
+    0.5 * up * back / (std::f64::consts::PI * square * square)
+}
+
+/// z in terms of the exchange A_i F_ij: both factors count, and both directions have the same bits.
+fn stake(i: f64, j: f64) -> f64 {
+    (0.5 / (i * i) + 0.5 / (j * j)).sqrt()
+}
+
+fn area([a, b, c]: &[DVec3; 3]) -> f64 {
+    0.5 * (*b - *a).cross(*c - *a).length()
 }
 
 /// Where each pair is measured: the share of the tolerance that points may leave, and rays where points will not do.
@@ -573,7 +824,7 @@ const SMALL_FACTOR: f64 = 1e-2;
 const EACH_RAYS: usize = 1 << 18;
 
 /// Pairs of each class that are surveyed in a row, about.
-const SURVEYED: f64 = 24.0;
+const SURVEYED: f64 = 16.0;
 /// Rays at each of them.
 const SURVEY_RAYS: usize = 512;
 

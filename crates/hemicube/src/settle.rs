@@ -48,25 +48,33 @@ const SURE: f64 = 1.5;
 const SMALL: usize = 400;
 const FINE: f64 = 2e-3;
 /// What the rows tried must have of the tolerance at most, for the sake of those not tried.
-const MARGIN: f64 = 0.8;
+const MARGIN: f64 = 0.82;
+/// How much further an error may fall than in proportion to the effort.
+const SLACK: f64 = 1.15;
 const SEED: u64 = 0x7E57_0F70;
 
 /// Effort and resolution, from the cheapest to the dearest. Even the cheapest looks for pairs that its hemicube missed: few
 /// rows of a scene have any, and a sample may have none of these.
-const RUNGS: [(f64, u32); 13] = [
+const RUNGS: [(f64, u32); 19] = [
     (8.0, 64),
     (4.0, 64),
     (2.5, 64),
     (1.8, 128),
     (1.4, 128),
-    (1.1, 128),
+    (1.2, 128),
+    (1.0, 128),
     (0.9, 128),
-    (0.75, 128),
-    (0.6, 128),
-    (0.45, 128),
-    (0.35, 128),
-    (0.27, 128),
-    (0.2, 128),
+    (0.8, 128),
+    (0.7, 128),
+    (0.62, 128),
+    (0.55, 128),
+    (0.48, 128),
+    (0.42, 128),
+    (0.36, 128),
+    (0.3, 128),
+    (0.25, 128),
+    (0.21, 128),
+    (0.18, 128),
 ];
 
 /// One row as a rung has it.
@@ -125,6 +133,7 @@ pub fn settle(
     let mean_squared_norm = norm / rows.len().max(1) as f64;
     let known = Refinement {
         mean_squared_norm,
+        all: model.patches().len() <= SMALL,
         ..Refinement::for_tolerance(tolerance)
     };
     let mut sums = DoubtSums::default();
@@ -136,20 +145,32 @@ pub fn settle(
         doubts: sums.doubts(),
         ..known
     };
+    // What a squared error is worth follows from the error that an effort stands for.
+    let priced = |refinement: Refinement| {
+        let mut refiner = Refiner::new(refinement);
+        let asked: Vec<usize> = if refinement.all {
+            (0..rows.len()).collect()
+        } else {
+            tried.clone()
+        };
+        let census = asked
+            .iter()
+            .map(|&k| refiner.census(model, rows[k], seen(fine.row(k)), receives));
+        refinement.priced(&census.collect::<Vec<_>>())
+    };
     let row_of = |refiner: &mut Refiner, block: &RowBlock, k: usize| {
         refiner.row(model, rows[k], seen(block.row(k)), receives);
         values(&refiner.pairs)
     };
     let finest = Refinement {
-        effort: 0.25,
         rule: FactorRule::for_tolerance(tolerance * 0.1),
-        ..known
+        ..priced(Refinement { effort: 0.25, ..known })
     };
     let exact: Vec<Row> = side_by_side(threads, finest, &tried, |refiner, k| row_of(refiner, &fine, k));
     let norm = mean_squared_norm.max(f64::MIN_POSITIVE);
     let numbered: Vec<usize> = (0..tried.len()).collect();
     let try_rung = |(effort, resolution): (f64, u32)| {
-        let refinement = Refinement { effort, ..known };
+        let refinement = priced(Refinement { effort, ..known });
         let block = if resolution == 64 { &coarse } else { &fine };
         let errors: Vec<f64> = side_by_side(threads, refinement, &numbered, |refiner, n| {
             squared_difference(&row_of(refiner, block, tried[n]), &exact[n])
@@ -168,11 +189,16 @@ pub fn settle(
     };
     let [cheapest, dearer @ ..] = RUNGS;
     let mut settled = try_rung(cheapest);
+    let [.., dearest] = RUNGS;
     for rung in dearer {
         if settled.at_most <= MARGIN * tolerance {
             break;
         }
-        settled = try_rung(rung);
+        // An error falls with the effort at most: what cannot do is not tried.
+        let hope = rung.0 / settled.refinement.effort * settled.at_most;
+        if hope <= SLACK * MARGIN * tolerance || rung == dearest || rung.1 != settled.resolution {
+            settled = try_rung(rung);
+        }
     }
     let percent = |x: f64| format!("{:.3} %", 100.0 * x);
     let verdict = if settled.keeps(tolerance) {

@@ -46,13 +46,88 @@ struct Occluder {
 /// Lists what may come in between two triangles, for many pairs one after the other.
 #[derive(Debug, Default)]
 pub(crate) struct Shaft {
-    /// n · p ≥ d inside.
-    planes: Vec<([f64; 3], f64)>,
+    sides: Sides,
     /// Of all sightings since [`Shaft::clear`].
     occluders: Vec<Occluder>,
     pending: Vec<u32>,
+    /// Blocks that reach into the shaft, and which of their triangles may.
+    reached: Vec<(u32, u16)>,
+}
+
+/// Planes tried together.
+const TOGETHER: usize = 8;
+/// The two triangles' planes and one for each of 18 edges and opposite corners, in whole groups.
+const MOST_SIDES: usize = 24;
+
+/// The planes of a shaft and the box round it: what is inside has n · p > d for each.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+struct Sides {
+    normal: [[f64; MOST_SIDES]; 3],
+    /// With how far in is still out.
+    least: [f64; MOST_SIDES],
+    count: usize,
     low: [f64; 3],
     high: [f64; 3],
+}
+
+impl Default for Sides {
+    fn default() -> Self {
+        Self {
+            normal: [[0.0; MOST_SIDES]; 3],
+            least: [0.0; MOST_SIDES],
+            count: 0,
+            low: [0.0; 3],
+            high: [0.0; 3],
+        }
+    }
+}
+
+impl Sides {
+    fn push(&mut self, normal: DVec3, least: f64) {
+        if self.count < MOST_SIDES {
+            for (a, n) in normal.to_array().into_iter().enumerate() {
+                self.normal[a][self.count] = n;
+            }
+            self.least[self.count] = least;
+            self.count += 1;
+        }
+    }
+
+    /// Fills the last group with planes that everything is inside of.
+    fn fill(&mut self) {
+        for k in self.count..self.count.next_multiple_of(TOGETHER) {
+            for normal in &mut self.normal {
+                normal[k] = 0.0;
+            }
+            self.least[k] = -1.0;
+        }
+    }
+
+    /// Whether a box, by its centre and half its extent, may reach inside.
+    #[inline(always)]
+    fn reach(&self, c: [f64; 3], h: [f64; 3]) -> bool {
+        for a in 0..3 {
+            if c[a] + h[a] < self.low[a] || c[a] - h[a] > self.high[a] {
+                return false;
+            }
+        }
+        let mut at = 0;
+        while at < self.count {
+            let mut inside = [false; TOGETHER];
+            for (l, inside) in inside.iter_mut().enumerate() {
+                let n = [self.normal[0][at + l], self.normal[1][at + l], self.normal[2][at + l]];
+                let middle = n[0] * c[0] + n[1] * c[1] + n[2] * c[2];
+                let extent = n[0].abs() * h[0] + n[1].abs() * h[1] + n[2].abs() * h[2];
+                *inside = middle + extent > self.least[at + l];
+            }
+            if !inside.iter().fold(true, |all, &one| all & one) {
+                return false;
+            }
+            at += TOGETHER;
+        }
+        true
+    }
 }
 
 /// Two triangles that look at each other, and what may be in between.
@@ -67,8 +142,6 @@ pub(crate) struct Sighting {
     pub(crate) near: bool,
     /// Whether the receiver is the smaller of the two.
     pub(crate) receiver_is_smaller: bool,
-    /// The emitter's area in areas of the smaller of the two.
-    pub(crate) emitter_share: f64,
     /// What is between the two planes.
     between: Range<usize>,
     /// What is so near to one of the planes that rays in f32 cannot tell on which side.
@@ -83,6 +156,20 @@ impl Sighting {
     /// Whether all is visible: proved, as nothing may come in between.
     pub(crate) fn is_open(&self) -> bool {
         self.between.is_empty() && self.beside.is_empty() && self.over.is_empty()
+    }
+
+    /// The smaller of the two, and the other.
+    fn by_size(&self) -> (&[DVec3; 3], &[DVec3; 3]) {
+        if self.receiver_is_smaller {
+            (&self.receiver, &self.emitter)
+        } else {
+            (&self.emitter, &self.receiver)
+        }
+    }
+
+    /// Points of the smaller one and of the other as points of the emitter and of the receiver.
+    fn ends(&self, x: DVec3, y: DVec3) -> (DVec3, DVec3) {
+        if self.receiver_is_smaller { (y, x) } else { (x, y) }
     }
 
     /// Whether something beside stops the segment from `x` to `y`, or something over the receiver is seen at its end.
@@ -115,7 +202,8 @@ impl Shaft {
         (i, emitter): (u32, &[DVec3; 3]),
         (j, receiver): (u32, &[DVec3; 3]),
     ) -> Sighting {
-        let origin = emitter[0];
+        // The same for both directions of a pair, so that all that follows has the same bits.
+        let origin = if i < j { emitter[0] } else { receiver[0] };
         let local = |t: &[DVec3; 3]| t.map(|p| p - origin);
         let (emitter, receiver) = (local(emitter), local(receiver));
         let points = [
@@ -141,11 +229,16 @@ impl Shaft {
             high = high.max(p);
         }
         let slack = DVec3::splat(OUTSIDE * size);
-        (self.low, self.high) = ((low - slack).to_array(), (high + slack).to_array());
-        self.make_planes(&points, size);
+        (self.sides.low, self.sides.high) = ((low - slack).to_array(), (high + slack).to_array());
+        let planes = self.make_planes(&points, size, tree.plane_tolerance);
         let start = self.occluders.len();
         let area = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).length_squared();
-        let receiver_is_smaller = area(&receiver) < area(&emitter);
+        // Of two of one size, the same one whichever of them emits.
+        let receiver_is_smaller = match area(&receiver).total_cmp(&area(&emitter)) {
+            std::cmp::Ordering::Less => true,
+            std::cmp::Ordering::Equal => j < i,
+            std::cmp::Ordering::Greater => false,
+        };
         let mut sighting = Sighting {
             emitter,
             receiver,
@@ -156,23 +249,26 @@ impl Shaft {
                 crate::factor::distance(c0, &receiver) < (NEAR * r0).max(r1)
             },
             receiver_is_smaller,
-            emitter_share: (area(&emitter) / area(&receiver).min(area(&emitter)).max(f64::MIN_POSITIVE)).sqrt(),
             between: start..start,
             beside: Vec::new(),
             over: Vec::new(),
             hidden: false,
         };
-        self.list_occluders(tree, [i, j], size, &mut sighting);
+        self.list_occluders(tree, [i, j], planes, size, &mut sighting);
         sighting
     }
 
-    fn make_planes(&mut self, points: &[DVec3; 6], size: f64) {
-        self.planes.clear();
+    /// Makes the sides; returns the planes (n, d) of the two triangles.
+    fn make_planes(&mut self, points: &[DVec3; 6], size: f64, tolerance: f64) -> [(DVec3, f64); 2] {
+        self.sides.count = 0;
         // Only what rises above the emitter and lies in front of the receiver can be in the way.
-        for [a, b, c] in [[0, 1, 2], [3, 4, 5]] {
+        let own = [([0, 1, 2], tolerance), ([3, 4, 5], -tolerance)].map(|([a, b, c], outside)| {
             let n = (points[b] - points[a]).cross(points[c] - points[a]).normalize_or_zero();
-            self.planes.push((n.to_array(), n.dot(points[a])));
-        }
+            let d = n.dot(points[a]);
+            self.sides.push(n, d + outside);
+            (n, d)
+        });
+        let side = OUTSIDE * size;
         let flat = 2e-6 * size;
         let mut add = |a: usize, b: usize, c: usize| {
             let n = (points[b] - points[a]).cross(points[c] - points[a]);
@@ -190,9 +286,9 @@ impl Shaft {
             }
             let (least, most) = heights.iter().fold((0.0f64, 0.0f64), |(l, m), &h| (l.min(h), m.max(h)));
             if least >= -flat && most > flat {
-                self.planes.push((n.to_array(), d));
+                self.sides.push(n, d + side);
             } else if most <= flat && least < -flat {
-                self.planes.push(((-n).to_array(), -d));
+                self.sides.push(-n, side - d);
             }
         };
         for k in 0..3 {
@@ -202,67 +298,41 @@ impl Shaft {
                 add(3 + k, 3 + next, e);
             }
         }
+        self.sides.fill();
+        own
     }
 
-    fn list_occluders(&mut self, tree: &Tree, own: [u32; 2], size: f64, sighting: &mut Sighting) {
+    fn list_occluders(
+        &mut self,
+        tree: &Tree,
+        own: [u32; 2],
+        [emitter_plane, receiver_plane]: [(DVec3, f64); 2],
+        size: f64,
+        sighting: &mut Sighting,
+    ) {
         let origin = sighting.origin;
         let side = OUTSIDE * size;
         let tolerance = tree.plane_tolerance;
-        // The emitter's plane, the receiver's, the sides.
-        let outside = |plane: usize| match plane {
-            0 => tolerance,
-            1 => -tolerance,
-            _ => side,
-        };
-        let [emitter_plane, receiver_plane] = [self.planes[0], self.planes[1]];
-        self.pending.clear();
-        self.pending.push(0);
+        dispatch_reached(tree, &self.sides, origin, &mut self.pending, &mut self.reached);
         let own_slots = own.map(|p| tree.slot_of_patch[p as usize]);
         let start = self.occluders.len();
-        'nodes: while let Some(index) = self.pending.pop() {
-            let node = &tree.nodes[index as usize];
-            let c = (node.center - origin).to_array();
-            let h = node.half.to_array();
-            for a in 0..3 {
-                if c[a] + h[a] < self.low[a] || c[a] - h[a] > self.high[a] {
-                    continue 'nodes;
-                }
-            }
-            for (k, (n, d)) in self.planes.iter().enumerate() {
-                let most = n[0] * c[0] + n[1] * c[1] + n[2] * c[2] - d
-                    + n[0].abs() * h[0]
-                    + n[1].abs() * h[1]
-                    + n[2].abs() * h[2];
-                if most <= outside(k) {
-                    continue 'nodes;
-                }
-            }
-            if node.block == INNER {
-                self.pending.extend([node.child, node.child + 1]);
-                continue;
-            }
-            let block = &tree.blocks[node.block as usize];
-            let mut kept = dispatch_inside(
-                &block.corners,
-                origin.to_array(),
-                &self.planes,
-                [tolerance, -tolerance, side],
-            );
+        for &(index, kept) in &self.reached {
+            let block = &tree.blocks[index as usize];
+            let mut kept = kept;
             while kept != 0 {
                 let l = kept.trailing_zeros() as usize;
                 kept &= kept - 1;
                 #[allow(clippy::cast_possible_truncation, reason = "slots are u32")]
-                let slot = (node.block as usize * LANES + l) as u32;
+                let slot = (index as usize * LANES + l) as u32;
                 if block.negative[l] == UNUSED || own_slots.contains(&slot) {
                     continue;
                 }
                 let [a, b, c] = block.triangle(l).map(|p| p - origin);
                 let (least, most) = (a.min(b).min(c).to_array(), a.max(b).max(c).to_array());
-                if (0..3).any(|x| most[x] < self.low[x] || least[x] > self.high[x]) {
+                if (0..3).any(|x| most[x] < self.sides.low[x] || least[x] > self.sides.high[x]) {
                     continue;
                 }
-                let height = |(n, d): &([f64; 3], f64)| {
-                    let n = DVec3::from_array(*n);
+                let height = |(n, d): &(DVec3, f64)| {
                     let h = [n.dot(a) - d, n.dot(b) - d, n.dot(c) - d];
                     (h[0].min(h[1]).min(h[2]), h[0].max(h[1]).max(h[2]))
                 };
@@ -270,13 +340,13 @@ impl Shaft {
                 if highest <= tolerance {
                     // In the receiver's plane, or below it at one end: of patches there the smaller id is seen.
                     let n = (b - a).cross(c - a);
-                    let faces = n.dot(DVec3::from_array(receiver_plane.0)) > 0.0;
+                    let faces = n.dot(receiver_plane.0) > 0.0;
                     let id = if faces { block.negative[l] } else { block.positive[l] };
                     let triangle = [a, b, c];
                     if lowest >= -tolerance
                         && id < own[1]
                         && id < tree.patch_count
-                        && overlap(&triangle, &sighting.receiver, DVec3::from_array(receiver_plane.0), side)
+                        && overlap(&triangle, &sighting.receiver, receiver_plane.0, side)
                     {
                         sighting.over.push(triangle);
                     }
@@ -329,13 +399,31 @@ impl Shaft {
         between.chain(sighting.beside.iter().copied())
     }
 
-    /// Casts the rays `start..end` of a sequence (multiples of 16) and adds (Σ k V, Σ k) to `sums`.
+    /// Casts the rays `start..end` of a sequence (multiples of 16) and adds (Σ k V, Σ k) to `sums`: the same ones in both
+    /// directions of a pair.
     pub(crate) fn cast(&self, sighting: &Sighting, start: usize, end: usize, seed: u64, sums: &mut (f64, f64)) {
-        let shift = shifts(seed);
+        let (small, large) = sighting.by_size();
+        let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+        let span = |t: &[DVec3; 3]| [t[0], t[1] - t[0], t[2] - t[0]].map(|p| p.to_array());
+        let pair = Spans {
+            from: span(small),
+            to: span(large),
+            normals: [normal(small), normal(large)].map(|p| p.to_array()),
+            shift: shifts(seed),
+        };
+        let all_by_lanes = sighting.beside.is_empty() && sighting.over.is_empty();
         let mut group = Group::new();
+        let mut drawn = Drawn::new();
         let mut at = start;
         while at < end {
-            group.draw(sighting, at, &shift);
+            dispatch_draw_spans(&pair, at, &mut drawn, &mut group);
+            if !all_by_lanes {
+                for l in 0..RAYS {
+                    let (x, y) = drawn.segment(l);
+                    let (x, y) = sighting.ends(x, y);
+                    group.stopped[l] = u32::from(sighting.is_stopped(x, y));
+                }
+            }
             group.hit = [0; RAYS];
             self.hit(sighting, &mut group);
             let (mut seen, mut whole) = (0.0, 0.0);
@@ -353,9 +441,10 @@ impl Shaft {
 
 impl Shaft {
     /// Casts rays between a pair so near that segments between evenly drawn points would hardly meet what carries the
-    /// weight: cosine-distributed directions from points of the smaller triangle (Malley's method, with the corners of the
-    /// square left out), of which those that meet the other one count, each as much as any. Stops at `wanted` of these, or
-    /// at `most` directions. Adds (seen, met) to `sums`; returns how many met the other triangle.
+    /// weight: cosine-distributed directions from points of the smaller triangle (Malley's method), drawn in the rectangle
+    /// round what the other one fills of the unit disc and weighted with its area; those that meet the other one count.
+    /// Stops when they are worth `wanted` equal ones, or at `most` directions. Adds (seen, met) to `sums`; returns what
+    /// those that met are worth.
     pub(crate) fn cast_near(
         &self,
         sighting: &Sighting,
@@ -364,82 +453,87 @@ impl Shaft {
         seed: u64,
         sums: &mut (f64, f64),
     ) -> usize {
-        let (small, large) = if sighting.receiver_is_smaller {
-            (&sighting.receiver, &sighting.emitter)
-        } else {
-            (&sighting.emitter, &sighting.receiver)
-        };
+        let (small, large) = sighting.by_size();
         let Some([tangent, bitangent, normal]) = crate::frame::axes(*small, 0.0) else {
             return 0;
         };
         let across = (large[1] - large[0]).cross(large[2] - large[0]);
+        let Some(above) = crate::factor::contour::in_front(large, small[0], normal, 0.0) else {
+            return 0;
+        };
+        let above = above.corners();
         let fan = Fan {
             corners: small.map(|p| p.to_array()),
             axes: [tangent, bitangent, normal].map(|p| p.to_array()),
             other: large.map(|p| p.to_array()),
+            above: std::array::from_fn(|k| above[k.min(above.len() - 1)].to_array()),
             // Towards the inside of the other one.
             sides: [0, 1, 2].map(|e| across.cross(large[(e + 1) % 3] - large[e]).to_array()),
             across: across.to_array(),
             shift: shifts(seed),
         };
+        let all_by_lanes = sighting.beside.is_empty() && sighting.over.is_empty();
         let mut group = Group::new();
         let mut drawn = Drawn::new();
-        let (mut filled, mut met) = (0, 0);
+        let (mut filled, mut sum, mut squares) = (0, 0.0, 0.0);
         let mut at = 0;
         loop {
             let mut mask = dispatch_draw_fan(&fan, at, &mut drawn);
             at += RAYS;
-            while mask != 0 && met < wanted {
+            while mask != 0 {
                 let l = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
-                let lane = |v: &[[f64; RAYS]; 3]| DVec3::new(v[0][l], v[1][l], v[2][l]);
-                let (x, y) = (lane(&drawn.start), lane(&drawn.end));
-                let (from, to) = if sighting.receiver_is_smaller { (y, x) } else { (x, y) };
-                group.set(filled, from, to - from, sighting.is_stopped(from, to));
+                let (x, y) = drawn.segment(l);
+                let is_stopped = !all_by_lanes && {
+                    let (from, to) = sighting.ends(x, y);
+                    sighting.is_stopped(from, to)
+                };
+                group.set(filled, x, y - x, is_stopped);
+                let weight = drawn.weight[l];
+                #[allow(clippy::cast_possible_truncation, reason = "at most 4")]
+                let single = weight as f32;
+                group.weight[filled] = single;
+                sum += weight;
+                squares += weight * weight;
                 filled += 1;
-                met += 1;
                 if filled == RAYS {
                     self.count(sighting, &mut group, filled, sums);
                     filled = 0;
                 }
             }
-            if met >= wanted || at >= most {
+            if at >= most || sum * sum >= wanted as f64 * squares && squares > 0.0 {
                 break;
             }
         }
         if filled > 0 {
             self.count(sighting, &mut group, filled, sums);
         }
-        met
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a number of rays"
+        )]
+        let worth = if squares > 0.0 {
+            (sum * sum / squares) as usize
+        } else {
+            0
+        };
+        worth
     }
 
     fn count(&self, sighting: &Sighting, group: &mut Group, filled: usize, sums: &mut (f64, f64)) {
         group.hit = [0; RAYS];
         self.hit(sighting, group);
-        sums.0 += group.hit[..filled].iter().filter(|&&h| h == 0).count() as f64;
-        sums.1 += filled as f64;
+        for l in 0..filled {
+            let weight = f64::from(group.weight[l]);
+            sums.0 += if group.hit[l] == 0 { weight } else { 0.0 };
+            sums.1 += weight;
+        }
     }
 
     fn hit(&self, sighting: &Sighting, group: &mut Group) {
         dispatch_hits(&self.occluders[sighting.between.clone()], group);
     }
-}
-
-fn fold(u: f64, v: f64) -> (f64, f64) {
-    if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) }
-}
-
-/// The fractional part of a number from 0 to 2⁵³.
-#[inline(always)]
-fn wrapped(x: f64) -> f64 {
-    // No call of a library's floor on processors that lack the instruction.
-    #[allow(clippy::cast_possible_truncation, reason = "within 2⁵³")]
-    let whole = x as i64;
-    x - whole as f64
-}
-
-fn point(t: &[DVec3; 3], (u, v): (f64, f64)) -> DVec3 {
-    t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v
 }
 
 /// Whether two triangles in one plane with this normal have more than `touch` of an overlap: no line along one of their
@@ -493,8 +587,19 @@ struct Fan {
     corners: [[f64; 3]; 3],
     axes: [[f64; 3]; 3],
     other: [[f64; 3]; 3],
+    /// What of it is above the horizon; the last corner twice where there are three.
+    above: [[f64; 3]; 4],
     sides: [[f64; 3]; 3],
     across: [f64; 3],
+    shift: [f64; 4],
+}
+
+/// What segments between evenly drawn points of two triangles are drawn from.
+struct Spans {
+    /// A corner and two edges of the smaller one and of the other.
+    from: [[f64; 3]; 3],
+    to: [[f64; 3]; 3],
+    normals: [[f64; 3]; 2],
     shift: [f64; 4],
 }
 
@@ -503,6 +608,7 @@ struct Fan {
 struct Drawn {
     start: [[f64; RAYS]; 3],
     end: [[f64; RAYS]; 3],
+    weight: [f64; RAYS],
 }
 
 impl Drawn {
@@ -510,6 +616,72 @@ impl Drawn {
         Self {
             start: [[0.0; RAYS]; 3],
             end: [[0.0; RAYS]; 3],
+            weight: [0.0; RAYS],
+        }
+    }
+
+    fn segment(&self, l: usize) -> (DVec3, DVec3) {
+        let lane = |v: &[[f64; RAYS]; 3]| DVec3::new(v[0][l], v[1][l], v[2][l]);
+        (lane(&self.start), lane(&self.end))
+    }
+}
+
+/// The points `k` of an additive sequence, each number a fraction.
+#[inline(always)]
+fn sequence(shift: &[f64; 4], k: f64) -> [f64; 4] {
+    // Positive and below 2³¹: adding and taking off 2⁵² leaves the nearest whole number.
+    let fraction = |x: f64| {
+        let nearest = (x + 4_503_599_627_370_496.0) - 4_503_599_627_370_496.0;
+        let rest = x - nearest;
+        rest + if rest < 0.0 { 1.0 } else { 0.0 }
+    };
+    [
+        fraction(shift[0] + STEPS_4[0] * k),
+        fraction(shift[1] + STEPS_4[1] * k),
+        fraction(shift[2] + STEPS_4[2] * k),
+        fraction(shift[3] + STEPS_4[3] * k),
+    ]
+}
+
+/// Folds the unit square into the half of it that a triangle is.
+#[inline(always)]
+fn fold(u: f64, v: f64) -> (f64, f64) {
+    let outside = u + v > 1.0;
+    (if outside { 1.0 - u } else { u }, if outside { 1.0 - v } else { v })
+}
+
+/// Draws the segments `at + 1..= at + 16` of a sequence.
+#[inline(always)]
+fn draw_spans(pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group) {
+    let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+    let start = at as f64 + 1.0;
+    for l in 0..RAYS {
+        let u = sequence(&pair.shift, start + LANE[l]);
+        let ((s, t), (p, q)) = (fold(u[0], u[1]), fold(u[2], u[3]));
+        let (mut x, mut d) = ([0.0; 3], [0.0; 3]);
+        for a in 0..3 {
+            x[a] = pair.from[0][a] + pair.from[1][a] * s + pair.from[2][a] * t;
+            let y = pair.to[0][a] + pair.to[1][a] * p + pair.to[2][a] * q;
+            d[a] = y - x[a];
+            drawn.start[a][l] = x[a];
+            drawn.end[a][l] = y;
+        }
+        let squared = dot(d, d);
+        let (leaving, arriving) = (dot(pair.normals[0], d), -dot(pair.normals[1], d));
+        // In front of both, or no weight.
+        let faces = (leaving > 0.0) & (arriving > 0.0) & (squared > 0.0);
+        let kernel = leaving * arriving / (squared * squared);
+        #[allow(clippy::cast_possible_truncation, reason = "weights relative to the pair")]
+        let weight = if faces & (kernel < f64::from(f32::MAX)) {
+            kernel as f32
+        } else {
+            0.0
+        };
+        group.weight[l] = weight;
+        #[allow(clippy::cast_possible_truncation, reason = "rays relative to the pair")]
+        for a in 0..3 {
+            group.origin[a][l] = x[a] as f32;
+            group.direction[a][l] = d[a] as f32;
         }
     }
 }
@@ -519,48 +691,92 @@ impl Drawn {
 fn draw_fan(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
     let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
     let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
-    let mut met = [0u64; RAYS];
+    let (least, most) = (
+        |p: f64, q: f64| if p < q { p } else { q },
+        |p: f64, q: f64| if p > q { p } else { q },
+    );
     let start = at as f64 + 1.0;
     let (e, f) = (
         minus(fan.corners[1], fan.corners[0]),
         minus(fan.corners[2], fan.corners[0]),
     );
+    let mut on_disc = [[0.0; RAYS]; 2];
+    // The other triangle from each point.
+    let mut towards = [[[0.0; RAYS]; 3]; 4];
     for l in 0..RAYS {
-        let k = start + LANE[l];
-        // Positive and below 2³¹: adding and taking off 2⁵² leaves the nearest whole number.
-        let fraction = |x: f64| {
-            let nearest = (x + 4_503_599_627_370_496.0) - 4_503_599_627_370_496.0;
-            let rest = x - nearest;
-            rest + if rest < 0.0 { 1.0 } else { 0.0 }
-        };
-        let u: [f64; 4] = [
-            fraction(fan.shift[0] + STEPS_4[0] * k),
-            fraction(fan.shift[1] + STEPS_4[1] * k),
-            fraction(fan.shift[2] + STEPS_4[2] * k),
-            fraction(fan.shift[3] + STEPS_4[3] * k),
+        let u = sequence(&fan.shift, start + LANE[l]);
+        let (s, t) = fold(u[0], u[1]);
+        on_disc[0][l] = u[2];
+        on_disc[1][l] = u[3];
+        let x = [
+            fan.corners[0][0] + e[0] * s + f[0] * t,
+            fan.corners[0][1] + e[1] * s + f[1] * t,
+            fan.corners[0][2] + e[2] * s + f[2] * t,
         ];
-        let outside = u[0] + u[1] > 1.0;
-        let (s, t) = (
-            if outside { 1.0 - u[0] } else { u[0] },
-            if outside { 1.0 - u[1] } else { u[1] },
-        );
-        let (p, q) = (2.0 * u[2] - 1.0, 2.0 * u[3] - 1.0);
-        let squared = p * p + q * q;
-        let rest = 1.0 - squared;
-        let up = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
-        let (mut x, mut d) = ([0.0; 3], [0.0; 3]);
         for a in 0..3 {
-            x[a] = fan.corners[0][a] + e[a] * s + f[a] * t;
-            d[a] = fan.axes[0][a] * p + fan.axes[1][a] * q + fan.axes[2][a] * up;
+            drawn.start[a][l] = x[a];
         }
+        for k in 0..4 {
+            let v = minus(fan.above[k], x);
+            for a in 0..3 {
+                towards[k][a][l] = dot(fan.axes[a], v);
+            }
+        }
+    }
+    // The rectangle round its image on the unit disc: of its corners, and of its edges' images, which are parts of ellipses
+    // whose extremes may lie between their ends.
+    let mut low = [[1.0f64; RAYS]; 2];
+    let mut high = [[-1.0f64; RAYS]; 2];
+    for k in 0..4 {
+        let (v, w) = (&towards[k], &towards[(k + 1) % 4]);
+        for l in 0..RAYS {
+            let (v, w) = ([v[0][l], v[1][l], v[2][l]], [w[0][l], w[1][l], w[2][l]]);
+            let per_length = 1.0 / dot(v, v).sqrt();
+            let n = [
+                v[1] * w[2] - v[2] * w[1],
+                v[2] * w[0] - v[0] * w[2],
+                v[0] * w[1] - v[1] * w[0],
+            ];
+            let per_square = 1.0 / dot(n, n);
+            let after = [n[1] * v[2] - n[2] * v[1], n[2] * v[0] - n[0] * v[2]];
+            let before = [w[1] * n[2] - w[2] * n[1], w[2] * n[0] - w[0] * n[2]];
+            for a in 0..2 {
+                let end = v[a] * per_length;
+                let rest = 1.0 - n[a] * n[a] * per_square;
+                let extreme = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
+                let rises = (after[a] > 0.0) & (before[a] > 0.0);
+                let falls = (after[a] < 0.0) & (before[a] < 0.0);
+                let up = if rises { extreme } else { end };
+                let down = if falls { -extreme } else { end };
+                high[a][l] = most(high[a][l], most(up, end));
+                low[a][l] = least(low[a][l], least(down, end));
+            }
+        }
+    }
+    let mut met = [0u64; RAYS];
+    for l in 0..RAYS {
+        let (from_p, to_p) = (most(low[0][l] - MARGIN, -1.0), least(high[0][l] + MARGIN, 1.0));
+        let (from_q, to_q) = (most(low[1][l] - MARGIN, -1.0), least(high[1][l] + MARGIN, 1.0));
+        let p = from_p + (to_p - from_p) * on_disc[0][l];
+        let q = from_q + (to_q - from_q) * on_disc[1][l];
+        let weight = (to_p - from_p) * (to_q - from_q);
+        let rest = 1.0 - (p * p + q * q);
+        let up = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
+        let [tangent, bitangent, normal] = fan.axes;
+        let d = [
+            tangent[0] * p + bitangent[0] * q + normal[0] * up,
+            tangent[1] * p + bitangent[1] * q + normal[1] * up,
+            tangent[2] * p + bitangent[2] * q + normal[2] * up,
+        ];
+        let x = [drawn.start[0][l], drawn.start[1][l], drawn.start[2][l]];
         let slope = dot(fan.across, d);
         let length = dot(fan.across, minus(fan.other[0], x)) / slope;
         let y = [x[0] + d[0] * length, x[1] + d[1] * length, x[2] + d[2] * length];
         let within = |k: usize| dot(fan.sides[k], minus(y, fan.other[k])) >= 0.0;
-        let meets = (rest > 0.0) & (slope < 0.0) & (length > 0.0) & within(0) & within(1) & within(2);
+        let meets = (rest > 0.0) & (slope < 0.0) & (length > 0.0) & (weight > 0.0) & within(0) & within(1) & within(2);
         met[l] = u64::from(meets);
+        drawn.weight[l] = weight;
         for a in 0..3 {
-            drawn.start[a][l] = x[a];
             drawn.end[a][l] = y[a];
         }
     }
@@ -570,6 +786,9 @@ fn draw_fan(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
     }
     mask
 }
+
+/// What rounding may take from the rectangle round an image on the unit disc.
+const MARGIN: f64 = 1e-9;
 
 const LANE: [f64; RAYS] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
@@ -608,40 +827,38 @@ impl Group {
         }
         self.stopped[lane] = u32::from(is_stopped);
     }
+}
 
-    /// Draws the rays `at..at + 16`: the same segments in both directions of a pair.
-    fn draw(&mut self, pair: &Sighting, at: usize, shift: &[f64; 4]) {
-        let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
-        let (n_from, n_to) = (normal(&pair.emitter), normal(&pair.receiver));
-        for l in 0..RAYS {
-            let k = (at + l + 1) as f64;
-            let u: [f64; 4] = std::array::from_fn(|a| wrapped(shift[a] + STEPS_4[a] * k));
-            let (small, large) = (fold(u[0], u[1]), fold(u[2], u[3]));
-            let (on_emitter, on_receiver) = if pair.receiver_is_smaller {
-                (large, small)
-            } else {
-                (small, large)
-            };
-            let (x, y) = (point(&pair.emitter, on_emitter), point(&pair.receiver, on_receiver));
-            let d = y - x;
-            let r2 = d.length_squared();
-            // In front of both, or no weight.
-            let kernel = n_from.dot(d).max(0.0) * (-n_to.dot(d)).max(0.0) / (r2 * r2);
-            #[allow(clippy::cast_possible_truncation, reason = "weights relative to the pair")]
-            let weight = if kernel.is_finite() { kernel as f32 } else { 0.0 };
-            self.weight[l] = weight;
-            self.set(l, x, d, pair.is_stopped(x, y));
+/// Lists the blocks that reach into a shaft, with those of their triangles that may.
+#[inline(always)]
+fn reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, reached: &mut Vec<(u32, u16)>) {
+    pending.clear();
+    reached.clear();
+    pending.push(0);
+    while let Some(index) = pending.pop() {
+        let node = &tree.nodes[index as usize];
+        if !sides.reach((node.center - origin).to_array(), node.half.to_array()) {
+            continue;
+        }
+        if node.block == INNER {
+            pending.extend([node.child, node.child + 1]);
+            continue;
+        }
+        let kept = inside(&tree.blocks[node.block as usize].corners, origin.to_array(), sides);
+        if kept != 0 {
+            reached.push((node.block, kept));
         }
     }
 }
 
-/// Which of 16 triangles reach inside all planes, one bit each. `outside`: how far in is still out, for the first plane,
-/// the second and the others.
+/// Which of 16 triangles reach inside all planes, one bit each.
 #[inline(always)]
-fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], planes: &[([f64; 3], f64)], outside: [f64; 3]) -> u16 {
+fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], sides: &Sides) -> u16 {
     let mut kept = [1u64; LANES];
-    for (k, (n, d)) in planes.iter().enumerate() {
-        let outside = outside[if k < 2 { k } else { 2 }];
+    for k in 0..sides.count {
+        let n = [sides.normal[0][k], sides.normal[1][k], sides.normal[2][k]];
+        let least = sides.least[k];
+        let mut any = 0;
         for l in 0..LANES {
             let height = |k: usize| {
                 n[0] * (corners[3 * k][l] - origin[0])
@@ -651,7 +868,11 @@ fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], planes: &[([f64; 3], f6
             let (a, b, c) = (height(0), height(1), height(2));
             let most = if a > b { a } else { b };
             let most = if most > c { most } else { c };
-            kept[l] &= u64::from(most - d > outside);
+            kept[l] &= u64::from(most > least);
+            any |= kept[l];
+        }
+        if any == 0 {
+            return 0;
         }
     }
     let mut mask = 0;
@@ -729,9 +950,14 @@ macro_rules! dispatch {
 }
 
 dispatch!(
-    dispatch_inside,
-    inside,
-    (corners: &[[f64; LANES]; 9], origin: [f64; 3], planes: &[([f64; 3], f64)], outside: [f64; 3]) -> u16
+    dispatch_reached,
+    reached,
+    (tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, out: &mut Vec<(u32, u16)>)
+);
+dispatch!(
+    dispatch_draw_spans,
+    draw_spans,
+    (pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group)
 );
 dispatch!(dispatch_draw_fan, draw_fan, (fan: &Fan, at: usize, drawn: &mut Drawn) -> u16);
 dispatch!(dispatch_hits, hits, (occluders: &[Occluder], group: &mut Group));
@@ -835,13 +1061,38 @@ mod tests {
         let mut shaft = Shaft::default();
         let sighting = shaft.sight(model.geometry().tree(), (0, &corners(0)), (2, &corners(2)));
         assert_eq!(sighting.between.len(), 1);
+        let (small, large) = sighting.by_size();
+        let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+        let span = |t: &[DVec3; 3]| [t[0], t[1] - t[0], t[2] - t[0]].map(|p| p.to_array());
+        let spans = Spans {
+            from: span(small),
+            to: span(large),
+            normals: [normal(small), normal(large)].map(|p| p.to_array()),
+            shift: shifts(7),
+        };
         for at in (0..512).step_by(RAYS) {
             let (mut a, mut b) = (Group::new(), Group::new());
-            a.draw(&sighting, at, &shifts(7));
-            b.draw(&sighting, at, &shifts(7));
+            let mut drawn = [Drawn::new(), Drawn::new()];
+            draw_spans(&spans, at, &mut drawn[0], &mut a);
+            dispatch_draw_spans(&spans, at, &mut drawn[1], &mut b);
+            assert_eq!((a.origin, a.direction, a.weight), (b.origin, b.direction, b.weight));
             hits(&shaft.occluders, &mut a);
             dispatch_hits(&shaft.occluders, &mut b);
             assert_eq!(a.hit, b.hit);
+        }
+    }
+
+    #[test]
+    fn both_directions_have_the_same_fraction() {
+        let p = DVec3::new;
+        let model = scene(&[
+            [p(0.2, 0.1, 0.5), p(0.9, 0.3, 0.4), p(0.4, 0.8, 0.6)],
+            [p(0.1, 0.1, 0.2), p(0.2, 0.1, 0.3), p(0.1, 0.2, 0.25)],
+        ]);
+        for (i, j) in [(0, 2), (0, 3), (1, 2), (1, 3), (4, 3)] {
+            let (there, back) = (fraction(&model, i, j, 256), fraction(&model, j, i, 256));
+            assert!(there.1.is_nan() == back.1.is_nan());
+            assert!(there.1.is_nan() || there == back, "{i} and {j}: {there:?}, {back:?}");
         }
     }
 }
