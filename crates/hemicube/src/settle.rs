@@ -49,6 +49,8 @@ const SMALL: usize = 400;
 const FINE: f64 = 2e-3;
 /// What the rows tried must have of the tolerance at most, for the sake of those not tried.
 const MARGIN: f64 = 0.82;
+/// The finer of the resolutions of [`RUNGS`].
+const FINEST: u32 = 128;
 /// How much further an error may fall than in proportion to the effort.
 const SLACK: f64 = 1.15;
 const SEED: u64 = 0x7E57_0F70;
@@ -171,6 +173,8 @@ pub fn settle(
     let numbered: Vec<usize> = (0..tried.len()).collect();
     let try_rung = |(effort, resolution): (f64, u32)| {
         let refinement = priced(Refinement { effort, ..known });
+        // Where all pairs are measured, hemicubes only say what escapes and what is blocked, and no rung need save there.
+        let resolution = if known.all { FINEST } else { resolution };
         let block = if resolution == 64 { &coarse } else { &fine };
         let errors: Vec<f64> = side_by_side(threads, refinement, &numbered, |refiner, n| {
             squared_difference(&row_of(refiner, block, tried[n]), &exact[n])
