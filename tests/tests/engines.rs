@@ -1,6 +1,7 @@
 //! The two engines of the CPU backend see the same: pixel sums are the same bits, covered weights too, and engine 2 is as
 //! lossless and as independent of the instruction set when it is forced on scenes that do not suit it.
 
+use glam::DVec3;
 use hemicube::Model;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::row::{RowBlock, RowView};
@@ -8,6 +9,7 @@ use hemicube_backend_cpu::{CpuBackend, EngineChoice, Isa};
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::{self, Kind};
 use hemicube_tests::extremes;
+use hemicube_tests::geometry::scene_of;
 use hemicube_tests::rows::{hemicubes, render_with, spread};
 use hemicube_tests::scenes::{generated, model, read, say, scenes_or_skip};
 use std::collections::{BTreeMap, BTreeSet};
@@ -237,6 +239,30 @@ fn a_difference_is_noticed() {
     }
     assert_eq!(apart(&row(&[10, 20], 5), &row(&[10, 20], 5)), 0);
     assert_eq!(apart(&row(&[10, 20], 5), &row(&[12, 17], 6)), 3);
+}
+
+#[test]
+fn what_cannot_be_put_in_order_is_refused_or_drawn_by_depth() {
+    // A heap of copies: every one overlaps every other.
+    let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+    let copies = (0..3000).map(|k| corners.map(|p| p * (1.0 + f64::from(k) * 1e-6)));
+    let model = model(scene_of(copies), Subdivision::None);
+    let mut asked = CpuBackend::new().with_engine(EngineChoice::Order);
+    let refused = asked.load(model.geometry(), settings(64, false));
+    assert!(
+        refused
+            .as_ref()
+            .is_err_and(|e| e.to_string().contains("overlap in one plane")),
+        "{refused:?}"
+    );
+    let mut auto = CpuBackend::new();
+    auto.load(model.geometry(), settings(64, false)).expect("any scene");
+    assert_eq!(auto.engine(), Some(EngineChoice::Depth));
+    assert!(
+        auto.choices()[0].contains("overlap in one plane"),
+        "{:?}",
+        auto.choices()
+    );
 }
 
 #[test]

@@ -14,7 +14,7 @@
 )]
 
 use crate::random;
-use crate::tree::{INNER, LANES, Tree, UNUSED};
+use crate::tree::{INNER, LANES, Tree, UNUSED, overlap};
 use glam::DVec3;
 use std::ops::Range;
 
@@ -534,22 +534,6 @@ impl Shaft {
     fn hit(&self, sighting: &Sighting, group: &mut Group) {
         dispatch_hits(&self.occluders[sighting.between.clone()], group);
     }
-}
-
-/// Whether two triangles in one plane with this normal have more than `touch` of an overlap: no line along one of their
-/// edges keeps them apart.
-fn overlap(p: &[DVec3; 3], q: &[DVec3; 3], normal: DVec3, touch: f64) -> bool {
-    let apart = |of: &[DVec3; 3], other: &[DVec3; 3]| {
-        (0..3).any(|k| {
-            let (a, b, c) = (of[k], of[(k + 1) % 3], of[(k + 2) % 3]);
-            let mut across = normal.cross(b - a).normalize_or_zero();
-            if across.dot(c - a) < 0.0 {
-                across = -across;
-            }
-            other.iter().all(|&x| across.dot(x - a) <= touch)
-        })
-    };
-    !apart(p, q) && !apart(q, p)
 }
 
 /// Whether all nine segments between corners pass through the inside of a triangle: then so does every segment between the

@@ -194,7 +194,9 @@ fn print_ratios(cases: &[Case]) {
             .engine()
             .expect("it is loaded")
     };
-    println!("One core, N = 256, best of 5 in turns; hemicubes a second and their ratios. `auto` is what the scene gets.");
+    println!(
+        "One core, N = 256, best of 5 in turns; hemicubes a second and their ratios. `auto` is what the scene gets."
+    );
     println!("| scene | patches | auto | order | depth | order / depth | brute force | auto / brute |");
     println!("|---|---|---|---|---|---|---|---|");
     for case in cases {
@@ -203,7 +205,11 @@ fn print_ratios(cases: &[Case]) {
         let mut depth = case.engine(EngineChoice::Depth, 256, false);
         let (t_order, t_depth) = in_turns(&mut order, &mut depth, &case.hemicubes);
         let own = own(case);
-        let best = if own == EngineChoice::Order { &mut order } else { &mut depth };
+        let best = if own == EngineChoice::Order {
+            &mut order
+        } else {
+            &mut depth
+        };
         let (t_best, t_brute) = in_turns(best, &mut case.brute(256), &case.hemicubes);
         println!(
             "| {} | {} | {} | {:.0} | {:.0} | {:.2} | {:.0} | {:.2} |",
@@ -341,12 +347,7 @@ fn rate(c: &mut Criterion) {
         .iter()
         .filter(|c| c.name.starts_with("room") || c.name == "denhaag-8897-x16")
     {
-        run(
-            "brute",
-            BenchmarkId::new(case.name, 256),
-            case,
-            case.brute(256),
-        );
+        run("brute", BenchmarkId::new(case.name, 256), case, case.brute(256));
         for isa in Isa::available() {
             let auto = EngineChoice::Auto;
             let backend = case.backend(isa, auto, Hierarchy::SurfaceArea, 256, Culling::On, false);

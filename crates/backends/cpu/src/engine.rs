@@ -385,7 +385,11 @@ impl<K: Kernel> Engine<K> {
             }
         }
         let counts = self.alone.count(shared, frame, &self.uncounted);
-        let none = self.uncounted.iter().zip(counts).filter(|(_, (pixels, _))| *pixels == 0);
+        let none = self
+            .uncounted
+            .iter()
+            .zip(counts)
+            .filter(|(_, (pixels, _))| *pixels == 0);
         self.tiny.extend(none.map(|(&patch, _)| patch));
         candidates.clear();
         self.tiny_candidates = candidates;

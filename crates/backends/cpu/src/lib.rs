@@ -207,18 +207,21 @@ impl CpuBackend {
     }
 
     /// The order of a scene, if the choice of engine wants one and the scene suits it, and why.
-    fn order(&self, geometry: &Geometry) -> (Option<Arc<Order>>, String) {
+    fn order(&self, geometry: &Geometry) -> Result<(Option<Arc<Order>>, String), BackendError> {
         let found = match self.choice {
-            EngineChoice::Depth => return (None, "engine depth, as asked".to_owned()),
+            EngineChoice::Depth => return Ok((None, "engine depth, as asked".to_owned())),
             EngineChoice::Order => geometry.kept(AnyOrder::new).0.clone(),
             EngineChoice::Auto => geometry.kept(SuitableOrder::new).0.clone(),
         };
         match found {
             Ok(order) => {
                 let reason = format!("engine order: {order}");
-                (Some(order), reason)
+                Ok((Some(order), reason))
             }
-            Err(reason) => (None, format!("engine depth: {reason}")),
+            Err(reason) if self.choice == EngineChoice::Order => Err(BackendError::Unsupported(format!(
+                "engine order does not suit this scene: {reason}; take engine auto or depth"
+            ))),
+            Err(reason) => Ok((None, format!("engine depth: {reason}"))),
         }
     }
 
@@ -254,6 +257,8 @@ impl CpuBackend {
 
 /// With more fragments a surface than this, ordering costs more than it saves.
 const MOST_FRAGMENTS: f64 = 1.4;
+/// Whatever was asked for: with more, memory would be the limit.
+const MOST_FRAGMENTS_IF_ASKED: f64 = 32.0;
 /// With fewer lanes of a block in use than this, likewise.
 const LEAST_FILL: f64 = 4.0;
 
@@ -263,10 +268,13 @@ struct AnyOrder(Result<Arc<Order>, String>);
 impl AnyOrder {
     fn new(geometry: &Geometry) -> Self {
         let limits = Limits {
-            fragments: f64::INFINITY,
+            fragments: MOST_FRAGMENTS_IF_ASKED,
         };
-        let order = Order::new(geometry, limits).map(Arc::new);
-        Self(order.ok_or_else(|| "the scene falls into too many pieces to be ordered".to_owned()))
+        Self(
+            Order::new(geometry, limits)
+                .map(Arc::new)
+                .map_err(|why| why.to_string()),
+        )
     }
 }
 
@@ -279,11 +287,9 @@ impl SuitableOrder {
             fragments: MOST_FRAGMENTS,
         };
         Self(match Order::new(geometry, limits) {
-            Some(order) if order.fill() >= LEAST_FILL => Ok(Arc::new(order)),
-            Some(order) => Err(format!("in order, blocks would be too empty ({order})")),
-            None => Err(format!(
-                "in order, there would be over {MOST_FRAGMENTS} pieces a surface"
-            )),
+            Ok(order) if order.fill() >= LEAST_FILL => Ok(Arc::new(order)),
+            Ok(order) => Err(format!("in order, blocks would be too empty ({order})")),
+            Err(why) => Err(why.to_string()),
         })
     }
 }
@@ -339,7 +345,7 @@ impl HemicubeBackend for CpuBackend {
                 settings.resolution
             )));
         }
-        let (order, reason) = self.order(geometry);
+        let (order, reason) = self.order(geometry)?;
         self.info.version = if order.is_some() { "order-1" } else { "depth-1" }.to_owned();
         self.reason = reason;
         let shared = Arc::new(Shared {

@@ -160,7 +160,7 @@ enum Side {
     Both,
 }
 
-fn side(corners: &[DVec3; 3], (normal, distance): (DVec3, f64), tolerance: f64) -> (Side, [f64; 3]) {
+fn side_of(corners: &[DVec3; 3], (normal, distance): (DVec3, f64), tolerance: f64) -> (Side, [f64; 3]) {
     let heights = corners.map(|p| {
         let height = normal.dot(p) - distance;
         if height.abs() <= tolerance { 0.0 } else { height }
@@ -268,6 +268,15 @@ pub(crate) struct Limits {
     pub(crate) fragments: f64,
 }
 
+/// Why a scene cannot be put in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum GivenUp {
+    #[error("planes would cut its surfaces into too many pieces")]
+    Pieces,
+    #[error("too many of its surfaces overlap in one plane")]
+    Layers,
+}
+
 struct Builder<'g> {
     geometry: &'g Geometry,
     order: Order,
@@ -286,8 +295,8 @@ struct Task {
 }
 
 impl Order {
-    /// Puts a scene in order, or gives up where surfaces would fall into too many pieces.
-    pub(crate) fn new(geometry: &Geometry, limits: Limits) -> Option<Self> {
+    /// Puts a scene in order, or gives up where surfaces would fall into too many pieces or lie in too many layers.
+    pub(crate) fn new(geometry: &Geometry, limits: Limits) -> Result<Self, GivenUp> {
         let count = geometry.surfaces.len();
         #[allow(
             clippy::cast_possible_truncation,
@@ -314,7 +323,8 @@ impl Order {
             draw: Draw(1),
             limit,
         };
-        builder.build().then_some(builder.order)
+        builder.build()?;
+        Ok(builder.order)
     }
 
     /// Lanes in use for each surface.
@@ -370,11 +380,10 @@ impl Builder<'_> {
     }
 
     fn side(&self, item: u32, plane: (DVec3, f64)) -> Side {
-        side(self.corners(item), plane, self.geometry.plane_tolerance).0
+        side_of(self.corners(item), plane, self.geometry.plane_tolerance).0
     }
 
-    /// Returns whether the limit held.
-    fn build(&mut self) -> bool {
+    fn build(&mut self) -> Result<(), GivenUp> {
         #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
         let items: Vec<u32> = (0..self.geometry.surfaces.len() as u32).collect();
         let mut tasks = vec![Task {
@@ -411,16 +420,16 @@ impl Builder<'_> {
                 let block = self.order.blocks.len() as u32 - 1;
                 node.front = block;
             } else {
-                let Some(plane) = self.choose(&items) else {
+                let Some((plane, of)) = self.choose(&items) else {
                     // Nothing that has an area.
                     continue;
                 };
                 (node.normal, node.distance) = plane;
-                let (here, front, back) = self.part(&items, plane);
+                let (here, front, back) = self.part(&items, plane, of);
                 if self.pieces.len() > self.limit {
-                    return false;
+                    return Err(GivenUp::Pieces);
                 }
-                node.here = self.pack_plane(&here, plane.0);
+                node.here = self.pack_plane(&here, plane.0).ok_or(GivenUp::Layers)?;
                 for (items, in_front) in [(front, true), (back, false)] {
                     if !items.is_empty() {
                         tasks.push(Task {
@@ -440,21 +449,28 @@ impl Builder<'_> {
                 }
             }
         }
-        true
+        Ok(())
     }
 
     /// Parts items by a plane; those it cuts become pieces on both sides.
-    fn part(&mut self, items: &[u32], plane: (DVec3, f64)) -> (Vec<u32>, Vec<u32>, Vec<u32>) {
+    ///
+    /// The item that the plane is of always lies in it: of a sliver, rounding could say otherwise, for ever.
+    fn part(&mut self, items: &[u32], plane: (DVec3, f64), of: Option<u32>) -> (Vec<u32>, Vec<u32>, Vec<u32>) {
         let (mut here, mut front, mut back) = (Vec::new(), Vec::new(), Vec::new());
         let (mut front_pieces, mut back_pieces) = (Vec::new(), Vec::new());
         for &item in items {
-            match self.side(item, plane) {
+            let side = if of == Some(item) {
+                Side::Here
+            } else {
+                self.side(item, plane)
+            };
+            match side {
                 Side::Here => here.push(item),
                 Side::Front => front.push(item),
                 Side::Back => back.push(item),
                 Side::Both => {
                     let piece = self.piece(item);
-                    let (_, heights) = side(&piece.corners, plane, self.geometry.plane_tolerance);
+                    let (_, heights) = side_of(&piece.corners, plane, self.geometry.plane_tolerance);
                     front_pieces.clear();
                     back_pieces.clear();
                     cut(&piece, heights, &mut front_pieces, &mut back_pieces);
@@ -472,14 +488,14 @@ impl Builder<'_> {
     }
 
     /// A plane that cuts few items and parts the others evenly, judged by a sample.
-    fn choose(&mut self, items: &[u32]) -> Option<(DVec3, f64)> {
+    fn choose(&mut self, items: &[u32]) -> Option<((DVec3, f64), Option<u32>)> {
         let count = items.len();
         let tries = match count {
             0..=50 => 24,
             51..=2000 => 48,
             _ => 72,
         };
-        let mut best: Option<(f64, (DVec3, f64))> = None;
+        let mut best: Option<(f64, (DVec3, f64), Option<u32>)> = None;
         for k in 0..tries.min(2 * count) {
             let at = if count <= 8 { k % count } else { self.draw.below(count) };
             let Some(plane) = self.plane(items[at]) else {
@@ -487,8 +503,8 @@ impl Builder<'_> {
             };
             let [here, front, back, both] = self.judge(items, plane);
             let cost = CUT * both + 0.3 * (front - back).abs() - 0.5 * here;
-            if best.is_none_or(|(c, _)| cost < c) {
-                best = Some((cost, plane));
+            if best.is_none_or(|(c, _, _)| cost < c) {
+                best = Some((cost, plane, Some(items[at])));
             }
         }
         if count > LEAF {
@@ -504,15 +520,15 @@ impl Builder<'_> {
                         continue;
                     }
                     let cost = CUT * both + 0.3 * (front - back).abs() - 0.5 * here;
-                    if best.is_none_or(|(c, _)| cost < c) {
-                        best = Some((cost, plane));
+                    if best.is_none_or(|(c, _, _)| cost < c) {
+                        best = Some((cost, plane, None));
                     }
                 }
             }
         }
         // Where no sample has an area, look for any item that has.
-        best.map(|(_, plane)| plane)
-            .or_else(|| items.iter().find_map(|&i| self.plane(i)))
+        best.map(|(_, plane, of)| (plane, of))
+            .or_else(|| items.iter().find_map(|&i| Some((self.plane(i)?, Some(i)))))
     }
 
     /// How many of a sample lie here, in front, behind, and on both sides.
@@ -543,8 +559,10 @@ impl Builder<'_> {
     }
 
     /// Packs what lies in a plane, for an eye on either side of it.
-    fn pack_plane(&mut self, items: &[u32], normal: DVec3) -> [Packs; 2] {
-        let overlaps = overlaps(items, normal, self.geometry.plane_tolerance, |i| *self.corners(i));
+    ///
+    /// `None` where too many overlap.
+    fn pack_plane(&mut self, items: &[u32], normal: DVec3) -> Option<[Packs; 2]> {
+        let overlaps = overlaps(items, normal, self.geometry.plane_tolerance, |i| *self.corners(i))?;
         let layers_of = |from_front: bool| {
             // In ascending order of what is seen: each above the overlapping ones that win over it.
             let seen: Vec<u32> = items.iter().map(|&i| self.seen(i, normal, from_front)).collect();
@@ -572,14 +590,14 @@ impl Builder<'_> {
             layers
         };
         if items.is_empty() {
-            return [Packs::default(); 2];
+            return Some([Packs::default(); 2]);
         }
         if overlaps.is_empty() {
             let packs = self.pack_layers(vec![items.to_vec()]);
-            return [packs; 2];
+            return Some([packs; 2]);
         }
         let (front, back) = (layers_of(true), layers_of(false));
-        [self.pack_layers(front), self.pack_layers(back)]
+        Some([self.pack_layers(front), self.pack_layers(back)])
     }
 
     fn pack_layers(&mut self, layers: Vec<Vec<u32>>) -> Packs {
@@ -711,17 +729,17 @@ impl Builder<'_> {
     fn leaf_plane(&mut self, items: Vec<u32>, planes: &mut Vec<LeafPlane>, lanes: &mut Vec<u32>) -> Option<u8> {
         let best = items
             .iter()
-            .filter_map(|&i| self.plane(i))
-            .map(|plane| {
+            .filter_map(|&i| Some((self.plane(i)?, i)))
+            .map(|(plane, of)| {
                 let mut counts = [0i32; 4];
                 for &i in &items {
                     counts[self.side(i, plane) as usize] += 1;
                 }
                 let [_, front, back, both] = counts;
-                (8 * both + (front - back).abs(), plane)
+                (8 * both + (front - back).abs(), plane, of)
             })
-            .min_by_key(|&(cost, _)| cost);
-        let Some((_, plane)) = best else {
+            .min_by_key(|&(cost, _, _)| cost);
+        let Some((_, plane, of)) = best else {
             return Some(NO_PLANE);
         };
         if planes.len() >= LEAF_PLANES {
@@ -736,11 +754,11 @@ impl Builder<'_> {
             front: NO_PLANE,
             back: NO_PLANE,
         });
-        let (here, front, back) = self.part(&items, plane);
+        let (here, front, back) = self.part(&items, plane, Some(of));
         if lanes.len() + here.len() > LANES {
             return None;
         }
-        let overlapping = overlaps(&here, plane.0, self.geometry.plane_tolerance, |i| *self.corners(i));
+        let overlapping = overlaps(&here, plane.0, self.geometry.plane_tolerance, |i| *self.corners(i))?;
         planes[index].overlap = !overlapping.is_empty();
         for item in here {
             planes[index].here |= 1 << lanes.len();
@@ -754,12 +772,70 @@ impl Builder<'_> {
     }
 }
 
-/// Which pairs of items in a plane have a common inside, by their places.
-fn overlaps(items: &[u32], normal: DVec3, touch: f64, corners: impl Fn(u32) -> [DVec3; 3]) -> Vec<(usize, usize)> {
-    if items.len() < 2 {
-        return Vec::new();
+/// Pairs of overlapping surfaces in a plane that an order may have for each of them, and how many beside. A scene with
+/// more is a heap of copies, whose layers would be as many.
+const OVERLAPS: (usize, usize) = (16, 10_000);
+
+/// A surface in its plane, seen along the axis that the plane faces most.
+#[derive(Clone, Copy)]
+struct Flat {
+    place: usize,
+    low: [f64; 2],
+    high: [f64; 2],
+}
+
+impl Flat {
+    fn meets(&self, other: &Self) -> bool {
+        (0..2).all(|a| self.low[a] < other.high[a] && other.low[a] < self.high[a])
     }
-    // Seen along the axis that the plane faces most.
+
+    fn around(items: &[Self]) -> Self {
+        let mut around = Self {
+            place: 0,
+            low: [f64::INFINITY; 2],
+            high: [f64::NEG_INFINITY; 2],
+        };
+        for item in items {
+            for a in 0..2 {
+                around.low[a] = around.low[a].min(item.low[a]);
+                around.high[a] = around.high[a].max(item.high[a]);
+            }
+        }
+        around
+    }
+}
+
+/// Sorts items so that halves of halves lie apart.
+fn halve(items: &mut [Flat]) {
+    if items.len() <= FEW {
+        return;
+    }
+    let around = Flat::around(items);
+    let axis = usize::from(around.high[1] - around.low[1] > around.high[0] - around.low[0]);
+    let middle = items.len() / 2;
+    items.select_nth_unstable_by(middle, |p, q| {
+        (p.low[axis] + p.high[axis])
+            .total_cmp(&(q.low[axis] + q.high[axis]))
+            .then(p.place.cmp(&q.place))
+    });
+    let (first, second) = items.split_at_mut(middle);
+    halve(first);
+    halve(second);
+}
+
+/// So few items are compared each with each.
+const FEW: usize = 8;
+
+/// Which pairs of items in a plane have a common inside, by their places; `None` where there are too many.
+fn overlaps(
+    items: &[u32],
+    normal: DVec3,
+    touch: f64,
+    corners: impl Fn(u32) -> [DVec3; 3],
+) -> Option<Vec<(usize, usize)>> {
+    if items.len() < 2 {
+        return Some(Vec::new());
+    }
     let size = normal.abs();
     let (u, v) = if size.x >= size.y && size.x >= size.z {
         (1, 2)
@@ -768,41 +844,60 @@ fn overlaps(items: &[u32], normal: DVec3, touch: f64, corners: impl Fn(u32) -> [
     } else {
         (0, 1)
     };
-    struct Flat {
-        place: usize,
-        low: [f64; 2],
-        high: [f64; 2],
-    }
-    let mut flat: Vec<Flat> = items
-        .iter()
-        .enumerate()
-        .map(|(place, &item)| {
-            let b = Bounds::of(&corners(item));
-            Flat {
-                place,
-                low: [b.low[u] + touch, b.low[v] + touch],
-                high: [b.high[u] - touch, b.high[v] - touch],
-            }
-        })
-        .collect();
-    flat.sort_unstable_by(|p, q| p.low[0].total_cmp(&q.low[0]).then(p.place.cmp(&q.place)));
-    let mut active: Vec<usize> = Vec::new();
+    let flat = items.iter().enumerate().map(|(place, &item)| {
+        let b = Bounds::of(&corners(item));
+        Flat {
+            place,
+            low: [b.low[u] + touch, b.low[v] + touch],
+            high: [b.high[u] - touch, b.high[v] - touch],
+        }
+    });
+    let mut flat: Vec<Flat> = flat.collect();
+    halve(&mut flat);
+    let most = OVERLAPS.0 * items.len() + OVERLAPS.1;
     let mut found = Vec::new();
-    for k in 0..flat.len() {
-        let this = &flat[k];
-        active.retain(|&o| flat[o].high[0] > this.low[0]);
-        for &o in &active {
-            let other = &flat[o];
-            if other.low[1] < this.high[1]
-                && this.low[1] < other.high[1]
-                && hemicube::tree::overlap(&corners(items[this.place]), &corners(items[other.place]), normal, touch)
-            {
-                found.push((this.place, other.place));
+    // Two sets whose boxes meet, or one set with itself: halved until few are left.
+    let mut pending = vec![(0..flat.len(), 0..flat.len())];
+    while let Some((first, second)) = pending.pop() {
+        let with_itself = first == second;
+        if !with_itself && !Flat::around(&flat[first.clone()]).meets(&Flat::around(&flat[second.clone()])) {
+            continue;
+        }
+        let halves = |range: &std::ops::Range<usize>| {
+            let middle = range.start + range.len() / 2;
+            if range.len() > FEW {
+                [range.start..middle, middle..range.end]
+            } else {
+                [range.clone(), range.end..range.end]
+            }
+        };
+        if first.len() > FEW || second.len() > FEW {
+            let ([a, b], [c, d]) = (halves(&first), halves(&second));
+            let pairs = if with_itself {
+                vec![(a.clone(), a), (b.clone(), b.clone()), (c, b)]
+            } else {
+                vec![(a.clone(), c.clone()), (a, d.clone()), (b.clone(), c), (b, d)]
+            };
+            pending.extend(pairs.into_iter().filter(|(p, q)| !p.is_empty() && !q.is_empty()));
+            continue;
+        }
+        for p in first.clone() {
+            for q in if with_itself { p + 1..first.end } else { second.clone() } {
+                let (p, q) = (&flat[p], &flat[q]);
+                let overlap = p.meets(q)
+                    && hemicube::tree::overlap(&corners(items[p.place]), &corners(items[q.place]), normal, touch);
+                if overlap {
+                    found.push((p.place.min(q.place), p.place.max(q.place)));
+                }
             }
         }
-        active.push(k);
+        if found.len() > most {
+            return None;
+        }
     }
-    found
+    // In the order of the items, whatever way they were found.
+    found.sort_unstable();
+    Some(found)
 }
 
 #[cfg(test)]
@@ -895,9 +990,43 @@ mod tests {
     #[test]
     fn a_scene_that_falls_into_pieces_is_given_up() {
         let soup = generated(Kind::Soup);
-        assert!(Order::new(soup.geometry(), Limits { fragments: 1.2 }).is_none());
+        assert_eq!(
+            Order::new(soup.geometry(), Limits { fragments: 1.2 }).map(|_| ()),
+            Err(GivenUp::Pieces)
+        );
         let order = Order::new(soup.geometry(), ANY).expect("no limit");
         assert!(order.fragments_per_surface() > 1.2, "{order}");
+    }
+
+    #[test]
+    fn overlaps_are_those_of_all_pairs() {
+        let mut draw = Draw(5);
+        let mut coordinate = |most: f64| draw.below(1 << 20) as f64 / f64::from(1 << 20) * most;
+        let triangles: Vec<[DVec3; 3]> = (0..300)
+            .map(|_| {
+                let at = DVec3::new(coordinate(8.0), coordinate(8.0), 0.0);
+                [0, 1, 2].map(|_| at + DVec3::new(coordinate(0.7), coordinate(0.7), 0.0))
+            })
+            .collect();
+        let items: Vec<u32> = (0..300).collect();
+        let of = |i: u32| triangles[i as usize];
+        let mut each: Vec<(usize, usize)> = Vec::new();
+        for p in 0..300usize {
+            for q in p + 1..300 {
+                if hemicube::tree::overlap(&triangles[p], &triangles[q], DVec3::Z, 1e-10) {
+                    each.push((p, q));
+                }
+            }
+        }
+        assert!(each.len() > 100, "{}", each.len());
+        assert_eq!(overlaps(&items, DVec3::Z, 1e-10, of), Some(each));
+    }
+
+    #[test]
+    fn a_heap_of_copies_is_given_up() {
+        let triangle = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let items: Vec<u32> = (0..4000).collect();
+        assert_eq!(overlaps(&items, DVec3::Z, 1e-10, |_| triangle), None);
     }
 
     #[test]
@@ -911,7 +1040,7 @@ mod tests {
         };
         let triangles = [square(0.0, 0.0), square(0.5, 0.0), square(2.0, 0.0)];
         let of = |i: u32| triangles[i as usize];
-        assert_eq!(overlaps(&[0, 1, 2], DVec3::Z, 1e-10, of), [(1, 0)]);
-        assert_eq!(overlaps(&[0, 2], DVec3::Z, 1e-10, of), []);
+        assert_eq!(overlaps(&[0, 1, 2], DVec3::Z, 1e-10, of), Some(vec![(0, 1)]));
+        assert_eq!(overlaps(&[0, 2], DVec3::Z, 1e-10, of), Some(Vec::new()));
     }
 }
