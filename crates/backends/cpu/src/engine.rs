@@ -5,7 +5,7 @@ use crate::alone::Alone;
 use crate::kernel::{Chunk, Frame, GROUP, Kernel, Reduction, Sums, Target, Transformed, is_small, three};
 use glam::DVec3;
 use hemicube::InputPatch;
-use hemicube::backend::{Counters, Culling, Hemicube};
+use hemicube::backend::{Counters, Culling, Hemicube, WHOLE};
 use hemicube::face::{Face, Items};
 use hemicube::row::RowBlock;
 use hemicube::tree::{Block, INNER, LANES, Node, Tree, UNUSED};
@@ -130,9 +130,15 @@ impl<K: Kernel> Engine<K> {
     fn row<const COVERED: bool>(&mut self, shared: &Shared, hemicube: &Hemicube, out: &mut RowBlock) {
         let tree = &shared.tree;
         let frame = frame(tree, hemicube);
+        let drawn_before = self.counters.triangles_drawn;
         self.render::<COVERED>(shared, &frame);
         if COVERED {
             self.find_tiny(shared, &frame);
+        }
+        if self.counters.triangles_drawn == drawn_before && self.tiny.is_empty() {
+            // Nothing is in view, and the target is as clear as it was.
+            out.end_row(WHOLE, 0);
+            return;
         }
         let table = &shared.table;
         let (top, side) = (table.running(Face::Top), table.running(Face::PosX));

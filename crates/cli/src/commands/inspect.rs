@@ -11,9 +11,12 @@ use crate::report::{
 };
 use anyhow::{Result, bail};
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
-use hemicube::compute::{Plan, RowChoice, Selection};
+use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
+use hemicube::correct::Correction;
 use hemicube::diagnose::{DiagnoseOptions, Diagnosis, Finding, FindingKind, SceneStatistics, Unit, diagnose};
+use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
+use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
 use hemicube_scene::survey::{Edges, Survey, survey};
 use serde::Serialize;
@@ -21,6 +24,8 @@ use std::time::Instant;
 
 /// Patches whose hemicubes the forecast is made from.
 const SAMPLE: u32 = 64;
+/// Rows that the forecast of entries and time is made from: some see a hundred times as much as others.
+const FORECAST_ROWS: u32 = 256;
 
 /// Places that the terminal shows of each finding; the JSON report has them all.
 const EXAMPLES_SHOWN: usize = 3;
@@ -353,19 +358,14 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
 
     let mut visible = Vec::new();
     let (mut hemicube_count, mut transformed) = (0u64, 0);
-    let mut seconds = 0.0;
     let mut block = RowBlock::default();
     for &patch in &plan.rows {
         let hemicubes = model.hemicubes(patch, render.samples.per_edge, rotate);
         if hemicubes.is_empty() {
             continue;
         }
-        // The first time fetches the scene into the caches, where a full run has it; the second is measured.
-        backend.rows(&hemicubes, &mut RowBlock::default())?;
         block.clear();
-        let started = Instant::now();
         let counters = backend.rows(&hemicubes, &mut block)?;
-        seconds += started.elapsed().as_secs_f64();
         hemicube_count += counters.hemicubes;
         transformed += counters.triangles_transformed;
         let mut seen: Vec<u32> = block
@@ -379,10 +379,35 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
         seen.dedup();
         visible.push(seen.len() as u64);
     }
-    let rows = visible.len().max(1) as f64;
     let patch_count = model.patches().len() as f64;
-    let total: u64 = visible.iter().sum();
-    let entries = total as f64 / rows * patch_count;
+    // The rows as `compute` makes them when nothing else is asked for. The first time fetches the scene into the caches,
+    // where a full run has it; the second is measured.
+    let choice = RowChoice::Sample {
+        count: FORECAST_ROWS,
+        seed: arguments.seed,
+    };
+    let plan = Plan::new(model, choice, Selection::default(), render.samples.per_edge, rotate)
+        .with_correction(Correction::Area(FactorRule::for_tolerance(1e-2)));
+    let mut summary = None;
+    for _ in 0..2 {
+        let mut parts: Vec<Part> = Vec::new();
+        summary = Some(compute(
+            model,
+            &plan,
+            settings,
+            render.open_backend()?,
+            Execution {
+                threads: 1,
+                ..Execution::default()
+            },
+            &mut parts,
+            &mut |_| {},
+        )?);
+    }
+    let (entries, seconds) = summary.map_or((0.0, 0.0), |s| {
+        let share = patch_count / (s.rows.max(1)) as f64;
+        (s.entries as f64 * share, s.elapsed.as_secs_f64() * share)
+    });
     visible.sort_unstable();
     let at = |percent: usize| {
         visible
@@ -392,7 +417,6 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
     };
     let threads = render.thread_count();
     let samples = render.samples.per_edge * render.samples.per_edge;
-    let per_hemicube = seconds / hemicube_count.max(1) as f64;
     let all = hemicube_count as f64 * model.geometry().surfaces.len() as f64;
     Ok(Forecast {
         sampled_rows: visible.len(),
@@ -409,7 +433,7 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
         entries,
         bytes: entries * ENTRY_BYTES + patch_count * (ROW_BYTES + PATCH_BYTES),
         threads,
-        seconds: Some(per_hemicube * f64::from(samples) * patch_count / threads as f64),
+        seconds: Some(seconds / threads as f64),
     })
 }
 
