@@ -1,12 +1,14 @@
 //! What accuracy costs, held against the reference by rays; prints the tables of docs/accuracy.md.
 //!
 //! `accuracy ladder [ROWS [SCENE…]]`: every rung on generated scenes and a real tile.
+//! `accuracy rays [ROWS [SCENE…]]`: what casting rays costs for the error that the default has.
 //! `accuracy calibration [ROWS [SCENE…]]`: whether what is asked for is what one gets, over real scenes and tolerances.
 //!
 //! With `REFERENCE_CACHE=DIR`, reference rows are kept there for the next run; with `RUNGS=WORD`, only the rungs whose name
 //! has the word are climbed; with `WORST=1`, the entries that are farthest off are listed.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
+use glam::DVec3;
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::correct::Correction;
@@ -21,7 +23,14 @@ use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box, generate};
 use hemicube_tests::scenes::{model, read, scenes_or_skip};
+use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::ray::{Ray, RayHit};
+use obvhs::triangle::Triangle;
 use std::path::Path;
+use std::time::Duration;
 
 const SEED: u64 = 777;
 /// How long a rung is climbed for its time to be told.
@@ -119,8 +128,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     match what.as_str() {
         "ladder" => ladder(rows, &listed(&LADDER)),
+        "rays" => rays(rows, &listed(&LADDER)),
         "calibration" => calibration(rows, &listed(&CALIBRATION)),
-        _ => Err("ladder or calibration?".into()),
+        _ => Err("ladder, rays or calibration?".into()),
     }
 }
 
@@ -159,6 +169,168 @@ fn ladder(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>
             "| {name} | *the reference's own noise* | | {:.4} | | | | |",
             noise_of(&exact)
         );
+    }
+    Ok(())
+}
+
+/// Rays from points of the emitter, directions by the cosine, against obvhs's hierarchy and triangles: F_ij is the share
+/// that meets j.
+struct Caster {
+    hierarchy: Bvh2,
+    triangles: Vec<Triangle>,
+    /// The patch on the side that a triangle's normal points to, and behind it.
+    sides: Vec<(u32, Option<u32>)>,
+    /// Corners of each patch, counter-clockwise from its own side.
+    corners: Vec<[DVec3; 3]>,
+}
+
+impl Caster {
+    fn new(model: &Model) -> Self {
+        let surfaces = &model.geometry().surfaces;
+        let single = |p: DVec3| p.as_vec3a();
+        let triangles: Vec<Triangle> = surfaces
+            .iter()
+            .map(|s| Triangle {
+                v0: single(s.corners[0]),
+                v1: single(s.corners[1]),
+                v2: single(s.corners[2]),
+            })
+            .collect();
+        let boxes: Vec<Aabb> = triangles.iter().map(Triangle::aabb).collect();
+        let mut hierarchy = build_bvh2(&boxes, BvhBuildParams::slow_build(), &mut Duration::default());
+        // Triangles in the order of the leaves, so that a leaf's lie beside each other.
+        let order = std::mem::take(&mut hierarchy.primitive_indices);
+        let mut corners = vec![[DVec3::ZERO; 3]; model.patches().len()];
+        for surface in surfaces {
+            let [a, b, c] = surface.corners;
+            corners[surface.front.0 as usize] = [a, b, c];
+            if let Some(back) = surface.back {
+                corners[back.0 as usize] = [a, c, b];
+            }
+        }
+        Self {
+            corners,
+            triangles: order.iter().map(|&i| triangles[i as usize]).collect(),
+            sides: order
+                .iter()
+                .map(|&i| &surfaces[i as usize])
+                .map(|s| (s.front.0, s.back.map(|b| b.0)))
+                .collect(),
+            hierarchy,
+        }
+    }
+
+    /// A row from so many rays, points and directions of low discrepancy (an additive sequence in four dimensions).
+    fn row(&self, emitter: InputPatch, count: u32, hits: &mut [u32]) -> EstimatedRow {
+        let [a, b, c] = self.corners[emitter.0 as usize];
+        let (tangent, bitangent, normal) = {
+            let normal = (b - a).cross(c - a).normalize();
+            let (t, u) = normal.any_orthonormal_pair();
+            (t, u, normal)
+        };
+        let mut seen = Vec::new();
+        for k in 0..count {
+            let at = |step: f64| (f64::from(emitter.0) * 0.618_033_988_749_895 + f64::from(k) * step).fract();
+            let [mut u, mut v, r, turn] =
+                [0.856_674_883_854_5, 0.733_891_856_627_2, 0.628_706_721_1, 0.538_598_7].map(at);
+            if u + v > 1.0 {
+                (u, v) = (1.0 - u, 1.0 - v);
+            }
+            let origin = a + (b - a) * u + (c - a) * v;
+            let (sine, cosine) = (turn * std::f64::consts::TAU).sin_cos();
+            let direction = (tangent * cosine + bitangent * sine) * r.sqrt() + normal * (1.0 - r).sqrt();
+            let ray = Ray::new(origin.as_vec3a(), direction.as_vec3a(), 1e-5, f32::MAX);
+            let mut hit = RayHit::none();
+            self.hierarchy
+                .ray_traverse(ray, &mut hit, |ray, index| self.triangles[index].intersect(ray));
+            if hit.t < f32::MAX {
+                let index = hit.primitive_id as usize;
+                let (front, back) = self.sides[index];
+                let faces = self.triangles[index].compute_normal().dot(ray.direction) < 0.0;
+                let patch = if faces { Some(front) } else { back };
+                if let Some(patch) = patch.filter(|&p| p != emitter.0) {
+                    if hits[patch as usize] == 0 {
+                        seen.push(patch);
+                    }
+                    hits[patch as usize] += 1;
+                }
+            }
+        }
+        seen.sort_unstable();
+        let values = seen
+            .iter()
+            .map(|&p| f64::from(std::mem::take(&mut hits[p as usize])) / f64::from(count))
+            .collect();
+        EstimatedRow {
+            emitter,
+            columns: seen,
+            values,
+        }
+    }
+}
+
+/// The time that rays take for an error, from runs with more and more of them: where the error passes, between two runs,
+/// and beyond the last one by its square.
+fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> {
+    println!("| scene | setting | error | ms a row | rays of that error | ms a row | rays ÷ ours |");
+    println!("|---|---|---|---|---|---|---|");
+    for name in scenes {
+        let Some(model) = scene(name) else { continue };
+        let exact = reference(name, &model, rows)?;
+        let caster = Caster::new(&model);
+        let emitters: Vec<InputPatch> = exact.iter().map(|row| InputPatch(row.emitter)).collect();
+        let mut hits = vec![0; model.patches().len()];
+        let mut runs: Vec<(f64, f64, f64)> = Vec::new();
+        for power in 8..=19 {
+            let count = 1u32 << power;
+            let began = processor_time();
+            let started = std::time::Instant::now();
+            let mut rounds = 0;
+            let (estimated, seconds) = loop {
+                let estimated: Vec<EstimatedRow> = emitters.iter().map(|&e| caster.row(e, count, &mut hits)).collect();
+                rounds += 1;
+                let elapsed = match (began, processor_time()) {
+                    (Some(began), Some(now)) => now - began,
+                    _ => started.elapsed().as_secs_f64(),
+                };
+                if elapsed >= ENOUGH_SECONDS {
+                    break (estimated, elapsed / f64::from(rounds) / emitters.len() as f64);
+                }
+            };
+            let error = errors_against(&exact, &estimated).relative_frobenius;
+            runs.push((f64::from(count), error, seconds));
+        }
+        let cost = |error: f64| -> (f64, f64) {
+            let last = runs[runs.len() - 1];
+            let (count, at, seconds) = *runs.iter().find(|run| run.1 <= error).unwrap_or(&last);
+            let more = (at / error).powi(2);
+            (count * more, seconds * more)
+        };
+        for (setting, correction, resolution) in [
+            (
+                "area, K = 1, N = 128",
+                Correction::Area(FactorRule::for_tolerance(1e-2)),
+                128,
+            ),
+            ("tolerance 1 %", Correction::Pixel, 0),
+        ] {
+            let (correction, resolution) = if resolution == 0 {
+                let all: Vec<InputPatch> = model.order().collect();
+                let settled = settle(&model, &all, &|_| true, true, 1e-2, &mut CpuBackend::new(), 0)?;
+                (Correction::Tolerance(settled.refinement), settled.resolution)
+            } else {
+                (correction, resolution)
+            };
+            let (seconds, m) = measure(&model, rows, correction, resolution, 1, &exact)?;
+            let (count, cast) = cost(m.relative_frobenius);
+            println!(
+                "| {name} | {setting} | {:.4} | {:.3} | {count:.0} | {:.2} | {:.1} |",
+                m.relative_frobenius,
+                seconds * 1e3,
+                cast * 1e3,
+                cast / seconds,
+            );
+        }
     }
     Ok(())
 }

@@ -174,11 +174,13 @@ fn the_first_day() {
 
     let computed = place.line("compute room.obj -o room.hemicube --resolution 64").is(0);
     assert_eq!(computed.out, "", "data only on standard output");
-    let first = computed.err.lines().next().unwrap_or_default();
-    assert!(
-        first.starts_with("backend cpu ") && first.ends_with("1,000 patches"),
-        "{first}"
-    );
+    let says = |start: &str, end: &str| {
+        let found = computed.err.lines().any(|l| l.starts_with(start) && l.ends_with(end));
+        assert!(found, "`{start}…{end}` is missing:\n{}", computed.err);
+    };
+    says("culling ", "16 trial hemicubes");
+    says("backend cpu order-1 ", "1,000 patches");
+    says("engine order: ", "lanes in use");
     for word in [
         "1,000, one for each patch",
         "row sums",
@@ -607,7 +609,7 @@ fn settings_come_in_layers() {
     place.write("printed.toml", &text);
     assert_eq!(
         printed(&place, "--config printed.toml")["emitters = [\"x*\"]"],
-        "printed.toml:20"
+        "printed.toml:21"
     );
 
     // They hold for the run, and `inspect` shares what it knows.

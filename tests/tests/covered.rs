@@ -4,7 +4,7 @@
 use hemicube::Model;
 use hemicube::backend::{Geometry, HemicubeBackend, RenderSettings};
 use hemicube::row::RowBlock;
-use hemicube_backend_cpu::{CpuBackend, Isa};
+use hemicube_backend_cpu::{CpuBackend, EngineChoice, Isa};
 use hemicube_scene::InputPatch;
 use hemicube_scene::generate::Kind;
 use hemicube_tests::rays::RayScene;
@@ -28,7 +28,7 @@ fn alone(model: &Model, patch: u32) -> Arc<Geometry> {
     ))
 }
 
-fn holds(name: &str, model: &Model) {
+fn holds(name: &str, model: &Model, engine: EngineChoice) -> usize {
     let resolution = 48;
     let settings = RenderSettings {
         covered: true,
@@ -42,7 +42,7 @@ fn holds(name: &str, model: &Model) {
     let isas = Isa::available();
     let mut backends: Vec<CpuBackend> = isas
         .iter()
-        .map(|&isa| CpuBackend::with_isa(isa).expect("it is available"))
+        .map(|&isa| CpuBackend::with_isa(isa).expect("it is available").with_engine(engine))
         .collect();
     let rows: Vec<RowBlock> = backends
         .iter_mut()
@@ -93,7 +93,7 @@ fn holds(name: &str, model: &Model) {
         }
     }
     say(&format!(
-        "covered, {name}: {} entries, {partly} partly hidden, {tiny} tiny, of which {false_tiny} are hidden at their \
+        "covered, {name}, {engine:?}: {} entries, {partly} partly hidden, {tiny} tiny, of which {false_tiny} are hidden at their \
          centroids; {missed} tiny patches missed",
         rows.patches.len()
     ));
@@ -101,22 +101,39 @@ fn holds(name: &str, model: &Model) {
     // Where the patch seen at the nearest pixel's centre reaches the centroid, its depth there decides. Elsewhere being
     // about as near as the pixel does: in a soup of crossing triangles that lets some through that are hidden (the price of
     // finding those behind silhouettes, of which 501 of 835 were once missed on the spheres); near the horizon, where
-    // depth changes fast, patches on the ground are missed, up to twice as many as are found.
-    assert!(false_tiny * 4 <= tiny, "{name}: {false_tiny} of {tiny}");
-    assert!(missed <= 2 * tiny, "{name}: {missed} beside {tiny}");
+    // depth changes fast, patches on the ground are missed, up to twice as many as are found. In order, what is nearer at
+    // the pixel's centre hides them, which misses some more; and those of one block are let through together, which in a
+    // soup, whose blocks hold what crosses each other, lets more through.
+    let let_through = if engine == EngineChoice::Order { 3 } else { 4 };
+    assert!(false_tiny * let_through <= tiny, "{name}: {false_tiny} of {tiny}");
+    if engine == EngineChoice::Depth {
+        assert!(missed <= 2 * tiny, "{name}: {missed} beside {tiny}");
+    }
+    missed
+}
+
+/// Both engines find tiny patches, and engine 2 misses at most half as many again as engine 1.
+fn both_hold(name: &str, model: &Model) {
+    let [depth, order] = [EngineChoice::Depth, EngineChoice::Order].map(|engine| holds(name, model, engine));
+    assert!(
+        2 * order <= 3 * depth + 20,
+        "{name}: {order} where {depth} are missed by depth"
+    );
 }
 
 #[test]
 fn city() {
-    holds("city", &generated(Kind::City, 4_000));
+    both_hold("city", &generated(Kind::City, 4_000));
 }
 
 #[test]
 fn spheres() {
-    holds("spheres", &generated(Kind::Spheres, 4_000));
+    // On curved surfaces, which do not get it, engine 2 misses patches that a neighbour covers at the pixel's centre: 250
+    // where engine 1, which compares depths, misses 10.
+    holds("spheres", &generated(Kind::Spheres, 4_000), EngineChoice::Depth);
 }
 
 #[test]
 fn soup() {
-    holds("soup", &generated(Kind::Soup, 3_000));
+    both_hold("soup", &generated(Kind::Soup, 3_000));
 }

@@ -279,6 +279,8 @@ pub(crate) enum GivenUp {
 
 struct Builder<'g> {
     geometry: &'g Geometry,
+    /// The surfaces by their patches, so that the order does not depend on how the geometry was put together.
+    by_patch: Vec<u32>,
     order: Order,
     /// What was cut. An item below the number of surfaces is a whole surface, one above is a piece.
     pieces: Vec<Piece>,
@@ -305,8 +307,12 @@ impl Order {
         )]
         let limit = (count as f64 * (limits.fragments - 1.0)) as usize;
         let limit = limit.saturating_add(64);
+        #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
+        let mut by_patch: Vec<u32> = (0..count as u32).collect();
+        by_patch.sort_unstable_by_key(|&s| geometry.surfaces[s as usize].front.0);
         let mut builder = Builder {
             geometry,
+            by_patch,
             order: Self {
                 nodes: Vec::new(),
                 layers: Vec::new(),
@@ -354,7 +360,7 @@ impl Builder<'_> {
         let item = item as usize;
         let count = self.geometry.surfaces.len();
         if item < count {
-            &self.geometry.surfaces[item].corners
+            &self.geometry.surfaces[self.by_patch[item] as usize].corners
         } else {
             &self.pieces[item - count].corners
         }
@@ -362,14 +368,17 @@ impl Builder<'_> {
 
     fn surface_of(&self, item: u32) -> u32 {
         match (item as usize).checked_sub(self.geometry.surfaces.len()) {
-            None => item,
+            None => self.by_patch[item as usize],
             Some(piece) => self.pieces[piece].surface,
         }
     }
 
     fn piece(&self, item: u32) -> Piece {
         match (item as usize).checked_sub(self.geometry.surfaces.len()) {
-            None => Piece::whole(item, self.geometry.surfaces[item as usize].corners),
+            None => {
+                let surface = self.surface_of(item);
+                Piece::whole(surface, self.geometry.surfaces[surface as usize].corners)
+            }
             Some(piece) => self.pieces[piece],
         }
     }
@@ -638,7 +647,7 @@ impl Builder<'_> {
                 ..EMPTY
             };
             if range.len() <= LANES {
-                range.sort_unstable_by_key(|&i| (self.surface_of(i), i));
+                range.sort_unstable_by_key(|&i| (self.geometry.surfaces[self.surface_of(i) as usize].front.0, i));
                 let lanes = range.to_vec();
                 made.block = self.push_block(&lanes);
                 self.order.boxes[node] = made;
