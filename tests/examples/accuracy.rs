@@ -300,11 +300,16 @@ fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> 
             let error = errors_against(&exact, &estimated).relative_frobenius;
             runs.push((f64::from(count), error, seconds));
         }
-        let cost = |error: f64| -> (f64, f64) {
-            let last = runs[runs.len() - 1];
-            let (count, at, seconds) = *runs.iter().find(|run| run.1 <= error).unwrap_or(&last);
+        // Four times as many rays should halve the error; where they do not, more would not help either.
+        let [.., before, _, last] = runs.as_slice() else {
+            continue;
+        };
+        let (last, stuck) = (*last, last.1 > 0.8 * before.1);
+        let cost = |error: f64| -> Option<(f64, f64)> {
+            let reached = runs.iter().find(|run| run.1 <= error);
+            let (count, at, seconds) = *reached.or((!stuck).then_some(&last))?;
             let more = (at / error).powi(2);
-            (count * more, seconds * more)
+            Some((count * more, seconds * more))
         };
         for (setting, correction, resolution) in [
             (
@@ -322,13 +327,14 @@ fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> 
                 (correction, resolution)
             };
             let (seconds, m) = measure(&model, rows, correction, resolution, 1, &exact)?;
-            let (count, cast) = cost(m.relative_frobenius);
+            let rays = match cost(m.relative_frobenius) {
+                Some((count, cast)) => format!("{count:.0} | {:.2} | {:.1}", cast * 1e3, cast / seconds),
+                None => format!("never: {:.4} at {:.0} | {:.2} | –", last.1, last.0, last.2 * 1e3),
+            };
             println!(
-                "| {name} | {setting} | {:.4} | {:.3} | {count:.0} | {:.2} | {:.1} |",
+                "| {name} | {setting} | {:.4} | {:.3} | {rays} |",
                 m.relative_frobenius,
                 seconds * 1e3,
-                cast * 1e3,
-                cast / seconds,
             );
         }
     }
