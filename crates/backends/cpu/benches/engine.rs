@@ -7,6 +7,10 @@
 #![allow(clippy::print_stdout, reason = "a bench prints")]
 #![allow(missing_docs, reason = "criterion_group! makes undocumented items")]
 
+#[path = "../examples/clock/mod.rs"]
+mod clock;
+
+use clock::thread_seconds;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
 use hemicube::backend::{Culling, Hemicube, HemicubeBackend, RenderSettings};
 use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
@@ -156,18 +160,6 @@ fn cases(large: bool) -> Vec<Case> {
         );
     }
     cases
-}
-
-/// Time that this thread was on a processor: other programs do not count. The clock on the wall where the system does
-/// not tell.
-fn thread_seconds() -> f64 {
-    std::fs::read_to_string("/proc/thread-self/schedstat")
-        .ok()
-        .and_then(|s| s.split(' ').next()?.parse::<f64>().ok())
-        .map_or_else(
-            || std::time::UNIX_EPOCH.elapsed().map_or(0.0, |d| d.as_secs_f64()),
-            |ns| ns * 1e-9,
-        )
 }
 
 /// Best seconds of each of two backends over the same hemicubes, measured in turns.

@@ -4,6 +4,9 @@
 //! spends is the conversion. Times are processor time of that thread, the best of several in turns.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
+mod clock;
+
+use clock::thread_seconds;
 use hemicube::backend::{
     BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings,
 };
@@ -222,16 +225,4 @@ impl Drop for Replay {
             spent.end = thread_seconds();
         }
     }
-}
-
-/// Time that this thread was on a processor, so that other programs do not count; the clock on the wall where the
-/// system does not tell.
-fn thread_seconds() -> f64 {
-    std::fs::read_to_string("/proc/thread-self/schedstat")
-        .ok()
-        .and_then(|s| s.split(' ').next()?.parse::<f64>().ok())
-        .map_or_else(
-            || std::time::UNIX_EPOCH.elapsed().map_or(0.0, |d| d.as_secs_f64()),
-            |ns| ns * 1e-9,
-        )
 }

@@ -1,7 +1,13 @@
 //! Hemicubes a second of one thread on a scene: `rate KIND PATCHES [RESOLUTION] [ROWS]`, KIND a generated scene or a
-//! file, PATCHES a target count or, for a file, levels of subdivision.
+//! file, PATCHES a target count or, for a file, into how many each edge is cut.
+//!
+//! `ISA=Avx512|Avx2|Portable` and `ENGINE=Depth|Order` leave out the others; with `COVERED=1` only rows with covered weights
+//! are measured.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
+mod clock;
+
+use clock::thread_seconds;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::row::RowBlock;
 use hemicube::{HierarchyOptions, Model};
@@ -110,16 +116,4 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     Ok(())
-}
-
-/// Time that this thread was on a processor, so that other programs do not count; the clock on the wall where the
-/// system does not tell.
-fn thread_seconds() -> f64 {
-    std::fs::read_to_string("/proc/thread-self/schedstat")
-        .ok()
-        .and_then(|s| s.split(' ').next()?.parse::<f64>().ok())
-        .map_or_else(
-            || std::time::UNIX_EPOCH.elapsed().map_or(0.0, |d| d.as_secs_f64()),
-            |ns| ns * 1e-9,
-        )
 }

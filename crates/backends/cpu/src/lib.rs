@@ -2,7 +2,9 @@
 //!
 //! Engine 1 is Greene's hierarchical z-buffer (Greene, Kass & Miller 1993): a tree over blocks of 16 triangles, walked
 //! front to back, whose nodes are dropped where they lie outside all faces or behind what is already drawn. All five
-//! faces are drawn in one walk. Rows are the same bits on every instruction set and with culling on or off.
+//! faces are drawn in one walk. Engine 2 draws strictly front to back, in the order of a binary space partition, and has one
+//! coverage bit a pixel; [`EngineChoice`] says which scenes get it. Rows are the same bits on every instruction set and
+//! with culling on or off, and pixel sums the same in both engines wherever f32 depths can tell surfaces apart.
 //!
 //! ```
 //! use hemicube::{HierarchyOptions, Model, backend::*, row::RowBlock};
