@@ -577,7 +577,7 @@ mod tests {
             };
             let patches = Patches::new(&scene, Subdivision::None).expect("patches");
             let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
-            let tree = model.geometry().tree();
+            let tree = &*Tree::of(model.geometry());
             for (from, to) in [([0, 1], [2, 3]), ([2, 3], [0, 1])] {
                 let mut sum = 0.0;
                 for i in from {

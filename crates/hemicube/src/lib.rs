@@ -4,7 +4,6 @@
 //! patch, the scene's patch ids are rendered onto its five faces, and the delta form factors of the pixels that each
 //! patch covers add up to one row of F (Cohen & Greenberg 1985).
 
-pub mod backend;
 pub mod balance;
 mod candidates;
 pub mod check;
@@ -12,21 +11,19 @@ mod clip;
 pub mod compare;
 pub mod compute;
 pub mod correct;
-pub mod delta;
 pub mod diagnose;
 pub mod export;
-pub mod face;
 pub mod factor;
 pub mod frame;
 mod model;
 mod random;
 pub mod reference;
 mod refine;
-pub mod row;
 pub mod settle;
 mod shaft;
 pub mod store;
 pub mod tree;
 
+pub use hemicube_contract::{backend, delta, face, row};
 pub use hemicube_scene::InputPatch;
 pub use model::{HierarchyOptions, Model, ModelError};

@@ -23,6 +23,7 @@ use crate::clip::Clipper;
 use crate::factor::{self, Exchanges, FactorRule};
 use crate::random;
 use crate::shaft::{RAYS, Shaft};
+use crate::tree::Tree;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 
@@ -488,7 +489,7 @@ impl Refiner {
             REACH * budget.sqrt()
         };
         if least > 0.0 && least < 1.0 {
-            self.candidates.find(model.geometry().tree(), emitter.0, own, least);
+            self.candidates.find(&Tree::of(model.geometry()), emitter.0, own, least);
             let mut known = 0;
             for &patch in &self.candidates.patches {
                 while known < seen_count && self.pairs[known].patch < patch {
@@ -541,7 +542,7 @@ impl Refiner {
     ) -> f64 {
         let own = model.normalised_corners(emitter.0);
         self.begin(model, emitter, &own, seen, receives);
-        let tree = model.geometry().tree();
+        let tree = &*Tree::of(model.geometry());
         for class in 0..CLASSES {
             let of_class = |pair: &&Pair| usize::from(pair.kind.class) == class;
             let total: f64 = self.pairs.iter().filter(of_class).map(|pair| pair.open).sum();
@@ -599,7 +600,7 @@ impl Refiner {
 
     /// Measures the fraction of every pair to the tolerance.
     fn measure_each(&mut self, model: &Model, emitter: InputPatch, own: &[DVec3; 3]) -> Refined {
-        let tree = model.geometry().tree();
+        let tree = &*Tree::of(model.geometry());
         let mut refined = Refined::default();
         for pair in self.pairs.iter_mut().filter(|pair| pair.open > 0.0) {
             self.shaft.clear();
@@ -717,7 +718,7 @@ impl Refiner {
         price: f64,
         refined: &mut Refined,
     ) {
-        let tree = model.geometry().tree();
+        let tree = &*Tree::of(model.geometry());
         let pair = &mut self.pairs[place];
         let corners = model.normalised_corners(pair.patch);
         self.shaft.clear();

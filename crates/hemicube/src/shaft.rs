@@ -982,7 +982,7 @@ mod tests {
     fn fraction(model: &Model, i: u32, j: u32, rays: usize) -> (usize, f64) {
         let corners = |p: u32| model.normalised_corners(p);
         let mut shaft = Shaft::default();
-        let sighting = shaft.sight(model.geometry().tree(), (i, &corners(i)), (j, &corners(j)));
+        let sighting = shaft.sight(&Tree::of(model.geometry()), (i, &corners(i)), (j, &corners(j)));
         if sighting.hidden {
             return (1, 0.0);
         }
@@ -1043,7 +1043,7 @@ mod tests {
         let model = scene(&[[p(0.2, 0.1, 0.5), p(0.9, 0.3, 0.4), p(0.4, 0.8, 0.6)]]);
         let corners = |k: u32| model.normalised_corners(k);
         let mut shaft = Shaft::default();
-        let sighting = shaft.sight(model.geometry().tree(), (0, &corners(0)), (2, &corners(2)));
+        let sighting = shaft.sight(&Tree::of(model.geometry()), (0, &corners(0)), (2, &corners(2)));
         assert_eq!(sighting.between.len(), 1);
         let (small, large) = sighting.by_size();
         let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);

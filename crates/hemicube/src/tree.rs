@@ -8,6 +8,7 @@
 
 use crate::backend::{Geometry, Surface};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// How blocks are formed and put under a tree. Rows are the same bits with either.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -182,6 +183,11 @@ impl Bounds {
 const BINS: usize = 32;
 
 impl Tree {
+    /// The tree of a scene by the surface area heuristic, made when first asked for and shared from then on.
+    pub fn of(geometry: &Geometry) -> Arc<Self> {
+        geometry.kept(|geometry| Self::new(geometry, Hierarchy::SurfaceArea))
+    }
+
     /// Packs a scene's surfaces.
     pub fn new(geometry: &Geometry, hierarchy: Hierarchy) -> Self {
         let mut tree = match hierarchy {

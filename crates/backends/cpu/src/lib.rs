@@ -353,7 +353,7 @@ impl HemicubeBackend for CpuBackend {
         let shared = Arc::new(Shared {
             order,
             tree: match self.hierarchy {
-                Hierarchy::SurfaceArea => Arc::clone(geometry.tree()),
+                Hierarchy::SurfaceArea => Tree::of(geometry),
                 other => Arc::new(Tree::new(geometry, other)),
             },
             table: DeltaTable::new(settings.resolution),

@@ -12,6 +12,7 @@ use crate::Model;
 use crate::tree::{Block, INNER, LANES, Tree, UNUSED};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
+use std::sync::Arc;
 
 /// Boxes and pairs that may be looked at: a second's worth or two.
 const WORK_MAX: u64 = 60_000_000;
@@ -294,7 +295,7 @@ pub(super) fn findings(model: &Model, order: &[u32], grain: Option<Grain>, optio
 /// Finds the pairs of one triangle after the other.
 struct Search<'m> {
     model: &'m Model,
-    tree: &'m Tree,
+    tree: Arc<Tree>,
     tolerance: f64,
     /// Corners nearer than this are a crack, if they are not one; 0 where the file has no grain.
     crack: f64,
@@ -329,7 +330,7 @@ fn lanes_near(block: &Block, low: DVec3, high: DVec3) -> [bool; LANES] {
 
 impl<'m> Search<'m> {
     fn new(model: &'m Model, grain: Option<Grain>) -> Self {
-        let tree = &**model.geometry().tree();
+        let tree = Tree::of(model.geometry());
         let mut largest = vec![0.0_f64; tree.nodes.len()];
         // Children come after their parents.
         for (index, node) in tree.nodes.iter().enumerate().rev() {

@@ -10,6 +10,7 @@ use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, rou
 use crate::Model;
 use crate::factor::PointFactors;
 use crate::frame;
+use crate::tree::Tree;
 use glam::DVec3;
 use hemicube_scene::{InputPatch, Subdivision};
 
@@ -64,7 +65,7 @@ struct Burial {
 }
 
 fn buried(model: &Model, order: &[u32], threads: usize) -> Vec<Finding> {
-    let tree = model.geometry().tree();
+    let tree = &*Tree::of(model.geometry());
     let directions = directions(RAYS);
     let (found, looked_at) = examine(order, threads, WORK_MAX, |surfaces, work| {
         let mut caster = Caster::new(tree);
@@ -115,7 +116,7 @@ fn buried(model: &Model, order: &[u32], threads: usize) -> Vec<Finding> {
 fn bury(model: &Model, caster: &mut Caster<'_>, directions: &[DVec3], patch: InputPatch, burial: &mut Burial) {
     let area = model.patches().area(patch);
     burial.area += area;
-    let Some(emitter) = Emitter::new(model, model.geometry().tree(), patch) else {
+    let Some(emitter) = Emitter::new(model, &Tree::of(model.geometry()), patch) else {
         return;
     };
     let example = |value| Example {
@@ -167,7 +168,7 @@ struct Sizes {
 }
 
 fn large(model: &Model, order: &[u32], threads: usize) -> Option<Finding> {
-    let tree = model.geometry().tree();
+    let tree = &*Tree::of(model.geometry());
     let directions = directions(POINTS_PER_EDGE * POINTS_PER_EDGE);
     let (found, looked_at) = examine(order, threads, WORK_MAX, |surfaces, work| {
         let mut caster = Caster::new(tree);

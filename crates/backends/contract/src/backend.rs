@@ -11,7 +11,6 @@
 //! 5. The emitter's own surface is never seen, whichever side emits.
 
 use crate::row::RowBlock;
-use crate::tree::{Hierarchy, Tree};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use hemicube_spatial::Octree;
@@ -50,14 +49,15 @@ pub struct Geometry {
     pub patch_count: u32,
     /// A corner nearer than this to the emitter's plane counts as lying in it, in normalised units.
     pub plane_tolerance: f64,
-    /// Made when first asked for, see [`Geometry::tree`].
-    tree: OnceLock<Arc<Tree>>,
-    /// What backends made of it, see [`Geometry::kept`].
-    kept: Mutex<HashMap<TypeId, Arc<dyn Any + Send + Sync>>>,
+    /// What was made of it, see [`Geometry::kept`].
+    kept: Mutex<HashMap<TypeId, Kept>>,
 }
 
+/// A value that is made once; the map of them is not locked meanwhile, so that making one may ask for another.
+type Kept = Arc<OnceLock<Arc<dyn Any + Send + Sync>>>;
+
 impl Clone for Geometry {
-    /// Without the tree and what backends keep, so that a clone can be changed.
+    /// Without what is kept of it, so that a clone can be changed.
     fn clone(&self) -> Self {
         Self::new(
             self.surfaces.clone(),
@@ -76,24 +76,18 @@ impl Geometry {
             octree,
             patch_count,
             plane_tolerance,
-            tree: OnceLock::new(),
             kept: Mutex::default(),
         }
     }
 
-    /// What a backend makes of the scene and wants to make only once, whatever the number of its sessions: one value of
-    /// each type, made when first asked for.
+    /// What someone makes of the scene and wants to make only once, whatever the number of sessions: one value of each
+    /// type, made when first asked for and shared from then on.
     pub fn kept<T: Any + Send + Sync>(&self, make: impl FnOnce(&Self) -> T) -> Arc<T> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let value = Arc::clone(kept.entry(TypeId::of::<T>()).or_insert_with(|| Arc::new(make(self))));
+        let cell = Arc::clone(kept.entry(TypeId::of::<T>()).or_default());
         drop(kept);
+        let value = Arc::clone(cell.get_or_init(|| Arc::new(make(self))));
         value.downcast().unwrap_or_else(|_| unreachable!("kept by its type"))
-    }
-
-    /// The surfaces in blocks under a tree, made when first asked for and shared from then on.
-    pub fn tree(&self) -> &Arc<Tree> {
-        self.tree
-            .get_or_init(|| Arc::new(Tree::new(self, Hierarchy::SurfaceArea)))
     }
 }
 
@@ -157,7 +151,8 @@ pub struct BackendInfo {
     pub preferred_rows: usize,
 }
 
-/// What was done for some rows. Sums; the same for the same rows, whatever the batches and threads.
+/// What was done for some rows. Sums; the same for the same rows, whatever the batches and threads, but for a backend that
+/// begins with what the hemicube before saw: of that one, nodes, triangles and queries depend on the order of hemicubes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Counters {
     /// Hemicubes rendered.
@@ -189,6 +184,21 @@ impl std::ops::AddAssign for Counters {
         self.queries += other.queries;
         self.bytes_read_back += other.bytes_read_back;
     }
+}
+
+/// Where a device's time went, in nanoseconds, summed since [`HemicubeBackend::load`]. All 0 where it was not measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct StageTimes {
+    /// Finding what can be seen.
+    pub cull: u64,
+    /// Drawing depths and ids.
+    pub render: u64,
+    /// Drawing visible patches alone, for covered weights.
+    pub cover: u64,
+    /// Adding up weights and picking the entries that are not zero.
+    pub reduce: u64,
+    /// Bringing rows back.
+    pub read_back: u64,
 }
 
 /// Why a backend could not do what it was asked.
@@ -226,6 +236,11 @@ pub trait HemicubeBackend: Send {
     /// What was chosen for the loaded scene, and why: a line each, for the log.
     fn choices(&self) -> Vec<String> {
         Vec::new()
+    }
+
+    /// Where the time went, if this backend was asked to measure it.
+    fn stage_times(&self) -> StageTimes {
+        StageTimes::default()
     }
 
     /// Another session over the same loaded scene, for another thread; shares what can be shared.
