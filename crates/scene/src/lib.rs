@@ -1,5 +1,5 @@
 //! Scenes as form-factor computation needs them: triangles in f64 with object and material names and sidedness, read
-//! from OBJ, glTF and AC3D, repaired by documented rules, and cut into patches.
+//! from OBJ, glTF, AC3D, STL, PLY, View3D and CityJSON, repaired by documented rules, and cut into patches.
 //!
 //! ```
 //! use hemicube_scene::{Patches, Subdivision, generate};
@@ -13,8 +13,16 @@ mod error;
 #[cfg(feature = "generate")]
 pub mod generate;
 mod load;
+#[cfg(any(feature = "obj", feature = "stl", feature = "vs3", feature = "cityjson"))]
+mod names;
 mod patch;
-#[cfg(any(feature = "obj", feature = "ac3d"))]
+#[cfg(any(
+    feature = "obj",
+    feature = "ac3d",
+    feature = "stl",
+    feature = "ply",
+    feature = "cityjson"
+))]
 mod polygon;
 pub mod repair;
 mod subdivide;
@@ -22,10 +30,18 @@ pub mod survey;
 
 #[cfg(feature = "ac3d")]
 pub mod ac3d;
+#[cfg(feature = "cityjson")]
+pub mod cityjson;
 #[cfg(feature = "gltf")]
 pub mod gltf;
 #[cfg(feature = "obj")]
 pub mod obj;
+#[cfg(feature = "ply")]
+pub mod ply;
+#[cfg(feature = "stl")]
+pub mod stl;
+#[cfg(feature = "vs3")]
+pub mod vs3;
 pub mod write;
 
 pub use error::{Error, ErrorKind};

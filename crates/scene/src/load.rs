@@ -12,6 +12,14 @@ pub enum Format {
     Gltf,
     /// AC3D, `.ac` or `.acc`.
     Ac3d,
+    /// STL, `.stl`.
+    Stl,
+    /// PLY, `.ply`.
+    Ply,
+    /// View3D, `.vs3`.
+    Vs3,
+    /// CityJSON, `.json` or `.cityjson`, or a sequence of features, `.jsonl`.
+    CityJson,
 }
 
 impl Format {
@@ -22,6 +30,10 @@ impl Format {
             "obj" => Some(Self::Obj),
             "gltf" | "glb" => Some(Self::Gltf),
             "ac" | "acc" => Some(Self::Ac3d),
+            "stl" => Some(Self::Stl),
+            "ply" => Some(Self::Ply),
+            "vs3" => Some(Self::Vs3),
+            "json" | "cityjson" | "jsonl" => Some(Self::CityJson),
             _ => None,
         }
     }
@@ -34,12 +46,20 @@ impl Format {
 /// reader refuses it. The error names the file and, for text formats, the line.
 pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
     let format = Format::from_path(path).ok_or_else(|| {
-        Error::unsupported("the extension names no scene format; .obj, .gltf, .glb, .ac and .acc are read")
+        Error::unsupported("the extension names no scene format; .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json and .jsonl (CityJSON) are read")
             .in_file(path)
     })?;
     let bytes = std::fs::read(path).map_err(|e| Error::new(ErrorKind::Io(e)).in_file(path))?;
     let base = path.parent();
-    #[cfg(not(all(feature = "obj", feature = "gltf", feature = "ac3d")))]
+    #[cfg(not(any(
+        feature = "obj",
+        feature = "gltf",
+        feature = "ac3d",
+        feature = "stl",
+        feature = "ply",
+        feature = "vs3",
+        feature = "cityjson"
+    )))]
     let _ = (&bytes, base, options);
     let scene: Result<Scene, Error> = match format {
         #[cfg(feature = "obj")]
@@ -48,6 +68,14 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
         Format::Gltf => crate::gltf::read(&bytes, base, options),
         #[cfg(feature = "ac3d")]
         Format::Ac3d => crate::ac3d::read(&bytes, base, options),
+        #[cfg(feature = "stl")]
+        Format::Stl => crate::stl::read(&bytes, base, options),
+        #[cfg(feature = "ply")]
+        Format::Ply => crate::ply::read(&bytes, base, options),
+        #[cfg(feature = "vs3")]
+        Format::Vs3 => crate::vs3::read(&bytes, base, options),
+        #[cfg(feature = "cityjson")]
+        Format::CityJson => crate::cityjson::read(&bytes, base, options),
         #[allow(
             unreachable_patterns,
             unused_variables,

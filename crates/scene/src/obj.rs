@@ -26,6 +26,7 @@
 //!
 //! No statement of OBJ announces how much is to follow, so memory is bounded by a multiple of the file's length.
 
+use crate::names::Names;
 use crate::polygon::{CORNERS_MAX, Triangulation, area_excess, triangulate};
 use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
@@ -201,29 +202,6 @@ fn number(word: &[u8]) -> Option<f64> {
         rest if rest.starts_with("1.#inf") => Some(sign * f64::INFINITY),
         rest if rest.starts_with("1.#") || rest.starts_with("nan(") => Some(f64::NAN),
         _ => None,
-    }
-}
-
-/// Names by number, in order of first use.
-#[derive(Default)]
-struct Names {
-    numbers: HashMap<String, u32>,
-    names: Vec<String>,
-}
-
-impl Names {
-    fn number(&mut self, name: &str) -> Result<u32, Error> {
-        if let Some(&number) = self.numbers.get(name) {
-            return Ok(number);
-        }
-        let number = u32::try_from(self.names.len()).map_err(|_| {
-            Error::new(ErrorKind::TooLarge(
-                "has more names than there are numbers for".to_owned(),
-            ))
-        })?;
-        self.names.push(name.to_owned());
-        self.numbers.insert(name.to_owned(), number);
-        Ok(number)
     }
 }
 

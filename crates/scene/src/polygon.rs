@@ -70,10 +70,43 @@ pub(crate) fn triangulate(corners: &[DVec3], out: &mut Vec<[u32; 3]>) -> Triangu
                 out.extend(triangles.map(|t| t.map(|i| index[i as usize % 4])));
                 Triangulation::Done
             }
-            None => clip(&kept, out),
+            None => clip(&kept, &[], out),
         },
-        _ => clip(&kept, out),
+        _ => clip(&kept, &[], out),
     }
+}
+
+/// Appends the triangles of a polygon with holes, as [`triangulate`] does: `corners` are those of the outline, then those
+/// of each hole, of which `holes` has where they begin. A hole may wind either way.
+///
+/// A hole without area, or with a corner that is not finite, is left out.
+#[cfg(feature = "cityjson")]
+pub(crate) fn triangulate_with_holes(corners: &[DVec3], holes: &[usize], out: &mut Vec<[u32; 3]>) -> Triangulation {
+    let outline = &corners[..holes.first().copied().unwrap_or(corners.len())];
+    let mut kept = distinct(outline);
+    let mut begins = Vec::new();
+    for (at, &begin) in holes.iter().enumerate() {
+        let end = holes.get(at + 1).copied().unwrap_or(corners.len());
+        let Some(ring) = corners.get(begin..end) else { continue };
+        let mut hole = distinct(ring);
+        if hole.len() < 3 || !ring.iter().all(|corner| corner.is_finite()) {
+            continue;
+        }
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "readers refuse polygons of more than CORNERS_MAX corners"
+        )]
+        hole.iter_mut().for_each(|corner| corner.0 += begin as u32);
+        begins.push(kept.len());
+        kept.extend(hole);
+    }
+    if begins.is_empty() || !outline.iter().all(|corner| corner.is_finite()) {
+        return triangulate(outline, out);
+    }
+    if begins[0] < 3 {
+        return Triangulation::NoArea;
+    }
+    clip(&kept, &begins, out)
 }
 
 /// The corners without those that repeat the one before, the first following the last.
@@ -113,7 +146,8 @@ fn newell(points: &[DVec3]) -> DVec3 {
     })
 }
 
-fn clip(kept: &[(u32, DVec3)], out: &mut Vec<[u32; 3]>) -> Triangulation {
+/// Ear clipping of an outline and, from each of `holes` on, its holes.
+fn clip(kept: &[(u32, DVec3)], holes: &[usize], out: &mut Vec<[u32; 3]>) -> Triangulation {
     let Some(&(_, origin)) = kept.first() else {
         return Triangulation::NoArea;
     };
@@ -123,7 +157,7 @@ fn clip(kept: &[(u32, DVec3)], out: &mut Vec<[u32; 3]>) -> Triangulation {
     for p in &mut points {
         *p /= unit;
     }
-    let normal = newell(&points);
+    let normal = newell(&points[..holes.first().copied().unwrap_or(points.len())]);
     let largest = kept.iter().fold(0.0_f64, |m, (_, p)| m.max(p.abs().max_element()));
     let reach = points.iter().fold(0.0_f64, |m, p| m.max(p.length()));
     // The rule by which `repair` calls a triangle degenerate, with the reach from the first corner as the longest edge.
@@ -134,7 +168,12 @@ fn clip(kept: &[(u32, DVec3)], out: &mut Vec<[u32; 3]>) -> Triangulation {
     let project = projection(normal);
     let flat: Vec<[f64; 2]> = points.iter().map(|&p| project(p).to_array()).collect();
     let mut ears: Vec<u32> = Vec::new();
-    Earcut::new().earcut_slice(&flat, &[], &mut ears);
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "readers refuse polygons of more than CORNERS_MAX corners"
+    )]
+    let holes: Vec<u32> = holes.iter().map(|&at| at as u32).collect();
+    Earcut::new().earcut_slice(&flat, &holes, &mut ears);
     let before = out.len();
     for ear in ears.as_chunks().0 {
         if let [Some(&(a, _)), Some(&(b, _)), Some(&(c, _))] = ear.map(|i: u32| kept.get(i as usize)) {

@@ -1,0 +1,266 @@
+//! Reads PLY scenes, in text and both binary forms, by `ply-rs-bw`.
+//!
+//! Source: *The PLY Polygon File Format* (Turk 1994).
+//!
+//! # What becomes of what
+//! | in the file | here |
+//! | --- | --- |
+//! | `vertex` with `x`, `y`, `z` | a corner in full f64 where the file has doubles |
+//! | `face` with a list `vertex_indices` or `vertex_index` | triangles with the polygon's winding, concave ones by ear clipping |
+//! | a corner of a vertex that is not there | an error |
+//! | a face with fewer than three corners, or without area | counted; it keeps its face number |
+//! | elements `tristrips`, `edge` and others | counted |
+//! | colours, normals, texture coordinates and other properties | skipped |
+//!
+//! PLY names neither objects nor units nor an up axis.
+
+use crate::polygon::{CORNERS_MAX, Triangulation, triangulate};
+use crate::{Error, ErrorKind, Material, ReadOptions, Scene, Triangle};
+use glam::DVec3;
+use ply_rs_bw::parser::{Parser, Reader};
+use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use std::path::Path;
+
+/// What is kept of a vertex or a face.
+#[derive(Debug)]
+struct Element {
+    position: DVec3,
+    /// `None` where a corner is no whole number.
+    corners: Option<Vec<u32>>,
+}
+
+impl PropertyAccess for Element {
+    fn new() -> Self {
+        Self {
+            position: DVec3::ZERO,
+            corners: Some(Vec::new()),
+        }
+    }
+
+    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
+        let coordinate = match name {
+            "x" => &mut self.position.x,
+            "y" => &mut self.position.y,
+            "z" => &mut self.position.z,
+            "vertex_indices" | "vertex_index" => {
+                self.corners = indices(&value);
+                return PropertyAccessResult::Set;
+            }
+            _ => return PropertyAccessResult::Ignored,
+        };
+        match number(&value) {
+            Some(number) => {
+                *coordinate = number;
+                PropertyAccessResult::Set
+            }
+            None => PropertyAccessResult::Ignored,
+        }
+    }
+}
+
+fn number(value: &Property) -> Option<f64> {
+    Some(match *value {
+        Property::Char(x) => f64::from(x),
+        Property::UChar(x) => f64::from(x),
+        Property::Short(x) => f64::from(x),
+        Property::UShort(x) => f64::from(x),
+        Property::Int(x) => f64::from(x),
+        Property::UInt(x) => f64::from(x),
+        Property::Float(x) => f64::from(x),
+        Property::Double(x) => x,
+        _ => return None,
+    })
+}
+
+fn indices(value: &Property) -> Option<Vec<u32>> {
+    fn all<T: Copy + TryInto<u32>>(list: &[T]) -> Option<Vec<u32>> {
+        list.iter().map(|&index| index.try_into().ok()).collect()
+    }
+    match value {
+        Property::ListChar(list) => all(list),
+        Property::ListUChar(list) => all(list),
+        Property::ListShort(list) => all(list),
+        Property::ListUShort(list) => all(list),
+        Property::ListInt(list) => all(list),
+        Property::ListUInt(list) => Some(list.clone()),
+        _ => None,
+    }
+}
+
+/// Reads a PLY scene from the bytes of a file.
+///
+/// # Errors
+/// When the header is not PLY, the file ends before what the header announces, or a face names a vertex that is not
+/// there.
+pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
+    let located = |error: ply_rs_bw::parser::ParseError| {
+        let line = error.line();
+        // The library's own text may run over several lines, and quotes the whole of one.
+        let reason: String = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+        let error = Error::malformed(format!("is not PLY as it should be: {}", excerpt(&reason)));
+        match line {
+            Some(line) => error.at(line as u64),
+            None => error,
+        }
+    };
+    let parser = Parser::<Element>::new();
+    let mut reader = Reader::new(bytes);
+    let header = parser.read_header(&mut reader).map_err(located)?;
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        objects: vec![String::new()],
+        ..Scene::default()
+    };
+    for (name, element) in &header.elements {
+        // Every element takes a byte at least, a line end or a number: what is announced beyond that is not there.
+        if element.count > bytes.len() || (element.properties.is_empty() && element.count > 0) {
+            return Err(Error::malformed(format!(
+                "announces {} of element `{name}` with {} properties in a file of {} bytes; it is cut short or damaged",
+                element.count,
+                element.properties.len(),
+                bytes.len()
+            )));
+        }
+    }
+    let mut vertices = Vec::new();
+    let mut faces = Vec::new();
+    for (name, element) in &header.elements {
+        let values = parser
+            .read_payload_for_element(&mut reader, element, &header)
+            .map_err(located)?;
+        match name.as_str() {
+            "vertex" => vertices = values,
+            "face" => faces = values,
+            other => scene
+                .findings
+                .count_many(&format!("element `{}`, not read", excerpt(other)), values.len() as u64),
+        }
+    }
+    let mut corners = Vec::new();
+    let mut cut = Vec::new();
+    for (face, element) in (0..).zip(&faces) {
+        let Some(indices) = &element.corners else {
+            return Err(Error::malformed(format!(
+                "face {face} has a corner that is not the number of a vertex"
+            )));
+        };
+        if indices.len() > CORNERS_MAX {
+            return Err(Error::new(ErrorKind::TooLarge(format!(
+                "face {face} has {} corners; at most {CORNERS_MAX} are cut into triangles, so split it first",
+                indices.len()
+            ))));
+        }
+        corners.clear();
+        for &index in indices {
+            let Some(vertex) = vertices.get(index as usize) else {
+                return Err(Error::malformed(format!(
+                    "face {face} has a corner at vertex {index}; there are {}, counted from 0",
+                    vertices.len()
+                )));
+            };
+            corners.push(vertex.position);
+        }
+        cut.clear();
+        match triangulate(&corners, &mut cut) {
+            Triangulation::Done => {}
+            Triangulation::TooFewCorners => scene.findings.count("face with fewer than 3 corners"),
+            Triangulation::NoArea => scene.findings.count("face without area"),
+        }
+        for triangle in &cut {
+            scene.triangles.push(Triangle {
+                corners: triangle.map(|i| corners.get(i as usize).copied().unwrap_or(DVec3::NAN)),
+                object: 0,
+                material: 0,
+                face,
+                two_sided: false,
+            });
+        }
+    }
+    if !vertices.is_empty() && faces.is_empty() {
+        scene
+            .findings
+            .warnings
+            .push("the file has vertices and no faces: a point cloud has no surface to compute with".to_owned());
+    }
+    Ok(scene)
+}
+
+fn excerpt(text: &str) -> String {
+    let mut shown: String = text.chars().take(160).collect();
+    if shown.len() < text.len() {
+        shown.push('…');
+    }
+    shown.escape_debug().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 5\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0 255\n1 0 0 255\n1 1 0 255\n0 1 0 255\n2678219.194 0 1 255\n4 0 1 2 3\n3 0 1 4\n";
+
+    fn open(bytes: &[u8]) -> Result<Scene, Error> {
+        read(bytes, None, ReadOptions::default())
+    }
+
+    fn binary(big: bool) -> Vec<u8> {
+        let form = if big {
+            "binary_big_endian"
+        } else {
+            "binary_little_endian"
+        };
+        let mut bytes = format!("ply\nformat {form} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar uint vertex_index\nend_header\n").into_bytes();
+        for x in [0.0_f32, 0., 0., 1., 0., 0., 0., 1.5, 0.] {
+            bytes.extend(if big { x.to_be_bytes() } else { x.to_le_bytes() });
+        }
+        bytes.push(3);
+        for i in [0_u32, 1, 2] {
+            bytes.extend(if big { i.to_be_bytes() } else { i.to_le_bytes() });
+        }
+        bytes
+    }
+
+    #[test]
+    fn text_in_doubles_with_a_quadrilateral() {
+        let scene = open(TEXT.as_bytes()).unwrap();
+        assert_eq!(scene.triangles.len(), 3);
+        assert_eq!(scene.triangles[2].corners[2].x, 2_678_219.194);
+        assert_eq!(scene.triangles.iter().map(|t| t.face).collect::<Vec<_>>(), [0, 0, 1]);
+    }
+
+    #[test]
+    fn both_byte_orders() {
+        let (little, big) = (open(&binary(false)).unwrap(), open(&binary(true)).unwrap());
+        assert_eq!(little, big);
+        assert_eq!(little.triangles[0].corners[2], DVec3::new(0.0, 1.5, 0.0));
+    }
+
+    #[test]
+    fn bad_files_are_refused_with_a_reason_and_cuts_never_pass() {
+        for (from, to, expected) in [
+            ("3 0 1 4", "3 0 1 5", "vertex 5; there are 5"),
+            ("3 0 1 4", "3 0 1 -1", "not the number of a vertex"),
+            ("vertex 5", "vertex 4000000000", "cut short or damaged"),
+            ("0 1 0 255", "0 one 0 255", "is not PLY"),
+            ("ply\n", "plx\n", "is not PLY"),
+        ] {
+            let message = open(TEXT.replacen(from, to, 1).as_bytes()).unwrap_err().to_string();
+            assert!(message.contains(expected) && !message.contains('\n'), "{message}");
+        }
+        for bytes in [TEXT.as_bytes(), &binary(false), &binary(true)] {
+            for end in 0..bytes.len() - 1 {
+                // A text may lose the end of its last number, which cannot be told.
+                let read = open(&bytes[..end]);
+                assert!(
+                    read.is_err() || bytes.len() - end < 3,
+                    "cut at {end} of {}",
+                    bytes.len()
+                );
+            }
+        }
+        let mut huge = binary(false);
+        let list = huge.len() - 13;
+        huge[list] = 255;
+        assert!(open(&huge).is_err());
+    }
+}

@@ -1,0 +1,284 @@
+//! Reads STL scenes, in text and binary.
+//!
+//! Source: *StereoLithography Interface Specification* (3D Systems 1989), as programs write it. By a reader of our own,
+//! as `stl_io` takes a binary file whose header begins with `solid` for text, reads the first solid only, and keeps
+//! coordinates in f32.
+//!
+//! # What becomes of what
+//! | in the file | here |
+//! | --- | --- |
+//! | 84 bytes and 50 for each triangle that bytes 80 to 83 announce | binary, whatever the header says |
+//! | anything else that begins with `solid` | text; keywords in any case |
+//! | `solid NAME` | an object; the same name later is the same object |
+//! | a facet's `vertex` lines | a triangle in full f64; a loop of more than three is cut as a polygon |
+//! | a facet's normal | only compared: the order of the vertices says where the front is; facets whose normal says otherwise are counted |
+//! | the attribute bytes of a binary triangle | skipped |
+//! | bytes after the last announced triangle | skipped, counted |
+//! | fewer bytes than announced | an error |
+//!
+//! STL names neither units nor an up axis.
+
+use crate::names::Names;
+use crate::polygon::{CORNERS_MAX, Triangulation, triangulate};
+use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
+use glam::DVec3;
+use std::path::Path;
+
+/// The binary header, the count after it, and a triangle.
+const HEADER: usize = 80;
+const START: usize = HEADER + 4;
+const RECORD: usize = 50;
+
+/// Reads an STL scene from the bytes of a file.
+///
+/// # Errors
+/// When a binary file is cut short, or a line of a text file is not what is due there; the error names the line.
+pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
+    match announced(bytes) {
+        Some(count) if bytes.len() == START + RECORD * count => binary(bytes, count, &mut scene),
+        _ if is_text(bytes) => text(bytes, &mut scene)?,
+        Some(count) if bytes.len() > START + RECORD * count => {
+            let more = (bytes.len() - START - RECORD * count) as u64;
+            scene.findings.count_many("byte after the last triangle", more);
+            binary(bytes, count, &mut scene);
+        }
+        Some(count) => {
+            let whole = (bytes.len() - START) / RECORD;
+            return Err(Error::malformed(format!(
+                "is cut short: its header announces {count} triangles, and {whole} are there; get the whole file"
+            )));
+        }
+        None => {
+            return Err(Error::malformed(
+                "is neither text that begins with `solid` nor long enough for binary STL",
+            ));
+        }
+    }
+    Ok(scene)
+}
+
+/// How many triangles a binary file says that it has.
+fn announced(bytes: &[u8]) -> Option<usize> {
+    let count = bytes.get(HEADER..START)?.first_chunk::<4>()?;
+    Some(u32::from_le_bytes(*count) as usize)
+}
+
+fn is_text(bytes: &[u8]) -> bool {
+    let text = bytes.trim_ascii_start();
+    text.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) && !text.contains(&0)
+}
+
+fn binary(bytes: &[u8], count: usize, scene: &mut Scene) {
+    scene.objects.push(String::new());
+    let records = bytes.get(START..).unwrap_or_default().as_chunks::<RECORD>().0;
+    for (face, record) in (0..).zip(records.iter().take(count)) {
+        let vector = |at: usize| {
+            let float = |k: usize| {
+                let four = record.get(at + 4 * k..).and_then(|rest| rest.first_chunk::<4>());
+                f64::from(four.map_or(f32::NAN, |four| f32::from_le_bytes(*four)))
+            };
+            DVec3::new(float(0), float(1), float(2))
+        };
+        let corners = [vector(12), vector(24), vector(36)];
+        compare_normal(vector(0), &corners, &mut scene.findings);
+        scene.triangles.push(Triangle {
+            corners,
+            object: 0,
+            material: 0,
+            face,
+            two_sided: false,
+        });
+    }
+}
+
+/// Counts a facet whose normal points to the side that its vertices' order calls the back.
+fn compare_normal(normal: DVec3, corners: &[DVec3], findings: &mut Findings) {
+    if let [a, b, c, ..] = corners
+        && (b - a).cross(c - a).dot(normal) < 0.0
+    {
+        findings.count("facet whose normal contradicts the order of its vertices, which is followed");
+    }
+}
+
+/// What a line of a text file begins with, and what may come next.
+#[derive(Clone, Copy, PartialEq)]
+enum Place {
+    Outside,
+    Solid,
+    Facet,
+    Loop,
+    AfterLoop,
+}
+
+fn text(bytes: &[u8], scene: &mut Scene) -> Result<(), Error> {
+    let mut objects = Names::default();
+    let mut place = Place::Outside;
+    let mut object = 0;
+    let mut normal = DVec3::ZERO;
+    let mut corners: Vec<DVec3> = Vec::new();
+    let mut cut = Vec::new();
+    let mut face = 0_u32;
+    let mut last = 0;
+    for (number, line) in (1..).zip(bytes.split(|&b| b == b'\n')) {
+        last = number;
+        let line = line.trim_ascii();
+        if line.is_empty() {
+            continue;
+        }
+        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        let keyword = words.next().unwrap_or_default().to_ascii_lowercase();
+        let unexpected = || {
+            let due = match place {
+                Place::Outside => "`solid`",
+                Place::Solid => "`facet` or `endsolid`",
+                Place::Facet => "`outer loop`",
+                Place::Loop => "`vertex` or `endloop`",
+                Place::AfterLoop => "`endfacet`",
+            };
+            let shown: String = String::from_utf8_lossy(line).chars().take(40).collect();
+            Error::malformed(format!("`{}` where {due} is due", shown.escape_debug())).at(number)
+        };
+        place = match (place, keyword.as_slice()) {
+            (Place::Outside, b"solid") => {
+                let name = line.get(5..).unwrap_or_default().trim_ascii();
+                object = objects
+                    .number(&String::from_utf8_lossy(name))
+                    .map_err(|error| error.at(number))?;
+                Place::Solid
+            }
+            (Place::Solid, b"endsolid") => Place::Outside,
+            (Place::Solid, b"facet") => {
+                // Some programs write `facet` alone, or numbers that are none for the normal of a sliver.
+                let numbers: Vec<f64> = words.skip(1).map_while(float).collect();
+                normal = numbers
+                    .first_chunk::<3>()
+                    .map_or(DVec3::ZERO, |n| DVec3::from_array(*n));
+                corners.clear();
+                Place::Facet
+            }
+            (Place::Facet, b"outer") => Place::Loop,
+            (Place::Loop, b"vertex") => {
+                let mut numbers = [0.0; 3];
+                for x in &mut numbers {
+                    *x = words.next().and_then(float).ok_or_else(|| {
+                        Error::malformed("a `vertex` needs three numbers, with a decimal point").at(number)
+                    })?;
+                }
+                corners.push(DVec3::from_array(numbers));
+                if corners.len() > CORNERS_MAX {
+                    let what = format!("a loop has more than {CORNERS_MAX} vertices; split it first");
+                    return Err(Error::new(ErrorKind::TooLarge(what)).at(number));
+                }
+                Place::Loop
+            }
+            (Place::Loop, b"endloop") => Place::AfterLoop,
+            (Place::AfterLoop, b"endfacet") => {
+                compare_normal(normal, &corners, &mut scene.findings);
+                cut.clear();
+                match triangulate(&corners, &mut cut) {
+                    Triangulation::Done => {}
+                    Triangulation::TooFewCorners => scene.findings.count("face with fewer than 3 corners"),
+                    Triangulation::NoArea => scene.findings.count("face without area"),
+                }
+                for triangle in &cut {
+                    scene.triangles.push(Triangle {
+                        corners: triangle.map(|i| corners.get(i as usize).copied().unwrap_or(DVec3::NAN)),
+                        object,
+                        material: 0,
+                        face,
+                        two_sided: false,
+                    });
+                }
+                face = face.checked_add(1).ok_or_else(|| {
+                    Error::new(ErrorKind::TooLarge("has more faces than can be numbered".to_owned())).at(number)
+                })?;
+                Place::Solid
+            }
+            _ => return Err(unexpected()),
+        };
+    }
+    if place != Place::Outside {
+        return Err(Error::malformed("the file ends within a solid; it is cut short, get the whole of it").at(last));
+    }
+    scene.objects = objects.names;
+    Ok(())
+}
+
+fn float(word: &[u8]) -> Option<f64> {
+    std::str::from_utf8(word).ok()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "solid roof\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   vertex 0 1.25e0 0\n  endloop\n endfacet\nendsolid roof\nSOLID wall 2\nFACET NORMAL 0 0 1\nOUTER LOOP\nVERTEX 0 0 0\nVERTEX 0 1 0\nVERTEX 1 1 0\nVERTEX 1 0 0\nENDLOOP\nENDFACET\nENDSOLID\n";
+
+    fn open(bytes: &[u8]) -> Result<Scene, Error> {
+        read(bytes, None, ReadOptions::default())
+    }
+
+    fn binary_of(header: &[u8], corners: &[[[f32; 3]; 3]]) -> Vec<u8> {
+        let mut bytes = header.to_vec();
+        bytes.resize(HEADER, 0);
+        bytes.extend(u32::try_from(corners.len()).unwrap().to_le_bytes());
+        for corners in corners {
+            bytes.extend([0; 12]);
+            bytes.extend(corners.iter().flatten().flat_map(|x| x.to_le_bytes()));
+            bytes.extend([0; 2]);
+        }
+        bytes
+    }
+
+    #[test]
+    fn text_with_several_solids_and_a_quadrilateral() {
+        let scene = open(TEXT.as_bytes()).unwrap();
+        assert_eq!(scene.objects, ["roof", "wall 2"]);
+        assert_eq!(scene.triangles.len(), 3);
+        assert_eq!(scene.triangles[0].corners[2], DVec3::new(0.0, 1.25, 0.0));
+        assert_eq!(scene.triangles.iter().map(|t| t.face).collect::<Vec<_>>(), [0, 1, 1]);
+        let contradicting = "facet whose normal contradicts the order of its vertices, which is followed";
+        assert_eq!(scene.findings.get(contradicting), 1);
+    }
+
+    #[test]
+    fn binary_even_if_its_header_says_solid() {
+        let corners = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.5]];
+        let bytes = binary_of(b"solid by some program", &[corners, corners]);
+        let scene = open(&bytes).unwrap();
+        assert_eq!(scene.triangles.len(), 2);
+        assert_eq!(scene.triangles[1].corners[2], DVec3::new(0.0, 1.0, 0.5));
+        let mut longer = bytes.clone();
+        longer.extend([0; 7]);
+        assert_eq!(open(&longer).unwrap().findings.get("byte after the last triangle"), 7);
+    }
+
+    #[test]
+    fn what_is_cut_short_or_is_not_stl_is_refused_with_a_reason() {
+        let bytes = binary_of(b"", &[[[0.0; 3]; 3]; 3]);
+        let message = open(&bytes[..bytes.len() - 1]).unwrap_err().to_string();
+        assert!(message.contains("announces 3 triangles, and 2 are there"), "{message}");
+        assert!(open(b"").is_err() && open(b"hello").is_err());
+        for (cut, expected) in [
+            (TEXT.len() - 20, "line 17"),
+            (TEXT.len() - 9, "line 19"),
+            (60, "line 5"),
+        ] {
+            let message = open(&TEXT.as_bytes()[..cut]).unwrap_err().to_string();
+            assert!(message.contains(expected), "{cut}: {message}");
+        }
+        let message = open(TEXT.replace("1.25e0", "1,25").as_bytes()).unwrap_err().to_string();
+        assert!(message.starts_with("line 6: "), "{message}");
+        let message = open(TEXT.replace("endloop", "vertx 0 0 0").as_bytes())
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("`vertex` or `endloop` is due"), "{message}");
+        let mut huge = bytes;
+        huge[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert!(open(&huge).is_err());
+    }
+}

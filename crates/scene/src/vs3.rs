@@ -1,0 +1,502 @@
+//! Reads View3D's scenes (`.vs3`), in both of its geometry formats, 3 and 3a.
+//!
+//! Source: Walton, *View3D user manual*, input data elements (National Institute of Standards and Technology); how the
+//! plane of format 3a lies was settled by its example, the room of which the manual gives both forms.
+//!
+//! # What becomes of what
+//! | in the file | here |
+//! | --- | --- |
+//! | `V n x y z`, `S n v1 v2 v3 v4 base cmb emit name` | a surface: triangles that share a face number, of the object `name`; `v4` 0 makes it a triangle |
+//! | format 3a: `S n R\|Q\|T base cmb emit name`, then origin, azimuth, tilt and measures | the same |
+//! | `cmb` m | the surface is part of the object of surface m, as View3D reports them as one |
+//! | `base` m | a subsurface: it is cut out of surface m |
+//! | `N` (null surface) | cut out of its base, and nothing in its place |
+//! | `O` (obstruction) | surfaces of objects that are called `obstruction n`, and a warning that `--occluders 'obstruction*'` makes them occlude only |
+//! | `M` (masking surface) | an error: what it covers sees nothing else, so leave both out |
+//! | `emit` | the name of the material, `emissivity 0.9`, for tables of materials to refer to |
+//! | `T` | the title, skipped |
+//! | `C`, `X` | settings of View3D, skipped, counted |
+//! | `!`, `/` | a comment, to the end of the line |
+//! | `E`, `*` | the end; what follows is not read |
+//!
+//! Numbers of vertices and surfaces must run from 1 in order, as View3D asks.
+
+use crate::names::Names;
+use crate::{Error, Findings, ReadOptions, Scene, Triangle};
+use glam::DVec3;
+use std::collections::VecDeque;
+use std::path::Path;
+
+/// Reads a View3D scene from the bytes of a file.
+///
+/// # Errors
+/// When a line is not what View3D's manual asks for; the error names it.
+pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
+    let text = String::from_utf8_lossy(bytes);
+    let mut reader = Reader {
+        words: Words::new(&text),
+        findings: Findings::default(),
+        vertices: Vec::new(),
+        surfaces: Vec::new(),
+    };
+    reader.elements()?;
+    reader.scene()
+}
+
+/// The words of a file with their lines, without comments, up to the end-of-information element.
+struct Words<'a> {
+    lines: VecDeque<(u64, Vec<&'a str>)>,
+    /// The line last taken from.
+    line: u64,
+}
+
+impl<'a> Words<'a> {
+    fn new(text: &'a str) -> Self {
+        let mut lines = VecDeque::new();
+        for (number, line) in (1..).zip(text.lines()) {
+            let code = line.split(['!', '/']).next().unwrap_or_default();
+            let words: Vec<&str> = code.split_whitespace().collect();
+            match words.first().and_then(|word| word.chars().next()) {
+                None => continue,
+                Some('*' | 'E' | 'e') => break,
+                Some(_) => lines.push_back((number, words)),
+            }
+        }
+        Self { lines, line: 0 }
+    }
+
+    fn next_line(&mut self) -> Option<Vec<&'a str>> {
+        let (line, words) = self.lines.pop_front()?;
+        self.line = line;
+        Some(words)
+    }
+}
+
+/// What an element that describes a surface says.
+struct Surface {
+    line: u64,
+    kind: Kind,
+    corners: Vec<DVec3>,
+    /// From 0.
+    base: Option<usize>,
+    /// From 0.
+    combined_with: Option<usize>,
+    material: String,
+    name: String,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Radiating,
+    Null,
+    Obstruction,
+}
+
+struct Reader<'a> {
+    words: Words<'a>,
+    findings: Findings,
+    vertices: Vec<DVec3>,
+    surfaces: Vec<Surface>,
+}
+
+impl Reader<'_> {
+    fn fail<T>(&self, reason: impl Into<String>) -> Result<T, Error> {
+        Err(Error::malformed(reason).at(self.words.line))
+    }
+
+    fn number(&self, word: Option<&&str>, what: &str) -> Result<f64, Error> {
+        match word.map(|word| (word, word.parse::<f64>())) {
+            Some((_, Ok(number))) if number.is_finite() => Ok(number),
+            Some((word, _)) => self.fail(format!("`{}` is no number for {what}", shown(word))),
+            None => self.fail(format!("the line ends before {what}")),
+        }
+    }
+
+    fn whole(&self, word: Option<&&str>, what: &str) -> Result<usize, Error> {
+        match word.map(|word| (word, word.parse::<usize>())) {
+            Some((_, Ok(number))) => Ok(number),
+            Some((word, _)) => self.fail(format!("`{}` is no whole number for {what}", shown(word))),
+            None => self.fail(format!("the line ends before {what}")),
+        }
+    }
+
+    fn in_order(&self, word: Option<&&str>, so_far: usize, what: &str) -> Result<(), Error> {
+        let number = self.whole(word, &format!("the number of the {what}"))?;
+        if number == so_far + 1 {
+            Ok(())
+        } else {
+            self.fail(format!(
+                "{what} {number} where {what} {} is due; number them in order",
+                so_far + 1
+            ))
+        }
+    }
+
+    fn elements(&mut self) -> Result<(), Error> {
+        let mut planes = None;
+        while let Some(words) = self.words.next_line() {
+            let element = words[0].chars().next().map(|c| c.to_ascii_uppercase());
+            match element {
+                Some('T') => {}
+                Some('C' | 'X') => self.findings.count("line of View3D's settings, not used"),
+                Some('F') => {
+                    planes = match words.get(1).map(|form| form.to_ascii_lowercase()).as_deref() {
+                        Some("3") => Some(false),
+                        Some("3a") => Some(true),
+                        _ => return self.fail("only the geometry formats `F 3` and `F 3a` are of three dimensions"),
+                    }
+                }
+                Some('V') => {
+                    self.in_order(words.get(1), self.vertices.len(), "vertex")?;
+                    let mut vertex = [0.0; 3];
+                    for (at, x) in vertex.iter_mut().enumerate() {
+                        *x = self.number(words.get(2 + at), "a coordinate")?;
+                    }
+                    self.vertices.push(DVec3::from_array(vertex));
+                }
+                Some('S') => self.surface(&words, Kind::Radiating, planes)?,
+                Some('N') => self.surface(&words, Kind::Null, planes)?,
+                Some('O') => self.surface(&words, Kind::Obstruction, planes)?,
+                Some('M') => {
+                    return Err(Error::unsupported(
+                        "masking surfaces are not read; what one covers sees nothing else, so leave it and that part out",
+                    )
+                    .at(self.words.line));
+                }
+                _ => return self.fail(format!("`{}` begins no element of a View3D file", shown(words[0]))),
+            }
+        }
+        Ok(())
+    }
+
+    fn surface(&mut self, words: &[&str], kind: Kind, planes: Option<bool>) -> Result<(), Error> {
+        let Some(planes) = planes else {
+            return self.fail("a surface before the line `F 3` or `F 3a`, which says how surfaces are written");
+        };
+        let line = self.words.line;
+        self.in_order(words.get(1), self.surfaces.len(), "surface")?;
+        let (shape, attributes) = if planes {
+            (words.get(2).and_then(|shape| shape.chars().next()), 3)
+        } else {
+            (None, 6)
+        };
+        let mut surface = Surface {
+            line,
+            kind,
+            corners: Vec::new(),
+            base: None,
+            combined_with: None,
+            material: String::new(),
+            name: String::new(),
+        };
+        // Of an obstruction View3D reads nothing beyond its vertices.
+        if kind != Kind::Obstruction {
+            let before = |reader: &Self, at: usize, what: &str| match reader.whole(words.get(at), what)? {
+                0 => Ok(None),
+                number if number <= reader.surfaces.len() => Ok(Some(number - 1)),
+                number => reader.fail(format!("{what} {number} does not come before this surface")),
+            };
+            surface.base = before(self, attributes, "base surface")?;
+            surface.combined_with = before(self, attributes + 1, "combination surface")?;
+            let emissivity = self.number(words.get(attributes + 2), "the emissivity")?;
+            surface.material = format!("emissivity {emissivity}");
+            surface.name = (*words.get(attributes + 3).unwrap_or(&"")).to_owned();
+        }
+        surface.corners = if planes {
+            self.corners_in_plane(shape)?
+        } else {
+            let mut corners = Vec::new();
+            for at in 2..6 {
+                match self.whole(words.get(at), "a vertex")? {
+                    0 if at == 5 => {}
+                    number => match number.checked_sub(1).and_then(|n| self.vertices.get(n)) {
+                        Some(&vertex) => corners.push(vertex),
+                        None => {
+                            let count = self.vertices.len();
+                            return self.fail(format!("vertex {number} is not there; {count} come before this line"));
+                        }
+                    },
+                }
+            }
+            corners
+        };
+        self.surfaces.push(surface);
+        Ok(())
+    }
+
+    /// The corners that the lines after a surface of format 3a give, in a plane with an origin, an azimuth (degrees
+    /// clockwise from +y that it faces) and a tilt (0 faces up, 90 stands, 180 faces down).
+    fn corners_in_plane(&mut self, shape: Option<char>) -> Result<Vec<DVec3>, Error> {
+        let count = match shape.map(|shape| shape.to_ascii_uppercase()) {
+            Some('R') => 2,
+            Some('Q') => 8,
+            Some('T') => 6,
+            _ => return self.fail("the shape of a surface must be `R`, `Q` or `T`"),
+        };
+        let mut numbers = Vec::new();
+        while numbers.len() < 5 + count {
+            let Some(words) = self.words.next_line() else {
+                return self.fail("the file ends before the measures of this surface");
+            };
+            for word in &words {
+                numbers.push(self.number(Some(word), "a measure of the surface")?);
+            }
+        }
+        if numbers.len() > 5 + count {
+            return self.fail(format!(
+                "{} numbers where {} describe this surface",
+                numbers.len(),
+                5 + count
+            ));
+        }
+        let (plane, measures) = numbers.split_at(5);
+        let flat: Vec<[f64; 2]> = match *measures {
+            [width, height] => vec![[0.0, height], [0.0, 0.0], [width, 0.0], [width, height]],
+            _ => measures.as_chunks::<2>().0.to_vec(),
+        };
+        let (azimuth_sin, azimuth_cos) = sin_cos_degrees(plane[3]);
+        let (tilt_sin, tilt_cos) = sin_cos_degrees(plane[4]);
+        // To the right as seen from the front, and up in the plane.
+        let right = DVec3::new(-azimuth_cos, azimuth_sin, 0.0);
+        let up = DVec3::new(-tilt_cos * azimuth_sin, -tilt_cos * azimuth_cos, tilt_sin);
+        let origin = DVec3::new(plane[0], plane[1], plane[2]);
+        Ok(flat.iter().map(|&[x, y]| origin + x * right + y * up).collect())
+    }
+
+    fn scene(self) -> Result<Scene, Error> {
+        let mut objects = Names::default();
+        let mut materials = Names::default();
+        let mut scene = Scene {
+            findings: self.findings,
+            ..Scene::default()
+        };
+        let mut pieces: Vec<Vec<Vec<DVec3>>> = Vec::with_capacity(self.surfaces.len());
+        for surface in &self.surfaces {
+            if let Some(base) = surface.base {
+                let base_of = pieces
+                    .get_mut(base)
+                    .ok_or_else(|| Error::malformed("no such base").at(surface.line))?;
+                *base_of = base_of
+                    .iter()
+                    .flat_map(|piece| outside(piece, &surface.corners))
+                    .collect();
+            }
+            pieces.push(match surface.kind {
+                Kind::Null => Vec::new(),
+                _ => vec![surface.corners.clone()],
+            });
+        }
+        let mut obstructions = 0_u64;
+        for ((face, surface), pieces) in (0..).zip(&self.surfaces).zip(&pieces) {
+            let name = match (surface.kind, surface.combined_with.and_then(|n| self.surfaces.get(n))) {
+                (Kind::Obstruction, _) => {
+                    obstructions += 1;
+                    format!("obstruction {}", face + 1)
+                }
+                (_, Some(whole)) => whole.name.clone(),
+                _ => surface.name.clone(),
+            };
+            let object = objects.number(&name).map_err(|error| error.at(surface.line))?;
+            let material = materials
+                .number(&surface.material)
+                .map_err(|error| error.at(surface.line))?;
+            for piece in pieces {
+                for (b, c) in (1..piece.len()).zip(2..piece.len()) {
+                    scene.triangles.push(Triangle {
+                        corners: [piece[0], piece[b], piece[c]],
+                        object,
+                        material,
+                        face,
+                        two_sided: false,
+                    });
+                }
+            }
+        }
+        if obstructions > 0 {
+            scene.findings.warnings.push(format!(
+                "{obstructions} obstruction surfaces emit and receive here unless `--occluders 'obstruction*'` is given"
+            ));
+        }
+        scene.objects = objects.names;
+        scene.materials = materials
+            .names
+            .into_iter()
+            .map(|name| crate::Material {
+                name,
+                ..crate::Material::default()
+            })
+            .collect();
+        Ok(scene)
+    }
+}
+
+/// Sine and cosine of an angle in degrees, exact at right angles, which most surfaces stand at.
+fn sin_cos_degrees(degrees: f64) -> (f64, f64) {
+    match degrees.rem_euclid(360.0) {
+        0.0 => (0.0, 1.0),
+        90.0 => (1.0, 0.0),
+        180.0 => (0.0, -1.0),
+        270.0 => (-1.0, 0.0),
+        other => other.to_radians().sin_cos(),
+    }
+}
+
+/// What of a convex polygon lies outside another in its plane, in convex pieces: what is left of it is cut by the lines
+/// of the other's edges in turn, and the part beyond each line is a piece.
+fn outside(polygon: &[DVec3], hole: &[DVec3]) -> Vec<Vec<DVec3>> {
+    let Some(normal) = hole.first().map(|&a| {
+        let relative: Vec<DVec3> = hole.iter().map(|&p| p - a).collect();
+        relative
+            .windows(2)
+            .fold(DVec3::ZERO, |sum, edge| sum + edge[0].cross(edge[1]))
+    }) else {
+        return vec![polygon.to_vec()];
+    };
+    // Lengths below this are rounding.
+    let touch = 1e-12
+        * polygon
+            .iter()
+            .chain(hole)
+            .fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
+    let mut pieces = Vec::new();
+    let mut rest = polygon.to_vec();
+    for (at, &a) in hole.iter().enumerate() {
+        let b = hole[(at + 1) % hole.len()];
+        let Some(outward) = (b - a).cross(normal).try_normalize() else {
+            continue;
+        };
+        let side = |p: DVec3| (p - a).dot(outward);
+        let beyond = clip(&rest, side, touch);
+        if beyond.len() >= 3 {
+            pieces.push(beyond);
+        }
+        rest = clip(&rest, |p| -side(p), touch);
+        if rest.len() < 3 {
+            // The two do not overlap.
+            break;
+        }
+    }
+    if rest.len() < 3 && pieces.is_empty() {
+        return vec![polygon.to_vec()];
+    }
+    pieces
+}
+
+/// The part of a convex polygon where `side` is above 0 (Sutherland & Hodgman 1974); nothing if it is no wider than
+/// `touch`.
+fn clip(polygon: &[DVec3], side: impl Fn(DVec3) -> f64, touch: f64) -> Vec<DVec3> {
+    if !polygon.iter().any(|&p| side(p) > touch) {
+        return Vec::new();
+    }
+    let mut kept = Vec::new();
+    for (at, &p) in polygon.iter().enumerate() {
+        let q = polygon[(at + 1) % polygon.len()];
+        let (d, e) = (side(p), side(q));
+        if d >= -touch {
+            kept.push(p);
+        }
+        if (d > touch && e < -touch) || (d < -touch && e > touch) {
+            kept.push(p + (q - p) * (d / (d - e)));
+        }
+    }
+    kept
+}
+
+fn shown(word: &str) -> String {
+    word.chars().take(40).collect::<String>().escape_debug().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn open(text: &str) -> Result<Scene, Error> {
+        read(text.as_bytes(), None, ReadOptions::default())
+    }
+
+    fn area_of(scene: &Scene, object: &str) -> f64 {
+        let of = |t: &&Triangle| scene.objects[t.object as usize] == object;
+        let area = |t: &Triangle| {
+            0.5 * (t.corners[1] - t.corners[0])
+                .cross(t.corners[2] - t.corners[0])
+                .length()
+        };
+        scene.triangles.iter().filter(of).map(area).sum()
+    }
+
+    const WALL: &str = "T a wall with a window\nC encl=0\nF 3\nV 1 0 0 0\nV 2 4 0 0\nV 3 4 0 3\nV 4 0 0 3\nV 5 1 0 1\nV 6 2 0 1\nV 7 2 0 2\nV 8 1 0 2\nV 9 0 0 2\nS 1 1 2 3 4 0 0 0.9 wall ! the wall\nS 2 5 6 7 8 1 0 0.5 window\nS 3 9 5 8 0 1 1 0.9 part\nend\nnothing of this is read";
+
+    #[test]
+    fn subsurfaces_are_cut_out_of_their_base_and_combined_ones_join() {
+        let scene = open(WALL).unwrap();
+        assert_eq!(scene.objects, ["wall", "window"]);
+        assert_eq!(scene.materials[1].name, "emissivity 0.5");
+        assert!((area_of(&scene, "window") - 1.0).abs() < 1e-12);
+        // The triangle was cut out of the wall, and is part of it.
+        assert!(
+            (area_of(&scene, "wall") - 11.0).abs() < 1e-12,
+            "{}",
+            area_of(&scene, "wall")
+        );
+        let facing = |t: &Triangle| (t.corners[1] - t.corners[0]).cross(t.corners[2] - t.corners[0]).y < 0.0;
+        assert!(scene.triangles.iter().all(facing));
+        let null = open(&WALL.replace("S 2", "N 2")).unwrap();
+        assert!((area_of(&null, "wall") - 11.0).abs() < 1e-12 && area_of(&null, "window") == 0.0);
+    }
+
+    #[test]
+    fn planes_by_azimuth_and_tilt() {
+        // Faces of the cube from 0 to 1 that look inwards: one of each way that a plane can be told.
+        let scene = open(
+            "F 3a\nS 1 R 0 0 0.9 south\n 1 0 0 0 90\n 1 1\nS 2 R 0 0 0.9 north\n 0 1 0 180 90 1 1\nS 3 q 0 0 0.9 floor\n 0 0 0 180 0\n 0 0 1 0 1 1 0 1\nS 4 T 0 0 0.9 east\n 1 1 0 270 90 0 0 1 0 0 1\n",
+        )
+        .unwrap();
+        let normal = |face: u32| {
+            let t = scene.triangles.iter().find(|t| t.face == face).unwrap();
+            (t.corners[1] - t.corners[0])
+                .cross(t.corners[2] - t.corners[0])
+                .normalize()
+        };
+        assert_eq!(normal(0), DVec3::Y);
+        assert_eq!(normal(1), -DVec3::Y);
+        assert_eq!(normal(2), DVec3::Z);
+        assert_eq!(normal(3), -DVec3::X);
+        for triangle in &scene.triangles {
+            for corner in triangle.corners {
+                assert!(corner.min_element() >= 0.0 && corner.max_element() <= 1.0, "{corner}");
+            }
+        }
+    }
+
+    #[test]
+    fn bad_lines_are_named() {
+        for (from, to, expected) in [
+            ("V 2 4 0 0", "V 3 4 0 0", "line 5: vertex 3 where vertex 2 is due"),
+            ("V 2 4 0 0", "V 2 4 0 O", "line 5: `O` is no number"),
+            ("V 2 4 0 0", "V 2 4 0 nan", "line 5: `nan` is no number"),
+            ("V 2 4 0 0", "V 2 4", "line 5: the line ends before a coordinate"),
+            ("S 1 1 2 3 4", "S 1 1 2 3 14", "line 13: vertex 14 is not there"),
+            ("7 8 1 0", "7 8 5 0", "line 14: base surface 5 does not come before"),
+            ("S 2", "M 2", "line 14: masking surfaces"),
+            ("F 3\n", "", "line 12: a surface before the line `F 3`"),
+            ("F 3\n", "F 2\n", "line 3: only the geometry formats"),
+            ("C encl=0", "Q encl=0", "line 2: `Q` begins no element"),
+        ] {
+            let message = open(&WALL.replacen(from, to, 1)).unwrap_err().to_string();
+            assert!(message.starts_with(expected), "{message}");
+        }
+    }
+
+    #[test]
+    fn obstructions_say_how_to_be_occluders_only() {
+        let scene = open(
+            &WALL
+                .replace("S 1 1 2 3 4 0 0 0.9 wall", "S 1 1 2 3 4 0 0 0.9 wall\nO 2 1 2 3 4")
+                .replace("S 2 5", "S 3 5")
+                .replace("S 3 9", "S 4 9"),
+        )
+        .unwrap();
+        assert_eq!(scene.objects[1], "obstruction 2");
+        assert!(scene.findings.warnings[0].contains("--occluders 'obstruction*'"));
+    }
+}
