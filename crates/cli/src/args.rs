@@ -490,6 +490,10 @@ pub(crate) struct Export {
     /// The format, where OUT's extension does not say
     #[arg(long, value_name = "FORMAT")]
     pub(crate) format: Option<FormatName>,
+    /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table, `.csv`, or
+    /// what View3D writes, `.vf`
+    #[arg(long, value_name = "WHAT", conflicts_with_all = ["format", "allow_incomplete"])]
+    pub(crate) by: Option<ZoneName>,
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
@@ -583,6 +587,17 @@ pub(crate) enum FormatName {
     Txt,
     /// A dense NumPy array
     Npy,
+}
+
+/// What makes patches one zone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ZoneName {
+    /// Objects of one name
+    Object,
+    /// Materials of one name
+    Material,
+    /// Faces of the scene's file
+    Face,
 }
 
 /// A number, or what suits.

@@ -23,6 +23,7 @@ pub mod settle;
 mod shaft;
 pub mod store;
 pub mod tree;
+pub mod zones;
 
 pub use hemicube_contract::{backend, delta, face, row};
 pub use hemicube_scene::InputPatch;

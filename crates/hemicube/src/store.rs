@@ -47,7 +47,7 @@ pub use matrix::{Matrix, MatrixRow};
 pub use read::{Row, RowTable, Rows, Store};
 pub use write::StoreWriter;
 
-pub(crate) use durable::DurableFile;
+pub(crate) use durable::{DurableFile, write_whole};
 pub(crate) use matrix::F32_COMMENT;
 pub(crate) use npy::{ElementType, Header as NpyHeader};
 pub(crate) use npz::NpzWriter;

@@ -1,13 +1,15 @@
 //! `hemicube export`: the matrix in the files that other programs read.
 
-use crate::args::{Export as Arguments, FormatName, Talk};
+use crate::args::{Export as Arguments, FormatName, Talk, ZoneName};
 use crate::exit::Exit;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, SCHEMA, count, counted, size};
 use anyhow::Result;
 use hemicube::export::{ExportFormat, ExportOptions, ExportReport, export};
 use hemicube::store::Store;
+use hemicube::zones::{GroupBy, Zone, ZoneFormat, write_zones, zones};
 use serde::Serialize;
+use std::path::Path;
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -35,6 +37,9 @@ impl From<FormatName> for ExportFormat {
 )]
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
+    if let Some(by) = arguments.by {
+        return export_zones(arguments, by, json, talk);
+    }
     let format = match arguments.format {
         Some(name) => name.into(),
         None => ExportFormat::of(&arguments.output)?,
@@ -64,6 +69,59 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             program: "hemicube",
             version: env!("CARGO_PKG_VERSION"),
             export: &found,
+        })?;
+    }
+    Ok(Exit::Done)
+}
+
+impl From<ZoneName> for GroupBy {
+    fn from(name: ZoneName) -> Self {
+        match name {
+            ZoneName::Object => Self::Object,
+            ZoneName::Material => Self::Material,
+            ZoneName::Face => Self::Face,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct ZonesReport<'a> {
+    schema: u32,
+    program: &'static str,
+    version: &'static str,
+    path: &'a Path,
+    format: ZoneFormat,
+    by: GroupBy,
+    bytes: u64,
+    zones: &'a [Zone],
+}
+
+fn export_zones(arguments: &Arguments, by: ZoneName, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
+    let format = ZoneFormat::of(&arguments.output)?;
+    report::require(&arguments.store)?;
+    let store = Store::open(&arguments.store)?;
+    let bar = Bar::spinner(talk, &format!("adding up `{}`", arguments.store.display()));
+    let found = zones(&store, by.into())?;
+    let materials = &store.manifest().materials;
+    let bytes = write_zones(&found, materials, &arguments.output, format, arguments.overwrite)?;
+    drop(bar);
+    talk.say(&format!(
+        "`{}`: {}, {} of {}",
+        arguments.output.display(),
+        size(bytes),
+        counted(found.len() as u64, "zone"),
+        counted(store.patch_count().into(), "patch"),
+    ));
+    if let Some(json) = json {
+        json.write(&ZonesReport {
+            schema: SCHEMA,
+            program: "hemicube",
+            version: env!("CARGO_PKG_VERSION"),
+            path: &arguments.output,
+            format,
+            by: by.into(),
+            bytes,
+            zones: &found,
         })?;
     }
     Ok(Exit::Done)
