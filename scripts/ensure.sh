@@ -60,3 +60,17 @@ ensure_rust() {
         return 1
     fi
 }
+
+# ensure_drivers — Mesa's drivers that render on the processor, for OpenGL and Vulkan, and Vulkan's validation layer: what
+# the tests of the GPU backends run on where there is no GPU. Fails where they cannot be installed.
+ensure_drivers() {
+    local missing=() libraries
+    libraries=$(/sbin/ldconfig -p 2>/dev/null || true)
+    case $libraries in *libEGL.so.1*) ;; *) missing+=(none:libegl1) ;; esac
+    case $libraries in *libvulkan.so.1*) ;; *) missing+=(none:libvulkan1) ;; esac
+    compgen -G '/usr/share/vulkan/icd.d/lvp_icd*.json' >/dev/null || missing+=(none:mesa-vulkan-drivers)
+    compgen -G '/usr/lib/*/dri/swrast_dri.so' >/dev/null || missing+=(none:libgl1-mesa-dri)
+    compgen -G '/usr/share/vulkan/explicit_layer.d/VkLayer_khronos_validation.json' >/dev/null ||
+        missing+=(none:vulkan-validationlayers)
+    [ ${#missing[@]} -eq 0 ] || ensure_packages "${missing[@]}"
+}
