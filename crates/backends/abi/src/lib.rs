@@ -1,0 +1,88 @@
+//! The C ABI of hemicube backends that are loaded at run time, and the safe side of it for authors in Rust.
+//!
+//! A plugin is a shared library that exports one table, [`HcBackend`]. In C that is written against
+//! `include/hemicube_backend.h`, which is generated from [`types`]. In Rust it is made by [`export_backend!`] from a
+//! [`Plugin`], whose sessions are the same [`HemicubeBackend`](contract::backend::HemicubeBackend) that the built-in backend
+//! is; the author's crate can forbid `unsafe`:
+//!
+//! ```
+//! #![forbid(unsafe_code)]
+//! use hemicube_abi::contract::{backend::*, face, row::RowBlock};
+//! use hemicube_abi::{Device, DeviceKind, Log, Options, Plugin, export_backend};
+//! use std::ffi::CStr;
+//! use std::sync::Arc;
+//!
+//! /// Sees nothing, whatever the scene.
+//! struct Blind(BackendInfo);
+//!
+//! impl Plugin for Blind {
+//!     const NAME: &'static CStr = c"blind";
+//!     const VERSION: &'static CStr = c"1";
+//!     type Session = Self;
+//!
+//!     fn devices() -> Result<Vec<Device>, BackendError> {
+//!         let name = "nothing at all".to_owned();
+//!         Ok(vec![Device { name, kind: DeviceKind::Software, capabilities: Capabilities::default(), max_resolution: 1024, preferred_rows: 1 }])
+//!     }
+//!
+//!     fn open(_device: u32, options: &str, _log: Log) -> Result<Self, BackendError> {
+//!         Options::parse(options)?.finish()?;
+//!         Ok(Self(BackendInfo { name: "blind".to_owned(), version: "1".to_owned(), device: "nothing at all".to_owned(), capabilities: Capabilities::default(), preferred_rows: 1 }))
+//!     }
+//! }
+//!
+//! impl HemicubeBackend for Blind {
+//!     fn info(&self) -> &BackendInfo {
+//!         &self.0
+//!     }
+//!
+//!     fn load(&mut self, _: &Arc<Geometry>, _: RenderSettings) -> Result<(), BackendError> {
+//!         Ok(())
+//!     }
+//!
+//!     // Never called through the table: the host opens another session instead.
+//!     fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
+//!         Ok(Box::new(Self(self.0.clone())))
+//!     }
+//!
+//!     fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
+//!         hemicubes.iter().for_each(|_| out.end_row(WHOLE, 0));
+//!         Ok(Counters::default())
+//!     }
+//! }
+//!
+//! export_backend!(Blind);
+//! # fn main() { assert_eq!(hemicube_backend.abi_version, hemicube_abi::types::HC_ABI_VERSION) }
+//! ```
+//!
+//! The package is a `cdylib`, its library is called `hemicube_backend_NAME` (`_` for `-`), and it is built with
+//! `panic = "unwind"`, which the macro insists on.
+
+mod adapter;
+mod options;
+mod panics;
+mod plugin;
+pub mod types;
+
+pub use adapter::{CHOICES_SIZE, table};
+pub use hemicube_contract as contract;
+pub use options::Options;
+pub use plugin::{Device, DeviceKind, Log, Plugin, capabilities_from_raw, capabilities_to_raw};
+pub use types::HcBackend;
+
+/// Exports the table of a [`Plugin`] as `hemicube_backend`, the symbol that hosts look for.
+///
+/// Once in a linked image: two would be one symbol twice. So a crate that is also linked as an `rlib`, for its tests, must
+/// not be linked together with another one; tests of several plugins at once load them, as the program does.
+#[macro_export]
+macro_rules! export_backend {
+    ($plugin:ty) => {
+        #[cfg(not(panic = "unwind"))]
+        compile_error!("a hemicube backend must be built with `panic = \"unwind\"`: the host must survive its panics");
+
+        /// The table that the host looks for.
+        #[allow(non_upper_case_globals, reason = "the name is part of the ABI")]
+        #[unsafe(no_mangle)]
+        pub static hemicube_backend: $crate::HcBackend = $crate::table::<$plugin>();
+    };
+}

@@ -1,0 +1,186 @@
+//! The author's side: what a backend in Rust implements.
+
+use crate::types::{
+    HC_CAN_COVERED, HC_CAN_ITEMS, HC_CAN_LOSSLESS_CULLING, HC_CAN_TINY_PATCHES, HC_DEVICE_DISCRETE_GPU,
+    HC_DEVICE_INTEGRATED_GPU, HC_DEVICE_OTHER, HC_DEVICE_SOFTWARE, HC_DEVICE_VIRTUAL_GPU, HC_LOG_DEBUG, HC_LOG_ERROR,
+    HC_LOG_INFO, HC_LOG_WARN, HcHost,
+};
+use core::ffi::{CStr, c_char, c_void};
+use hemicube_contract::backend::{BackendError, Capabilities, HemicubeBackend};
+use std::ffi::CString;
+use std::fmt;
+
+/// A backend that is loaded at run time: [`export_backend!`](crate::export_backend) makes the exported table of it.
+pub trait Plugin: 'static {
+    /// The name that `--backend` takes, `[a-z0-9-]{1,32}`.
+    const NAME: &'static CStr;
+    /// Version of the arithmetic; a session's [`info`](HemicubeBackend::info) may be more precise.
+    const VERSION: &'static CStr;
+    /// A session.
+    type Session: HemicubeBackend + 'static;
+
+    /// The devices there are, best first. None is no error.
+    ///
+    /// # Errors
+    /// When they cannot be asked for: no driver, say.
+    fn devices() -> Result<Vec<Device>, BackendError>;
+
+    /// Opens a session on the device with that place in [`devices`](Self::devices). `options` is `key=value,key=value`,
+    /// see [`Options`](crate::Options); a key that is not known must be an error.
+    ///
+    /// # Errors
+    /// When there is no such device or option, or the device does not open.
+    fn open(device: u32, options: &str, log: Log) -> Result<Self::Session, BackendError>;
+}
+
+/// What a device is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DeviceKind {
+    /// None of the others.
+    #[default]
+    Other,
+    /// A processor, or a graphics driver that runs on one.
+    Software,
+    /// A GPU that shares the processor's memory.
+    IntegratedGpu,
+    /// A GPU with memory of its own.
+    DiscreteGpu,
+    /// A GPU handed through to a virtual machine.
+    VirtualGpu,
+}
+
+impl DeviceKind {
+    /// As the table has it.
+    pub fn to_raw(self) -> u32 {
+        match self {
+            Self::Other => HC_DEVICE_OTHER,
+            Self::Software => HC_DEVICE_SOFTWARE,
+            Self::IntegratedGpu => HC_DEVICE_INTEGRATED_GPU,
+            Self::DiscreteGpu => HC_DEVICE_DISCRETE_GPU,
+            Self::VirtualGpu => HC_DEVICE_VIRTUAL_GPU,
+        }
+    }
+
+    /// From the table; a number of a later version is [`Other`](Self::Other).
+    pub fn from_raw(kind: u32) -> Self {
+        match kind {
+            HC_DEVICE_SOFTWARE => Self::Software,
+            HC_DEVICE_INTEGRATED_GPU => Self::IntegratedGpu,
+            HC_DEVICE_DISCRETE_GPU => Self::DiscreteGpu,
+            HC_DEVICE_VIRTUAL_GPU => Self::VirtualGpu,
+            _ => Self::Other,
+        }
+    }
+
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Other => "other",
+            Self::Software => "software",
+            Self::IntegratedGpu => "integrated GPU",
+            Self::DiscreteGpu => "discrete GPU",
+            Self::VirtualGpu => "virtual GPU",
+        }
+    }
+}
+
+/// Capabilities as the bits of the table.
+pub fn capabilities_to_raw(can: Capabilities) -> u64 {
+    [
+        (can.covered, HC_CAN_COVERED),
+        (can.tiny_patches, HC_CAN_TINY_PATCHES),
+        (can.items, HC_CAN_ITEMS),
+        (can.lossless_culling, HC_CAN_LOSSLESS_CULLING),
+    ]
+    .into_iter()
+    .fold(0, |bits, (can, bit)| if can { bits | bit } else { bits })
+}
+
+/// Capabilities from the bits of the table; bits of a later version are not looked at.
+pub fn capabilities_from_raw(bits: u64) -> Capabilities {
+    Capabilities {
+        covered: bits & HC_CAN_COVERED != 0,
+        tiny_patches: bits & HC_CAN_TINY_PATCHES != 0,
+        items: bits & HC_CAN_ITEMS != 0,
+        lossless_culling: bits & HC_CAN_LOSSLESS_CULLING != 0,
+    }
+}
+
+/// A device that sessions can be opened on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Device {
+    /// Name and driver, in words; cut after 127 bytes.
+    pub name: String,
+    /// What it is.
+    pub kind: DeviceKind,
+    /// What a session on it can do.
+    pub capabilities: Capabilities,
+    /// Largest resolution that it takes.
+    pub max_resolution: u32,
+    /// How many hemicubes a call it likes best.
+    pub preferred_rows: usize,
+}
+
+/// Says things to the user of the program, in its log. May be kept, cloned and used on any thread.
+#[derive(Clone, Copy)]
+pub struct Log {
+    write: Option<unsafe extern "C" fn(*mut c_void, i32, *const c_char)>,
+    context: *mut c_void,
+}
+
+// SAFETY: the host promises that `log` may be called with `context` from any thread for the life of the process.
+unsafe impl Send for Log {}
+// SAFETY: as above.
+unsafe impl Sync for Log {}
+
+impl fmt::Debug for Log {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Log").field("heard", &self.write.is_some()).finish()
+    }
+}
+
+impl Log {
+    /// A log that nobody reads: for a backend's own tests.
+    pub fn silent() -> Self {
+        Self {
+            write: None,
+            context: std::ptr::null_mut(),
+        }
+    }
+
+    pub(crate) fn of(host: Option<&HcHost>) -> Self {
+        host.map_or_else(Self::silent, |host| Self {
+            write: host.log,
+            context: host.context,
+        })
+    }
+
+    /// An error that no call reports.
+    pub fn error(&self, message: &str) {
+        self.write(HC_LOG_ERROR, message);
+    }
+
+    /// Something that a user should know of.
+    pub fn warn(&self, message: &str) {
+        self.write(HC_LOG_WARN, message);
+    }
+
+    /// Something that a user may want to know.
+    pub fn info(&self, message: &str) {
+        self.write(HC_LOG_INFO, message);
+    }
+
+    /// For who looks for a defect.
+    pub fn debug(&self, message: &str) {
+        self.write(HC_LOG_DEBUG, message);
+    }
+
+    fn write(&self, level: i32, message: &str) {
+        if let Some(write) = self.write {
+            // A NUL in the text would end it early; nothing else can be wrong with it.
+            let text = CString::new(message.replace('\0', "�")).unwrap_or_default();
+            // SAFETY: the host's own function with its own context; the text ends in NUL and outlives the call.
+            unsafe { write(self.context, level, text.as_ptr()) }
+        }
+    }
+}
