@@ -1,5 +1,5 @@
 //! What the tests of the whole workspace share: real scenes and when to skip, the public cases, geometry with closed forms,
-//! scenes at the extremes, rays in f64 to hold item buffers against, and rows in memory.
+//! scenes at the extremes, rays in f64 to hold item buffers against, rows in memory, and plugins to load.
 //!
 //! | variable | meaning |
 //! | --- | --- |
@@ -11,6 +11,7 @@
 pub mod cases;
 pub mod extremes;
 pub mod geometry;
+pub mod plugins;
 pub mod rays;
 pub mod rows;
 pub mod scenes;

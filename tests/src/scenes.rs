@@ -32,16 +32,22 @@ pub fn program() -> PathBuf {
     if let Some(path) = std::env::var_os("CARGO_BIN_EXE_hemicube") {
         return path.into();
     }
-    // target/PROFILE/deps/TEST-HASH: the program is two steps up.
-    let test = std::env::current_exe().expect("the test's own path");
-    let profile = test.parent().and_then(Path::parent).expect("target/PROFILE");
-    let path = profile.join(format!("hemicube{}", std::env::consts::EXE_SUFFIX));
+    let path = profile_folder().join(format!("hemicube{}", std::env::consts::EXE_SUFFIX));
     assert!(
         path.is_file(),
         "`{}` is missing: run `cargo build --release -p hemicube-cli` first",
         path.display()
     );
     path
+}
+
+/// The folder that Cargo builds programs and plugins into: target/PROFILE, as the running test is in target/PROFILE/deps.
+///
+/// # Panics
+/// When the test is somewhere else.
+pub fn profile_folder() -> PathBuf {
+    let test = std::env::current_exe().expect("the test's own path");
+    test.parent().and_then(Path::parent).expect("target/PROFILE").to_owned()
 }
 
 /// The folder of real scenes, if there is one: `HEMICUBE_SCENES`, or `../shared/scenes` beside the workspace.

@@ -7,10 +7,9 @@
 //!
 //! ```
 //! #![forbid(unsafe_code)]
-//! use hemicube_abi::contract::{backend::*, face, row::RowBlock};
+//! use hemicube_abi::contract::{backend::*, row::RowBlock};
 //! use hemicube_abi::{Device, DeviceKind, Log, Options, Plugin, export_backend};
-//! use std::ffi::CStr;
-//! use std::sync::Arc;
+//! use std::{ffi::CStr, sync::Arc};
 //!
 //! /// Sees nothing, whatever the scene.
 //! struct Blind(BackendInfo);
@@ -21,13 +20,13 @@
 //!     type Session = Self;
 //!
 //!     fn devices() -> Result<Vec<Device>, BackendError> {
-//!         let name = "nothing at all".to_owned();
-//!         Ok(vec![Device { name, kind: DeviceKind::Software, capabilities: Capabilities::default(), max_resolution: 1024, preferred_rows: 1 }])
+//!         let (name, kind) = ("nothing at all".to_owned(), DeviceKind::Software);
+//!         Ok(vec![Device { name, kind, capabilities: Capabilities::default(), max_resolution: 1024, preferred_rows: 1 }])
 //!     }
 //!
-//!     fn open(_device: u32, options: &str, _log: Log) -> Result<Self, BackendError> {
+//!     fn open(device: u32, options: &str, _log: Log) -> Result<Self, BackendError> {
 //!         Options::parse(options)?.finish()?;
-//!         Ok(Self(BackendInfo { name: "blind".to_owned(), version: "1".to_owned(), device: "nothing at all".to_owned(), capabilities: Capabilities::default(), preferred_rows: 1 }))
+//!         Ok(Self(Self::devices()?[device as usize].info::<Self>()))
 //!     }
 //! }
 //!

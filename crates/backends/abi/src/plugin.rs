@@ -6,7 +6,7 @@ use crate::types::{
     HC_LOG_INFO, HC_LOG_WARN, HcHost,
 };
 use core::ffi::{CStr, c_char, c_void};
-use hemicube_contract::backend::{BackendError, Capabilities, HemicubeBackend};
+use hemicube_contract::backend::{BackendError, BackendInfo, Capabilities, HemicubeBackend};
 use std::ffi::CString;
 use std::fmt;
 
@@ -119,6 +119,19 @@ pub struct Device {
     pub max_resolution: u32,
     /// How many hemicubes a call it likes best.
     pub preferred_rows: usize,
+}
+
+impl Device {
+    /// What a session of the plugin `P` on this device is, as far as that follows from the device.
+    pub fn info<P: Plugin>(&self) -> BackendInfo {
+        BackendInfo {
+            name: P::NAME.to_string_lossy().into_owned(),
+            version: P::VERSION.to_string_lossy().into_owned(),
+            device: self.name.clone(),
+            capabilities: self.capabilities,
+            preferred_rows: self.preferred_rows,
+        }
+    }
 }
 
 /// Says things to the user of the program, in its log. May be kept, cloned and used on any thread.

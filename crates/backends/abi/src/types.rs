@@ -74,7 +74,7 @@ pub type HcStatus = i32;
 
 /// Message of a failed call, UTF-8 and NUL-terminated, cut to fit. Zeroed by the host.
 #[repr(C)]
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct HcError {
     /// The message.
     pub message: [c_char; 512],
@@ -89,7 +89,7 @@ pub struct HcSession {
 
 /// A device that sessions can be opened on. Stands in arrays, so it does not grow.
 #[repr(C)]
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct HcDevice {
     /// Name and driver in words, UTF-8 and NUL-terminated.
     pub name: [c_char; 128],
@@ -107,7 +107,7 @@ pub struct HcDevice {
 
 /// What the host offers. The struct is valid until `open` returns; `context` and `log` as long as the process.
 #[repr(C)]
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct HcHost {
     /// Bytes of this struct.
     pub struct_size: u32,
@@ -121,7 +121,7 @@ pub struct HcHost {
 
 /// What a session is, when that says more than the device's entry: filled by `info`.
 #[repr(C)]
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct HcSessionInfo {
     /// Bytes of this struct.
     pub struct_size: u32,
@@ -172,7 +172,7 @@ pub struct HcNode {
 /// A scene. Coordinates are normalised: the middle of the scene's box is the origin, and its longest half side lies in
 /// (1/2, 1].
 #[repr(C)]
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct HcScene {
     /// Bytes of this struct.
     pub struct_size: u32,
@@ -222,7 +222,7 @@ pub struct HcScene {
 /// -y   u =  x  v = z  w = -y
 /// ```
 #[repr(C)]
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct HcSettings {
     /// Bytes of this struct.
     pub struct_size: u32,
@@ -297,7 +297,7 @@ pub struct HcStageTimes {
 /// Row k is the entries from `row_end[k - 1]` (0 for the first) to `row_end[k]`. A row depends on the scene, the settings
 /// and its own hemicube only: not on its place in a call, nor on what was rendered before.
 #[repr(C)]
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct HcRows {
     /// Bytes of this struct.
     pub struct_size: u32,
@@ -333,7 +333,7 @@ pub struct HcRows {
 /// a thread, such as a GL context, is made current when a call begins and released when it ends. The host holds no lock
 /// during a call. Nothing may unwind out of a function. The image is never unloaded.
 #[repr(C)]
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct HcBackend {
     /// `HC_ABI_VERSION`. Read before anything else.
     pub abi_version: u32,

@@ -1,0 +1,321 @@
+//! One shared library: opened for good, its table looked up and judged before a function of it is called.
+
+use crate::Device;
+use crate::loaded::{Answer, Guarded};
+use hemicube_abi::types::{HC_ABI_VERSION, HcBackend, HcDevice, HcHost, SYMBOL};
+use hemicube_abi::{DeviceKind, capabilities_from_raw};
+use hemicube_contract::backend::BackendError;
+use std::ffi::{CStr, c_char, c_void};
+use std::path::{Path, PathBuf};
+
+/// Bytes of the longest name.
+const NAME_MAX: usize = 32;
+/// Bytes of the longest version.
+const VERSION_MAX: usize = 63;
+/// No machine has more devices than this that anyone would choose from.
+const DEVICES_MAX: u32 = 64;
+
+/// Why a file is no backend that can be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LoadError {
+    /// There is no such file.
+    #[error("no such file")]
+    Missing,
+    /// The system's loader refused it.
+    #[error("not loaded: {0}")]
+    Refused(String),
+    /// It does not export the table.
+    #[error("not a hemicube backend: it exports no `hemicube_backend`")]
+    NoTable,
+    /// It was built for another version of the ABI.
+    #[error("built for ABI {found}, this program speaks ABI {HC_ABI_VERSION}")]
+    Abi {
+        /// Its version.
+        found: u32,
+    },
+    /// Its table is smaller than any of this version is.
+    #[error("truncated table: it says {found} bytes, ABI {HC_ABI_VERSION} has at least {}", size_of::<HcBackend>())]
+    Truncated {
+        /// What it says.
+        found: u32,
+    },
+    /// A function that must be there is NULL.
+    #[error("its table has no `{0}`")]
+    NoFunction(&'static str),
+    /// Its name or version is not as it should be.
+    #[error("its {what} {defect}")]
+    Text {
+        /// Name or version.
+        what: &'static str,
+        /// What is wrong.
+        defect: String,
+    },
+    /// It has another name than its file or whoever asked for it says.
+    #[error("it calls itself `{found}`, not `{wanted}`")]
+    Misnamed {
+        /// Its name.
+        found: String,
+        /// The one asked for.
+        wanted: String,
+    },
+}
+
+/// A library with a table that was found good. Stays loaded until the process ends.
+#[derive(Debug)]
+pub struct Library {
+    table: &'static HcBackend,
+    path: PathBuf,
+    name: String,
+    version: String,
+    /// What the plugin's log is called with. Leaked: the plugin may keep it as long as it likes.
+    log: &'static LogContext,
+}
+
+#[derive(Debug)]
+struct LogContext {
+    name: String,
+}
+
+impl Library {
+    /// Opens a library and judges its table. Runs its initialisers, if it has any.
+    ///
+    /// # Errors
+    /// [`LoadError`], with the loader's own words where it was that which refused.
+    pub fn load(path: &Path) -> Result<Self, LoadError> {
+        let path = std::path::absolute(path).map_err(|error| LoadError::Refused(error.to_string()))?;
+        if !path.is_file() {
+            return Err(LoadError::Missing);
+        }
+        let address = open(&path)?;
+        if address.is_null() || !address.is_aligned() {
+            return Err(LoadError::NoTable);
+        }
+        // SAFETY: the library exports the symbol, and stays loaded. What it is, nobody can prove; two numbers are read
+        // first, which any table of any version begins with.
+        let (abi_version, struct_size) = unsafe { (address.cast::<u32>().read(), address.cast::<u32>().add(1).read()) };
+        if abi_version != HC_ABI_VERSION {
+            return Err(LoadError::Abi { found: abi_version });
+        }
+        if (struct_size as usize) < size_of::<HcBackend>() {
+            return Err(LoadError::Truncated { found: struct_size });
+        }
+        // SAFETY: it says to be a table of this version, as large as this one at least, and it is never unloaded.
+        let table = unsafe { &*address };
+        for (name, missing) in [
+            ("devices", table.devices.is_none()),
+            ("open", table.open.is_none()),
+            ("load", table.load.is_none()),
+            ("rows", table.rows.is_none()),
+            ("close", table.close.is_none()),
+        ] {
+            if missing {
+                return Err(LoadError::NoFunction(name));
+            }
+        }
+        // SAFETY: NULL, or a C string in the image; no more than the limits is read.
+        let (name, version) = unsafe {
+            (
+                text("name", table.name, NAME_MAX)?,
+                text("version", table.version, VERSION_MAX)?,
+            )
+        };
+        let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+        if !name.chars().all(allowed) {
+            return Err(LoadError::Text {
+                what: "name",
+                defect: format!("`{name}` is not of a-z, 0-9 and `-`"),
+            });
+        }
+        Ok(Self {
+            table,
+            path,
+            log: Box::leak(Box::new(LogContext { name: name.clone() })),
+            name,
+            version,
+        })
+    }
+
+    /// The same, if it has that name.
+    ///
+    /// # Errors
+    /// [`LoadError::Misnamed`] if it has another.
+    pub fn named(self, wanted: &str) -> Result<Self, LoadError> {
+        if self.name == wanted {
+            return Ok(self);
+        }
+        Err(LoadError::Misnamed {
+            found: self.name,
+            wanted: wanted.to_owned(),
+        })
+    }
+
+    /// The backend's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The version of its arithmetic.
+    pub fn version(&self) -> &str {
+        &self.version
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(crate) fn table(&self) -> &'static HcBackend {
+        self.table
+    }
+
+    pub(crate) fn host(&self) -> HcHost {
+        #[allow(clippy::cast_possible_truncation, reason = "some dozens of bytes")]
+        HcHost {
+            struct_size: size_of::<HcHost>() as u32,
+            reserved: 0,
+            context: std::ptr::from_ref(self.log).cast_mut().cast(),
+            log: Some(log),
+        }
+    }
+
+    /// The devices that it offers, best first.
+    ///
+    /// # Errors
+    /// What it says when it cannot tell.
+    pub fn devices(&self) -> Result<Vec<Device>, BackendError> {
+        let Some(devices) = self.table.devices else {
+            unreachable!("judged when it was loaded")
+        };
+        let empty = HcDevice {
+            name: [0; 128],
+            capabilities: 0,
+            kind: 0,
+            max_resolution: 0,
+            preferred_rows: 0,
+            reserved: [0; 9],
+        };
+        let mut raw = vec![empty; DEVICES_MAX as usize];
+        let mut count = Guarded::new(0u32);
+        let mut answer = Answer::new();
+        // SAFETY: a function of the table, any-thread; room for as many devices as it is told of.
+        let status = unsafe { devices(raw.as_mut_ptr(), DEVICES_MAX, count.as_mut_ptr(), answer.as_mut_ptr()) };
+        count.check(self, "devices");
+        answer.read(self, "devices", status)?;
+        Ok(raw
+            .iter()
+            .take(count.get().min(DEVICES_MAX) as usize)
+            .map(|raw| Device {
+                name: until_nul(&raw.name),
+                kind: DeviceKind::from_raw(raw.kind),
+                capabilities: capabilities_from_raw(raw.capabilities),
+                max_resolution: raw.max_resolution,
+                preferred_rows: raw.preferred_rows.max(1) as usize,
+            })
+            .collect())
+    }
+}
+
+/// The text of an array up to its NUL, or all of it; what is not UTF-8 is marked.
+pub(crate) fn until_nul(text: &[c_char]) -> String {
+    let bytes: Vec<u8> = text
+        .iter()
+        .map(|&c| c.cast_unsigned_byte())
+        .take_while(|&byte| byte != 0)
+        .collect();
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+/// `c_char` is signed on some platforms and not on others.
+trait Byte {
+    fn cast_unsigned_byte(self) -> u8;
+}
+
+impl Byte for i8 {
+    fn cast_unsigned_byte(self) -> u8 {
+        self.cast_unsigned()
+    }
+}
+
+impl Byte for u8 {
+    fn cast_unsigned_byte(self) -> u8 {
+        self
+    }
+}
+
+/// # Safety
+/// NULL, or readable up to a NUL or `max + 1` bytes.
+unsafe fn text(what: &'static str, pointer: *const c_char, max: usize) -> Result<String, LoadError> {
+    let bad = |defect: String| LoadError::Text { what, defect };
+    if pointer.is_null() {
+        return Err(bad("is NULL".to_owned()));
+    }
+    let mut bytes = Vec::new();
+    loop {
+        // SAFETY: within what is readable: there was no NUL so far, and no more than `max` bytes.
+        let byte = unsafe { pointer.add(bytes.len()).read() }.cast_unsigned_byte();
+        if byte == 0 {
+            break;
+        }
+        bytes.push(byte);
+        if bytes.len() > max {
+            return Err(bad(format!("is longer than {max} bytes")));
+        }
+    }
+    if bytes.is_empty() {
+        return Err(bad("is empty".to_owned()));
+    }
+    String::from_utf8(bytes).map_err(|_| bad("is not UTF-8".to_owned()))
+}
+
+/// What a plugin logs goes where the program's own log goes.
+unsafe extern "C" fn log(context: *mut c_void, level: i32, message: *const c_char) {
+    if context.is_null() || message.is_null() {
+        return;
+    }
+    // SAFETY: the context is the leaked one that `open` was given; the message is a C string by the ABI.
+    let (context, message) = unsafe { (&*context.cast::<LogContext>(), CStr::from_ptr(message)) };
+    let (backend, message) = (context.name.as_str(), message.to_string_lossy());
+    match level {
+        hemicube_abi::types::HC_LOG_ERROR => tracing::error!(target: "hemicube::plugin", "{backend}: {message}"),
+        hemicube_abi::types::HC_LOG_WARN => tracing::warn!(target: "hemicube::plugin", "{backend}: {message}"),
+        hemicube_abi::types::HC_LOG_INFO => tracing::info!(target: "hemicube::plugin", "{backend}: {message}"),
+        _ => tracing::debug!(target: "hemicube::plugin", "{backend}: {message}"),
+    }
+}
+
+#[cfg(unix)]
+fn open(path: &Path) -> Result<*const HcBackend, LoadError> {
+    use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
+    // SAFETY: initialisers of the library run: whoever names a backend trusts it as much as the program itself.
+    let library = unsafe { Library::open(Some(path), RTLD_NOW | RTLD_LOCAL) }.map_err(|error| refused(path, &error))?;
+    // Never unloaded, whatever comes: its initialisers may have started threads.
+    let library = std::mem::ManuallyDrop::new(library);
+    // SAFETY: only the address is taken.
+    let symbol = unsafe { library.get::<*const HcBackend>(SYMBOL.to_bytes_with_nul()) };
+    symbol
+        .map(|symbol| symbol.as_raw_ptr().cast_const().cast())
+        .map_err(|_| LoadError::NoTable)
+}
+
+#[cfg(windows)]
+fn open(path: &Path) -> Result<*const HcBackend, LoadError> {
+    use libloading::os::windows::{LOAD_LIBRARY_SEARCH_DEFAULT_DIRS, LOAD_LIBRARY_SEARCH_DLL_LOAD_DIR, Library};
+    let flags = LOAD_LIBRARY_SEARCH_DEFAULT_DIRS | LOAD_LIBRARY_SEARCH_DLL_LOAD_DIR;
+    // SAFETY: initialisers of the library run: whoever names a backend trusts it as much as the program itself.
+    let library = unsafe { Library::load_with_flags(path, flags) }.map_err(|error| refused(path, &error))?;
+    // Never unloaded, whatever comes: its initialisers may have started threads.
+    let library = std::mem::ManuallyDrop::new(library);
+    // SAFETY: only the address is taken.
+    let symbol = unsafe { library.get::<*const HcBackend>(SYMBOL.to_bytes_with_nul()) };
+    symbol
+        .map(|symbol| symbol.as_raw_ptr().cast_const().cast())
+        .map_err(|_| LoadError::NoTable)
+}
+
+/// The loader's own words, without the path that it begins with: whoever reads this has been told.
+fn refused(path: &Path, error: &libloading::Error) -> LoadError {
+    let text = std::error::Error::source(error).map_or_else(|| error.to_string(), ToString::to_string);
+    let prefix = format!("{}: ", path.display());
+    LoadError::Refused(text.replace(&prefix, ""))
+}

@@ -1,0 +1,490 @@
+//! From what a user asks for to a session: by path, by name, or `auto`.
+
+use crate::discover::{Origin, Search, file_name, name_of_file};
+use crate::load::{Library, LoadError};
+use crate::loaded::LoadedBackend;
+use crate::{Device, DeviceKind};
+use hemicube_contract::backend::BackendError;
+use std::collections::BTreeMap;
+use std::env::consts::DLL_SUFFIX;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// The backends that `auto` tries, in this order.
+const AUTO: [&str; 3] = ["vulkan", "wgpu", "gl"];
+
+/// A place that was looked at, and why nothing came of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Tried {
+    /// The file, or the folder where there is no such file.
+    pub path: PathBuf,
+    /// Why not.
+    pub reason: String,
+}
+
+/// Why there is no session.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum OpenError {
+    /// No file of that name could be used.
+    #[error("no backend named `{name}`{}", list(tried))]
+    NotFound {
+        /// The name asked for.
+        name: String,
+        /// Everything that was looked at.
+        tried: Vec<Tried>,
+    },
+    /// The file named cannot be used.
+    #[error("backend `{}`: {reason}", path.display())]
+    Unusable {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        reason: LoadError,
+    },
+    /// With raised privileges, files are not the user's to choose.
+    #[error("backend `{}`: with raised privileges, none is loaded from a place that the command line names", path.display())]
+    Raised {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The backend is there, and has no device.
+    #[error("backend `{name}` finds no device")]
+    NoDevice {
+        /// Its name.
+        name: String,
+    },
+    /// There is no such device.
+    #[error("backend `{name}` has no device `{wanted}`; it has {}", devices(there))]
+    NoSuchDevice {
+        /// Its name.
+        name: String,
+        /// The device asked for.
+        wanted: String,
+        /// Those that it has.
+        there: Vec<Device>,
+    },
+    /// The backend is there, and fails.
+    #[error("backend `{name}`: {source}")]
+    Backend {
+        /// Its name.
+        name: String,
+        /// What it says.
+        source: BackendError,
+    },
+    /// An option that cannot be handed on.
+    #[error("backend option `{0}`: a key and a value without `,` are needed, `key=value`, and each key once")]
+    Option(String),
+}
+
+fn list(tried: &[Tried]) -> String {
+    let width = tried
+        .iter()
+        .map(|t| t.path.display().to_string().chars().count())
+        .max()
+        .unwrap_or(0);
+    tried.iter().fold(String::new(), |mut text, tried| {
+        let _ = write!(
+            text,
+            "\n  tried  {:width$}  {}",
+            tried.path.display().to_string(),
+            tried.reason
+        );
+        text
+    })
+}
+
+fn devices(there: &[Device]) -> String {
+    let names: Vec<String> = (0..)
+        .zip(there)
+        .map(|(k, device): (u32, _)| format!("{k} `{}`", device.name))
+        .collect();
+    names.join(", ")
+}
+
+/// Options of a session, from repeated `key=value`. `device`, a number or a part of a name, is the host's own.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Options(BTreeMap<String, String>);
+
+impl Options {
+    /// Reads options, each `key=value`.
+    ///
+    /// # Errors
+    /// [`OpenError::Option`] for one that is not of that form, or is there twice.
+    pub fn parse<T: AsRef<str>>(given: &[T]) -> Result<Self, OpenError> {
+        let mut options = BTreeMap::new();
+        for option in given {
+            let option = option.as_ref();
+            let bad = || OpenError::Option(option.to_owned());
+            let (key, value) = option.split_once('=').ok_or_else(bad)?;
+            if key.is_empty() || option.contains([',', '\0']) {
+                return Err(bad());
+            }
+            if options.insert(key.to_owned(), value.to_owned()).is_some() {
+                return Err(bad());
+            }
+        }
+        Ok(Self(options))
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    fn device(&self) -> Option<&str> {
+        self.0.get("device").map(String::as_str)
+    }
+
+    /// All but the host's own, as the table has them.
+    fn for_plugin(&self) -> String {
+        let pairs = self.0.iter().filter(|(key, _)| *key != "device");
+        let pairs: Vec<String> = pairs.map(|(key, value)| format!("{key}={value}")).collect();
+        pairs.join(",")
+    }
+}
+
+/// What a file in one of the folders is.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum State {
+    /// A backend, and the devices that it offers.
+    Usable {
+        /// The version of its arithmetic.
+        version: String,
+        /// Its devices; none is none.
+        devices: Vec<Device>,
+    },
+    /// A backend that cannot tell its devices.
+    Failing {
+        /// The version of its arithmetic.
+        version: String,
+        /// What it says.
+        error: BackendError,
+    },
+    /// Another file, or what is built in, has the same name and comes first.
+    Shadowed {
+        /// That file; `None`: what is built in.
+        by: Option<PathBuf>,
+    },
+    /// It cannot be used.
+    Unusable(LoadError),
+}
+
+/// A file that looks like a backend.
+#[derive(Debug)]
+pub struct Listed {
+    /// The name that it is asked for by.
+    pub name: String,
+    /// The file.
+    pub path: PathBuf,
+    /// Who named its folder.
+    pub origin: Origin,
+    /// What it is.
+    pub state: State,
+}
+
+/// A backend that `auto` did not take.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PassedOver {
+    /// Its name.
+    pub name: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// What `auto` came to.
+#[derive(Debug)]
+pub struct Auto {
+    /// The session; `None`: what is built in is the best there is.
+    pub taken: Option<LoadedBackend>,
+    /// What was looked at before, and why it was passed over.
+    pub passed_over: Vec<PassedOver>,
+}
+
+/// Finds and opens backends.
+#[derive(Clone, Debug)]
+pub struct Registry {
+    search: Search,
+    /// Names that are not looked for, as the program has them built in.
+    built_in: Vec<String>,
+}
+
+impl Registry {
+    /// Over some folders. `built_in` are names that the program has itself.
+    pub fn new(search: Search, built_in: &[&str]) -> Self {
+        Self {
+            search,
+            built_in: built_in.iter().map(|&name| name.to_owned()).collect(),
+        }
+    }
+
+    /// Where it looks.
+    pub fn search(&self) -> &Search {
+        &self.search
+    }
+
+    /// Whether what a user asks for is a file rather than a name.
+    pub fn is_path(asked: &str) -> bool {
+        asked.contains(std::path::is_separator) || asked.ends_with(DLL_SUFFIX)
+    }
+
+    /// The library of that file or name. A name never becomes another.
+    ///
+    /// # Errors
+    /// [`OpenError`], with everything that was tried.
+    pub fn find(&self, asked: &str) -> Result<Library, OpenError> {
+        if Self::is_path(asked) {
+            let path = PathBuf::from(asked);
+            if self.search.is_raised() {
+                return Err(OpenError::Raised { path });
+            }
+            return Library::load(&path).map_err(|reason| OpenError::Unusable { path, reason });
+        }
+        let mut tried = Vec::new();
+        for folder in self.search.folders() {
+            if !folder.path.is_dir() {
+                tried.push(Tried {
+                    path: folder.path.clone(),
+                    reason: "no such folder".to_owned(),
+                });
+                continue;
+            }
+            let path = folder.path.join(file_name(asked));
+            match Library::load(&path).and_then(|library| library.named(asked)) {
+                Ok(library) => return Ok(library),
+                Err(reason) => tried.push(Tried {
+                    path,
+                    reason: reason.to_string(),
+                }),
+            }
+        }
+        Err(OpenError::NotFound {
+            name: asked.to_owned(),
+            tried,
+        })
+    }
+
+    /// A session of the backend that is asked for by path or name.
+    ///
+    /// # Errors
+    /// [`OpenError`].
+    pub fn open(&self, asked: &str, options: &Options) -> Result<LoadedBackend, OpenError> {
+        let library = Arc::new(self.find(asked)?);
+        let name = library.name().to_owned();
+        let devices = library.devices().map_err(|source| OpenError::Backend {
+            name: name.clone(),
+            source,
+        })?;
+        open_on(library, devices, options)
+    }
+
+    /// The best backend: the first of Vulkan, wgpu and GL that is installed, has a GPU and gives all that the ladder of
+    /// accuracy needs; otherwise none, which stands for the one built in. A driver that runs on the processor is not taken:
+    /// what is built in is faster.
+    ///
+    /// # Errors
+    /// Only options that cannot be handed on: a backend that fails is passed over, and the reason kept.
+    pub fn auto(&self, options: &Options) -> Result<Auto, OpenError> {
+        let mut passed_over = Vec::new();
+        for name in AUTO {
+            match self.suitable(name, options) {
+                Ok(taken) => {
+                    return Ok(Auto {
+                        taken: Some(taken),
+                        passed_over,
+                    });
+                }
+                Err(reason) => passed_over.push(PassedOver {
+                    name: name.to_owned(),
+                    reason,
+                }),
+            }
+        }
+        Ok(Auto {
+            taken: None,
+            passed_over,
+        })
+    }
+
+    fn suitable(&self, name: &str, options: &Options) -> Result<LoadedBackend, String> {
+        let library = match self.find(name) {
+            Ok(library) => library,
+            Err(OpenError::NotFound { tried, .. }) => {
+                let there: Vec<String> = tried
+                    .iter()
+                    .filter(|tried| tried.path.is_file())
+                    .map(|tried| format!("`{}`: {}", tried.path.display(), tried.reason))
+                    .collect();
+                return Err(if there.is_empty() {
+                    "not installed".to_owned()
+                } else {
+                    there.join("; ")
+                });
+            }
+            Err(other) => return Err(other.to_string()),
+        };
+        let devices = library.devices().map_err(|error| error.to_string())?;
+        let Some(first) = devices.first() else {
+            return Err("no device".to_owned());
+        };
+        if first.kind == DeviceKind::Software {
+            return Err(format!("`{}` runs on the processor", first.name));
+        }
+        if !(first.capabilities.covered && first.capabilities.lossless_culling) {
+            return Err(format!("`{}` does not give all that is needed", first.name));
+        }
+        open_on(Arc::new(library), devices, options).map_err(|error| error.to_string())
+    }
+
+    /// All files in the folders that look like backends, in the order in which they would be found. Nothing is opened but
+    /// the libraries, and nothing asked of them but their devices.
+    pub fn list(&self) -> Vec<Listed> {
+        let mut listed: Vec<Listed> = Vec::new();
+        for folder in self.search.folders() {
+            for (name, path) in backends_in(&folder.path) {
+                let state = if self.built_in.contains(&name) {
+                    State::Shadowed { by: None }
+                } else if let Some(first) = listed.iter().find(|other| {
+                    other.name == name && matches!(other.state, State::Usable { .. } | State::Failing { .. })
+                }) {
+                    State::Shadowed {
+                        by: Some(first.path.clone()),
+                    }
+                } else {
+                    state_of(&path, &name)
+                };
+                listed.push(Listed {
+                    name,
+                    path,
+                    origin: folder.origin,
+                    state,
+                });
+            }
+        }
+        listed
+    }
+}
+
+fn state_of(path: &Path, name: &str) -> State {
+    match Library::load(path).and_then(|library| library.named(name)) {
+        Err(reason) => State::Unusable(reason),
+        Ok(library) => {
+            let version = library.version().to_owned();
+            match library.devices() {
+                Ok(devices) => State::Usable { version, devices },
+                Err(error) => State::Failing { version, error },
+            }
+        }
+    }
+}
+
+/// Files of a folder that look like backends, by name; a folder that cannot be read has none.
+fn backends_in(folder: &Path) -> Vec<(String, PathBuf)> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut found: Vec<(String, PathBuf)> = entries
+        .filter_map(|entry| Some((name_of_file(entry.file_name().to_str()?)?, entry.path())))
+        .filter(|(_, path)| path.is_file())
+        .collect();
+    found.sort();
+    found
+}
+
+fn open_on(library: Arc<Library>, devices: Vec<Device>, options: &Options) -> Result<LoadedBackend, OpenError> {
+    let name = library.name().to_owned();
+    if devices.is_empty() {
+        return Err(OpenError::NoDevice { name });
+    }
+    let chosen = match options.device() {
+        None => Some(0),
+        Some(wanted) => match wanted.parse::<usize>() {
+            Ok(number) => (number < devices.len()).then_some(number),
+            Err(_) => {
+                let wanted = wanted.to_lowercase();
+                devices
+                    .iter()
+                    .position(|device| device.name.to_lowercase().contains(&wanted))
+            }
+        },
+    };
+    let Some(chosen) = chosen else {
+        return Err(OpenError::NoSuchDevice {
+            name,
+            wanted: options.device().unwrap_or_default().to_owned(),
+            there: devices,
+        });
+    };
+    let number = u32::try_from(chosen).unwrap_or(u32::MAX);
+    LoadedBackend::open(library, number, devices[chosen].clone(), &options.for_plugin())
+        .map_err(|source| OpenError::Backend { name, source })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::Environment;
+
+    #[test]
+    fn options_are_judged() {
+        let good = Options::parse(&["timing=on", "device=1", "a=b=c"]).expect("good options");
+        assert_eq!(good.for_plugin(), "a=b=c,timing=on");
+        assert_eq!(good.device(), Some("1"));
+        for wrong in [&["fast"][..], &["=1"], &["a=1,b=2"], &["a=1", "a=2"], &["a=\0"]] {
+            assert!(Options::parse(wrong).is_err(), "{wrong:?}");
+        }
+        assert!(Options::parse::<&str>(&[]).expect("none").is_empty());
+    }
+
+    #[test]
+    fn names_and_paths_are_told_apart() {
+        assert!(Registry::is_path("./x") && Registry::is_path(&format!("x{DLL_SUFFIX}")));
+        assert!(!Registry::is_path("vulkan"));
+    }
+
+    #[test]
+    fn everything_that_was_tried_is_said() {
+        let place = tempfile::tempdir().expect("a temporary directory");
+        let missing = place.path().join("nowhere");
+        std::fs::write(place.path().join(file_name("vulkan")), "not a library").expect("a file");
+        let search = Search::new(&[place.path().to_owned(), missing.clone()], &Environment::default());
+        let registry = Registry::new(search, &["cpu"]);
+        let error = registry.find("vulkan").expect_err("there is none").to_string();
+        let lines: Vec<&str> = error.lines().collect();
+        assert_eq!(lines[0], "no backend named `vulkan`");
+        assert!(
+            lines[1].starts_with("  tried  ") && lines[1].contains("not loaded: "),
+            "{error}"
+        );
+        assert!(
+            lines[2].contains("nowhere") && lines[2].ends_with("no such folder"),
+            "{error}"
+        );
+        let auto = registry.auto(&Options::default()).expect("no options");
+        assert!(auto.taken.is_none());
+        assert!(auto.passed_over[0].reason.contains("not loaded"), "{auto:?}");
+        assert_eq!(auto.passed_over[1].reason, "not installed");
+        let listed = registry.list();
+        assert!(
+            matches!(
+                &listed[..],
+                [Listed {
+                    state: State::Unusable(_),
+                    ..
+                }]
+            ),
+            "{listed:?}"
+        );
+    }
+
+    #[test]
+    fn with_raised_privileges_no_path_is_loaded() {
+        let raised = Environment {
+            raised: true,
+            ..Environment::default()
+        };
+        let registry = Registry::new(Search::new(&[], &raised), &["cpu"]);
+        let path = format!("/tmp/x{DLL_SUFFIX}");
+        assert!(matches!(registry.find(&path), Err(OpenError::Raised { .. })));
+    }
+}
