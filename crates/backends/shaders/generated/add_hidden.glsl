@@ -1,0 +1,110 @@
+#version 450 core
+#extension GL_ARB_shader_storage_buffer_object : require
+struct View {
+    vec3 eye_high;
+    float tolerance;
+    vec3 eye_low;
+    uint slot;
+    vec3 tangent;
+    uint layer;
+    vec3 bitangent;
+    uint face;
+    vec3 normal;
+    uint emitter;
+    vec3 clip_x;
+    uint first_row;
+    vec3 clip_y;
+    uint rows;
+    vec3 clip_w;
+    uint stamp;
+    uvec4 unused[8];
+};
+struct Settings {
+    uint resolution;
+    uint patch_count;
+    uint chunk_count;
+    uint word_count;
+    uint capacity;
+    uint triangle_count;
+    uint pyramid_stride;
+    float slack;
+    float tiny_slack;
+    uint output_entries;
+    uint unused_0_;
+    uint unused_1_;
+};
+struct Vertex {
+    float high_x;
+    float high_y;
+    float high_z;
+    float low_x;
+    float low_y;
+    float low_z;
+    uint front;
+    uint back;
+};
+struct Chunk {
+    vec3 center_high;
+    uint first_index;
+    vec3 center_low;
+    uint index_count;
+    vec3 half_sides;
+    uint unused;
+};
+struct Corner {
+    vec4 position;
+    uvec2 entry_patch;
+};
+const float NEAR = 9.313226e-10;
+
+layout(std140, binding = 0) uniform View_block_0Fragment { View _group_0_binding_0_fs; };
+
+layout(std140, binding = 1) uniform Settings_block_1Fragment { Settings _group_1_binding_1_fs; };
+
+layout(binding = 11) uniform usampler2DArray _group_1_binding_11_fs;
+
+layout(std430, binding = 12) readonly buffer type_8_block_2Fragment { uint _group_1_binding_12_fs[]; };
+
+layout(std430, binding = 22) buffer type_11_block_3Fragment { uint _group_1_binding_22_fs[]; };
+
+layout(location = 0) flat in uvec2 _vs2fs_location0;
+
+vec3 relative(View v, vec3 high, vec3 low) {
+    return ((high - v.eye_high) + (low - v.eye_low));
+}
+
+vec3 in_frame(View v_1, vec3 r) {
+    float x = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
+    float y = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
+    float z = (((v_1.normal.x * r.x) + (v_1.normal.y * r.y)) + (v_1.normal.z * r.z));
+    float snap = (v_1.tolerance + ((abs(x) + abs(y)) * 9.536743e-7));
+    return vec3(x, y, ((abs(z) <= snap) ? 0.0 : z));
+}
+
+vec3 on_face(View v_2, vec3 p) {
+    return vec3((((v_2.clip_x.x * p.x) + (v_2.clip_x.y * p.y)) + (v_2.clip_x.z * p.z)), (((v_2.clip_y.x * p.x) + (v_2.clip_y.y * p.y)) + (v_2.clip_y.z * p.z)), (((v_2.clip_w.x * p.x) + (v_2.clip_w.y * p.y)) + (v_2.clip_w.z * p.z)));
+}
+
+vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
+    vec3 _e3 = relative(v_3, high_1, low_1);
+    vec3 _e4 = in_frame(v_3, _e3);
+    vec3 _e5 = on_face(v_3, _e4);
+    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+}
+
+void main() {
+    vec4 position = gl_FragCoord;
+    uvec2 entry_patch = _vs2fs_location0;
+    ivec2 at = ivec2(position.xy);
+    uint _e7 = _group_0_binding_0_fs.layer;
+    uvec4 _e10 = texelFetch(_group_1_binding_11_fs, ivec3(at, int(_e7)), 0);
+    if ((_e10.x != entry_patch.y)) {
+        uint _e22 = _group_1_binding_1_fs.resolution;
+        uint _e28 = _group_1_binding_12_fs[((uint(at.y) * _e22) + uint(at.x))];
+        uint _e29 = atomicAdd(_group_1_binding_22_fs[entry_patch.x], _e28);
+        return;
+    } else {
+        return;
+    }
+}
+

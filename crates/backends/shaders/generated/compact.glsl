@@ -1,0 +1,287 @@
+#version 450 core
+#extension GL_ARB_compute_shader : require
+#extension GL_ARB_shader_storage_buffer_object : require
+layout(local_size_x = 256, local_size_y = 1, local_size_z = 1) in;
+
+struct View {
+    vec3 eye_high;
+    float tolerance;
+    vec3 eye_low;
+    uint slot;
+    vec3 tangent;
+    uint layer;
+    vec3 bitangent;
+    uint face;
+    vec3 normal;
+    uint emitter;
+    vec3 clip_x;
+    uint first_row;
+    vec3 clip_y;
+    uint rows;
+    vec3 clip_w;
+    uint stamp;
+    uvec4 unused[8];
+};
+struct Settings {
+    uint resolution;
+    uint patch_count;
+    uint chunk_count;
+    uint word_count;
+    uint capacity;
+    uint triangle_count;
+    uint pyramid_stride;
+    float slack;
+    float tiny_slack;
+    uint output_entries;
+    uint unused_0_;
+    uint unused_1_;
+};
+struct Vertex {
+    float high_x;
+    float high_y;
+    float high_z;
+    float low_x;
+    float low_y;
+    float low_z;
+    uint front;
+    uint back;
+};
+struct Chunk {
+    vec3 center_high;
+    uint first_index;
+    vec3 center_low;
+    uint index_count;
+    vec3 half_sides;
+    uint unused;
+};
+const float NEAR = 9.313226e-10;
+const uint GROUP = 256u;
+
+layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
+
+layout(std140, binding = 1) uniform Settings_block_1Compute { Settings _group_1_binding_1_cs; };
+
+layout(std430, binding = 8) buffer type_7_block_2Compute { uint _group_1_binding_8_cs[]; };
+
+layout(std430, binding = 13) buffer type_7_block_3Compute { uint _group_1_binding_13_cs[]; };
+
+layout(std430, binding = 14) buffer type_7_block_4Compute { uint _group_1_binding_14_cs[]; };
+
+layout(std430, binding = 18) buffer type_7_block_5Compute { uint _group_1_binding_18_cs[]; };
+
+layout(std430, binding = 19) readonly buffer type_7_block_6Compute { uint _group_1_binding_19_cs[]; };
+
+layout(std430, binding = 20) buffer type_7_block_7Compute { uint _group_1_binding_20_cs[]; };
+
+layout(std430, binding = 21) buffer type_7_block_8Compute { uint _group_1_binding_21_cs[]; };
+
+layout(std430, binding = 22) buffer type_7_block_9Compute { uint _group_1_binding_22_cs[]; };
+
+shared uint counts[256];
+
+
+vec3 relative(View v, vec3 high, vec3 low) {
+    return ((high - v.eye_high) + (low - v.eye_low));
+}
+
+vec3 in_frame(View v_1, vec3 r) {
+    float x = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
+    float y = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
+    float z = (((v_1.normal.x * r.x) + (v_1.normal.y * r.y)) + (v_1.normal.z * r.z));
+    float snap = (v_1.tolerance + ((abs(x) + abs(y)) * 9.536743e-7));
+    return vec3(x, y, ((abs(z) <= snap) ? 0.0 : z));
+}
+
+vec3 on_face(View v_2, vec3 p) {
+    return vec3((((v_2.clip_x.x * p.x) + (v_2.clip_x.y * p.y)) + (v_2.clip_x.z * p.z)), (((v_2.clip_y.x * p.x) + (v_2.clip_y.y * p.y)) + (v_2.clip_y.z * p.z)), (((v_2.clip_w.x * p.x) + (v_2.clip_w.y * p.y)) + (v_2.clip_w.z * p.z)));
+}
+
+vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
+    vec3 _e3 = relative(v_3, high_1, low_1);
+    vec3 _e4 = in_frame(v_3, _e3);
+    vec3 _e5 = on_face(v_3, _e4);
+    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+}
+
+void main() {
+    if (gl_LocalInvocationID == uvec3(0u)) {
+        counts = uint[256](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+    }
+    memoryBarrierShared();
+    barrier();
+    uint local = gl_LocalInvocationIndex;
+    uvec3 group = gl_WorkGroupID;
+    uint count = 0u;
+    uint w = 0u;
+    uint before = 0u;
+    uint i = 0u;
+    uint i_1 = 15u;
+    uint at = 0u;
+    uint w_1 = 0u;
+    uint word = 0u;
+    uint _e4 = _group_0_binding_0_cs.slot;
+    uint slot = (_e4 + group.x);
+    uint _e9 = _group_0_binding_0_cs.layer;
+    uint layer = (_e9 + group.x);
+    uint _e14 = _group_1_binding_1_cs.word_count;
+    uint each = (((_e14 + GROUP) - 1u) / GROUP);
+    uint _e24 = _group_1_binding_1_cs.word_count;
+    uint first = min((local * each), _e24);
+    uint _e29 = _group_1_binding_1_cs.word_count;
+    uint end = min((first + each), _e29);
+    uint _e33 = _group_1_binding_1_cs.word_count;
+    uint words = (layer * _e33);
+    w = first;
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            uint _e49 = w;
+            w = (_e49 + 1u);
+        }
+        loop_init = false;
+        uint _e38 = w;
+        if ((_e38 < end)) {
+        } else {
+            break;
+        }
+        {
+            uint _e40 = count;
+            uint _e42 = w;
+            uint _e45 = _group_1_binding_14_cs[(words + _e42)];
+            count = (_e40 + uint(bitCount(_e45)));
+        }
+    }
+    uint _e53 = count;
+    counts[local] = _e53;
+    memoryBarrierShared();
+    barrier();
+    i = (local & 4294967280u);
+    bool loop_init_1 = true;
+    while(true) {
+        if (!loop_init_1) {
+            uint _e68 = i;
+            i = (_e68 + 1u);
+        }
+        loop_init_1 = false;
+        uint _e59 = i;
+        if ((_e59 < local)) {
+        } else {
+            break;
+        }
+        {
+            uint _e61 = before;
+            uint _e63 = i;
+            uint _e65 = counts[_e63];
+            before = (_e61 + _e65);
+        }
+    }
+    memoryBarrierShared();
+    barrier();
+    if (((local & 15u) == 15u)) {
+        uint _e76 = before;
+        uint _e77 = count;
+        counts[local] = (_e76 + _e77);
+    }
+    memoryBarrierShared();
+    barrier();
+    bool loop_init_2 = true;
+    while(true) {
+        if (!loop_init_2) {
+            uint _e91 = i_1;
+            i_1 = (_e91 + 16u);
+        }
+        loop_init_2 = false;
+        uint _e81 = i_1;
+        if ((_e81 < (local & 4294967280u))) {
+        } else {
+            break;
+        }
+        {
+            uint _e85 = before;
+            uint _e87 = i_1;
+            uint _e89 = counts[_e87];
+            before = (_e85 + _e89);
+        }
+    }
+    uint _e96 = _group_1_binding_1_cs.patch_count;
+    uint weights = (layer * (_e96 + 2u));
+    if ((local == 255u)) {
+        uint _e102 = before;
+        uint _e103 = count;
+        uint all_ = (_e102 + _e103);
+        _group_1_binding_21_cs[(4u * slot)] = all_;
+        uint _e118 = _group_1_binding_1_cs.patch_count;
+        uint _e123 = _group_1_binding_13_cs[((weights + _e118) + 1u)];
+        _group_1_binding_21_cs[((4u * slot) + 1u)] = _e123;
+        uint _e133 = _group_1_binding_1_cs.patch_count;
+        uint _e136 = _group_1_binding_13_cs[(weights + _e133)];
+        _group_1_binding_21_cs[((4u * slot) + 2u)] = _e136;
+        _group_1_binding_21_cs[((4u * slot) + 3u)] = 0u;
+        uint _e147 = _group_1_binding_1_cs.patch_count;
+        _group_1_binding_13_cs[((weights + _e147) + 1u)] = 0u;
+        uint _e156 = _group_1_binding_1_cs.patch_count;
+        _group_1_binding_13_cs[(weights + _e156)] = 0u;
+        _group_1_binding_20_cs[(4u * layer)] = (3u * all_);
+        _group_1_binding_20_cs[((4u * layer) + 1u)] = 1u;
+        _group_1_binding_20_cs[((4u * layer) + 2u)] = 0u;
+        _group_1_binding_20_cs[((4u * layer) + 3u)] = 0u;
+    }
+    uint _e189 = _group_1_binding_1_cs.capacity;
+    uint _e191 = before;
+    at = ((layer * _e189) + _e191);
+    w_1 = first;
+    bool loop_init_3 = true;
+    while(true) {
+        if (!loop_init_3) {
+            uint _e261 = w_1;
+            w_1 = (_e261 + 1u);
+        }
+        loop_init_3 = false;
+        uint _e195 = w_1;
+        if ((_e195 < end)) {
+        } else {
+            break;
+        }
+        {
+            uint _e198 = w_1;
+            uint _e201 = _group_1_binding_14_cs[(words + _e198)];
+            word = _e201;
+            uint _e203 = word;
+            if ((_e203 == 0u)) {
+                continue;
+            }
+            uint _e207 = w_1;
+            _group_1_binding_14_cs[(words + _e207)] = 0u;
+            while(true) {
+                uint _e211 = word;
+                if ((_e211 != 0u)) {
+                } else {
+                    break;
+                }
+                {
+                    uint _e214 = w_1;
+                    uint _e217 = word;
+                    uint id = ((_e214 * 32u) + uint(findLSB(_e217)));
+                    uint _e220 = word;
+                    uint _e221 = word;
+                    word = (_e220 & (_e221 - 1u));
+                    uint _e227 = at;
+                    _group_1_binding_18_cs[(2u * _e227)] = id;
+                    uint _e232 = at;
+                    uint _e240 = _group_1_binding_13_cs[(weights + id)];
+                    _group_1_binding_18_cs[((2u * _e232) + 1u)] = _e240;
+                    uint _e242 = at;
+                    _group_1_binding_22_cs[_e242] = 0u;
+                    uint _e245 = at;
+                    at = (_e245 + 1u);
+                    _group_1_binding_13_cs[(weights + id)] = 0u;
+                    uint _e255 = _group_1_binding_19_cs[id];
+                    uint _e259 = _group_0_binding_0_cs.stamp;
+                    _group_1_binding_8_cs[_e255] = _e259;
+                }
+            }
+        }
+    }
+    return;
+}
+

@@ -1,0 +1,116 @@
+#version 450 core
+#extension GL_ARB_shader_storage_buffer_object : require
+struct View {
+    vec3 eye_high;
+    float tolerance;
+    vec3 eye_low;
+    uint slot;
+    vec3 tangent;
+    uint layer;
+    vec3 bitangent;
+    uint face;
+    vec3 normal;
+    uint emitter;
+    vec3 clip_x;
+    uint first_row;
+    vec3 clip_y;
+    uint rows;
+    vec3 clip_w;
+    uint stamp;
+    uvec4 unused[8];
+};
+struct Settings {
+    uint resolution;
+    uint patch_count;
+    uint chunk_count;
+    uint word_count;
+    uint capacity;
+    uint triangle_count;
+    uint pyramid_stride;
+    float slack;
+    float tiny_slack;
+    uint output_entries;
+    uint unused_0_;
+    uint unused_1_;
+};
+struct Vertex {
+    float high_x;
+    float high_y;
+    float high_z;
+    float low_x;
+    float low_y;
+    float low_z;
+    uint front;
+    uint back;
+};
+struct Chunk {
+    vec3 center_high;
+    uint first_index;
+    vec3 center_low;
+    uint index_count;
+    vec3 half_sides;
+    uint unused;
+};
+struct Corner {
+    vec4 position;
+    uvec2 entry_patch;
+};
+const float NEAR = 9.313226e-10;
+
+layout(std140, binding = 0) uniform View_block_0Vertex { View _group_0_binding_0_vs; };
+
+layout(std140, binding = 1) uniform Settings_block_1Vertex { Settings _group_1_binding_1_vs; };
+
+layout(std430, binding = 15) readonly buffer type_9_block_2Vertex { Vertex _group_1_binding_15_vs[]; };
+
+layout(std430, binding = 16) readonly buffer type_8_block_3Vertex { uint _group_1_binding_16_vs[]; };
+
+layout(std430, binding = 17) readonly buffer type_8_block_4Vertex { uint _group_1_binding_17_vs[]; };
+
+layout(std430, binding = 18) readonly buffer type_8_block_5Vertex { uint _group_1_binding_18_vs[]; };
+
+invariant gl_Position;
+layout(location = 0) flat out uvec2 _vs2fs_location0;
+
+vec3 relative(View v, vec3 high, vec3 low) {
+    return ((high - v.eye_high) + (low - v.eye_low));
+}
+
+vec3 in_frame(View v_1, vec3 r) {
+    float x = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
+    float y = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
+    float z = (((v_1.normal.x * r.x) + (v_1.normal.y * r.y)) + (v_1.normal.z * r.z));
+    float snap = (v_1.tolerance + ((abs(x) + abs(y)) * 9.536743e-7));
+    return vec3(x, y, ((abs(z) <= snap) ? 0.0 : z));
+}
+
+vec3 on_face(View v_2, vec3 p) {
+    return vec3((((v_2.clip_x.x * p.x) + (v_2.clip_x.y * p.y)) + (v_2.clip_x.z * p.z)), (((v_2.clip_y.x * p.x) + (v_2.clip_y.y * p.y)) + (v_2.clip_y.z * p.z)), (((v_2.clip_w.x * p.x) + (v_2.clip_w.y * p.y)) + (v_2.clip_w.z * p.z)));
+}
+
+vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
+    vec3 _e3 = relative(v_3, high_1, low_1);
+    vec3 _e4 = in_frame(v_3, _e3);
+    vec3 _e5 = on_face(v_3, _e4);
+    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+}
+
+void main() {
+    uint index = uint(gl_VertexID);
+    uint _e3 = _group_0_binding_0_vs.layer;
+    uint _e6 = _group_1_binding_1_vs.capacity;
+    uint entry = ((_e3 * _e6) + (index / 3u));
+    uint id = _group_1_binding_18_vs[(2u * entry)];
+    uint _e21 = _group_1_binding_17_vs[id];
+    uint _e27 = _group_1_binding_16_vs[((3u * _e21) + (index % 3u))];
+    Vertex c = _group_1_binding_15_vs[_e27];
+    vec3 high_2 = vec3(c.high_x, c.high_y, c.high_z);
+    vec3 low_2 = vec3(c.low_x, c.low_y, c.low_z);
+    View _e39 = _group_0_binding_0_vs;
+    vec4 _e40 = clip_position(_e39, high_2, low_2);
+    Corner _tmp_return = Corner(_e40, uvec2(entry, id));
+    gl_Position = _tmp_return.position;
+    _vs2fs_location0 = _tmp_return.entry_patch;
+    return;
+}
+

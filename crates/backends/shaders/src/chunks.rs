@@ -1,0 +1,143 @@
+//! Runs of triangles that are culled and drawn as one, each with a box.
+
+use crate::upload::split;
+use glam::DVec3;
+use hemicube_contract::backend::Surface;
+use hemicube_spatial::Octree;
+use std::ops::Range;
+
+/// The most triangles of a chunk: with fewer, tests and draws cost more than they save, with more, too little is culled
+/// (`docs/gpu.md`).
+pub const MOST_TRIANGLES: u32 = 256;
+
+/// A run of triangles in the order in which they are drawn, and its box. `Chunk` of `wgsl/shared.wgsl`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Chunk {
+    /// Its first index in [`crate::Upload::indices`].
+    pub first_index: u32,
+    /// How many indices.
+    pub index_count: u32,
+    /// The middle of its box.
+    pub center: DVec3,
+    /// Half the sides of its box, rounded up.
+    pub half_sides: DVec3,
+}
+
+/// Words of a chunk on the device.
+pub const CHUNK_WORDS: usize = 12;
+
+impl Chunk {
+    /// As the shaders read it.
+    pub fn words(&self) -> [u32; CHUNK_WORDS] {
+        let (high, low) = split(self.center);
+        // The widest rounding is that of the half sides to f32; the middle is exact to 2⁻⁴⁸.
+        #[allow(clippy::cast_possible_truncation, reason = "made wider than the rounding")]
+        let half = self.half_sides.to_array().map(|h| (h * (1.0 + 1e-6) + 1e-9) as f32);
+        let [hx, hy, hz] = high.map(f32::to_bits);
+        let [lx, ly, lz] = low.map(f32::to_bits);
+        let [sx, sy, sz] = half.map(f32::to_bits);
+        [
+            hx,
+            hy,
+            hz,
+            self.first_index,
+            lx,
+            ly,
+            lz,
+            self.index_count,
+            sx,
+            sy,
+            sz,
+            0,
+        ]
+    }
+}
+
+/// Runs of surfaces of at most `most`, in the octree's order: nodes that are small enough with all beneath them, and the own
+/// surfaces of the others. Small neighbours are joined where that does not make a much larger box.
+pub fn runs(octree: &Octree, surfaces: &[Surface], most: u32) -> Vec<Range<u32>> {
+    let nodes = octree.nodes();
+    let mut found: Vec<Range<u32>> = Vec::new();
+    let mut pending = if nodes.is_empty() { Vec::new() } else { vec![0u32] };
+    let mut parts = |range: Range<u32>| {
+        let count = (range.end - range.start).div_ceil(most);
+        for part in 0..count {
+            // Parts of about the same size.
+            let at = |k: u32| {
+                let all = u64::from(range.end - range.start);
+                #[allow(clippy::cast_possible_truncation, reason = "at most the whole")]
+                let offset = (all * u64::from(k) / u64::from(count)) as u32;
+                range.start + offset
+            };
+            found.push(at(part)..at(part + 1));
+        }
+    };
+    while let Some(node) = pending.pop() {
+        let node = &nodes[node as usize];
+        if node.all().len() <= most as usize {
+            parts(node.all());
+        } else {
+            parts(node.own());
+            pending.extend(node.children().rev());
+        }
+    }
+    join(found, surfaces, most)
+}
+
+/// The largest half area of a joined box, beside that of its two parts together.
+const JOINED: f64 = 1.25;
+
+fn join(runs: Vec<Range<u32>>, surfaces: &[Surface], most: u32) -> Vec<Range<u32>> {
+    let mut joined: Vec<(Range<u32>, Bounds)> = Vec::with_capacity(runs.len());
+    for run in runs {
+        let bounds = surfaces[run.start as usize..run.end as usize]
+            .iter()
+            .fold(Bounds::EMPTY, |b, s| b.with(s.corners));
+        if let Some((last, whole)) = joined.last_mut()
+            && run.end - last.start <= most
+            && last.end == run.start
+        {
+            let both = whole.union(bounds);
+            if both.half_area() <= JOINED * (whole.half_area() + bounds.half_area()) {
+                last.end = run.end;
+                *whole = both;
+                continue;
+            }
+        }
+        joined.push((run, bounds));
+    }
+    joined.into_iter().map(|(run, _)| run).collect()
+}
+
+/// A box that grows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds {
+    pub(crate) low: DVec3,
+    pub(crate) high: DVec3,
+}
+
+impl Bounds {
+    pub(crate) const EMPTY: Self = Self {
+        low: DVec3::INFINITY,
+        high: DVec3::NEG_INFINITY,
+    };
+
+    pub(crate) fn with(self, corners: [DVec3; 3]) -> Self {
+        corners.into_iter().fold(self, |b, p| Self {
+            low: b.low.min(p),
+            high: b.high.max(p),
+        })
+    }
+
+    fn union(self, other: Self) -> Self {
+        Self {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+        }
+    }
+
+    fn half_area(self) -> f64 {
+        let d = (self.high - self.low).max(DVec3::ZERO);
+        d.x * d.y + d.y * d.z + d.z * d.x
+    }
+}

@@ -1,0 +1,190 @@
+//! How many hemicubes go into a submission, and whether a scene fits a device at all.
+
+use crate::chunks::CHUNK_WORDS;
+use crate::output::{ENTRY_WORDS, HEADER_WORDS};
+use crate::upload::{Upload, VERTEX_BYTES};
+use crate::view::{FACES, VIEW_BYTES};
+use hemicube_contract::backend::BackendError;
+use hemicube_contract::face::pixel_count;
+
+/// What a device allows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// The longest range of a storage buffer, in bytes.
+    pub storage_range: u64,
+    /// How much memory may be taken, in bytes.
+    pub memory: u64,
+    /// Layers of an image.
+    pub layers: u32,
+    /// The longest edge of an image.
+    pub image_edge: u32,
+    /// Hemicubes that go through the stages side by side: 1 on software, where nothing is gained by more and caches are
+    /// lost; more where there are units to fill.
+    pub group: u32,
+    /// Hemicubes of a submission.
+    pub batch: u32,
+}
+
+/// How the device is used for a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// Pixels along the edge of the top face.
+    pub resolution: u32,
+    /// Hemicubes that go through the stages side by side, each in its layer.
+    pub group: u32,
+    /// Hemicubes of a submission: a multiple of `group`.
+    pub batch: u32,
+    /// The most entries of a row.
+    pub capacity: u32,
+    /// Words of a bit a patch.
+    pub word_count: u32,
+}
+
+/// A buffer whose size depends on the scene or the plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// What it is for, as it is named in messages.
+    pub name: &'static str,
+    /// Its binding.
+    pub binding: u32,
+    /// Its bytes.
+    pub bytes: u64,
+}
+
+impl Plan {
+    /// Chooses the largest group and batch that fit.
+    ///
+    /// # Errors
+    /// [`BackendError::Unsupported`] where a single buffer is beyond the device's limits, [`BackendError::OutOfMemory`] where
+    /// all together are.
+    pub fn new(upload: &Upload, resolution: u32, limits: Limits) -> Result<Self, BackendError> {
+        let pixels = u32::try_from(pixel_count(resolution)).unwrap_or(u32::MAX);
+        if limits.image_edge < 3 * resolution {
+            return Err(BackendError::Unsupported(format!(
+                "resolution {resolution} needs an image of {} rows; the device's images have at most {}; ask for less",
+                3 * resolution,
+                limits.image_edge
+            )));
+        }
+        let mut plan = Self {
+            resolution,
+            group: limits.group.min(limits.layers).max(1),
+            batch: 0,
+            capacity: upload.patch_count.min(pixels).max(1),
+            word_count: upload.patch_count.div_ceil(32).max(1),
+        };
+        plan.batch = limits.batch.max(plan.group) / plan.group * plan.group;
+        loop {
+            let too_long = plan
+                .sizes(upload)
+                .into_iter()
+                .find(|size| size.bytes > limits.storage_range);
+            let bytes = plan.bytes(upload);
+            if too_long.is_none() && bytes <= limits.memory {
+                return Ok(plan);
+            }
+            if plan.batch > plan.group {
+                plan.batch = (plan.batch / 2).max(plan.group) / plan.group * plan.group;
+            } else if plan.group > 1 {
+                plan.group /= 2;
+                plan.batch = plan.group;
+            } else if let Some(Size { name, bytes, .. }) = too_long {
+                return Err(BackendError::Unsupported(format!(
+                    "{name} of {} patches at resolution {resolution} need {bytes} bytes in one piece; the device allows {}; take a coarser scene, a lower resolution or the CPU",
+                    upload.patch_count, limits.storage_range
+                )));
+            } else {
+                return Err(BackendError::OutOfMemory(format!(
+                    "{} patches at resolution {resolution} need {bytes} bytes on the device, of which {} may be used; take a coarser scene, a lower resolution or the CPU",
+                    upload.patch_count, limits.memory
+                )));
+            }
+        }
+    }
+
+    /// The buffers whose size depends on the scene or the plan.
+    pub fn sizes(&self, upload: &Upload) -> Vec<Size> {
+        use crate::stage::binding as b;
+        let (group, batch) = (u64::from(self.group), u64::from(self.batch));
+        let chunks = upload.chunks.len().max(1) as u64;
+        let patches = u64::from(upload.patch_count.max(1));
+        let faces = u64::from(FACES);
+        let words = |name, binding, words: u64| Size {
+            name,
+            binding,
+            bytes: 4 * words,
+        };
+        vec![
+            words("views", b::VIEWS, batch * faces * u64::from(VIEW_BYTES) / 4),
+            words("chunks", b::CHUNKS, chunks * CHUNK_WORDS as u64),
+            words("depth pyramids", b::PYRAMID, group * u64::from(self.pyramid_stride())),
+            words("indirect draws", b::DRAWS, group * faces * chunks * 5),
+            words("draw counts", b::DRAW_COUNTS, group * faces),
+            words("marks of seen chunks", b::SEEN, chunks),
+            words("marks of drawn chunks", b::DRAWN, group * faces * chunks),
+            words("counters", b::TALLIES, group * 8),
+            words("pixel weights", b::WEIGHTS, pixel_count(self.resolution) as u64),
+            words("visible weights", b::VISIBLE, group * (patches + 2)),
+            words(
+                "marks of visible patches",
+                b::TOUCHED,
+                group * u64::from(self.word_count),
+            ),
+            words(
+                "corners",
+                b::VERTICES,
+                upload.vertices.len().max(1) as u64 * u64::from(VERTEX_BYTES) / 4,
+            ),
+            words("corner numbers", b::INDICES, upload.indices.len().max(3) as u64),
+            words("triangles of patches", b::TRIANGLE_OF_PATCH, patches),
+            words("row entries", b::ENTRIES, group * u64::from(self.capacity) * 2),
+            words("chunks of patches", b::CHUNK_OF_PATCH, patches),
+            words("cover draws", b::COVER_DRAWS, group * 4),
+            words("row totals", b::TOTALS, batch * 4),
+            words("hidden weights", b::HIDDEN, group * u64::from(self.capacity)),
+            words("rows to read back", b::OUTPUT, self.output_words()),
+        ]
+    }
+
+    /// All that is taken on the device: the buffers, views and output twice, and the images.
+    pub fn bytes(&self, upload: &Upload) -> u64 {
+        use crate::stage::binding as b;
+        let buffers: u64 = self
+            .sizes(upload)
+            .iter()
+            .map(|size| {
+                let twice = [b::VIEWS, b::OUTPUT].contains(&size.binding);
+                size.bytes * if twice { 2 } else { 1 }
+            })
+            .sum();
+        buffers + u64::from(self.group) * pixel_count(self.resolution) as u64 * 8
+    }
+
+    /// Words of a layer's pyramid.
+    pub fn pyramid_stride(&self) -> u32 {
+        let across = self.resolution / 4;
+        3 * across * across + 3 * (across / 4) * (across / 4)
+    }
+
+    /// The word of the output at which entries begin.
+    pub fn output_entries(&self) -> u32 {
+        self.batch * HEADER_WORDS
+    }
+
+    /// Words of the output.
+    pub fn output_words(&self) -> u64 {
+        u64::from(self.output_entries()) + u64::from(self.batch) * u64::from(self.capacity) * u64::from(ENTRY_WORDS)
+    }
+
+    /// Workgroups of the reduction of one layer.
+    pub fn reduce_groups(&self) -> u32 {
+        // 64 threads of 32 pixels each.
+        (3 * self.resolution * self.resolution).div_ceil(64 * 32)
+    }
+
+    /// Workgroups in x and in z that look for tiny patches.
+    pub fn tiny_groups(&self, upload: &Upload) -> (u32, u32) {
+        let chunks = u32::try_from(upload.chunks.len()).unwrap_or(u32::MAX);
+        (chunks.min(32768), chunks.div_ceil(32768))
+    }
+}

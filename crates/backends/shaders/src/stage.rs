@@ -1,0 +1,139 @@
+//! The shaders' entry points as SPIR-V and GLSL, and the numbers of what they bind.
+
+/// Which kind of shader an entry point is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A vertex shader.
+    Vertex,
+    /// A fragment shader.
+    Fragment,
+    /// A compute shader.
+    Compute,
+}
+
+/// An entry point, translated.
+#[derive(Clone, Copy, Debug)]
+pub struct Stage {
+    /// The WGSL file without its ending.
+    pub file: &'static str,
+    /// The entry point's name, in SPIR-V too; in GLSL it is `main`.
+    pub entry: &'static str,
+    /// Its kind.
+    pub kind: Kind,
+    /// SPIR-V 1.3, little-endian words.
+    pub spirv: &'static [u8],
+    /// GLSL 4.50 core. Bindings of uniform and storage blocks and of textures are the numbers of [`binding`].
+    pub glsl: &'static str,
+}
+
+impl Stage {
+    /// The SPIR-V as words.
+    pub fn words(&self) -> Vec<u32> {
+        let (words, _) = self.spirv.as_chunks::<4>();
+        words.iter().map(|&bytes| u32::from_le_bytes(bytes)).collect()
+    }
+}
+
+macro_rules! stages {
+    ($($(#[$doc:meta])* $name:ident: $file:literal $entry:literal $kind:ident;)*) => {
+        $(
+            $(#[$doc])*
+            pub const $name: Stage = Stage {
+                file: $file,
+                entry: $entry,
+                kind: Kind::$kind,
+                spirv: include_bytes!(concat!("../generated/", $entry, ".spv")),
+                glsl: include_str!(concat!("../generated/", $entry, ".glsl")),
+            };
+        )*
+        /// All of them.
+        pub const ALL: &[Stage] = &[$($name),*];
+    };
+}
+
+stages! {
+    /// Corners to a face: attributes 0 (high), 1 (low), 2 (patches) of [`crate::upload::VERTEX_BYTES`].
+    RENDER: "render" "render" Vertex;
+    /// The id of the side that faces the eye.
+    IDENTIFY: "render" "identify" Fragment;
+    /// As [`IDENTIFY`], without the emitter: see [`crate::view::stands_on_emitter`].
+    IDENTIFY_OTHERS: "render" "identify_others" Fragment;
+    /// For depths alone, without the emitter.
+    OCCLUDE_OTHERS: "render" "occlude_others" Fragment;
+    /// Groups: resolution / 16, 3 × resolution / 16, layers.
+    PYRAMID_OF: "pyramid" "pyramid_of" Compute;
+    /// Groups: 5, layers.
+    CULL_SEEN: "cull" "cull_seen" Compute;
+    /// Groups: 5, layers.
+    CULL_HIDDEN: "cull" "cull_hidden" Compute;
+    /// Groups: 5, layers.
+    CULL_OUTSIDE: "cull" "cull_outside" Compute;
+    /// Groups: [`crate::Plan::reduce_groups`], layers.
+    REDUCE: "reduce" "reduce" Compute;
+    /// Groups: [`crate::Plan::tiny_groups`] in x and z, layers in y.
+    TINY: "tiny" "tiny" Compute;
+    /// Groups: layers.
+    COMPACT: "compact" "compact" Compute;
+    /// Three corners an entry.
+    COVER: "cover" "cover" Vertex;
+    /// Adds what is hidden.
+    ADD_HIDDEN: "cover" "add_hidden" Fragment;
+    /// Groups: any number (for bandwidth), layers.
+    PACK: "pack" "pack" Compute;
+}
+
+/// Binding numbers. [`VIEW`](binding::VIEW) is in group 0, with a dynamic offset; all others are in group 1.
+pub mod binding {
+    /// Uniform: the [`View`](crate::View) that is drawn, or that of face 0 of the first slot of a group.
+    pub const VIEW: u32 = 0;
+    /// Uniform: [`crate::view::settings_words`].
+    pub const SETTINGS: u32 = 1;
+    /// Storage: the views of all slots, five each.
+    pub const VIEWS: u32 = 2;
+    /// Storage: [`crate::Upload::chunks`].
+    pub const CHUNKS: u32 = 3;
+    /// Texture: depths, an array of layers.
+    pub const DEPTHS: u32 = 4;
+    /// Storage: farthest depths of tiles.
+    pub const PYRAMID: u32 = 5;
+    /// Storage and indirect: draws of five words, `[layer][face][chunk]`.
+    pub const DRAWS: u32 = 6;
+    /// Storage and indirect: how many draws, `[layer][face]`.
+    pub const DRAW_COUNTS: u32 = 7;
+    /// Storage: when a chunk was last seen. Zeroed once.
+    pub const SEEN: u32 = 8;
+    /// Storage: whether a chunk was drawn, `[layer][face][chunk]`. Where nothing is culled the host sets it to 1.
+    pub const DRAWN: u32 = 9;
+    /// Storage: counters, eight words a layer. Zeroed once.
+    pub const TALLIES: u32 = 10;
+    /// Texture: the item buffer, an array of layers of R32Uint. Cleared to `patch_count + 1`: escaped.
+    pub const ITEMS: u32 = 11;
+    /// Storage: the weight of each pixel of the atlas.
+    pub const WEIGHTS: u32 = 12;
+    /// Storage: visible weights, `[layer][patch_count + 2]`. Zeroed once.
+    pub const VISIBLE: u32 = 13;
+    /// Storage: a bit a patch, `[layer][word_count]`. Zeroed once.
+    pub const TOUCHED: u32 = 14;
+    /// Storage and vertex: [`crate::Upload::vertices`].
+    pub const VERTICES: u32 = 15;
+    /// Storage and index: [`crate::Upload::indices`].
+    pub const INDICES: u32 = 16;
+    /// Storage: [`crate::Upload::triangle_of_patch`].
+    pub const TRIANGLE_OF_PATCH: u32 = 17;
+    /// Storage: patch and visible weight, `[layer][capacity]`.
+    pub const ENTRIES: u32 = 18;
+    /// Storage: [`crate::Upload::chunk_of_patch`].
+    pub const CHUNK_OF_PATCH: u32 = 19;
+    /// Storage and indirect: draws of four words, a layer each.
+    pub const COVER_DRAWS: u32 = 20;
+    /// Storage: entries, escaped, blocked of each slot, four words each.
+    pub const TOTALS: u32 = 21;
+    /// Storage: hidden weight, `[layer][capacity]`.
+    pub const HIDDEN: u32 = 22;
+    /// Storage: what the host reads, see [`crate::output`].
+    pub const OUTPUT: u32 = 23;
+    /// One past the last.
+    pub const COUNT: u32 = 24;
+    /// The textures; all others but the uniforms are storage buffers.
+    pub const TEXTURES: [u32; 2] = [DEPTHS, ITEMS];
+}

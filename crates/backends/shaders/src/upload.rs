@@ -1,0 +1,252 @@
+//! A scene as the device is given it.
+//!
+//! Coordinates are pairs of f32 whose sum has 48 bits, so that what is near the eye keeps its precision when the eye is
+//! subtracted. Each triangle owns its first corner, which carries its patches; the others may be any triangle's of the same
+//! chunk. That makes about one vertex a triangle instead of three, and it is the vertices that a software rasteriser is slow
+//! at.
+
+use crate::chunks::{self, Bounds, Chunk, MOST_TRIANGLES};
+use glam::DVec3;
+use hemicube_contract::backend::{BackendError, Geometry, Surface};
+use std::collections::HashMap;
+
+/// Words of a vertex: high x y z, low x y z, front patch, back patch.
+pub const VERTEX_WORDS: usize = 8;
+/// Bytes of a vertex: attribute 0 at 0 (three f32), 1 at 12 (three f32), 2 at 24 (two u32).
+pub const VERTEX_BYTES: u32 = 32;
+
+/// A scene as the device is given it.
+#[derive(Debug)]
+pub struct Upload {
+    /// Corners. See [`VERTEX_WORDS`].
+    pub vertices: Vec<[u32; VERTEX_WORDS]>,
+    /// Three vertices a triangle, counter-clockwise seen from the front. The first is its own.
+    pub indices: Vec<u32>,
+    /// What is drawn, in this order.
+    pub chunks: Vec<Chunk>,
+    /// The triangle of each patch: a third of the place of its first index.
+    pub triangle_of_patch: Vec<u32>,
+    /// The chunk of each patch.
+    pub chunk_of_patch: Vec<u32>,
+    /// The surface of each patch in [`Geometry::surfaces`]. Not for the device.
+    pub surface_of_patch: Vec<u32>,
+    /// How many patches there are, which is also the id for blocked; one more is the id for escaped.
+    pub patch_count: u32,
+    /// Surfaces that were exactly another's and are drawn with it.
+    pub merged: usize,
+}
+
+/// A triangle to be drawn, with what is seen on either side.
+struct Drawn {
+    corners: [DVec3; 3],
+    front: u32,
+    back: u32,
+    /// Whether sorting its corners turns it over.
+    flipped: bool,
+}
+
+impl Upload {
+    /// Prepares a scene.
+    ///
+    /// # Errors
+    /// [`BackendError::Unsupported`] for more triangles than 32-bit indices can number.
+    pub fn new(geometry: &Geometry) -> Result<Self, BackendError> {
+        Self::with_chunks_of(geometry, MOST_TRIANGLES)
+    }
+
+    /// The same with at most `most` triangles a chunk. For measurements.
+    ///
+    /// # Errors
+    /// As [`Upload::new`].
+    ///
+    /// # Panics
+    /// When `most` is 0.
+    pub fn with_chunks_of(geometry: &Geometry, most: u32) -> Result<Self, BackendError> {
+        let surfaces = &geometry.surfaces;
+        if surfaces.len() > (u32::MAX / 3) as usize || geometry.patch_count > u32::MAX - 4 {
+            return Err(BackendError::Unsupported(format!(
+                "{} surfaces are more than the {} that the corners' 32-bit numbers allow; split the scene",
+                surfaces.len(),
+                u32::MAX / 3
+            )));
+        }
+        let patch_count = geometry.patch_count;
+        let mut upload = Self {
+            vertices: Vec::with_capacity(surfaces.len() + surfaces.len() / 4),
+            indices: Vec::with_capacity(surfaces.len() * 3),
+            chunks: Vec::new(),
+            triangle_of_patch: vec![0; patch_count as usize],
+            chunk_of_patch: vec![0; patch_count as usize],
+            surface_of_patch: vec![0; patch_count as usize],
+            patch_count,
+            merged: 0,
+        };
+        let (drawn, drawn_of) = merge(surfaces, patch_count);
+        upload.merged = surfaces.len() - drawn.iter().flatten().count();
+        let mut triangle_of_surface = vec![0; surfaces.len()];
+        let mut chunk_of_surface = vec![0; surfaces.len()];
+        for run in chunks::runs(&geometry.octree, surfaces, most) {
+            let mut order: Vec<u32> = run.filter(|&s| drawn[s as usize].is_some()).collect();
+            // Where depths tie, the first drawn stays: let it be the smaller id.
+            order.sort_by_key(|&s| drawn[s as usize].as_ref().map(|d| (d.front.min(d.back), s)));
+            if order.is_empty() {
+                continue;
+            }
+            let chunk = as_u32(upload.chunks.len());
+            let mut bounds = Bounds::EMPTY;
+            let first_index = as_u32(upload.indices.len());
+            let mut corners = Corners::default();
+            for surface in order {
+                let Some(triangle) = &drawn[surface as usize] else {
+                    continue;
+                };
+                triangle_of_surface[surface as usize] = as_u32(upload.indices.len() / 3);
+                chunk_of_surface[surface as usize] = chunk;
+                bounds = bounds.with(triangle.corners);
+                corners.add(triangle);
+            }
+            let base = as_u32(upload.vertices.len());
+            upload.vertices.append(&mut corners.vertices);
+            upload.indices.extend(corners.indices.iter().map(|i| base + i));
+            upload.chunks.push(Chunk {
+                first_index,
+                index_count: as_u32(upload.indices.len()) - first_index,
+                center: (bounds.low + bounds.high) * 0.5,
+                half_sides: (bounds.high - bounds.low) * 0.5,
+            });
+        }
+        for (surface, (s, &drawn)) in (0u32..).zip(surfaces.iter().zip(&drawn_of)) {
+            for patch in [Some(s.front), s.back].into_iter().flatten() {
+                let patch = patch.0 as usize;
+                upload.surface_of_patch[patch] = surface;
+                upload.triangle_of_patch[patch] = triangle_of_surface[drawn as usize];
+                upload.chunk_of_patch[patch] = chunk_of_surface[drawn as usize];
+            }
+        }
+        Ok(upload)
+    }
+
+    /// How many triangles are drawn.
+    pub fn triangle_count(&self) -> usize {
+        self.indices.len() / 3
+    }
+
+    /// The words of [`Upload::chunks`].
+    pub fn chunk_words(&self) -> Vec<u32> {
+        self.chunks.iter().flat_map(Chunk::words).collect()
+    }
+}
+
+/// Surfaces that are the same triangle are drawn as the first of them: of the patches on one side, the smallest id is seen.
+/// Returns what is drawn for each surface, and for each surface which one is drawn for it.
+fn merge(surfaces: &[Surface], blocked: u32) -> (Vec<Option<Drawn>>, Vec<u32>) {
+    let mut first: HashMap<[u64; 9], u32> = HashMap::with_capacity(surfaces.len());
+    let mut drawn: Vec<Option<Drawn>> = Vec::with_capacity(surfaces.len());
+    let mut drawn_of = Vec::with_capacity(surfaces.len());
+    for (index, surface) in (0u32..).zip(surfaces) {
+        let (key, flipped) = key(surface.corners);
+        let (front, back) = (surface.front.0, surface.back.map_or(blocked, |p| p.0));
+        let found = *first.entry(key).or_insert(index);
+        drawn_of.push(found);
+        let Some(Some(other)) = drawn.get_mut(found as usize) else {
+            drawn.push(Some(Drawn {
+                corners: surface.corners,
+                front,
+                back,
+                flipped,
+            }));
+            continue;
+        };
+        let (front, back) = if flipped == other.flipped {
+            (front, back)
+        } else {
+            (back, front)
+        };
+        other.front = other.front.min(front);
+        other.back = other.back.min(back);
+        drawn.push(None);
+    }
+    (drawn, drawn_of)
+}
+
+/// A triangle's corners in ascending order, and whether that is an odd permutation.
+fn key(corners: [DVec3; 3]) -> ([u64; 9], bool) {
+    // −0 is 0.
+    let mut sorted = corners.map(|p| (p + DVec3::ZERO).to_array());
+    let mut flipped = false;
+    for (i, j) in [(0, 1), (1, 2), (0, 1)] {
+        if sorted[i].partial_cmp(&sorted[j]) == Some(std::cmp::Ordering::Greater) {
+            sorted.swap(i, j);
+            flipped = !flipped;
+        }
+    }
+    let mut bits = [0; 9];
+    for (bits, value) in bits.iter_mut().zip(sorted.as_flattened()) {
+        *bits = value.to_bits();
+    }
+    (bits, flipped)
+}
+
+/// The vertices of a chunk.
+#[derive(Default)]
+struct Corners {
+    vertices: Vec<[u32; VERTEX_WORDS]>,
+    indices: Vec<u32>,
+    /// Whether a vertex is some triangle's first corner.
+    owned: Vec<bool>,
+    /// By position: any vertex there, and one that nobody owns, if there is one.
+    at: HashMap<[u64; 3], (u32, Option<u32>)>,
+}
+
+impl Corners {
+    fn add(&mut self, triangle: &Drawn) {
+        let keys = triangle.corners.map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
+        // The first corner: one whose vertex is still free, else one that has none yet, else a further vertex.
+        let free = (0..3).find(|&k| self.at.get(&keys[k]).is_some_and(|(_, free)| free.is_some()));
+        let first = free
+            .or_else(|| (0..3).find(|&k| !self.at.contains_key(&keys[k])))
+            .unwrap_or(0);
+        let turned = [first, (first + 1) % 3, (first + 2) % 3];
+        for (place, k) in turned.into_iter().enumerate() {
+            let own = place == 0;
+            let found = self.at.get(&keys[k]).copied();
+            let vertex = match found {
+                Some((_, Some(free))) if own => free,
+                Some((any, _)) if !own => any,
+                _ => {
+                    let (high, low) = split(triangle.corners[k]);
+                    let [hx, hy, hz] = high.map(f32::to_bits);
+                    let [lx, ly, lz] = low.map(f32::to_bits);
+                    self.vertices.push([hx, hy, hz, lx, ly, lz, u32::MAX, u32::MAX]);
+                    self.owned.push(false);
+                    as_u32(self.vertices.len() - 1)
+                }
+            };
+            if own {
+                self.owned[vertex as usize] = true;
+                self.vertices[vertex as usize][6] = triangle.front;
+                self.vertices[vertex as usize][7] = triangle.back;
+            }
+            let free = (!self.owned[vertex as usize]).then_some(vertex);
+            let entry = self.at.entry(keys[k]).or_insert((vertex, free));
+            if own {
+                entry.1 = None;
+            }
+            self.indices.push(vertex);
+        }
+    }
+}
+
+/// A point as the nearest f32s and what they leave: their sum has 48 bits.
+pub fn split(p: DVec3) -> ([f32; 3], [f32; 3]) {
+    #[allow(clippy::cast_possible_truncation, reason = "the rest is kept")]
+    let high = p.to_array().map(|x| x as f32);
+    #[allow(clippy::cast_possible_truncation, reason = "48 bits are enough")]
+    let low = [0, 1, 2].map(|k| (p[k] - f64::from(high[k])) as f32);
+    (high, low)
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "checked in `Upload::with_chunks_of`")]
+fn as_u32(n: usize) -> u32 {
+    n as u32
+}

@@ -1,0 +1,99 @@
+//! One face of one hemicube as the shaders are given it.
+
+use crate::limits::Plan;
+use crate::upload::{Upload, split};
+use hemicube_contract::backend::{Geometry, Hemicube};
+use hemicube_contract::face::Face;
+
+/// Words of a view: 256 bytes, the largest alignment that a device may ask of a dynamic offset.
+pub const VIEW_WORDS: usize = 64;
+/// Bytes of a view.
+pub const VIEW_BYTES: u32 = 256;
+/// Faces of a hemicube, and views of a slot.
+pub const FACES: u32 = 5;
+
+/// Where a hemicube is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct View {
+    /// Its place in the submission.
+    pub slot: u32,
+    /// Its layer of the images.
+    pub layer: u32,
+    /// The number of its group, from 2 and always rising: what the group before saw is taken to be in front.
+    pub stamp: u32,
+}
+
+/// The five views of a hemicube, in the order of [`Face::ALL`].
+pub fn views(geometry: &Geometry, hemicube: &Hemicube, resolution: u32, at: View) -> [[u32; VIEW_WORDS]; 5] {
+    #[allow(clippy::cast_possible_truncation, reason = "rounding is allowed for")]
+    let narrow = |x: f64| (x as f32).to_bits();
+    let (high, low) = split(hemicube.origin);
+    let emitter = hemicube.emitter.map_or(u32::MAX, |p| p.0);
+    Face::ALL.map(|face| {
+        let (axis, sign) = face.axes();
+        let mut clip = [[0.0; 3]; 3];
+        for (row, clip) in clip.iter_mut().enumerate() {
+            clip[axis[row]] = sign[row];
+        }
+        if !face.is_top() {
+            // v from 0 to 1 is the whole height of a side.
+            clip[1] = std::array::from_fn(|k| 2.0 * clip[1][k] - clip[2][k]);
+        }
+        let rows = [
+            (high.map(f32::to_bits), narrow(geometry.plane_tolerance)),
+            (low.map(f32::to_bits), at.slot),
+            (hemicube.axes[0].to_array().map(narrow), at.layer),
+            (hemicube.axes[1].to_array().map(narrow), face as u32),
+            (hemicube.axes[2].to_array().map(narrow), emitter),
+            (clip[0].map(narrow), face.first_row(resolution)),
+            (clip[1].map(narrow), face.rows(resolution)),
+            (clip[2].map(narrow), at.stamp),
+        ];
+        let mut words = [0; VIEW_WORDS];
+        for (words, (three, last)) in words.chunks_exact_mut(4).zip(rows) {
+            words[..3].copy_from_slice(&three);
+            words[3] = last;
+        }
+        words
+    })
+}
+
+/// Whether a hemicube stands in its emitter's plane, so that the shaders put the emitter on the horizon and need not leave it
+/// out by its id. False only for origins or axes that were moved off the patch.
+pub fn stands_on_emitter(geometry: &Geometry, upload: &Upload, hemicube: &Hemicube) -> bool {
+    let Some(emitter) = hemicube.emitter else {
+        return true;
+    };
+    let surface = &geometry.surfaces[upload.surface_of_patch[emitter.0 as usize] as usize];
+    surface.corners.iter().all(|&corner| {
+        let r = corner - hemicube.origin;
+        let [x, y, z] = hemicube.axes.map(|axis| axis.dot(r).abs());
+        // A quarter of what the shaders snap (`in_frame`): the rest is for their rounding.
+        z <= 0.25 * (geometry.plane_tolerance + (x + y) * 2f64.powi(-20))
+    })
+}
+
+/// `Settings` of `wgsl/shared.wgsl`.
+pub fn settings_words(plan: &Plan, upload: &Upload, covered: bool) -> [u32; 12] {
+    let n = plan.resolution;
+    #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
+    let tiny_slack = 16.0 / n as f32;
+    // A 512th is far above what rounding does to depths: interpolated over a triangle that reaches from one part of a
+    // chunk to another, they are off by some 2⁻²⁰ of the nearest. Tiny patches may be seen although they are a little behind.
+    let slack = (1.0 + if covered { tiny_slack } else { 0.0 }) * (1.0 + 1.0 / 512.0);
+    let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+    [
+        n,
+        upload.patch_count,
+        count(upload.chunks.len()),
+        plan.word_count,
+        plan.capacity,
+        count(upload.triangle_count()),
+        plan.pyramid_stride(),
+        slack.to_bits(),
+        tiny_slack.to_bits(),
+        plan.output_entries(),
+        0,
+        0,
+    ]
+}
