@@ -1,14 +1,17 @@
 //! What the tests of the whole workspace share: real scenes and when to skip, the public cases, geometry with closed forms,
-//! scenes at the extremes, rays in f64 to hold item buffers against, rows in memory, and plugins to load.
+//! scenes at the extremes, what backends on devices must show, rays in f64 to hold item buffers against, rows in memory, and
+//! plugins to load.
 //!
 //! | variable | meaning |
 //! | --- | --- |
 //! | `HEMICUBE_SCENES` | the folder of real scenes; otherwise `../shared/scenes` beside the workspace |
 //! | `HEMICUBE_REQUIRE_SCENES=1` | a test that would skip for want of a scene, or of what unpacks it, fails |
+//! | `HEMICUBE_REQUIRE_BACKENDS` | names of backends, with commas: a test that would skip for want of a device fails |
 //! | `HEMICUBE_PYTHON` | a Python with NumPy and SciPy; otherwise `python3` |
 //! | `HEMICUBE_REQUIRE_PYTHON=1` | a test that would skip for want of one fails |
 
 pub mod cases;
+pub mod devices;
 pub mod extremes;
 pub mod geometry;
 pub mod plugins;

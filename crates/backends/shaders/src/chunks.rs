@@ -72,6 +72,11 @@ pub fn runs(octree: &Octree, surfaces: &[Surface], most: u32) -> Vec<Range<u32>>
             found.push(at(part)..at(part + 1));
         }
     };
+    if octree.order().len() != surfaces.len() {
+        // An octree of other surfaces than these says nothing about them.
+        parts(0..u32::try_from(surfaces.len()).unwrap_or(u32::MAX));
+        pending.clear();
+    }
     while let Some(node) = pending.pop() {
         let node = &nodes[node as usize];
         if node.all().len() <= most as usize {

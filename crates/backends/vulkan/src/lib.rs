@@ -1,0 +1,598 @@
+//! A hemicube backend on Vulkan: culling, rendering and reduction on the GPU, several hemicubes a submission, two
+//! submissions under way, nothing but rows read back.
+//!
+//! Vulkan is loaded when a session is opened; any device of version 1.3 that draws and computes will do, software included.
+//!
+//! Options, `key=value,key=value`:
+//!
+//! ```text
+//! cull        auto | off | frustum | occlusion     rows are the same with each
+//! timing      on | off                             fills `stage_times`, and slows down
+//! validation  on | off                             with Vulkan's validation layer; whatever it says is an error
+//! batch       hemicubes of a submission
+//! group       hemicubes that go through the stages side by side
+//! memory      bytes of the device that may be used
+//! ```
+
+mod conv;
+mod cull;
+mod device;
+mod reduce;
+mod render;
+mod upload;
+
+use ash::vk;
+use cull::{Choice, Judge, Mode};
+pub use device::DeviceSummary;
+use device::{Buffer, Gpu, Place};
+use hemicube_contract::backend::{
+    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes,
+};
+use hemicube_contract::delta::is_resolution;
+use hemicube_contract::face::{Items, pixel_count};
+use hemicube_contract::row::RowBlock;
+use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
+use hemicube_shaders::view::{stands_on_emitter, views};
+use hemicube_shaders::{Limits, View};
+use reduce::{MARKS, Stages, Work};
+use std::sync::Arc;
+use upload::{FRAMES, Scene};
+
+/// The devices there are, GPUs first.
+///
+/// # Errors
+/// [`BackendError::Unsupported`] where there is no Vulkan.
+pub fn devices() -> Result<Vec<DeviceSummary>, BackendError> {
+    device::summaries()
+}
+
+/// Opens a session on a device by its number in [`devices`].
+///
+/// # Errors
+/// [`BackendError::InvalidArgument`] for an option that is not known, [`BackendError::Unsupported`] where the device is
+/// missing or lacks what is needed.
+pub fn open(device: u32, options: &str) -> Result<Session, BackendError> {
+    Session::new(device, Options::parse(options)?)
+}
+
+/// What a session was asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Options {
+    cull: Choice,
+    timing: bool,
+    validation: bool,
+    batch: Option<u32>,
+    group: Option<u32>,
+    memory: Option<u64>,
+}
+
+impl Options {
+    fn parse(text: &str) -> Result<Self, BackendError> {
+        let mut options = Self::default();
+        for option in text.split(',').map(str::trim).filter(|o| !o.is_empty()) {
+            let (key, value) = option.split_once('=').unwrap_or((option, ""));
+            let wrong =
+                |allowed: &str| BackendError::InvalidArgument(format!("option `{key}={value}`: {allowed} is allowed"));
+            let switch = || match value {
+                "on" => Ok(true),
+                "off" => Ok(false),
+                _ => Err(wrong("on or off")),
+            };
+            let count = || match value.parse::<u32>() {
+                Ok(n @ 1..=1024) => Ok(Some(n)),
+                _ => Err(wrong("a number from 1 to 1024")),
+            };
+            match key {
+                "cull" => {
+                    options.cull = match value {
+                        "auto" => Choice::Auto,
+                        "off" => Choice::Fixed(Mode::Off),
+                        "frustum" => Choice::Fixed(Mode::Frustum),
+                        "occlusion" => Choice::Fixed(Mode::Occlusion),
+                        _ => return Err(wrong("auto, off, frustum or occlusion")),
+                    }
+                }
+                "timing" => options.timing = switch()?,
+                "validation" => options.validation = switch()?,
+                "batch" => options.batch = count()?,
+                "group" => options.group = count()?,
+                "memory" => options.memory = Some(value.parse().map_err(|_| wrong("a number of bytes"))?),
+                _ => {
+                    return Err(BackendError::InvalidArgument(format!(
+                        "there is no option `{key}`; there are cull, timing, validation, batch, group and memory"
+                    )));
+                }
+            }
+        }
+        Ok(options)
+    }
+}
+
+/// A session on a Vulkan device.
+#[derive(Debug)]
+pub struct Session {
+    info: BackendInfo,
+    device: u32,
+    options: Options,
+    loaded: Option<Loaded>,
+    /// Why the session cannot be used any more.
+    dead: Option<String>,
+    gpu: Arc<Gpu>,
+}
+
+/// A scene that is loaded, and the submissions under way.
+#[derive(Debug)]
+struct Loaded {
+    geometry: Arc<Geometry>,
+    settings: RenderSettings,
+    judge: Judge,
+    stamp: u32,
+    under_way: [Option<UnderWay>; FRAMES],
+    times: StageTimes,
+    sync: Sync,
+    stages: Stages,
+    scene: Scene,
+    gpu: Arc<Gpu>,
+}
+
+/// A submission that has not been read back.
+#[derive(Clone, Copy, Debug)]
+struct UnderWay {
+    slots: u32,
+    mode: Mode,
+}
+
+/// What submissions are recorded in and waited for with.
+#[derive(Debug)]
+struct Sync {
+    gpu: Arc<Gpu>,
+    pool: vk::CommandPool,
+    commands: Vec<vk::CommandBuffer>,
+    fences: Vec<vk::Fence>,
+    marks: Vec<vk::QueryPool>,
+}
+
+impl Sync {
+    fn new(gpu: &Arc<Gpu>, marks: Option<u32>) -> Result<Self, BackendError> {
+        let failed = |r| conv::error("commands and fences", r);
+        let mut sync = Self {
+            gpu: Arc::clone(gpu),
+            pool: vk::CommandPool::null(),
+            commands: Vec::new(),
+            fences: Vec::new(),
+            marks: Vec::new(),
+        };
+        let pool = vk::CommandPoolCreateInfo::default()
+            .queue_family_index(gpu.family)
+            .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER);
+        // SAFETY: all of this device; `drop` destroys what was made, also when this ends early.
+        unsafe {
+            sync.pool = gpu.raw.create_command_pool(&pool, None).map_err(failed)?;
+            #[allow(clippy::cast_possible_truncation, reason = "two frames")]
+            let allocate = vk::CommandBufferAllocateInfo::default()
+                .command_pool(sync.pool)
+                .command_buffer_count(FRAMES as u32);
+            sync.commands = gpu.raw.allocate_command_buffers(&allocate).map_err(failed)?;
+            for _ in 0..FRAMES {
+                let fence = gpu
+                    .raw
+                    .create_fence(&vk::FenceCreateInfo::default(), None)
+                    .map_err(failed)?;
+                sync.fences.push(fence);
+                if let Some(count) = marks {
+                    let create = vk::QueryPoolCreateInfo::default()
+                        .query_type(vk::QueryType::TIMESTAMP)
+                        .query_count(count);
+                    sync.marks
+                        .push(gpu.raw.create_query_pool(&create, None).map_err(failed)?);
+                }
+            }
+        }
+        Ok(sync)
+    }
+}
+
+impl Drop for Sync {
+    fn drop(&mut self) {
+        // SAFETY: `Loaded` waits for the device before it drops this.
+        unsafe {
+            for &fence in &self.fences {
+                self.gpu.raw.destroy_fence(fence, None);
+            }
+            for &marks in &self.marks {
+                self.gpu.raw.destroy_query_pool(marks, None);
+            }
+            self.gpu.raw.destroy_command_pool(self.pool, None);
+        }
+    }
+}
+
+impl Drop for Loaded {
+    fn drop(&mut self) {
+        // SAFETY: the device is alive. Should it be lost, nothing is running on it either.
+        let _ = unsafe { self.gpu.raw.device_wait_idle() };
+    }
+}
+
+impl Session {
+    fn new(device: u32, options: Options) -> Result<Self, BackendError> {
+        let gpu = Gpu::open(device, options.validation)?;
+        if options.timing && gpu.clock.1 == 0 {
+            return Err(BackendError::Unsupported(format!(
+                "`timing=on`: `{}` has no clock; leave the option out",
+                gpu.name
+            )));
+        }
+        let limits = limits(&gpu, options);
+        Ok(Self {
+            info: BackendInfo {
+                name: "vulkan".to_owned(),
+                version: "gpu-1".to_owned(),
+                device: gpu.name.clone(),
+                capabilities: Capabilities {
+                    covered: true,
+                    tiny_patches: true,
+                    items: true,
+                    lossless_culling: true,
+                },
+                // Two submissions, so that one is read back while the other is under way.
+                preferred_rows: 4 * limits.batch as usize,
+            },
+            device,
+            options,
+            loaded: None,
+            dead: None,
+            gpu,
+        })
+    }
+
+    /// Keeps note of an error that ends the session, and lets the validation layer have its say.
+    fn settle<T>(&mut self, result: Result<T, BackendError>) -> Result<T, BackendError> {
+        let result = result.and_then(|value| self.gpu.validated().map(|()| value));
+        if let Err(error) = &result {
+            if conv::is_fatal(error) {
+                self.dead = Some(error.to_string());
+            }
+            if let Some(loaded) = &mut self.loaded {
+                loaded.give_up();
+            }
+        }
+        result
+    }
+
+    fn alive(&self) -> Result<(), BackendError> {
+        match &self.dead {
+            None => Ok(()),
+            Some(reason) => Err(BackendError::DeviceLost(format!(
+                "this session ended earlier ({reason}); open another"
+            ))),
+        }
+    }
+
+    fn checked(&mut self, hemicubes: &[Hemicube]) -> Result<&mut Loaded, BackendError> {
+        self.alive()?;
+        let loaded = self.loaded.as_mut().ok_or_else(not_loaded)?;
+        let count = loaded.geometry.patch_count;
+        for hemicube in hemicubes {
+            if let Some(patch) = hemicube.emitter
+                && patch.0 >= count
+            {
+                return Err(BackendError::InvalidArgument(format!(
+                    "a hemicube names patch {} of a scene of {count} patches",
+                    patch.0
+                )));
+            }
+            if !(hemicube.origin.is_finite() && hemicube.axes.iter().all(|a| a.is_finite())) {
+                return Err(BackendError::InvalidArgument(
+                    "a hemicube's frame is not finite".to_owned(),
+                ));
+            }
+        }
+        Ok(loaded)
+    }
+}
+
+fn not_loaded() -> BackendError {
+    BackendError::InvalidArgument("no scene is loaded; call `load` first".to_owned())
+}
+
+/// What of the device is used. On software nothing is gained by hemicubes side by side, and caches are lost.
+fn limits(gpu: &Gpu, options: Options) -> Limits {
+    let (group, batch) = if gpu.is_software { (1, 8) } else { (16, 64) };
+    let group = options.group.unwrap_or(group);
+    Limits {
+        storage_range: u64::from(gpu.limits.max_storage_buffer_range),
+        memory: options.memory.unwrap_or_else(|| gpu.memory()),
+        layers: gpu.limits.max_image_array_layers,
+        image_edge: gpu.limits.max_image_dimension2_d.min(gpu.limits.max_framebuffer_height),
+        group,
+        batch: options.batch.unwrap_or(batch).max(group),
+    }
+}
+
+impl Loaded {
+    fn new(
+        gpu: &Arc<Gpu>,
+        options: Options,
+        geometry: &Arc<Geometry>,
+        settings: RenderSettings,
+    ) -> Result<Self, BackendError> {
+        let scene = Scene::new(gpu, geometry, settings, limits(gpu, options))?;
+        let stages = Stages::new(gpu, scene.layout)?;
+        let marks = options
+            .timing
+            .then(|| scene.plan.batch.div_ceil(scene.plan.group) * MARKS);
+        let (triangles, chunks) = (scene.upload.triangle_count(), scene.upload.chunks.len());
+        Ok(Self {
+            geometry: Arc::clone(geometry),
+            settings,
+            judge: Judge::new(
+                options.cull,
+                settings.culling,
+                triangles,
+                chunks,
+                pixel_count(settings.resolution),
+            ),
+            // A chunk that nobody saw has stamp 0, and must not count as seen by the group before.
+            stamp: 2,
+            under_way: [None; FRAMES],
+            times: StageTimes::default(),
+            sync: Sync::new(gpu, marks)?,
+            stages,
+            scene,
+            gpu: Arc::clone(gpu),
+        })
+    }
+
+    /// Forgets what is under way, after an error.
+    fn give_up(&mut self) {
+        // SAFETY: the device is alive or lost; neither is hurt by waiting.
+        let _ = unsafe { self.gpu.raw.device_wait_idle() };
+        self.under_way = [None; FRAMES];
+    }
+
+    fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
+        let mut counters = Counters::default();
+        let mut next = 0;
+        for batch in hemicubes.chunks(self.scene.plan.batch as usize) {
+            counters += self.finish(next, out)?;
+            self.submit(next, batch)?;
+            next = (next + 1) % FRAMES;
+        }
+        for _ in 0..FRAMES {
+            counters += self.finish(next, out)?;
+            next = (next + 1) % FRAMES;
+        }
+        Ok(counters)
+    }
+
+    /// Submits hemicubes, whose frame must be free.
+    fn submit(&mut self, at: usize, hemicubes: &[Hemicube]) -> Result<(), BackendError> {
+        let group = self.scene.plan.group;
+        let mut words = Vec::with_capacity(hemicubes.len() * 5 * hemicube_shaders::view::VIEW_WORDS);
+        for (slot, hemicube) in (0u32..).zip(hemicubes) {
+            let view = View {
+                slot,
+                layer: slot % group,
+                stamp: self.stamp + slot / group,
+            };
+            words.extend(views(&self.geometry, hemicube, self.settings.resolution, view).as_flattened());
+        }
+        #[allow(clippy::cast_possible_truncation, reason = "at most a batch")]
+        let slots = hemicubes.len() as u32;
+        self.stamp += slots.div_ceil(group);
+        let frame = &self.scene.frames[at];
+        frame.views.write(0, &words)?;
+        let on_emitter = |h: &Hemicube| stands_on_emitter(&self.geometry, &self.scene.upload, h);
+        let work = Work {
+            slots,
+            mode: self.judge.mode,
+            covered: self.settings.covered,
+            without_emitter: !hemicubes.iter().all(on_emitter),
+            marks: self.sync.marks.get(at).copied(),
+        };
+        let device = &self.gpu.raw;
+        let commands = self.sync.commands[at];
+        let failed = |r| conv::error("submitting hemicubes", r);
+        // SAFETY: the frame's last submission was waited for, so its commands, fence and marks are free.
+        unsafe {
+            let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+            device.begin_command_buffer(commands, &begin).map_err(failed)?;
+            if let Some(marks) = work.marks {
+                device.cmd_reset_query_pool(commands, marks, 0, self.scene.plan.batch.div_ceil(group) * MARKS);
+            }
+            self.stages.record(&self.scene, frame, commands, work);
+            device.end_command_buffer(commands).map_err(failed)?;
+            device.reset_fences(&[self.sync.fences[at]]).map_err(failed)?;
+            let infos = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
+            let submit = [vk::SubmitInfo2::default().command_buffer_infos(&infos)];
+            device
+                .queue_submit2(self.gpu.queue, &submit, self.sync.fences[at])
+                .map_err(failed)?;
+        }
+        self.under_way[at] = Some(UnderWay { slots, mode: work.mode });
+        Ok(())
+    }
+
+    /// Waits for a frame's submission, if there is one, and appends its rows.
+    fn finish(&mut self, at: usize, out: &mut RowBlock) -> Result<Counters, BackendError> {
+        let Some(UnderWay { slots, mode }) = self.under_way[at] else {
+            return Ok(Counters::default());
+        };
+        self.wait(at)?;
+        self.under_way[at] = None;
+        let began = std::time::Instant::now();
+        let output = &self.scene.frames[at].output;
+        let headers = output.read(0, (slots * HEADER_WORDS) as usize)?;
+        let words = entry_words(&self.scene.plan, headers, slots)?;
+        let entries = output.read(self.scene.plan.output_entries() as usize, words)?;
+        let mut counters = append_rows(headers, entries, slots, self.settings.covered, out);
+        if mode == Mode::Off {
+            let all = self.scene.upload.triangle_count() as u64 * u64::from(slots) * 5;
+            counters.triangles_drawn = all;
+            counters.triangles_transformed = all;
+        }
+        self.judge.note(counters);
+        if let Some(&marks) = self.sync.marks.get(at) {
+            self.times.read_back += u64::try_from(began.elapsed().as_nanos()).unwrap_or(u64::MAX);
+            self.clock(marks, slots)?;
+        }
+        Ok(counters)
+    }
+
+    fn wait(&self, at: usize) -> Result<(), BackendError> {
+        // SAFETY: the fence was submitted.
+        unsafe { self.gpu.raw.wait_for_fences(&[self.sync.fences[at]], true, u64::MAX) }
+            .map_err(|r| conv::error("waiting for hemicubes", r))
+    }
+
+    /// Adds up a submission's marks of the clock.
+    fn clock(&mut self, marks: vk::QueryPool, slots: u32) -> Result<(), BackendError> {
+        let count = slots.div_ceil(self.scene.plan.group) * MARKS;
+        let mut ticks = vec![0u64; count as usize];
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+        // SAFETY: the submission that wrote the marks is done.
+        unsafe { self.gpu.raw.get_query_pool_results(marks, 0, &mut ticks, flags) }
+            .map_err(|r| conv::error("reading the device's clock", r))?;
+        let (period, bits) = self.gpu.clock;
+        let mask = if bits >= 64 { u64::MAX } else { (1 << bits) - 1 };
+        for marks in ticks.chunks_exact(MARKS as usize) {
+            let spent = |k: usize| {
+                let ticks = marks[k + 1].wrapping_sub(marks[k]) & mask;
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    clippy::cast_precision_loss,
+                    reason = "nanoseconds of a submission"
+                )]
+                let nanoseconds = (ticks as f64 * period) as u64;
+                nanoseconds
+            };
+            self.times.cull += spent(0);
+            self.times.render += spent(1);
+            self.times.reduce += spent(2);
+            self.times.cover += spent(3);
+            self.times.read_back += spent(4);
+        }
+        Ok(())
+    }
+
+    fn items(&mut self, hemicube: &Hemicube) -> Result<Items, BackendError> {
+        self.submit(0, std::slice::from_ref(hemicube))?;
+        self.finish(0, &mut RowBlock::default())?;
+        let n = self.settings.resolution;
+        let bytes = pixel_count(n) as u64 * 4;
+        let copy = Buffer::new(
+            &self.gpu,
+            "a copy of the item buffer",
+            bytes,
+            Place::Down,
+            vk::BufferUsageFlags::TRANSFER_DST,
+        )?;
+        let region = [vk::BufferImageCopy::default()
+            .image_subresource(
+                vk::ImageSubresourceLayers::default()
+                    .aspect_mask(vk::ImageAspectFlags::COLOR)
+                    .layer_count(1),
+            )
+            .image_extent(vk::Extent3D {
+                width: n,
+                height: 3 * n,
+                depth: 1,
+            })];
+        self.gpu.run_once(|commands| {
+            let barrier = |source: (vk::PipelineStageFlags2, vk::AccessFlags2), then: (_, _)| {
+                let barrier = [vk::MemoryBarrier2 {
+                    src_stage_mask: source.0,
+                    src_access_mask: source.1,
+                    dst_stage_mask: then.0,
+                    dst_access_mask: then.1,
+                    ..Default::default()
+                }];
+                let dependency = vk::DependencyInfo::default().memory_barriers(&barrier);
+                // SAFETY: commands of this device that are being recorded.
+                unsafe { self.gpu.raw.cmd_pipeline_barrier2(commands, &dependency) };
+            };
+            barrier(
+                (
+                    vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT,
+                    vk::AccessFlags2::COLOR_ATTACHMENT_WRITE,
+                ),
+                (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_READ),
+            );
+            // SAFETY: layer 0 of the image and the whole of the buffer, both alive until the queue is idle.
+            unsafe {
+                self.gpu.raw.cmd_copy_image_to_buffer(
+                    commands,
+                    self.scene.items.raw,
+                    vk::ImageLayout::GENERAL,
+                    copy.raw,
+                    &region,
+                );
+            }
+            barrier(
+                (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_WRITE),
+                (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ),
+            );
+        })?;
+        let patch_count = self.geometry.patch_count;
+        let seen = copy.read(0, pixel_count(n))?.iter().map(|&id| match id {
+            id if id < patch_count => id,
+            id if id == patch_count => Items::BLOCKED,
+            _ => Items::ESCAPED,
+        });
+        Ok(Items {
+            resolution: n,
+            seen: seen.collect(),
+        })
+    }
+}
+
+impl HemicubeBackend for Session {
+    fn info(&self) -> &BackendInfo {
+        &self.info
+    }
+
+    fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
+        self.alive()?;
+        if !is_resolution(settings.resolution) {
+            return Err(BackendError::InvalidArgument(format!(
+                "resolution {}: a multiple of 16 from 16 to 1024 is needed",
+                settings.resolution
+            )));
+        }
+        // What was loaded before makes room first.
+        self.loaded = None;
+        let loaded = Loaded::new(&self.gpu, self.options, geometry, settings);
+        let loaded = self.settle(loaded)?;
+        self.info.preferred_rows = 4 * loaded.scene.plan.batch as usize;
+        self.loaded = Some(loaded);
+        Ok(())
+    }
+
+    fn choices(&self) -> Vec<String> {
+        self.loaded.iter().map(|loaded| loaded.judge.line()).collect()
+    }
+
+    fn stage_times(&self) -> StageTimes {
+        self.loaded.as_ref().map_or_else(StageTimes::default, |l| l.times)
+    }
+
+    fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
+        self.alive()?;
+        let loaded = self.loaded.as_ref().ok_or_else(not_loaded)?;
+        let mut other = Self::new(self.device, self.options)?;
+        other.load(&loaded.geometry, loaded.settings)?;
+        Ok(Box::new(other))
+    }
+
+    fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
+        let done = self.checked(hemicubes)?.rows(hemicubes, out);
+        self.settle(done)
+    }
+
+    fn items(&mut self, hemicube: &Hemicube) -> Result<Items, BackendError> {
+        let done = self.checked(std::slice::from_ref(hemicube))?.items(hemicube);
+        self.settle(done)
+    }
+}

@@ -1,0 +1,303 @@
+//! A scene on the device: its buffers and images, and the descriptor sets that name them.
+
+use crate::conv;
+use crate::device::{Buffer, Gpu, Image, Place};
+use ash::vk;
+use hemicube_contract::backend::{BackendError, Culling, Geometry, RenderSettings};
+use hemicube_contract::delta::DeltaTable;
+use hemicube_contract::face::Face;
+use hemicube_shaders::stage::binding;
+use hemicube_shaders::view::{VIEW_BYTES, settings_words};
+use hemicube_shaders::{Limits, Plan, Upload};
+use std::sync::Arc;
+
+/// Submissions under way at once.
+pub(crate) const FRAMES: usize = 2;
+
+/// The scene as it is uploaded, made once for all sessions.
+pub(crate) struct Prepared(pub(crate) Result<Arc<Upload>, String>);
+
+/// A scene on the device.
+#[derive(Debug)]
+pub(crate) struct Scene {
+    gpu: Arc<Gpu>,
+    pub(crate) upload: Arc<Upload>,
+    pub(crate) plan: Plan,
+    /// By binding, but for those of [`Frame`].
+    buffers: Vec<Option<Buffer>>,
+    pub(crate) items: Image,
+    pub(crate) depths: Image,
+    pub(crate) frames: [Frame; FRAMES],
+    pub(crate) layout: vk::PipelineLayout,
+    set_layouts: [vk::DescriptorSetLayout; 2],
+    pool: vk::DescriptorPool,
+}
+
+/// What each submission under way has of its own.
+#[derive(Debug)]
+pub(crate) struct Frame {
+    pub(crate) views: Buffer,
+    pub(crate) output: Buffer,
+    pub(crate) view_set: vk::DescriptorSet,
+    pub(crate) set: vk::DescriptorSet,
+}
+
+fn usage(binding: u32) -> vk::BufferUsageFlags {
+    use vk::BufferUsageFlags as U;
+    let storage = U::STORAGE_BUFFER | U::TRANSFER_DST;
+    match binding {
+        binding::SETTINGS => U::UNIFORM_BUFFER | U::TRANSFER_DST,
+        binding::VIEWS => storage | U::UNIFORM_BUFFER,
+        binding::DRAWS | binding::DRAW_COUNTS | binding::COVER_DRAWS => storage | U::INDIRECT_BUFFER,
+        binding::VERTICES => storage | U::VERTEX_BUFFER,
+        binding::INDICES => storage | U::INDEX_BUFFER,
+        _ => storage,
+    }
+}
+
+impl Scene {
+    pub(crate) fn new(
+        gpu: &Arc<Gpu>,
+        geometry: &Geometry,
+        settings: RenderSettings,
+        limits: Limits,
+    ) -> Result<Self, BackendError> {
+        let prepared = geometry.kept(|g| Prepared(Upload::new(g).map(Arc::new).map_err(|e| e.to_string())));
+        let upload = Arc::clone(prepared.0.as_ref().map_err(|e| BackendError::Unsupported(e.clone()))?);
+        let plan = Plan::new(&upload, settings.resolution, limits)?;
+        let storage = |name: &str, bytes, binding| Buffer::new(gpu, name, bytes, Place::Device, usage(binding));
+        let mut buffers: Vec<Option<Buffer>> = (0..binding::COUNT).map(|_| None).collect();
+        for size in plan.sizes(&upload) {
+            if ![binding::VIEWS, binding::OUTPUT].contains(&size.binding) {
+                buffers[size.binding as usize] = Some(storage(size.name, size.bytes, size.binding)?);
+            }
+        }
+        let words = settings_words(&plan, &upload, settings.covered);
+        buffers[binding::SETTINGS as usize] = Some(storage("settings", 4 * words.len() as u64, binding::SETTINGS)?);
+        for (at, words) in [
+            (binding::SETTINGS, words.as_slice()),
+            (binding::CHUNKS, &upload.chunk_words()),
+            (binding::VERTICES, upload.vertices.as_flattened()),
+            (binding::INDICES, &upload.indices),
+            (binding::TRIANGLE_OF_PATCH, &upload.triangle_of_patch),
+            (binding::CHUNK_OF_PATCH, &upload.chunk_of_patch),
+            (binding::WEIGHTS, &weights(settings.resolution)),
+        ] {
+            if let Some(buffer) = &buffers[at as usize] {
+                buffer.write(0, words)?;
+            }
+        }
+        let extent = vk::Extent2D {
+            width: settings.resolution,
+            height: 3 * settings.resolution,
+        };
+        let items = Image::new(gpu, "the item buffer", vk::Format::R32_UINT, extent, plan.group)?;
+        let depths = Image::new(gpu, "the depth buffer", vk::Format::D32_SFLOAT, extent, plan.group)?;
+        let frame = || -> Result<Frame, BackendError> {
+            let size = |wanted| {
+                let sizes = plan.sizes(&upload);
+                sizes.iter().find(|s| s.binding == wanted).map_or(0, |s| s.bytes)
+            };
+            let (views, output) = (binding::VIEWS, binding::OUTPUT);
+            Ok(Frame {
+                views: Buffer::new(gpu, "views", size(views), Place::Up, usage(views))?,
+                output: Buffer::new(gpu, "rows to read back", size(output), Place::Down, usage(output))?,
+                view_set: vk::DescriptorSet::null(),
+                set: vk::DescriptorSet::null(),
+            })
+        };
+        let mut scene = Self {
+            gpu: Arc::clone(gpu),
+            frames: [frame()?, frame()?],
+            upload,
+            plan,
+            buffers,
+            items,
+            depths,
+            layout: vk::PipelineLayout::null(),
+            set_layouts: [vk::DescriptorSetLayout::null(); 2],
+            pool: vk::DescriptorPool::null(),
+        };
+        scene.bind().map_err(|r| conv::error("descriptor sets", r))?;
+        scene.clear(settings.culling)?;
+        Ok(scene)
+    }
+
+    pub(crate) fn buffer(&self, binding: u32) -> vk::Buffer {
+        self.buffers[binding as usize]
+            .as_ref()
+            .map_or(vk::Buffer::null(), |b| b.raw)
+    }
+
+    /// Makes the descriptor sets: in set 0 a view, chosen by its offset, in set 1 all else.
+    fn bind(&mut self) -> Result<(), vk::Result> {
+        use vk::{DescriptorType as T, ShaderStageFlags as S};
+        let device = &self.gpu.raw;
+        let everywhere = S::VERTEX | S::FRAGMENT | S::COMPUTE;
+        let kind = |binding| match binding {
+            binding::SETTINGS => T::UNIFORM_BUFFER,
+            b if binding::TEXTURES.contains(&b) => T::SAMPLED_IMAGE,
+            _ => T::STORAGE_BUFFER,
+        };
+        let slot = |binding, kind| {
+            vk::DescriptorSetLayoutBinding::default()
+                .binding(binding)
+                .descriptor_type(kind)
+                .descriptor_count(1)
+                .stage_flags(everywhere)
+        };
+        let first = [slot(binding::VIEW, T::UNIFORM_BUFFER_DYNAMIC)];
+        let second: Vec<_> = (binding::SETTINGS..binding::COUNT).map(|b| slot(b, kind(b))).collect();
+        // SAFETY: all is of this device; `drop` destroys what was made, also when this ends early.
+        unsafe {
+            for (made, bindings) in self.set_layouts.iter_mut().zip([&first[..], &second]) {
+                let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(bindings);
+                *made = device.create_descriptor_set_layout(&create, None)?;
+            }
+            let create = vk::PipelineLayoutCreateInfo::default().set_layouts(&self.set_layouts);
+            self.layout = device.create_pipeline_layout(&create, None)?;
+            #[allow(clippy::cast_possible_truncation, reason = "two frames")]
+            let frames = FRAMES as u32;
+            let sizes = [
+                (T::UNIFORM_BUFFER_DYNAMIC, 1),
+                (T::UNIFORM_BUFFER, 1),
+                (T::SAMPLED_IMAGE, 2),
+                (T::STORAGE_BUFFER, binding::COUNT),
+            ]
+            .map(|(kind, count)| vk::DescriptorPoolSize {
+                ty: kind,
+                descriptor_count: count * frames,
+            });
+            let create = vk::DescriptorPoolCreateInfo::default()
+                .max_sets(2 * frames)
+                .pool_sizes(&sizes);
+            self.pool = device.create_descriptor_pool(&create, None)?;
+        }
+        for at in 0..FRAMES {
+            let allocate = vk::DescriptorSetAllocateInfo::default()
+                .descriptor_pool(self.pool)
+                .set_layouts(&self.set_layouts);
+            // SAFETY: the pool has room for the sets of all frames.
+            let sets = unsafe { self.gpu.raw.allocate_descriptor_sets(&allocate)? };
+            let frame = &mut self.frames[at];
+            (frame.view_set, frame.set) = (sets[0], sets[1]);
+            let frame = &self.frames[at];
+            let view = [vk::DescriptorBufferInfo {
+                buffer: frame.views.raw,
+                offset: 0,
+                range: u64::from(VIEW_BYTES),
+            }];
+            let infos: Vec<_> = (binding::SETTINGS..binding::COUNT)
+                .map(|b| {
+                    let buffer = match b {
+                        binding::VIEWS => frame.views.raw,
+                        binding::OUTPUT => frame.output.raw,
+                        _ => self.buffer(b),
+                    };
+                    let image = match b {
+                        binding::DEPTHS => self.depths.all,
+                        _ => self.items.all,
+                    };
+                    let buffer = vk::DescriptorBufferInfo::default().buffer(buffer).range(vk::WHOLE_SIZE);
+                    let image = vk::DescriptorImageInfo::default()
+                        .image_view(image)
+                        .image_layout(vk::ImageLayout::GENERAL);
+                    (b, [buffer], [image])
+                })
+                .collect();
+            let mut writes: Vec<_> = infos
+                .iter()
+                .map(|(b, buffer, image)| {
+                    let write = vk::WriteDescriptorSet::default()
+                        .dst_set(frame.set)
+                        .dst_binding(*b)
+                        .descriptor_type(kind(*b));
+                    if binding::TEXTURES.contains(b) {
+                        write.image_info(image)
+                    } else {
+                        write.buffer_info(buffer)
+                    }
+                })
+                .collect();
+            writes.push(
+                vk::WriteDescriptorSet::default()
+                    .dst_set(frame.view_set)
+                    .dst_binding(binding::VIEW)
+                    .descriptor_type(T::UNIFORM_BUFFER_DYNAMIC)
+                    .buffer_info(&view),
+            );
+            // SAFETY: sets of this device that nothing uses yet, and infos that live until the call returns.
+            unsafe { self.gpu.raw.update_descriptor_sets(&writes, &[]) };
+        }
+        Ok(())
+    }
+
+    /// Brings the images into the layout they keep, and sets what must be 0.
+    fn clear(&self, culling: Culling) -> Result<(), BackendError> {
+        let drawn = u32::from(culling == Culling::Off);
+        self.gpu.run_once(|commands| {
+            let images = [&self.items, &self.depths].map(|image| {
+                vk::ImageMemoryBarrier2::default()
+                    .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+                    .new_layout(vk::ImageLayout::GENERAL)
+                    .image(image.raw)
+                    .subresource_range(
+                        vk::ImageSubresourceRange::default()
+                            .aspect_mask(image.aspect)
+                            .level_count(1)
+                            .layer_count(vk::REMAINING_ARRAY_LAYERS),
+                    )
+            });
+            let dependency = vk::DependencyInfo::default().image_memory_barriers(&images);
+            // SAFETY: images and buffers of this device that nothing else uses yet.
+            unsafe { self.gpu.raw.cmd_pipeline_barrier2(commands, &dependency) };
+            for (binding, value) in [
+                (binding::SEEN, 0),
+                (binding::TALLIES, 0),
+                (binding::VISIBLE, 0),
+                (binding::TOUCHED, 0),
+                (binding::DRAWN, drawn),
+            ] {
+                // SAFETY: as above.
+                unsafe {
+                    self.gpu
+                        .raw
+                        .cmd_fill_buffer(commands, self.buffer(binding), 0, vk::WHOLE_SIZE, value);
+                }
+            }
+        })
+    }
+
+    /// Sets whether all chunks count as drawn.
+    pub(crate) fn fill_drawn(&self, commands: vk::CommandBuffer) {
+        // SAFETY: recorded between the uses of the buffer, with barriers on both sides.
+        unsafe {
+            self.gpu
+                .raw
+                .cmd_fill_buffer(commands, self.buffer(binding::DRAWN), 0, vk::WHOLE_SIZE, 1);
+        }
+    }
+}
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        // SAFETY: the session waits for the device before it drops a scene; destroying null is allowed.
+        unsafe {
+            let device = &self.gpu.raw;
+            device.destroy_descriptor_pool(self.pool, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            for layout in self.set_layouts {
+                device.destroy_descriptor_set_layout(layout, None);
+            }
+        }
+    }
+}
+
+/// The weight of each pixel of the atlas.
+fn weights(resolution: u32) -> Vec<u32> {
+    let table = DeltaTable::new(resolution);
+    let faces = Face::ALL.into_iter();
+    faces
+        .flat_map(|face| table.running(face).windows(2).map(|pair| pair[1] - pair[0]))
+        .collect()
+}
