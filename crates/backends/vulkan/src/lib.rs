@@ -323,16 +323,18 @@ impl Loaded {
             .timing
             .then(|| scene.plan.batch.div_ceil(scene.plan.group) * MARKS);
         let (triangles, chunks) = (scene.upload.triangle_count(), scene.upload.chunks.len());
+        let judge = Judge::new(
+            options.cull,
+            settings.culling,
+            triangles,
+            chunks,
+            pixel_count(settings.resolution),
+        );
+        scene.clear(judge.mode)?;
         Ok(Self {
             geometry: Arc::clone(geometry),
             settings,
-            judge: Judge::new(
-                options.cull,
-                settings.culling,
-                triangles,
-                chunks,
-                pixel_count(settings.resolution),
-            ),
+            judge,
             // A chunk that nobody saw has stamp 0, and must not count as seen by the group before.
             stamp: 2,
             under_way: [None; FRAMES],

@@ -64,7 +64,6 @@ const COVER_READS: Use = (
     A::from_raw(A::SHADER_STORAGE_READ.as_raw() | A::SHADER_STORAGE_WRITE.as_raw() | A::SHADER_SAMPLED_READ.as_raw()),
 );
 const COVER_WRITES: Use = (P::FRAGMENT_SHADER, A::SHADER_STORAGE_WRITE);
-const FILLS: Use = (P::CLEAR, A::TRANSFER_WRITE);
 const HOST_READS: Use = (P::HOST, A::HOST_READ);
 
 impl Stages {
@@ -104,14 +103,9 @@ impl Stages {
 
     /// Records the stages of a submission.
     pub(crate) fn record(&self, scene: &Scene, frame: &Frame, commands: vk::CommandBuffer, work: Work) {
-        // The submission before may still be at work with all that is not the frame's own; and marks of chunks that were
-        // drawn are set where culling has been given up.
+        // The submission before may still be at work with all that is not the frame's own.
         let all = [COMPUTE_USES, DRAWING, COVER_READS, DRAWS_READ];
-        self.after(commands, &all, &[all.as_slice(), &[FILLS]].concat());
-        if work.mode == Mode::Off && work.covered {
-            scene.fill_drawn(commands);
-            self.after(commands, &[FILLS], &[COMPUTE_USES]);
-        }
+        self.after(commands, &all, &all);
         let mut group = 0;
         let mut slot = 0;
         while slot < work.slots {

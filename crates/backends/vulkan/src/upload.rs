@@ -1,9 +1,10 @@
 //! A scene on the device: its buffers and images, and the descriptor sets that name them.
 
 use crate::conv;
+use crate::cull::Mode;
 use crate::device::{Buffer, Gpu, Image, Place};
 use ash::vk;
-use hemicube_contract::backend::{BackendError, Culling, Geometry, RenderSettings};
+use hemicube_contract::backend::{BackendError, Geometry, RenderSettings};
 use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::face::Face;
 use hemicube_shaders::stage::binding;
@@ -119,7 +120,6 @@ impl Scene {
             pool: vk::DescriptorPool::null(),
         };
         scene.bind().map_err(|r| conv::error("descriptor sets", r))?;
-        scene.clear(settings.culling)?;
         Ok(scene)
     }
 
@@ -233,8 +233,9 @@ impl Scene {
     }
 
     /// Brings the images into the layout they keep, and sets what must be 0.
-    fn clear(&self, culling: Culling) -> Result<(), BackendError> {
-        let drawn = u32::from(culling == Culling::Off);
+    pub(crate) fn clear(&self, mode: Mode) -> Result<(), BackendError> {
+        // Where nothing is culled, all chunks are drawn.
+        let drawn = u32::from(mode == Mode::Off);
         self.gpu.run_once(|commands| {
             let images = [&self.items, &self.depths].map(|image| {
                 vk::ImageMemoryBarrier2::default()
@@ -266,16 +267,6 @@ impl Scene {
                 }
             }
         })
-    }
-
-    /// Sets whether all chunks count as drawn.
-    pub(crate) fn fill_drawn(&self, commands: vk::CommandBuffer) {
-        // SAFETY: recorded between the uses of the buffer, with barriers on both sides.
-        unsafe {
-            self.gpu
-                .raw
-                .cmd_fill_buffer(commands, self.buffer(binding::DRAWN), 0, vk::WHOLE_SIZE, 1);
-        }
     }
 }
 

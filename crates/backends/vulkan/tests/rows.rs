@@ -41,3 +41,32 @@ fn rows_agree_with_the_cpu_backend() {
         let _ = RowBlock::default();
     }
 }
+
+#[test]
+fn rows_do_not_depend_on_culling_batches_or_the_run() {
+    if !is_there("vulkan", &vulkan("")) {
+        return;
+    }
+    for (name, model) in devices::scenes().into_iter().chain(devices::extreme_scenes()) {
+        let hemicubes = some(&model, 40);
+        for (resolution, covered) in [(64, true), (256, false)] {
+            let counters = devices::rows_do_not_depend(
+                &vulkan,
+                &[
+                    "cull=occlusion",
+                    "cull=occlusion,batch=1",
+                    "cull=occlusion,group=5,batch=10",
+                    "cull=frustum,batch=3",
+                    "cull=auto",
+                    "cull=off",
+                ],
+                name,
+                &model,
+                &hemicubes,
+                covered,
+                resolution,
+            );
+            say(&format!("{name}, N = {resolution}, covered {covered}: {counters:?}"));
+        }
+    }
+}
