@@ -17,4 +17,5 @@ pub mod geometry;
 pub mod plugins;
 pub mod rays;
 pub mod rows;
+pub mod runs;
 pub mod scenes;

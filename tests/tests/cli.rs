@@ -273,9 +273,11 @@ fn an_existing_matrix_is_not_replaced_unasked() {
         .fails_with(&["`room.obj` exists", "hint: `--overwrite`"]);
     place.line("compute room.obj -o m --resolution 32 -q").is(0);
     let before = files(&place.path("m"));
-    place
-        .line("compute room.obj -o m --resolution 16")
-        .fails_with(&["`m` exists", "--overwrite"]);
+    place.line("compute room.obj -o m --resolution 16").fails_with(&[
+        "`m` holds another matrix",
+        "`resolution` is 32",
+        "--overwrite",
+    ]);
     assert_eq!(files(&place.path("m")), before);
     place.line("compute room.obj -o m --resolution 16 --overwrite -q").is(0);
     assert_ne!(files(&place.path("m")), before);
@@ -291,6 +293,7 @@ fn help_fits_a_screen_and_names_everything() {
         "inspect",
         "tradeoff",
         "check",
+        "merge",
         "compare",
         "export",
         "generate",
@@ -992,7 +995,7 @@ fn an_interrupt_keeps_what_was_computed() {
     place.line("export m F.npz").fails_with(&["incomplete"]);
     place
         .line("compute city.obj -o m")
-        .fails_with(&["incomplete matrix", "--overwrite"]);
+        .fails_with(&["`m` holds another matrix", "`correction`", "--overwrite"]);
 
     // Twice: at once.
     let child = spawn(&format!("{slow} -o n -q"));

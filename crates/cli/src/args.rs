@@ -2,7 +2,7 @@
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use hemicube::backend::RESOLUTIONS;
-use hemicube::store::Form;
+use hemicube::store::{Form, Shard};
 use hemicube_scene::Axis;
 use hemicube_scene::generate::Kind;
 use std::ffi::{OsStr, OsString};
@@ -19,7 +19,7 @@ Exit status:
   0    done
   1    a check, a comparison or a tolerance did not hold
   2    wrong usage, unreadable input, or something that could not be written
-  130  interrupted; what was computed is kept";
+  130  interrupted; what was computed is kept, and the same command goes on there";
 
 /// The same for `balance`, of which an interrupt leaves nothing of use.
 const AFTER_BALANCE_HELP: &str = "\
@@ -89,16 +89,36 @@ pub(crate) struct Talk {
     /// Draw no progress bar (there is none anyway unless standard error is a terminal)
     #[arg(long, global = true, hide_short_help = true, env = "HEMICUBE_NO_PROGRESS", hide_env = true, value_parser = clap::builder::FalseyValueParser::new())]
     pub(crate) no_progress: bool,
+    /// How messages on standard error look; json: one object a line, stages with their times among them
+    #[arg(
+        long,
+        global = true,
+        value_name = "text|json",
+        default_value = "text",
+        hide_possible_values = true,
+        hide_short_help = true
+    )]
+    pub(crate) log_format: LogFormat,
+}
+
+/// How messages look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LogFormat {
+    /// For people.
+    Text,
+    /// A JSON object a line, with the time, and the stages of a run with how long they took.
+    Json,
 }
 
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Compute the form-factor matrix of a scene
+    /// Compute the form-factor matrix of a scene, or go on where a run stopped
     #[command(override_usage = "hemicube compute [OPTIONS] SCENE -o DIR", after_long_help = examples(
         "  hemicube compute room.obj -o room.hemicube
   hemicube compute room.obj -o room.hemicube --tolerance 0.5% --verify 32
   hemicube compute city.obj -o city.hemicube --sample-rows 1% --seed 7
+  hemicube compute city.obj -o city.hemicube --shard 3/16    then: hemicube merge city.hemicube
   hemicube compute city.glb -o facades.hemicube --emitters 'facade*' --occluders 'tree*'
   hemicube compute room.obj -o fine.hemicube --subdivide 4 --resolution 512 --json=fine.json",
         true,
@@ -113,6 +133,9 @@ pub(crate) enum Command {
     /// Check a matrix: closure, reciprocity, range, checksums; exit 1 when a bound is broken
     #[command(after_long_help = examples("  hemicube check room.hemicube\n  hemicube check room.hemicube --reciprocity 0.05", false))]
     Check(Check),
+    /// Make one matrix of what shards computed
+    #[command(override_usage = "hemicube merge [OPTIONS] DIR [FROM]...", after_long_help = examples("  hemicube merge city.hemicube\n  hemicube merge city.hemicube /scratch/node1/city.hemicube /scratch/node2/city.hemicube", false))]
+    Merge(Merge),
     /// Write a balanced copy of a matrix: reciprocal, closed, or without small entries
     #[command(override_usage = "hemicube balance [OPTIONS] DIR -o OUT", after_long_help = format!("Examples:\n  hemicube balance room.hemicube -o closed.hemicube --closure\n  hemicube balance city.hemicube -o small.hemicube --min-factor 1e-5 --reciprocity\n{}", AFTER_BALANCE_HELP.trim_end()))]
     Balance(Balance),
@@ -283,13 +306,15 @@ pub(crate) struct Compute {
     /// The directory to write the matrix to
     #[arg(short, long, value_name = "DIR", required_unless_present = "print_config")]
     pub(crate) output: Option<PathBuf>,
-    /// Replace a matrix that is there
+    /// Replace a matrix that is there, instead of going on with it
     #[arg(long)]
     pub(crate) overwrite: bool,
     #[command(flatten)]
     pub(crate) patches: SceneSettings,
     #[command(flatten)]
     pub(crate) render: RenderSettings,
+    #[command(flatten)]
+    pub(crate) process: ProcessSettings,
     /// Measure the error of ROWS of the rows against rays; exit 1 when it is above the tolerance
     #[arg(long, value_name = "ROWS", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Rows and columns")]
     pub(crate) verify: Option<u32>,
@@ -323,6 +348,18 @@ pub(crate) struct Compute {
     pub(crate) config: ConfigFiles,
     #[command(flatten)]
     pub(crate) report: Report,
+}
+
+/// How a long run is spread, bounded and watched. The matrix is the same.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Long runs")]
+pub(crate) struct ProcessSettings {
+    /// Compute share I of N; auto: as Slurm, MPI or Kubernetes says
+    #[arg(long, value_name = "I/N|auto", conflicts_with_all = ["overwrite", "verify"])]
+    pub(crate) shard: Option<ShardChoice>,
+    /// Write how far it has come to FILE (JSON), once a second
+    #[arg(long, value_name = "FILE", hide_short_help = true)]
+    pub(crate) progress_file: Option<PathBuf>,
 }
 
 /// Which rows and columns are computed.
@@ -420,6 +457,22 @@ pub(crate) struct Check {
     /// How many of the rows that sum worst are listed
     #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub(crate) worst: u16,
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+
+/// `hemicube merge`
+#[derive(Args, Debug)]
+pub(crate) struct Merge {
+    /// The directory that the shards wrote to, or that is to hold the whole
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// Other directories that shards wrote to; their parts are copied
+    #[arg(value_name = "FROM")]
+    pub(crate) sources: Vec<PathBuf>,
+    /// Threads that check parts; 0: one for each core
+    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub(crate) threads: u32,
     #[command(flatten)]
     pub(crate) report: Report,
 }
@@ -639,6 +692,34 @@ pub(crate) struct Tolerance(pub(crate) f64);
 pub(crate) struct Samples {
     /// n of n².
     pub(crate) per_edge: u32,
+}
+
+/// Which share of the work is this process's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ShardChoice {
+    /// This one.
+    Given(Shard),
+    /// The one that a scheduler's variables say, of so many where they do not say that.
+    Auto(Option<u32>),
+}
+
+impl FromStr for ShardChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.strip_prefix("auto") {
+            Some("") => Ok(Self::Auto(None)),
+            Some(count) => count
+                .strip_prefix('/')
+                .and_then(|count| count.parse().ok())
+                .filter(|&count| count > 0)
+                .map(|count| Self::Auto(Some(count)))
+                .ok_or_else(|| {
+                    "`auto`, or `auto/16` where the scheduler does not say of how many, is needed".to_owned()
+                }),
+            None => text.parse().map(Self::Given),
+        }
+    }
 }
 
 /// `A..B`, either end of which may be left out.

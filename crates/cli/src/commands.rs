@@ -8,4 +8,5 @@ pub(crate) mod compute;
 pub(crate) mod export;
 pub(crate) mod generate;
 pub(crate) mod inspect;
+pub(crate) mod merge;
 pub(crate) mod tradeoff;

@@ -463,6 +463,10 @@ mod tests {
             "quiet",
             "verbose",
             "no-progress",
+            "log-format",
+            // Each process has its own.
+            "shard",
+            "progress-file",
             "help",
             "version",
         ];

@@ -1,7 +1,6 @@
 //! How the program ends: exit codes, the one error message, and Ctrl-C.
 
 use std::fmt;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -91,12 +90,8 @@ pub(crate) fn failed(error: &anyhow::Error) -> ExitCode {
     if error.is::<OutputClosed>() {
         return Exit::Done.into();
     }
-    // Nobody is left to tell if standard error is closed too.
-    let mut stderr = std::io::stderr().lock();
-    let _ = writeln!(stderr, "error: {}", message(error));
-    if let Some(hint) = error.chain().find_map(|cause| cause.downcast_ref::<Hinted>()) {
-        let _ = writeln!(stderr, "hint: {}", hint.hint);
-    }
+    let hint = error.chain().find_map(|cause| cause.downcast_ref::<Hinted>());
+    crate::log::error(&message(error), hint.map(|hinted| hinted.hint.as_str()));
     ExitCode::from(FAILED)
 }
 
@@ -115,8 +110,7 @@ static UNUSED: Mutex<Option<PathBuf>> = Mutex::new(None);
 pub(crate) fn watch_interrupts() -> anyhow::Result<&'static AtomicBool> {
     ctrlc::set_handler(|| {
         if KEEPING.load(Ordering::SeqCst) && !CANCEL.swap(true, Ordering::SeqCst) {
-            let text = "interrupted: finishing what is being computed; once more ends at once";
-            let _ = writeln!(std::io::stderr(), "\n{text}");
+            crate::log::interrupted("interrupted: finishing what is being computed; once more ends at once");
             return;
         }
         remove_unused();

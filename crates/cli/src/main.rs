@@ -4,11 +4,13 @@ mod args;
 mod commands;
 mod config;
 mod exit;
+mod log;
 mod prepare;
 mod progress;
 mod report;
 mod rung;
 mod selection;
+mod shard;
 mod verify;
 
 use crate::args::{Cli, Command};
@@ -18,7 +20,6 @@ use anyhow::Result;
 use clap::{CommandFactory, FromArgMatches};
 use std::ffi::OsString;
 use std::process::ExitCode;
-use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {
     match run(std::env::args_os()) {
@@ -53,14 +54,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         Command::Inspect(inspect) => inspect.render.settle(),
         _ => {}
     }
-    let level = if talk.quiet { "error" } else { "warn" };
-    let filter = EnvFilter::try_from_env("HEMICUBE_LOG").unwrap_or_else(|_| EnvFilter::new(level));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .with_ansi(false)
-        .without_time()
-        .init();
+    log::start(talk);
     let print_config = match &cli.command {
         Command::Compute(compute) => compute.config.print_config,
         Command::Inspect(inspect) => inspect.config.print_config,
@@ -78,6 +72,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         Command::Inspect(arguments) => commands::inspect::run(*arguments, talk),
         Command::Tradeoff(arguments) => commands::tradeoff::run(*arguments, talk),
         Command::Check(arguments) => commands::check::run(&arguments, talk),
+        Command::Merge(arguments) => commands::merge::run(&arguments, talk),
         Command::Balance(arguments) => commands::balance::run(&arguments, talk),
         Command::Compare(arguments) => commands::compare::run(&arguments, talk),
         Command::Export(arguments) => commands::export::run(&arguments, talk),

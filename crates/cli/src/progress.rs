@@ -1,30 +1,47 @@
-//! The progress bar: on standard error, and only where somebody watches.
+//! How far a run has come: the progress bar, on standard error and only where somebody watches; the progress file, for
+//! schedulers and whoever asks later; and a span of `tracing` for each stage.
 
 use crate::args::Talk;
+use crate::report::{SCHEMA, TEMPORARY_SUFFIX};
+use anyhow::{Context, Result};
 use hemicube::compute::Progress;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use serde::Serialize;
+use std::cell::{Cell, RefCell};
 use std::fmt::Write;
 use std::io::IsTerminal;
-use std::time::Duration;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use tracing::span::EnteredSpan;
 
 /// A bar by rows, or nothing.
 #[derive(Debug)]
-pub(crate) struct Bar(Option<ProgressBar>);
+pub(crate) struct Bar {
+    bar: Option<ProgressBar>,
+    /// What was there before.
+    kept: u64,
+}
 
 fn is_watched(talk: Talk) -> bool {
     !talk.quiet && !talk.no_progress && std::io::stderr().is_terminal()
 }
 
 impl Bar {
-    /// A bar of `row_count` rows with rate and time left, if standard error is a terminal.
-    pub(crate) fn rows(talk: Talk, row_count: u64) -> Self {
-        Self::counting(talk, row_count, "rows")
+    /// A bar of `row_count` rows with rate and time left, if standard error is a terminal. So many of them are there.
+    pub(crate) fn rows(talk: Talk, row_count: u64, kept: u64) -> Self {
+        let mut bar = Self::counting(talk, row_count, "rows");
+        bar.kept = kept;
+        if let Some(bar) = &bar.bar {
+            bar.set_position(kept);
+            bar.reset_eta();
+        }
+        bar
     }
 
     /// The same of something else.
     pub(crate) fn counting(talk: Talk, count: u64, what: &str) -> Self {
         if !is_watched(talk) {
-            return Self(None);
+            return Self { bar: None, kept: 0 };
         }
         let bar = ProgressBar::with_draw_target(Some(count), ProgressDrawTarget::stderr_with_hz(10));
         let template = format!("{{wide_bar}} {{human_pos}}/{{human_len}} {what}, {{rate}}/s, {{eta}} left");
@@ -34,13 +51,16 @@ impl Bar {
             };
             bar.set_style(style.progress_chars("=> ").with_key("rate", rate));
         }
-        Self(Some(bar))
+        Self {
+            bar: Some(bar),
+            kept: 0,
+        }
     }
 
     /// A sign of life with a word of what is being done.
     pub(crate) fn spinner(talk: Talk, what: &str) -> Self {
         if !is_watched(talk) {
-            return Self(None);
+            return Self { bar: None, kept: 0 };
         }
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
         if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} ({elapsed})") {
@@ -48,21 +68,161 @@ impl Bar {
         }
         bar.set_message(what.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
-        Self(Some(bar))
+        Self {
+            bar: Some(bar),
+            kept: 0,
+        }
     }
 
     /// Moves the bar.
     pub(crate) fn show(&self, progress: Progress) {
-        if let Some(bar) = &self.0 {
-            bar.set_position(progress.rows);
+        if let Some(bar) = &self.bar {
+            bar.set_position(self.kept + progress.rows);
         }
     }
 }
 
 impl Drop for Bar {
     fn drop(&mut self) {
-        if let Some(bar) = self.0.take() {
+        if let Some(bar) = self.bar.take() {
             bar.finish_and_clear();
+        }
+    }
+}
+
+/// How often the progress file is written.
+const WRITTEN_EVERY: Duration = Duration::from_secs(1);
+
+/// What the progress file says.
+#[derive(Clone, Debug, Default, Serialize)]
+struct Reached {
+    schema: u32,
+    process: u32,
+    /// What is being done, or how it ended: `done`, `interrupted`, `failed`.
+    stage: &'static str,
+    rows: u64,
+    /// Those of them that an earlier run had computed.
+    rows_kept: u64,
+    row_count: u64,
+    /// Of the rows of this run.
+    entries: u64,
+    seconds: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seconds_left: Option<f64>,
+}
+
+/// The stage that a run is at, for the progress file and for `tracing`.
+#[derive(Debug)]
+pub(crate) struct Status {
+    file: Option<PathBuf>,
+    started: Instant,
+    reached: RefCell<Reached>,
+    written: Cell<Option<Instant>>,
+}
+
+impl Status {
+    /// Opens the progress file, if there is to be one.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub(crate) fn open(file: Option<&Path>) -> Result<Self> {
+        let status = Self {
+            file: file.map(Path::to_owned),
+            started: Instant::now(),
+            reached: RefCell::new(Reached {
+                schema: SCHEMA,
+                process: std::process::id(),
+                stage: "start",
+                ..Reached::default()
+            }),
+            written: Cell::new(None),
+        };
+        if let Some(file) = file {
+            status
+                .write()
+                .with_context(|| format!("`{}` cannot be written", file.display()))?;
+        }
+        Ok(status)
+    }
+
+    /// A stage begins, and ends when this is dropped.
+    pub(crate) fn stage(&self, name: &'static str) -> Stage<'_> {
+        self.reached.borrow_mut().stage = name;
+        self.tell();
+        Stage {
+            status: self,
+            started: Instant::now(),
+            _span: tracing::info_span!("run", stage = name).entered(),
+        }
+    }
+
+    /// The stage in which rows are computed.
+    pub(crate) fn rows(&self, row_count: u64, kept: u64) -> Stage<'_> {
+        {
+            let mut reached = self.reached.borrow_mut();
+            (reached.rows, reached.rows_kept, reached.row_count) = (kept, kept, row_count);
+        }
+        self.stage("rows")
+    }
+
+    /// The run is over.
+    pub(crate) fn end(&self, how: &'static str) {
+        {
+            let mut reached = self.reached.borrow_mut();
+            reached.stage = how;
+            reached.seconds_left = None;
+        }
+        self.tell();
+    }
+
+    /// Writes the file. What cannot be written now is written the next time: a full disk is told by the store.
+    fn tell(&self) {
+        if let Err(error) = self.write() {
+            tracing::debug!(%error, "the progress file cannot be written");
+        }
+    }
+
+    fn write(&self) -> std::io::Result<()> {
+        let Some(file) = &self.file else { return Ok(()) };
+        self.written.set(Some(Instant::now()));
+        let mut reached = self.reached.borrow_mut();
+        reached.seconds = self.started.elapsed().as_secs_f64();
+        let text = serde_json::to_string(&*reached)?;
+        // By way of another name, so that who reads it never finds half of it. Not synced: it is of this moment.
+        let mut temporary = file.clone().into_os_string();
+        temporary.push(TEMPORARY_SUFFIX);
+        std::fs::write(&temporary, text + "\n")?;
+        std::fs::rename(&temporary, file)
+    }
+}
+
+/// A stage, until it is dropped.
+#[derive(Debug)]
+pub(crate) struct Stage<'a> {
+    status: &'a Status,
+    started: Instant,
+    _span: EnteredSpan,
+}
+
+impl Stage<'_> {
+    /// Says how many rows are there.
+    pub(crate) fn show(&self, progress: Progress) {
+        if self.status.file.is_none() {
+            return;
+        }
+        {
+            let mut reached = self.status.reached.borrow_mut();
+            reached.rows = reached.rows_kept + progress.rows;
+            reached.entries = progress.entries;
+            let (done, left) = (
+                progress.rows as f64,
+                progress.row_count.saturating_sub(progress.rows) as f64,
+            );
+            reached.seconds_left = (done > 0.0).then(|| self.started.elapsed().as_secs_f64() * left / done);
+        }
+        let is_due = self.status.written.get().is_none_or(|at| at.elapsed() >= WRITTEN_EVERY);
+        if is_due || progress.rows == progress.row_count {
+            self.status.tell();
         }
     }
 }

@@ -8,6 +8,7 @@ use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
+use tracing::Level;
 
 /// The version of every JSON report.
 pub(crate) const SCHEMA: u32 = 1;
@@ -19,28 +20,23 @@ impl Talk {
     /// Says what a person wants to know.
     pub(crate) fn say(self, text: &str) {
         if !self.quiet {
-            line(text);
+            crate::log::say(Level::INFO, text);
         }
     }
 
     /// Says what a person wants to know who asked for more.
     pub(crate) fn detail(self, text: &str) {
         if self.verbose {
-            line(text);
+            crate::log::say(Level::INFO, text);
         }
     }
 
     /// Says what may be wrong.
     pub(crate) fn warn(self, text: &str) {
         if !self.quiet {
-            line(&format!("warning: {text}"));
+            crate::log::say(Level::WARN, text);
         }
     }
-}
-
-fn line(text: &str) {
-    // Messages are a courtesy: a closed standard error is no reason to stop.
-    let _ = writeln!(io::stderr(), "{text}");
 }
 
 /// Writes data to standard output.

@@ -193,7 +193,7 @@ impl Verify<'_> {
         let reference = Reference::new(model, settings).context("there is no reference to verify against")?;
         // An interrupt ends the reference after the rows that are under way, and what was measured is said.
         exit::keep(true);
-        let bar = Bar::rows(talk, drawn.len() as u64);
+        let bar = Bar::rows(talk, drawn.len() as u64, 0);
         let row_count = drawn.len() as u64;
         let mut rows = reference_rows(&reference, &drawn, self.threads, self.cancel, &mut |done| {
             bar.show(Progress {

@@ -323,6 +323,7 @@ fn balance_rows(
             indptr: vec![0],
             indices: Vec::new(),
             data: Vec::new(),
+            thinning: None,
             ..source.clone()
         };
         for (row, &patch) in source.rows.iter().enumerate() {
@@ -457,6 +458,7 @@ fn balance_pairs(
             indptr: vec![0],
             indices: Vec::new(),
             data: Vec::new(),
+            thinning: None,
             ..source
         };
         for (row, entries) in block.rows().enumerate() {

@@ -5,7 +5,7 @@
 
 mod entries;
 
-pub use entries::Thinning;
+pub use entries::{PartThinning, Thinning};
 
 use crate::Model;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
@@ -78,6 +78,9 @@ pub struct Plan {
     pub min_factor: f64,
     /// What form factors are rounded to.
     pub form: Form,
+    /// The parts to compute, ascending; `None`: all. Parts do not depend on each other, so leaving out those that are
+    /// there already, or that another process computes, changes nothing in the others.
+    pub parts: Option<Vec<u32>>,
 }
 
 impl Plan {
@@ -102,7 +105,16 @@ impl Plan {
             correction: Correction::Pixel,
             min_factor: 0.0,
             form: Form::Plain,
+            parts: None,
         }
+    }
+
+    /// The same plan for those of its parts that `wanted` says, to go on with a matrix or to compute a shard of it.
+    #[must_use]
+    pub fn with_parts(mut self, wanted: impl Fn(u32) -> bool) -> Self {
+        let count = u32::try_from(self.part_count()).unwrap_or(u32::MAX);
+        self.parts = Some((0..count).filter(|&part| wanted(part)).collect());
+        self
     }
 
     /// The same plan with another rung of the accuracy ladder; that of a tolerance takes one hemicube a row.
@@ -139,6 +151,21 @@ impl Plan {
     /// How many parts there are.
     pub fn part_count(&self) -> usize {
         self.rows.len().div_ceil(self.rows_per_part as usize)
+    }
+
+    /// The places of a part's rows in [`Self::rows`]; none for a part that there is not.
+    fn rows_of_part(&self, part: u32) -> std::ops::Range<usize> {
+        let start = (part as usize * self.rows_per_part as usize).min(self.rows.len());
+        start..(start + self.rows_per_part as usize).min(self.rows.len())
+    }
+
+    /// The parts to compute.
+    fn wanted(&self) -> Vec<u32> {
+        let count = u32::try_from(self.part_count()).unwrap_or(u32::MAX);
+        match &self.parts {
+            Some(parts) => parts.iter().copied().filter(|&part| part < count).collect(),
+            None => (0..count).collect(),
+        }
     }
 }
 
@@ -368,15 +395,14 @@ pub fn compute(
     };
     let rows_per_batch = (hemicubes_per_call / samples.max(1)).clamp(1, plan.rows_per_part as usize);
     let batches_per_part = (plan.rows_per_part as usize).div_ceil(rows_per_batch);
-    let row_count = plan.rows.len();
-    let last_part_rows = row_count - plan.part_count().saturating_sub(1) * plan.rows_per_part as usize;
-    let batch_count = plan.part_count().saturating_sub(1) * batches_per_part + last_part_rows.div_ceil(rows_per_batch);
+    let wanted = plan.wanted();
+    // Only the last part of a plan is shorter than the others, and it is the last that is wanted, too.
+    let rows_of_last = wanted.last().map_or(0, |&part| plan.rows_of_part(part).len());
+    let batch_count = wanted.len().saturating_sub(1) * batches_per_part + rows_of_last.div_ceil(rows_per_batch);
     let rows_of_batch = |batch: usize| {
-        let (part, within) = (batch / batches_per_part, batch % batches_per_part);
-        let part_start = part * plan.rows_per_part as usize;
-        let part_end = (part_start + plan.rows_per_part as usize).min(row_count);
-        let start = part_start + within * rows_per_batch;
-        &plan.rows[start..(start + rows_per_batch).min(part_end)]
+        let rows = plan.rows_of_part(wanted[batch / batches_per_part]);
+        let start = rows.start + batch % batches_per_part * rows_per_batch;
+        &plan.rows[start..(start + rows_per_batch).min(rows.end)]
     };
 
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -448,6 +474,7 @@ pub fn compute(
         let result = collect(
             model,
             plan,
+            &wanted,
             batches_per_part,
             &queue,
             &receiver,
@@ -606,6 +633,7 @@ fn backend_name(backend: &dyn HemicubeBackend) -> String {
 fn collect(
     model: &Model,
     plan: &Plan,
+    wanted: &[u32],
     batches_per_part: usize,
     queue: &Queue,
     receiver: &mpsc::Receiver<(usize, Result<Batch, ComputeError>)>,
@@ -614,12 +642,23 @@ fn collect(
     cancel: Option<&AtomicBool>,
     summary: &mut Summary,
 ) -> Result<(), ComputeError> {
-    let row_count = plan.rows.len() as u64;
+    let row_count = wanted
+        .iter()
+        .map(|&part| plan.rows_of_part(part).len() as u64)
+        .sum::<u64>();
+    let mut wanted = wanted.iter().copied();
+    let is_thinned = plan.min_factor > 0.0;
+    // Past the last part nothing comes.
+    let mut next_part = || {
+        let mut part = empty_part(wanted.next().unwrap_or(u32::MAX));
+        part.thinning = is_thinned.then(PartThinning::default);
+        part
+    };
     let mut early: BTreeMap<usize, Batch> = BTreeMap::new();
     let mut next = 0;
-    let mut part = empty_part(0);
+    let mut part = next_part();
     let mut cancelling = false;
-    let mut thinned = entries::Tally::default();
+    let mut thinned = PartThinning::default();
     progress(Progress {
         rows: 0,
         row_count,
@@ -644,9 +683,12 @@ fn collect(
             summary.counters += batch.counters;
             let before = part.rows.len();
             append(&mut part, batch.part);
-            for (row, change) in (before..).zip(&batch.changes) {
-                let area = model.patches().area(InputPatch(part.rows[row]));
-                thinned.add(&part, row, area, change);
+            if let Some(mut changed) = part.thinning {
+                for (row, change) in (before..).zip(&batch.changes) {
+                    let area = model.patches().area(InputPatch(part.rows[row]));
+                    changed.add(&part, row, area, change);
+                }
+                part.thinning = Some(changed);
             }
             let full = next % batches_per_part == 0 || part.rows.len() as u64 + summary.rows == row_count;
             if full {
@@ -668,8 +710,10 @@ fn collect(
                     summary.sums.blocked += sums.blocked;
                     summary.sums.unselected += sums.unselected;
                 }
-                let next_part = empty_part(part.index + 1);
-                if parts.send(std::mem::replace(&mut part, next_part)).is_err() {
+                if let Some(of_part) = &part.thinning {
+                    thinned.merge(of_part);
+                }
+                if parts.send(std::mem::replace(&mut part, next_part())).is_err() {
                     return Ok(());
                 }
             }
@@ -682,7 +726,7 @@ fn collect(
         });
     }
     summary.cancelled = summary.rows < row_count;
-    summary.thinning = (plan.min_factor > 0.0).then(|| thinned.finish(plan.min_factor));
+    summary.thinning = is_thinned.then(|| thinned.finish(plan.min_factor));
     Ok(())
 }
 

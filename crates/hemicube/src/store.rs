@@ -31,13 +31,18 @@ mod compact;
 mod csr;
 mod durable;
 mod error;
+mod lock;
 mod manifest;
 mod matrix;
 mod npy;
 mod npz;
+mod product;
 mod read;
+mod resume;
+mod shard;
 mod write;
 
+pub use crate::compute::PartThinning;
 pub use error::{Error, Result};
 pub use manifest::{
     BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,
@@ -45,6 +50,8 @@ pub use manifest::{
 };
 pub use matrix::{Matrix, MatrixRow};
 pub use read::{Row, RowTable, Rows, Store};
+pub use resume::{Kept, Merged, NotKept, merge};
+pub use shard::Shard;
 pub use write::StoreWriter;
 
 pub(crate) use durable::{DurableFile, write_whole};
@@ -146,6 +153,8 @@ pub struct Part {
     pub errors: Vec<f32>,
     /// Rays and points that visible fractions of each row were measured with.
     pub rays: Vec<u32>,
+    /// What leaving out small form factors did, where that was asked for.
+    pub thinning: Option<PartThinning>,
 }
 
 impl PartialEq for Part {
@@ -161,6 +170,7 @@ impl PartialEq for Part {
             && self.hemicubes == other.hemicubes
             && bits(self) == bits(other)
             && self.rays == other.rays
+            && self.thinning == other.thinning
     }
 }
 

@@ -10,7 +10,7 @@ mod compact;
 #[path = "store/sample.rs"]
 mod sample;
 
-use hemicube::store::{Error, Form, HEMICUBE_WEIGHT, Matrix, Part, RowSums, Store, StoreWriter};
+use hemicube::store::{Error, Form, HEMICUBE_WEIGHT, Matrix, Part, RowSums, Shard, Store, StoreWriter, merge};
 use hemicube_scene::InputPatch;
 use sample::{Random, doctor_manifest, files, sample};
 use std::path::Path;
@@ -331,7 +331,7 @@ fn a_part_that_no_reader_could_rely_on_is_refused() {
 
 /// Reads everything, without looking at a checksum first: it may find an error, and must not panic or hang.
 fn read_all(directory: &Path) -> Result<(), Error> {
-    let store = Store::open(directory)?;
+    let store = Store::open_trusting(directory)?;
     for row in store.rows()? {
         row?;
     }
@@ -402,6 +402,14 @@ fn flipped_bits_are_detected(form: Form) {
             match Store::open(directory.path()) {
                 Ok(store) => {
                     assert_ne!(file, "manifest.json", "bit {bit} of the manifest went unnoticed");
+                    // Whoever reads a row of the part, or the table, is told.
+                    let row = store
+                        .rows_in_processing_order()
+                        .and_then(|mut rows| rows.nth(45).transpose());
+                    assert!(
+                        row.is_err() || file == "patches.npz" && store.patches().is_err(),
+                        "bit {bit} of {file}"
+                    );
                     let verified = store.verify_part(1).and_then(|()| store.verify_patches());
                     assert!(
                         matches!(verified, Err(Error::Checksum { .. })),
@@ -588,7 +596,8 @@ fn a_full_disk_loses_nothing_that_was_written() {
     };
     assert!(path.ends_with(format!("parts/part-{written:05}.npz")), "{error}");
     assert!(*wanted > 8 * sample.parts[written].data.len() as u64);
-    assert!(files(&place).keys().all(|name| !name.contains("tmp")));
+    let left: Vec<String> = files(&place).into_keys().filter(|name| name.contains("tmp")).collect();
+    assert_eq!(left, [".lock.hemicube-tmp"], "the writer is still there");
     writer.interrupt().unwrap();
     let store = Store::open(&place).unwrap();
     assert_eq!(store.manifest().parts.len(), written);
@@ -608,4 +617,166 @@ fn a_disk_that_is_too_small_is_told_before_the_first_row() {
     let place = disk.0.path().join("store");
     let error = StoreWriter::create(&place, sample.header.clone(), &sample.patches, false).unwrap_err();
     assert!(matches!(error, Error::NoSpace { .. }), "{error:?}");
+}
+
+#[test]
+fn products_are_those_of_the_rows_whatever_the_threads() {
+    for form in [Form::Plain, Form::Compact] {
+        let directory = tempfile::tempdir().unwrap();
+        // Rows of some patches only, in many parts, of which the last is short.
+        let sample = sample(230, 190, 7, 21).in_form(form);
+        let store = sample.write(directory.path());
+        let dense = sample.dense();
+        let x: Vec<f64> = (0..230).map(|k| f64::from(k * 37 % 101) - 50.0).collect();
+        let y = store.multiply(&x, 1).unwrap();
+        let transposed = store.multiply_transposed(&x, 1).unwrap();
+        let mut wanted = vec![0.0; 230];
+        for (patch, row) in dense.iter().enumerate() {
+            let Some(row) = row else {
+                assert!(y[patch].is_nan(), "a row that was not computed");
+                continue;
+            };
+            let sum: f64 = row.iter().zip(&x).map(|(&factor, x)| f64::from(factor) * x).sum();
+            assert!((y[patch] - sum).abs() < 1e-12 * 50.0, "{} {sum}", y[patch]);
+            for (wanted, &factor) in wanted.iter_mut().zip(row) {
+                *wanted += f64::from(factor) * x[patch];
+            }
+        }
+        for (found, wanted) in transposed.iter().zip(&wanted) {
+            assert!((found - wanted).abs() < 1e-12 * 50.0, "{found} {wanted}");
+        }
+        let bits = |numbers: &[f64]| numbers.iter().map(|n| n.to_bits()).collect::<Vec<u64>>();
+        for threads in [0, 2, 3, 16] {
+            assert_eq!(bits(&store.multiply(&x, threads).unwrap()), bits(&y));
+            assert_eq!(
+                bits(&store.multiply_transposed(&x, threads).unwrap()),
+                bits(&transposed)
+            );
+        }
+        assert!(matches!(store.multiply(&x[1..], 1), Err(Error::Refused { .. })));
+
+        // A flipped bit among the entries is seen, once for each store that is opened.
+        let path = directory.path().join("parts/part-00003.npz");
+        let mut bytes = std::fs::read(&path).unwrap();
+        let middle = bytes.len() / 3;
+        bytes[middle] ^= 1;
+        std::fs::write(&path, bytes).unwrap();
+        let store = Store::open(directory.path()).unwrap();
+        assert!(matches!(store.multiply(&x, 2), Err(Error::Checksum { .. })));
+        assert!(matches!(store.multiply_transposed(&x, 2), Err(Error::Checksum { .. })));
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let sample = sample(40, 40, 8, 22);
+    let mut writer = sample.writer(directory.path());
+    writer.write_part(&sample.parts[0]).unwrap();
+    writer.interrupt().unwrap();
+    let store = Store::open(directory.path()).unwrap();
+    assert!(matches!(store.multiply(&[0.0; 40], 1), Err(Error::Incomplete { .. })));
+}
+
+#[test]
+fn shards_and_resumed_runs_write_the_bytes_of_one_run() {
+    let directory = tempfile::tempdir().unwrap();
+    let whole = directory.path().join("whole");
+    let sample = sample(90, 90, 8, 23);
+    sample.write(&whole);
+    let whole = files(&whole);
+    let resume = |place: &Path, shard: Option<Shard>| {
+        StoreWriter::resume(place, sample.header.clone(), &sample.patches, shard, 2, &mut |_| {})
+    };
+    let finish = |mut writer: StoreWriter| {
+        for part in writer.missing_parts() {
+            writer.write_part(&sample.parts[part as usize]).unwrap();
+        }
+        writer.finish().unwrap()
+    };
+
+    // A run that was dropped without a word, as a killed one is, after parts in any order.
+    let place = directory.path().join("resumed");
+    let mut writer = sample.writer(&place);
+    for part in [5, 0, 11] {
+        writer.write_part(&sample.parts[part]).unwrap();
+    }
+    drop(writer);
+    let (writer, kept) = resume(&place, None).unwrap();
+    assert_eq!((kept.was_there, kept.is_complete, kept.parts), (true, false, 3));
+    assert_eq!(writer.missing_parts(), [1, 2, 3, 4, 6, 7, 8, 9, 10]);
+    finish(writer);
+    assert!(files(&place) == whole);
+    let (writer, kept) = resume(&place, None).unwrap();
+    assert!(kept.is_complete && writer.missing_parts().is_empty());
+    finish(writer);
+    assert!(files(&place) == whole);
+
+    // Shards that work at once in one directory.
+    let shared = directory.path().join("shared");
+    let shard = |number: u32| Shard::new(number - 1, 4);
+    let (first, _) = resume(&shared, shard(1)).unwrap();
+    let (third, _) = resume(&shared, shard(3)).unwrap();
+    assert!(matches!(resume(&shared, shard(3)), Err(Error::Locked { .. })));
+    assert!(matches!(resume(&shared, None), Err(Error::Locked { .. })));
+    assert!(matches!(merge(&shared, &[], 2), Err(Error::Locked { .. })));
+    finish(third);
+    finish(first);
+    finish(resume(&shared, shard(4)).unwrap().0);
+    let merged = merge(&shared, &[], 2).unwrap();
+    assert!(!merged.manifest.complete);
+    assert_eq!(merged.missing, [1, 5, 9]);
+    assert_eq!((merged.missing_shards(), merged.shard_count), (vec![2], Some(4)));
+    finish(resume(&shared, shard(2)).unwrap().0);
+    assert!(merge(&shared, &[], 2).unwrap().manifest.complete);
+    assert!(files(&shared) == whole);
+    // Once more changes nothing, and a shard finds nothing to do.
+    assert!(merge(&shared, &[], 2).unwrap().missing.is_empty());
+    finish(resume(&shared, shard(2)).unwrap().0);
+    merge(&shared, &[], 2).unwrap();
+    assert!(files(&shared) == whole);
+
+    // Shards in directories of their own, merged into a new one.
+    let own: Vec<_> = (1..=4)
+        .map(|number| directory.path().join(format!("own-{number}")))
+        .collect();
+    for (number, place) in (1..).zip(&own) {
+        finish(resume(place, shard(number)).unwrap().0);
+    }
+    let together = directory.path().join("together");
+    let merged = merge(&together, &own[1..], 2).unwrap();
+    assert_eq!((merged.missing_shards(), merged.copied), (vec![1], 9));
+    let merged = merge(&together, &own, 2).unwrap();
+    assert_eq!((merged.manifest.complete, merged.copied), (true, 3));
+    assert!(files(&together) == whole);
+
+    // What does not fit is refused by name.
+    let mut other = sample.header.clone();
+    other.settings["resolution"] = 512.into();
+    let foreign = directory.path().join("foreign");
+    let (writer, _) = StoreWriter::resume(&foreign, other, &sample.patches, shard(2), 1, &mut |_| {}).unwrap();
+    finish(writer);
+    let error = merge(&together, std::slice::from_ref(&foreign), 1).unwrap_err();
+    assert!(
+        matches!(&error, Error::OtherRun { path, difference } if *path == foreign && difference.contains("`resolution` is 512")),
+        "{error}"
+    );
+    let mut later = sample.header.clone();
+    later.program = "9.9.9".into();
+    let error = StoreWriter::resume(&place, later, &sample.patches, None, 1, &mut |_| {}).unwrap_err();
+    assert!(error.to_string().contains("version of hemicube is "), "{error}");
+    // The same part with other bits, sealed all the same: a machine that computes otherwise, or memory that fails.
+    let mut odd = sample.parts[6].clone();
+    odd.data[3] += 1e-3;
+    let wrong = directory.path().join("wrong");
+    let (mut writer, _) = resume(&wrong, shard(3)).unwrap();
+    writer.write_part(&odd).unwrap();
+    drop(writer);
+    let error = merge(&together, std::slice::from_ref(&wrong), 1).unwrap_err();
+    assert!(error.to_string().contains("in two versions"), "{error}");
+    // A part that is damaged in one place and whole in another is taken from there.
+    let damaged = own[2].join("parts/part-00006.npz");
+    std::fs::write(&damaged, b"short").unwrap();
+    let merged = merge(&own[2], &own, 2).unwrap();
+    assert_eq!((merged.missing, merged.not_kept.len()), (vec![6], 2));
+    let mut sources = own.clone();
+    sources.push(place.clone());
+    assert!(merge(&own[2], &sources, 2).unwrap().manifest.complete);
+    assert!(files(&own[2]) == whole);
 }

@@ -3,19 +3,20 @@
 use crate::args::{AutoSwitch, Compute as Arguments, RowRange, SampleSize, SelectionSettings, Switch, Talk};
 use crate::exit::{self, Exit, hinted};
 use crate::prepare::{Prepared, RepairCounts, axis_name, prepare};
-use crate::progress::Bar;
+use crate::progress::{Bar, Status};
 use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, Spread, TEMPORARY_SUFFIX, count, counted, duration,
     figures, percent, size,
 };
 use crate::rung::{self, Rung};
 use crate::verify::{Verification, Verify};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
 use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, Thinning, compute};
 use hemicube::row::RowBlock;
 use hemicube::store::{
-    BackendEntry, Form, HEMICUBE_WEIGHT, Header, Manifest, Part, PatchTable, SceneEntry, Store, StoreWriter, scene_hash,
+    BackendEntry, Error as StoreError, Form, HEMICUBE_WEIGHT, Header, Kept, Manifest, Part, PatchTable, SceneEntry,
+    Shard, Store, StoreWriter, scene_hash,
 };
 use hemicube::{InputPatch, Model};
 use hemicube_scene::Subdivision;
@@ -88,9 +89,15 @@ struct Report {
     value_error: f64,
     bytes: u64,
     complete: bool,
+    /// Which share of the rows this is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shard: Option<String>,
     parts: u64,
+    /// Those of them that an earlier run had computed.
+    parts_kept: u32,
     part_count: u64,
     rows: u64,
+    rows_kept: u64,
     row_count: u64,
     entries: u64,
     row_sum: Spread,
@@ -176,6 +183,18 @@ struct Timings {
 /// Keeps parts, and what their rows come to.
 struct Recorder {
     writer: StoreWriter,
+    tally: Tally,
+}
+
+/// What rows come to, those of an earlier run included.
+#[derive(Debug)]
+struct Tally {
+    parts: u64,
+    rows: u64,
+    entries: u64,
+    rays: u64,
+    squared_error: f64,
+    squared_norm: f64,
     /// Rows that were rendered.
     rendered: u64,
     sum: f64,
@@ -192,6 +211,41 @@ struct Recorder {
 impl PartSink for Recorder {
     fn take(&mut self, part: Part) -> Result<(), hemicube::store::Error> {
         self.writer.write_part(&part)?;
+        self.tally.add(&part);
+        Ok(())
+    }
+}
+
+impl Tally {
+    fn new() -> Self {
+        Self {
+            parts: 0,
+            rows: 0,
+            entries: 0,
+            rays: 0,
+            squared_error: 0.0,
+            squared_norm: 0.0,
+            rendered: 0,
+            sum: 0.0,
+            min: f64::INFINITY,
+            max: f64::NEG_INFINITY,
+            closure: 0.0,
+            mostly_blocked: 0,
+            effort: Effort::default(),
+            escaped: 0.0,
+            blocked: 0.0,
+            unselected: 0.0,
+        }
+    }
+
+    fn add(&mut self, part: &Part) {
+        self.parts += 1;
+        self.rows += part.rows.len() as u64;
+        self.entries += part.data.len() as u64;
+        self.rays += part.rays.iter().map(|&rays| u64::from(rays)).sum::<u64>();
+        let estimated = part.errors.iter().filter(|error| !error.is_nan());
+        self.squared_error += estimated.map(|&error| f64::from(error).powi(2)).sum::<f64>();
+        self.squared_norm += part.data.iter().map(|&factor| f64::from(factor).powi(2)).sum::<f64>();
         for (row, (sums, &hemicubes)) in part.sums.iter().zip(&part.hemicubes).enumerate() {
             if hemicubes == 0 {
                 continue;
@@ -211,25 +265,12 @@ impl PartSink for Recorder {
             self.blocked += lost[1];
             self.unselected += lost[2];
         }
-        Ok(())
     }
-}
 
-impl Recorder {
-    fn new(writer: StoreWriter) -> Self {
-        Self {
-            writer,
-            rendered: 0,
-            sum: 0.0,
-            min: f64::INFINITY,
-            max: f64::NEG_INFINITY,
-            closure: 0.0,
-            mostly_blocked: 0,
-            effort: Effort::default(),
-            escaped: 0.0,
-            blocked: 0.0,
-            unselected: 0.0,
-        }
+    /// Relative Frobenius error that the rows are expected to have, where their rung estimates it.
+    fn expected_error(&self) -> Option<f64> {
+        let relative = (self.squared_error / self.squared_norm).sqrt();
+        (self.squared_error > 0.0 && relative.is_finite()).then_some(relative)
     }
 
     fn mean(&self, sum: f64) -> f64 {
@@ -258,26 +299,55 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         bail!("a scene and `--output` are needed");
     };
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
+    let shard = arguments
+        .process
+        .shard
+        .map(|choice| crate::shard::shard(choice, &|name| std::env::var(name).ok()))
+        .transpose()?
+        .map(|(shard, said)| {
+            talk.say(&match said {
+                Some(said) => format!("shard {shard}, by {said}"),
+                None => format!("shard {shard}"),
+            });
+            shard
+        });
     let json = JsonReport::open(&arguments.report)?;
     let backend = arguments.render.open_backend()?;
-    check_place(directory, arguments.overwrite)?;
-    let result = compute_into(&arguments, scene_path, directory, backend, cancel, json, talk);
+    check_place(directory)?;
+    let status = Status::open(arguments.process.progress_file.as_deref())?;
+    let result = compute_into(
+        &arguments, scene_path, directory, backend, cancel, shard, json, &status, talk,
+    );
+    status.end(match &result {
+        Ok(Exit::Interrupted) => "interrupted",
+        Ok(_) => "done",
+        Err(_) => "failed",
+    });
     exit::remove_unused();
     result
 }
 
+#[allow(
+    clippy::too_many_arguments,
+    reason = "called once: what was opened before the scene is read"
+)]
 fn compute_into(
     arguments: &Arguments,
     scene_path: &Path,
     directory: &Path,
     mut backend: Box<dyn HemicubeBackend>,
     cancel: &std::sync::atomic::AtomicBool,
+    shard: Option<Shard>,
     json: Option<JsonReport>,
+    status: &Status,
     talk: Talk,
 ) -> Result<Exit> {
     let mut timings = Timings::default();
+    let stage = status.stage("load");
     let mut prepared = prepare(scene_path, &arguments.patches, &arguments.render)?;
+    drop(stage);
     let selection = crate::selection::selection(&prepared.scene, &prepared.patches, &arguments.selection)?;
+    let stage = status.stage("settle");
     let started = Instant::now();
     // A session of its own, so that what is settled and what is computed do not share a loaded scene.
     let rung = rung::choose(
@@ -289,7 +359,9 @@ fn compute_into(
         arguments.render.open_backend()?.as_mut(),
     )?;
     timings.settle = started.elapsed().as_secs_f64();
-    let (plan, rows) = plan(&prepared.model, selection, arguments, &rung)?;
+    drop(stage);
+    let stage = status.stage("build");
+    let (mut plan, rows) = plan(&prepared.model, selection, arguments, &rung)?;
     let threads = arguments.render.thread_count();
     prepared.tell(talk);
     if let Some(reason) = &rung.reason {
@@ -321,6 +393,7 @@ fn compute_into(
     for choice in backend.choices() {
         talk.say(&choice);
     }
+    drop(stage);
     timings.load = prepared.load_seconds;
     timings.build = prepared.build_seconds + started.elapsed().as_secs_f64();
 
@@ -329,7 +402,22 @@ fn compute_into(
     // From here to the last manifest an interrupt waits, so that what it leaves is a store.
     exit::keep(true);
     let started = Instant::now();
-    let writer = create_store(arguments, &prepared, &plan, &settings, backend.as_ref(), directory)?;
+    let stage = status.stage("store");
+    let mut tally = Tally::new();
+    let (writer, kept) = open_store(
+        arguments,
+        &prepared,
+        &plan,
+        &settings,
+        backend.as_ref(),
+        directory,
+        shard,
+        &mut tally,
+    )?;
+    drop(stage);
+    tell_kept(&writer, &kept, directory, talk);
+    let missing = writer.missing_parts();
+    plan = plan.with_parts(|part| missing.binary_search(&part).is_ok());
     timings.write = started.elapsed().as_secs_f64();
     let scene = SceneReport {
         triangles: prepared.triangles_read,
@@ -345,8 +433,10 @@ fn compute_into(
     // Not needed any more, and as large as the patches.
     prepared.scene.triangles = Vec::new();
 
-    let mut recorder = Recorder::new(writer);
-    let bar = Bar::rows(talk, plan.rows.len() as u64);
+    let mut recorder = Recorder { writer, tally };
+    let all_rows = rows_of_parts(&recorder.writer, &missing) + kept.rows;
+    let bar = Bar::rows(talk, all_rows, kept.rows);
+    let stage = status.rows(all_rows, kept.rows);
     let execution = Execution {
         threads,
         batch: arguments.batch as usize,
@@ -360,16 +450,20 @@ fn compute_into(
         backend,
         execution,
         &mut recorder,
-        &mut |p| bar.show(p),
+        &mut |p| {
+            bar.show(p);
+            stage.show(p);
+        },
     );
     drop(bar);
+    drop(stage);
     let summary = match computed {
         Ok(summary) => summary,
         Err(error) => {
             return Err(keep_what_is_there(
                 anyhow::Error::new(error),
                 recorder.writer,
-                plan.part_count(),
+                recorder.tally.parts,
             ));
         }
     };
@@ -377,18 +471,16 @@ fn compute_into(
     timings.build += (started.elapsed().as_secs_f64() - timings.rows).max(0.0);
 
     let started = Instant::now();
-    let (row_sum, means) = (
-        recorder.row_sum(),
-        [recorder.escaped, recorder.blocked, recorder.unselected].map(|sum| recorder.mean(sum)),
-    );
-    let (closure, mostly_blocked) = (recorder.closure, recorder.mostly_blocked);
-    let effort = std::mem::take(&mut recorder.effort);
-    recorder.writer.record_thinning(summary.thinning);
+    let stage = status.stage("finish");
+    let Recorder { writer, mut tally } = recorder;
+    let means = [tally.escaped, tally.blocked, tally.unselected].map(|sum| tally.mean(sum));
+    let effort = std::mem::take(&mut tally.effort);
     let manifest = if summary.cancelled {
-        recorder.writer.interrupt()
+        writer.interrupt()
     } else {
-        recorder.writer.finish()
+        writer.finish()
     }?;
+    drop(stage);
     exit::keep(false);
     timings.write += summary.sink.as_secs_f64() + started.elapsed().as_secs_f64();
 
@@ -413,20 +505,23 @@ fn compute_into(
         value_error: manifest.value_error,
         bytes: bytes_of(directory, &manifest),
         complete: manifest.complete,
-        parts: summary.parts,
-        part_count: plan.part_count() as u64,
-        rows: summary.rows,
-        row_count: plan.rows.len() as u64,
-        entries: summary.entries,
-        row_sum,
+        shard: shard.map(|shard| shard.to_string()),
+        parts: tally.parts,
+        parts_kept: kept.parts,
+        part_count: u64::from(kept.parts) + missing.len() as u64,
+        rows: tally.rows,
+        rows_kept: kept.rows,
+        row_count: all_rows,
+        entries: tally.entries,
+        row_sum: tally.row_sum(),
         escaped,
         blocked,
         unselected,
-        rows_mostly_blocked: mostly_blocked,
-        closure,
-        expected_error: expected_error(&summary),
-        thinning: summary.thinning,
-        rays: summary.rays,
+        rows_mostly_blocked: tally.mostly_blocked,
+        closure: tally.closure,
+        expected_error: tally.expected_error(),
+        thinning: manifest.thinning,
+        rays: tally.rays,
         effort,
         counters: summary.counters,
         verification: None,
@@ -451,6 +546,7 @@ fn compute_into(
         Exit::Done
     };
     if let (Some(wanted), Exit::Done) = (arguments.verify, exit) {
+        let _stage = status.stage("verify");
         let started = Instant::now();
         let verify = Verify {
             rows: wanted,
@@ -475,7 +571,7 @@ fn compute_into(
 
 /// Refuses a place that cannot become a store, before a large scene is read; makes the directory. The store's writer has
 /// the last word.
-fn check_place(directory: &Path, overwrite: bool) -> Result<()> {
+fn check_place(directory: &Path) -> Result<()> {
     let shown = directory.display();
     match std::fs::metadata(directory) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -486,17 +582,7 @@ fn check_place(directory: &Path, overwrite: bool) -> Result<()> {
         Ok(metadata) if !metadata.is_dir() => {
             bail!("`{shown}` is a file, and a matrix is written to a directory; choose another name");
         }
-        Ok(_) if directory.join("manifest.json").exists() => {
-            if !overwrite {
-                let incomplete = Store::open(directory).is_ok_and(|store| !store.manifest().complete);
-                let what = if incomplete {
-                    "holds an incomplete matrix already"
-                } else {
-                    "exists already"
-                };
-                return Err(hinted(anyhow!("`{shown}` {what}"), "`--overwrite` replaces it"));
-            }
-        }
+        Ok(_) if directory.join("manifest.json").exists() => {}
         Ok(_) => {
             let entries = std::fs::read_dir(directory).with_context(|| format!("`{shown}` cannot be read"))?;
             for entry in entries {
@@ -662,14 +748,21 @@ fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: Rows, rung: &R
     }
 }
 
-fn create_store(
+/// Makes the store, or opens the one that is there to go on with it.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "called once: everything that a store's header says"
+)]
+fn open_store(
     arguments: &Arguments,
     prepared: &Prepared,
     plan: &Plan,
     settings: &RowSettings,
     backend: &dyn HemicubeBackend,
     directory: &Path,
-) -> Result<StoreWriter> {
+    shard: Option<Shard>,
+    tally: &mut Tally,
+) -> Result<(StoreWriter, Kept)> {
     let scene = &prepared.scene;
     let file = Path::new(&prepared.input.path).file_name();
     let header = Header {
@@ -693,13 +786,62 @@ fn create_store(
         materials: scene.materials.iter().map(|material| material.name.clone()).collect(),
     };
     let table = PatchTable::new(scene, &prepared.patches);
-    Ok(StoreWriter::create(directory, header, &table, arguments.overwrite)?)
+    if arguments.overwrite {
+        return Ok((StoreWriter::create(directory, header, &table, true)?, Kept::default()));
+    }
+    let threads = arguments.render.thread_count();
+    StoreWriter::resume(directory, header, &table, shard, threads, &mut |part| tally.add(part)).map_err(|error| {
+        match error {
+            StoreError::OtherRun { .. } => hinted(
+                error.into(),
+                "the same scene and settings go on with it; `--overwrite` replaces it; another name leaves it",
+            ),
+            StoreError::Malformed { .. } => hinted(error.into(), "`--overwrite` replaces the store"),
+            StoreError::Io { .. } => hinted(
+                error.into(),
+                "no part was touched; try again when the disk can be read, or remove the file: its part is computed again",
+            ),
+            error => error.into(),
+        }
+    })
+}
+
+/// Says what of an earlier run is kept, and what is not.
+fn tell_kept(writer: &StoreWriter, kept: &Kept, directory: &Path, talk: Talk) {
+    if !writer.is_locked() {
+        talk.warn(&format!(
+            "the file system of `{}` has no locks: see to it that nothing else writes there",
+            directory.display()
+        ));
+    }
+    for file in &kept.not_kept {
+        talk.warn(&format!("part {} is computed again: {}", file.part, file.reason));
+    }
+    if kept.is_complete {
+        talk.say(&format!(
+            "`{}` is complete and as it was written: there is nothing to compute",
+            directory.display()
+        ));
+    } else if kept.parts > 0 {
+        talk.say(&format!(
+            "going on with `{}`: {} with {} are there",
+            directory.display(),
+            counted(kept.parts.into(), "part"),
+            counted(kept.rows, "row"),
+        ));
+    }
+}
+
+/// The rows of some parts.
+fn rows_of_parts(writer: &StoreWriter, parts: &[u32]) -> u64 {
+    let of = |&part: &u32| u64::from(writer.manifest().rows_of_part(part));
+    parts.iter().map(of).sum()
 }
 
 /// A computation failed: names the parts that are on the disk in the manifest, and says so.
-fn keep_what_is_there(error: anyhow::Error, writer: StoreWriter, part_count: usize) -> anyhow::Error {
-    let directory = writer.directory().display().to_string();
-    let parts = writer.manifest().parts.len();
+fn keep_what_is_there(error: anyhow::Error, writer: StoreWriter, parts: u64) -> anyhow::Error {
+    let directory = word(writer.directory());
+    let part_count = parts + writer.missing_parts().len() as u64;
     if parts == 0 {
         return hinted(
             error,
@@ -710,12 +852,16 @@ fn keep_what_is_there(error: anyhow::Error, writer: StoreWriter, part_count: usi
         Ok(_) => hinted(
             error,
             format!(
-                "{parts} of {part_count} parts are kept; `hemicube check {directory} --allow-incomplete` looks at them"
+                "{parts} of {part_count} parts are kept, and the same command goes on there; `hemicube check {directory} \
+                 --allow-incomplete` looks at them"
             ),
         ),
         Err(_) => hinted(
             error,
-            format!("{parts} of {part_count} parts are kept in `{directory}`, but its manifest could not name them"),
+            format!(
+                "{parts} of {part_count} parts are kept in `{directory}`, though its manifest could not name them; the same \
+                 command goes on there"
+            ),
         ),
     }
 }
@@ -732,12 +878,6 @@ fn bytes_of(directory: &Path, manifest: &Manifest) -> u64 {
 }
 
 /// What a person wants to know of a run.
-/// Relative Frobenius error that the rows are expected to have, where their rung estimates it.
-fn expected_error(summary: &Summary) -> Option<f64> {
-    let relative = (summary.squared_error / summary.squared_norm).sqrt();
-    (summary.squared_error > 0.0 && relative.is_finite()).then_some(relative)
-}
-
 fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
     let shown = word(directory);
     let mut list = Listing::default();
@@ -870,10 +1010,14 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
     }
     if summary.cancelled {
         text.push_str(&format!(
-            "interrupted: {} of {} are kept; `hemicube check {shown} --allow-incomplete` looks at them, and \
-             `--overwrite` starts again\n",
+            "interrupted: {} of {} are kept; the same command goes on there, and `hemicube check {shown} \
+             --allow-incomplete` looks at them\n",
             count(report.parts),
             counted(report.part_count, "part")
+        ));
+    } else if let Some(shard) = &report.shard {
+        text.push_str(&format!(
+            "shard {shard} is done. When all are:\n  hemicube merge {shown}\n"
         ));
     } else {
         let name = directory

@@ -336,7 +336,7 @@ fn measure(
     let settings_of_reference = reference_settings(Some(finer), arguments.seed);
     let reference = Reference::new(model, settings_of_reference).context("there is no reference to measure against")?;
     talk.say(&format!("reference: {} by rays", counted(row_count, "row")));
-    let bar = Bar::rows(talk, row_count);
+    let bar = Bar::rows(talk, row_count, 0);
     let exact = reference_rows(&reference, &rows, threads, cancel, &mut |done| {
         bar.show(Progress {
             rows: done,

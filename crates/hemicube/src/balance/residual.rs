@@ -29,7 +29,7 @@ pub struct Residuals {
 }
 
 /// The closure errors of some rows.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ClosureTally {
     max: f64,
     squares: f64,
@@ -48,6 +48,31 @@ impl ClosureTally {
 
     pub(crate) fn max(&self) -> f64 {
         self.max
+    }
+
+    /// Largest error, sum of squares, rows.
+    pub(crate) fn sums(&self) -> [f64; 3] {
+        [self.max, self.squares, self.rows as f64]
+    }
+
+    /// From what [`Self::sums`] gave.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a number of rows"
+    )]
+    pub(crate) fn from_sums([max, squares, rows]: [f64; 3]) -> Self {
+        Self {
+            max,
+            squares,
+            rows: rows as u64,
+        }
+    }
+
+    pub(crate) fn merge(&mut self, other: &Self) {
+        self.max = self.max.max(other.max);
+        self.squares += other.squares;
+        self.rows += other.rows;
     }
 
     pub(crate) fn rms(&self) -> f64 {

@@ -84,23 +84,31 @@ pub(super) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, e
     }
 }
 
-/// Adds up, row by row in the order of work, what became of the rows.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Tally {
-    of_all: Thinning,
+/// What leaving out small form factors did to the rows of one part: what the figures of a run are added up from, part by
+/// part, whoever computed them and when.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PartThinning {
+    entries_dropped: u64,
+    rows_kept_whole: u64,
+    scale_max: f64,
+    /// Σ Aᵢ Fᵢⱼ over all entries, and over those left out.
     mass: f64,
     dropped: f64,
     before: ClosureTally,
     after: ClosureTally,
 }
 
-impl Tally {
-    pub(super) fn add(&mut self, part: &Part, row: usize, area: f64, change: &RowChange) {
+impl PartThinning {
+    /// How many numbers [`Self::numbers`] has.
+    pub(crate) const LENGTH: usize = 11;
+
+    /// Adds a row of a part, in the order of work.
+    pub(in crate::compute) fn add(&mut self, part: &Part, row: usize, area: f64, change: &RowChange) {
         self.mass += area * change.whole;
         self.dropped += area * change.dropped;
-        self.of_all.entries_dropped += change.entries_dropped;
-        self.of_all.rows_kept_whole += u64::from(change.kept_whole);
-        self.of_all.scale_max = self.of_all.scale_max.max(change.scale);
+        self.entries_dropped += change.entries_dropped;
+        self.rows_kept_whole += u64::from(change.kept_whole);
+        self.scale_max = self.scale_max.max(change.scale);
         if let Some(target) = target_of(part, row) {
             self.before.add(change.whole, target);
             let stored: f64 = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
@@ -108,16 +116,66 @@ impl Tally {
         }
     }
 
-    pub(super) fn finish(&self, min_factor: f64) -> Thinning {
+    /// Adds another part, in the order of the parts.
+    pub(crate) fn merge(&mut self, other: &Self) {
+        self.mass += other.mass;
+        self.dropped += other.dropped;
+        self.entries_dropped += other.entries_dropped;
+        self.rows_kept_whole += other.rows_kept_whole;
+        self.scale_max = self.scale_max.max(other.scale_max);
+        self.before.merge(&other.before);
+        self.after.merge(&other.after);
+    }
+
+    pub(crate) fn finish(&self, min_factor: f64) -> Thinning {
         Thinning {
             min_factor,
             max_scale: MAX_SCALE,
+            entries_dropped: self.entries_dropped,
             mass_dropped: share_of(self.dropped, self.mass),
+            rows_kept_whole: self.rows_kept_whole,
+            scale_max: self.scale_max,
             closure_max_before: self.before.max(),
             closure_rms_before: self.before.rms(),
             closure_max_after: self.after.max(),
             closure_rms_after: self.after.rms(),
-            ..self.of_all
+        }
+    }
+
+    /// As a part's file has it. Numbers of entries and rows are exact: they are far below 2⁵³.
+    pub(crate) fn numbers(&self) -> [f64; Self::LENGTH] {
+        let ([a, b, c], [d, e, f]) = (self.before.sums(), self.after.sums());
+        [
+            self.entries_dropped as f64,
+            self.rows_kept_whole as f64,
+            self.scale_max,
+            self.mass,
+            self.dropped,
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
+        ]
+    }
+
+    /// From what [`Self::numbers`] gave.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "numbers of entries and rows"
+    )]
+    pub(crate) fn from_numbers(numbers: [f64; Self::LENGTH]) -> Self {
+        let [entries, whole, scale_max, mass, dropped, a, b, c, d, e, f] = numbers;
+        Self {
+            entries_dropped: entries as u64,
+            rows_kept_whole: whole as u64,
+            scale_max,
+            mass,
+            dropped,
+            before: ClosureTally::from_sums([a, b, c]),
+            after: ClosureTally::from_sums([d, e, f]),
         }
     }
 }

@@ -4,11 +4,27 @@
 use super::{Error, Result};
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// The end of every temporary name: it says whose file it is, so that one that a killed run left can be removed.
 pub(crate) const TEMPORARY_SUFFIX: &str = ".hemicube-tmp";
+
+/// Bytes of a seal: a BLAKE3 checksum in hexadecimal, of everything that stands before it. Archives have it as their
+/// comment, which is what a zip file ends in.
+pub(crate) const SEAL_SIZE: u64 = 64;
+
+/// The seal behind bytes that were hashed, and the checksum of both.
+pub(crate) fn seal(mut hasher: blake3::Hasher) -> (String, String) {
+    let seal = hasher.finalize().to_hex().to_string();
+    hasher.update(seal.as_bytes());
+    (seal, hasher.finalize().to_hex().to_string())
+}
+
+/// Says what is being done to a file, for who looks for the moment at which something ended.
+fn tell(step: &'static str, path: &Path) {
+    tracing::trace!(target: "hemicube::store", step, file = %path.display());
+}
 
 /// A file that appears under its name when it is committed, and leaves nothing behind when it is dropped before.
 pub(crate) struct DurableFile {
@@ -26,11 +42,17 @@ pub(crate) struct DurableFile {
 
 impl DurableFile {
     pub(crate) fn create(path: &Path) -> Result<Self> {
+        Self::create_as(path, "")
+    }
+
+    /// The same with a `label` in the temporary name: writers that may be at the same file at once have different ones.
+    pub(crate) fn create_as(path: &Path, label: &str) -> Result<Self> {
         let mut name = OsString::from(".");
         name.push(path.file_name().ok_or_else(|| Error::InTheWay {
             path: path.to_owned(),
             reason: "names no file; add a file name",
         })?);
+        name.push(label);
         name.push(TEMPORARY_SUFFIX);
         let temporary = path.with_file_name(name);
         match std::fs::remove_file(&temporary) {
@@ -39,12 +61,14 @@ impl DurableFile {
             }
             _ => {}
         }
+        tell("create", path);
         let file = File::options()
             .read(true)
             .write(true)
             .create_new(true)
             .open(&temporary)
             .map_err(|error| Error::io(path, "created", error))?;
+        tell("write", path);
         Ok(Self {
             path: path.to_owned(),
             temporary,
@@ -61,18 +85,56 @@ impl DurableFile {
             return Err(io::Error::other("an earlier part of the file was not written"));
         }
         if let Some(mut writer) = self.file.take() {
-            let synced = writer.flush().and_then(|()| writer.get_ref().sync_all());
+            let synced = writer.flush().and_then(|()| {
+                tell("sync", &self.path);
+                writer.get_ref().sync_all()
+            });
             // The flush failed, or nothing is buffered: either way the destructor must not write again.
             let (file, _) = writer.into_parts();
             drop(file);
-            if let Err(error) = synced.and_then(|()| std::fs::rename(&self.temporary, &self.path)) {
+            let renamed = synced.and_then(|()| {
+                tell("rename", &self.path);
+                std::fs::rename(&self.temporary, &self.path)
+            });
+            if let Err(error) = renamed {
                 // The error that counts is the first one; a temporary file that cannot be removed is found by its name.
                 let _ = std::fs::remove_file(&self.temporary);
                 return Err(error);
             }
-            sync_directory(&self.path)?;
+            tell("sync-directory", &self.path);
+            sync_directory(match self.path.parent() {
+                Some(parent) if !parent.as_os_str().is_empty() => parent,
+                _ => Path::new("."),
+            })?;
+            tell("written", &self.path);
         }
         Ok(())
+    }
+
+    /// Replaces the last [`SEAL_SIZE`] bytes, which the file has for it, by the checksum of all before them, and makes
+    /// the file durable under its name; the checksum of the whole.
+    pub(crate) fn commit_sealed(mut self) -> io::Result<String> {
+        if self.failed {
+            return Err(io::Error::other("an earlier part of the file was not written"));
+        }
+        let body = self
+            .end
+            .checked_sub(SEAL_SIZE)
+            .ok_or_else(|| io::Error::other("the file has no room for its seal"))?;
+        let hasher = self.attempt(|writer| {
+            writer.flush()?;
+            let file = writer.get_mut();
+            file.rewind()?;
+            let mut hasher = blake3::Hasher::new();
+            io::copy(&mut BufReader::with_capacity(1 << 18, &*file).take(body), &mut hasher)?;
+            file.seek(SeekFrom::Start(body))?;
+            Ok(hasher)
+        })?;
+        let (seal, whole) = seal(hasher);
+        self.position = body;
+        self.write_all(seal.as_bytes())?;
+        self.commit()?;
+        Ok(whole)
     }
 
     fn attempt<T>(&mut self, act: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>) -> io::Result<T> {
@@ -136,9 +198,9 @@ impl Drop for DurableFile {
 }
 
 /// Writes `bytes` as the whole content of `path`.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+pub(crate) fn write_whole(path: &Path, bytes: &[u8], label: &str) -> Result<()> {
     let wanted = bytes.len() as u64;
-    let mut file = DurableFile::create(path)?;
+    let mut file = DurableFile::create_as(path, label)?;
     file.write_all(bytes)
         .and_then(|()| file.commit())
         .map_err(|error| Error::write(path, wanted, error))
@@ -146,10 +208,11 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
 
 /// A rename is durable only when the directory that holds the name is.
 #[cfg(unix)]
-fn sync_directory(path: &Path) -> io::Result<()> {
-    let directory = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
+pub(crate) fn sync_directory(directory: &Path) -> io::Result<()> {
+    let directory = if directory.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        directory
     };
     File::open(directory)?.sync_all()
 }
@@ -157,7 +220,7 @@ fn sync_directory(path: &Path) -> io::Result<()> {
 /// Directories cannot be opened as files here; the file system orders renames itself.
 #[cfg(not(unix))]
 #[allow(clippy::unnecessary_wraps, reason = "the same shape as on Unix")]
-fn sync_directory(_: &Path) -> io::Result<()> {
+pub(crate) fn sync_directory(_: &Path) -> io::Result<()> {
     Ok(())
 }
 
@@ -182,6 +245,22 @@ pub(crate) fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) 
         }
     }
     Ok(())
+}
+
+/// The checksum of a sealed file; `None` when its seal is not that of its bytes.
+pub(crate) fn sealed_checksum(path: &Path) -> Result<Option<String>> {
+    let file = File::open(path).map_err(|error| Error::io(path, "opened", error))?;
+    let read = |error| Error::io(path, "read", error);
+    let Some(body) = file.metadata().map_err(read)?.len().checked_sub(SEAL_SIZE) else {
+        return Ok(None);
+    };
+    let mut reader = io::BufReader::with_capacity(1 << 18, file);
+    let mut hasher = blake3::Hasher::new();
+    io::copy(&mut reader.by_ref().take(body), &mut hasher).map_err(read)?;
+    let mut found = Vec::new();
+    reader.take(SEAL_SIZE).read_to_end(&mut found).map_err(read)?;
+    let (seal, whole) = seal(hasher);
+    Ok((found == seal.as_bytes()).then_some(whole))
 }
 
 /// The BLAKE3 checksum of a file, in hexadecimal.

@@ -58,6 +58,25 @@ pub enum Error {
         /// The store or file.
         path: PathBuf,
     },
+    /// Somebody else is writing the store.
+    #[error(
+        "`{}` is being written by {holder}; wait for it, or end it: what it computed stays, and the next run goes on there",
+        path.display()
+    )]
+    Locked {
+        /// The store.
+        path: PathBuf,
+        /// Who it is, as far as is known.
+        holder: String,
+    },
+    /// A store lies there that another run makes: of another scene, with other settings or by another version.
+    #[error("`{}` holds another matrix: {difference}", path.display())]
+    OtherRun {
+        /// The store.
+        path: PathBuf,
+        /// What differs, theirs and ours.
+        difference: String,
+    },
     /// The bytes are not what the format allows.
     #[error("`{}` {reason}", path.display())]
     Malformed {

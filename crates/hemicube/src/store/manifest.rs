@@ -188,6 +188,32 @@ fn is_zero(number: &f64) -> bool {
     *number == 0.0
 }
 
+/// Names the settings that differ, by their path.
+fn differing(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) {
+    match (theirs, ours) {
+        (Value::Object(theirs), Value::Object(ours)) => {
+            let keys: std::collections::BTreeSet<&String> = theirs.keys().chain(ours.keys()).collect();
+            for key in keys {
+                let inner = if name.is_empty() {
+                    key.clone()
+                } else {
+                    format!("{name}.{key}")
+                };
+                let of = |map: &serde_json::Map<String, Value>| map.get(key).cloned().unwrap_or(Value::Null);
+                differing(&inner, &of(theirs), &of(ours), found);
+            }
+        }
+        _ if theirs != ours => {
+            let shown = |value: &Value| match value {
+                Value::Null => "not set".to_owned(),
+                value => value.to_string(),
+            };
+            found.push(format!("its `{name}` is {}, here it is {}", shown(theirs), shown(ours)));
+        }
+        _ => {}
+    }
+}
+
 /// Keys in alphabetical order at every level, whatever order the JSON crate was built to keep.
 fn sorted(value: &Value) -> Value {
     match value {
@@ -232,6 +258,66 @@ impl Manifest {
         }
     }
 
+    /// What every part of this run carries: equal for all processes that compute the same rows in the same way, and
+    /// different as soon as a bit of a part could be.
+    pub(crate) fn run_id(&self) -> [u8; 32] {
+        let identity = serde_json::json!({
+            "format": self.format,
+            "version": self.version,
+            "program": self.program,
+            "scene": self.scene.blake3,
+            "settings": self.settings,
+            "correction": self.correction,
+            "patch_count": self.patch_count,
+            "row_count": self.row_count,
+            "rows_per_part": self.rows_per_part,
+            "form": self.form,
+            "min_factor": self.min_factor,
+            "backend": [self.backend.name, self.backend.version],
+        });
+        *blake3::hash(sorted(&identity).to_string().as_bytes()).as_bytes()
+    }
+
+    /// In what this store is of another run than `other`, for a person: theirs first. `None` when parts of the two belong
+    /// together. The scene's file may have another name: what is in it counts.
+    pub(crate) fn difference(&self, other: &Self) -> Option<String> {
+        let of = |what: &str, theirs: &dyn std::fmt::Display, ours: &dyn std::fmt::Display| {
+            Some(format!("its {what} is {theirs}, here it is {ours}"))
+        };
+        if self.program != other.program {
+            return of("version of hemicube", &self.program, &other.program);
+        }
+        if self.backend.name != other.backend.name {
+            return of("backend", &self.backend.name, &other.backend.name);
+        }
+        if self.backend.version != other.backend.version {
+            let what = format!("version of the backend `{}`", self.backend.name);
+            return of(&what, &self.backend.version, &other.backend.version);
+        }
+        // Settings before the scene: they may be why it is another.
+        let mut differences = Vec::new();
+        differing("", &self.settings, &other.settings, &mut differences);
+        if !differences.is_empty() {
+            return Some(differences.join("; "));
+        }
+        if self.form != other.form {
+            let name = |form: Form| if form.is_plain() { "plain" } else { "compact" };
+            return of("form (`--store`)", &name(self.form), &name(other.form));
+        }
+        if self.patch_count != other.patch_count {
+            return of("number of patches", &self.patch_count, &other.patch_count);
+        }
+        if self.scene.blake3 != other.scene.blake3 || self.objects != other.objects || self.materials != other.materials
+        {
+            return Some(format!(
+                "it is of another scene: `{}` has changed since, or is another file than `{}`",
+                other.scene.file, self.scene.file
+            ));
+        }
+        // What is left follows from the rest, unless somebody made one of them by hand.
+        (self.run_id() != other.run_id()).then(|| "it was computed in another way".to_owned())
+    }
+
     /// How many rows `part` has.
     pub fn rows_of_part(&self, part: u32) -> u32 {
         let first = u64::from(part) * u64::from(self.rows_per_part);
@@ -260,11 +346,16 @@ impl Manifest {
     }
 
     pub(crate) fn write(&self, directory: &Path) -> Result<()> {
+        self.write_as(directory, "")
+    }
+
+    /// The same with a label in the temporary name.
+    pub(crate) fn write_as(&self, directory: &Path, label: &str) -> Result<()> {
         let path = directory.join(MANIFEST_FILE);
         let text = self
             .to_json()
             .map_err(|error| Error::refused(&path, format!("its settings are no JSON: {error}")))?;
-        write_whole(&path, text.as_bytes())
+        write_whole(&path, text.as_bytes(), label)
     }
 
     /// Whether `directory` holds a manifest of this format, of whatever version and in whatever state.

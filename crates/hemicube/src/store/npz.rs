@@ -3,7 +3,7 @@
 //! Ours are stored, not compressed, so that an element has an offset in the file; their members have a fixed order and
 //! the first day that zip can express, so that equal arrays give equal bytes. Those of other programs may be deflated.
 
-use super::durable::read_exact_at;
+use super::durable::{SEAL_SIZE, read_exact_at};
 use super::npy::{Element, ElementType, Header, decode};
 use super::{Error, Result};
 use std::fs::File;
@@ -94,6 +94,13 @@ impl<W: Write + Seek> NpzWriter<W> {
 
     pub(crate) fn finish(self) -> io::Result<W> {
         Ok(self.zip.finish()?)
+    }
+
+    /// Ends the archive with room for a seal: a comment of as many zeros.
+    pub(crate) fn finish_unsealed(mut self) -> io::Result<W> {
+        let room = usize::try_from(SEAL_SIZE).unwrap_or(0);
+        self.zip.set_raw_comment(vec![b'0'; room].into_boxed_slice())?;
+        self.finish()
     }
 }
 
@@ -217,6 +224,11 @@ impl Npz {
             .enumerate()
             .find(|(_, member)| member.name == name)
             .ok_or_else(|| Error::malformed(&self.path, format!("has no array `{name}`")))
+    }
+
+    /// Whether there is an array of this name.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.members.iter().any(|member| member.name == name)
     }
 
     /// The header of an array.

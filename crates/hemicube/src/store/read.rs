@@ -6,14 +6,21 @@
 use super::csr::CsrFile;
 use super::durable::file_checksum;
 use super::npz::Npz;
-use super::{Error, Manifest, Part, PatchTable, Result, RowSums};
+use super::{Error, Manifest, Part, PartThinning, PatchTable, Result, RowSums};
 use hemicube_scene::InputPatch;
 use std::fs::File;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Files that are kept open. Rows in input order jump from part to part, and the system allows about a thousand.
 const OPEN_FILES_MAX: usize = 128;
+
+/// The array of a part that says what leaving out small form factors did.
+pub(super) const THINNING: &str = "thinning";
+
+/// The array of a part, and of the patch table, that says which run it is of.
+pub(super) const RUN: &str = "run";
 
 /// Bytes that the patch table takes for a patch.
 const PATCH_SIZE: u64 = 101;
@@ -62,14 +69,31 @@ pub struct Store {
     /// By place of the part, least recently opened first.
     files: Mutex<Vec<(usize, Arc<File>)>>,
     locations: Mutex<Option<Arc<Vec<Location>>>>,
+    /// Files whose checksum was found to hold: the parts by place, and the patch table.
+    verified: Vec<AtomicBool>,
 }
 
 impl Store {
-    /// Opens a store, complete or not. Reads the manifest only; parts are opened when they are needed.
+    /// Opens a store, complete or not. Reads the manifest only; parts are opened when they are needed, and the first time
+    /// read whole to see that they are as they were written.
     ///
     /// # Errors
     /// [`Error::Malformed`] when the directory is no store, or its manifest is not as it was written.
     pub fn open(directory: &Path) -> Result<Self> {
+        Self::open_as(directory, false)
+    }
+
+    /// The same for who reads little of a large store, or has checked it: checksums are only looked at by
+    /// [`Self::verify_part`] and [`Self::verify_patches`]. Bits that flipped within the entries of a row may then go
+    /// unnoticed, and nothing worse.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_trusting(directory: &Path) -> Result<Self> {
+        Self::open_as(directory, true)
+    }
+
+    fn open_as(directory: &Path, trusts: bool) -> Result<Self> {
         let manifest = Manifest::read(directory)?;
         let count = manifest.parts.len();
         // The patch count is only a claim until there is a table as long as it says.
@@ -90,6 +114,7 @@ impl Store {
             heads: Mutex::new(vec![None; count]),
             files: Mutex::default(),
             locations: Mutex::default(),
+            verified: (0..=count).map(|_| AtomicBool::new(trusts)).collect(),
         })
     }
 
@@ -126,8 +151,7 @@ impl Store {
     /// The row of a patch; `None` when it was not computed.
     ///
     /// # Errors
-    /// When its part is damaged. Bits that flipped within the entries may go unnoticed here, and do not in
-    /// [`Self::verify_part`].
+    /// When its part is damaged.
     pub fn row(&self, patch: InputPatch) -> Result<Option<Row>> {
         let locations = self.locations()?;
         match locations.get(patch.0 as usize).copied().flatten() {
@@ -206,45 +230,7 @@ impl Store {
             return Ok(None);
         };
         let (path, mut npz, csr) = self.open_part(place)?;
-        let rows: Vec<u32> = npz.array("rows")?;
-        let sums: Vec<u64> = npz.array("sums")?;
-        let hemicubes: Vec<u32> = npz.array("hemicubes")?;
-        let count = entry.rows as usize;
-        let (errors, rays): (Vec<f32>, Vec<u32>) = (npz.array("errors")?, npz.array("rays")?);
-        let lengths = [rows.len(), hemicubes.len(), errors.len(), rays.len()];
-        if lengths.iter().any(|&length| length != count) || sums.len() != 4 * count {
-            return Err(Error::malformed(
-                &path,
-                format!("does not have `rows`, `sums`, `hemicubes`, `errors` and `rays` of {count} rows"),
-            ));
-        }
-        if let Some(row) = rows.iter().find(|&&row| row >= self.manifest.patch_count) {
-            return Err(Error::malformed(
-                &path,
-                format!("has a row of patch {row}, which does not exist"),
-            ));
-        }
-        debug_assert_eq!(csr.entries(), entry.entries);
-        let (indices, data) = csr.rows(&mut npz)?;
-        Ok(Some(Part {
-            index: entry.index,
-            rows,
-            indptr: npz.array("indptr")?,
-            indices,
-            data,
-            sums: sums
-                .chunks_exact(4)
-                .map(|sums| RowSums {
-                    visible: sums[0],
-                    escaped: sums[1],
-                    blocked: sums[2],
-                    unselected: sums[3],
-                })
-                .collect(),
-            hemicubes,
-            errors,
-            rays,
-        }))
+        read_part(&path, &mut npz, &csr, &self.manifest, entry.index).map(Some)
     }
 
     /// Reads a part's file and holds its checksum against the manifest's. Place as in [`Self::part`].
@@ -253,8 +239,16 @@ impl Store {
     /// [`Error::Checksum`] when a bit differs; [`Error::Io`] when it cannot be read.
     pub fn verify_part(&self, place: usize) -> Result<()> {
         match self.manifest.parts.get(place) {
-            Some(entry) => self.verify(&entry.file, &entry.blake3),
+            Some(entry) => self.verify(&entry.file, &entry.blake3, place),
             None => Ok(()),
+        }
+    }
+
+    /// Verifies a file the first time that something of it is wanted.
+    fn once(&self, place: usize, verify: impl FnOnce() -> Result<()>) -> Result<()> {
+        match self.verified.get(place) {
+            Some(verified) if !verified.load(Ordering::Acquire) => verify(),
+            _ => Ok(()),
         }
     }
 
@@ -264,15 +258,18 @@ impl Store {
     /// [`Error::Checksum`] when a bit differs; [`Error::Io`] when it cannot be read.
     pub fn verify_patches(&self) -> Result<()> {
         match &self.manifest.patches {
-            Some(entry) => self.verify(&entry.file, &entry.blake3),
+            Some(entry) => self.verify(&entry.file, &entry.blake3, self.manifest.parts.len()),
             None => Ok(()),
         }
     }
 
-    fn verify(&self, file: &str, expected: &str) -> Result<()> {
+    fn verify(&self, file: &str, expected: &str, place: usize) -> Result<()> {
         let path = self.directory.join(file);
         let found = file_checksum(&path)?;
         if found == expected {
+            if let Some(verified) = self.verified.get(place) {
+                verified.store(true, Ordering::Release);
+            }
             Ok(())
         } else {
             Err(Error::Checksum {
@@ -338,6 +335,7 @@ impl Store {
     }
 
     fn open_patches(&self) -> Result<(PathBuf, Npz)> {
+        self.once(self.manifest.parts.len(), || self.verify_patches())?;
         let path = self.directory.join(super::manifest::PATCHES_FILE);
         let npz = Npz::open(&path)?;
         Ok((path, npz))
@@ -349,23 +347,26 @@ impl Store {
             .parts
             .get(place)
             .ok_or_else(|| Error::malformed(&self.directory, format!("has no part at place {place}")))?;
+        self.once(place, || self.verify_part(place))?;
         let path = self.directory.join(&entry.file);
-        let mut npz = Npz::open(&path)?;
-        let csr = CsrFile::read(&path, &mut npz)?;
-        if csr.row_count != u64::from(entry.rows)
-            || csr.column_count != u64::from(self.manifest.patch_count)
-            || csr.entries() != entry.entries
-            || !csr.is_store_part(self.manifest.form)
-        {
+        let (npz, csr) = open_part(&path, &self.manifest, entry.index)?;
+        if csr.entries() != entry.entries {
             return Err(Error::malformed(
                 &path,
-                format!(
-                    "is no {:?} part of {} rows and {} entries, as the manifest says",
-                    self.manifest.form, entry.rows, entry.entries
-                ),
+                format!("has {} entries, and {} by the manifest", csr.entries(), entry.entries),
             ));
         }
         Ok((path, npz, csr))
+    }
+
+    /// A part's matrix and its file, for who reads much of it.
+    pub(super) fn matrix_of_part(&self, place: usize) -> Result<(CsrFile, Vec<u32>, File)> {
+        let (path, mut npz, csr) = self.open_part(place)?;
+        let rows: Vec<u32> = npz.array("rows")?;
+        if rows.len() as u64 != csr.row_count {
+            return Err(Error::malformed(&path, "has another number of `rows` than of rows"));
+        }
+        Ok((csr, rows, npz.into_file()))
     }
 
     fn head(&self, place: usize) -> Result<Arc<PartHead>> {
@@ -457,6 +458,78 @@ impl Store {
         }
         Ok(Row { indices, data })
     }
+}
+
+/// Opens the file of a part, and holds its shape against the manifest.
+pub(super) fn open_part(path: &Path, manifest: &Manifest, part: u32) -> Result<(Npz, CsrFile)> {
+    let mut npz = Npz::open(path)?;
+    let csr = CsrFile::read(path, &mut npz)?;
+    let rows = manifest.rows_of_part(part);
+    if csr.row_count != u64::from(rows)
+        || csr.column_count != u64::from(manifest.patch_count)
+        || !csr.is_store_part(manifest.form)
+    {
+        return Err(Error::malformed(
+            path,
+            format!(
+                "is no {:?} part of {rows} rows and {} columns, as the manifest says",
+                manifest.form, manifest.patch_count
+            ),
+        ));
+    }
+    Ok((npz, csr))
+}
+
+/// Reads a whole part, and checks of it what no reader can do without: that its arrays fit together.
+pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Manifest, index: u32) -> Result<Part> {
+    let rows: Vec<u32> = npz.array("rows")?;
+    let sums: Vec<u64> = npz.array("sums")?;
+    let hemicubes: Vec<u32> = npz.array("hemicubes")?;
+    let count = manifest.rows_of_part(index) as usize;
+    let (errors, rays): (Vec<f32>, Vec<u32>) = (npz.array("errors")?, npz.array("rays")?);
+    let lengths = [rows.len(), hemicubes.len(), errors.len(), rays.len()];
+    if lengths.iter().any(|&length| length != count) || sums.len() != 4 * count {
+        return Err(Error::malformed(
+            path,
+            format!("does not have `rows`, `sums`, `hemicubes`, `errors` and `rays` of {count} rows"),
+        ));
+    }
+    if let Some(row) = rows.iter().find(|&&row| row >= manifest.patch_count) {
+        return Err(Error::malformed(
+            path,
+            format!("has a row of patch {row}, which does not exist"),
+        ));
+    }
+    let thinning = if npz.has(THINNING) {
+        let numbers: Vec<f64> = npz.array(THINNING)?;
+        let numbers = numbers
+            .try_into()
+            .map_err(|_| Error::malformed(path, format!("has a `{THINNING}` of another length")))?;
+        Some(PartThinning::from_numbers(numbers))
+    } else {
+        None
+    };
+    let (indices, data) = csr.rows(npz)?;
+    Ok(Part {
+        index,
+        rows,
+        indptr: npz.array("indptr")?,
+        indices,
+        data,
+        sums: sums
+            .chunks_exact(4)
+            .map(|sums| RowSums {
+                visible: sums[0],
+                escaped: sums[1],
+                blocked: sums[2],
+                unselected: sums[3],
+            })
+            .collect(),
+        hemicubes,
+        errors,
+        rays,
+        thinning,
+    })
 }
 
 /// The rows of a store, one at a time; see [`Store::rows`].

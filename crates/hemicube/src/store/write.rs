@@ -1,12 +1,17 @@
 //! Writing a store: everything that can be refused is refused before the first row is computed.
 
-use super::durable::{DurableFile, TEMPORARY_SUFFIX, file_checksum, read_exact_at};
+use super::durable::{DurableFile, SEAL_SIZE, TEMPORARY_SUFFIX, read_exact_at, seal, sync_directory, write_whole};
+use super::lock::{Lock, Mode};
 use super::manifest::{FileEntry, PARTS_DIRECTORY, PATCH_COUNT_MAX, PATCHES_FILE, part_file};
 use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
-use super::{Error, Form, HEMICUBE_WEIGHT, Header, Manifest, Part, PartEntry, PatchTable, Result, RowSums, compact};
+use super::read::{RUN, THINNING};
+use super::{
+    Error, Form, HEMICUBE_WEIGHT, Header, Manifest, Part, PartEntry, PartThinning, PatchTable, Result, RowSums, Shard,
+    compact,
+};
 use crate::balance::BalanceEntry;
-use crate::compute::Thinning;
+use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
 use std::path::{Path, PathBuf};
 
@@ -37,6 +42,12 @@ pub struct StoreWriter {
     columns: RowColumns,
     /// Rows that some part has, by input patch.
     written: Vec<bool>,
+    /// What every part carries.
+    run: [u8; 32],
+    /// What leaving out small form factors did, by part; to be added up in order.
+    thinned: BTreeMap<u32, PartThinning>,
+    shard: Option<Shard>,
+    locks: Vec<Lock>,
 }
 
 impl StoreWriter {
@@ -44,25 +55,30 @@ impl StoreWriter {
     ///
     /// # Errors
     /// [`Error::Exists`] when a store is there and `overwrite` is not set; [`Error::InTheWay`] when something else is;
-    /// [`Error::Refused`] when header and table do not fit together; [`Error::Io`] or [`Error::NoSpace`] when the place
-    /// cannot be written.
+    /// [`Error::Locked`] when somebody is writing it; [`Error::Refused`] when header and table do not fit together;
+    /// [`Error::Io`] or [`Error::NoSpace`] when the place cannot be written.
     pub fn create(directory: &Path, header: Header, patches: &PatchTable, overwrite: bool) -> Result<Self> {
-        let refused = |reason: String| Err(Error::refused(directory, reason));
-        if header.patch_count > PATCH_COUNT_MAX || header.row_count > header.patch_count || header.rows_per_part == 0 {
-            return refused(format!(
-                "{} rows of {} patches in parts of {} rows are no matrix",
-                header.row_count, header.patch_count, header.rows_per_part
-            ));
+        check_header(directory, &header, patches)?;
+        let is_there = claim(directory, false)?;
+        if is_there && !overwrite {
+            return Err(Error::Exists {
+                path: directory.to_owned(),
+            });
         }
-        if !patches.is_of(header.patch_count) {
-            return refused(format!("the patch table does not have {} patches", header.patch_count));
-        }
-        let replaces = claim(directory, overwrite)?;
-        let count = header.patch_count as usize;
+        let lock = Lock::take(directory, "", Mode::Alone)?;
+        let mut writer = Self::new(directory, Manifest::new(header), None, vec![lock]);
+        writer.begin(Some(patches), is_there)?;
+        Ok(writer)
+    }
+
+    /// A writer that has written nothing.
+    pub(super) fn new(directory: &Path, manifest: Manifest, shard: Option<Shard>, locks: Vec<Lock>) -> Self {
+        let count = manifest.patch_count as usize;
         let unknown = || vec![f64::NAN; count];
-        let mut writer = Self {
+        Self {
             directory: directory.to_owned(),
-            manifest: Manifest::new(header),
+            run: manifest.run_id(),
+            manifest,
             columns: RowColumns {
                 escaped: unknown(),
                 blocked: unknown(),
@@ -71,17 +87,62 @@ impl StoreWriter {
                 error: unknown(),
             },
             written: vec![false; count],
-        };
-        let parts = directory.join(PARTS_DIRECTORY);
-        std::fs::create_dir_all(&parts).map_err(|error| Error::io(&parts, "created", error))?;
-        // First the manifest: from here on the directory is a store, if an incomplete one, whatever happens.
-        writer.manifest.write(directory)?;
-        if replaces {
-            remove_parts(&parts)?;
+            thinned: BTreeMap::new(),
+            shard,
+            locks,
         }
-        writer.write_patches(patches)?;
-        writer.manifest.write(directory)?;
-        Ok(writer)
+    }
+
+    /// Writes what a store is before its first part; without `patches` their table is there. Whoever writes alone clears
+    /// away what is left of another store.
+    pub(super) fn begin(&mut self, patches: Option<&PatchTable>, replaces: bool) -> Result<()> {
+        let parts = self.directory.join(PARTS_DIRECTORY);
+        std::fs::create_dir_all(&parts).map_err(|error| Error::io(&parts, "created", error))?;
+        // The names of the parts' directory and of the store are to last, too.
+        sync_directory(&self.directory).map_err(|error| Error::io(&self.directory, "made durable", error))?;
+        if let Some(parent) = self.directory.parent() {
+            match sync_directory(parent) {
+                // One that may be passed through but not read: the system will see to it in its time.
+                Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {}
+                synced => synced.map_err(|error| Error::io(parent, "made durable", error))?,
+            }
+        }
+        let label = self.label();
+        if let Some(patches) = patches {
+            // First the manifest: from here on the directory is a store, if an incomplete one, whatever happens.
+            self.manifest.patches = None;
+            self.manifest.write_as(&self.directory, &label)?;
+            if replaces {
+                remove_parts(&parts)?;
+            }
+            self.write_patches(patches)?;
+        }
+        self.manifest.write_as(&self.directory, &label)
+    }
+
+    /// What temporary names have in them.
+    fn label(&self) -> String {
+        self.shard.map_or_else(String::new, Shard::label)
+    }
+
+    /// Whether other writers are kept out; on a file system without locks they are not.
+    pub fn is_locked(&self) -> bool {
+        self.locks.iter().all(Lock::holds)
+    }
+
+    /// The parts that are still to be written: all that are not there, or those of the shard.
+    pub fn missing_parts(&self) -> Vec<u32> {
+        let is_there = |part: &u32| {
+            self.manifest
+                .parts
+                .binary_search_by_key(part, |entry| entry.index)
+                .is_ok()
+        };
+        let is_ours = |part: &u32| self.shard.is_none_or(|shard| shard.has(*part));
+        (0..self.manifest.part_count)
+            .filter(is_ours)
+            .filter(|part| !is_there(part))
+            .collect()
     }
 
     /// The store's directory.
@@ -89,7 +150,7 @@ impl StoreWriter {
         &self.directory
     }
 
-    /// The manifest as it stands.
+    /// The manifest as it stands; a shard's names only parts of the shard.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
@@ -107,16 +168,37 @@ impl StoreWriter {
         let path = self.directory.join(&file);
         let sums = self.inspect(part).map_err(|reason| Error::refused(&path, reason))?;
         let form = self.manifest.form;
-        let bytes = encode(part, self.manifest.patch_count, form).map_err(|error| Error::write(&path, 0, error))?;
-        super::durable::write_whole(&path, &bytes)?;
+        let (bytes, checksum) =
+            encode(part, self.manifest.patch_count, form, &self.run).map_err(|error| Error::write(&path, 0, error))?;
+        write_whole(&path, &bytes, &self.label())?;
+        self.record(part, checksum, sums);
+        Ok(())
+    }
+
+    /// Takes over a part whose file is there and has this checksum.
+    ///
+    /// # Errors
+    /// The reason why no reader could rely on it.
+    pub(super) fn take_over(&mut self, part: &Part, checksum: String) -> std::result::Result<(), String> {
+        let sums = self.inspect(part)?;
+        self.record(part, checksum, sums);
+        Ok(())
+    }
+
+    /// Has the manifest and the patch table know of a part that is on the disk.
+    fn record(&mut self, part: &Part, checksum: String, sums: RowSums) {
+        let form = self.manifest.form;
         let entry = PartEntry {
             index: part.index,
-            file,
+            file: part_file(part.index),
             rows: self.manifest.rows_of_part(part.index),
             entries: part.data.len() as u64,
-            blake3: blake3::hash(&bytes).to_hex().to_string(),
+            blake3: checksum,
             sums,
         };
+        if let Some(thinning) = part.thinning {
+            self.thinned.insert(part.index, thinning);
+        }
         self.manifest.entries += entry.entries;
         let place = self.manifest.parts.partition_point(|other| other.index < entry.index);
         self.manifest.parts.insert(place, entry);
@@ -133,12 +215,23 @@ impl StoreWriter {
                 self.columns.unselected[patch] = sums.unselected as f64 / whole;
             }
         }
-        Ok(())
     }
 
-    /// Has the manifest say what leaving out small form factors did ([`Summary::thinning`](crate::compute::Summary)).
-    pub fn record_thinning(&mut self, thinning: Option<Thinning>) {
-        self.manifest.thinning = thinning;
+    /// Has the manifest say what leaving out small form factors did to the parts that are there.
+    fn add_up_thinning(&mut self) {
+        let mut all = PartThinning::default();
+        self.thinned.values().for_each(|of_part| all.merge(of_part));
+        self.manifest.thinning = (!self.thinned.is_empty()).then(|| all.finish(self.manifest.min_factor));
+    }
+
+    /// Writes the manifest with the parts that are there, and that it is not complete.
+    pub(super) fn note_parts(&mut self) -> Result<()> {
+        self.manifest.write_as(&self.directory, &self.label())
+    }
+
+    /// Nothing is left to do: the manifest is the one that is there.
+    pub(super) fn has_been_complete(&mut self, manifest: Manifest) {
+        self.manifest = manifest;
     }
 
     /// Has the manifest say what was done to the matrix after it was computed.
@@ -147,22 +240,33 @@ impl StoreWriter {
     }
 
     /// Ends a run whose parts are all written: the patch table gets its last columns, the manifest says that the store
-    /// is complete.
+    /// is complete. A shard ends with its own parts, and leaves table and manifest to [`merge`](super::merge); the manifest
+    /// that it returns names what it looked at and wrote.
     ///
     /// # Errors
     /// [`Error::Incomplete`] when parts are missing; [`Error::NoSpace`] or [`Error::Io`].
     pub fn finish(mut self) -> Result<Manifest> {
-        let present = u32::try_from(self.manifest.parts.len()).unwrap_or(u32::MAX);
-        if present != self.manifest.part_count {
+        let missing = u32::try_from(self.missing_parts().len()).unwrap_or(u32::MAX);
+        if missing > 0 {
+            let present = u32::try_from(self.manifest.parts.len()).unwrap_or(u32::MAX);
             return Err(Error::Incomplete {
                 path: self.directory,
                 present,
-                expected: self.manifest.part_count,
+                expected: present.saturating_add(missing),
             });
+        }
+        if self.manifest.complete {
+            remove_temporaries(&self.directory)?;
+            return Ok(self.manifest);
+        }
+        self.add_up_thinning();
+        if self.shard.is_some() {
+            return Ok(self.manifest);
         }
         self.complete_patches()?;
         self.manifest.complete = true;
         self.manifest.write(&self.directory)?;
+        remove_temporaries(&self.directory)?;
         Ok(self.manifest)
     }
 
@@ -170,11 +274,14 @@ impl StoreWriter {
     ///
     /// # Errors
     /// [`Error::NoSpace`] or [`Error::Io`]; the parts are there all the same.
-    pub fn interrupt(self) -> Result<Manifest> {
-        if self.manifest.parts.len() as u64 == u64::from(self.manifest.part_count) {
+    pub fn interrupt(mut self) -> Result<Manifest> {
+        if self.missing_parts().is_empty() {
             return self.finish();
         }
-        self.manifest.write(&self.directory)?;
+        self.add_up_thinning();
+        if self.shard.is_none() {
+            self.manifest.write(&self.directory)?;
+        }
         Ok(self.manifest)
     }
 
@@ -245,8 +352,8 @@ impl StoreWriter {
     fn write_patches(&mut self, patches: &PatchTable) -> Result<()> {
         let path = self.directory.join(PATCHES_FILE);
         let wanted = 109 * u64::from(self.manifest.patch_count) + 4096;
-        let columns = &self.columns;
-        write_archive(&path, wanted, |npz| {
+        let (columns, run) = (&self.columns, self.run);
+        let checksum = write_archive(&path, wanted, &self.label(), |npz| {
             let count = patches.len() as u64;
             npz.array(GEOMETRY[0], &[count], &patches.face)?;
             npz.array(GEOMETRY[1], &[count], &patches.object)?;
@@ -255,11 +362,12 @@ impl StoreWriter {
             npz.array(GEOMETRY[4], &[count], &patches.area)?;
             npz.array(GEOMETRY[5], &[count, 3], patches.centroid.as_flattened())?;
             npz.array(GEOMETRY[6], &[count, 3], patches.normal.as_flattened())?;
-            columns.write(npz)
+            columns.write(npz)?;
+            npz.array(RUN, &[32], &run)
         })?;
         self.manifest.patches = Some(FileEntry {
             file: PATCHES_FILE.to_owned(),
-            blake3: file_checksum(&path)?,
+            blake3: checksum,
         });
         Ok(())
     }
@@ -280,8 +388,8 @@ impl StoreWriter {
         }
         let file = known.into_file();
         let wanted = 109 * u64::from(self.manifest.patch_count) + 4096;
-        let columns = &self.columns;
-        write_archive(&path, wanted, |npz| {
+        let (columns, run) = (&self.columns, self.run);
+        let checksum = write_archive(&path, wanted, &self.label(), |npz| {
             let mut buffer = vec![0; COPY];
             for (name, header, elements, size) in &sources {
                 npz.begin(name, header.element, &header.shape)?;
@@ -298,11 +406,12 @@ impl StoreWriter {
                     }
                 }
             }
-            columns.write(npz)
+            columns.write(npz)?;
+            npz.array(RUN, &[32], &run)
         })?;
         self.manifest.patches = Some(FileEntry {
             file: PATCHES_FILE.to_owned(),
-            blake3: file_checksum(&path)?,
+            blake3: checksum,
         });
         Ok(())
     }
@@ -319,8 +428,24 @@ impl RowColumns {
     }
 }
 
-/// Makes `directory` ours: whether a store is there that is to be replaced.
-fn claim(directory: &Path, overwrite: bool) -> Result<bool> {
+/// Refuses numbers that do not fit together.
+pub(super) fn check_header(directory: &Path, header: &Header, patches: &PatchTable) -> Result<()> {
+    let refused = |reason: String| Err(Error::refused(directory, reason));
+    if header.patch_count > PATCH_COUNT_MAX || header.row_count > header.patch_count || header.rows_per_part == 0 {
+        return refused(format!(
+            "{} rows of {} patches in parts of {} rows are no matrix",
+            header.row_count, header.patch_count, header.rows_per_part
+        ));
+    }
+    if !patches.is_of(header.patch_count) {
+        return refused(format!("the patch table does not have {} patches", header.patch_count));
+    }
+    Ok(())
+}
+
+/// Makes `directory`, or sees that it is free for a store or holds one: whether it does. Parts that were put there
+/// without a manifest may be taken over or not.
+pub(super) fn claim(directory: &Path, may_have_parts: bool) -> Result<bool> {
     let in_the_way = |reason| Error::InTheWay {
         path: directory.to_owned(),
         reason,
@@ -334,24 +459,19 @@ fn claim(directory: &Path, overwrite: bool) -> Result<bool> {
         Ok(metadata) if !metadata.is_dir() => {
             Err(in_the_way("is a file, and a store is a directory; choose another name"))
         }
-        Ok(_) if Manifest::is_in(directory) => {
-            if overwrite {
-                Ok(true)
-            } else {
-                Err(Error::Exists {
-                    path: directory.to_owned(),
-                })
-            }
-        }
+        Ok(_) if Manifest::is_in(directory) => Ok(true),
         Ok(_) => {
             let entries = std::fs::read_dir(directory).map_err(|error| Error::io(directory, "read", error))?;
             for entry in entries {
                 let entry = entry.map_err(|error| Error::io(directory, "read", error))?;
-                // A run that was killed at its very start leaves no more than this.
+                // A run that was killed at its very start leaves no more than this; parts say themselves what they are of.
                 let name = entry.file_name();
+                let is_ours = |name: &str| name.ends_with(TEMPORARY_SUFFIX) || may_have_parts && is_part(name);
                 let ours = name.to_string_lossy().ends_with(TEMPORARY_SUFFIX)
                     || name == PARTS_DIRECTORY
-                        && std::fs::read_dir(entry.path()).is_ok_and(|mut parts| parts.next().is_none());
+                        && std::fs::read_dir(entry.path()).is_ok_and(|parts| {
+                            parts.flatten().all(|part| is_ours(&part.file_name().to_string_lossy()))
+                        });
                 if !ours {
                     return Err(in_the_way(
                         "is a directory that holds something, and no store; choose another name",
@@ -370,30 +490,50 @@ fn remove_parts(parts: &Path) -> Result<()> {
         let entry = entry.map_err(|error| Error::io(parts, "read", error))?;
         let name = entry.file_name();
         let name = name.to_string_lossy();
-        let is_part = name.starts_with("part-") && name.ends_with(".npz");
-        if is_part || name.ends_with(TEMPORARY_SUFFIX) {
+        if is_part(&name) || name.ends_with(TEMPORARY_SUFFIX) {
             std::fs::remove_file(entry.path()).map_err(|error| Error::io(&entry.path(), "removed", error))?;
+        }
+    }
+    sync_directory(parts).map_err(|error| Error::io(parts, "made durable", error))
+}
+
+fn is_part(name: &str) -> bool {
+    name.starts_with("part-") && name.ends_with(".npz")
+}
+
+/// Removes what killed runs left in a store of which nobody else is a writer.
+pub(super) fn remove_temporaries(directory: &Path) -> Result<()> {
+    let ours = super::lock::file_name("");
+    for place in [directory, &directory.join(PARTS_DIRECTORY)] {
+        let entries = std::fs::read_dir(place).map_err(|error| Error::io(place, "read", error))?;
+        for entry in entries {
+            let entry = entry.map_err(|error| Error::io(place, "read", error))?;
+            let name = entry.file_name();
+            if name.to_string_lossy().ends_with(TEMPORARY_SUFFIX) && name != ours.as_str() {
+                std::fs::remove_file(entry.path()).map_err(|error| Error::io(&entry.path(), "removed", error))?;
+            }
         }
     }
     Ok(())
 }
 
-/// Writes an archive of about `wanted` bytes to `path`, whole or not at all.
+/// Writes an archive of about `wanted` bytes to `path`, sealed, whole or not at all; its checksum.
 fn write_archive(
     path: &Path,
     wanted: u64,
+    label: &str,
     write: impl FnOnce(&mut NpzWriter<DurableFile>) -> io::Result<()>,
-) -> Result<()> {
-    let mut npz = NpzWriter::new(DurableFile::create(path)?);
+) -> Result<String> {
+    let mut npz = NpzWriter::new(DurableFile::create_as(path, label)?);
     write(&mut npz)
-        .and_then(|()| npz.finish())
-        .and_then(DurableFile::commit)
+        .and_then(|()| npz.finish_unsealed())
+        .and_then(DurableFile::commit_sealed)
         .map_err(|error| Error::write(path, wanted, error))
 }
 
-/// The bytes of a part's file. In memory, because its checksum is wanted and zip headers are written last; a part is in
+/// The bytes of a part's file and their checksum. In memory, because its checksum is wanted and zip headers are written last; a part is in
 /// memory anyway.
-fn encode(part: &Part, patch_count: u32, form: Form) -> io::Result<Vec<u8>> {
+fn encode(part: &Part, patch_count: u32, form: Form, run: &[u8; 32]) -> io::Result<(Vec<u8>, String)> {
     let (rows, entries, columns) = (part.rows.len() as u64, part.data.len() as u64, u64::from(patch_count));
     let per_entry = if form.is_plain() { 8 } else { 3 };
     let capacity = 4096 + per_entry * part.data.len() + 64 * part.rows.len();
@@ -429,5 +569,16 @@ fn encode(part: &Part, patch_count: u32, form: Form) -> io::Result<Vec<u8>> {
     npz.array("hemicubes", &[rows], &part.hemicubes)?;
     npz.array("errors", &[rows], &part.errors)?;
     npz.array("rays", &[rows], &part.rays)?;
-    Ok(npz.finish()?.into_inner())
+    if let Some(thinning) = &part.thinning {
+        let numbers = thinning.numbers();
+        npz.array(THINNING, &[numbers.len() as u64], &numbers)?;
+    }
+    npz.array(RUN, &[run.len() as u64], run)?;
+    let mut bytes = npz.finish_unsealed()?.into_inner();
+    bytes.truncate(bytes.len().saturating_sub(usize::try_from(SEAL_SIZE).unwrap_or(0)));
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&bytes);
+    let (seal, checksum) = seal(hasher);
+    bytes.extend_from_slice(seal.as_bytes());
+    Ok((bytes, checksum))
 }

@@ -1,0 +1,76 @@
+//! Messages on standard error: lines for people, or JSON for programs; and what the libraries and the stages of a run log
+//! through `tracing`, by `HEMICUBE_LOG`.
+
+use crate::args::{LogFormat, Talk};
+use std::io::Write;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tracing::Level;
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::fmt::format::FmtSpan;
+
+/// Whether messages are JSON. Before [`start`] they are not.
+static JSON: AtomicBool = AtomicBool::new(false);
+
+/// The target of messages in JSON, where others have the module that logs.
+const TARGET: &str = "hemicube";
+
+/// Begins to log, once.
+pub(crate) fn start(talk: Talk) {
+    let is_json = talk.log_format == LogFormat::Json;
+    JSON.store(is_json, Ordering::Relaxed);
+    let level = match (talk.quiet, is_json) {
+        (true, _) => "error",
+        // Our own messages and stages; of the libraries only what may be wrong.
+        (false, true) => "warn,hemicube=info",
+        (false, false) => "warn",
+    };
+    let filter = EnvFilter::try_from_env("HEMICUBE_LOG").unwrap_or_else(|_| EnvFilter::new(level));
+    let log = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(false)
+        .with_span_events(FmtSpan::NEW | FmtSpan::CLOSE);
+    if is_json {
+        log.json().flatten_event(true).init();
+    } else {
+        log.without_time().init();
+    }
+}
+
+/// Says a message.
+pub(crate) fn say(level: Level, text: &str) {
+    if JSON.load(Ordering::Relaxed) {
+        match level {
+            Level::ERROR => tracing::error!(target: TARGET, "{text}"),
+            Level::WARN => tracing::warn!(target: TARGET, "{text}"),
+            _ => tracing::info!(target: TARGET, "{text}"),
+        }
+        return;
+    }
+    let before = if level == Level::WARN { "warning: " } else { "" };
+    // Messages are a courtesy: a closed standard error is no reason to stop.
+    let _ = writeln!(std::io::stderr(), "{before}{text}");
+}
+
+/// Says that the first interrupt was understood. A terminal has shown `^C` on the line.
+pub(crate) fn interrupted(text: &str) {
+    if JSON.load(Ordering::Relaxed) {
+        say(Level::WARN, text);
+    } else {
+        let _ = writeln!(std::io::stderr(), "\n{text}");
+    }
+}
+
+/// Says why the program ends, and what to do.
+pub(crate) fn error(message: &str, hint: Option<&str>) {
+    if JSON.load(Ordering::Relaxed) {
+        tracing::error!(target: TARGET, hint, "{message}");
+        return;
+    }
+    // Nobody is left to tell if standard error is closed too.
+    let mut stderr = std::io::stderr().lock();
+    let _ = writeln!(stderr, "error: {message}");
+    if let Some(hint) = hint {
+        let _ = writeln!(stderr, "hint: {hint}");
+    }
+}

@@ -1,0 +1,441 @@
+//! Going on with a store that is there, and making one of shards.
+//!
+//! A part's file says of itself whether it is whole (its last bytes are the checksum of those before) and which run it is
+//! of (`run`), so what is kept of a store does not hang on a manifest that a killed run could not write any more. Every
+//! part is read and held against both before it is kept; what does not hold is computed again.
+
+use super::durable::{DurableFile, TEMPORARY_SUFFIX, sealed_checksum};
+use super::lock::{Lock, Mode};
+use super::manifest::{FileEntry, MANIFEST_FILE, PARTS_DIRECTORY, PATCHES_FILE, part_file};
+use super::npz::Npz;
+use super::read::{RUN, open_part, read_part};
+use super::write::{check_header, claim, remove_temporaries};
+use super::{Error, Header, Manifest, Part, PatchTable, Result, Shard, StoreWriter};
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A file that was found in the place of a part and is not kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NotKept {
+    /// Which part.
+    pub part: u32,
+    /// Why, with the file's name.
+    pub reason: String,
+}
+
+/// What was found of a store that is gone on with.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Kept {
+    /// Whether a store was there at all.
+    pub was_there: bool,
+    /// Whether it was complete and is as it was written, so that there is nothing to do.
+    pub is_complete: bool,
+    /// Parts that are kept.
+    pub parts: u32,
+    /// Their rows.
+    pub rows: u64,
+    /// What is computed again, and why.
+    pub not_kept: Vec<NotKept>,
+}
+
+/// A part that is there, whole, and of the run.
+struct Found {
+    part: Part,
+    checksum: String,
+}
+
+/// Looks at the file of a part: `None` when there is none, the reason when it is not to be relied on.
+///
+/// # Errors
+/// When the system cannot read it, which says nothing about the part.
+fn look(
+    directory: &Path,
+    manifest: &Manifest,
+    run: &[u8; 32],
+    index: u32,
+) -> Result<Option<std::result::Result<Found, String>>> {
+    let file = part_file(index);
+    let path = directory.join(&file);
+    let shown = path.display();
+    let checksum = match sealed_checksum(&path) {
+        Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Ok(Some(checksum)) => checksum,
+        Ok(None) => {
+            return Ok(Some(Err(format!(
+                "`{shown}` is truncated or has changed since it was written"
+            ))));
+        }
+        Err(error) => return Err(error),
+    };
+    let found = || -> Result<std::result::Result<Found, String>> {
+        let (mut npz, csr) = open_part(&path, manifest, index)?;
+        if npz.array::<u8>(RUN)? != run {
+            return Ok(Err(format!(
+                "`{shown}` is of another run: another scene, other settings or another version"
+            )));
+        }
+        let part = read_part(&path, &mut npz, &csr, manifest, index)?;
+        Ok(Ok(Found { part, checksum }))
+    };
+    match found() {
+        Ok(found) => Ok(Some(found)),
+        Err(error @ Error::Io { .. }) => Err(error),
+        // Whole as it was written, and no part of this matrix.
+        Err(error) => Ok(Some(Err(error.to_string()))),
+    }
+}
+
+/// Looks at many parts on several threads and hands them on in order; in memory are no more than the threads hold.
+fn look_at_all(
+    directory: &Path,
+    manifest: &Manifest,
+    run: &[u8; 32],
+    parts: &[u32],
+    threads: usize,
+    each: &mut dyn FnMut(u32, std::result::Result<Found, String>) -> Result<()>,
+) -> Result<()> {
+    for some in parts.chunks(threads.max(1)) {
+        let found: Vec<_> = std::thread::scope(|scope| {
+            let looking: Vec<_> = some
+                .iter()
+                .map(|&index| scope.spawn(move || look(directory, manifest, run, index)))
+                .collect();
+            looking.into_iter().map(std::thread::ScopedJoinHandle::join).collect()
+        });
+        for (&index, found) in some.iter().zip(found) {
+            let found = found.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+            if let Some(found) = found {
+                each(index, found)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The checksum of the patch table, if it is whole and of the run.
+fn patches_of(directory: &Path, run: &[u8; 32]) -> Result<Option<FileEntry>> {
+    let path = directory.join(PATCHES_FILE);
+    let checksum = match sealed_checksum(&path) {
+        Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => return Ok(None),
+        checksum => checksum?,
+    };
+    let is_of_run = || {
+        Npz::open(&path)
+            .and_then(|mut npz| npz.array::<u8>(RUN))
+            .is_ok_and(|of| of == run)
+    };
+    Ok(checksum.filter(|_| is_of_run()).map(|blake3| FileEntry {
+        file: PATCHES_FILE.to_owned(),
+        blake3,
+    }))
+}
+
+/// An empty file by which a merge knows of how many shards there are.
+fn mark_shards(directory: &Path, shard: Shard) -> Result<()> {
+    let path = directory.join(format!("{SHARDS_MARK}{}{TEMPORARY_SUFFIX}", shard.count()));
+    File::create(&path)
+        .map(|_| ())
+        .map_err(|error| Error::io(&path, "created", error))
+}
+
+const SHARDS_MARK: &str = ".shards-";
+
+/// Of how many shards those are that worked in these directories, if all say the same.
+fn shard_count(directories: &[&Path]) -> Option<u32> {
+    let mut counts = BTreeSet::new();
+    for directory in directories {
+        for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            let count = name
+                .to_string_lossy()
+                .strip_prefix(SHARDS_MARK)
+                .and_then(|rest| rest.strip_suffix(TEMPORARY_SUFFIX)?.parse::<u32>().ok());
+            counts.extend(count);
+        }
+    }
+    (counts.len() == 1).then(|| counts.first().copied()).flatten()
+}
+
+impl StoreWriter {
+    /// Makes a store, or goes on with the one that is there: its whole parts are kept and handed to `each` in order, and
+    /// [`Self::missing_parts`] says what is left to do. A `shard` looks at its own parts only, and other shards may work
+    /// in the same directory meanwhile.
+    ///
+    /// The result is the same to the bit as if the store had been written at one go.
+    ///
+    /// # Errors
+    /// [`Error::OtherRun`] when the store is of another scene, other settings or another version; otherwise as
+    /// [`Self::create`].
+    pub fn resume(
+        directory: &Path,
+        header: Header,
+        patches: &PatchTable,
+        shard: Option<Shard>,
+        threads: usize,
+        each: &mut dyn FnMut(&Part),
+    ) -> Result<(Self, Kept)> {
+        check_header(directory, &header, patches)?;
+        claim(directory, true)?;
+        let mut locks = vec![Lock::take(
+            directory,
+            "",
+            if shard.is_some() { Mode::Shared } else { Mode::Alone },
+        )?];
+        let mut begin_lock = None;
+        if let Some(shard) = shard {
+            locks.push(Lock::take(directory, &shard.label(), Mode::Alone)?);
+            // Shards that start together make the store one after the other, and the second finds it made.
+            begin_lock = Some(Lock::take(directory, "-begin", Mode::Waiting)?);
+            mark_shards(directory, shard)?;
+        } else {
+            remove_temporaries(directory).or_else(|error| is_missing(&error).then_some(()).ok_or(error))?;
+        }
+
+        let mut ours = Manifest::new(header);
+        let is_there = Manifest::is_in(directory);
+        let mut kept = Kept {
+            was_there: is_there,
+            ..Kept::default()
+        };
+        let mut before = None;
+        if is_there {
+            match Manifest::read(directory) {
+                Ok(theirs) => {
+                    if let Some(difference) = theirs.difference(&ours) {
+                        return Err(Error::OtherRun {
+                            path: directory.to_owned(),
+                            difference,
+                        });
+                    }
+                    // The same scene under another name: the store keeps the name it was begun with.
+                    ours.scene.file.clone_from(&theirs.scene.file);
+                    before = Some(theirs);
+                }
+                // Damaged: the parts say what they are of.
+                Err(error @ Error::Malformed { .. }) => refuse_foreign_parts(directory, &ours, error)?,
+                Err(error) => return Err(error),
+            }
+        }
+        let run = ours.run_id();
+        ours.patches = patches_of(directory, &run)?;
+        let has_table = ours.patches.is_some();
+        let mut writer = Self::new(directory, ours, shard, locks);
+        let is_begun = has_table
+            && before.as_ref().is_some_and(|theirs| theirs.patches.is_some())
+            && directory.join(PARTS_DIRECTORY).is_dir();
+        if !is_begun {
+            writer.begin((!has_table).then_some(patches), false)?;
+        }
+        drop(begin_lock);
+
+        let manifest = writer.manifest().clone();
+        let parts = writer.missing_parts();
+        look_at_all(directory, &manifest, &run, &parts, threads, &mut |index, found| {
+            let reason = match found {
+                Ok(found) => match writer.take_over(&found.part, found.checksum) {
+                    Ok(()) => {
+                        each(&found.part);
+                        return Ok(());
+                    }
+                    Err(reason) => format!("`{}`: {reason}", directory.join(part_file(index)).display()),
+                },
+                Err(reason) => reason,
+            };
+            kept.not_kept.push(NotKept { part: index, reason });
+            Ok(())
+        })?;
+        kept.parts = u32::try_from(writer.manifest().parts.len()).unwrap_or(u32::MAX);
+        kept.rows = writer.manifest().rows_present();
+        let complete = before.filter(|theirs| theirs.complete);
+        match complete {
+            Some(theirs) if theirs.parts == writer.manifest().parts && theirs.patches == writer.manifest().patches => {
+                kept.is_complete = true;
+                writer.has_been_complete(theirs);
+            }
+            // Something of a complete store is damaged: until that is mended, it is not complete.
+            Some(_) if shard.is_none() => writer.note_parts()?,
+            _ => {}
+        }
+        Ok((writer, kept))
+    }
+}
+
+/// A manifest that cannot be read may be written anew only where no part contradicts it.
+fn refuse_foreign_parts(directory: &Path, ours: &Manifest, error: Error) -> Result<()> {
+    let run = ours.run_id();
+    let entries = std::fs::read_dir(directory.join(PARTS_DIRECTORY))
+        .into_iter()
+        .flatten()
+        .flatten();
+    for entry in entries.filter(|entry| entry.file_name().to_string_lossy().ends_with(".npz")) {
+        let of = Npz::open(&entry.path()).and_then(|mut npz| npz.array::<u8>(RUN));
+        if of.is_ok_and(|of| of != run) {
+            return Err(error);
+        }
+    }
+    Ok(())
+}
+
+fn is_missing(error: &Error) -> bool {
+    matches!(error, Error::Io { source, .. } if source.kind() == io::ErrorKind::NotFound)
+}
+
+/// What a merge found.
+#[derive(Clone, Debug)]
+pub struct Merged {
+    /// The manifest of the whole; not complete when parts are missing.
+    pub manifest: Manifest,
+    /// Parts that were copied from other directories.
+    pub copied: u32,
+    /// Parts that are nowhere, or nowhere whole.
+    pub missing: Vec<u32>,
+    /// Files in the place of parts that were passed over.
+    pub not_kept: Vec<NotKept>,
+    /// Of how many shards those were that computed here, if they say so.
+    pub shard_count: Option<u32>,
+}
+
+impl Merged {
+    /// The shards whose parts are missing, from 1; empty where it is not known of how many they are.
+    pub fn missing_shards(&self) -> Vec<u32> {
+        let Some(count) = self.shard_count else {
+            return Vec::new();
+        };
+        let shards: BTreeSet<u32> = self.missing.iter().map(|part| part % count + 1).collect();
+        shards.into_iter().collect()
+    }
+}
+
+/// Makes one store of the parts that shards computed in `directory` and, if they worked elsewhere, in `sources`, whose
+/// parts are copied. Everything is checked: that the directories are of one run, and every part as when a run is gone on
+/// with. With nothing missing the store is complete, the same to the bit as that of one process; otherwise nothing but
+/// the copied parts has changed, and it may be tried again.
+///
+/// # Errors
+/// [`Error::OtherRun`] when a directory is of another run; [`Error::Refused`] when two of them have one part in two
+/// versions; [`Error::Locked`] while somebody is writing; [`Error::Malformed`] when a directory is no store.
+pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Merged> {
+    let home = if Manifest::is_in(directory) {
+        directory
+    } else {
+        sources.first().map_or(directory, PathBuf::as_path)
+    };
+    let theirs = Manifest::read(home)?;
+    claim(directory, true)?;
+    let locks = vec![Lock::take(directory, "", Mode::Alone)?];
+    for source in sources {
+        let other = Manifest::read(source)?;
+        if let Some(difference) = other.difference(&theirs) {
+            return Err(Error::OtherRun {
+                path: source.clone(),
+                difference,
+            });
+        }
+    }
+    let run = theirs.run_id();
+    let was_complete = home == directory && theirs.complete;
+    let mut ours = Manifest {
+        patches: None,
+        parts: Vec::new(),
+        entries: 0,
+        complete: false,
+        thinning: None,
+        ..theirs.clone()
+    };
+    let mut places = vec![directory];
+    places.extend(sources.iter().map(PathBuf::as_path));
+    for place in &places {
+        ours.patches = patches_of(place, &run)?;
+        if ours.patches.is_some() {
+            if *place != directory {
+                copy(&place.join(PATCHES_FILE), &directory.join(PATCHES_FILE))?;
+            }
+            break;
+        }
+    }
+    if ours.patches.is_none() {
+        return Err(Error::malformed(
+            &home.join(PATCHES_FILE),
+            "is damaged, and no other directory has it; run `compute` with the scene again, which mends it",
+        ));
+    }
+    let shard_count = shard_count(&places);
+    let mut writer = StoreWriter::new(directory, ours, None, locks);
+    if home != directory || !directory.join(PARTS_DIRECTORY).is_dir() {
+        writer.begin(None, false)?;
+    }
+    let manifest = writer.manifest().clone();
+    let (mut copied, mut not_kept) = (0, Vec::new());
+    for place in &places {
+        // All of them, so that two versions of one part are seen.
+        let all: Vec<u32> = (0..manifest.part_count).collect();
+        look_at_all(place, &manifest, &run, &all, threads, &mut |index, found| {
+            let path = place.join(part_file(index));
+            let there = writer
+                .manifest()
+                .parts
+                .binary_search_by_key(&index, |entry| entry.index);
+            let reason = match (found, there) {
+                (Err(reason), _) => reason,
+                (Ok(found), Ok(at)) => {
+                    if writer.manifest().parts[at].blake3 == found.checksum {
+                        return Ok(());
+                    }
+                    let reason = "two directories have this part in two versions, though of one run: were they computed by \
+                                  the same program, and on disks that can be trusted? `hemicube check` on a whole store of \
+                                  either tells";
+                    return Err(Error::refused(&path, reason));
+                }
+                (Ok(found), Err(_)) => {
+                    if *place != directory {
+                        copy(&path, &directory.join(part_file(index)))?;
+                        copied += 1;
+                    }
+                    match writer.take_over(&found.part, found.checksum) {
+                        Ok(()) => return Ok(()),
+                        Err(reason) => format!("`{}`: {reason}", path.display()),
+                    }
+                }
+            };
+            not_kept.push(NotKept { part: index, reason });
+            Ok(())
+        })?;
+    }
+    let missing = writer.missing_parts();
+    let is_there = |part: &NotKept| missing.binary_search(&part.part).is_ok();
+    not_kept.retain(is_there);
+    let manifest = if missing.is_empty() {
+        if was_complete && theirs.parts == writer.manifest().parts && theirs.patches == writer.manifest().patches {
+            writer.has_been_complete(theirs);
+        }
+        writer.finish()?
+    } else {
+        writer.manifest().clone()
+    };
+    Ok(Merged {
+        manifest,
+        copied,
+        missing,
+        not_kept,
+        shard_count,
+    })
+}
+
+fn copy(from: &Path, to: &Path) -> Result<()> {
+    let mut source = File::open(from).map_err(|error| Error::io(from, "opened", error))?;
+    let size = source.metadata().map_err(|error| Error::io(from, "read", error))?.len();
+    let mut file = DurableFile::create(to)?;
+    io::copy(&mut source, &mut file)
+        .and_then(|_| file.commit())
+        .map_err(|error| Error::write(to, size, error))
+}
+
+/// The manifest of a store, for who only asks whether there is one.
+impl StoreWriter {
+    /// Whether a store, in whatever state, is in `directory`.
+    pub fn is_in(directory: &Path) -> bool {
+        directory.join(MANIFEST_FILE).exists() && Manifest::is_in(directory)
+    }
+}

@@ -1,0 +1,200 @@
+//! Runs of the program: in a directory of their own, without settings of the user or the environment.
+
+use crate::scenes::program;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// A run that takes longer hangs.
+pub const TIME_LIMIT: Duration = Duration::from_secs(300);
+
+/// What a run came to.
+#[derive(Clone, Debug)]
+pub struct Ran {
+    /// The exit code; `None` when a signal ended it.
+    pub code: Option<i32>,
+    /// Standard output.
+    pub out: String,
+    /// Standard error.
+    pub err: String,
+}
+
+impl Ran {
+    /// It ended with this code.
+    ///
+    /// # Panics
+    /// When it did not.
+    #[track_caller]
+    #[allow(
+        clippy::must_use_candidate,
+        clippy::return_self_not_must_use,
+        reason = "called for the assertion"
+    )]
+    pub fn is(self, code: i32) -> Self {
+        assert_eq!(self.code, Some(code), "stdout: {}\nstderr: {}", self.out, self.err);
+        self
+    }
+
+    /// Standard error has these words in it.
+    ///
+    /// # Panics
+    /// When one is missing.
+    #[track_caller]
+    #[allow(
+        clippy::must_use_candidate,
+        clippy::return_self_not_must_use,
+        reason = "called for the assertion"
+    )]
+    pub fn says(self, words: &[&str]) -> Self {
+        for word in words {
+            assert!(self.err.contains(word), "`{word}` is not in: {}", self.err);
+        }
+        self
+    }
+
+    /// Standard output as JSON.
+    ///
+    /// # Panics
+    /// When it is none.
+    #[track_caller]
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::from_str(&self.out).unwrap_or_else(|error| panic!("{error} in: {}", self.out))
+    }
+}
+
+impl From<Output> for Ran {
+    fn from(output: Output) -> Self {
+        let ran = Self {
+            code: output.status.code(),
+            out: String::from_utf8_lossy(&output.stdout).into_owned(),
+            err: String::from_utf8_lossy(&output.stderr).into_owned(),
+        };
+        assert!(!ran.err.contains("panicked"), "{}", ran.err);
+        ran
+    }
+}
+
+/// A directory to run the program in, removed when dropped.
+#[derive(Debug)]
+pub struct Place {
+    directory: TempDir,
+}
+
+impl Default for Place {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Place {
+    /// An empty one.
+    ///
+    /// # Panics
+    /// When there can be none.
+    pub fn new() -> Self {
+        Self {
+            directory: tempfile::tempdir().expect("a temporary directory"),
+        }
+    }
+
+    /// A path in it.
+    pub fn path(&self, name: impl AsRef<Path>) -> PathBuf {
+        self.directory.path().join(name)
+    }
+
+    /// A run of the program, not started yet, of a line of words without blanks in them.
+    pub fn command(&self, line: &str) -> Command {
+        let mut command = Command::new(program());
+        command
+            .args(line.split_whitespace())
+            .current_dir(self.directory.path())
+            .env("HOME", self.path("home"))
+            .env_remove("XDG_CONFIG_HOME")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        // What a scheduler that runs these tests says is not meant for them.
+        let foreign = ["HEMICUBE_", "SLURM_", "OMPI_", "PMI_", "JOB_COMPLETION_"];
+        for (name, _) in std::env::vars_os() {
+            if foreign.iter().any(|prefix| name.to_string_lossy().starts_with(prefix)) {
+                command.env_remove(name);
+            }
+        }
+        command
+    }
+
+    /// Runs it to the end.
+    ///
+    /// # Panics
+    /// When it cannot be started, or panics.
+    #[track_caller]
+    pub fn line(&self, line: &str) -> Ran {
+        finish(self.spawn(self.command(line)))
+    }
+
+    /// Starts it.
+    ///
+    /// # Panics
+    /// When it cannot be started.
+    #[track_caller]
+    pub fn spawn(&self, mut command: Command) -> Child {
+        command.spawn().expect("the program starts")
+    }
+}
+
+/// Waits for a run.
+///
+/// # Panics
+/// When it panics.
+pub fn finish(child: Child) -> Ran {
+    child.wait_with_output().expect("the program ends").into()
+}
+
+/// Waits until something holds.
+///
+/// # Panics
+/// When it never does.
+pub fn until(what: &str, mut holds: impl FnMut() -> bool) {
+    let started = Instant::now();
+    while !holds() {
+        assert!(started.elapsed() < TIME_LIMIT, "{what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Every file beneath a directory and its bytes, by path.
+///
+/// # Panics
+/// When one cannot be read.
+pub fn files(directory: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut left = vec![directory.to_owned()];
+    while let Some(next) = left.pop() {
+        for entry in std::fs::read_dir(&next).expect("a directory") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                left.push(path);
+                continue;
+            }
+            let name = path.strip_prefix(directory).expect("it is beneath");
+            let name = name.to_string_lossy().into_owned();
+            found.insert(name, std::fs::read(&path).expect("a file"));
+        }
+    }
+    found
+}
+
+/// Two stores are the same to the bit, and nothing else lies in either.
+///
+/// # Panics
+/// When they are not; it names the files.
+#[track_caller]
+pub fn assert_same(one: &Path, other: &Path) {
+    let (one, other) = (files(one), files(other));
+    let names = |files: &BTreeMap<String, Vec<u8>>| files.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(&one), names(&other));
+    let different: Vec<&String> = one.keys().filter(|name| one[*name] != other[*name]).collect();
+    assert!(different.is_empty(), "{different:?} differ");
+}
