@@ -54,9 +54,9 @@ pub use resume::{Kept, Merged, NotKept, merge};
 pub use shard::Shard;
 pub use write::StoreWriter;
 
-pub(crate) use durable::{DurableFile, write_whole};
+pub(crate) use durable::{DurableFile, read_exact_at, write_whole};
 pub(crate) use matrix::F32_COMMENT;
-pub(crate) use npy::{ElementType, Header as NpyHeader};
+pub(crate) use npy::{ElementType, Header as NpyHeader, decode};
 pub(crate) use npz::NpzWriter;
 
 use serde::{Deserialize, Serialize};

@@ -1,0 +1,374 @@
+//! Light and heat from a form-factor matrix: (I − R F) B = E + R H, for any number of bands and right-hand sides at once.
+//!
+//! ```text
+//! B  radiosity, what leaves a patch                    F  form factors, F[i, j] from i to j
+//! E  emission, what it leaves with of itself           R  reflectance, diagonal, one a band
+//! H  irradiance from outside the matrix (the sky)      G  irradiance in all, G = F B + H, and so B = E + R G
+//! ```
+//!
+//! Thermal exchange is the same with reflectance 1 − ε, emission ε σ T⁴ and a net flux q = B − G, in W/m² for kelvin
+//! (Modest 2013, chapter 5; Oppenheim 1956).
+//!
+//! The matrix is gone through in runs of rows and is never whole in memory ([`Factors`]). Each method needs F times some
+//! vectors, once an iteration, for all right-hand sides together:
+//!
+//! - *Jacobi*: B ← E + R (F B + H). The residual falls by the largest ρᵢ Σⱼ Fᵢⱼ or better.
+//! - *Gauss–Seidel*: the same with the newest values, row by row in the processing order; one thread computes, another reads.
+//! - *GMRES* (Saad & Schultz 1986), restarted, each right-hand side with a Krylov space of its own and products in common.
+//!   ‖I − (I − R F)‖ < 1, so that no preconditioner is needed. It keeps `restart` + 2 vectors a right-hand side.
+//!
+//! GMRES is written here, since an operator that is read from a disk can fail and can be interrupted: `faer`'s, the crate
+//! that fits best, asks for a product that cannot fail (`LinOp::apply`), and its BiCGSTAB couples right-hand sides by small
+//! systems that become singular when two of them coincide or one is done before the others.
+//!
+//! The residual of a solution is ‖E + R H − (I − R F) B‖ / ‖E + R H‖, of each right-hand side by itself, and is computed
+//! from B anew when an iteration says that it is done.
+
+mod block;
+mod factors;
+mod files;
+mod gmres;
+mod stationary;
+
+pub use block::Block;
+pub use factors::{Factors, InMemory, OutOfCore, multiply};
+pub use files::{ArrayFile, SolutionWriter, StoredSolution};
+
+use crate::store::{Error as StoreError, RowTable};
+use serde::Serialize;
+
+/// Stefan–Boltzmann constant, W m⁻² K⁻⁴ (exact since 2019: CODATA).
+pub const STEFAN_BOLTZMANN: f64 = 5.670_374_419e-8;
+
+/// How the system is solved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Each iteration from the values of the one before.
+    Jacobi,
+    /// Each row with the newest values.
+    GaussSeidel,
+    /// GMRES, begun anew after this many iterations.
+    Gmres {
+        /// Iterations between restarts.
+        restart: u32,
+    },
+}
+
+/// When to stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SolveOptions {
+    /// How to get there.
+    pub method: Method,
+    /// The relative residual of every right-hand side.
+    pub tolerance: f64,
+    /// Products with the matrix before it gives up.
+    pub max_iterations: u32,
+    /// Threads that multiply; 0: one a core.
+    pub threads: usize,
+}
+
+impl Default for SolveOptions {
+    fn default() -> Self {
+        Self {
+            method: Method::Gmres { restart: 20 },
+            tolerance: 1e-6,
+            max_iterations: 500,
+            threads: 0,
+        }
+    }
+}
+
+impl SolveOptions {
+    pub(crate) fn threads(&self) -> usize {
+        match self.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        }
+    }
+}
+
+/// What is to be solved. Blocks have a row a patch; emission and the irradiance from outside have a column a right-hand side.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Problem {
+    /// R: a column a band, each value from 0 to 1.
+    pub reflectance: Block,
+    /// The band of each right-hand side.
+    pub bands: Vec<usize>,
+    /// E.
+    pub emission: Block,
+    /// H; `None`: nothing comes from outside.
+    pub outside: Option<Block>,
+}
+
+/// How far a solution has come: after every product with the matrix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Products with the matrix so far.
+    pub iteration: u32,
+    /// The largest relative residual of a right-hand side.
+    pub residual: f64,
+}
+
+/// A solution.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solution {
+    /// B.
+    pub radiosity: Block,
+    /// G, what arrives.
+    pub irradiance: Block,
+    /// Relative residual of each right-hand side, from B and F anew.
+    pub residuals: Vec<f64>,
+    /// Products with the matrix, the one for the residuals included.
+    pub iterations: u32,
+    /// Whether every residual is at most the tolerance.
+    pub converged: bool,
+}
+
+/// Why nothing was solved.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SolveError {
+    /// The problem is not one that has a solution.
+    #[error("{0}")]
+    Problem(String),
+    /// The matrix cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Whoever watches the progress asked to stop.
+    #[error("the solution was interrupted")]
+    Interrupted,
+}
+
+impl Problem {
+    fn check(&self, patches: usize) -> Result<(), SolveError> {
+        let wrong = |reason: String| Err(SolveError::Problem(reason));
+        let columns = self.emission.columns();
+        let of = |block: &Block| block.patches() == patches && block.columns() > 0;
+        if !of(&self.reflectance) || !of(&self.emission) {
+            return wrong(format!("reflectance and emission are not of the matrix's {patches} patches"));
+        }
+        if self
+            .outside
+            .as_ref()
+            .is_some_and(|outside| !of(outside) || outside.columns() != columns)
+        {
+            return wrong("the irradiance from outside is not of the emission's patches and right-hand sides".into());
+        }
+        if self.bands.len() != columns || self.bands.iter().any(|&band| band >= self.reflectance.columns()) {
+            return wrong("a right-hand side is of a band that has no reflectance".into());
+        }
+        if let Some(bad) = self.reflectance.values().iter().find(|r| !(0.0..=1.0).contains(*r)) {
+            return wrong(format!("a reflectance is {bad}; it is from 0 to 1"));
+        }
+        let outside = self.outside.iter().flat_map(|outside| outside.values());
+        if let Some(bad) = self.emission.values().iter().chain(outside).find(|e| !e.is_finite()) {
+            return wrong(format!("an emission is {bad}; it is a finite number"));
+        }
+        Ok(())
+    }
+
+    /// ρ of a patch and a right-hand side.
+    #[inline]
+    fn rho(&self, patch: usize, column: usize) -> f64 {
+        self.reflectance.of(patch)[self.bands[column]]
+    }
+
+    /// E + R H.
+    fn source(&self) -> Block {
+        let mut source = self.emission.clone();
+        if let Some(outside) = &self.outside {
+            for patch in 0..source.patches() {
+                for column in 0..source.columns() {
+                    source.of_mut(patch)[column] += self.rho(patch, column) * outside.of(patch)[column];
+                }
+            }
+        }
+        source
+    }
+
+    /// R X.
+    fn reflect(&self, mut x: Block) -> Block {
+        for patch in 0..x.patches() {
+            for (column, value) in x.of_mut(patch).iter_mut().enumerate() {
+                *value *= self.rho(patch, column);
+            }
+        }
+        x
+    }
+}
+
+/// What the methods share: the problem, the matrix, and how far it has come.
+struct Work<'a> {
+    factors: &'a dyn Factors,
+    problem: &'a Problem,
+    source: Block,
+    /// ‖E + R H‖, or 1 where that is 0 and so is the solution.
+    norms: Vec<f64>,
+    options: SolveOptions,
+    iterations: u32,
+    progress: &'a mut dyn FnMut(Step) -> bool,
+}
+
+impl Work<'_> {
+    fn columns(&self) -> usize {
+        self.source.columns()
+    }
+
+    /// F X.
+    fn product(&mut self, x: &Block) -> Result<Block, SolveError> {
+        self.iterations += 1;
+        Ok(multiply(self.factors, x, self.options.threads())?)
+    }
+
+    /// Tells how far it is; whether all are within the tolerance.
+    fn tell(&mut self, relative: &[f64]) -> Result<bool, SolveError> {
+        let residual = relative.iter().copied().fold(0.0, f64::max);
+        let step = Step {
+            iteration: self.iterations,
+            residual,
+        };
+        if !(self.progress)(step) {
+            return Err(SolveError::Interrupted);
+        }
+        Ok(residual <= self.options.tolerance)
+    }
+
+    fn relative(&self, norms: Vec<f64>) -> Vec<f64> {
+        norms.into_iter().zip(&self.norms).map(|(norm, whole)| norm / whole).collect()
+    }
+
+    fn is_out_of_iterations(&self) -> bool {
+        self.iterations >= self.options.max_iterations
+    }
+}
+
+/// Solves `problem`. `progress` is told of every product with the matrix, and says whether to go on.
+///
+/// A solution that did not reach the tolerance is returned all the same, and says so.
+///
+/// # Errors
+/// [`SolveError::Problem`] for one that is not of this matrix or out of range, [`SolveError::Store`] when the matrix
+/// cannot be read, [`SolveError::Interrupted`] when `progress` said no.
+pub fn solve(
+    factors: &dyn Factors,
+    problem: &Problem,
+    options: SolveOptions,
+    progress: &mut dyn FnMut(Step) -> bool,
+) -> Result<Solution, SolveError> {
+    problem.check(factors.patch_count())?;
+    let source = problem.source();
+    let norms = source
+        .norms()
+        .into_iter()
+        .map(|norm| if norm > 0.0 { norm } else { 1.0 })
+        .collect();
+    let mut work = Work {
+        factors,
+        problem,
+        source,
+        norms,
+        options,
+        iterations: 0,
+        progress,
+    };
+    let mut radiosity = work.source.clone();
+    loop {
+        radiosity = match options.method {
+            Method::Jacobi => stationary::jacobi(&mut work, radiosity)?,
+            Method::GaussSeidel => stationary::gauss_seidel(&mut work, radiosity)?,
+            Method::Gmres { restart } => gmres::gmres(&mut work, radiosity, restart)?,
+        };
+        let mut irradiance = work.product(&radiosity)?;
+        if let Some(outside) = &problem.outside {
+            irradiance.add_scaled(&vec![1.0; outside.columns()], outside);
+        }
+        // E + R G − B, which is E + R H − (I − R F) B.
+        let mut residual = problem.reflect(irradiance.clone());
+        let columns = work.columns();
+        residual.add_scaled(&vec![1.0; columns], &problem.emission);
+        residual.add_scaled(&vec![-1.0; columns], &radiosity);
+        let residuals = work.relative(residual.norms());
+        let converged = work.tell(&residuals)?;
+        if converged || work.is_out_of_iterations() {
+            return Ok(Solution {
+                radiosity,
+                irradiance,
+                residuals,
+                iterations: work.iterations,
+                converged,
+            });
+        }
+    }
+}
+
+/// Where the power of one right-hand side goes. In what the emission is in, times area.
+///
+/// emitted + from_outside = absorbed + escaped + blocked + unselected + closure + reciprocity + residual, to rounding: the
+/// last three are what the matrix and the iteration got wrong, and are 0 for a perfect one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct EnergyBalance {
+    /// Σ A E.
+    pub emitted: f64,
+    /// Σ A H.
+    pub from_outside: f64,
+    /// Σ A (1 − ρ) G.
+    pub absorbed: f64,
+    /// Left the scene.
+    pub escaped: f64,
+    /// Ended on backs of one-sided patches.
+    pub blocked: f64,
+    /// Ended on patches without columns.
+    pub unselected: f64,
+    /// What rows that do not sum to 1 lost, or made up where it is negative.
+    pub closure: f64,
+    /// What left towards patches and did not arrive, since Aᵢ Fᵢⱼ and Aⱼ Fⱼᵢ differ.
+    pub reciprocity: f64,
+    /// What the iteration left.
+    pub residual: f64,
+}
+
+impl EnergyBalance {
+    /// What is put in.
+    pub fn input(&self) -> f64 {
+        self.emitted + self.from_outside
+    }
+
+    /// The share of the input that is in none of the places where it can go.
+    pub fn unaccounted(&self) -> f64 {
+        let input = self.input();
+        if input == 0.0 {
+            return 0.0;
+        }
+        (self.closure + self.reciprocity + self.residual) / input
+    }
+}
+
+/// The balance of each right-hand side. `areas` and `rows` are of the matrix; a row whose hemicubes are not known (NaN) is
+/// taken to have lost nothing.
+pub fn energy_balance(problem: &Problem, solution: &Solution, areas: &[f64], rows: &RowTable) -> Vec<EnergyBalance> {
+    let known = |share: f64| if share.is_nan() { 0.0 } else { share };
+    let mut balances = vec![EnergyBalance::default(); problem.emission.columns()];
+    for (patch, &area) in areas.iter().enumerate() {
+        let shares = [rows.escaped[patch], rows.blocked[patch], rows.unselected[patch]].map(known);
+        let sum = known(rows.row_sum[patch]);
+        for (column, balance) in balances.iter_mut().enumerate() {
+            let radiosity = solution.radiosity.of(patch)[column];
+            let irradiance = solution.irradiance.of(patch)[column];
+            let emission = problem.emission.of(patch)[column];
+            let outside = problem.outside.as_ref().map_or(0.0, |outside| outside.of(patch)[column]);
+            let rho = problem.rho(patch, column);
+            let leaving = area * radiosity;
+            balance.emitted += area * emission;
+            balance.from_outside += area * outside;
+            balance.absorbed += area * (1.0 - rho) * irradiance;
+            balance.escaped += leaving * shares[0];
+            balance.blocked += leaving * shares[1];
+            balance.unselected += leaving * shares[2];
+            balance.closure += leaving * (1.0 - sum - shares.iter().sum::<f64>());
+            balance.reciprocity += leaving * sum - area * (irradiance - outside);
+            balance.residual += area * (emission + rho * irradiance - radiosity);
+        }
+    }
+    balances
+}

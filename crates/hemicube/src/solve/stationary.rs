@@ -1,0 +1,53 @@
+//! Jacobi's and Gauss–Seidel's iterations.
+
+use super::factors::{in_order, row_product};
+use super::{Block, SolveError, Work};
+
+/// From `b` until the residual is within the tolerance.
+pub(super) fn jacobi(work: &mut Work<'_>, mut b: Block) -> Result<Block, SolveError> {
+    let minus = vec![-1.0; work.columns()];
+    while !work.is_out_of_iterations() {
+        let product = work.product(&b)?;
+        let mut next = work.problem.reflect(product);
+        next.add_scaled(&vec![1.0; work.columns()], &work.source);
+        // What the iteration changes is the residual of where it began.
+        let mut change = next.clone();
+        change.add_scaled(&minus, &b);
+        b = next;
+        let relative = work.relative(change.norms());
+        if work.tell(&relative)? {
+            break;
+        }
+    }
+    Ok(b)
+}
+
+/// The same with the newest values. The change of a sweep bounds the residual after it, since what is left of a row's
+/// residual is R F times changes that came later in the sweep.
+pub(super) fn gauss_seidel(work: &mut Work<'_>, mut b: Block) -> Result<Block, SolveError> {
+    let columns = work.columns();
+    let mut sums = vec![0.0; columns];
+    while !work.is_out_of_iterations() {
+        let mut squares = vec![0.0; columns];
+        let (problem, source) = (work.problem, &work.source);
+        in_order(work.factors, |part| {
+            for (row, &patch) in part.rows.iter().enumerate() {
+                let (indices, data) = part.row(row);
+                row_product(indices, data, &b, &mut sums);
+                let patch = patch as usize;
+                let source = source.of(patch);
+                for (column, value) in b.of_mut(patch).iter_mut().enumerate() {
+                    let new = source[column] + problem.rho(patch, column) * sums[column];
+                    squares[column] += (new - *value) * (new - *value);
+                    *value = new;
+                }
+            }
+        })?;
+        work.iterations += 1;
+        let relative = work.relative(squares.into_iter().map(f64::sqrt).collect());
+        if work.tell(&relative)? {
+            break;
+        }
+    }
+    Ok(b)
+}
