@@ -145,6 +145,9 @@ pub(crate) enum Command {
     /// Write a matrix for SciPy (.npz, .mtx), MATLAB (.txt, .dat) or NumPy (.npy)
     #[command(after_long_help = examples("  hemicube export room.hemicube room.npz\n  hemicube export room.hemicube room.data --format mtx", false))]
     Export(Export),
+    /// Solve for light or heat: radiosity of every patch from a matrix and its materials
+    #[command(after_long_help = examples("  hemicube solve room.hemicube --scene room.obj\n  hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv\n  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient 293", false))]
+    Solve(Box<crate::commands::solve::Arguments>),
     /// Generate a scene: room, city, block-city, maze, spheres, field or soup
     #[command(after_long_help = examples("  hemicube generate city --patches 100000 --seed 3 -o city.obj", false))]
     Generate(Generate),

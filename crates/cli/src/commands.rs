@@ -9,4 +9,5 @@ pub(crate) mod export;
 pub(crate) mod generate;
 pub(crate) mod inspect;
 pub(crate) mod merge;
+pub(crate) mod solve;
 pub(crate) mod tradeoff;

@@ -5,6 +5,7 @@ mod commands;
 mod config;
 mod exit;
 mod log;
+mod materials;
 mod prepare;
 mod progress;
 mod report;
@@ -76,6 +77,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         Command::Balance(arguments) => commands::balance::run(&arguments, talk),
         Command::Compare(arguments) => commands::compare::run(&arguments, talk),
         Command::Export(arguments) => commands::export::run(&arguments, talk),
+        Command::Solve(arguments) => commands::solve::run(&arguments, talk),
         Command::Generate(arguments) => commands::generate::run(&arguments, talk),
         Command::Backends { command } => commands::backends::run(&command),
     }

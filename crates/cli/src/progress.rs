@@ -74,6 +74,13 @@ impl Bar {
         }
     }
 
+    /// Says how far it is.
+    pub(crate) fn message(&self, text: &str) {
+        if let Some(bar) = &self.0 {
+            bar.set_message(text.to_owned());
+        }
+    }
+
     /// Moves the bar.
     pub(crate) fn show(&self, progress: Progress) {
         if let Some(bar) = &self.bar {

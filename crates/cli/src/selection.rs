@@ -12,7 +12,7 @@ const NAMES_SHOWN: usize = 5;
 
 /// Whether `name` matches `glob`, character by character, case and all. Going back to the last star is enough, so the
 /// time is at most the product of the lengths.
-fn matches(glob: &str, name: &str) -> bool {
+pub(crate) fn matches(glob: &str, name: &str) -> bool {
     let (glob, name): (Vec<char>, Vec<char>) = (glob.chars().collect(), name.chars().collect());
     let (mut at, mut place) = (0, 0);
     let mut star: Option<(usize, usize)> = None;

@@ -1,0 +1,629 @@
+//! `hemicube solve`: radiosity or thermal exchange from a matrix.
+
+use crate::args::{Report as ReportArguments, Talk};
+use crate::exit::{self, Exit, hinted};
+use crate::materials::{Materials, Optics, Thermal};
+use crate::progress::Bar;
+use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, duration, figures, percent, size};
+use anyhow::{Context, Result, anyhow, bail};
+use clap::{Args, ValueEnum};
+use hemicube::solve::{
+    ArrayFile, Block, EnergyBalance, Method, OutOfCore, Problem, STEFAN_BOLTZMANN, Solution, SolutionWriter, SolveError,
+    SolveOptions, StoredSolution, energy_balance, solve,
+};
+use hemicube::store::{PatchTable, RowTable, Store};
+use serde::Serialize;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// More right-hand sides than this are no columns of a table that a person opens.
+const CSV_COLUMNS_MAX: u64 = 256;
+/// Right-hand sides whose balances are printed.
+const BALANCES_SHOWN: usize = 6;
+/// Vectors of a right-hand side that are in memory, besides GMRES's.
+const VECTORS: u64 = 9;
+
+/// `hemicube solve`
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// The matrix
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// Take reflectance and emission from the scene's file: glTF, MTL or AC3D
+    #[arg(long, value_name = "SCENE", help_heading = "Materials")]
+    pub(crate) scene: Option<PathBuf>,
+    /// Materials by name (TOML): reflectance, emission, emissivity, temperature; they go before the scene's
+    #[arg(long, value_name = "FILE", help_heading = "Materials")]
+    pub(crate) materials: Option<PathBuf>,
+    /// Exchange heat instead of light: emissivity and temperature to net flux
+    #[arg(long, help_heading = "Materials")]
+    pub(crate) thermal: bool,
+    /// What lies outside, for heat that leaves the scene, in kelvin
+    #[arg(long, value_name = "KELVIN", default_value = "0", value_parser = kelvin, requires = "thermal", help_heading = "Materials")]
+    pub(crate) ambient: f64,
+    /// Emission of each patch: one row a right-hand side (.npy), row r of band r modulo the number of bands
+    #[arg(long, value_name = "FILE.npy", conflicts_with = "thermal", help_heading = "Materials")]
+    pub(crate) emission: Option<PathBuf>,
+    /// How the system is solved
+    #[arg(long, value_name = "gmres|gauss-seidel|jacobi", default_value = "gmres", hide_possible_values = true)]
+    pub(crate) method: MethodName,
+    /// GMRES begins anew after N iterations
+    #[arg(long, value_name = "N", default_value = "20", value_parser = clap::value_parser!(u32).range(1..=200), hide_short_help = true)]
+    pub(crate) restart: u32,
+    /// Relative residual to reach
+    #[arg(long, value_name = "T", default_value = "1e-6", value_parser = tolerance)]
+    pub(crate) tolerance: f64,
+    /// Products with the matrix before it gives up; exit 1
+    #[arg(long, value_name = "N", default_value = "500", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) max_iterations: u32,
+    /// About how much memory to use; what of the matrix does not fit is read again each iteration
+    #[arg(long, value_name = "SIZE", default_value = "1GB", value_parser = bytes)]
+    pub(crate) memory: u64,
+    /// Worker threads; 0: one for each core
+    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub(crate) threads: u32,
+    /// What the solution is called in the matrix's directory [default: radiosity, or thermal]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) name: Option<String>,
+    /// Write the solution to FILE too: .npz or .csv (repeatable)
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+
+/// The methods, by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MethodName {
+    /// GMRES.
+    Gmres,
+    /// Gauss–Seidel.
+    GaussSeidel,
+    /// Jacobi.
+    Jacobi,
+}
+
+fn kelvin(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(kelvin) if (0.0..=1e6).contains(&kelvin) => Ok(kelvin),
+        _ => Err("a temperature in kelvin, from 0 on, is needed".to_owned()),
+    }
+}
+
+fn tolerance(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(tolerance) if (1e-14..1.0).contains(&tolerance) => Ok(tolerance),
+        _ => Err("a number from 1e-14 up to 1 is needed".to_owned()),
+    }
+}
+
+/// `500MB`, `2GB`, or bytes.
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
+    let text = text.trim();
+    let (digits, unit) = text.split_at(text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len()));
+    let unit = match unit.to_ascii_uppercase().as_str() {
+        "" | "B" => 1.0,
+        "K" | "KB" => 1e3,
+        "M" | "MB" => 1e6,
+        "G" | "GB" => 1e9,
+        "T" | "TB" => 1e12,
+        _ => return Err("a size such as `500MB` or `2GB` is needed".to_owned()),
+    };
+    match digits.trim().parse::<f64>() {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturation is wanted"
+        )]
+        Ok(number) if number >= 0.0 && number.is_finite() => Ok((number * unit) as u64),
+        _ => Err("a size such as `500MB` or `2GB` is needed".to_owned()),
+    }
+}
+
+/// What the solution is of, in its report and in `--json`.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Surfaces {
+    Light(Vec<Optics>),
+    Heat { materials: Vec<Thermal>, ambient: f64 },
+}
+
+/// What is kept beside the solution. No clock and no machine.
+#[derive(Debug, Serialize)]
+struct Record {
+    program: &'static str,
+    quantity: &'static str,
+    bands: Vec<String>,
+    /// The band of each right-hand side.
+    band_of_row: Vec<usize>,
+    surfaces: Surfaces,
+    method: Method,
+    tolerance: f64,
+    converged: bool,
+    iterations: u32,
+    residuals: Vec<f64>,
+    balance: Vec<EnergyBalance>,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    schema: u32,
+    version: &'static str,
+    store: String,
+    patches: u64,
+    entries: u64,
+    solution: String,
+    #[serde(flatten)]
+    record: &'a Record,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seconds: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    peak_memory_bytes: Option<u64>,
+}
+
+pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    let json = JsonReport::open(&arguments.report)?;
+    for output in &arguments.output {
+        OutputFormat::of(output)?;
+    }
+    report::require(&arguments.store)?;
+    let store = Store::open(&arguments.store)?;
+    let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
+    let started = Instant::now();
+    let table = store.patches()?;
+    let rows = store.row_table()?;
+    let task = Task::new(arguments, &store, &table, &rows)?;
+    let name = arguments
+        .name
+        .clone()
+        .unwrap_or_else(|| if arguments.thermal { "thermal" } else { "radiosity" }.to_owned());
+
+    let options = SolveOptions {
+        method: match arguments.method {
+            MethodName::Gmres => Method::Gmres {
+                restart: arguments.restart,
+            },
+            MethodName::GaussSeidel => Method::GaussSeidel,
+            MethodName::Jacobi => Method::Jacobi,
+        },
+        tolerance: arguments.tolerance,
+        max_iterations: arguments.max_iterations,
+        threads: arguments.threads as usize,
+    };
+    let columns_at_once = columns_at_once(arguments, &store);
+    let factors = OutOfCore::new(&store, arguments.memory / 2)?;
+    let mut writer = SolutionWriter::create(&store, &name, task.quantities(), task.rows)?;
+    let mut record = Record {
+        program: env!("CARGO_PKG_VERSION"),
+        quantity: if arguments.thermal { "heat" } else { "light" },
+        bands: task.bands.clone(),
+        band_of_row: (0..task.rows).map(|row| task.band(row)).collect(),
+        surfaces: task.surfaces(arguments)?,
+        method: options.method,
+        tolerance: options.tolerance,
+        converged: true,
+        iterations: 0,
+        residuals: Vec::new(),
+        balance: Vec::new(),
+    };
+    let bar = Bar::spinner(talk, "solving");
+    exit::keep(true);
+    let mut first = 0;
+    while first < task.rows {
+        let end = (first + columns_at_once).min(task.rows);
+        let problem = task.problem(first..end)?;
+        let solved = solve(&factors, &problem, options, &mut |step| {
+            let text = format!(
+                "iteration {}, residual {}{}",
+                step.iteration,
+                figures(step.residual),
+                if end - first < task.rows {
+                    format!(", right-hand sides {} to {end} of {}", first + 1, task.rows)
+                } else {
+                    String::new()
+                }
+            );
+            bar.message(&text);
+            talk.detail(&text);
+            !cancel.load(Ordering::SeqCst)
+        });
+        let solution = match solved {
+            Ok(solution) => solution,
+            Err(SolveError::Interrupted) => return Ok(Exit::Interrupted),
+            Err(error) => return Err(error.into()),
+        };
+        record.converged &= solution.converged;
+        record.iterations = record.iterations.max(solution.iterations);
+        record.residuals.extend(&solution.residuals);
+        record.balance.extend(energy_balance(&problem, &solution, &table.area, &rows));
+        task.keep(&mut writer, &solution)?;
+        first = end;
+    }
+    drop(bar);
+    let path = writer.finish(&serde_json::to_value(&record).context("the report is no JSON")?)?;
+    exit::keep(false);
+    let stored = StoredSolution::open(&store, &name)?;
+    for output in &arguments.output {
+        write_output(&stored, &store, &table, &record, output)?;
+    }
+    let seconds = started.elapsed().as_secs_f64();
+    talk.say(text(&record, &store, &path, seconds).trim_end());
+    if !record.converged {
+        talk.warn(&format!(
+            "the residual did not reach {}; allow more with `--max-iterations`, or look for surfaces that reflect all",
+            figures(options.tolerance)
+        ));
+    }
+    if let Some(json) = json {
+        let timings = !arguments.report.no_timings;
+        json.write(&Report {
+            schema: SCHEMA,
+            version: env!("CARGO_PKG_VERSION"),
+            store: arguments.store.display().to_string(),
+            patches: store.patch_count().into(),
+            entries: store.manifest().entries,
+            solution: path.display().to_string(),
+            record: &record,
+            seconds: timings.then_some(seconds),
+            peak_memory_bytes: report::peak_memory_bytes().filter(|_| timings),
+        })?;
+    }
+    Ok(if record.converged { Exit::Done } else { Exit::NotHeld })
+}
+
+/// How many right-hand sides are solved together, by what their vectors take of half the memory.
+fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
+    let vectors = VECTORS
+        + match arguments.method {
+            MethodName::Gmres => u64::from(arguments.restart) + 2,
+            _ => 0,
+        };
+    (arguments.memory / 2 / (8 * vectors * u64::from(store.patch_count()).max(1))).clamp(1, 1024)
+}
+
+/// What is solved: the sources of the right-hand sides, and the materials.
+struct Task<'a> {
+    bands: Vec<String>,
+    rows: u64,
+    table: &'a PatchTable,
+    row_table: &'a RowTable,
+    kind: Kind,
+}
+
+enum Kind {
+    Light {
+        optics: Vec<Optics>,
+        emission: Option<ArrayFile>,
+    },
+    Heat {
+        materials: Vec<Thermal>,
+        ambient: f64,
+    },
+}
+
+impl<'a> Task<'a> {
+    fn new(arguments: &Arguments, store: &Store, table: &'a PatchTable, row_table: &'a RowTable) -> Result<Self> {
+        let manifest = store.manifest();
+        let materials = Materials::read(
+            &manifest.materials,
+            arguments.scene.as_deref(),
+            arguments.materials.as_deref(),
+        )?;
+        let mut used = vec![false; manifest.materials.len()];
+        for &material in &table.material {
+            if let Some(used) = used.get_mut(material as usize) {
+                *used = true;
+            }
+        }
+        if arguments.thermal {
+            return Ok(Self {
+                bands: vec!["total".to_owned()],
+                rows: 1,
+                table,
+                row_table,
+                kind: Kind::Heat {
+                    materials: materials.thermal(&used)?,
+                    ambient: arguments.ambient,
+                },
+            });
+        }
+        let bands = materials.bands.clone();
+        let optics = materials.optics(&used)?;
+        let emission = match &arguments.emission {
+            Some(path) => {
+                let array = ArrayFile::open(path)?;
+                if array.columns() != u64::from(store.patch_count()) {
+                    bail!(
+                        "`{}` has {} columns, and the matrix {} patches: one row a right-hand side is needed",
+                        path.display(),
+                        array.columns(),
+                        store.patch_count()
+                    );
+                }
+                if array.rows() == 0 || array.rows() % bands.len() as u64 != 0 {
+                    bail!(
+                        "`{}` has {} rows, which is no multiple of the {} bands; `bands = [\"all\"]` in the file of materials \
+                         makes one",
+                        path.display(),
+                        array.rows(),
+                        bands.len()
+                    );
+                }
+                Some(array)
+            }
+            None => {
+                let dark = optics.iter().zip(&used).all(|(o, &used)| !used || o.emission.iter().all(|&e| e == 0.0));
+                if dark {
+                    return Err(hinted(
+                        anyhow!("nothing emits: every material has an emission of 0"),
+                        "give one an `emission` by `--materials FILE`, or patches theirs by `--emission FILE.npy`",
+                    ));
+                }
+                None
+            }
+        };
+        Ok(Self {
+            rows: emission.as_ref().map_or(bands.len() as u64, ArrayFile::rows),
+            bands,
+            table,
+            row_table,
+            kind: Kind::Light { optics, emission },
+        })
+    }
+
+    fn band(&self, row: u64) -> usize {
+        usize::try_from(row % self.bands.len() as u64).unwrap_or(0)
+    }
+
+    fn quantities(&self) -> &'static [&'static str] {
+        match self.kind {
+            Kind::Light { .. } => &["radiosity", "irradiance"],
+            Kind::Heat { .. } => &["radiosity", "irradiance", "flux", "temperature"],
+        }
+    }
+
+    fn surfaces(&self, arguments: &Arguments) -> Result<Surfaces> {
+        Ok(match &self.kind {
+            Kind::Light { optics, .. } => Surfaces::Light(optics.clone()),
+            Kind::Heat { materials, .. } => Surfaces::Heat {
+                materials: materials.clone(),
+                ambient: arguments.ambient,
+            },
+        })
+    }
+
+    fn problem(&self, rows: std::ops::Range<u64>) -> Result<Problem> {
+        let patches = self.table.len();
+        let material = |patch: usize| self.table.material[patch] as usize;
+        let bands: Vec<usize> = rows.clone().map(|row| self.band(row)).collect();
+        Ok(match &self.kind {
+            Kind::Light { optics, emission } => {
+                let emission = match emission {
+                    None => Block::from_fn(patches, bands.len(), |patch, column| {
+                        optics[material(patch)].emission[bands[column]]
+                    }),
+                    Some(array) => {
+                        let read: Vec<Vec<f64>> = rows.map(|row| array.row(row)).collect::<Result<_, _>>()?;
+                        Block::from_fn(patches, bands.len(), |patch, column| read[column][patch])
+                    }
+                };
+                Problem {
+                    reflectance: Block::from_fn(patches, self.bands.len(), |patch, band| {
+                        optics[material(patch)].reflectance[band]
+                    }),
+                    bands,
+                    emission,
+                    outside: None,
+                }
+            }
+            Kind::Heat { materials, ambient } => {
+                let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
+                Problem {
+                    reflectance: Block::from_fn(patches, 1, |patch, _| 1.0 - materials[material(patch)].emissivity),
+                    bands,
+                    emission: Block::from_fn(patches, 1, |patch, _| {
+                        let material = &materials[material(patch)];
+                        material.emissivity * black(material.temperature.unwrap_or(0.0))
+                    }),
+                    outside: (*ambient > 0.0).then(|| {
+                        Block::from_fn(patches, 1, |patch, _| {
+                            let escaped = self.row_table.escaped[patch];
+                            if escaped.is_nan() { 0.0 } else { escaped * black(*ambient) }
+                        })
+                    }),
+                }
+            }
+        })
+    }
+
+    fn keep(&self, writer: &mut SolutionWriter, solution: &Solution) -> Result<()> {
+        writer.append(0, &solution.radiosity)?;
+        writer.append(1, &solution.irradiance)?;
+        if let Kind::Heat { materials, .. } = &self.kind {
+            let (b, g) = (&solution.radiosity, &solution.irradiance);
+            writer.append(2, &Block::from_fn(b.patches(), 1, |patch, _| b.of(patch)[0] - g.of(patch)[0]))?;
+            // Of a surface that keeps nothing, what it sends is what a black one of its temperature would.
+            let temperature = Block::from_fn(b.patches(), 1, |patch, _| {
+                materials[self.table.material[patch] as usize]
+                    .temperature
+                    .unwrap_or_else(|| (b.of(patch)[0] / STEFAN_BOLTZMANN).max(0.0).powf(0.25))
+            });
+            writer.append(3, &temperature)?;
+        }
+        Ok(())
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum OutputFormat {
+    Npz,
+    Csv,
+}
+
+impl OutputFormat {
+    fn of(path: &Path) -> Result<Self> {
+        match path.extension().map(std::ffi::OsStr::to_ascii_lowercase) {
+            Some(extension) if extension == "npz" => Ok(Self::Npz),
+            Some(extension) if extension == "csv" => Ok(Self::Csv),
+            _ => bail!("`--output {}`: a name that ends in .npz or .csv is needed", path.display()),
+        }
+    }
+}
+
+fn write_output(
+    stored: &StoredSolution,
+    store: &Store,
+    table: &PatchTable,
+    record: &Record,
+    path: &Path,
+) -> Result<()> {
+    match OutputFormat::of(path)? {
+        OutputFormat::Npz => Ok(stored.write_npz(path)?),
+        OutputFormat::Csv => write_csv(stored, store, table, record, path),
+    }
+}
+
+/// A field of a table; names may hold anything.
+fn field(text: &str) -> String {
+    if text.contains(['"', ',', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+fn write_csv(stored: &StoredSolution, store: &Store, table: &PatchTable, record: &Record, path: &Path) -> Result<()> {
+    let mut columns = Vec::new();
+    let mut header = "patch,object,material,area,x,y,z".to_owned();
+    for quantity in stored.quantities() {
+        let array = stored.quantity(quantity)?;
+        if array.rows() > CSV_COLUMNS_MAX {
+            bail!(
+                "{} right-hand sides are too many columns for `{}`; write a .npz",
+                array.rows(),
+                path.display()
+            );
+        }
+        for row in 0..array.rows() {
+            let band = &record.bands[record.band_of_row[usize::try_from(row).unwrap_or(0)]];
+            let number = if array.rows() > record.bands.len() as u64 {
+                format!("_{row}")
+            } else {
+                String::new()
+            };
+            header.push_str(&format!(",{}", field(&format!("{quantity}_{band}{number}"))));
+            columns.push(array.row(row)?);
+        }
+    }
+    let mut file = PendingFile::create(path)?;
+    let cannot = || format!("`{}` cannot be written", path.display());
+    let manifest = store.manifest();
+    let mut out = std::io::BufWriter::with_capacity(1 << 20, &mut file);
+    writeln!(out, "{header}").with_context(cannot)?;
+    for patch in 0..table.len() {
+        let name = |names: &[String], index: u32| names.get(index as usize).map_or_else(String::new, |name| field(name));
+        let [x, y, z] = table.centroid[patch];
+        write!(
+            out,
+            "{patch},{},{},{},{x},{y},{z}",
+            name(&manifest.objects, table.object[patch]),
+            name(&manifest.materials, table.material[patch]),
+            table.area[patch]
+        )
+        .with_context(cannot)?;
+        for column in &columns {
+            write!(out, ",{}", column[patch]).with_context(cannot)?;
+        }
+        writeln!(out).with_context(cannot)?;
+    }
+    out.flush().with_context(cannot)?;
+    drop(out);
+    file.commit()
+}
+
+fn text(record: &Record, store: &Store, path: &Path, seconds: f64) -> String {
+    let mut list = Listing::default();
+    let method = match record.method {
+        Method::Jacobi => "Jacobi".to_owned(),
+        Method::GaussSeidel => "Gauss–Seidel".to_owned(),
+        Method::Gmres { .. } => "GMRES".to_owned(),
+    };
+    let worst = record.residuals.iter().copied().fold(0.0, f64::max);
+    list.add(
+        "solved",
+        format!(
+            "{} for {} of {} by {method}: residual {} after {}, {}",
+            if record.quantity == "heat" { "heat" } else { "light" },
+            counted(record.residuals.len() as u64, "right-hand side"),
+            counted(store.patch_count().into(), "patch"),
+            figures(worst),
+            counted(record.iterations.into(), "product"),
+            duration(seconds),
+        ),
+    );
+    for (row, balance) in record.balance.iter().enumerate().take(BALANCES_SHOWN) {
+        let input = balance.input();
+        let share = |power: f64| if input == 0.0 { 0.0 } else { power / input };
+        let mut parts = vec![format!("{} absorbed", percent(share(balance.absorbed)))];
+        for (power, what) in [
+            (balance.escaped, "escaped"),
+            (balance.blocked, "blocked by backs"),
+            (balance.unselected, "to patches without columns"),
+        ] {
+            if power != 0.0 {
+                parts.push(format!("{} {what}", percent(share(power))));
+            }
+        }
+        list.add(
+            &format!("balance of {}", record.bands[record.band_of_row[row]]),
+            format!(
+                "{} put in; {}; unaccounted {:+.2e} (rows' sums {:+.1e}, reciprocity {:+.1e}, iteration {:+.1e})",
+                figures(input),
+                parts.join(", "),
+                balance.unaccounted(),
+                share(balance.closure),
+                share(balance.reciprocity),
+                share(balance.residual),
+            ),
+        );
+    }
+    if record.balance.len() > BALANCES_SHOWN {
+        let worst = record.balance.iter().map(|b| b.unaccounted().abs()).fold(0.0, f64::max);
+        list.add(
+            "balances",
+            format!(
+                "{} more; of all, at most {} unaccounted",
+                count((record.balance.len() - BALANCES_SHOWN) as u64),
+                percent(worst)
+            ),
+        );
+    }
+    list.add("written", format!("`{}`", path.display()));
+    if let Some(memory) = report::peak_memory_bytes() {
+        list.add("memory", size(memory));
+    }
+    list.text()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes() {
+        assert_eq!(bytes("500MB"), Ok(500_000_000));
+        assert_eq!(bytes("1.5 gb"), Ok(1_500_000_000));
+        assert_eq!(bytes("77"), Ok(77));
+        for wrong in ["", "MB", "-3", "3XB", "nan"] {
+            assert!(bytes(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn fields_of_tables() {
+        assert_eq!(field("wall"), "wall");
+        assert_eq!(field("a, \"b\""), "\"a, \"\"b\"\"\"");
+    }
+}
