@@ -148,6 +148,15 @@ pub(crate) enum Command {
     /// Solve for light or heat: radiosity of every patch from a matrix and its materials
     #[command(after_long_help = examples("  hemicube solve room.hemicube --scene room.obj\n  hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv\n  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient 293", false))]
     Solve(Box<crate::commands::solve::Arguments>),
+    /// What patches and points see of the sky, of the ground below the horizon, and of the sun
+    #[command(after_long_help = examples("  hemicube sky city.obj --up z -o city-sky --tolerance 0.5%\n  hemicube sky city.obj --store city.hemicube\n  hemicube sky street.obj -o sky --division reinhart:4 --points people.txt --suns june.txt", false))]
+    Sky(Box<crate::commands::sky::Arguments>),
+    /// Draw pictures: the hemicube of a patch, the model in the colours of a result, the matrix
+    View {
+        /// What to draw.
+        #[command(subcommand)]
+        command: crate::commands::view::View,
+    },
     /// Generate a scene: room, city, block-city, maze, spheres, field or soup
     #[command(after_long_help = examples("  hemicube generate city --patches 100000 --seed 3 -o city.obj", false))]
     Generate(Generate),
@@ -231,6 +240,19 @@ pub(crate) struct EngineSettings {
     /// Worker threads; 0: one for each core
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub(crate) threads: u32,
+}
+
+impl Default for EngineSettings {
+    /// What is set where nobody says.
+    fn default() -> Self {
+        Self {
+            backend: "auto".to_owned(),
+            engine: Engine::Auto,
+            octree_levels: Auto::Auto,
+            min_patches: Auto::Auto,
+            threads: 0,
+        }
+    }
 }
 
 /// How hemicubes are rendered, and what form factors are made of.

@@ -12,6 +12,7 @@ mod report;
 mod rung;
 mod selection;
 mod shard;
+mod stored;
 mod verify;
 
 use crate::args::{Cli, Command};
@@ -78,6 +79,8 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         Command::Compare(arguments) => commands::compare::run(&arguments, talk),
         Command::Export(arguments) => commands::export::run(&arguments, talk),
         Command::Solve(arguments) => commands::solve::run(&arguments, talk),
+        Command::Sky(arguments) => commands::sky::run(&arguments, talk),
+        Command::View { command } => commands::view::run(&command, talk),
         Command::Generate(arguments) => commands::generate::run(&arguments, talk),
         Command::Backends { command } => commands::backends::run(&command),
     }

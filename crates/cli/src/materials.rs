@@ -194,7 +194,11 @@ impl Materials {
             if is_used && !adiabatic && (entry.emissivity.is_none() || entry.temperature.is_none()) {
                 missing.push(name.clone());
             }
-            let emissivity = if adiabatic { 0.0 } else { entry.emissivity.unwrap_or(0.0) };
+            let emissivity = if adiabatic {
+                0.0
+            } else {
+                entry.emissivity.unwrap_or(0.0)
+            };
             let temperature = entry.temperature.filter(|_| !adiabatic);
             if !(0.0..=1.0).contains(&emissivity) {
                 bail!("material `{name}` has an emissivity of {emissivity}; it is from 0 to 1");
@@ -283,7 +287,13 @@ fn listed(names: &[String]) -> String {
     let shown: Vec<String> = names
         .iter()
         .take(NAMES_SHOWN)
-        .map(|name| if name.is_empty() { "faces without a material".to_owned() } else { format!("`{name}`") })
+        .map(|name| {
+            if name.is_empty() {
+                "faces without a material".to_owned()
+            } else {
+                format!("`{name}`")
+            }
+        })
         .collect();
     match names.len().saturating_sub(NAMES_SHOWN) {
         0 => shown.join(", "),

@@ -74,6 +74,13 @@ impl Bar {
         }
     }
 
+    /// Moves the bar to a number.
+    pub(crate) fn at(&self, done: u64) {
+        if let Some(bar) = &self.0 {
+            bar.set_position(done);
+        }
+    }
+
     /// Says how far it is.
     pub(crate) fn message(&self, text: &str) {
         if let Some(bar) = &self.0 {

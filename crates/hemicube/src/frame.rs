@@ -25,6 +25,22 @@ pub fn axes([a, b, c]: [DVec3; 3], turn: f64) -> Option<[DVec3; 3]> {
     ])
 }
 
+/// The same about a normal that belongs to no triangle: the tangent lies in the plane of the normal and the axis that it is
+/// farthest from. Returns `None` for a normal without length.
+pub fn axes_of(normal: DVec3, turn: f64) -> Option<[DVec3; 3]> {
+    let normal = normal.try_normalize()?;
+    let [x, y, z] = normal.abs().to_array();
+    let farthest = if x <= y && x <= z {
+        DVec3::X
+    } else if y <= z {
+        DVec3::Y
+    } else {
+        DVec3::Z
+    };
+    let bitangent = normal.cross(farthest).try_normalize()?;
+    axes([DVec3::ZERO, bitangent.cross(normal), bitangent], turn)
+}
+
 /// The turn of a patch's hemicube: a hash of its id in [0, 1). Turning each hemicube differently decorrelates the
 /// aliasing of neighbouring rows and halves it for the price of nothing.
 pub fn turn(patch: InputPatch) -> f64 {
@@ -77,6 +93,15 @@ mod tests {
             }
         }
         assert_eq!(axes([DVec3::ZERO, DVec3::X, DVec3::X * 2.0], 0.0), None);
+    }
+
+    #[test]
+    fn frames_about_a_normal_keep_it() {
+        for normal in [DVec3::X, DVec3::NEG_Z, DVec3::new(1.0, -2.0, 3.0), DVec3::splat(1e-3)] {
+            let [t, b, n] = axes_of(normal, 0.4).expect("a normal");
+            assert!((n - normal.normalize()).length() < 1e-14 && (t.cross(b) - n).length() < 1e-14);
+        }
+        assert_eq!(axes_of(DVec3::ZERO, 0.0), None);
     }
 
     #[test]

@@ -21,6 +21,7 @@ pub mod reference;
 mod refine;
 pub mod settle;
 mod shaft;
+pub mod sky;
 pub mod solve;
 pub mod store;
 pub mod tree;

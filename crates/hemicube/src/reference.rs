@@ -35,7 +35,7 @@ use hemisphere::Hemisphere;
 use pair::{BATCHES, Pair};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
-use visibility::{Occluders, Sight};
+use visibility::{Met, Occluders, Sight};
 
 /// How carefully reference rows are computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -210,6 +210,32 @@ impl<'m> Reference<'m> {
         };
         let (from, to) = (self.model.normalise(from), self.model.normalise(to));
         Ok(self.occluders.sees(&emitter, from, &receiver, to, &mut None))
+    }
+
+    /// Whether a ray from a point, of a patch or free, in a direction meets nothing; all in the scene's coordinates. What
+    /// lies in or below the plane through the point across `normal` is out of the way, and so is the patch's own surface.
+    ///
+    /// # Errors
+    /// When there is no such patch.
+    pub fn is_open(
+        &self,
+        patch: Option<InputPatch>,
+        from: DVec3,
+        normal: DVec3,
+        direction: DVec3,
+    ) -> Result<bool, ReferenceError> {
+        let from = self.model.normalise(from);
+        let sight = match patch {
+            Some(patch) => {
+                self.check(patch)?;
+                Sight::new(self.model, patch)
+            }
+            None => Some(Sight::free(from, normal)),
+        };
+        let Some((sight, direction)) = sight.zip(direction.try_normalize()) else {
+            return Ok(false);
+        };
+        Ok(sight.normal.dot(direction) > 0.0 && self.occluders.first(&sight, from, direction) == Met::Nothing)
     }
 
     /// The row of one emitter.

@@ -146,7 +146,9 @@ impl Problem {
         let columns = self.emission.columns();
         let of = |block: &Block| block.patches() == patches && block.columns() > 0;
         if !of(&self.reflectance) || !of(&self.emission) {
-            return wrong(format!("reflectance and emission are not of the matrix's {patches} patches"));
+            return wrong(format!(
+                "reflectance and emission are not of the matrix's {patches} patches"
+            ));
         }
         if self
             .outside
@@ -235,7 +237,11 @@ impl Work<'_> {
     }
 
     fn relative(&self, norms: Vec<f64>) -> Vec<f64> {
-        norms.into_iter().zip(&self.norms).map(|(norm, whole)| norm / whole).collect()
+        norms
+            .into_iter()
+            .zip(&self.norms)
+            .map(|(norm, whole)| norm / whole)
+            .collect()
     }
 
     fn is_out_of_iterations(&self) -> bool {
@@ -356,7 +362,10 @@ pub fn energy_balance(problem: &Problem, solution: &Solution, areas: &[f64], row
             let radiosity = solution.radiosity.of(patch)[column];
             let irradiance = solution.irradiance.of(patch)[column];
             let emission = problem.emission.of(patch)[column];
-            let outside = problem.outside.as_ref().map_or(0.0, |outside| outside.of(patch)[column]);
+            let outside = problem
+                .outside
+                .as_ref()
+                .map_or(0.0, |outside| outside.of(patch)[column]);
             let rho = problem.rho(patch, column);
             let leaving = area * radiosity;
             balance.emitted += area * emission;

@@ -57,7 +57,7 @@ pub use write::StoreWriter;
 pub(crate) use durable::{DurableFile, read_exact_at, write_whole};
 pub(crate) use matrix::F32_COMMENT;
 pub(crate) use npy::{ElementType, Header as NpyHeader, decode};
-pub(crate) use npz::NpzWriter;
+pub(crate) use npz::{Npz, NpzWriter};
 
 use serde::{Deserialize, Serialize};
 

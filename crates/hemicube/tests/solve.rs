@@ -1,8 +1,8 @@
 //! Radiosity and thermal exchange against closed forms, with matrices written down by hand.
 
 use hemicube::solve::{
-    Block, EnergyBalance, InMemory, Method, Problem, STEFAN_BOLTZMANN, Solution, SolveError, SolveOptions, energy_balance,
-    solve,
+    Block, EnergyBalance, InMemory, Method, Problem, STEFAN_BOLTZMANN, Solution, SolveError, SolveOptions,
+    energy_balance, solve,
 };
 use hemicube::store::{Part, RowTable};
 
@@ -52,7 +52,9 @@ fn flux(solution: &Solution, surface: usize) -> f64 {
 fn random_room(patches: usize) -> InMemory {
     let mut state = 9u64;
     let mut next = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         (state >> 40) as f32 / (1u64 << 24) as f32
     };
     let mut parts = Vec::new();
@@ -94,7 +96,10 @@ fn a_closed_room_of_one_material_is_e_over_one_minus_rho() {
             let solution = solved(&room, &problem, method);
             for patch in 0..50 {
                 let b = solution.radiosity.of(patch)[0];
-                assert!((b * (1.0 - rho) / 2.5 - 1.0).abs() < 1e-5, "{method:?} {rho} {patch}: {b}");
+                assert!(
+                    (b * (1.0 - rho) / 2.5 - 1.0).abs() < 1e-5,
+                    "{method:?} {rho} {patch}: {b}"
+                );
             }
         }
     }
@@ -105,7 +110,9 @@ fn methods_agree_on_many_right_hand_sides_and_bands() {
     let room = random_room(40);
     let columns = 11;
     let problem = Problem {
-        reflectance: Block::from_fn(40, 2, |patch, band| 0.1 + 0.02 * patch as f64 * (1.0 - 0.5 * band as f64)),
+        reflectance: Block::from_fn(40, 2, |patch, band| {
+            0.1 + 0.02 * patch as f64 * (1.0 - 0.5 * band as f64)
+        }),
         bands: (0..columns).map(|c| c % 2).collect(),
         // Column 3 has nothing to solve, columns 1 and 9 are alike.
         emission: Block::from_fn(40, columns, |patch, c| match c {
@@ -151,7 +158,10 @@ fn the_threads_change_nothing() {
     };
     for method in METHODS {
         let of = |threads| {
-            let options = SolveOptions { threads, ..options(method) };
+            let options = SolveOptions {
+                threads,
+                ..options(method)
+            };
             solve(&room, &problem, options, &mut |_| true).expect("a sound problem")
         };
         assert_eq!(of(1), of(5));
@@ -213,9 +223,8 @@ fn table(rows: usize, escaped: f64, sum: f64) -> RowTable {
 #[test]
 fn energy_is_accounted_for() {
     let close = |a: f64, b: f64| (a - b).abs() < 1e-9 * b.abs().max(1.0);
-    let total = |b: &EnergyBalance| {
-        b.absorbed + b.escaped + b.blocked + b.unselected + b.closure + b.reciprocity + b.residual
-    };
+    let total =
+        |b: &EnergyBalance| b.absorbed + b.escaped + b.blocked + b.unselected + b.closure + b.reciprocity + b.residual;
     // Two plates that lose half: 1 = absorbed + escaped.
     let plates = InMemory::dense(&[vec![0.0, 0.5], vec![0.5, 0.0]]);
     let problem = Problem {
@@ -233,7 +242,10 @@ fn energy_is_accounted_for() {
     // The same matrix under areas that make it unreciprocal, and rows that claim to lose less: named, not hidden.
     let balance = energy_balance(&problem, &solution, &[1.0, 3.0], &table(2, 0.4, 0.5))[0];
     assert!(close(total(&balance), balance.input()), "{balance:?}");
-    assert!(balance.reciprocity.abs() > 0.01 && balance.closure > 0.01, "{balance:?}");
+    assert!(
+        balance.reciprocity.abs() > 0.01 && balance.closure > 0.01,
+        "{balance:?}"
+    );
     assert!(balance.unaccounted().abs() > 0.01);
 }
 
@@ -266,11 +278,9 @@ fn an_unsound_problem_is_refused() {
         emission: Block::from_fn(4, 1, |_, _| 1.0),
         outside: None,
     };
-    let refused = |problem: &Problem| {
-        match solve(&room, problem, SolveOptions::default(), &mut |_| true) {
-            Err(SolveError::Problem(reason)) => reason,
-            other => panic!("{other:?}"),
-        }
+    let refused = |problem: &Problem| match solve(&room, problem, SolveOptions::default(), &mut |_| true) {
+        Err(SolveError::Problem(reason)) => reason,
+        other => panic!("{other:?}"),
     };
     let with = |change: fn(&mut Problem)| {
         let mut problem = sound.clone();

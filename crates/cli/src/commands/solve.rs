@@ -1,15 +1,20 @@
 //! `hemicube solve`: radiosity or thermal exchange from a matrix.
 
+use crate::args::EngineSettings;
 use crate::args::{Report as ReportArguments, Talk};
+use crate::commands::view::canvas::Format as PictureFormat;
+use crate::commands::view::model::{self, Camera};
 use crate::exit::{self, Exit, hinted};
 use crate::materials::{Materials, Optics, Thermal};
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, duration, figures, percent, size};
+use crate::stored;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
+use hemicube::sky::sky_product;
 use hemicube::solve::{
-    ArrayFile, Block, EnergyBalance, Method, OutOfCore, Problem, STEFAN_BOLTZMANN, Solution, SolutionWriter, SolveError,
-    SolveOptions, StoredSolution, energy_balance, solve,
+    ArrayFile, Block, EnergyBalance, Method, OutOfCore, Problem, STEFAN_BOLTZMANN, Solution, SolutionWriter,
+    SolveError, SolveOptions, StoredSolution, energy_balance, solve,
 };
 use hemicube::store::{PatchTable, RowTable, Store};
 use serde::Serialize;
@@ -44,10 +49,20 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "KELVIN", default_value = "0", value_parser = kelvin, requires = "thermal", help_heading = "Materials")]
     pub(crate) ambient: f64,
     /// Emission of each patch: one row a right-hand side (.npy), row r of band r modulo the number of bands
-    #[arg(long, value_name = "FILE.npy", conflicts_with = "thermal", help_heading = "Materials")]
+    #[arg(
+        long,
+        value_name = "FILE.npy",
+        conflicts_with = "thermal",
+        help_heading = "Materials"
+    )]
     pub(crate) emission: Option<PathBuf>,
     /// How the system is solved
-    #[arg(long, value_name = "gmres|gauss-seidel|jacobi", default_value = "gmres", hide_possible_values = true)]
+    #[arg(
+        long,
+        value_name = "gmres|gauss-seidel|jacobi",
+        default_value = "gmres",
+        hide_possible_values = true
+    )]
     pub(crate) method: MethodName,
     /// GMRES begins anew after N iterations
     #[arg(long, value_name = "N", default_value = "20", value_parser = clap::value_parser!(u32).range(1..=200), hide_short_help = true)]
@@ -70,6 +85,22 @@ pub(crate) struct Arguments {
     /// Write the solution to FILE too: .npz or .csv (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
+    /// Radiance of the sky: one row a right-hand side, a number for the ground and one for each patch of it (.npy)
+    #[arg(
+        long,
+        value_name = "FILE.npy",
+        conflicts_with = "thermal",
+        help_heading = "Materials"
+    )]
+    pub(crate) sky_radiance: Option<PathBuf>,
+    /// The division of the sky that it is of [default: DIR/sky/sky.npz, from `hemicube sky --store`]
+    #[arg(long, value_name = "FILE.npz", requires = "sky_radiance", help_heading = "Materials")]
+    pub(crate) sky: Option<PathBuf>,
+    /// Draw the solution: .png or .svg; needs `--scene`
+    #[arg(long, value_name = "FILE", requires = "scene")]
+    pub(crate) picture: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) camera: Camera,
     #[command(flatten)]
     pub(crate) report: ReportArguments,
 }
@@ -168,6 +199,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     for output in &arguments.output {
         OutputFormat::of(output)?;
     }
+    if let Some(picture) = &arguments.picture {
+        PictureFormat::of(picture)?;
+    }
     report::require(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
@@ -237,7 +271,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         record.converged &= solution.converged;
         record.iterations = record.iterations.max(solution.iterations);
         record.residuals.extend(&solution.residuals);
-        record.balance.extend(energy_balance(&problem, &solution, &table.area, &rows));
+        record
+            .balance
+            .extend(energy_balance(&problem, &solution, &table.area, &rows));
         task.keep(&mut writer, &solution)?;
         first = end;
     }
@@ -247,6 +283,16 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let stored = StoredSolution::open(&store, &name)?;
     for output in &arguments.output {
         write_output(&stored, &store, &table, &record, output)?;
+    }
+    if let (Some(picture), Some(scene)) = (&arguments.picture, &arguments.scene) {
+        let prepared = stored::scene(&store, scene, &EngineSettings::default())?;
+        let quantity = if arguments.thermal { "flux" } else { "radiosity" };
+        model::draw(
+            &prepared,
+            &model::of_solution(&stored, quantity)?,
+            &arguments.camera,
+            picture,
+        )?;
     }
     let seconds = started.elapsed().as_secs_f64();
     talk.say(text(&record, &store, &path, seconds).trim_end());
@@ -292,10 +338,17 @@ struct Task<'a> {
     kind: Kind,
 }
 
+/// Light from the sky: radiances, a row a right-hand side, and which patch sees what of it.
+struct Sky {
+    radiance: ArrayFile,
+    division: PathBuf,
+}
+
 enum Kind {
     Light {
         optics: Vec<Optics>,
         emission: Option<ArrayFile>,
+        sky: Option<Sky>,
     },
     Heat {
         materials: Vec<Thermal>,
@@ -331,45 +384,66 @@ impl<'a> Task<'a> {
         }
         let bands = materials.bands.clone();
         let optics = materials.optics(&used)?;
-        let emission = match &arguments.emission {
-            Some(path) => {
-                let array = ArrayFile::open(path)?;
-                if array.columns() != u64::from(store.patch_count()) {
-                    bail!(
-                        "`{}` has {} columns, and the matrix {} patches: one row a right-hand side is needed",
-                        path.display(),
-                        array.columns(),
-                        store.patch_count()
-                    );
-                }
-                if array.rows() == 0 || array.rows() % bands.len() as u64 != 0 {
-                    bail!(
-                        "`{}` has {} rows, which is no multiple of the {} bands; `bands = [\"all\"]` in the file of materials \
-                         makes one",
-                        path.display(),
-                        array.rows(),
-                        bands.len()
-                    );
-                }
-                Some(array)
+        let emission = arguments.emission.as_deref().map(ArrayFile::open).transpose()?;
+        if let (Some(array), Some(path)) = (&emission, &arguments.emission) {
+            if array.columns() != u64::from(store.patch_count()) {
+                bail!(
+                    "`{}` has {} columns, and the matrix {} patches: one row a right-hand side is needed",
+                    path.display(),
+                    array.columns(),
+                    store.patch_count()
+                );
             }
-            None => {
-                let dark = optics.iter().zip(&used).all(|(o, &used)| !used || o.emission.iter().all(|&e| e == 0.0));
-                if dark {
+            require_bands(array, path, &bands)?;
+        }
+        let sky = match &arguments.sky_radiance {
+            Some(path) => {
+                let radiance = ArrayFile::open(path)?;
+                require_bands(&radiance, path, &bands)?;
+                if let Some(emission) = &emission
+                    && emission.rows() != radiance.rows()
+                {
+                    bail!(
+                        "`{}` has {} right-hand sides, and the emission {}",
+                        path.display(),
+                        radiance.rows(),
+                        emission.rows()
+                    );
+                }
+                let division = arguments
+                    .sky
+                    .clone()
+                    .unwrap_or_else(|| store.directory().join("sky").join("sky.npz"));
+                if !division.exists() {
                     return Err(hinted(
-                        anyhow!("nothing emits: every material has an emission of 0"),
-                        "give one an `emission` by `--materials FILE`, or patches theirs by `--emission FILE.npy`",
+                        anyhow!("`{}` does not exist", division.display()),
+                        format!("`hemicube sky SCENE --store {}` writes it", store.directory().display()),
                     ));
                 }
-                None
+                Some(Sky { radiance, division })
             }
+            None => None,
         };
+        let dark = optics
+            .iter()
+            .zip(&used)
+            .all(|(o, &used)| !used || o.emission.iter().all(|&e| e == 0.0));
+        if dark && emission.is_none() && sky.is_none() {
+            return Err(hinted(
+                anyhow!("nothing emits: every material has an emission of 0"),
+                "give one an `emission` by `--materials FILE`, patches theirs by `--emission FILE.npy`, or the sky by \
+                 `--sky-radiance FILE.npy`",
+            ));
+        }
         Ok(Self {
-            rows: emission.as_ref().map_or(bands.len() as u64, ArrayFile::rows),
+            rows: emission
+                .as_ref()
+                .or(sky.as_ref().map(|sky| &sky.radiance))
+                .map_or(bands.len() as u64, ArrayFile::rows),
             bands,
             table,
             row_table,
-            kind: Kind::Light { optics, emission },
+            kind: Kind::Light { optics, emission, sky },
         })
     }
 
@@ -399,7 +473,26 @@ impl<'a> Task<'a> {
         let material = |patch: usize| self.table.material[patch] as usize;
         let bands: Vec<usize> = rows.clone().map(|row| self.band(row)).collect();
         Ok(match &self.kind {
-            Kind::Light { optics, emission } => {
+            Kind::Light { optics, emission, sky } => {
+                let outside = match sky {
+                    // A patch of the sky sends π times its radiance, as a white wall would.
+                    Some(sky) => {
+                        let mut radiances = Vec::new();
+                        for row in rows.clone() {
+                            let radiance = sky.radiance.row(row)?;
+                            radiances.push(radiance.into_iter().map(|l| std::f64::consts::PI * l).collect());
+                        }
+                        let outside = sky_product(&sky.division, &radiances)?;
+                        if outside.patches() != patches {
+                            bail!(
+                                "`{}` is of another number of patches than the matrix",
+                                sky.division.display()
+                            );
+                        }
+                        Some(outside)
+                    }
+                    None => None,
+                };
                 let emission = match emission {
                     None => Block::from_fn(patches, bands.len(), |patch, column| {
                         optics[material(patch)].emission[bands[column]]
@@ -415,7 +508,7 @@ impl<'a> Task<'a> {
                     }),
                     bands,
                     emission,
-                    outside: None,
+                    outside,
                 }
             }
             Kind::Heat { materials, ambient } => {
@@ -430,7 +523,11 @@ impl<'a> Task<'a> {
                     outside: (*ambient > 0.0).then(|| {
                         Block::from_fn(patches, 1, |patch, _| {
                             let escaped = self.row_table.escaped[patch];
-                            if escaped.is_nan() { 0.0 } else { escaped * black(*ambient) }
+                            if escaped.is_nan() {
+                                0.0
+                            } else {
+                                escaped * black(*ambient)
+                            }
                         })
                     }),
                 }
@@ -443,7 +540,10 @@ impl<'a> Task<'a> {
         writer.append(1, &solution.irradiance)?;
         if let Kind::Heat { materials, .. } = &self.kind {
             let (b, g) = (&solution.radiosity, &solution.irradiance);
-            writer.append(2, &Block::from_fn(b.patches(), 1, |patch, _| b.of(patch)[0] - g.of(patch)[0]))?;
+            writer.append(
+                2,
+                &Block::from_fn(b.patches(), 1, |patch, _| b.of(patch)[0] - g.of(patch)[0]),
+            )?;
             // Of a surface that keeps nothing, what it sends is what a black one of its temperature would.
             let temperature = Block::from_fn(b.patches(), 1, |patch, _| {
                 materials[self.table.material[patch] as usize]
@@ -454,6 +554,18 @@ impl<'a> Task<'a> {
         }
         Ok(())
     }
+}
+
+fn require_bands(array: &ArrayFile, path: &Path, bands: &[String]) -> Result<()> {
+    if array.rows() == 0 || array.rows() % bands.len() as u64 != 0 {
+        bail!(
+            "`{}` has {} rows, which is no multiple of the {} bands; `bands = [\"all\"]` in the file of materials makes one",
+            path.display(),
+            array.rows(),
+            bands.len()
+        );
+    }
+    Ok(())
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -467,7 +579,10 @@ impl OutputFormat {
         match path.extension().map(std::ffi::OsStr::to_ascii_lowercase) {
             Some(extension) if extension == "npz" => Ok(Self::Npz),
             Some(extension) if extension == "csv" => Ok(Self::Csv),
-            _ => bail!("`--output {}`: a name that ends in .npz or .csv is needed", path.display()),
+            _ => bail!(
+                "`--output {}`: a name that ends in .npz or .csv is needed",
+                path.display()
+            ),
         }
     }
 }
@@ -523,7 +638,8 @@ fn write_csv(stored: &StoredSolution, store: &Store, table: &PatchTable, record:
     let mut out = std::io::BufWriter::with_capacity(1 << 20, &mut file);
     writeln!(out, "{header}").with_context(cannot)?;
     for patch in 0..table.len() {
-        let name = |names: &[String], index: u32| names.get(index as usize).map_or_else(String::new, |name| field(name));
+        let name =
+            |names: &[String], index: u32| names.get(index as usize).map_or_else(String::new, |name| field(name));
         let [x, y, z] = table.centroid[patch];
         write!(
             out,

@@ -44,6 +44,17 @@ impl Sight {
         })
     }
 
+    /// A free point that looks along `normal`.
+    pub(super) fn free(point: DVec3, normal: DVec3) -> Self {
+        Self {
+            patch: u32::MAX,
+            corners: [point; 3],
+            normal: normal.normalize_or_zero(),
+            area: 0.0,
+            surface: u32::MAX,
+        }
+    }
+
     pub(super) fn centroid(&self) -> DVec3 {
         (self.corners[0] + self.corners[1] + self.corners[2]) / 3.0
     }

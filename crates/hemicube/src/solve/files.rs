@@ -35,7 +35,9 @@ fn identity(manifest: &Manifest, path: &Path) -> Result<String> {
 fn check_name(store: &Store, name: &str) -> Result<PathBuf> {
     let sound = !name.is_empty()
         && name.len() <= 100
-        && name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.'))
+        && name
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.'))
         && !name.starts_with('.');
     let path = store.directory().join(DIRECTORY);
     if sound {
@@ -263,11 +265,15 @@ impl StoredSolution {
         for name in self.quantities() {
             arrays.push((name, self.quantity(name)?));
         }
-        let wanted = arrays.iter().map(|(_, array)| 8 * array.rows() * array.columns() + 256).sum();
+        let wanted = arrays
+            .iter()
+            .map(|(_, array)| 8 * array.rows() * array.columns() + 256)
+            .sum();
         let on_write = |error| Error::write(path, wanted, error);
         let mut npz = NpzWriter::new(DurableFile::create(path)?);
         for (name, array) in &arrays {
-            npz.begin(name, ElementType::F64, &[array.rows(), array.columns()]).map_err(on_write)?;
+            npz.begin(name, ElementType::F64, &[array.rows(), array.columns()])
+                .map_err(on_write)?;
             for row in 0..array.rows() {
                 npz.push(&array.row(row)?).map_err(on_write)?;
             }

@@ -61,7 +61,11 @@ impl Column {
             let rest: f64 = (row + 1..size).map(|k| self.upper[k][row] * y[k]).sum();
             let pivot = self.upper[row][row];
             // A pivot of 0 is a direction that the matrix sends to nothing: none of it is taken.
-            y[row] = if pivot == 0.0 { 0.0 } else { (self.residual[row] - rest) / pivot };
+            y[row] = if pivot == 0.0 {
+                0.0
+            } else {
+                (self.residual[row] - rest) / pivot
+            };
         }
         y
     }
@@ -82,7 +86,12 @@ pub(super) fn gmres(work: &mut Work<'_>, mut b: Block, restart: u32) -> Result<B
         if work.tell(&relative)? {
             break;
         }
-        let inverse = |norms: &[f64]| norms.iter().map(|&n| if n > 0.0 { 1.0 / n } else { 0.0 }).collect::<Vec<_>>();
+        let inverse = |norms: &[f64]| {
+            norms
+                .iter()
+                .map(|&n| if n > 0.0 { 1.0 / n } else { 0.0 })
+                .collect::<Vec<_>>()
+        };
         residual.scale(&inverse(&norms));
         let mut basis = vec![residual];
         let mut spaces: Vec<Column> = norms.iter().map(|&norm| Column::new(norm)).collect();

@@ -1,0 +1,668 @@
+//! `hemicube sky`: what patches and points see of the sky, of the ground, and of the sun.
+
+use crate::args::{EngineSettings, Report as ReportArguments, SceneSettings, Talk};
+use crate::exit::{self, Exit, hinted};
+use crate::prepare::{Prepared, axis_name, prepare};
+use crate::progress::Bar;
+use crate::report::{self, Input, JsonReport, Listing, PendingFile, SCHEMA, Spread, count, counted, duration, percent};
+use crate::stored;
+use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
+use glam::DVec3;
+use hemicube::InputPatch;
+use hemicube::backend::{Culling, HemicubeBackend, RESOLUTIONS, RenderSettings, WHOLE};
+use hemicube::reference::{Reference, ReferenceSettings};
+use hemicube::sky::{
+    Horizon, LEVELS, PARTS_MAX, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
+    write_points, write_sky,
+};
+use hemicube::store::{Store, scene_hash};
+use serde::Serialize;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// Pixels along an edge where nobody says and no matrix does.
+const RESOLUTION: u32 = 256;
+/// n of the n² points of a patch from which the sun is looked for.
+const SUN_POINTS: u32 = 4;
+
+/// `hemicube sky`
+#[derive(Args, Debug)]
+#[command(group = clap::ArgGroup::new("place").required(true))]
+pub(crate) struct Arguments {
+    /// The scene: .obj, .gltf, .glb, .ac or .acc
+    #[arg(value_name = "SCENE")]
+    pub(crate) scene: PathBuf,
+    /// Take the patches and hemicubes of this matrix, and write into its directory `sky`
+    #[arg(long, value_name = "DIR", group = "place", conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "scale", "keep_duplicates"])]
+    pub(crate) store: Option<PathBuf>,
+    /// The directory to write to
+    #[arg(short, long, value_name = "DIR", group = "place")]
+    pub(crate) output: Option<PathBuf>,
+    /// How the sky is divided: tregenza (145 patches) or reinhart:N (144 N² + 1)
+    #[arg(long, value_name = "tregenza|reinhart:N", default_value = "tregenza")]
+    pub(crate) division: Division,
+    /// Turn north clockwise, seen from above; 0: +y where z is up, −z where y is up, +z where x is up
+    #[arg(long, value_name = "DEGREES", default_value = "0", value_parser = degrees, allow_negative_numbers = true)]
+    pub(crate) north: f64,
+    /// Rows of points, too: a file with `x y z nx ny nz` a line
+    #[arg(long, value_name = "FILE")]
+    pub(crate) points: Option<PathBuf>,
+    /// Which part of each patch sees these suns: a file with the direction `x y z` towards one a line
+    #[arg(long, value_name = "FILE")]
+    pub(crate) suns: Option<PathBuf>,
+    /// Refine each row until its sky view factor changes by no more than this share: 1%, 0.001
+    #[arg(long, value_name = "T", value_parser = share)]
+    pub(crate) tolerance: Option<f64>,
+    /// Pixels along an edge: a multiple of 16 up to 1024 [default: 256, or the matrix's]
+    #[arg(long, value_name = "N", value_parser = resolution)]
+    pub(crate) resolution: Option<u32>,
+    /// Hemicubes a patch: 1, 4, 9, 16… [default: 1, or the matrix's]
+    #[arg(long, value_name = "K", value_parser = samples, conflicts_with = "tolerance")]
+    pub(crate) samples: Option<u32>,
+    #[command(flatten)]
+    pub(crate) patches: SceneSettings,
+    #[command(flatten)]
+    pub(crate) engine: EngineSettings,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+
+/// A division of the sky, by its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Division(u32);
+
+impl FromStr for Division {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = match text.split_once(':') {
+            None if text == "tregenza" => Some(1),
+            Some(("reinhart", parts)) => parts.parse().ok().filter(|parts| (1..=PARTS_MAX).contains(parts)),
+            _ => None,
+        };
+        parts
+            .map(Self)
+            .ok_or_else(|| format!("`tregenza`, or `reinhart:1` to `reinhart:{PARTS_MAX}`, is needed"))
+    }
+}
+
+fn degrees(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(degrees) if degrees.abs() <= 360.0 => Ok(degrees),
+        _ => Err("an angle from -360 to 360 degrees is needed".to_owned()),
+    }
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let share = match text.strip_suffix('%') {
+        Some(percent) => percent.trim().parse::<f64>().map(|percent| percent / 100.0),
+        None => text.parse::<f64>(),
+    };
+    match share {
+        Ok(share) if (1e-5..=0.5).contains(&share) => Ok(share),
+        _ => Err("a share from 0.001% to 50% is needed, such as `0.1%`".to_owned()),
+    }
+}
+
+fn resolution(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(n) if n % 16 == 0 && RESOLUTIONS.contains(&n) => Ok(n),
+        _ => Err(format!(
+            "a multiple of 16 from {} to {} is needed",
+            RESOLUTIONS.start(),
+            RESOLUTIONS.end()
+        )),
+    }
+}
+
+fn samples(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(k) if k > 0 && k <= 4096 && k.isqrt().pow(2) == k => Ok(k.isqrt()),
+        _ => Err("a perfect square (1, 4, 9, 16…) up to 4096 is needed".to_owned()),
+    }
+}
+
+/// What the files are, beside them.
+#[derive(Debug, Serialize)]
+struct Record {
+    program: &'static str,
+    scene: String,
+    scene_blake3: String,
+    division: String,
+    columns: u32,
+    /// What the columns are, for who opens the files without this program's documentation.
+    order: &'static str,
+    up: &'static str,
+    north_degrees: f64,
+    east: [f64; 3],
+    north: [f64; 3],
+    resolution: u32,
+    tolerance: Option<f64>,
+    patches: u64,
+    points: u64,
+    suns: u64,
+    /// Rows whose escaped weight is that of the matrix, to the last unit; only beside a matrix.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rows_as_in_matrix: Option<u64>,
+    sky_view_factor: Spread,
+    ground: f64,
+    /// Of the rows that were refined, those that still changed by more than the tolerance at the last level.
+    unsettled: u64,
+    hemicubes: u64,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    schema: u32,
+    version: &'static str,
+    inputs: Vec<Input>,
+    output: String,
+    #[serde(flatten)]
+    record: &'a Record,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seconds: Option<f64>,
+}
+
+/// Numbers, some a line; `#` begins a comment.
+fn numbers<const N: usize>(path: &Path, form: &str) -> Result<Vec<[f64; N]>> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
+    let mut rows = Vec::new();
+    for (line, text) in (1..).zip(text.lines()) {
+        let text = text.split('#').next().unwrap_or("");
+        let words: Vec<&str> = text
+            .split(|c: char| c.is_whitespace() || c == ',')
+            .filter(|word| !word.is_empty())
+            .collect();
+        if words.is_empty() {
+            continue;
+        }
+        let values: Vec<f64> = words
+            .iter()
+            .filter_map(|word| word.parse().ok())
+            .filter(|value: &f64| value.is_finite())
+            .collect();
+        match <[f64; N]>::try_from(values) {
+            Ok(row) if words.len() == N => rows.push(row),
+            _ => bail!("{}:{line}: `{}` is not `{form}`", path.display(), text.trim()),
+        }
+    }
+    if rows.is_empty() {
+        bail!("`{}` holds no line of `{form}`", path.display());
+    }
+    Ok(rows)
+}
+
+fn read_points(path: &Path) -> Result<Vec<SensorPoint>> {
+    let rows = numbers::<6>(path, "x y z nx ny nz")?;
+    rows.into_iter()
+        .map(|[x, y, z, nx, ny, nz]| {
+            let normal = DVec3::new(nx, ny, nz);
+            if normal.try_normalize().is_none() {
+                bail!(
+                    "`{}` has the point ({x}, {y}, {z}) without a direction to look in",
+                    path.display()
+                );
+            }
+            Ok(SensorPoint {
+                position: DVec3::new(x, y, z),
+                normal,
+            })
+        })
+        .collect()
+}
+
+fn read_suns(path: &Path) -> Result<Vec<DVec3>> {
+    let rows = numbers::<3>(path, "x y z")?;
+    rows.into_iter()
+        .map(|direction| {
+            DVec3::from_array(direction)
+                .try_normalize()
+                .ok_or_else(|| anyhow!("`{}` has a direction without length", path.display()))
+        })
+        .collect()
+}
+
+/// What the matrix says of its hemicubes: n of the n² of each patch, and the weight that escaped.
+struct OfMatrix {
+    samples: Vec<u32>,
+    escaped: Vec<Option<u64>>,
+}
+
+fn of_matrix(store: &Store) -> Result<OfMatrix> {
+    let count = store.patch_count() as usize;
+    let mut found = OfMatrix {
+        samples: vec![1; count],
+        escaped: vec![None; count],
+    };
+    for place in 0..store.manifest().parts.len() {
+        let Some(part) = store.part(place)? else { continue };
+        for ((&patch, sums), &hemicubes) in part.rows.iter().zip(&part.sums).zip(&part.hemicubes) {
+            found.samples[patch as usize] = hemicubes.isqrt().max(1);
+            found.escaped[patch as usize] = (hemicubes > 0).then_some(sums.escaped);
+        }
+    }
+    Ok(found)
+}
+
+#[allow(clippy::too_many_lines, reason = "one thing after another")]
+pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    let json = JsonReport::open(&arguments.report)?;
+    let points = arguments
+        .points
+        .as_deref()
+        .map(read_points)
+        .transpose()?
+        .unwrap_or_default();
+    let suns = arguments
+        .suns
+        .as_deref()
+        .map(read_suns)
+        .transpose()?
+        .unwrap_or_default();
+    let store = match &arguments.store {
+        Some(path) => {
+            report::require(path)?;
+            Some(Store::open(path)?)
+        }
+        None => None,
+    };
+    let output = match (&store, &arguments.output) {
+        (Some(store), _) => store.directory().join("sky"),
+        (None, Some(output)) => output.clone(),
+        (None, None) => bail!("`--store` or `--output` is needed"),
+    };
+    let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
+    let started = Instant::now();
+    let prepared = match &store {
+        Some(store) => stored::scene(store, &arguments.scene, &arguments.engine)?,
+        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine)?,
+    };
+    prepared.tell(talk);
+    let up = arguments.patches.up.map(Into::into).or(prepared.scene.up);
+    let Some(up) = up else {
+        return Err(hinted(
+            anyhow!("`{}` does not say which axis points up", arguments.scene.display()),
+            "`--up y` or `--up z` does",
+        ));
+    };
+    let horizon = Horizon::new(up, arguments.north);
+    let division = SkyDivision::new(arguments.division.0).context("the sky cannot be divided like that")?;
+    let (settings, matrix) = match &store {
+        Some(store) => (Some(&store.manifest().settings), Some(of_matrix(store)?)),
+        None => (None, None),
+    };
+    let of_settings = settings
+        .and_then(|s| s["resolution"].as_u64())
+        .and_then(|n| u32::try_from(n).ok());
+    let options = SkyOptions {
+        render: RenderSettings {
+            resolution: arguments.resolution.or(of_settings).unwrap_or(RESOLUTION),
+            culling: Culling::On,
+            covered: false,
+        },
+        samples_per_edge: arguments.samples.unwrap_or(1),
+        tolerance: arguments.tolerance,
+        rotate: settings.and_then(|s| s["rotation"].as_bool()).unwrap_or(true),
+        threads: arguments.engine.thread_count(),
+    };
+    std::fs::create_dir_all(&output).with_context(|| format!("`{}` cannot be created", output.display()))?;
+
+    let rows: Vec<(InputPatch, u32)> = prepared
+        .patches
+        .iter()
+        .map(|patch| {
+            let of_matrix = matrix.as_ref().map_or(1, |matrix| matrix.samples[patch.0 as usize]);
+            (patch, arguments.samples.unwrap_or(of_matrix))
+        })
+        .collect();
+    let bar = Bar::rows(talk, rows.len() as u64);
+    let backend = arguments.engine.open_backend()?;
+    require_items(backend.as_ref())?;
+    let mut go_on = |done: usize| {
+        bar.at(done as u64);
+        !cancel.load(Ordering::SeqCst)
+    };
+    exit::keep(true);
+    let found = sky_of_patches(&prepared.model, &rows, &division, horizon, options, backend, &mut go_on)?;
+    drop(bar);
+    let Some(found) = found else {
+        return Ok(Exit::Interrupted);
+    };
+    let lit = sunlit(&prepared, &suns, options.threads)?;
+    write_sky(
+        &output.join("sky.npz"),
+        division.columns(),
+        &found,
+        lit.as_deref().map(|lit| (suns.len(), lit)),
+    )?;
+
+    let of_points = if points.is_empty() {
+        Vec::new()
+    } else {
+        let sessions = (0..LEVELS)
+            .map(|_| arguments.engine.open_backend())
+            .collect::<Result<_>>()?;
+        let found = rows_of_points(
+            &prepared.model,
+            &points,
+            &division,
+            horizon,
+            options,
+            sessions,
+            &mut |_| !cancel.load(Ordering::SeqCst),
+        )?;
+        let Some(found) = found else {
+            return Ok(Exit::Interrupted);
+        };
+        keep_points(&output, &prepared, &division, &points, &suns, &found)?;
+        found
+    };
+
+    let record = record(
+        arguments,
+        &prepared,
+        &division,
+        horizon,
+        axis_name(up),
+        options,
+        &found,
+        &of_points,
+        &suns,
+        matrix.as_ref(),
+    );
+    let mut file = PendingFile::create(&output.join("sky.json"))?;
+    let mut text = serde_json::to_string_pretty(&record).context("the report is no JSON")?;
+    text.push('\n');
+    file.write_all(text.as_bytes())
+        .with_context(|| format!("`{}` cannot be written", output.display()))?;
+    file.commit()?;
+    exit::keep(false);
+    let seconds = started.elapsed().as_secs_f64();
+    talk.say(summary(&record, &of_points, &output, seconds).trim_end());
+    if let Some(json) = json {
+        json.write(&Report {
+            schema: SCHEMA,
+            version: env!("CARGO_PKG_VERSION"),
+            inputs: vec![prepared.input],
+            output: output.display().to_string(),
+            record: &record,
+            seconds: (!arguments.report.no_timings).then_some(seconds),
+        })?;
+    }
+    Ok(Exit::Done)
+}
+
+fn require_items(backend: &dyn HemicubeBackend) -> Result<()> {
+    let info = backend.info();
+    if info.capabilities.items {
+        return Ok(());
+    }
+    Err(hinted(
+        anyhow!(
+            "backend `{}` hands out no item buffers, from which the sky is read",
+            info.name
+        ),
+        "`--backend cpu` does",
+    ))
+}
+
+/// For each patch and sun the part of the patch that sees it: 0 where it turns away.
+fn sunlit(prepared: &Prepared, suns: &[DVec3], threads: usize) -> Result<Option<Vec<f32>>> {
+    if suns.is_empty() {
+        return Ok(None);
+    }
+    let reference = Reference::new(&prepared.model, ReferenceSettings::default())?;
+    let patches: Vec<InputPatch> = prepared.patches.iter().collect();
+    let mut lit = vec![0.0f32; patches.len() * suns.len()];
+    let share = patches.len().div_ceil(threads.max(1)).max(1);
+    std::thread::scope(|scope| {
+        let mut workers = Vec::new();
+        for (patches, lit) in patches.chunks(share).zip(lit.chunks_mut(share * suns.len())) {
+            let reference = &reference;
+            workers.push(scope.spawn(move || -> Result<()> {
+                for (&patch, lit) in patches.iter().zip(lit.chunks_exact_mut(suns.len())) {
+                    let normal = prepared.patches.normal(patch);
+                    let points = hemicube::frame::sample_points(prepared.patches.corners(patch), SUN_POINTS);
+                    for (lit, &sun) in lit.iter_mut().zip(suns) {
+                        if normal.dot(sun) <= 0.0 {
+                            continue;
+                        }
+                        let mut seen = 0.0f32;
+                        for &point in &points {
+                            if reference.is_open(Some(patch), point, normal, sun)? {
+                                seen += 1.0;
+                            }
+                        }
+                        #[allow(clippy::cast_precision_loss, reason = "a few points")]
+                        let whole = points.len() as f32;
+                        *lit = seen / whole;
+                    }
+                }
+                Ok(())
+            }));
+        }
+        for worker in workers {
+            worker
+                .join()
+                .unwrap_or_else(|payload| std::panic::resume_unwind(payload))?;
+        }
+        Ok::<(), anyhow::Error>(())
+    })?;
+    Ok(Some(lit))
+}
+
+fn keep_points(
+    output: &Path,
+    prepared: &Prepared,
+    division: &SkyDivision,
+    points: &[SensorPoint],
+    suns: &[DVec3],
+    found: &[PointRow],
+) -> Result<()> {
+    let lit = if suns.is_empty() {
+        None
+    } else {
+        let reference = Reference::new(&prepared.model, ReferenceSettings::default())?;
+        let mut lit = Vec::new();
+        for point in points {
+            for &sun in suns {
+                let open = reference.is_open(None, point.position, point.normal, sun)?;
+                lit.push(if open { 1.0f32 } else { 0.0 });
+            }
+        }
+        Some(lit)
+    };
+    let sky: Vec<SkyRow> = found.iter().map(|row| row.sky.clone()).collect();
+    write_sky(
+        &output.join("points-sky.npz"),
+        division.columns(),
+        &sky,
+        lit.as_deref().map(|lit| (suns.len(), lit)),
+    )?;
+    let patch_count = u32::try_from(prepared.patches.len()).context("too many patches")?;
+    Ok(write_points(&output.join("points.npz"), patch_count, found)?)
+}
+
+#[allow(clippy::too_many_arguments, reason = "called once")]
+fn record(
+    arguments: &Arguments,
+    prepared: &Prepared,
+    division: &SkyDivision,
+    horizon: Horizon,
+    up: &'static str,
+    options: SkyOptions,
+    rows: &[SkyRow],
+    points: &[PointRow],
+    suns: &[DVec3],
+    matrix: Option<&OfMatrix>,
+) -> Record {
+    let (mut area, mut sky, mut ground) = (0.0, 0.0, 0.0);
+    let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (patch, row) in prepared.patches.iter().zip(rows) {
+        let factor = row.sky_view_factor();
+        if factor.is_nan() {
+            continue;
+        }
+        let own = prepared.patches.area(patch);
+        area += own;
+        sky += own * factor;
+        ground += own * (row.escaped as f64 / row.whole() as f64 - factor);
+        min = min.min(factor);
+        max = max.max(factor);
+    }
+    let whole = if area > 0.0 { area } else { 1.0 };
+    let unsettled = options.tolerance.map_or(0, |tolerance| {
+        let all = rows.iter().chain(points.iter().map(|point| &point.sky));
+        all.filter(|row| row.change > (tolerance * row.sky_view_factor()).max(1e-5))
+            .count() as u64
+    });
+    Record {
+        program: env!("CARGO_PKG_VERSION"),
+        scene: arguments
+            .scene
+            .file_name()
+            .map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+        scene_blake3: scene_hash(&prepared.scene, &prepared.patches),
+        division: if division.parts() == 1 {
+            "tregenza".to_owned()
+        } else {
+            format!("reinhart:{}", division.parts())
+        },
+        columns: division.columns(),
+        order: "column 0 is the ground; then ring by ring upwards, each from north clockwise, the first patch's middle due north",
+        up,
+        north_degrees: arguments.north,
+        east: horizon.east.to_array(),
+        north: horizon.north.to_array(),
+        resolution: options.render.resolution,
+        tolerance: options.tolerance,
+        patches: rows.len() as u64,
+        points: points.len() as u64,
+        suns: suns.len() as u64,
+        rows_as_in_matrix: matrix.map(|matrix| {
+            let same = rows
+                .iter()
+                .zip(&matrix.escaped)
+                .filter(|(row, escaped)| Some(row.escaped) == **escaped);
+            same.count() as u64
+        }),
+        sky_view_factor: if area > 0.0 {
+            Spread {
+                min,
+                mean: sky / whole,
+                max,
+            }
+        } else {
+            Spread::default()
+        },
+        ground: ground / whole,
+        unsettled,
+        hemicubes: rows.iter().map(|row| u64::from(row.hemicubes)).sum(),
+    }
+}
+
+fn summary(record: &Record, points: &[PointRow], output: &Path, seconds: f64) -> String {
+    let mut list = Listing::default();
+    list.add(
+        "sky",
+        format!(
+            "{}, {} up: the ground and {} in {}",
+            record.division,
+            record.up,
+            counted(u64::from(record.columns) - 1, "patch of the sky")
+                .replace("patch of the skies", "patches of the sky"),
+            duration(seconds),
+        ),
+    );
+    let factor = record.sky_view_factor;
+    list.add(
+        "view of it",
+        format!(
+            "{:.4} on average over the area, from {:.4} to {:.4}; the ground below the horizon {}",
+            factor.mean,
+            factor.min,
+            factor.max,
+            percent(record.ground)
+        ),
+    );
+    list.add(
+        "hemicubes",
+        format!(
+            "{}, {:.1} a patch, of {} pixels along an edge",
+            count(record.hemicubes),
+            record.hemicubes as f64 / record.patches.max(1) as f64,
+            record.resolution
+        ),
+    );
+    if record.unsettled > 0 {
+        list.add(
+            "unsettled",
+            format!(
+                "{} changed by more than the tolerance at the last level",
+                counted(record.unsettled, "row")
+            ),
+        );
+    }
+    if let Some(same) = record.rows_as_in_matrix {
+        list.add(
+            "matrix",
+            format!(
+                "{} of {} lost what they lost there, to the last unit",
+                count(same),
+                counted(record.patches, "row")
+            ),
+        );
+    }
+    for (index, point) in points.iter().enumerate().take(5) {
+        list.add(
+            &format!("point {index}"),
+            format!(
+                "sky {:.4}, {} in sight with {}",
+                point.sky.sky_view_factor(),
+                counted(point.patches.len() as u64, "patch"),
+                percent(
+                    point.patches.iter().map(|(_, weight)| weight).sum::<u64>() as f64
+                        / (f64::from(point.sky.hemicubes.max(1)) * f64::from(WHOLE))
+                ),
+            ),
+        );
+    }
+    list.add("written", format!("`{}`", output.display()));
+    list.text()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn divisions() {
+        assert_eq!("tregenza".parse(), Ok(Division(1)));
+        assert_eq!("reinhart:4".parse(), Ok(Division(4)));
+        for wrong in ["reinhart", "reinhart:0", "reinhart:17", "tregenza:2", ""] {
+            assert!(wrong.parse::<Division>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn points_are_read_and_refused_by_line() {
+        let path = std::env::temp_dir().join(format!("hemicube-points-{}", std::process::id()));
+        std::fs::write(&path, "# here\n0 0 1  0 0 1\n\n1,2,3,0,-1,0 # there\n").expect("a file");
+        let points = read_points(&path).expect("good points");
+        assert_eq!(points[1].normal, DVec3::NEG_Y);
+        std::fs::write(&path, "0 0 1 0 0 1\n0 0 1 0 0\n").expect("a file");
+        assert!(
+            read_points(&path)
+                .expect_err("five numbers")
+                .to_string()
+                .contains(":2: ")
+        );
+        std::fs::write(&path, "0 0 1 0 0 0\n").expect("a file");
+        assert!(read_points(&path).is_err());
+        std::fs::remove_file(&path).expect("it was there");
+    }
+}

@@ -1,0 +1,38 @@
+//! `hemicube view`: pictures of a scene, a matrix, and what was made of them.
+
+pub(crate) mod canvas;
+mod hemicube;
+mod matrix;
+pub(crate) mod model;
+mod raster;
+
+use crate::args::Talk;
+use crate::exit::Exit;
+use anyhow::Result;
+use clap::Subcommand;
+
+/// What can be drawn.
+#[derive(Debug, Subcommand)]
+pub(crate) enum View {
+    /// The unfolded hemicube of a patch: what it sees, how far that is, delta form factors, what lies behind
+    #[command(
+        after_long_help = "Example:\n  hemicube view hemicube room.obj --subdivide 3 --patch 100 --show depth -o depth.png"
+    )]
+    Hemicube(Box<hemicube::Arguments>),
+    /// The model from a camera, in the colours of a solution, a row, the sky, or what is in sight
+    #[command(
+        after_long_help = "Example:\n  hemicube view model room.hemicube room.obj --show row --patch 100 --eye 278,273,-800 -o row.png"
+    )]
+    Model(Box<model::Arguments>),
+    /// Where the matrix has entries
+    #[command(after_long_help = "Example:\n  hemicube view sparsity room.hemicube --order work -o sparsity.png")]
+    Sparsity(matrix::Arguments),
+}
+
+pub(crate) fn run(command: &View, talk: Talk) -> Result<Exit> {
+    match command {
+        View::Hemicube(arguments) => hemicube::run(arguments, talk),
+        View::Model(arguments) => model::run(arguments, talk),
+        View::Sparsity(arguments) => matrix::run(arguments, talk),
+    }
+}

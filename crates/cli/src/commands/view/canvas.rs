@@ -1,0 +1,346 @@
+//! Pixels, letters and scales of colour; a picture as PNG, or as SVG with its letters as text.
+
+use crate::report::PendingFile;
+use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
+use anyhow::{Context, Result, anyhow, bail};
+use std::io::Write;
+use std::path::Path;
+
+/// A colour, as it is shown (sRGB).
+pub(crate) type Color = [u8; 3];
+
+pub(crate) const WHITE: Color = [255; 3];
+pub(crate) const INK: Color = [34; 3];
+/// Where there is nothing to see.
+pub(crate) const NOTHING: Color = [245, 245, 242];
+
+/// Viridis (Smith & van der Walt 2015) at equal steps: from dark to light, and told apart by any colour vision.
+const VIRIDIS: [Color; 9] = [
+    [68, 1, 84],
+    [71, 45, 123],
+    [59, 82, 139],
+    [44, 114, 142],
+    [33, 145, 140],
+    [40, 174, 128],
+    [94, 201, 98],
+    [173, 220, 48],
+    [253, 231, 37],
+];
+
+/// The colour of a number from 0 to 1.
+pub(crate) fn scale_color(value: f64) -> Color {
+    let place = value.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f64;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 8")]
+    let low = (place as usize).min(VIRIDIS.len() - 2);
+    let share = place - low as f64;
+    let mut color = [0; 3];
+    for (channel, out) in color.iter_mut().enumerate() {
+        let (from, to) = (f64::from(VIRIDIS[low][channel]), f64::from(VIRIDIS[low + 1][channel]));
+        *out = byte(from + share * (to - from));
+    }
+    color
+}
+
+/// A colour for an id, such that neighbours differ.
+pub(crate) fn id_color(id: u32) -> Color {
+    let mut z = u64::from(id).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z ^= z >> 27;
+    let channel = |shift: u32| {
+        60 + u8::try_from((z >> shift) & 127).unwrap_or(0) + u8::try_from((z >> (shift + 8)) & 63).unwrap_or(0)
+    };
+    [channel(0), channel(16), channel(32)]
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "saturation is wanted"
+)]
+pub(crate) fn byte(value: f64) -> u8 {
+    value.round() as u8
+}
+
+/// Linear light from 0 to 1 as it is shown (IEC 61966-2-1).
+pub(crate) fn shown(linear: f64) -> f64 {
+    let linear = linear.clamp(0.0, 1.0);
+    255.0
+        * if linear <= 0.003_130_8 {
+            12.92 * linear
+        } else {
+            1.055 * linear.powf(1.0 / 2.4) - 0.055
+        }
+}
+
+/// The reverse.
+pub(crate) fn linear(shown: u8) -> f64 {
+    let value = f64::from(shown) / 255.0;
+    if value <= 0.040_45 {
+        value / 12.92
+    } else {
+        ((value + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+/// How a text stands at its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Anchor {
+    Start,
+    Middle,
+    End,
+}
+
+struct Writing {
+    text: String,
+    at: (f64, f64),
+    size: f64,
+    anchor: Anchor,
+}
+
+/// A picture.
+pub(crate) struct Canvas {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pixels: Vec<Color>,
+    writings: Vec<Writing>,
+}
+
+impl Canvas {
+    pub(crate) fn new(width: usize, height: usize, color: Color) -> Self {
+        Self {
+            width,
+            height,
+            pixels: vec![color; width * height],
+            writings: Vec::new(),
+        }
+    }
+
+    pub(crate) fn set(&mut self, x: usize, y: usize, color: Color) {
+        if x < self.width && y < self.height {
+            self.pixels[y * self.width + x] = color;
+        }
+    }
+
+    #[cfg(test)]
+    pub(crate) fn get(&self, x: usize, y: usize) -> Color {
+        self.pixels[y * self.width + x]
+    }
+
+    pub(crate) fn fill(&mut self, (x, y): (usize, usize), (width, height): (usize, usize), color: Color) {
+        for row in y..y + height {
+            for column in x..x + width {
+                self.set(column, row, color);
+            }
+        }
+    }
+
+    /// Puts another picture on this one.
+    pub(crate) fn put(&mut self, (x, y): (usize, usize), other: &Self) {
+        for row in 0..other.height {
+            for column in 0..other.width {
+                self.set(x + column, y + row, other.pixels[row * other.width + column]);
+            }
+        }
+    }
+
+    /// Writes a line; `at` is its base line.
+    pub(crate) fn write(&mut self, text: &str, at: (f64, f64), size: f64, anchor: Anchor) {
+        self.writings.push(Writing {
+            text: text.to_owned(),
+            at,
+            size,
+            anchor,
+        });
+    }
+
+    /// A scale of colour with what its ends stand for.
+    pub(crate) fn scale(&mut self, (x, y): (usize, usize), width: usize, labels: [&str; 2], title: &str) {
+        const HEIGHT: usize = 12;
+        for column in 0..width {
+            let color = scale_color((column as f64 + 0.5) / width as f64);
+            self.fill((x + column, y), (1, HEIGHT), color);
+        }
+        let below = (y + HEIGHT) as f64 + 16.0;
+        self.write(labels[0], (x as f64, below), 13.0, Anchor::Start);
+        self.write(labels[1], ((x + width) as f64, below), 13.0, Anchor::End);
+        self.write(title, ((x + width) as f64 + 16.0, y as f64 + 11.0), 13.0, Anchor::Start);
+    }
+
+    /// Writes the picture in the format that the name asks for.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub(crate) fn save(&self, path: &Path) -> Result<()> {
+        let bytes = match Format::of(path)? {
+            Format::Png => self.png(true)?,
+            Format::Svg => self.svg()?.into_bytes(),
+        };
+        let mut file = PendingFile::create(path)?;
+        file.write_all(&bytes)
+            .with_context(|| format!("`{}` cannot be written", path.display()))?;
+        file.commit()
+    }
+
+    fn png(&self, letters: bool) -> Result<Vec<u8>> {
+        let mut pixels = self.pixels.clone();
+        if letters {
+            let font = FontRef::try_from_slice(dejavu::sans::regular()).map_err(|_| {
+                anyhow!("the built-in font cannot be read; this is a defect of hemicube, please report it")
+            })?;
+            for writing in &self.writings {
+                set_text(&font, writing, &mut pixels, (self.width, self.height));
+            }
+        }
+        let mut bytes = Vec::new();
+        let size = |length: usize| u32::try_from(length).context("the picture is too large");
+        let mut encoder = png::Encoder::new(&mut bytes, size(self.width)?, size(self.height)?);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(pixels.as_flattened())?;
+        writer.finish()?;
+        Ok(bytes)
+    }
+
+    /// The pixels as an embedded PNG, the letters as text.
+    fn svg(&self) -> Result<String> {
+        let (width, height) = (self.width, self.height);
+        let mut text = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\">\n\
+             <image width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{}\"/>\n",
+            base64(&self.png(false)?)
+        );
+        for writing in &self.writings {
+            let anchor = match writing.anchor {
+                Anchor::Start => "start",
+                Anchor::Middle => "middle",
+                Anchor::End => "end",
+            };
+            let escaped = writing.text.replace('&', "&amp;").replace('<', "&lt;");
+            text.push_str(&format!(
+                "<text x=\"{:.1}\" y=\"{:.1}\" font-family=\"DejaVu Sans, Verdana, sans-serif\" font-size=\"{}\" \
+                 text-anchor=\"{anchor}\" fill=\"#222\">{escaped}</text>\n",
+                writing.at.0, writing.at.1, writing.size
+            ));
+        }
+        text.push_str("</svg>\n");
+        Ok(text)
+    }
+}
+
+/// The formats, by the names' extensions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Format {
+    Png,
+    Svg,
+}
+
+impl Format {
+    /// The format that a file's name asks for.
+    ///
+    /// # Errors
+    /// When it asks for another.
+    pub(crate) fn of(path: &Path) -> Result<Self> {
+        match path.extension().map(std::ffi::OsStr::to_ascii_lowercase) {
+            Some(extension) if extension == "png" => Ok(Self::Png),
+            Some(extension) if extension == "svg" => Ok(Self::Svg),
+            _ => bail!("`{}`: the name of a picture ends in .png or .svg", path.display()),
+        }
+    }
+}
+
+/// RFC 4648.
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let of = |place: usize| u32::from(chunk.get(place).copied().unwrap_or(0));
+        let bits = of(0) << 16 | of(1) << 8 | of(2);
+        for place in 0..4 {
+            if place <= chunk.len() {
+                let letter = (bits >> (18 - 6 * place)) & 63;
+                text.push(char::from(LETTERS[letter as usize]));
+            } else {
+                text.push('=');
+            }
+        }
+    }
+    text
+}
+
+/// Sets a line of text, glyph by glyph, with the font's own bearings.
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "pixels of a picture"
+)]
+fn set_text(font: &FontRef<'_>, writing: &Writing, pixels: &mut [Color], (width, height): (usize, usize)) {
+    let units = font.units_per_em().unwrap_or(2048.0);
+    let scale = PxScale::from(writing.size as f32 * font.height_unscaled() / units);
+    let scaled = font.as_scaled(scale);
+    let length: f32 = writing.text.chars().map(|c| scaled.h_advance(font.glyph_id(c))).sum();
+    let mut x = writing.at.0 as f32
+        - match writing.anchor {
+            Anchor::Start => 0.0,
+            Anchor::Middle => length / 2.0,
+            Anchor::End => length,
+        };
+    for letter in writing.text.chars() {
+        let id = font.glyph_id(letter);
+        let glyph = id.with_scale_and_position(scale, ab_glyph::point(x, writing.at.1 as f32));
+        x += scaled.h_advance(id);
+        let Some(outlined) = font.outline_glyph(glyph) else {
+            continue;
+        };
+        let bounds = outlined.px_bounds();
+        outlined.draw(|column, row, cover| {
+            let (px, py) = (bounds.min.x + column as f32, bounds.min.y + row as f32);
+            if px < 0.0 || py < 0.0 || px as usize >= width || py as usize >= height {
+                return;
+            }
+            let pixel = &mut pixels[py as usize * width + px as usize];
+            for (channel, ink) in pixel.iter_mut().zip(INK) {
+                let share = f64::from(cover.clamp(0.0, 1.0));
+                *channel = byte(f64::from(*channel) * (1.0 - share) + f64::from(ink) * share);
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base_64_as_in_the_rfc() {
+        for (bytes, text) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foobar", "Zm9vYmFy"),
+        ] {
+            assert_eq!(base64(bytes.as_bytes()), text);
+        }
+    }
+
+    #[test]
+    fn colours_run_from_dark_to_light() {
+        assert_eq!(scale_color(-1.0), VIRIDIS[0]);
+        assert_eq!(scale_color(2.0), VIRIDIS[8]);
+        let light = |value: f64| scale_color(value).iter().map(|&c| u32::from(c)).sum::<u32>();
+        assert!(light(0.2) < light(0.9));
+        for value in 0..=255u8 {
+            assert_eq!(byte(shown(linear(value))), value);
+        }
+    }
+
+    #[test]
+    fn letters_are_ink_and_svg_has_them_as_text() {
+        let mut canvas = Canvas::new(120, 30, WHITE);
+        canvas.write("a < b", (10.0, 20.0), 16.0, Anchor::Start);
+        let png = canvas.png(true).expect("a picture");
+        assert!(png.len() > canvas.png(false).expect("a picture").len());
+        assert!(canvas.svg().expect("a picture").contains("a &lt; b</text>"));
+    }
+}

@@ -1,0 +1,72 @@
+//! The scene that a matrix is of, made again as it was made then: a store keeps no corners.
+
+use crate::args::{AutoSwitch, EngineSettings, SceneSettings, Switch, UpAxis};
+use crate::exit::hinted;
+use crate::prepare::{Prepared, prepare};
+use anyhow::{Result, anyhow, bail};
+use hemicube::store::{Store, scene_hash};
+use serde_json::Value;
+use std::path::Path;
+
+/// How the scene of a matrix was read and cut, from the settings in its manifest.
+///
+/// # Errors
+/// When the settings are not those of `hemicube compute`.
+pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
+    let settings = &store.manifest().settings;
+    let number = |key: &str| {
+        settings["subdivision"][key]
+            .as_u64()
+            .and_then(|n| u32::try_from(n).ok())
+    };
+    let Some(scale) = settings["scale"].as_f64() else {
+        bail!(
+            "`{}` was not computed by `hemicube compute`: its settings do not say how the scene was cut",
+            store.directory().display()
+        )
+    };
+    Ok(SceneSettings {
+        subdivide: number("subdivide"),
+        split: number("split"),
+        patch_size: settings["subdivision"]["patch_size"].as_f64(),
+        two_sided: match settings["two_sided"].as_str() {
+            Some("on") => AutoSwitch::On,
+            Some("off") => AutoSwitch::Off,
+            _ => AutoSwitch::Auto,
+        },
+        up: match settings["up"].as_str() {
+            Some("x") => Some(UpAxis::X),
+            Some("y") => Some(UpAxis::Y),
+            Some("z") => Some(UpAxis::Z),
+            _ => None,
+        },
+        scale,
+        keep_duplicates: if settings["keep_duplicates"] == Value::Bool(true) {
+            Switch::On
+        } else {
+            Switch::Off
+        },
+    })
+}
+
+/// Reads the scene of a matrix as it was read then.
+///
+/// # Errors
+/// When it cannot be read, or is another scene than the matrix's.
+pub(crate) fn scene(store: &Store, path: &Path, engine: &impl AsRef<EngineSettings>) -> Result<Prepared> {
+    let prepared = prepare(path, &settings(store)?, engine)?;
+    if scene_hash(&prepared.scene, &prepared.patches) != store.manifest().scene.blake3 {
+        return Err(hinted(
+            anyhow!(
+                "`{}` is not the scene that `{}` is the matrix of",
+                path.display(),
+                store.directory().display()
+            ),
+            format!(
+                "it was computed from `{}`; a scene that has changed since needs a matrix of its own",
+                store.manifest().scene.file
+            ),
+        ));
+    }
+    Ok(prepared)
+}

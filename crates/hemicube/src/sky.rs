@@ -1,0 +1,651 @@
+//! The sky as a receiver: what escapes of a hemicube, divided over patches of the sky, and one *ground* column for what
+//! goes down.
+//!
+//! The division is Reinhart's (Reinhart & Walkenhorst 2001) of which Tregenza's 145 patches (Tregenza 1987) are the first:
+//! seven rings of 30, 30, 24, 24, 18, 12, 6 patches and a cap, each ring cut into n and each patch of it into n. The height
+//! of a ring is 90° / (7 n + ½). Order and orientation are those of Radiance's `gendaymtx` and `rfluxmtx`: column 0 is the
+//! ground, column 1 the patch of the lowest ring whose middle lies due north, and on clockwise (north, east, south, west),
+//! ring by ring upwards. A sky matrix of theirs can be multiplied with what is written here.
+//!
+//! A pixel that escapes goes to the patch of the sky in which its centre lies, with all of its weight: so the columns of a
+//! row add up to what it lost, exactly, in whole weights. Comparisons are made on squares and on the diamond angle, without
+//! trigonometry.
+
+mod files;
+
+pub use files::{read_sky_view_factors, sky_product, write_points, write_sky};
+
+use crate::Model;
+use crate::backend::{BackendError, Hemicube, HemicubeBackend, RenderSettings, WHOLE};
+use crate::compute::ComputeError;
+use crate::delta::DeltaTable;
+use crate::face::{Face, Items};
+use crate::frame;
+use glam::DVec3;
+use hemicube_scene::{Axis, InputPatch};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+
+/// Patches of Tregenza's rings, from the horizon up.
+const TREGENZA: [u32; 7] = [30, 30, 24, 24, 18, 12, 6];
+/// The most parts that a patch is cut into along each edge.
+pub const PARTS_MAX: u32 = 16;
+/// Levels of refinement: 1, 4, 16 and 64 hemicubes a row.
+pub const LEVELS: u32 = 4;
+/// Relative to the sky view factor, no error below this share of the hemisphere is worth a hemicube.
+const NEGLIGIBLE: f64 = 1e-5;
+
+/// Where up and north are: three unit vectors, east × north = up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Horizon {
+    /// East.
+    pub east: DVec3,
+    /// North.
+    pub north: DVec3,
+    /// Up.
+    pub up: DVec3,
+}
+
+impl Horizon {
+    /// The horizon of a scene whose `up` axis points up, with north turned clockwise, seen from above, by `turn` degrees.
+    /// North is +y where z is up, −z where y is up (x is east in both), and +z where x is up (y is east).
+    pub fn new(up: Axis, turn: f64) -> Self {
+        let (east, north, up) = match up {
+            Axis::Z => (DVec3::X, DVec3::Y, DVec3::Z),
+            Axis::Y => (DVec3::X, DVec3::NEG_Z, DVec3::Y),
+            Axis::X => (DVec3::Y, DVec3::Z, DVec3::X),
+        };
+        let (sine, cosine) = turn.to_radians().sin_cos();
+        Self {
+            north: north * cosine + east * sine,
+            east: east * cosine - north * sine,
+            up,
+        }
+    }
+
+    /// A direction by its parts along east, north and up.
+    fn local(&self, direction: DVec3) -> DVec3 {
+        DVec3::new(
+            direction.dot(self.east),
+            direction.dot(self.north),
+            direction.dot(self.up),
+        )
+    }
+}
+
+/// A ring of the sky, or the cap.
+#[derive(Clone, Debug)]
+struct Ring {
+    /// The column of its first patch.
+    first: u32,
+    /// Altitude at which it begins and ends, radians.
+    altitude: [f64; 2],
+    /// Diamond angles, from north clockwise, at which its patches but the first end: the first lies on both sides of north.
+    ends: Vec<f64>,
+}
+
+impl Ring {
+    fn count(&self) -> u32 {
+        u32::try_from(self.ends.len()).unwrap_or(u32::MAX)
+    }
+}
+
+/// The angle from north clockwise as a number from 0 to 4 that grows with it: 0 north, 1 east, 2 south, 3 west.
+fn diamond(east: f64, north: f64) -> f64 {
+    let size = east.abs() + north.abs();
+    if size == 0.0 {
+        return 0.0;
+    }
+    let share = east / size;
+    if north < 0.0 {
+        2.0 - share
+    } else if east < 0.0 {
+        4.0 + share
+    } else {
+        share
+    }
+}
+
+/// A division of the sky.
+#[derive(Clone, Debug)]
+pub struct SkyDivision {
+    parts: u32,
+    rings: Vec<Ring>,
+    /// Squares of the sines of the altitudes at which rings begin, but the first.
+    squares: Vec<f64>,
+}
+
+impl SkyDivision {
+    /// Reinhart's division with each of Tregenza's patches cut into `parts`² (from 1, which is Tregenza's own, to
+    /// [`PARTS_MAX`]): 144 `parts`² + 1 patches. `None` out of that range.
+    pub fn new(parts: u32) -> Option<Self> {
+        if !(1..=PARTS_MAX).contains(&parts) {
+            return None;
+        }
+        let height = std::f64::consts::FRAC_PI_2 / (7.0 * f64::from(parts) + 0.5);
+        let mut rings = Vec::new();
+        let mut first = 1;
+        for row in 0..7 * parts {
+            let count = TREGENZA[(row / parts) as usize] * parts;
+            let ends = (0..count)
+                .map(|k| {
+                    let (sine, cosine) = (std::f64::consts::TAU * (f64::from(k) + 0.5) / f64::from(count)).sin_cos();
+                    diamond(sine, cosine)
+                })
+                .collect();
+            rings.push(Ring {
+                first,
+                altitude: [height * f64::from(row), height * f64::from(row + 1)],
+                ends,
+            });
+            first += count;
+        }
+        rings.push(Ring {
+            first,
+            altitude: [height * f64::from(7 * parts), std::f64::consts::FRAC_PI_2],
+            ends: vec![4.0],
+        });
+        let squares = rings[1..].iter().map(|ring| ring.altitude[0].sin().powi(2)).collect();
+        Some(Self { parts, rings, squares })
+    }
+
+    /// Into how many a patch of Tregenza's is cut along each edge.
+    pub fn parts(&self) -> u32 {
+        self.parts
+    }
+
+    /// How many columns there are: the ground and the patches of the sky.
+    pub fn columns(&self) -> u32 {
+        self.rings.last().map_or(1, |cap| cap.first + 1)
+    }
+
+    /// The column of a direction, given by its parts along east, north and up; of any length.
+    #[inline]
+    pub fn column(&self, direction: DVec3) -> u32 {
+        if direction.z < 0.0 {
+            return 0;
+        }
+        let square = direction.z * direction.z / direction.length_squared();
+        let ring = &self.rings[self.squares.partition_point(|&begin| begin <= square)];
+        let angle = diamond(direction.x, direction.y);
+        let place = ring.ends.partition_point(|&end| end <= angle);
+        // Beyond the last end lies the western half of the first patch.
+        ring.first
+            + if place == ring.ends.len() {
+                0
+            } else {
+                u32::try_from(place).unwrap_or(0)
+            }
+    }
+
+    fn ring(&self, column: u32) -> Option<&Ring> {
+        self.rings
+            .iter()
+            .find(|ring| (ring.first..ring.first + ring.count()).contains(&column))
+    }
+
+    /// The middle of a patch of the sky, by its parts along east, north and up; straight down for the ground.
+    pub fn middle(&self, column: u32) -> DVec3 {
+        let Some(ring) = self.ring(column) else {
+            return DVec3::NEG_Z;
+        };
+        if ring.count() == 1 {
+            return DVec3::Z;
+        }
+        let altitude = 0.5 * (ring.altitude[0] + ring.altitude[1]);
+        let azimuth = std::f64::consts::TAU * f64::from(column - ring.first) / f64::from(ring.count());
+        DVec3::new(
+            altitude.cos() * azimuth.sin(),
+            altitude.cos() * azimuth.cos(),
+            altitude.sin(),
+        )
+    }
+
+    /// The solid angle of a column in steradians; the lower half of all directions for the ground.
+    pub fn solid_angle(&self, column: u32) -> f64 {
+        match self.ring(column) {
+            None => std::f64::consts::TAU,
+            Some(ring) => {
+                let [begin, end] = ring.altitude;
+                std::f64::consts::TAU * (end.sin() - begin.sin()) / f64::from(ring.count())
+            }
+        }
+    }
+
+    /// What a level, free plane that looks up sees of a column: ∫ cos θ dΩ / π. They sum to 1.
+    pub fn share_of_a_level_plane(&self, column: u32) -> f64 {
+        match self.ring(column) {
+            None => 0.0,
+            Some(ring) => {
+                let [begin, end] = ring.altitude;
+                (end.sin().powi(2) - begin.sin().powi(2)) / f64::from(ring.count())
+            }
+        }
+    }
+}
+
+/// What a row lost to the sky and to the ground.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SkyRow {
+    /// Columns that got something, ascending, and their weights.
+    pub columns: Vec<(u32, u64)>,
+    /// The weight of all of them.
+    pub escaped: u64,
+    /// The weight that ended on backs of one-sided patches.
+    pub blocked: u64,
+    /// Hemicubes that the weights are of, 2³¹ each.
+    pub hemicubes: u32,
+    /// By how much the sky view factor changed with the last refinement; NaN where there was none.
+    pub change: f64,
+}
+
+impl SkyRow {
+    /// The weight of all hemicubes.
+    pub fn whole(&self) -> u64 {
+        u64::from(self.hemicubes) * u64::from(WHOLE)
+    }
+
+    /// The sky view factor: which part of the hemisphere, weighted by the cosine, is sky. What escapes below the horizon is
+    /// none.
+    pub fn sky_view_factor(&self) -> f64 {
+        let ground = self
+            .columns
+            .first()
+            .filter(|(column, _)| *column == 0)
+            .map_or(0, |(_, weight)| *weight);
+        if self.hemicubes == 0 {
+            return f64::NAN;
+        }
+        (self.escaped - ground) as f64 / self.whole() as f64
+    }
+}
+
+/// What a free point sees.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PointRow {
+    /// Patches that are seen, ascending, and their weights.
+    pub patches: Vec<(InputPatch, u64)>,
+    /// What escapes.
+    pub sky: SkyRow,
+}
+
+/// A free point that looks in a direction, in the scene's coordinates: a measurement, a person, a point of a façade.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorPoint {
+    /// Where it is.
+    pub position: DVec3,
+    /// Where it looks.
+    pub normal: DVec3,
+}
+
+/// How finely rows are rendered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SkyOptions {
+    /// How hemicubes are rendered; of free points, those of the first level.
+    pub render: RenderSettings,
+    /// n of the n² hemicubes of a patch, where no tolerance is asked for.
+    pub samples_per_edge: u32,
+    /// Refine rows until their sky view factor changes by at most this share: patches by four times as many hemicubes, up
+    /// to 64, points by hemicubes of twice the resolution and another turn.
+    pub tolerance: Option<f64>,
+    /// Whether each hemicube is turned about its normal.
+    pub rotate: bool,
+    /// Threads; 0: one a core.
+    pub threads: usize,
+}
+
+/// Adds up one hemicube after another.
+struct Bins<'a> {
+    division: &'a SkyDivision,
+    horizon: Horizon,
+    weights: Vec<u64>,
+}
+
+impl<'a> Bins<'a> {
+    fn new(division: &'a SkyDivision, horizon: Horizon) -> Self {
+        Self {
+            division,
+            horizon,
+            weights: vec![0; division.columns() as usize],
+        }
+    }
+
+    /// Adds what escapes of a hemicube, and returns what is blocked. `seen` is told of every patch's pixel.
+    fn add(&mut self, items: &Items, table: &DeltaTable, axes: &[DVec3; 3], mut seen: impl FnMut(u32, u32)) -> u64 {
+        let resolution = items.resolution;
+        let axes = axes.map(|axis| self.horizon.local(axis));
+        let step = 2.0 / f64::from(resolution);
+        let mut blocked = 0;
+        let mut pixels = items.seen.iter();
+        for face in Face::ALL {
+            let ([u, v, w], [su, sv, sw]) = face.axes();
+            let (right, up, forward) = (axes[u] * su, axes[v] * sv, axes[w] * sw);
+            let running = table.running(face);
+            let low = if face.is_top() { -1.0 } else { 0.0 };
+            let mut pixel = 0;
+            for y in 0..face.rows(resolution) {
+                let start = forward + up * (low + (f64::from(y) + 0.5) * step);
+                for x in 0..resolution {
+                    let weight = running[pixel + 1] - running[pixel];
+                    pixel += 1;
+                    match pixels.next() {
+                        Some(&Items::ESCAPED) => {
+                            let direction = start + right * ((f64::from(x) + 0.5) * step - 1.0);
+                            self.weights[self.division.column(direction) as usize] += u64::from(weight);
+                        }
+                        Some(&Items::BLOCKED) => blocked += u64::from(weight),
+                        Some(&patch) => seen(patch, weight),
+                        None => {}
+                    }
+                }
+            }
+        }
+        blocked
+    }
+
+    /// The row of what was added.
+    fn take(&mut self, blocked: u64, hemicubes: u32, change: f64) -> SkyRow {
+        let columns: Vec<(u32, u64)> = (0u32..)
+            .zip(&mut self.weights)
+            .filter_map(|(column, weight)| match std::mem::take(weight) {
+                0 => None,
+                weight => Some((column, weight)),
+            })
+            .collect();
+        SkyRow {
+            escaped: columns.iter().map(|(_, weight)| weight).sum(),
+            columns,
+            blocked,
+            hemicubes,
+            change,
+        }
+    }
+}
+
+fn failed(backend: &dyn HemicubeBackend, source: BackendError) -> ComputeError {
+    ComputeError::Backend {
+        backend: backend.info().name.clone(),
+        source,
+    }
+}
+
+/// Whether a refinement changed little enough.
+fn is_settled(before: f64, after: f64, tolerance: f64) -> bool {
+    (after - before).abs() <= (tolerance * after.abs()).max(NEGLIGIBLE)
+}
+
+/// The row of a patch.
+fn patch_row(
+    model: &Model,
+    patch: InputPatch,
+    samples_per_edge: u32,
+    options: SkyOptions,
+    backend: &mut dyn HemicubeBackend,
+    table: &DeltaTable,
+    bins: &mut Bins<'_>,
+) -> Result<SkyRow, ComputeError> {
+    let mut render = |n: u32, change: f64| {
+        let hemicubes = model.hemicubes(patch, n, options.rotate);
+        let mut blocked = 0;
+        for hemicube in &hemicubes {
+            let items = backend.items(hemicube).map_err(|error| failed(backend, error))?;
+            blocked += bins.add(&items, table, &hemicube.axes, |_, _| {});
+        }
+        Ok(bins.take(blocked, u32::try_from(hemicubes.len()).unwrap_or(u32::MAX), change))
+    };
+    let Some(tolerance) = options.tolerance else {
+        return render(samples_per_edge, f64::NAN);
+    };
+    let mut row = render(1, f64::NAN)?;
+    for level in 1..LEVELS {
+        let before = row.sky_view_factor();
+        row = render(1 << level, f64::NAN)?;
+        row.change = (row.sky_view_factor() - before).abs();
+        if is_settled(before, row.sky_view_factor(), tolerance) || row.hemicubes == 0 {
+            break;
+        }
+    }
+    Ok(row)
+}
+
+/// The row of a free point: `sessions` are of the resolutions of the levels.
+fn point_row(
+    model: &Model,
+    index: usize,
+    point: SensorPoint,
+    options: SkyOptions,
+    sessions: &mut [(Box<dyn HemicubeBackend>, DeltaTable)],
+    bins: &mut Bins<'_>,
+) -> Result<PointRow, ComputeError> {
+    let mut row = PointRow::default();
+    let mut before = f64::NAN;
+    for (level, (backend, table)) in sessions.iter_mut().enumerate() {
+        // Another turn for each level, so that edges are met by other pixels.
+        let turn = frame::turn(InputPatch(
+            u32::try_from(index).unwrap_or(0).wrapping_mul(LEVELS) + u32::try_from(level).unwrap_or(0),
+        ));
+        let Some(axes) = frame::axes_of(point.normal, if options.rotate { turn } else { 0.0 }) else {
+            return Ok(PointRow::default());
+        };
+        let hemicube = Hemicube {
+            emitter: None,
+            origin: model.normalise(point.position),
+            axes,
+        };
+        let items = backend
+            .items(&hemicube)
+            .map_err(|error| failed(backend.as_ref(), error))?;
+        let mut seen = std::collections::BTreeMap::new();
+        let blocked = bins.add(&items, table, &hemicube.axes, |patch, weight| {
+            *seen.entry(InputPatch(patch)).or_insert(0) += u64::from(weight);
+        });
+        let sky = bins.take(blocked, 1, f64::NAN);
+        row = PointRow {
+            patches: seen.into_iter().collect(),
+            sky,
+        };
+        let now = row.sky.sky_view_factor();
+        row.sky.change = (now - before).abs();
+        if is_settled(before, now, options.tolerance.unwrap_or(f64::INFINITY)) {
+            break;
+        }
+        before = now;
+    }
+    Ok(row)
+}
+
+/// Does something for each of `count` rows by several threads, each with a state of its own, and keeps the order.
+fn in_parallel<S: Send, R: Send>(
+    count: usize,
+    states: Vec<S>,
+    work: impl Fn(&mut S, usize) -> Result<R, ComputeError> + Sync,
+    progress: &mut dyn FnMut(usize) -> bool,
+) -> Result<Option<Vec<R>>, ComputeError> {
+    let next = AtomicUsize::new(0);
+    let mut rows: Vec<Option<R>> = (0..count).map(|_| None).collect();
+    let finished = std::thread::scope(|scope| {
+        let (sender, receiver) = mpsc::sync_channel(64);
+        for mut state in states {
+            let (sender, next, work) = (sender.clone(), &next, &work);
+            scope.spawn(move || {
+                loop {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    if index >= count {
+                        break;
+                    }
+                    let result = work(&mut state, index);
+                    let failed = result.is_err();
+                    if sender.send((index, result)).is_err() || failed {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        for (done, (index, result)) in receiver.into_iter().enumerate() {
+            rows[index] = Some(result?);
+            if !progress(done + 1) {
+                return Ok::<bool, ComputeError>(false);
+            }
+        }
+        Ok(true)
+    })?;
+    // Every row is there unless a thread ended early, and then there was an error.
+    Ok(finished.then(|| rows.into_iter().flatten().collect()))
+}
+
+fn threads_of(options: SkyOptions) -> usize {
+    match options.threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        threads => threads,
+    }
+}
+
+/// What patches lose to the sky, row by row, in the order asked for; `samples` of each is n of its n² hemicubes, where no
+/// tolerance is asked for. `progress` is told how many rows are done and says whether to go on; `None`: it said no.
+///
+/// # Errors
+/// When the backend hands out no item buffers, or fails.
+pub fn sky_of_patches(
+    model: &Model,
+    rows: &[(InputPatch, u32)],
+    division: &SkyDivision,
+    horizon: Horizon,
+    options: SkyOptions,
+    mut backend: Box<dyn HemicubeBackend>,
+    progress: &mut dyn FnMut(usize) -> bool,
+) -> Result<Option<Vec<SkyRow>>, ComputeError> {
+    backend
+        .load(model.geometry(), options.render)
+        .map_err(|error| failed(backend.as_ref(), error))?;
+    let mut states = Vec::new();
+    for _ in 1..threads_of(options).clamp(1, rows.len().max(1)) {
+        let session = backend.fork().map_err(|error| failed(backend.as_ref(), error))?;
+        states.push((session, Bins::new(division, horizon)));
+    }
+    states.push((backend, Bins::new(division, horizon)));
+    let table = DeltaTable::new(options.render.resolution);
+    in_parallel(
+        rows.len(),
+        states,
+        |(backend, bins), index| {
+            let (patch, samples) = rows[index];
+            patch_row(model, patch, samples, options, backend.as_mut(), &table, bins)
+        },
+        progress,
+    )
+}
+
+/// What free points see: rows of their own. Otherwise as [`sky_of_patches`]. `sessions` are of one backend, a level each: the
+/// first renders at the resolution asked for, each further one at twice that of the one before; levels beyond what can be
+/// rendered, and all but the first where no tolerance is asked for, are not used.
+///
+/// # Errors
+/// As for patches.
+pub fn rows_of_points(
+    model: &Model,
+    points: &[SensorPoint],
+    division: &SkyDivision,
+    horizon: Horizon,
+    options: SkyOptions,
+    sessions: Vec<Box<dyn HemicubeBackend>>,
+    progress: &mut dyn FnMut(usize) -> bool,
+) -> Result<Option<Vec<PointRow>>, ComputeError> {
+    let levels = if options.tolerance.is_some() { sessions.len() } else { 1 };
+    let mut loaded = Vec::new();
+    for (level, mut backend) in sessions.into_iter().take(levels).enumerate() {
+        let resolution = options.render.resolution << level;
+        if !crate::backend::RESOLUTIONS.contains(&resolution) {
+            break;
+        }
+        let render = RenderSettings {
+            resolution,
+            ..options.render
+        };
+        backend
+            .load(model.geometry(), render)
+            .map_err(|error| failed(backend.as_ref(), error))?;
+        loaded.push((backend, DeltaTable::new(resolution)));
+    }
+    let mut states = Vec::new();
+    for _ in 1..threads_of(options).clamp(1, points.len().max(1)) {
+        let mut sessions = Vec::new();
+        for (backend, table) in &loaded {
+            let session = backend.fork().map_err(|error| failed(backend.as_ref(), error))?;
+            sessions.push((session, table.clone()));
+        }
+        states.push((sessions, Bins::new(division, horizon)));
+    }
+    states.push((loaded, Bins::new(division, horizon)));
+    in_parallel(
+        points.len(),
+        states,
+        |(sessions, bins), index| point_row(model, index, points[index], options, sessions, bins),
+        progress,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tregenza_and_reinhart_have_as_many_patches_as_they_should() {
+        for (parts, columns) in [(1, 146), (2, 578), (4, 2306)] {
+            assert_eq!(SkyDivision::new(parts).expect("in range").columns(), columns);
+        }
+        assert!(SkyDivision::new(0).is_none() && SkyDivision::new(PARTS_MAX + 1).is_none());
+    }
+
+    #[test]
+    fn every_patch_holds_its_own_middle_and_all_of_them_the_sky() {
+        for parts in 1..5 {
+            let sky = SkyDivision::new(parts).expect("in range");
+            let (mut solid, mut level) = (0.0, 0.0);
+            for column in 1..sky.columns() {
+                assert_eq!(sky.column(sky.middle(column) * 3.0), column);
+                solid += sky.solid_angle(column);
+                level += sky.share_of_a_level_plane(column);
+            }
+            assert!((solid - std::f64::consts::TAU).abs() < 1e-12);
+            assert!((level - 1.0).abs() < 1e-12);
+            assert_eq!(sky.column(sky.middle(0)), 0);
+        }
+    }
+
+    #[test]
+    fn columns_go_from_north_clockwise() {
+        let sky = SkyDivision::new(1).expect("in range");
+        let low = 0.1;
+        assert_eq!(sky.column(DVec3::new(0.0, 1.0, low)), 1);
+        assert_eq!(
+            sky.column(DVec3::new(-0.05, 1.0, low)),
+            1,
+            "the western half of the first patch"
+        );
+        assert_eq!(sky.column(DVec3::new(0.05, 1.0, low)), 1);
+        assert_eq!(sky.column(DVec3::new((12f64).to_radians().tan(), 1.0, low)), 2);
+        assert_eq!(sky.column(DVec3::new(0.0, -1.0, low)), 16);
+        // 90° is between the patches 7 (84°) and 8 (96°), of which 6 + 1 begins at 78°.
+        assert_eq!(sky.column(DVec3::new(1.0, 0.001, low)), 8);
+        assert_eq!(sky.column(DVec3::new(1.0, -0.001, low)), 9);
+        assert_eq!(sky.column(DVec3::new(-(12f64).to_radians().tan(), 1.0, low)), 30);
+        assert_eq!(sky.column(DVec3::Z), 145);
+        assert_eq!(sky.column(DVec3::new(0.3, 0.2, -1e-9)), 0);
+    }
+
+    #[test]
+    fn horizons_are_right_handed() {
+        for up in [Axis::X, Axis::Y, Axis::Z] {
+            for turn in [0.0, 30.0, 270.0] {
+                let horizon = Horizon::new(up, turn);
+                assert!((horizon.east.cross(horizon.north) - horizon.up).length() < 1e-12);
+            }
+        }
+        let turned = Horizon::new(Axis::Z, 90.0);
+        assert!(
+            (turned.north - DVec3::X).length() < 1e-12,
+            "a quarter clockwise is east"
+        );
+    }
+}
