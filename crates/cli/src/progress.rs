@@ -76,14 +76,14 @@ impl Bar {
 
     /// Moves the bar to a number.
     pub(crate) fn at(&self, done: u64) {
-        if let Some(bar) = &self.0 {
+        if let Some(bar) = &self.bar {
             bar.set_position(done);
         }
     }
 
     /// Says how far it is.
     pub(crate) fn message(&self, text: &str) {
-        if let Some(bar) = &self.0 {
+        if let Some(bar) = &self.bar {
             bar.set_message(text.to_owned());
         }
     }

@@ -197,7 +197,7 @@ pub fn write_zones(
         ZoneFormat::Csv => csv_of(zones).map_err(|error| Error::write(path, 0, std::io::Error::other(error)))?,
         ZoneFormat::View3d => view3d_of(zones, materials).into_bytes(),
     };
-    write_whole(path, &text)?;
+    write_whole(path, &text, "")?;
     Ok(text.len() as u64)
 }
 

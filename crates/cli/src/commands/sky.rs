@@ -319,7 +319,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             (patch, arguments.samples.unwrap_or(of_matrix))
         })
         .collect();
-    let bar = Bar::rows(talk, rows.len() as u64);
+    let bar = Bar::rows(talk, rows.len() as u64, 0);
     let backend = arguments.engine.open_backend()?;
     require_items(backend.as_ref())?;
     let mut go_on = |done: usize| {

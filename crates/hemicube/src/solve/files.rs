@@ -163,7 +163,7 @@ impl SolutionWriter {
         let mut text = serde_json::to_string_pretty(&whole)
             .map_err(|error| Error::refused(&path, format!("its report is no JSON: {error}")))?;
         text.push('\n');
-        write_whole(&path, text.as_bytes())?;
+        write_whole(&path, text.as_bytes(), "")?;
         Ok(self.directory)
     }
 }
