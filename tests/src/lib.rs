@@ -10,6 +10,11 @@
 //! | `HEMICUBE_PYTHON` | a Python with NumPy and SciPy; otherwise `python3` |
 //! | `HEMICUBE_REQUIRE_PYTHON=1` | a test that would skip for want of one fails |
 
+/// The page's backend in Rust compiles.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/plugins.md")]
+struct PluginsPage;
+
 pub mod cases;
 pub mod devices;
 pub mod extremes;

@@ -298,6 +298,7 @@ fn help_fits_a_screen_and_names_everything() {
         "export",
         "generate",
         "backends list",
+        "backends check",
     ] {
         let short = place.line(&format!("{command} -h")).is(0);
         let lines = short.out.lines().count();
@@ -612,7 +613,7 @@ fn settings_come_in_layers() {
     place.write("printed.toml", &text);
     assert_eq!(
         printed(&place, "--config printed.toml")["emitters = [\"x*\"]"],
-        "printed.toml:21"
+        "printed.toml:23"
     );
 
     // They hold for the run, and `inspect` shares what it knows.
@@ -673,8 +674,8 @@ fn wrong_usage_is_refused() {
         ("--octree-levels 22", "21"),
         ("--threads 100000", "1024"),
         ("--two-sided maybe", "auto, on, off"),
-        ("--backend gpu", "there is no backend `gpu`; there is `cpu`"),
-        ("--backend CPU", "there is no backend `CPU`"),
+        ("--backend gpu", "no backend named `gpu`"),
+        ("--backend CPU", "no backend named `CPU`"),
         ("--no-timings", "--json"),
         ("-q -v", "cannot be used with"),
     ] {

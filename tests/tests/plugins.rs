@@ -5,11 +5,14 @@ use hemicube::backend::{BackendError, Counters, HemicubeBackend};
 use hemicube::delta::DeltaTable;
 use hemicube::row::RowBlock;
 use hemicube_backend_cpu::CpuBackend;
+use hemicube_host::{Environment, Options, Registry, Search};
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::Kind;
-use hemicube_tests::plugins::{c_minimal, rust, session};
+use hemicube_tests::plugins::{c, c_minimal, rust, session};
 use hemicube_tests::rows::{hemicubes, settings, spread};
-use hemicube_tests::scenes::{generated, model};
+use hemicube_tests::scenes::{generated, model, program, say, workspace};
+use std::path::Path;
+use std::process::{Command, Output};
 
 const RESOLUTION: u32 = 16;
 
@@ -77,6 +80,33 @@ fn distance(found: &RowBlock, wanted: &RowBlock, patch_count: u32) -> f64 {
     (0..found.len()).map(of_row).fold(0.0, f64::max)
 }
 
+/// The block of that language on the page about plugins.
+fn block(language: &str) -> String {
+    let page = std::fs::read_to_string(workspace().join("docs/plugins.md")).expect("the page on plugins");
+    let start = format!("```{language}\n");
+    let (_, rest) = page.split_once(&start).expect("a block");
+    rest.split_once("```").expect("its end").0.to_owned()
+}
+
+#[test]
+fn the_page_s_backend_in_c_compiles_and_sees_nothing() {
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let source = place.path().join("blind.c");
+    std::fs::write(&source, block("c")).expect("a source");
+    let path = c(source.to_str().expect("a path in UTF-8"), place.path(), "blind", &[]);
+    let room = room();
+    let (rows, _) = rows_of(loaded(session(&path, &[]), &room).as_mut(), &room);
+    assert!(rows.patches.is_empty() && rows.escaped.iter().all(|&weight| weight == hemicube::backend::WHOLE));
+    // Neither is longer than it is said to be, by much.
+    for language in ["c", "rust"] {
+        let lines = block(language)
+            .lines()
+            .filter(|line| !line.is_empty() && !line.starts_with("# "))
+            .count();
+        assert!(lines <= 36, "{language}: {lines}");
+    }
+}
+
 #[test]
 fn a_fork_renders_the_same() {
     let (_place, c) = c_minimal();
@@ -88,11 +118,14 @@ fn a_fork_renders_the_same() {
     }
 }
 
+/// Opens a session with a scene loaded.
+type Open<'a> = dyn Fn(&Model) -> Box<dyn HemicubeBackend> + Sync + 'a;
+
 #[test]
 fn alternately_and_from_two_threads_the_rows_are_those_of_each_alone() {
     let (_place, c) = c_minimal();
     let (room, city) = (room(), generated(Kind::City, 200));
-    let open: [&(dyn Fn(&Model) -> Box<dyn HemicubeBackend> + Sync); 3] = [
+    let open: [&Open<'_>; 3] = [
         &|model| loaded(CpuBackend::new(), model),
         &|model| loaded(session(&rust("rust-minimal"), &[]), model),
         &|model| loaded(session(&c, &[]), model),
@@ -150,4 +183,229 @@ fn what_is_not_claimed_is_refused_by_name() {
     assert!(error.to_string().contains("--correction pixel"), "{error}");
     // It is not the session's fault.
     assert!(plugin.load(room.geometry(), settings(RESOLUTION)).is_ok());
+}
+
+/// The program, without settings of the user or the environment, in a folder.
+fn run(folder: &Path, program: &Path, line: &str) -> Output {
+    let mut command = Command::new(program);
+    for (name, _) in std::env::vars_os() {
+        if name.to_string_lossy().starts_with("HEMICUBE_") {
+            command.env_remove(name);
+        }
+    }
+    command
+        .current_dir(folder)
+        .env("HOME", folder)
+        .env_remove("XDG_CONFIG_HOME")
+        .env_remove("XDG_DATA_HOME");
+    command
+        .args(line.split_whitespace())
+        .output()
+        .expect("the program runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn the_program_computes_the_same_store_with_a_plugin_whatever_the_threads_and_batches() {
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let here = |line: &str| run(place.path(), &program(), line);
+    assert!(here("generate room --patches 160 -o room.obj").status.success());
+    let plugin = rust("rust-minimal");
+    let compute = |out: &str, how: &str| {
+        let plugin = plugin.display();
+        let line = format!("compute room.obj -o {out} --backend {plugin} --correction pixel --resolution 16 {how}");
+        let output = here(&line);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let part = std::fs::read(place.path().join(out).join("parts/part-00001.npz")).expect("a part");
+        (text(&output.stderr), part)
+    };
+    let (said, one) = compute("one", "--threads 1 --batch 1 --culling off");
+    assert!(
+        said.contains("backend rust-minimal 1 (one processor core), 1 thread"),
+        "{said}"
+    );
+    assert!(one == compute("two", "--threads 2 --batch 7 --culling on").1);
+    assert!(here("check one").status.success());
+    let manifest = std::fs::read_to_string(place.path().join("one/manifest.json")).expect("a manifest");
+    assert!(manifest.contains("\"name\": \"rust-minimal\""), "{manifest}");
+
+    // What it does not give, what is another backend's, and what is no option.
+    for (how, words) in [
+        ("", &["supplies no covered weights", "hint: `--correction pixel`"][..]),
+        (
+            "--correction pixel --engine depth",
+            &["`--engine` is a setting of backend `cpu`"],
+        ),
+        (
+            "--correction pixel --backend-option speed=11",
+            &["there is no option `speed`"],
+        ),
+        ("--correction pixel --backend-option speed", &["`key=value`"]),
+        (
+            "--correction pixel --backend-option device=2",
+            &["no device `2`; it has 0 `one processor core`"],
+        ),
+    ] {
+        let output = here(&format!("compute room.obj -o no --backend {} {how}", plugin.display()));
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(words.iter().all(|word| said.contains(word)), "{said}");
+        assert!(!place.path().join("no").exists());
+    }
+    let output = here("compute room.obj -o no --backend cpu --backend-option device=0");
+    assert!(text(&output.stderr).contains("backend `cpu` has no options"));
+}
+
+#[test]
+fn auto_takes_a_gpu_and_says_why_it_takes_nothing_else() {
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let here = |line: &str| run(place.path(), &program(), line);
+    let vulkan = "FAULT_NAME=\"vulkan\"";
+    for (folder, name, macros) in [
+        ("software", "vulkan", &[vulkan][..]),
+        ("gpu", "gl", &["FAULT_NAME=\"gl\"", "A_GPU", "FAULT_DEVICES=a_gpu"]),
+        ("gpu", "vulkan", &[vulkan, "NO_DRIVER", "FAULT_DEVICES=no_driver"]),
+    ] {
+        let folder = place.path().join(folder);
+        std::fs::create_dir_all(&folder).expect("a folder");
+        c("faulty/table.c", &folder, name, macros);
+    }
+    let auto = |folder: &str| {
+        let search = Search::new(&[place.path().join(folder)], &Environment::default());
+        Registry::new(search, &["cpu"]).auto(&Options::default())
+    };
+    let found = auto("gpu");
+    assert_eq!(found.taken.expect("a GPU").library().name(), "gl");
+    let reasons: Vec<String> = found
+        .passed_over
+        .iter()
+        .map(|p| format!("{}: {}", p.name, p.reason))
+        .collect();
+    assert_eq!(reasons, ["vulkan: no driver is installed", "wgpu: not installed"]);
+    let found = auto("software");
+    assert!(found.taken.is_none());
+    assert_eq!(
+        found.passed_over[0].reason,
+        "`one processor core` runs on the processor"
+    );
+
+    assert!(here("generate room --patches 40 -o room.obj").status.success());
+    let said = text(&here("compute room.obj -o a --backend-dir software").stderr);
+    let wanted = "backend auto takes `cpu`; vulkan: `one processor core` runs on the processor; wgpu: not installed; gl: not installed";
+    assert!(said.contains(wanted), "{said}");
+    let said = text(&here("compute room.obj -o b").stderr);
+    assert!(!said.contains("backend auto"), "{said}");
+    let said = text(&here("compute room.obj -o c -v").stderr);
+    assert!(
+        said.contains("backend auto takes `cpu`; vulkan: not installed"),
+        "{said}"
+    );
+    // Named, it is used although it runs on the processor; and what fails is not replaced.
+    let said = text(
+        &here("compute room.obj -o d --backend vulkan --backend-dir software --correction pixel --resolution 16")
+            .stderr,
+    );
+    assert!(said.contains("backend vulkan 1 (one processor core)"), "{said}");
+    let output = here("compute room.obj -o e --backend vulkan --backend-dir gpu --correction pixel");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).starts_with("error: backend `vulkan`: no driver is installed"));
+}
+
+/// With the set-user-id bit, whoever starts the program must not choose what is loaded into it.
+#[test]
+#[cfg(unix)]
+fn with_raised_privileges_nothing_is_loaded_from_where_the_user_chooses() {
+    use std::os::unix::fs::PermissionsExt;
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let raised = place.path().join("hemicube");
+    std::fs::copy(program(), &raised).expect("a copy of the program");
+    std::fs::set_permissions(place.path(), std::fs::Permissions::from_mode(0o755)).expect("its own folder");
+    // Another user, so that the effective one differs; only root can do that.
+    let chown = Command::new("chown")
+        .arg("65534")
+        .arg(&raised)
+        .output()
+        .expect("`chown` runs");
+    if !chown.status.success() {
+        say("SKIP with_raised_privileges: only root can make a set-user-id program of another user");
+        return;
+    }
+    std::fs::set_permissions(&raised, std::fs::Permissions::from_mode(0o4755)).expect("its own file");
+    let plugin = c("c_minimal/backend.c", place.path(), "c-minimal", &[]);
+    let folders = |program: &Path| {
+        let output = run(place.path(), program, "backends list --json --backend-dir .");
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        report["folders"].to_string()
+    };
+    assert!(folders(&program()).contains("--backend-dir"));
+    let of_raised = folders(&raised);
+    if of_raised.contains("--backend-dir") {
+        // A file system that is mounted without set-user-id.
+        say("SKIP with_raised_privileges: the bit has no effect in the folder of temporary files");
+        return;
+    }
+    assert!(
+        !of_raised.contains("user") && of_raised.contains("system"),
+        "{of_raised}"
+    );
+    let line = format!("compute x.obj -o m --backend {}", plugin.display());
+    let said = text(&run(place.path(), &raised, &line).stderr);
+    assert!(said.contains("with raised privileges"), "{said}");
+}
+
+#[test]
+fn backends_check_tells_held_from_not_claimed_from_broken() {
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let here = |line: &str| run(place.path(), &program(), line);
+    let check = |plugin: &Path, only: &str| {
+        let output = here(&format!(
+            "backends check {} --only {only} --json --no-timings",
+            plugin.display()
+        ));
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        (output.status.code(), report)
+    };
+    let outcome = |report: &serde_json::Value, case: &str| {
+        let cases = report["cases"].as_array().expect("cases");
+        let found = cases.iter().find(|found| found["case"] == case).expect("the case");
+        found["outcome"].as_str().expect("an outcome").to_owned()
+    };
+    // What the smallest backend claims holds.
+    for (case, wanted) in [
+        ("empty-room/reduction", "held"),
+        ("empty-room/culling", "held"),
+        ("empty-room/unoccluded", "not_claimed"),
+    ] {
+        let (code, report) = check(&rust("rust-minimal"), case);
+        assert_eq!((code, outcome(&report, case).as_str()), (Some(0), wanted), "{report}");
+        assert_eq!(report["backend"]["name"], "rust-minimal");
+        assert_eq!(report["broken"], 0);
+    }
+    // One that sees nothing keeps the contract, and is far from the reference.
+    let (code, report) = check(&rust("faulty"), "room/*");
+    assert_eq!(code, Some(1), "{report}");
+    assert_eq!(outcome(&report, "room/contract"), "held");
+    assert_eq!(outcome(&report, "room/reference"), "broken");
+    // The built-in one is a backend like any other.
+    let output = here("backends check cpu --only room/*");
+    assert_eq!(output.status.code(), Some(0));
+    let said = text(&output.stdout);
+    assert!(
+        said.starts_with("backend cpu ") && said.contains("held         room/reduction"),
+        "{said}"
+    );
+    assert!(said.contains("not claimed  room/bytes"), "{said}");
+    for (line, word) in [
+        ("backends check nowhere", "no backend named `nowhere`"),
+        ("backends check cpu --only nothing", "no case matches `nothing`"),
+        ("backends check ./x.so", "backend `./x.so`: no such file"),
+    ] {
+        let output = here(line);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains(word) && said.contains("hint: "), "{said}");
+    }
 }

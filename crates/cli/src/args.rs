@@ -13,6 +13,7 @@ use std::str::FromStr;
 const AFTER_LONG_HELP: &str = "\
 Environment:
   HEMICUBE_NAME         the setting `--name` of `compute`, `inspect` and `tradeoff`: HEMICUBE_RESOLUTION=512
+  HEMICUBE_BACKEND_PATH folders with further backends
   HEMICUBE_NO_PROGRESS  1: no progress bar
   HEMICUBE_LOG          what the libraries log: error, warn, info, debug, trace
 Exit status:
@@ -171,14 +172,45 @@ pub(crate) enum Command {
 /// What can be done with backends.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Backends {
-    /// List the backends, their devices and what they can do
+    /// List the backends, their devices and what they can do, and why others cannot be used
     #[command(after_long_help = AFTER_LONG_HELP)]
     List(BackendsList),
+    /// Hold a backend against the contract, each case in a process of its own; exit 1 when one is not kept
+    #[command(after_long_help = examples("  hemicube backends check vulkan\n  hemicube backends check ./libhemicube_backend_mine.so --only 'room/*' --time-limit 20", false))]
+    Check(BackendsCheck),
+}
+
+/// `hemicube backends check`
+#[derive(Args, Debug)]
+pub(crate) struct BackendsCheck {
+    /// The backend: a name, or the file of one
+    #[arg(value_name = "NAME|PATH")]
+    pub(crate) backend: String,
+    /// Look for backends in DIR first
+    #[arg(long, value_name = "DIR", env = "HEMICUBE_BACKEND_DIR", hide_env = true)]
+    pub(crate) backend_dir: Option<PathBuf>,
+    /// An option of the backend, such as `device=1` (repeatable)
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub(crate) backend_option: Vec<String>,
+    /// Only cases `scene/check` that match
+    #[arg(long, value_name = "GLOB", default_value = "*")]
+    pub(crate) only: String,
+    /// Seconds after which a case counts as hung
+    #[arg(long, value_name = "SECONDS", default_value = "120", value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    pub(crate) time_limit: u32,
+    /// Run this case, in this process, and say on standard output what came of it
+    #[arg(long, value_name = "CASE", hide = true)]
+    pub(crate) case: Option<String>,
+    #[command(flatten)]
+    pub(crate) report: Report,
 }
 
 /// `hemicube backends list`
 #[derive(Args, Debug)]
 pub(crate) struct BackendsList {
+    /// Look for backends in DIR first
+    #[arg(long, value_name = "DIR", env = "HEMICUBE_BACKEND_DIR", hide_env = true)]
+    pub(crate) backend_dir: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) report: Report,
 }
@@ -219,9 +251,15 @@ pub(crate) struct SceneSettings {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Hemicubes")]
 pub(crate) struct EngineSettings {
-    /// What renders; a name never falls back to another
-    #[arg(long, value_name = "auto|NAME", default_value = "auto")]
+    /// What renders: cpu, gl, wgpu, vulkan, or a file; never falls back to another
+    #[arg(long, value_name = "auto|NAME|PATH", default_value = "auto")]
     pub(crate) backend: String,
+    /// Look for backends in DIR first
+    #[arg(long, value_name = "DIR", hide_short_help = true)]
+    pub(crate) backend_dir: Option<PathBuf>,
+    /// An option of the backend, such as `device=1` (repeatable)
+    #[arg(long, value_name = "KEY=VALUE", hide_short_help = true)]
+    pub(crate) backend_option: Vec<String>,
     /// How the CPU backend finds what is visible: by depth, for any scene, or in order, for polygonal ones
     #[arg(
         long,

@@ -16,8 +16,10 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// The flags that are settings: they may stand in a file and in the environment.
-const SETTINGS: [&str; 27] = [
+const SETTINGS: [&str; 29] = [
     "backend",
+    "backend-dir",
+    "backend-option",
     "engine",
     "tolerance",
     "correction",
@@ -273,7 +275,7 @@ impl Layers {
                 .collect();
             lines.push(match &values[..] {
                 [] => (format!("# {name} ="), "not set".to_owned()),
-                _ if matches!(name, "emitters" | "receivers" | "occluders") => {
+                _ if matches!(name, "backend-option" | "emitters" | "receivers" | "occluders") => {
                     (format!("{name} = [{}]", values.join(", ")), origin)
                 }
                 [value, ..] => (format!("{name} = {value}"), origin),

@@ -1,17 +1,20 @@
 //! From a scene's file to a model: read, scale, repair, cut, order. What `compute`, `inspect` and `tradeoff` have in
 //! common.
 
-use crate::args::{AutoSwitch, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk};
+use crate::args::{
+    AutoSwitch, Correction, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk,
+};
 use crate::exit::hinted;
 use crate::report::{Input, counted};
 use anyhow::{Context, Result, anyhow};
 use hemicube::backend::HemicubeBackend;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
+use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
 use hemicube_scene::{Axis, Patches, ReadOptions, Scene, Subdivision};
 use serde::Serialize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -110,12 +113,22 @@ impl RenderArguments {
         self.engine.thread_count()
     }
 
-    /// The backend that was asked for.
+    /// The backend that was asked for, if it gives what the correction needs.
     ///
     /// # Errors
-    /// When there is none of that name.
-    pub(crate) fn open_backend(&self) -> Result<Box<dyn HemicubeBackend>> {
-        self.engine.open_backend()
+    /// When there is none of that name, it does not open, or it does not give that.
+    pub(crate) fn open_backend(&self, talk: Talk) -> Result<Box<dyn HemicubeBackend>> {
+        let backend = self.engine.open_backend(talk)?;
+        if self.correction != Correction::Pixel && !backend.info().capabilities.covered {
+            return Err(hinted(
+                anyhow!(
+                    "backend `{}` supplies no covered weights, which visible fractions are made of",
+                    backend.info().name
+                ),
+                "`--correction pixel` does without",
+            ));
+        }
+        Ok(backend)
     }
 }
 
@@ -137,24 +150,75 @@ impl EngineSettings {
         }
     }
 
-    /// The backend that was asked for. A named one never becomes another.
+    /// The backend that was asked for. A named one never becomes another; `auto` says what it took, and why.
     ///
     /// # Errors
-    /// When there is none of that name.
-    pub(crate) fn open_backend(&self) -> Result<Box<dyn HemicubeBackend>> {
+    /// When there is none of that name, or it does not open.
+    pub(crate) fn open_backend(&self, talk: Talk) -> Result<Box<dyn HemicubeBackend>> {
+        let options = Options::parse(&self.backend_option)?;
+        if self.backend == BUILT_IN {
+            return self.built_in(&options);
+        }
+        let registry = registry(self.backend_dir.as_deref());
+        if self.backend != "auto" {
+            let backend = registry
+                .open(&self.backend, &options)
+                .map_err(|error| hinted(error.into(), "`hemicube backends list` shows what is installed"))?;
+            return self.loaded(backend);
+        }
+        let auto = registry.auto(&options);
+        let taken = auto.taken.as_ref().map_or(BUILT_IN, |backend| backend.library().name());
+        let reasons: Vec<String> = auto
+            .passed_over
+            .iter()
+            .map(|other| format!("; {}: {}", other.name, other.reason))
+            .collect();
+        let text = format!("backend auto takes `{taken}`{}", reasons.concat());
+        // Where nothing else is installed, there was no choice to speak of.
+        if auto.passed_over.iter().all(|other| !other.installed) && auto.taken.is_none() {
+            talk.detail(&text);
+        } else {
+            talk.say(&text);
+        }
+        match auto.taken {
+            Some(backend) => self.loaded(backend),
+            None => self.built_in(&options),
+        }
+    }
+
+    fn built_in(&self, options: &Options) -> Result<Box<dyn HemicubeBackend>> {
+        if !options.is_empty() {
+            return Err(hinted(
+                anyhow!("backend `{BUILT_IN}` has no options, and `--backend-option` is given"),
+                "name the backend that the option is for with `--backend`",
+            ));
+        }
         let engine = match self.engine {
             Engine::Auto => EngineChoice::Auto,
             Engine::Depth => EngineChoice::Depth,
             Engine::Order => EngineChoice::Order,
         };
-        match self.backend.as_str() {
-            "auto" | "cpu" => Ok(Box::new(CpuBackend::new().with_engine(engine))),
-            other => Err(hinted(
-                anyhow!("there is no backend `{other}`; there is `cpu`, and `auto`, which takes it"),
-                "`hemicube backends list` shows what each can do",
-            )),
-        }
+        Ok(Box::new(CpuBackend::new().with_engine(engine)))
     }
+
+    fn loaded(&self, backend: LoadedBackend) -> Result<Box<dyn HemicubeBackend>> {
+        if self.engine != Engine::Auto {
+            return Err(anyhow!(
+                "`--engine` is a setting of backend `{BUILT_IN}`, and `{}` is used",
+                backend.library().name()
+            ));
+        }
+        Ok(Box::new(backend))
+    }
+}
+
+/// The backend that is part of the program.
+pub(crate) const BUILT_IN: &str = "cpu";
+
+/// Where backends are looked for.
+pub(crate) fn registry(backend_dir: Option<&Path>) -> Registry {
+    let given: Vec<PathBuf> = backend_dir.map(Path::to_owned).into_iter().collect();
+    Registry::new(Search::new(&given, &Environment::of_process()), &[BUILT_IN])
 }
 
 /// Reads the scene at `path` and makes it ready.

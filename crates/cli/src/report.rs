@@ -17,6 +17,13 @@ pub(crate) const SCHEMA: u32 = 1;
 pub(crate) const TEMPORARY_SUFFIX: &str = ".hemicube-tmp";
 
 impl Talk {
+    /// Nothing is said: for what is done a second time.
+    pub(crate) const SILENT: Self = Self {
+        quiet: true,
+        verbose: false,
+        no_progress: true,
+    };
+
     /// Says what a person wants to know.
     pub(crate) fn say(self, text: &str) {
         if !self.quiet {

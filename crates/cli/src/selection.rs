@@ -12,7 +12,7 @@ const NAMES_SHOWN: usize = 5;
 
 /// Whether `name` matches `glob`, character by character, case and all. Going back to the last star is enough, so the
 /// time is at most the product of the lengths.
-pub(crate) fn matches(glob: &str, name: &str) -> bool {
+pub(crate) fn matches_glob(glob: &str, name: &str) -> bool {
     let (glob, name): (Vec<char>, Vec<char>) = (glob.chars().collect(), name.chars().collect());
     let (mut at, mut place) = (0, 0);
     let mut star: Option<(usize, usize)> = None;
@@ -45,11 +45,11 @@ pub(crate) fn matches(glob: &str, name: &str) -> bool {
 fn matching(scene: &Scene, patches: &Patches, flag: &str, globs: &[String]) -> Result<Vec<bool>> {
     let mut found = vec![false; patches.len()];
     for glob in globs {
-        let objects: Vec<bool> = scene.objects.iter().map(|name| matches(glob, name)).collect();
+        let objects: Vec<bool> = scene.objects.iter().map(|name| matches_glob(glob, name)).collect();
         let materials: Vec<bool> = scene
             .materials
             .iter()
-            .map(|material| matches(glob, &material.name))
+            .map(|material| matches_glob(glob, &material.name))
             .collect();
         let is = |names: &[bool], index: u32| names.get(index as usize).copied().unwrap_or(false);
         let mut any = false;
@@ -151,7 +151,7 @@ mod tests {
             ("f?r", "für"),
             ("[ab]", "[ab]"),
         ] {
-            assert!(matches(glob, name), "{glob} {name}");
+            assert!(matches_glob(glob, name), "{glob} {name}");
         }
         for (glob, name) in [
             ("", "a"),
@@ -162,13 +162,13 @@ mod tests {
             ("w?l", "wall"),
             ("a*b", "abc"),
         ] {
-            assert!(!matches(glob, name), "{glob} {name}");
+            assert!(!matches_glob(glob, name), "{glob} {name}");
         }
     }
 
     #[test]
     fn a_hostile_glob_takes_no_time() {
-        assert!(!matches(&"*a".repeat(200), &format!("{}b", "a".repeat(10_000))));
+        assert!(!matches_glob(&"*a".repeat(200), &format!("{}b", "a".repeat(10_000))));
     }
 
     fn settings(emitters: &[&str], receivers: &[&str], occluders: &[&str]) -> SelectionSettings {

@@ -192,6 +192,8 @@ pub struct PassedOver {
     pub name: String,
     /// Why.
     pub reason: String,
+    /// Whether there is a file for it at all.
+    pub installed: bool,
 }
 
 /// What `auto` came to.
@@ -284,31 +286,32 @@ impl Registry {
     /// accuracy needs; otherwise none, which stands for the one built in. A driver that runs on the processor is not taken:
     /// what is built in is faster.
     ///
-    /// # Errors
-    /// Only options that cannot be handed on: a backend that fails is passed over, and the reason kept.
-    pub fn auto(&self, options: &Options) -> Result<Auto, OpenError> {
+    /// A backend that fails is passed over, and the reason kept.
+    pub fn auto(&self, options: &Options) -> Auto {
         let mut passed_over = Vec::new();
         for name in AUTO {
             match self.suitable(name, options) {
                 Ok(taken) => {
-                    return Ok(Auto {
+                    return Auto {
                         taken: Some(taken),
                         passed_over,
-                    });
+                    };
                 }
-                Err(reason) => passed_over.push(PassedOver {
+                Err((reason, installed)) => passed_over.push(PassedOver {
                     name: name.to_owned(),
                     reason,
+                    installed,
                 }),
             }
         }
-        Ok(Auto {
+        Auto {
             taken: None,
             passed_over,
-        })
+        }
     }
 
-    fn suitable(&self, name: &str, options: &Options) -> Result<LoadedBackend, String> {
+    /// A session of that backend, if it is one that `auto` takes; otherwise why not, and whether it is installed.
+    fn suitable(&self, name: &str, options: &Options) -> Result<LoadedBackend, (String, bool)> {
         let library = match self.find(name) {
             Ok(library) => library,
             Err(OpenError::NotFound { tried, .. }) => {
@@ -318,24 +321,25 @@ impl Registry {
                     .map(|tried| format!("`{}`: {}", tried.path.display(), tried.reason))
                     .collect();
                 return Err(if there.is_empty() {
-                    "not installed".to_owned()
+                    ("not installed".to_owned(), false)
                 } else {
-                    there.join("; ")
+                    (there.join("; "), true)
                 });
             }
-            Err(other) => return Err(other.to_string()),
+            Err(other) => return Err((other.to_string(), true)),
         };
-        let devices = library.devices().map_err(|error| error.to_string())?;
+        let no = |reason: String| (reason, true);
+        let devices = library.devices().map_err(|error| no(error.to_string()))?;
         let Some(first) = devices.first() else {
-            return Err("no device".to_owned());
+            return Err(no("no device".to_owned()));
         };
         if first.kind == DeviceKind::Software {
-            return Err(format!("`{}` runs on the processor", first.name));
+            return Err(no(format!("`{}` runs on the processor", first.name)));
         }
         if !(first.capabilities.covered && first.capabilities.lossless_culling) {
-            return Err(format!("`{}` does not give all that is needed", first.name));
+            return Err(no(format!("`{}` does not give all that is needed", first.name)));
         }
-        open_on(Arc::new(library), devices, options).map_err(|error| error.to_string())
+        open_on(Arc::new(library), devices, options).map_err(|error| no(error.to_string()))
     }
 
     /// All files in the folders that look like backends, in the order in which they would be found. Nothing is opened but
@@ -460,7 +464,7 @@ mod tests {
             lines[2].contains("nowhere") && lines[2].ends_with("no such folder"),
             "{error}"
         );
-        let auto = registry.auto(&Options::default()).expect("no options");
+        let auto = registry.auto(&Options::default());
         assert!(auto.taken.is_none());
         assert!(auto.passed_over[0].reason.contains("not loaded"), "{auto:?}");
         assert_eq!(auto.passed_over[1].reason, "not installed");

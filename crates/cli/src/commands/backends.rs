@@ -1,62 +1,155 @@
-//! `hemicube backends list`: the engines, their devices and what they can do.
+//! `hemicube backends`: the engines, their devices and what they can do.
 
-use crate::args::Backends;
+mod check;
+
+use crate::args::{Backends, BackendsList};
 use crate::exit::Exit;
+use crate::prepare::{BUILT_IN, registry};
 use crate::report::{self, JsonReport, SCHEMA};
 use anyhow::Result;
-use hemicube::backend::{BackendInfo, HemicubeBackend};
+use hemicube::backend::{Capabilities, HemicubeBackend};
 use hemicube_backend_cpu::CpuBackend;
+use hemicube_host::{Device, Listed, State};
 use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::PathBuf;
 
 #[derive(Serialize)]
 struct ListReport {
     schema: u32,
     backends: Vec<Entry>,
+    /// Files that look like backends and cannot be used.
+    unusable: Vec<Unusable>,
+    /// Folders that were looked into, in this order.
+    folders: Vec<FolderEntry>,
 }
 
+/// A device of a backend.
 #[derive(Serialize)]
 struct Entry {
     name: String,
     version: String,
+    /// Its place in the backend's list: what `--backend-option device=` takes.
+    device_number: usize,
     device: String,
+    kind: &'static str,
     capabilities: Vec<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    path: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Unusable {
+    name: String,
+    path: PathBuf,
+    reason: String,
+}
+
+#[derive(Serialize)]
+struct FolderEntry {
+    path: PathBuf,
+    origin: String,
+    exists: bool,
+}
+
+fn capabilities(can: Capabilities) -> Vec<&'static str> {
+    [
+        (can.covered, "covered"),
+        (can.tiny_patches, "tiny-patches"),
+        (can.items, "items"),
+        (can.lossless_culling, "lossless-culling"),
+    ]
+    .into_iter()
+    .filter_map(|(can, name)| can.then_some(name))
+    .collect()
 }
 
 impl Entry {
-    fn new(info: &BackendInfo) -> Self {
-        let can = &info.capabilities;
-        let capabilities = [
-            (can.covered, "covered"),
-            (can.tiny_patches, "tiny-patches"),
-            (can.items, "items"),
-            (can.lossless_culling, "lossless-culling"),
-        ];
+    fn built_in() -> Self {
+        let backend = CpuBackend::new();
+        let info = backend.info();
         Self {
             name: info.name.clone(),
             version: info.version.clone(),
+            device_number: 0,
             device: info.device.clone(),
-            capabilities: capabilities
-                .into_iter()
-                .filter_map(|(can, name)| can.then_some(name))
-                .collect(),
+            kind: "processor",
+            capabilities: capabilities(info.capabilities),
+            path: None,
+        }
+    }
+
+    fn of(name: &str, version: &str, path: PathBuf, device_number: usize, device: &Device) -> Self {
+        Self {
+            name: name.to_owned(),
+            version: version.to_owned(),
+            device_number,
+            device: device.name.clone(),
+            kind: device.kind.name(),
+            capabilities: capabilities(device.capabilities),
+            path: Some(path),
         }
     }
 }
 
 pub(crate) fn run(command: &Backends) -> Result<Exit> {
-    let Backends::List(arguments) = command;
+    match command {
+        Backends::List(arguments) => list(arguments),
+        Backends::Check(arguments) => check::run(arguments),
+    }
+}
+
+fn list(arguments: &BackendsList) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
-    let backends = vec![Entry::new(CpuBackend::new().info())];
+    let registry = registry(arguments.backend_dir.as_deref());
+    let (mut backends, mut unusable) = (vec![Entry::built_in()], Vec::new());
+    for Listed { name, path, state, .. } in registry.list() {
+        let reason = match state {
+            State::Usable { version, devices } if !devices.is_empty() => {
+                let entries = devices.iter().enumerate();
+                backends.extend(entries.map(|(k, device)| Entry::of(&name, &version, path.clone(), k, device)));
+                continue;
+            }
+            State::Usable { .. } => "finds no device".to_owned(),
+            State::Failing { error, .. } => error.to_string(),
+            State::Shadowed { by: Some(first) } => format!("shadowed by `{}`", first.display()),
+            State::Shadowed { by: None } => format!("shadowed by the built-in `{BUILT_IN}`"),
+            State::Unusable(reason) => reason.to_string(),
+            other => format!("{other:?}"),
+        };
+        unusable.push(Unusable { name, path, reason });
+    }
     if let Some(json) = json {
+        let folders = registry.search().folders().iter().map(|folder| FolderEntry {
+            path: folder.path.clone(),
+            origin: folder.origin.to_string(),
+            exists: folder.path.is_dir(),
+        });
         json.write(&ListReport {
             schema: SCHEMA,
             backends,
+            unusable,
+            folders: folders.collect(),
         })?;
         return Ok(Exit::Done);
     }
-    let rows = backends
-        .into_iter()
-        .map(|entry| [entry.name, entry.version, entry.device, entry.capabilities.join(", ")]);
-    report::print(&report::table(["name", "version", "device", "capabilities"], rows))?;
+    let rows = backends.into_iter().map(|entry| {
+        let place = entry
+            .path
+            .map_or_else(|| "built in".to_owned(), |path| path.display().to_string());
+        let device = match entry.device_number {
+            0 => entry.device,
+            number => format!("{} (device={number})", entry.device),
+        };
+        [entry.name, entry.version, device, entry.capabilities.join(", "), place]
+    });
+    let mut text = report::table(["name", "version", "device", "capabilities", "file"], rows);
+    if !unusable.is_empty() {
+        text.push_str("\nnot usable:\n");
+        for Unusable { name, path, reason } in unusable {
+            let _ = writeln!(text, "{name}  {}  {reason}", path.display());
+        }
+    }
+    report::print(&text)?;
     Ok(Exit::Done)
 }

@@ -312,7 +312,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
             shard
         });
     let json = JsonReport::open(&arguments.report)?;
-    let backend = arguments.render.open_backend()?;
+    let backend = arguments.render.open_backend(talk)?;
     check_place(directory)?;
     let status = Status::open(arguments.process.progress_file.as_deref())?;
     let result = compute_into(
@@ -356,7 +356,7 @@ fn compute_into(
         &arguments.render,
         arguments.render.rotation == Switch::On,
         arguments.store,
-        arguments.render.open_backend()?.as_mut(),
+        arguments.render.open_backend(Talk::SILENT)?.as_mut(),
     )?;
     timings.settle = started.elapsed().as_secs_f64();
     drop(stage);

@@ -185,7 +185,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         bail!("a scene is needed")
     };
     let json = JsonReport::open(&arguments.report)?;
-    let mut backend = arguments.render.open_backend()?;
+    let mut backend = arguments.render.open_backend(talk)?;
     let prepared = prepare(path, &arguments.patches, &arguments.render)?;
     let mut surveyed = survey(&prepared.scene, &prepared.repaired);
     if arguments.patches.up.is_some() {
@@ -395,7 +395,7 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
             model,
             &plan,
             settings,
-            render.open_backend()?,
+            render.open_backend(Talk::SILENT)?,
             Execution {
                 threads: 1,
                 ..Execution::default()

@@ -277,7 +277,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         None => None,
     };
     let json = JsonReport::open(&arguments.report)?;
-    let mut backend = arguments.engine.open_backend()?;
+    let mut backend = arguments.engine.open_backend(talk)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let prepared = prepare(path, &arguments.patches, &arguments.engine)?;
     prepared.tell(talk);
@@ -503,7 +503,7 @@ impl Timed {
             batch: 0,
             cancel: Some(cancel),
         };
-        let backend = arguments.engine.open_backend()?;
+        let backend = arguments.engine.open_backend(Talk::SILENT)?;
         self.parts.clear();
         let summary = compute(
             model,
@@ -604,6 +604,10 @@ fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> 
         "backend",
         (engine.backend != "auto").then(|| word(engine.backend.as_ref())),
     );
+    add("backend-dir", engine.backend_dir.as_deref().map(word));
+    for option in &engine.backend_option {
+        add("backend-option", Some(word(option.as_ref())));
+    }
     add("threads", (engine.threads != 0).then(|| engine.threads.to_string()));
     if patches.keep_duplicates == Switch::On {
         words.push("--keep-duplicates".to_owned());

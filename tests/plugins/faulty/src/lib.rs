@@ -1,0 +1,283 @@
+//! A backend that does wrong: which wrong, and from which call of `rows` on, is in its options, `fault=NAME,after=CALLS`.
+//!
+//! Without a fault it is a legal one that sees nothing. Panics come from the safe side, through the adapter that every
+//! backend in Rust has; everything else is done to the table's arrays afterwards, as a backend in C might.
+
+use hemicube_abi::contract::backend::{
+    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, WHOLE,
+};
+use hemicube_abi::contract::face::{Items, pixel_count};
+use hemicube_abi::contract::row::RowBlock;
+use hemicube_abi::types::{HcBackend, HcError, HcHemicube, HcHost, HcRows, HcSession, HcStatus};
+use hemicube_abi::{Device, DeviceKind, Log, Options, Plugin};
+use std::collections::BTreeMap;
+use std::ffi::{CStr, c_char};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The session that the safe side opens.
+struct Faulty {
+    info: BackendInfo,
+    fault: Fault,
+    calls: u64,
+    pixels: usize,
+    log: Log,
+}
+
+/// What is done wrong, and after how many calls.
+#[derive(Clone, Debug, Default)]
+struct Fault {
+    name: String,
+    after: u64,
+}
+
+impl Plugin for Faulty {
+    const NAME: &'static CStr = c"faulty";
+    const VERSION: &'static CStr = c"1";
+    type Session = Self;
+
+    fn devices() -> Result<Vec<Device>, BackendError> {
+        Ok(vec![Device {
+            name: "a device that cannot be relied on".to_owned(),
+            kind: DeviceKind::Other,
+            capabilities: Capabilities {
+                items: true,
+                covered: true,
+                ..Capabilities::default()
+            },
+            max_resolution: 1024,
+            preferred_rows: 8,
+        }])
+    }
+
+    fn open(device: u32, options: &str, log: Log) -> Result<Self, BackendError> {
+        let mut options = Options::parse(options)?;
+        let fault = Fault {
+            name: options.take("fault").unwrap_or_default().to_owned(),
+            after: options.take("after").and_then(|calls| calls.parse().ok()).unwrap_or(0),
+        };
+        options.finish()?;
+        match fault.name.as_str() {
+            "open-fails" => return Err(BackendError::DeviceLost("the device is on fire".to_owned())),
+            "panic-in-open" => panic!("öpen {}", "ä".repeat(400)),
+            _ => {}
+        }
+        OPENING
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone_from(&fault);
+        Ok(Self {
+            info: Self::devices()?[device as usize].info::<Self>(),
+            fault,
+            calls: 0,
+            pixels: 0,
+            log,
+        })
+    }
+}
+
+impl HemicubeBackend for Faulty {
+    fn info(&self) -> &BackendInfo {
+        &self.info
+    }
+
+    fn load(&mut self, _: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
+        assert!(self.fault.name != "panic-in-load", "the scene is ugly");
+        self.pixels = pixel_count(settings.resolution);
+        Ok(())
+    }
+
+    fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
+        Err(BackendError::Unsupported("the host opens a session instead".to_owned()))
+    }
+
+    fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
+        self.calls += 1;
+        if self.calls > self.fault.after {
+            match self.fault.name.as_str() {
+                "panic-in-rows" => panic!("no row {}", 7),
+                "panic-with-a-bomb" => std::panic::panic_any(Bomb),
+                "device-lost" => return Err(BackendError::DeviceLost("it was pulled out".to_owned())),
+                "out-of-memory" => return Err(BackendError::OutOfMemory("1 GiB wanted".to_owned())),
+                "few-rows" => return Ok(Counters::default()),
+                "abort" => std::process::abort(),
+                "exit" => std::process::exit(0),
+                "hang" => loop {
+                    std::thread::sleep(std::time::Duration::from_secs(1));
+                },
+                _ => {}
+            }
+        }
+        self.log.debug("nothing is seen");
+        hemicubes.iter().for_each(|_| out.end_row(WHOLE, 0));
+        Ok(Counters {
+            hemicubes: hemicubes.len() as u64,
+            ..Counters::default()
+        })
+    }
+
+    fn items(&mut self, _: &Hemicube) -> Result<Items, BackendError> {
+        Ok(Items {
+            resolution: 0,
+            seen: vec![Items::ESCAPED; self.pixels],
+        })
+    }
+}
+
+/// A payload that panics when it is dropped.
+struct Bomb;
+
+impl Drop for Bomb {
+    fn drop(&mut self) {
+        panic!("dropped");
+    }
+}
+
+const GOOD: HcBackend = hemicube_abi::table::<Faulty>();
+
+/// The fault of the session that is being opened.
+static OPENING: Mutex<Fault> = Mutex::new(Fault {
+    name: String::new(),
+    after: 0,
+});
+
+/// Faults and calls of open sessions, by address.
+static SESSIONS: Mutex<BTreeMap<usize, (Fault, u64)>> = Mutex::new(BTreeMap::new());
+
+/// The table: the safe side's, with functions of our own before three of them.
+#[allow(non_upper_case_globals, reason = "the name is part of the ABI")]
+#[unsafe(no_mangle)]
+pub static hemicube_backend: HcBackend = HcBackend {
+    open: Some(open),
+    rows: Some(rows),
+    items: Some(items),
+    ..GOOD
+};
+
+unsafe extern "C" fn open(
+    host: *const HcHost,
+    device: u32,
+    options: *const c_char,
+    session: *mut *mut HcSession,
+    error: *mut HcError,
+) -> HcStatus {
+    // One at a time, so that the fault is that of this session.
+    static ONE: Mutex<()> = Mutex::new(());
+    let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let Some(open) = GOOD.open else { return 5 };
+    // SAFETY: the host's own pointers, handed on.
+    let status = unsafe { open(host, device, options, session, error) };
+    if status == 0 {
+        let fault = OPENING.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        if fault.name == "no-session" {
+            // SAFETY: a place for a session, by the ABI; the one in it is leaked.
+            unsafe { *session = std::ptr::null_mut() };
+            return 0;
+        }
+        // SAFETY: as above, and it was filled.
+        let address = unsafe { *session } as usize;
+        let mut sessions = SESSIONS.lock().unwrap_or_else(PoisonError::into_inner);
+        sessions.insert(address, (fault, 0));
+    }
+    status
+}
+
+/// The fault of a session, if its time has come.
+fn fault_of(session: *mut HcSession) -> String {
+    let mut sessions = SESSIONS.lock().unwrap_or_else(PoisonError::into_inner);
+    let Some((fault, calls)) = sessions.get_mut(&(session as usize)) else {
+        return String::new();
+    };
+    *calls += 1;
+    if *calls > fault.after {
+        fault.name.clone()
+    } else {
+        String::new()
+    }
+}
+
+unsafe extern "C" fn rows(session: *mut HcSession, rows: *mut HcRows, error: *mut HcError) -> HcStatus {
+    let fault = fault_of(session);
+    if fault == "nothing-written" {
+        return 0;
+    }
+    let Some(good) = GOOD.rows else { return 5 };
+    // SAFETY: the host's own pointers, handed on.
+    let status = unsafe { good(session, rows, error) };
+    if fault == "called-again" && status == 0 {
+        // Nothing may follow on this; if something does, the process ends.
+        let mut sessions = SESSIONS.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((fault, _)) = sessions.get_mut(&(session as usize)) {
+            "abort-now".clone_into(&mut fault.name);
+        }
+        return 5;
+    }
+    // SAFETY: rows of the host, whose arrays have room for one row and one entry at least, and, where a fault writes more
+    // than that, a guard. That is what is tested.
+    unsafe {
+        let raw = &mut *rows;
+        let last = raw.row_count as usize - 1;
+        let capacity = usize::try_from(raw.capacity).unwrap_or(usize::MAX);
+        // The last row gets an entry, or two, to do wrong with.
+        let entry = |k: usize, patch: u32, visible: u32, covered: u32| {
+            raw.patches.add(k).write(patch);
+            raw.visible.add(k).write(visible);
+            if !raw.covered.is_null() {
+                raw.covered.add(k).write(covered);
+            }
+            raw.escaped.add(last).write(raw.escaped.add(last).read() - visible);
+            raw.row_end.add(last).write(k as u64 + 1);
+        };
+        match fault.as_str() {
+            "patch-out-of-range" => entry(0, u32::MAX - 5, 10, 10),
+            "not-ascending" => {
+                entry(0, 3, 10, 10);
+                entry(1, 2, 10, 10);
+            }
+            "patch-twice" => {
+                entry(0, 3, 10, 10);
+                entry(1, 3, 10, 10);
+            }
+            "covered-below-visible" => entry(0, 3, 10, 9),
+            "row-end-decreasing" => {
+                raw.row_end.write(2);
+                raw.row_end.add(last).write(1);
+            }
+            "row-end-beyond" => raw.row_end.add(last).write(raw.capacity + 1),
+            "light-lost" => raw.escaped.add(last).write(raw.escaped.add(last).read() - 1),
+            "light-invented" => raw.blocked.add(last).write(1),
+            "past-patches" => raw.patches.add(capacity).write(1),
+            "past-visible" => raw.visible.add(capacity + 3).write(1),
+            "past-covered" if !raw.covered.is_null() => raw.covered.add(capacity).write(1),
+            "past-row-end" => raw.row_end.add(last + 1).write(1),
+            "past-escaped" => raw.escaped.add(last + 1).write(1),
+            "past-blocked" => raw.blocked.add(last + 1).write(1),
+            "past-message" => error.cast::<u8>().add(512).write(1),
+            "past-struct" => rows.add(1).cast::<u8>().write(1),
+            "unknown-status" => return 77,
+            "segfault" => std::ptr::without_provenance_mut::<u32>(4).write_volatile(1),
+            "abort-now" => std::process::abort(),
+            _ => {}
+        }
+    }
+    status
+}
+
+unsafe extern "C" fn items(
+    session: *mut HcSession,
+    hemicube: *const HcHemicube,
+    out: *mut u32,
+    error: *mut HcError,
+) -> HcStatus {
+    let Some(good) = GOOD.items else { return 5 };
+    // SAFETY: the host's own pointers, handed on.
+    let status = unsafe { good(session, hemicube, out, error) };
+    // SAFETY: an item buffer of 3 · 16² pixels at least; what is written behind the one of resolution 16 is a guard.
+    unsafe {
+        match fault_of(session).as_str() {
+            "past-items" => out.add(pixel_count(16)).write(1),
+            "item-out-of-range" => out.write(u32::MAX - 5),
+            _ => {}
+        }
+    }
+    status
+}
