@@ -33,6 +33,14 @@ pub fn sources() -> PathBuf {
 /// # Panics
 /// When `cc` cannot be run or refuses it.
 pub fn c(source: &str, folder: &Path, name: &str, macros: &[&str]) -> PathBuf {
+    c_with(source, folder, name, macros, &[])
+}
+
+/// The same, linked with something else.
+///
+/// # Panics
+/// As [`c`].
+pub fn c_with(source: &str, folder: &Path, name: &str, macros: &[&str], linked: &[&str]) -> PathBuf {
     let path = folder.join(file_name(name));
     let output = Command::new("cc")
         .args([
@@ -49,6 +57,7 @@ pub fn c(source: &str, folder: &Path, name: &str, macros: &[&str]) -> PathBuf {
         .arg("-I")
         .arg(super::scenes::workspace().join("crates/backends/abi/include"))
         .arg(sources().join(source))
+        .args(linked)
         .arg("-o")
         .arg(&path)
         .output()

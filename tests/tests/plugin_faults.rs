@@ -7,7 +7,7 @@ use hemicube::backend::{BackendError, HemicubeBackend};
 use hemicube::row::RowBlock;
 use hemicube_host::{LoadError, LoadedBackend, OpenError, file_name};
 use hemicube_scene::Subdivision;
-use hemicube_tests::plugins::{c, library, rust, session, sources, try_session};
+use hemicube_tests::plugins::{c, c_with, library, rust, session, sources, try_session};
 use hemicube_tests::rows::{hemicubes, settings, spread};
 use hemicube_tests::scenes::{model, program, workspace};
 use std::collections::BTreeMap;
@@ -350,19 +350,28 @@ fn fault_07_panic() {
 /// Runs a case of the suite on the faulty backend, in the program's child processes.
 #[track_caller]
 fn checked(fault: &str, time_limit: &str) -> String {
+    check_of(
+        &rust("faulty"),
+        &["--backend-option", &format!("fault={fault}")],
+        time_limit,
+    )
+}
+
+/// Runs a case of the suite that must not hold on a plugin, in the program's child processes.
+#[track_caller]
+fn check_of(plugin: &Path, options: &[&str], time_limit: &str) -> String {
     let run = Run { place: folder() };
-    let plugin = rust("faulty");
-    let output = run.program(&[
+    let plugin = plugin.to_str().expect("a path in UTF-8");
+    let arguments = [
         "backends",
         "check",
-        plugin.to_str().expect("a path in UTF-8"),
-        "--backend-option",
-        &format!("fault={fault}"),
+        plugin,
         "--only",
         "room/contract",
         "--time-limit",
         time_limit,
-    ]);
+    ];
+    let output = run.program(&[&arguments, options].concat());
     let said = text(&output.stdout);
     assert_eq!(output.status.code(), Some(1), "{said}{}", text(&output.stderr));
     said
@@ -395,6 +404,32 @@ fn fault_08_crash() {
         assert!(said.contains("CRASHED") && said.contains(word), "{said}");
     }
     compute_dies("segfault");
+    let place = folder();
+    let object = place.path().join("throws.o");
+    let mut compiler = Command::new("c++");
+    compiler.args([
+        "-std=c++17",
+        "-Wall",
+        "-Wextra",
+        "-pedantic",
+        "-Werror",
+        "-fPIC",
+        "-c",
+        "-I",
+    ]);
+    compiler.arg(workspace().join("crates/backends/abi/include"));
+    compiler.arg(sources().join("faulty/throws.cpp")).arg("-o").arg(&object);
+    assert!(compiler.status().expect("`c++` runs; install g++").success());
+    let object = object.to_str().expect("a path in UTF-8");
+    let path = c_with(
+        "faulty/table.c",
+        place.path(),
+        "bad-table",
+        &["THROWS", "FAULT_ROWS=throws"],
+        &[object, "-lstdc++"],
+    );
+    let said = check_of(&path, &[], "60");
+    assert!(said.contains("CRASHED") && said.contains("SIGABRT"), "{said}");
 }
 
 #[test]

@@ -1,10 +1,12 @@
 //! Backends loaded at run time: the smallest ones in Rust and in C do what the built-in one does, alone and side by side.
 
 use hemicube::Model;
-use hemicube::backend::{BackendError, Counters, HemicubeBackend};
+use hemicube::backend::{BackendError, BackendInfo, Counters, HemicubeBackend, RenderSettings};
 use hemicube::delta::DeltaTable;
 use hemicube::row::RowBlock;
-use hemicube_backend_cpu::CpuBackend;
+use hemicube_backend_cpu::{CpuBackend, EngineChoice};
+use hemicube_conformance::scenes::TestScene;
+use hemicube_conformance::{Outcome, cases, run as run_case};
 use hemicube_host::{Environment, Options, Registry, Search};
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::Kind;
@@ -170,6 +172,73 @@ fn alternately_and_from_two_threads_the_rows_are_those_of_each_alone() {
             scope.spawn(move || assert_eq!(&rows_of(session.as_mut(), model), wanted));
         }
     });
+}
+
+#[test]
+fn the_table_changes_no_bit() {
+    for (scene, engine) in [
+        (TestScene::City, "auto"),
+        (TestScene::Plates, "depth"),
+        (TestScene::Room, "order"),
+    ] {
+        let model = scene.model();
+        let all = scene.hemicubes(&model);
+        let choice = match engine {
+            "depth" => EngineChoice::Depth,
+            "order" => EngineChoice::Order,
+            _ => EngineChoice::Auto,
+        };
+        let mut direct = CpuBackend::new().with_engine(choice);
+        let mut wrapped = session(&rust("wrapped-cpu"), &[&format!("engine={engine}")]);
+        for covered in [true, false] {
+            let settings = RenderSettings {
+                covered,
+                ..settings(64)
+            };
+            let mut found = [RowBlock::default(), RowBlock::default()];
+            let mut counted = [Counters::default(); 2];
+            let both: [&mut dyn HemicubeBackend; 2] = [&mut direct, &mut wrapped];
+            for (k, backend) in both.into_iter().enumerate() {
+                backend.load(model.geometry(), settings).expect("a small scene");
+                for some in all.chunks(7) {
+                    counted[k] += backend.rows(some, &mut found[k]).expect("legal hemicubes");
+                }
+            }
+            let [direct, wrapped] = &found;
+            assert!(direct == wrapped && !direct.patches.is_empty(), "{scene:?}");
+            assert_eq!(counted[0], counted[1]);
+        }
+        assert_eq!(
+            direct.items(&all[3]).expect("items"),
+            wrapped.items(&all[3]).expect("items")
+        );
+        // What the loaded scene decides comes through: the arithmetic's version, and why.
+        let (direct, name) = (direct.info().clone(), "wrapped-cpu".to_owned());
+        assert_eq!(&BackendInfo { name, ..direct }, wrapped.info());
+        assert!(wrapped.choices()[0].starts_with("engine "), "{:?}", wrapped.choices());
+    }
+}
+
+#[test]
+fn the_suite_holds_through_the_table() {
+    for case in cases() {
+        let outcome = run_case(case, &mut session(&rust("wrapped-cpu"), &[]), &mut CpuBackend::new());
+        match outcome {
+            Outcome::Held(_) => {}
+            Outcome::NotClaimed(what) => assert!(what.contains("read back"), "{case}: {what} is claimed"),
+            Outcome::Broken(wrong) => panic!("{case}: {wrong}"),
+        }
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_plugin_in_rust_exports_its_table_and_nothing_else() {
+    let mut nm = Command::new("nm");
+    nm.args(["-D", "--defined-only", "--format=just-symbols"])
+        .arg(rust("rust-minimal"));
+    let output = nm.output().expect("`nm` runs; install binutils");
+    assert_eq!(text(&output.stdout), "hemicube_backend\n");
 }
 
 #[test]

@@ -156,7 +156,8 @@ impl EngineSettings {
     /// When there is none of that name, or it does not open.
     pub(crate) fn open_backend(&self, talk: Talk) -> Result<Box<dyn HemicubeBackend>> {
         let options = Options::parse(&self.backend_option)?;
-        if self.backend == BUILT_IN {
+        // An engine is the built-in backend's: whoever chooses one has chosen that.
+        if self.backend == BUILT_IN || (self.backend == "auto" && self.engine != Engine::Auto) {
             return self.built_in(&options);
         }
         let registry = registry(self.backend_dir.as_deref());

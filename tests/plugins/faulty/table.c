@@ -50,6 +50,10 @@ static HcStatus no_driver(HcDevice *out, uint32_t capacity, uint32_t *count, HcE
 }
 #endif
 
+#ifdef THROWS
+HcStatus throws(HcSession *session, HcRows *rows, HcError *error); /* in throws.cpp */
+#endif
+
 #ifdef A_GPU
 static HcStatus a_gpu(HcDevice *out, uint32_t capacity, uint32_t *count, HcError *error) {
     HcStatus status = devices(out, capacity, count, error);

@@ -13,7 +13,7 @@ const NAME_MAX: usize = 32;
 /// Bytes of the longest version.
 const VERSION_MAX: usize = 63;
 /// No machine has more devices than this that anyone would choose from.
-const DEVICES_MAX: u32 = 64;
+const DEVICES_MAX: usize = 64;
 
 /// Why a file is no backend that can be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -195,16 +195,26 @@ impl Library {
             preferred_rows: 0,
             reserved: [0; 9],
         };
-        let mut raw = vec![empty; DEVICES_MAX as usize];
+        let mut raw = Guarded::new([empty; DEVICES_MAX]);
         let mut count = Guarded::new(0u32);
         let mut answer = Answer::new();
+        #[allow(clippy::cast_possible_truncation, reason = "64")]
         // SAFETY: a function of the table, any-thread; room for as many devices as it is told of.
-        let status = unsafe { devices(raw.as_mut_ptr(), DEVICES_MAX, count.as_mut_ptr(), answer.as_mut_ptr()) };
+        let status = unsafe {
+            devices(
+                raw.as_mut_ptr().cast(),
+                DEVICES_MAX as u32,
+                count.as_mut_ptr(),
+                answer.as_mut_ptr(),
+            )
+        };
+        raw.check(self, "devices");
         count.check(self, "devices");
         answer.read(self, "devices", status)?;
         Ok(raw
+            .get()
             .iter()
-            .take(count.get().min(DEVICES_MAX) as usize)
+            .take(count.get() as usize)
             .map(|raw| Device {
                 name: until_nul(&raw.name),
                 kind: DeviceKind::from_raw(raw.kind),

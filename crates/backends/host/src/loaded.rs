@@ -23,8 +23,8 @@ use std::sync::{Arc, OnceLock};
 /// that no row reaches are never touched.
 const CAPACITY_MAX: usize = 1 << 26;
 
-/// Entries that are filled with ones before every call, whatever came back before.
-const FILLED: usize = 1 << 16;
+/// Entries that are filled with ones before every call, beside all that a plugin wrote in the one before.
+const FILLED: usize = 1 << 12;
 
 /// Words of a guard.
 const GUARD: usize = 16;
