@@ -263,7 +263,7 @@ fn entry_of<'t>(name: &str, tables: &'t BTreeMap<String, Entry>) -> Result<Optio
     if let Some(exact) = tables.get_key_value(name) {
         return Ok(Some(exact));
     }
-    let mut fitting = tables.iter().filter(|(key, _)| selection::matches(key, name));
+    let mut fitting = tables.iter().filter(|(key, _)| selection::matches_glob(key, name));
     match (fitting.next(), fitting.next()) {
         (Some((first, _)), Some((second, _))) => {
             bail!("material `{name}` fits both `{first}` and `{second}`; name it in a table of its own")
