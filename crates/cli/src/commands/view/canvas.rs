@@ -86,7 +86,6 @@ pub(crate) fn linear(shown: u8) -> f64 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Anchor {
     Start,
-    Middle,
     End,
 }
 
@@ -213,7 +212,6 @@ impl Canvas {
         for writing in &self.writings {
             let anchor = match writing.anchor {
                 Anchor::Start => "start",
-                Anchor::Middle => "middle",
                 Anchor::End => "end",
             };
             let escaped = writing.text.replace('&', "&amp;").replace('<', "&lt;");
@@ -282,7 +280,6 @@ fn set_text(font: &FontRef<'_>, writing: &Writing, pixels: &mut [Color], (width,
     let mut x = writing.at.0 as f32
         - match writing.anchor {
             Anchor::Start => 0.0,
-            Anchor::Middle => length / 2.0,
             Anchor::End => length,
         };
     for letter in writing.text.chars() {

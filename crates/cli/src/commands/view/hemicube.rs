@@ -230,7 +230,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     }
     let enlarge = 512_usize.div_ceil(2 * n).max(1);
     let side = 2 * n * enlarge;
-    let mut canvas = Canvas::new(side + 40, side + 110, WHITE);
+    // Headings are wider than small hemicubes.
+    let left = 20 + (side.max(600) - side) / 2;
+    let mut canvas = Canvas::new(side.max(600) + 40, side + 110, WHITE);
     for row in 0..side {
         for column in 0..side {
             let Some((face, x, y)) = atlas_place(column / enlarge, row / enlarge, resolution) else {
@@ -247,7 +249,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
                     scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE))
                 })
             };
-            canvas.set(20 + column, 44 + row, color);
+            canvas.set(left + column, 44 + row, color);
         }
     }
     let title = match arguments.show {
@@ -277,7 +279,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             Anchor::Start,
         );
         let seen = format!("{} patches in sight", count(visible.len() as u64));
-        canvas.write(&seen, (side as f64 + 20.0, y as f64), 13.0, Anchor::End);
+        canvas.write(&seen, ((side.max(600) + 20) as f64, y as f64), 13.0, Anchor::End);
     } else {
         canvas.scale(
             (20, y - 8),

@@ -2,7 +2,7 @@
 
 use super::canvas::{Canvas, NOTHING, WHITE, byte, linear, scale_color, shown};
 use super::raster::Lens;
-use crate::args::{EngineSettings, Talk};
+use crate::args::{EngineSettings, Talk, UpAxis};
 use crate::exit::{Exit, hinted};
 use crate::prepare::Prepared;
 use crate::report::{count, figures};
@@ -96,6 +96,9 @@ pub(crate) struct Camera {
     /// What it looks at [default: the middle of the scene]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub(crate) look_at: Option<Point>,
+    /// The axis that points up in the picture [default: the scene's, or z where it does not say]
+    #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
+    pub(crate) up: Option<UpAxis>,
     /// Angle of view from the lower to the upper edge, in degrees
     #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = field_of_view)]
     pub(crate) fov: f64,
@@ -187,8 +190,8 @@ impl Camera {
         let corners = || surfaces.iter().flatten().copied();
         let low = corners().fold(DVec3::INFINITY, DVec3::min);
         let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
-        let (middle, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
-        let up = match prepared.scene.up.unwrap_or(Axis::Z) {
+        let middle = (low + high) / 2.0;
+        let up = match self.up.map(Into::into).or(prepared.scene.up).unwrap_or(Axis::Z) {
             Axis::X => DVec3::X,
             Axis::Y => DVec3::Y,
             Axis::Z => DVec3::Z,
@@ -197,21 +200,25 @@ impl Camera {
         let half = (self.fov / 2.0).to_radians();
         let Size(width, height) = self.size;
         let (width, height) = (width * SAMPLES, height * SAMPLES);
+        let step = 2.0 * half.tan() / height as f64;
         let eye = self.eye.map_or_else(
             || {
-                // From a corner, a little above.
-                let aside = if up == DVec3::Y {
-                    DVec3::new(0.55, 0.0, 0.7)
-                } else {
-                    DVec3::new(0.55, -0.7, 0.0)
+                // From a corner, a little above, and so far away that every corner is in the picture.
+                let aside = match up {
+                    DVec3::Y => DVec3::new(0.55, 0.0, 0.7),
+                    DVec3::X => DVec3::new(0.0, 0.55, -0.7),
+                    _ => DVec3::new(0.55, -0.7, 0.0),
                 };
-                let aside = if up == DVec3::X {
-                    DVec3::new(0.0, 0.55, -0.7)
-                } else {
-                    aside
-                };
-                let narrow = half.tan() * (width as f64 / height as f64).min(1.0);
-                target + (aside + up * 0.55).normalize_or_zero() * (radius / narrow.atan().sin())
+                let back = (aside + up * 0.55).normalize_or_zero();
+                let right = up.cross(back).normalize_or_zero();
+                let above = back.cross(right);
+                let (tall, wide) = (half.tan(), half.tan() * width as f64 / height as f64);
+                let distance = corners().fold(0.0, |most: f64, corner| {
+                    let p = corner - target;
+                    let aside = (p.dot(right).abs() / wide).max(p.dot(above).abs() / tall);
+                    most.max(aside + p.dot(back))
+                });
+                target + back * (distance * 1.04)
             },
             |point| point.0,
         );
@@ -222,7 +229,6 @@ impl Camera {
             .cross(up)
             .try_normalize()
             .unwrap_or_else(|| forward.any_orthonormal_vector());
-        let step = 2.0 * half.tan() / height as f64;
         Ok(Lens {
             origin: eye,
             axes: [right, right.cross(forward), forward],

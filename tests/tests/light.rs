@@ -1,0 +1,662 @@
+//! Light, heat and sky by the program, against what is known of them: closed forms, conservation, and the measured Cornell
+//! box.
+//!
+//! The binary is the one beside this test: build it with the same profile and target directory before.
+
+use hemicube::InputPatch;
+use hemicube::solve::{ArrayFile, STEFAN_BOLTZMANN, StoredSolution};
+use hemicube::store::Store;
+use hemicube_scene::{Patches, ReadOptions, Subdivision};
+use hemicube_tests::scenes::{program, workspace};
+use serde_json::Value;
+use std::path::PathBuf;
+use std::process::Command;
+use tempfile::TempDir;
+
+struct Place(TempDir);
+
+impl Place {
+    fn new() -> Self {
+        Self(tempfile::tempdir().expect("a temporary directory"))
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.path(name), text).expect("a file");
+    }
+
+    fn ran(&self, line: &str) -> (Option<i32>, String, String) {
+        let output = Command::new(program())
+            .current_dir(self.0.path())
+            .env("HOME", self.0.path())
+            .env_remove("XDG_CONFIG_HOME")
+            .args(line.split_whitespace())
+            .output()
+            .expect("the program runs");
+        let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
+        (output.status.code(), text(output.stdout), text(output.stderr))
+    }
+
+    #[track_caller]
+    fn line(&self, line: &str) -> String {
+        let (code, out, err) = self.ran(line);
+        assert_eq!(code, Some(0), "{line}: {err}");
+        out
+    }
+
+    /// It ends with the error code and says these words, and nothing on standard output.
+    #[track_caller]
+    fn fails(&self, line: &str, words: &[&str]) {
+        let (code, out, err) = self.ran(line);
+        assert_eq!(code, Some(2), "{line}: {err}");
+        assert_eq!(out, "");
+        assert!(!err.contains("panicked"), "{err}");
+        for word in words {
+            assert!(err.contains(word), "`{word}` is not in: {err}");
+        }
+    }
+
+    #[track_caller]
+    fn json(&self, line: &str) -> Value {
+        let out = self.line(line);
+        serde_json::from_str(&out).unwrap_or_else(|error| panic!("{error} in: {out}"))
+    }
+
+    /// A quantity of a solution: one vector a right-hand side.
+    fn solution(&self, store: &str, name: &str, quantity: &str) -> Vec<Vec<f64>> {
+        let store = Store::open(&self.path(store)).expect("a store");
+        let array = StoredSolution::open(&store, name)
+            .and_then(|solution| solution.quantity(quantity))
+            .expect("a solution");
+        (0..array.rows()).map(|row| array.row(row).expect("a row")).collect()
+    }
+}
+
+/// Writes quads, each its own object and material `m0`, `m1`…, as OBJ.
+fn obj(quads: &[[[f64; 3]; 4]]) -> String {
+    let mut text = String::new();
+    for (index, quad) in quads.iter().enumerate() {
+        for [x, y, z] in quad {
+            text.push_str(&format!("v {x} {y} {z}\n"));
+        }
+        let first = 4 * index + 1;
+        text.push_str(&format!(
+            "o q{index}\nusemtl m{index}\nf {first} {} {} {}\n",
+            first + 1,
+            first + 2,
+            first + 3
+        ));
+    }
+    text
+}
+
+fn npy(rows: &[Vec<f64>]) -> Vec<u8> {
+    let mut header = format!(
+        "{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, {}), }}",
+        rows.len(),
+        rows[0].len()
+    );
+    while (10 + header.len() + 1) % 64 != 0 {
+        header.push(' ');
+    }
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend(u16::try_from(header.len()).expect("short").to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(rows.iter().flatten().flat_map(|value| value.to_le_bytes()));
+    bytes
+}
+
+/// The six faces of a unit cube, seen from within.
+fn cube() -> String {
+    let corner = |bits: u32| [0, 1, 2].map(|k| f64::from(bits >> k & 1));
+    let face = |a, b, c, d| [corner(a), corner(b), corner(c), corner(d)];
+    obj(&[
+        face(0, 1, 3, 2),
+        face(4, 6, 7, 5),
+        face(0, 4, 5, 1),
+        face(2, 3, 7, 6),
+        face(0, 2, 6, 4),
+        face(1, 5, 7, 3),
+    ])
+}
+
+#[test]
+fn a_closed_room_is_e_over_one_minus_rho_by_every_method() {
+    let place = Place::new();
+    place.write("cube.obj", &cube());
+    place.write(
+        "m.toml",
+        "bands = [\"low\", \"high\"]\n[default]\nreflectance = [0.5, 0.8]\nemission = [1, 3]\n",
+    );
+    // One pixel sum a row sums to 1 exactly.
+    place.line("compute cube.obj --subdivide 3 --correction pixel -o F --no-config");
+    for method in ["gmres", "gauss-seidel", "jacobi"] {
+        let report = place.json(&format!(
+            "solve F --materials m.toml --method {method} --tolerance 1e-7 --json"
+        ));
+        assert_eq!(report["converged"], true);
+        let b = place.solution("F", "radiosity", "radiosity");
+        for (row, expected) in b.iter().zip([1.0 / 0.5, 3.0 / 0.2]) {
+            for value in row {
+                assert!((value / expected - 1.0).abs() < 1e-4, "{method}: {value} {expected}");
+            }
+        }
+        for balance in report["balance"].as_array().expect("balances") {
+            let number = |key: &str| balance[key].as_f64().expect("a number");
+            let input = number("emitted");
+            assert!((number("absorbed") / input - 1.0).abs() < 1e-4, "{balance}");
+            let all = [
+                "absorbed",
+                "escaped",
+                "blocked",
+                "unselected",
+                "closure",
+                "reciprocity",
+                "residual",
+            ];
+            let sum: f64 = all.iter().map(|key| number(key)).sum();
+            assert!((sum / input - 1.0).abs() < 1e-9, "{balance}");
+        }
+    }
+}
+
+#[test]
+fn few_memory_and_many_right_hand_sides_change_nothing() {
+    let place = Place::new();
+    place.write("cube.obj", &cube());
+    place.write("m.toml", "bands = [\"all\"]\n[default]\nreflectance = 0.6\n");
+    place.line("compute cube.obj --subdivide 4 --store compact -o F --no-config");
+    let patches = 12 * 256;
+    let rows: Vec<Vec<f64>> = (0..5)
+        .map(|row| (0..patches).map(|p| f64::from(u8::from(p % 7 == row))).collect())
+        .collect();
+    std::fs::write(place.path("e.npy"), npy(&rows)).expect("a file");
+    place.line("solve F --materials m.toml --emission e.npy --name much -o much.npz -o much.csv");
+    // So little that right-hand sides are solved one by one, and the matrix is read again each time.
+    let report =
+        place.json("solve F --materials m.toml --emission e.npy --name little --memory 1kB --threads 1 --json");
+    assert_eq!(report["residuals"].as_array().expect("residuals").len(), 5);
+    let (much, little) = (
+        place.solution("F", "much", "radiosity"),
+        place.solution("F", "little", "radiosity"),
+    );
+    for (a, b) in much.iter().flatten().zip(little.iter().flatten()) {
+        assert!((a - b).abs() < 1e-5 * (1.0 + b.abs()));
+    }
+    let csv = std::fs::read_to_string(place.path("much.csv")).expect("a table");
+    assert_eq!(csv.lines().count(), 1 + patches);
+    assert!(csv.starts_with("patch,object,material,area,x,y,z,radiosity_all_0,"));
+    assert!(place.path("much.npz").is_file());
+
+    // A matrix that was computed anew does not have the old one's solutions.
+    place.line("compute cube.obj --subdivide 3 -o F --overwrite --no-config");
+    let store = Store::open(&place.path("F")).expect("a store");
+    assert!(StoredSolution::open(&store, "much").is_err_and(|error| error.to_string().contains("another matrix")));
+}
+
+#[test]
+fn what_cannot_be_solved_is_refused_with_the_next_step() {
+    let place = Place::new();
+    place.write("cube.obj", &cube());
+    place.line("compute cube.obj --subdivide 1 -o F --no-config");
+    place.fails("solve F", &["no reflectance is known of `m0`", "--materials"]);
+    place.write("dark.toml", "[default]\nreflectance = 0.5\n");
+    place.fails("solve F --materials dark.toml", &["nothing emits"]);
+    place.write("wrong.toml", "[material.m9]\nreflectance = 0.5\n");
+    place.fails("solve F --materials wrong.toml", &["`m9` matches no material", "`m0`"]);
+    place.fails(
+        "solve F --thermal --materials dark.toml",
+        &["no emissivity and temperature", "kelvin"],
+    );
+    place.write("other.obj", &cube().replace("m3", "other"));
+    place.fails("solve F --scene other.obj", &["not the scene"]);
+    place.fails(
+        "view model F cube.obj -o x.png",
+        &["has no solution `radiosity`", "hemicube solve"],
+    );
+    place.fails("view model F cube.obj -o x.jpg --show seen", &[".png or .svg"]);
+    place.fails("sky cube.obj -o sky", &["which axis points up", "--up"]);
+    place.fails("sky cube.obj -o sky --store F", &["cannot be used with"]);
+    place.line("compute cube.obj --subdivide 1 --rows 0..5 -o G --no-config");
+    place.write("lit.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
+    place.fails("solve G --materials lit.toml", &["rows of 5 patches only"]);
+    // What does not converge is kept, says so, and ends with 1.
+    let (code, _, err) = place.ran("solve F --materials lit.toml --method jacobi --max-iterations 2");
+    assert_eq!(code, Some(1));
+    assert!(err.contains("the residual did not reach"), "{err}");
+}
+
+/// Two large plates close together: q = σ(T₁⁴ − T₂⁴) / (1/ε₁ + 1/ε₂ − 1).
+#[test]
+fn two_plates_exchange_what_the_textbook_says() {
+    let place = Place::new();
+    let gap = 1e-4;
+    place.write(
+        "plates.obj",
+        &obj(&[
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]],
+            [[0.0, 0.0, gap], [0.0, 1.0, gap], [1.0, 1.0, gap], [1.0, 0.0, gap]],
+        ]),
+    );
+    place.write(
+        "m.toml",
+        "[material.m0]\nemissivity = 0.8\ntemperature = 800\n[material.m1]\nemissivity = 0.4\ntemperature = 500\n",
+    );
+    place.line("compute plates.obj -o F --tolerance 0.1% --no-config");
+    place.line("solve F --thermal --materials m.toml -o heat.csv");
+    let expected = STEFAN_BOLTZMANN * (800f64.powi(4) - 500f64.powi(4)) / (1.0 / 0.8 + 1.0 / 0.4 - 1.0);
+    let flux = place.solution("F", "thermal", "flux");
+    for (patch, value) in flux[0].iter().enumerate() {
+        let sign = if patch < 2 { 1.0 } else { -1.0 };
+        assert!(
+            (value * sign / expected - 1.0).abs() < 1e-3,
+            "{patch}: {value} {expected}"
+        );
+    }
+}
+
+/// A regular tetrahedron of which two faces reradiate, and so are one surface: F = 1/3 between any two faces, and
+/// Q₁ = A σ(T₁⁴ − T₂⁴) / ((1−ε₁)/ε₁ + 1/(F₁₂ + 1/(1/F₁ᵣ + 1/F₂ᵣ)) + (1−ε₂)/ε₂) with F₁ᵣ = F₂ᵣ = 2/3 (three-surface enclosure,
+/// Incropera & DeWitt, section 13.3.5). A face is one patch, as the textbook's surfaces are.
+#[test]
+fn an_enclosure_of_three_surfaces_exchanges_what_the_textbook_says() {
+    let place = Place::new();
+    let corners = [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]];
+    let mut text = String::new();
+    for [x, y, z] in corners {
+        text.push_str(&format!("v {x} {y} {z}\n"));
+    }
+    // Each face from within, opposite to the corner that it lacks.
+    for (index, [a, b, c]) in [[2, 3, 4], [1, 4, 3], [1, 2, 4], [1, 3, 2]].into_iter().enumerate() {
+        text.push_str(&format!("usemtl m{index}\nf {a} {b} {c}\n"));
+    }
+    place.write("tetrahedron.obj", &text);
+    place.write(
+        "m.toml",
+        "[material.m0]\nemissivity = 0.8\ntemperature = 1200\n[material.m1]\nemissivity = 0.4\ntemperature = 500\n\
+         [material.m2]\nadiabatic = true\n[material.m3]\nadiabatic = true\n",
+    );
+    place.line("compute tetrahedron.obj -o F --tolerance 0.05% --no-config");
+    place.line("solve F --thermal --materials m.toml --tolerance 1e-9");
+    let exchange = 1.0 / 3.0 + 1.0 / (1.5 + 1.5);
+    let expected = STEFAN_BOLTZMANN * (1200f64.powi(4) - 500f64.powi(4)) / (0.2 / 0.8 + 1.0 / exchange + 0.6 / 0.4);
+    let flux = &place.solution("F", "thermal", "flux")[0];
+    let temperature = &place.solution("F", "thermal", "temperature")[0];
+    assert!((flux[0] / expected - 1.0).abs() < 1e-3, "{} {expected}", flux[0]);
+    assert!((flux[1] / expected + 1.0).abs() < 1e-3, "{} {expected}", flux[1]);
+    for wall in [2, 3] {
+        assert!(flux[wall].abs() < 1e-3 * expected, "{}", flux[wall]);
+        // What keeps nothing takes a temperature between those of the others.
+        assert!((500.0..1200.0).contains(&temperature[wall]), "{}", temperature[wall]);
+    }
+}
+
+/// From the measured box and published reflectances to a picture. What is known of the picture: the side of the tall block
+/// that faces the red wall is redder than the one that faces the green wall; the ceiling is lit from below only; shadows
+/// have soft edges.
+#[test]
+fn the_cornell_box_bleeds_colour() {
+    let place = Place::new();
+    let data = workspace().join("crates/scene/data");
+    for file in ["cornell-box.obj", "cornell-box.mtl"] {
+        std::fs::copy(data.join(file), place.path(file)).expect("the scene");
+    }
+    place.line("compute cornell-box.obj --subdivide 3 -o box --no-config");
+    place.line(
+        "solve box --scene cornell-box.obj --picture box.png --up y --eye 278,273,-800 --look-at 278,273,0 --fov 39.3 \
+         --size 160x160",
+    );
+    let png = std::fs::read(place.path("box.png")).expect("a picture");
+    assert_eq!(&png[..8], b"\x89PNG\r\n\x1a\n");
+
+    let store = Store::open(&place.path("box")).expect("a store");
+    let b = place.solution("box", "radiosity", "radiosity");
+    let table = store.patches().expect("patches");
+    let objects = &store.manifest().objects;
+    let mean = |wanted: &dyn Fn(usize) -> bool, band: usize| {
+        let (mut sum, mut area) = (0.0, 0.0);
+        for patch in (0..table.len()).filter(|&patch| wanted(patch)) {
+            sum += table.area[patch] * b[band][patch];
+            area += table.area[patch];
+        }
+        assert!(area > 0.0);
+        sum / area
+    };
+    let side = |object: &str, towards: f64| {
+        let wanted =
+            |patch: usize| objects[table.object[patch] as usize] == object && table.normal[patch][0] * towards > 0.7;
+        mean(&wanted, 0) / mean(&wanted, 1)
+    };
+    // The red wall is at x = 552, the green one at x = 0.
+    for block in ["short_block", "tall_block"] {
+        let (red, green) = (side(block, 1.0), side(block, -1.0));
+        assert!(red > 1.3 * green, "{block}: {red} towards red, {green} towards green");
+    }
+    // On the floor, going out of the tall block's shadow, no step between neighbours is more than half of what there is.
+    let floor = |patch: usize| objects[table.object[patch] as usize] == "floor";
+    let lit = mean(&|patch| floor(patch) && table.centroid[patch][2] < 60.0, 1);
+    let dark = (0..table.len())
+        .filter(|&patch| floor(patch))
+        .map(|patch| b[1][patch])
+        .filter(|&value| value > 0.0)
+        .fold(f64::INFINITY, f64::min);
+    assert!(dark < 0.35 * lit, "shadows are dark: {dark} {lit}");
+
+    // Every other picture, too.
+    for show in ["seen", "row --patch 7", "radiosity --shading flat"] {
+        let name = show.split_whitespace().next().expect("a word");
+        place.line(&format!(
+            "view model box cornell-box.obj --up y --size 96x64 --eye 278,273,-800 --show {show} -o {name}.png"
+        ));
+        assert!(place.path(&format!("{name}.png")).metadata().expect("a picture").len() > 1000);
+    }
+    for show in ["ids", "depth", "delta", "occlusion"] {
+        place.line(&format!(
+            "view hemicube cornell-box.obj --store box --patch 700 --resolution 64 --show {show} -o {show}.svg"
+        ));
+        let svg = std::fs::read_to_string(place.path(&format!("{show}.svg"))).expect("a picture");
+        assert!(svg.contains("patch 700") && svg.ends_with("</svg>\n"));
+    }
+    place.line("view sparsity box --order work -o sparsity.png");
+}
+
+/// A street canyon along y: floor, and walls that face each other.
+fn canyon(width: f64, height: f64, strips: usize) -> String {
+    const LONG: f64 = 2e4;
+    let half = width / 2.0;
+    let mut quads = Vec::new();
+    for (from, to) in [(-0.5, 0.5), (-LONG, -0.5), (0.5, LONG)] {
+        for strip in 0..strips {
+            let x = |k: usize| -half + width * k as f64 / strips as f64;
+            let (x0, x1) = (x(strip), x(strip + 1));
+            quads.push([[x0, from, 0.0], [x1, from, 0.0], [x1, to, 0.0], [x0, to, 0.0]]);
+        }
+    }
+    quads.push([
+        [-half, -LONG, 0.0],
+        [-half, LONG, 0.0],
+        [-half, LONG, height],
+        [-half, -LONG, height],
+    ]);
+    quads.push([
+        [half, LONG, 0.0],
+        [half, -LONG, 0.0],
+        [half, -LONG, height],
+        [half, LONG, height],
+    ]);
+    obj(&quads)
+}
+
+/// Along the floor the sky view factor is (sin α + sin β) / 2 with the angles from the vertical to the eaves, and on average
+/// √(1 + (H/W)²) − H/W (crossed strings, Hottel 1954).
+#[test]
+fn the_sky_over_a_street_is_that_of_the_closed_form() {
+    const STRIPS: usize = 8;
+    let place = Place::new();
+    let (width, height) = (10.0, 8.0);
+    place.write("street.obj", &canyon(width, height, STRIPS));
+    place.write(
+        "points.txt",
+        "# in the middle and aside\n0 0 1e-4 0 0 1\n2.5 0 1e-4 0 0 1\n",
+    );
+    place.write("suns.txt", "0 0 1\n5 0 8.1\n5 0 1\n0 0 -1\n");
+    let report = place.json("sky street.obj --up z -o sky --tolerance 0.1% --points points.txt --suns suns.txt --json");
+    assert_eq!(
+        (report["columns"].as_u64(), report["points"].as_u64()),
+        (Some(146), Some(2))
+    );
+    let factors = hemicube::sky::read_sky_view_factors(&place.path("sky/sky.npz")).expect("factors");
+    let mean: f64 = factors[..2 * STRIPS].iter().sum::<f64>() / (2 * STRIPS) as f64;
+    let expected = (1.0 + (height / width) * (height / width)).sqrt() - height / width;
+    assert!((mean / expected - 1.0).abs() < 2e-3, "{mean} {expected}");
+    let at = |x: f64| {
+        let sine = |aside: f64| aside / aside.hypot(height);
+        0.5 * (sine(width / 2.0 - x) + sine(width / 2.0 + x))
+    };
+    // Each triangle of the middle strip by the mean over its width, by Simpson's rule with a linear density.
+    for strip in 0..STRIPS {
+        let (x0, h) = (
+            -width / 2.0 + width * strip as f64 / STRIPS as f64,
+            width / STRIPS as f64,
+        );
+        let (near, middle, far) = (at(x0), at(x0 + h / 2.0), at(x0 + h));
+        let both = (near + 4.0 * middle + far) / 6.0;
+        let found = (factors[2 * strip] + factors[2 * strip + 1]) / 2.0;
+        assert!((found / both - 1.0).abs() < 2e-3, "strip {strip}: {found} {both}");
+    }
+    let points = hemicube::sky::read_sky_view_factors(&place.path("sky/points-sky.npz")).expect("factors");
+    for (found, x) in points.iter().zip([0.0, 2.5]) {
+        assert!((found / at(x) - 1.0).abs() < 2e-3, "{found} {}", at(x));
+    }
+    // A sky of radiance 1/π everywhere lights a patch by its sky view factor; one of the ground lights no floor.
+    let mut sky = vec![std::f64::consts::FRAC_1_PI; 146];
+    sky[0] = 0.0;
+    let light = hemicube::sky::sky_product(&place.path("sky/sky.npz"), &[sky]).expect("a product");
+    for (patch, factor) in factors.iter().enumerate() {
+        assert!((light.of(patch)[0] * std::f64::consts::PI - factor).abs() < 1e-12);
+    }
+}
+
+/// Columns of a row add up to what escaped, exactly; beside a matrix they are what the matrix lost, to the last unit.
+#[test]
+fn sky_and_ground_are_what_escaped() {
+    let place = Place::new();
+    place.line("generate city --patches 400 --seed 5 -o city.obj");
+    place.line("compute city.obj --up y -o F --samples 4 --resolution 64 --no-config");
+    let report = place.json("sky city.obj --store F --division reinhart:2 --json");
+    assert_eq!(report["columns"].as_u64(), Some(578));
+    assert_eq!(report["rows_as_in_matrix"], report["patches"]);
+    assert!(report["ground"].as_f64().expect("a share") > 0.0);
+
+    // By the sky, and out again: a sky of radiance 1/π over white ground and white walls lights nothing by more than 1.
+    let mut sky = vec![0.3; 578];
+    sky[0] = 0.0;
+    std::fs::write(place.path("sky.npy"), npy(&[sky])).expect("a file");
+    place.write("m.toml", "bands = [\"all\"]\n[default]\nreflectance = 0.3\n");
+    let report = place.json("solve F --materials m.toml --sky-radiance sky.npy --json");
+    let balance = &report["balance"][0];
+    let number = |key: &str| balance[key].as_f64().expect("a number");
+    assert!(number("from_outside") > 0.0 && number("emitted") == 0.0);
+    let all = [
+        "absorbed",
+        "escaped",
+        "blocked",
+        "unselected",
+        "closure",
+        "reciprocity",
+        "residual",
+    ];
+    let sum: f64 = all.iter().map(|key| number(key)).sum();
+    assert!((sum / number("from_outside") - 1.0).abs() < 1e-9, "{balance}");
+    assert!(number("escaped") > 0.0);
+    let irradiance = &place.solution("F", "radiosity", "irradiance")[0];
+    let most = irradiance.iter().copied().fold(0.0, f64::max);
+    assert!(
+        most > 0.5 * 0.3 * std::f64::consts::PI && most < 1.2 * 0.3 * std::f64::consts::PI,
+        "{most}"
+    );
+    // The picture of it, too.
+    place.line("view model F city.obj --show sky --size 64x48 -o sky.png");
+}
+
+/// What a free, level plane sees of each patch of the sky is ∫ cos θ dΩ / π over it, and in all 1.
+#[test]
+fn a_free_plane_sees_the_whole_sky() {
+    let place = Place::new();
+    place.write(
+        "plane.obj",
+        &obj(&[[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]]),
+    );
+    place.line("sky plane.obj --up z -o sky --resolution 1024");
+    let division = hemicube::sky::SkyDivision::new(1).expect("Tregenza's");
+    let mut total = 0.0;
+    for column in 0..division.columns() {
+        let mut unit = vec![0.0; 146];
+        unit[column as usize] = 1.0;
+        let seen = hemicube::sky::sky_product(&place.path("sky/sky.npz"), &[unit]).expect("a product");
+        let expected = division.share_of_a_level_plane(column);
+        assert!(
+            (seen.of(0)[0] - expected).abs() <= 1e-2 * expected,
+            "{column}: {} {expected}",
+            seen.of(0)[0]
+        );
+        total += seen.of(0)[0];
+    }
+    assert_eq!(total, 1.0, "in weights, and so to the last bit");
+    assert!((0..146).map(|c| division.share_of_a_level_plane(c)).sum::<f64>() > 1.0 - 1e-12);
+}
+
+/// The readers' optics reach the solution: OBJ with MTL, glTF with its strength of emission, AC3D.
+#[test]
+fn reflectance_and_emission_come_from_every_format() {
+    let place = Place::new();
+    let [a, b] = [0.0, 1.0];
+    let quads = [
+        [[a, a, a], [b, a, a], [b, b, a], [a, b, a]],
+        [[a, a, b], [a, b, b], [b, b, b], [b, a, b]],
+    ];
+    place.write("s.obj", &format!("mtllib s.mtl\n{}", obj(&quads)));
+    place.write(
+        "s.mtl",
+        "newmtl m0\nKd 0.5 0.4 0.3\nKe 8 4 2\nnewmtl m1\nKd 0.9 0.6 0.3\n",
+    );
+    let positions: Vec<u8> = quads
+        .iter()
+        .flat_map(|[p, q, r, s]| [p, q, r, p, r, s])
+        .flatten()
+        .flat_map(|&x| (x as f32).to_le_bytes())
+        .collect();
+    let mut glb = gltf(&positions);
+    glb.truncate(glb.trim_ascii_end().len());
+    std::fs::write(place.path("s.gltf"), glb).expect("a file");
+    std::fs::write(place.path("s.bin"), positions).expect("a file");
+    let mut ac = "AC3Db\nMATERIAL \"m0\" rgb 0.5 0.4 0.3 amb 0 0 0 emis 8 4 2 spec 0 0 0 shi 0 trans 0\n\
+                  MATERIAL \"m1\" rgb 0.9 0.6 0.3 amb 0 0 0 emis 0 0 0 spec 0 0 0 shi 0 trans 0\nOBJECT world\nkids 2\n"
+        .to_owned();
+    for (index, quad) in quads.iter().enumerate() {
+        ac.push_str(&format!("OBJECT poly\nname \"q{index}\"\nnumvert 4\n"));
+        for [x, y, z] in quad {
+            ac.push_str(&format!("{x} {y} {z}\n"));
+        }
+        ac.push_str(&format!(
+            "numsurf 1\nSURF 0x0\nmat {index}\nrefs 4\n0 0 0\n1 0 0\n2 0 0\n3 0 0\nkids 0\n"
+        ));
+    }
+    place.write("s.ac", &ac);
+    let mut found = Vec::new();
+    for file in ["s.obj", "s.gltf", "s.ac"] {
+        place.line(&format!("compute {file} -o F --overwrite --no-config"));
+        place.line(&format!("solve F --scene {file}"));
+        found.push(place.solution("F", "radiosity", "radiosity"));
+    }
+    // m0 emits, m1 only reflects: in the ratio of emission times both reflectances, to first order.
+    assert!(found[0][0][0] > 8.0 && found[0][2][0] > 2.0 && found[0][0][2] > 0.5);
+    for other in &found[1..] {
+        for (a, b) in other.iter().flatten().zip(found[0].iter().flatten()) {
+            assert!((a / b - 1.0).abs() < 1e-5, "{a} {b}");
+        }
+    }
+}
+
+/// Two meshes of two triangles each, unindexed, in `s.bin`.
+fn gltf(positions: &[u8]) -> Vec<u8> {
+    let material = |name: &str, color: [f64; 3], emission: [f64; 3], strength: f64| {
+        serde_json::json!({
+            "name": name,
+            "pbrMetallicRoughness": {"baseColorFactor": [color[0], color[1], color[2], 1.0], "metallicFactor": 0.0},
+            "emissiveFactor": emission,
+            "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": strength}},
+        })
+    };
+    let accessor = |offset: usize| {
+        serde_json::json!({"bufferView": 0, "byteOffset": offset, "componentType": 5126, "count": 6, "type": "VEC3",
+                           "min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]})
+    };
+    let mesh = |index: usize| {
+        serde_json::json!({"name": format!("q{index}"),
+                           "primitives": [{"attributes": {"POSITION": index}, "material": index}]})
+    };
+    let document = serde_json::json!({
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_materials_emissive_strength"],
+        "scene": 0,
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0}, {"mesh": 1}],
+        "meshes": [mesh(0), mesh(1)],
+        "materials": [
+            material("m0", [0.5, 0.4, 0.3], [1.0, 0.5, 0.25], 8.0),
+            material("m1", [0.9, 0.6, 0.3], [0.0; 3], 1.0),
+        ],
+        "accessors": [accessor(0), accessor(72)],
+        "bufferViews": [{"buffer": 0, "byteLength": positions.len()}],
+        "buffers": [{"uri": "s.bin", "byteLength": positions.len()}],
+    });
+    document.to_string().into_bytes()
+}
+
+/// Rays towards a sun and the sky's weights are of the same scene: where the sun in the zenith is open all over a patch, the
+/// cap of the sky has weight.
+#[test]
+fn suns_are_seen_where_the_sky_is_open() {
+    let place = Place::new();
+    // A floor, half of it under a roof that faces down.
+    place.write(
+        "roof.obj",
+        &obj(&[
+            [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]],
+            [[0.0, 0.0, 0.5], [0.0, 2.0, 0.5], [1.0, 2.0, 0.5], [1.0, 0.0, 0.5]],
+        ]),
+    );
+    place.write("suns.txt", "0 0 1\n");
+    place.line("sky roof.obj --up z --split 8 -o sky --suns suns.txt");
+    let scene = hemicube_scene::load(&place.path("roof.obj"), ReadOptions::default()).expect("a scene");
+    let patches = Patches::new(&scene, Subdivision::Split(8)).expect("patches");
+    let archive = std::fs::read(place.path("sky/sky.npz")).expect("an archive");
+    let lit = npz_f32(&archive, "suns.npy");
+    for patch in patches.iter() {
+        let floor = patches.normal(patch).z > 0.0;
+        let expected = if floor && patches.centroid(patch).x > 1.0 {
+            1.0
+        } else {
+            0.0
+        };
+        assert_eq!(lit[patch.0 as usize], expected, "{:?}", patches.centroid(patch));
+    }
+    assert_eq!(lit.len(), patches.len());
+    assert!(patches.iter().any(|patch| patch == InputPatch(0)));
+    let array = ArrayFile::open(&place.path("sky/sky.npz"));
+    assert!(array.is_err(), "an archive is no array");
+}
+
+/// The f32s of a stored member of a zip archive.
+fn npz_f32(archive: &[u8], member: &str) -> Vec<f32> {
+    let at = archive
+        .windows(member.len())
+        .position(|window| window == member.as_bytes())
+        .expect("the member");
+    let data = &archive[at..];
+    let magic = data
+        .windows(6)
+        .position(|window| window == b"\x93NUMPY")
+        .expect("an array");
+    let header = u16::from_le_bytes([data[magic + 8], data[magic + 9]]) as usize;
+    let text = std::str::from_utf8(&data[magic + 10..magic + 10 + header]).expect("text");
+    let shape = text
+        .split("'shape': (")
+        .nth(1)
+        .and_then(|rest| rest.split(')').next())
+        .expect("a shape");
+    let count: usize = shape
+        .split(',')
+        .filter_map(|n| n.trim().parse::<usize>().ok())
+        .product();
+    let begin = magic + 10 + header;
+    data[begin..begin + 4 * count]
+        .chunks_exact(4)
+        .map(|bytes| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
+        .collect()
+}
