@@ -420,6 +420,9 @@ pub(crate) struct ProcessSettings {
     /// Compute share I of N; auto: as Slurm, MPI or Kubernetes says
     #[arg(long, value_name = "I/N|auto", conflicts_with_all = ["overwrite", "verify"])]
     pub(crate) shard: Option<ShardChoice>,
+    /// Take no more than SIZE of memory: 800M, 4G. With fewer threads, if need be
+    #[arg(long, value_name = "SIZE", value_parser = bytes, hide_short_help = true)]
+    pub(crate) memory: Option<u64>,
     /// Write how far it has come to FILE (JSON), once a second
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     pub(crate) progress_file: Option<PathBuf>,
@@ -874,6 +877,36 @@ fn share(text: &str) -> Result<f64, String> {
     }
 }
 
+/// `800M`, `4G`, `1.5 GiB` or a number of bytes.
+fn bytes(text: &str) -> Result<u64, String> {
+    let needed = || "a size such as `800M` or `4G` is needed".to_owned();
+    let text = text.trim();
+    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit: f64 = match text[digits.len()..].to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kb" => 1e3,
+        "m" | "mb" => 1e6,
+        "g" | "gb" => 1e9,
+        "t" | "tb" => 1e12,
+        "kib" => 1024.0,
+        "mib" => 1_048_576.0,
+        "gib" => 1_073_741_824.0,
+        "tib" => 1_099_511_627_776.0,
+        _ => return Err(needed()),
+    };
+    let number: f64 = digits.trim().parse().map_err(|_| needed())?;
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "held against its range"
+    )]
+    if (1e6..1e18).contains(&(number * unit)) {
+        Ok((number * unit) as u64)
+    } else {
+        Err(needed())
+    }
+}
+
 fn max_scale(text: &str) -> Result<f64, String> {
     let number = number(text)?;
     if number > 1.0 && number <= hemicube::balance::MAX_SCALE_MAX {
@@ -1041,6 +1074,16 @@ mod tests {
         assert!(correction("best").is_err_and(|e| e.contains("area")));
         assert_eq!(form("compact"), Ok(Form::Compact));
         assert!(form("small").is_err_and(|e| e.contains("compact")));
+    }
+
+    #[test]
+    fn sizes_have_units() {
+        assert_eq!(bytes("800M"), Ok(800_000_000));
+        assert_eq!(bytes("1.5 GiB"), Ok(3 << 29));
+        assert_eq!(bytes("4g"), Ok(4_000_000_000));
+        for wrong in ["", "4", "M", "4X", "-4G", "nan", "1e30"] {
+            assert!(bytes(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

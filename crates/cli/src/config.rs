@@ -469,6 +469,7 @@ mod tests {
             // Each process has its own.
             "shard",
             "progress-file",
+            "memory",
             "help",
             "version",
         ];

@@ -4,6 +4,7 @@ mod args;
 mod commands;
 mod config;
 mod exit;
+mod forecast;
 mod log;
 mod materials;
 mod prepare;

@@ -92,13 +92,9 @@ impl Plan {
             RowChoice::Range { start, end } => rows.retain(|p| (start..end).contains(&p.0)),
             RowChoice::Sample { count, seed } => rows = sample(&rows, count as usize, seed),
         }
-        // A part is what a killed run loses and what a job of a cluster computes: at most a few seconds and megabytes,
-        // and some dozens of them even in a small scene.
-        #[allow(clippy::cast_possible_truncation, reason = "clamped to 1024")]
-        let rows_per_part = (rows.len() / 64).next_power_of_two().clamp(64, 1024) as u32;
         Self {
+            rows_per_part: Self::rows_per_part_of(rows.len()),
             rows,
-            rows_per_part,
             samples_per_edge,
             rotate,
             selection,
@@ -107,6 +103,14 @@ impl Plan {
             form: Form::Plain,
             parts: None,
         }
+    }
+
+    /// How many rows a part of a plan of so many rows has.
+    #[allow(clippy::cast_possible_truncation, reason = "clamped to 1024")]
+    pub fn rows_per_part_of(rows: usize) -> u32 {
+        // A part is what a killed run loses and what a job of a cluster computes: at most a few seconds and megabytes,
+        // and some dozens of them even in a small scene.
+        (rows / 64).next_power_of_two().clamp(64, 1024) as u32
     }
 
     /// The same plan for those of its parts that `wanted` says, to go on with a matrix or to compute a shard of it.
@@ -249,6 +253,10 @@ pub struct Summary {
     pub squared_norm: f64,
     /// What leaving out small form factors did, where that was asked for.
     pub thinning: Option<Thinning>,
+    /// Entries that are a visible fraction of a closed form, not a sum of pixels.
+    pub corrected: u64,
+    /// Pairs of which a part only is visible, on rungs that know.
+    pub partial: u64,
     /// What the backend counted.
     pub counters: Counters,
     /// Whether it was cancelled before the last row.
@@ -300,6 +308,7 @@ struct Batch {
     part: Part,
     /// What became of each row, where entries were left out.
     changes: Vec<entries::RowChange>,
+    partial: u64,
     counters: Counters,
 }
 
@@ -588,6 +597,7 @@ fn compute_batch(
                 batch.changes.push(change);
             }
         }
+        batch.partial += converted.partial;
         part.rows.push(emitter.0);
         part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
         part.sums.push(converted.sums);
@@ -681,6 +691,7 @@ fn collect(
         while let Some(batch) = early.remove(&next) {
             next += 1;
             summary.counters += batch.counters;
+            summary.partial += batch.partial;
             let before = part.rows.len();
             append(&mut part, batch.part);
             if let Some(mut changed) = part.thinning {
@@ -694,6 +705,9 @@ fn collect(
             if full {
                 summary.rows += part.rows.len() as u64;
                 summary.entries += part.indices.len() as u64;
+                if plan.correction != Correction::Pixel {
+                    summary.corrected += part.indices.len() as u64;
+                }
                 summary.parts += 1;
                 summary.rays += part.rays.iter().map(|&r| u64::from(r)).sum::<u64>();
                 summary.squared_error += part

@@ -57,6 +57,8 @@ pub(crate) struct Converted {
     pub(crate) error: f32,
     /// Rays and points that fractions were measured with.
     pub(crate) rays: u64,
+    /// Pairs of which a part only is visible, on rungs that know.
+    pub(crate) partial: u64,
     /// Whether the form factors and what was lost are so far from summing to 1 that the hemicubes cannot stand for the
     /// emitter.
     pub(crate) is_odd: bool,
@@ -148,6 +150,20 @@ impl Converter {
                 (error, rays) = (estimate, refined.rays + refined.points);
             }
         }
+        let partial = match self.correction {
+            Correction::Pixel => 0,
+            Correction::Point => {
+                let groups = self.entries.chunk_by(|a, b| a.0 == b.0);
+                groups
+                    .filter(|group| group.iter().any(|e| fraction(e.2, e.3) < 1.0))
+                    .count()
+            }
+            Correction::Area(_) => self.fractions.iter().filter(|&&fraction| fraction < 1.0).count(),
+            Correction::Tolerance(_) => self.refiner.as_ref().map_or(0, |refiner| {
+                let is_partial = |fraction: f64| fraction > 0.0 && fraction < 1.0;
+                refiner.pairs.iter().filter(|pair| is_partial(pair.fraction)).count()
+            }),
+        };
         let whole = f64::from(WHOLE) * hemicubes.len().max(1) as f64;
         let lost = (sums.escaped + sums.blocked + sums.unselected) as f64 / whole;
         let sum = sum(&data[start..]);
@@ -161,6 +177,7 @@ impl Converter {
             sums,
             error,
             rays,
+            partial: partial as u64,
             is_odd: !hemicubes.is_empty() && (sum + lost - 1.0).abs() > bound,
         }
     }

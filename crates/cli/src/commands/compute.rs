@@ -2,6 +2,7 @@
 
 use crate::args::{AutoSwitch, Compute as Arguments, RowRange, SampleSize, SelectionSettings, Switch, Talk};
 use crate::exit::{self, Exit, hinted};
+use crate::forecast;
 use crate::prepare::{Prepared, RepairCounts, axis_name, prepare};
 use crate::progress::{Bar, Status};
 use crate::report::{
@@ -10,7 +11,7 @@ use crate::report::{
 };
 use crate::rung::{self, Rung};
 use crate::verify::{Verification, Verify};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
 use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, Thinning, compute};
 use hemicube::row::RowBlock;
@@ -114,6 +115,13 @@ struct Report {
     thinning: Option<Thinning>,
     /// Rays and points that visible fractions were measured with.
     rays: u64,
+    /// Entries computed by this run that are a visible fraction of a closed form, not a sum of pixels.
+    corrected: u64,
+    /// Pairs among them of which a part only is visible.
+    partial: u64,
+    /// Rows of this run by second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rows_per_second: Option<f64>,
     /// How many rows took how much.
     effort: Effort,
     counters: Counters,
@@ -362,7 +370,7 @@ fn compute_into(
     drop(stage);
     let stage = status.stage("build");
     let (mut plan, rows) = plan(&prepared.model, selection, arguments, &rung)?;
-    let threads = arguments.render.thread_count();
+    let mut threads = arguments.render.thread_count();
     prepared.tell(talk);
     if let Some(reason) = &rung.reason {
         talk.say(reason);
@@ -374,11 +382,13 @@ fn compute_into(
         culling: Culling::On,
         covered: false,
     };
-    render.culling = match arguments.culling {
-        AutoSwitch::On => Culling::On,
-        AutoSwitch::Off => Culling::Off,
-        AutoSwitch::Auto => choose_culling(&prepared.model, &plan, render, backend.as_mut(), talk)?,
-    };
+    if arguments.culling == AutoSwitch::Off {
+        render.culling = Culling::Off;
+    }
+    let probe = probe(&prepared.model, &plan, render, backend.as_mut())?;
+    if arguments.culling == AutoSwitch::Auto {
+        render.culling = probe.culling(talk);
+    }
     // What it chooses by the scene is part of what the store is made with.
     backend.load(prepared.model.geometry(), render)?;
     let device = backend.info().clone();
@@ -392,6 +402,17 @@ fn compute_into(
     ));
     for choice in backend.choices() {
         talk.say(&choice);
+    }
+    let rows_of_run = forecast::Rows {
+        entries_per_row: probe.entries_per_row,
+        rows_per_part: plan.rows_per_part,
+        rows_per_batch: match arguments.batch {
+            0 => u32::try_from(device.preferred_rows).unwrap_or(u32::MAX),
+            rows => rows,
+        },
+    };
+    if let Some(limit) = arguments.process.memory {
+        threads = keep_within(limit, threads, rows_of_run, talk)?;
     }
     drop(stage);
     timings.load = prepared.load_seconds;
@@ -417,6 +438,13 @@ fn compute_into(
     drop(stage);
     tell_kept(&writer, &kept, directory, talk);
     let missing = writer.missing_parts();
+    warn_of_disk(
+        directory,
+        rows_of_parts(&writer, &missing),
+        probe.entries_per_row,
+        &plan,
+        talk,
+    );
     plan = plan.with_parts(|part| missing.binary_search(&part).is_ok());
     timings.write = started.elapsed().as_secs_f64();
     let scene = SceneReport {
@@ -522,6 +550,10 @@ fn compute_into(
         expected_error: tally.expected_error(),
         thinning: manifest.thinning,
         rays: tally.rays,
+        corrected: summary.corrected,
+        partial: summary.partial,
+        rows_per_second: (summary.elapsed.as_secs_f64() > 0.0 && !arguments.report.no_timings)
+            .then(|| summary.rows as f64 / summary.elapsed.as_secs_f64()),
         effort,
         counters: summary.counters,
         verification: None,
@@ -668,15 +700,82 @@ fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung)
     Ok((plan, resolved))
 }
 
-/// Whether culling pays in this scene: from what it leaves of the triangles in a few hemicubes spread over the plan. No
-/// clock, so that the choice is the same in every run.
-fn choose_culling(
-    model: &Model,
-    plan: &Plan,
-    settings: RenderSettings,
-    backend: &mut dyn HemicubeBackend,
-    talk: Talk,
-) -> Result<Culling> {
+/// Threads with which the run keeps within a limit of memory.
+fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> Result<usize> {
+    let Some(resident) = forecast::resident() else {
+        talk.warn("this system does not tell how much memory is in use: `--memory` is not kept");
+        return Ok(threads);
+    };
+    let Some(within) = forecast::threads_within(limit, resident, threads, rows) else {
+        return Err(hinted(
+            anyhow!(
+                "`--memory` of {}: the scene alone takes {}, and with one thread it would be about {}",
+                size(limit),
+                size(resident),
+                size(forecast::memory(resident, 1, rows))
+            ),
+            "give it more, or cut the scene",
+        ));
+    };
+    if within < threads {
+        talk.say(&format!(
+            "{} of {threads}, to keep within {} of memory",
+            counted(within as u64, "thread"),
+            size(limit)
+        ));
+    }
+    Ok(within)
+}
+
+/// Says when the disk will probably not do. The run begins all the same: it goes on when there is room.
+fn warn_of_disk(directory: &Path, rows: u64, entries_per_row: f64, plan: &Plan, talk: Talk) {
+    let wanted = forecast::disk(rows, entries_per_row, plan.form);
+    let Some(available) = forecast::available(directory).filter(|&available| available < wanted) else {
+        return;
+    };
+    let at_most = if plan.min_factor > 0.0 { "up to " } else { "" };
+    let compact = if plan.form == Form::Plain {
+        "`--store compact` takes a third to a quarter of that, "
+    } else {
+        ""
+    };
+    talk.warn(&format!(
+        "{} will take {at_most}about {}, and the disk of `{}` has {} left; {compact}a larger `--min-factor` less",
+        counted(rows, "row"),
+        size(wanted),
+        directory.display(),
+        size(available)
+    ));
+}
+
+/// What a few hemicubes spread over the plan say of all.
+struct Probe {
+    hemicubes: u64,
+    /// Share of the triangles that culling leaves.
+    left: f64,
+    entries_per_row: f64,
+}
+
+impl Probe {
+    /// Whether culling pays in this scene. No clock, so that the choice is the same in every run.
+    fn culling(&self, talk: Talk) -> Culling {
+        let culling = if self.left > CULLING_PAYS_BELOW {
+            Culling::Off
+        } else {
+            Culling::On
+        };
+        talk.say(&format!(
+            "culling {}: it leaves {} of the triangles in {}",
+            if culling == Culling::On { "on" } else { "off" },
+            percent(self.left),
+            counted(self.hemicubes, "trial hemicube"),
+        ));
+        culling
+    }
+}
+
+/// Renders a few hemicubes.
+fn probe(model: &Model, plan: &Plan, settings: RenderSettings, backend: &mut dyn HemicubeBackend) -> Result<Probe> {
     let probes: Vec<InputPatch> = (0..CULLING_PROBES)
         .filter_map(|probe| plan.rows.get(probe * plan.rows.len() / CULLING_PROBES).copied())
         .collect();
@@ -685,20 +784,13 @@ fn choose_culling(
         .flat_map(|&patch| model.hemicubes(patch, 1, plan.rotate))
         .collect();
     backend.load(model.geometry(), settings)?;
-    let counters = backend.rows(&hemicubes, &mut RowBlock::default())?;
-    let left = share_left(&counters, model.geometry().surfaces.len());
-    let culling = if left > CULLING_PAYS_BELOW {
-        Culling::Off
-    } else {
-        Culling::On
-    };
-    talk.say(&format!(
-        "culling {}: it leaves {} of the triangles in {}",
-        if culling == Culling::On { "on" } else { "off" },
-        percent(left),
-        counted(counters.hemicubes, "trial hemicube"),
-    ));
-    Ok(culling)
+    let mut block = RowBlock::default();
+    let counters = backend.rows(&hemicubes, &mut block)?;
+    Ok(Probe {
+        hemicubes: counters.hemicubes,
+        left: share_left(&counters, model.geometry().surfaces.len()),
+        entries_per_row: block.patches.len() as f64 / counters.hemicubes.max(1) as f64,
+    })
 }
 
 /// Which share of the triangles was transformed, over the hemicubes.
@@ -961,6 +1053,16 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
             format!("{} ends on patches that have no column", percent(report.unselected)),
         );
     }
+    if report.corrected > 0 {
+        list.add(
+            "corrected",
+            format!(
+                "{} are a visible fraction of a closed form; of {} a part only is visible",
+                counted(report.corrected, "entry"),
+                percent(report.partial as f64 / report.corrected as f64)
+            ),
+        );
+    }
     let seconds = summary.elapsed.as_secs_f64();
     let rate = if seconds > 0.0 {
         summary.hemicubes as f64 / seconds
@@ -972,19 +1074,30 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
             &report.counters,
             usize::try_from(report.scene.surfaces).unwrap_or(usize::MAX),
         );
-    list.add(
-        "time",
-        format!(
-            "{}, {} hemicubes/s{}",
-            duration(seconds),
-            figures(rate),
-            if report.culling == "on" {
-                format!("; culling spared {} of the triangles", percent(culled))
-            } else {
-                String::new()
-            }
-        ),
-    );
+    let per_second = if seconds > 0.0 {
+        summary.rows as f64 / seconds
+    } else {
+        0.0
+    };
+    if summary.rows > 0 {
+        list.add(
+            "time",
+            format!(
+                "{}, {} rows/s, {} hemicubes/s{}",
+                duration(seconds),
+                figures(per_second),
+                figures(rate),
+                if report.culling == "on" {
+                    format!("; culling spared {} of the triangles", percent(culled))
+                } else {
+                    String::new()
+                }
+            ),
+        );
+    }
+    if let Some(peak) = report.peak_memory_bytes {
+        list.add("memory", format!("{} at most", size(peak)));
+    }
     let form = match report.form {
         Form::Plain => String::new(),
         Form::Compact => format!(

@@ -5,6 +5,7 @@
 
 use crate::args::{Inspect as Arguments, Switch, Talk};
 use crate::exit::Exit;
+use crate::forecast;
 use crate::prepare::{Prepared, RepairCounts, axis_name, prepare};
 use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, about, count, counted, duration, figures, percent, size,
@@ -35,6 +36,7 @@ const WIDTH: usize = 100;
 
 /// Bytes of a store: an entry's column and value; a row's ends, patch, weights and hemicubes; a patch in the table.
 const ENTRY_BYTES: f64 = 8.0;
+const COMPACT_ENTRY_BYTES: f64 = 2.6;
 const ROW_BYTES: f64 = 48.0;
 const PATCH_BYTES: f64 = 101.0;
 
@@ -167,7 +169,12 @@ struct Forecast {
     culled: f64,
     entries: f64,
     bytes: f64,
+    /// With `--store compact`.
+    bytes_compact: f64,
     threads: usize,
+    /// What a run of all rows takes at most.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    memory_bytes: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     seconds: Option<f64>,
 }
@@ -208,6 +215,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let mut forecast = forecast(&prepared.model, &arguments, backend.as_mut())?;
     if arguments.report.no_timings {
         forecast.seconds = None;
+        forecast.memory_bytes = None;
     }
     let device = backend.info().clone();
     let timed = !arguments.report.no_timings;
@@ -416,6 +424,19 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
             .unwrap_or(0)
     };
     let threads = render.thread_count();
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "at most 2³¹ patches"
+    )]
+    let rows_per_part = Plan::rows_per_part_of(patch_count as usize);
+    let rows = forecast::Rows {
+        entries_per_row: entries / patch_count.max(1.0),
+        rows_per_part,
+        rows_per_batch: u32::try_from(backend.info().preferred_rows).unwrap_or(u32::MAX),
+    };
+    // What the survey and the diagnosis took of memory is in here, too: a run takes no more.
+    let memory_bytes = forecast::resident().map(|resident| forecast::memory(resident, threads, rows));
     let samples = render.samples.per_edge * render.samples.per_edge;
     let all = hemicube_count as f64 * model.geometry().surfaces.len() as f64;
     Ok(Forecast {
@@ -432,6 +453,8 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
         },
         entries,
         bytes: entries * ENTRY_BYTES + patch_count * (ROW_BYTES + PATCH_BYTES),
+        bytes_compact: entries * COMPACT_ENTRY_BYTES + patch_count * (ROW_BYTES + PATCH_BYTES),
+        memory_bytes,
         threads,
         seconds: Some(seconds / threads as f64),
     })
@@ -603,10 +626,15 @@ fn text(report: &Report) -> String {
         clippy::cast_sign_loss,
         reason = "saturation is wanted"
     )]
-    let bytes = forecast.bytes as u64;
+    let (bytes, compact) = (forecast.bytes as u64, forecast.bytes_compact as u64);
     list.add(
         "all rows",
-        format!("about {} entries, {} on disk", about(forecast.entries), size(bytes)),
+        format!(
+            "about {} entries, {} on disk ({} with `--store compact`)",
+            about(forecast.entries),
+            size(bytes),
+            size(compact)
+        ),
     );
     if let Some(seconds) = forecast.seconds {
         let device = format!(
@@ -614,7 +642,10 @@ fn text(report: &Report) -> String {
             report.backend.name,
             counted(forecast.threads as u64, "thread")
         );
-        list.add("", format!("about {} on {device}", duration(seconds)));
+        let memory = forecast
+            .memory_bytes
+            .map_or_else(String::new, |bytes| format!(", in at most {} of memory", size(bytes)));
+        list.add("", format!("about {} on {device}{memory}", duration(seconds)));
     }
     text.push_str(&list.text());
 

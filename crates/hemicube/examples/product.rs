@@ -1,0 +1,107 @@
+//! How fast F·x and Fᵀ·x go through a store that stays on the disk, beside how fast its files can be read at all.
+//!
+//! ```text
+//! cargo run --release -p hemicube --example product -- STORE [THREADS]
+//! ```
+//!
+//! Each figure is the best of five, taken in turns, in gigabytes of the parts' files a second of wall time. What is read
+//! comes from the page cache as far as it has room there; `first` is the product that also verifies every checksum.
+
+#![allow(clippy::print_stdout, reason = "it is what it is for")]
+
+use hemicube::store::Store;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+/// Reads all files to the end, on several threads, into a buffer that stays in a cache.
+fn read(files: &[PathBuf], threads: usize) -> std::io::Result<u64> {
+    let next = AtomicUsize::new(0);
+    let work = || -> std::io::Result<u64> {
+        let mut buffer = vec![0; 1 << 18];
+        let mut sum = 0;
+        while let Some(path) = files.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let mut file = File::open(path)?;
+            loop {
+                match file.read(&mut buffer)? {
+                    0 => break,
+                    count => sum += count as u64,
+                }
+            }
+        }
+        Ok(sum)
+    };
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        let mut sum = 0;
+        for worker in workers {
+            sum += worker
+                .join()
+                .unwrap_or_else(|_| Err(std::io::ErrorKind::Other.into()))?;
+        }
+        Ok(sum)
+    })
+}
+
+fn seconds<T, E>(work: impl FnOnce() -> Result<T, E>) -> Result<(f64, T), E> {
+    let started = Instant::now();
+    work().map(|done| (started.elapsed().as_secs_f64(), done))
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut arguments = std::env::args_os().skip(1);
+    let directory = arguments.next().ok_or("a store is needed")?;
+    let threads: usize = match arguments.next() {
+        Some(word) => word.to_string_lossy().parse()?,
+        None => std::thread::available_parallelism()?.get(),
+    };
+    let directory = Path::new(&directory);
+    let store = Store::open(directory)?;
+    let files: Vec<PathBuf> = store
+        .manifest()
+        .parts
+        .iter()
+        .map(|part| directory.join(&part.file))
+        .collect();
+    let x = vec![1.0; store.patch_count() as usize];
+    let bytes = read(&files, threads)? as f64;
+    let first = seconds(|| store.multiply(&x, threads))?.0;
+    let mut best = [f64::INFINITY; 3];
+    let mut row_sums = Vec::new();
+    for _ in 0..5 {
+        best[0] = best[0].min(seconds(|| read(&files, threads))?.0);
+        let (spent, y) = seconds(|| store.multiply(&x, threads))?;
+        best[1] = best[1].min(spent);
+        best[2] = best[2].min(seconds(|| store.multiply_transposed(&x, threads))?.0);
+        row_sums = y;
+    }
+    // With ones, F·x are the row sums that the store has in its patch table.
+    let table = store.row_table()?.row_sum;
+    let off = row_sums
+        .iter()
+        .zip(&table)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max);
+    println!(
+        "{} patches, {} entries, {:.2} GB, {threads} threads, row sums off by {off:.1e}",
+        store.patch_count(),
+        store.manifest().entries,
+        bytes / 1e9
+    );
+    for (what, spent) in [
+        ("read", best[0]),
+        ("F x, first", first),
+        ("F x", best[1]),
+        ("F' x", best[2]),
+    ] {
+        println!(
+            "{what:12}{:6.2} GB/s  {:5.2} of reading  {:7.0} million entries/s",
+            bytes / spent / 1e9,
+            best[0] / spent,
+            store.manifest().entries as f64 / spent / 1e6
+        );
+    }
+    Ok(())
+}
