@@ -285,6 +285,8 @@ impl Default for EngineSettings {
     fn default() -> Self {
         Self {
             backend: "auto".to_owned(),
+            backend_dir: None,
+            backend_option: Vec::new(),
             engine: Engine::Auto,
             octree_levels: Auto::Auto,
             min_patches: Auto::Auto,

@@ -1,6 +1,6 @@
 //! What the program says: messages on standard error, data on standard output or in a file, and how numbers look.
 
-use crate::args::Talk;
+use crate::args::{LogFormat, Talk};
 use crate::exit::OutputClosed;
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
@@ -22,6 +22,7 @@ impl Talk {
         quiet: true,
         verbose: false,
         no_progress: true,
+        log_format: LogFormat::Text,
     };
 
     /// Says what a person wants to know.

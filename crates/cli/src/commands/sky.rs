@@ -320,7 +320,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         })
         .collect();
     let bar = Bar::rows(talk, rows.len() as u64, 0);
-    let backend = arguments.engine.open_backend()?;
+    let backend = arguments.engine.open_backend(talk)?;
     require_items(backend.as_ref())?;
     let mut go_on = |done: usize| {
         bar.at(done as u64);
@@ -344,7 +344,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Vec::new()
     } else {
         let sessions = (0..LEVELS)
-            .map(|_| arguments.engine.open_backend())
+            .map(|_| arguments.engine.open_backend(Talk::SILENT))
             .collect::<Result<_>>()?;
         let found = rows_of_points(
             &prepared.model,

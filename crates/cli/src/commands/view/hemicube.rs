@@ -185,7 +185,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         .ok_or_else(|| anyhow!("patch {} has no area, and so no hemicube", patch.0))?;
     let resolution = arguments.resolution;
     let geometry = prepared.model.geometry();
-    let mut backend = arguments.engine.open_backend()?;
+    let mut backend = arguments.engine.open_backend(talk)?;
     backend.load(
         geometry,
         RenderSettings {
