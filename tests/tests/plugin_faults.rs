@@ -352,6 +352,7 @@ fn fault_07_panic() {
 fn checked(fault: &str, time_limit: &str) -> String {
     check_of(
         &rust("faulty"),
+        "room/contract",
         &["--backend-option", &format!("fault={fault}")],
         time_limit,
     )
@@ -359,18 +360,10 @@ fn checked(fault: &str, time_limit: &str) -> String {
 
 /// Runs a case of the suite that must not hold on a plugin, in the program's child processes.
 #[track_caller]
-fn check_of(plugin: &Path, options: &[&str], time_limit: &str) -> String {
+fn check_of(plugin: &Path, case: &str, options: &[&str], time_limit: &str) -> String {
     let run = Run { place: folder() };
     let plugin = plugin.to_str().expect("a path in UTF-8");
-    let arguments = [
-        "backends",
-        "check",
-        plugin,
-        "--only",
-        "room/contract",
-        "--time-limit",
-        time_limit,
-    ];
+    let arguments = ["backends", "check", plugin, "--only", case, "--time-limit", time_limit];
     let output = run.program(&[&arguments, options].concat());
     let said = text(&output.stdout);
     assert_eq!(output.status.code(), Some(1), "{said}{}", text(&output.stderr));
@@ -428,7 +421,7 @@ fn fault_08_crash() {
         &["THROWS", "FAULT_ROWS=throws"],
         &[object, "-lstdc++"],
     );
-    let said = check_of(&path, &[], "60");
+    let said = check_of(&path, "room/contract", &[], "60");
     assert!(said.contains("CRASHED") && said.contains("SIGABRT"), "{said}");
 }
 
@@ -544,6 +537,12 @@ fn fault_15_written_past_the_end() {
     let said = checked("past-covered", "60");
     assert!(
         said.contains("CRASHED") && said.contains("wrote past the end of `covered`"),
+        "{said}"
+    );
+    let options = ["--backend-option", "fault=past-items"];
+    let said = check_of(&rust("faulty"), "room/reduction", &options, "60");
+    assert!(
+        said.contains("CRASHED") && said.contains("wrote past the end of `items`"),
         "{said}"
     );
     compute_dies("past-patches");
