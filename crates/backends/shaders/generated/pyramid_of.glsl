@@ -73,10 +73,10 @@ vec3 relative(View v, vec3 high, vec3 low) {
 
 vec3 in_frame(View v_1, vec3 r) {
     float x_1 = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
-    float y_1 = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
+    float y_2 = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
     float z = (((v_1.normal.x * r.x) + (v_1.normal.y * r.y)) + (v_1.normal.z * r.z));
-    float snap = (v_1.tolerance + ((abs(x_1) + abs(y_1)) * 9.536743e-7));
-    return vec3(x_1, y_1, ((abs(z) <= snap) ? 0.0 : z));
+    float snap = (v_1.tolerance + ((abs(x_1) + abs(y_2)) * 9.536743e-7));
+    return vec3(x_1, y_2, ((abs(z) <= snap) ? 0.0 : z));
 }
 
 vec3 on_face(View v_2, vec3 p) {
@@ -88,6 +88,47 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     vec3 _e4 = in_frame(v_3, _e3);
     vec3 _e5 = on_face(v_3, _e4);
     return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+}
+
+void store(uint local_2, uvec3 tile_2, uvec3 group_2, float farthest_of_tile) {
+    float farthest_2 = 0.0;
+    uint i = 1u;
+    uint _e6 = _group_0_binding_0_cs.layer;
+    uint _e11 = _group_1_binding_1_cs.pyramid_stride;
+    uint base = ((_e6 + tile_2.z) * _e11);
+    uint _e15 = _group_1_binding_1_cs.resolution;
+    uint across = (_e15 / 4u);
+    _group_1_binding_5_cs[((base + (tile_2.y * across)) + tile_2.x)] = farthest_of_tile;
+    tiles[local_2] = farthest_of_tile;
+    memoryBarrierShared();
+    barrier();
+    if ((local_2 == 0u)) {
+        farthest_2 = farthest_of_tile;
+        bool loop_init = true;
+        while(true) {
+            if (!loop_init) {
+                uint _e42 = i;
+                i = (_e42 + 1u);
+            }
+            loop_init = false;
+            uint _e32 = i;
+            if ((_e32 < 16u)) {
+            } else {
+                break;
+            }
+            {
+                float _e35 = farthest_2;
+                uint _e37 = i;
+                float _e39 = tiles[_e37];
+                farthest_2 = min(_e35, _e39);
+            }
+        }
+        float _e57 = farthest_2;
+        _group_1_binding_5_cs[(((base + ((3u * across) * across)) + (group_2.y * (across / 4u))) + group_2.x)] = _e57;
+        return;
+    } else {
+        return;
+    }
 }
 
 void main() {
@@ -102,81 +143,47 @@ void main() {
     float farthest = 1.0;
     int y = 0;
     int x = 0;
-    uint i = 1u;
-    uint _e5 = _group_0_binding_0_cs.layer;
-    uint layer = (_e5 + tile.z);
     ivec2 corner = ivec2((tile.xy * 4u));
-    bool loop_init = true;
+    bool loop_init_1 = true;
     while(true) {
-        if (!loop_init) {
+        if (!loop_init_1) {
             int _e39 = y;
             y = (_e39 + 1);
         }
-        loop_init = false;
-        int _e16 = y;
-        if ((_e16 < 4)) {
+        loop_init_1 = false;
+        int _e11 = y;
+        if ((_e11 < 4)) {
         } else {
             break;
         }
         {
             x = 0;
-            bool loop_init_1 = true;
+            bool loop_init_2 = true;
             while(true) {
-                if (!loop_init_1) {
+                if (!loop_init_2) {
                     int _e36 = x;
                     x = (_e36 + 1);
                 }
-                loop_init_1 = false;
-                int _e21 = x;
-                if ((_e21 < 4)) {
+                loop_init_2 = false;
+                int _e16 = x;
+                if ((_e16 < 4)) {
                 } else {
                     break;
                 }
                 {
-                    float _e24 = farthest;
-                    int _e26 = x;
-                    int _e27 = y;
-                    vec4 _e32 = texelFetch(_group_1_binding_4_cs, ivec3((corner + ivec2(_e26, _e27)), int(layer)), 0);
-                    farthest = min(_e24, _e32.x);
+                    int _e20 = x;
+                    int _e21 = y;
+                    uint _e26 = _group_0_binding_0_cs.layer;
+                    vec4 _e31 = texelFetch(_group_1_binding_4_cs, ivec3((corner + ivec2(_e20, _e21)), int((_e26 + tile.z))), 0);
+                    float depth = _e31.x;
+                    float _e33 = farthest;
+                    farthest = min(_e33, depth);
                 }
             }
         }
     }
-    uint _e43 = _group_1_binding_1_cs.pyramid_stride;
-    uint base = (layer * _e43);
-    uint _e47 = _group_1_binding_1_cs.resolution;
-    uint across = (_e47 / 4u);
-    float _e57 = farthest;
-    _group_1_binding_5_cs[((base + (tile.y * across)) + tile.x)] = _e57;
-    float _e60 = farthest;
-    tiles[local] = _e60;
-    memoryBarrierShared();
-    barrier();
-    if ((local == 0u)) {
-        bool loop_init_2 = true;
-        while(true) {
-            if (!loop_init_2) {
-                uint _e75 = i;
-                i = (_e75 + 1u);
-            }
-            loop_init_2 = false;
-            uint _e65 = i;
-            if ((_e65 < 16u)) {
-            } else {
-                break;
-            }
-            {
-                float _e68 = farthest;
-                uint _e70 = i;
-                float _e72 = tiles[_e70];
-                farthest = min(_e68, _e72);
-            }
-        }
-        float _e90 = farthest;
-        _group_1_binding_5_cs[(((base + ((3u * across) * across)) + (group.y * (across / 4u))) + group.x)] = _e90;
-        return;
-    } else {
-        return;
-    }
+    float _e41 = farthest;
+    store(local, tile, group, _e41);
+    return;
 }
 

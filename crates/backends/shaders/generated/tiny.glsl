@@ -55,12 +55,14 @@ struct Chunk {
     uint unused;
 };
 struct Triangle {
-    vec3 corners[3];
-    float volume;
+    vec3 corner;
+    vec3 edges[2];
+    vec3 normal;
     uint front;
     uint back;
 };
 const float NEAR = 9.313226e-10;
+const uint NOBODY = 4294967295u;
 
 layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
 
@@ -83,6 +85,8 @@ layout(std430, binding = 15) readonly buffer type_13_block_6Compute { Vertex _gr
 layout(std430, binding = 16) readonly buffer type_9_block_7Compute { uint _group_1_binding_16_cs[]; };
 
 layout(std430, binding = 17) readonly buffer type_9_block_8Compute { uint _group_1_binding_17_cs[]; };
+
+layout(std430, binding = 24) readonly buffer type_14_block_9Compute { float _group_1_binding_24_cs[]; };
 
 
 vec3 relative(View v, vec3 high, vec3 low) {
@@ -108,159 +112,154 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     return vec4(_e5.x, _e5.y, NEAR, _e5.z);
 }
 
-Triangle triangle(View v_4, uint index) {
-    Triangle t = Triangle(vec3[3](vec3(0.0), vec3(0.0), vec3(0.0)), 0.0, 0u, 0u);
-    uint k = 0u;
-    bool loop_init = true;
-    while(true) {
-        if (!loop_init) {
-            uint _e39 = k;
-            k = (_e39 + 1u);
-        }
-        loop_init = false;
-        uint _e5 = k;
-        if ((_e5 < 3u)) {
-        } else {
-            break;
-        }
-        {
-            uint _e12 = k;
-            uint _e15 = _group_1_binding_16_cs[((3u * index) + _e12)];
-            Vertex c = _group_1_binding_15_cs[_e15];
-            vec3 high_2 = vec3(c.high_x, c.high_y, c.high_z);
-            vec3 low_2 = vec3(c.low_x, c.low_y, c.low_z);
-            uint _e27 = k;
-            vec3 _e29 = relative(v_4, high_2, low_2);
-            vec3 _e30 = in_frame(v_4, _e29);
-            t.corners[_e27] = _e30;
-            uint _e31 = k;
-            if ((_e31 == 0u)) {
-                t.front = c.front;
-                t.back = c.back;
-            }
-        }
-    }
-    vec3 _e44 = t.corners[0];
-    vec3 _e47 = t.corners[1];
-    vec3 _e50 = t.corners[2];
-    t.volume = dot(_e44, cross(_e47, _e50));
-    Triangle _e53 = t;
-    return _e53;
+vec3 turned(View v_4, vec3 d) {
+    return vec3(dot(v_4.tangent, d), dot(v_4.bitangent, d), dot(v_4.normal, d));
 }
 
-float inverse_there(View v_5, uint patch_id, vec3 direction) {
+Triangle triangle(View v_5, uint index) {
+    uint _e7 = _group_1_binding_16_cs[(3u * index)];
+    Vertex a = _group_1_binding_15_cs[_e7];
+    uint _e17 = _group_1_binding_16_cs[((3u * index) + 1u)];
+    Vertex b = _group_1_binding_15_cs[_e17];
+    uint _e27 = _group_1_binding_16_cs[((3u * index) + 2u)];
+    Vertex c = _group_1_binding_15_cs[_e27];
+    vec3 high_2 = vec3(a.high_x, a.high_y, a.high_z);
+    vec3 low_2 = vec3(a.low_x, a.low_y, a.low_z);
+    vec3 to_b = ((vec3(b.high_x, b.high_y, b.high_z) - high_2) + (vec3(b.low_x, b.low_y, b.low_z) - low_2));
+    vec3 to_c = ((vec3(c.high_x, c.high_y, c.high_z) - high_2) + (vec3(c.low_x, c.low_y, c.low_z) - low_2));
+    vec3 _e60 = turned(v_5, to_b);
+    vec3 _e61 = turned(v_5, to_c);
+    vec3 edges[2] = vec3[2](_e60, _e61);
+    vec3 _e63 = relative(v_5, high_2, low_2);
+    vec3 _e64 = in_frame(v_5, _e63);
+    return Triangle(_e64, edges, cross(edges[0], edges[1]), a.front, a.back);
+}
+
+float inverse_there(View v_6, uint patch_id, vec3 direction) {
     bool local_1 = false;
     bool local_2 = false;
-    bool local_3 = false;
     uint _e5 = _group_1_binding_17_cs[patch_id];
-    Triangle _e6 = triangle(v_5, _e5);
-    float a = dot(cross(_e6.corners[1], _e6.corners[2]), direction);
-    float b = dot(cross(_e6.corners[2], _e6.corners[0]), direction);
-    float c_1 = dot(cross(_e6.corners[0], _e6.corners[1]), direction);
-    if (!(((a * _e6.volume) < 0.0))) {
-        local_1 = ((b * _e6.volume) < 0.0);
+    Triangle _e6 = triangle(v_6, _e5);
+    float inverse_ = (dot(_e6.normal, direction) / dot(_e6.normal, _e6.corner));
+    if (!((inverse_ > 0.0))) {
+        return 0.0;
+    }
+    vec3 p_1 = ((direction / vec3(inverse_)) - _e6.corner);
+    float along_b = dot(cross(p_1, _e6.edges[1]), _e6.normal);
+    float along_c = dot(cross(_e6.edges[0], p_1), _e6.normal);
+    if (!((along_b < 0.0))) {
+        local_1 = (along_c < 0.0);
     } else {
         local_1 = true;
     }
-    bool _e37 = local_1;
-    if (!(_e37)) {
-        local_2 = ((c_1 * _e6.volume) < 0.0);
+    bool _e39 = local_1;
+    if (!(_e39)) {
+        local_2 = ((along_b + along_c) > dot(_e6.normal, _e6.normal));
     } else {
         local_2 = true;
     }
-    bool _e46 = local_2;
-    if (!(_e46)) {
-        local_3 = (_e6.volume == 0.0);
-    } else {
-        local_3 = true;
-    }
-    bool _e54 = local_3;
-    if (_e54) {
+    bool _e49 = local_2;
+    if (_e49) {
         return 0.0;
     }
-    return max((((a + b) + c_1) / _e6.volume), 0.0);
+    return inverse_;
 }
 
-bool is_in_front(uint base, uint index_1) {
+uint in_front(uint base, uint index_1) {
+    uint face_1 = 0u;
+    bool local_3 = false;
     bool local_4 = false;
     bool local_5 = false;
     bool local_6 = false;
-    uint face_1 = 0u;
     bool local_7 = false;
-    View frame = _group_1_binding_2_cs[base];
-    Triangle _e5 = triangle(frame, index_1);
-    uint id = ((_e5.volume < 0.0) ? _e5.front : _e5.back);
-    if (!((_e5.volume == 0.0))) {
-        uint _e20 = _group_1_binding_1_cs.patch_count;
-        local_4 = (id >= _e20);
+    float _e6 = _group_1_binding_24_cs[(6u * index_1)];
+    float _e13 = _group_1_binding_24_cs[((6u * index_1) + 1u)];
+    float _e20 = _group_1_binding_24_cs[((6u * index_1) + 2u)];
+    vec3 high_3 = vec3(_e6, _e13, _e20);
+    float _e28 = _group_1_binding_24_cs[((6u * index_1) + 3u)];
+    float _e35 = _group_1_binding_24_cs[((6u * index_1) + 4u)];
+    float _e42 = _group_1_binding_24_cs[((6u * index_1) + 5u)];
+    vec3 low_3 = vec3(_e28, _e35, _e42);
+    View _e46 = _group_1_binding_2_cs[base];
+    View _e49 = _group_1_binding_2_cs[base];
+    vec3 _e50 = relative(_e49, high_3, low_3);
+    vec3 _e51 = in_frame(_e46, _e50);
+    float _e56 = _group_1_binding_2_cs[base].tolerance;
+    if ((_e51.z <= _e56)) {
+        return NOBODY;
+    }
+    vec3 size = abs(_e51);
+    if (!((size.z < size.x))) {
+        local_3 = (size.z < size.y);
+    } else {
+        local_3 = true;
+    }
+    bool _e72 = local_3;
+    if (_e72) {
+        if ((size.x >= size.y)) {
+            face_1 = ((_e51.x > 0.0) ? 1u : 2u);
+        } else {
+            face_1 = ((_e51.y > 0.0) ? 3u : 4u);
+        }
+    }
+    uint _e89 = face_1;
+    View v_7 = _group_1_binding_2_cs[(base + _e89)];
+    vec3 _e93 = on_face(v_7, _e51);
+    float inverse_1 = (1.0 / _e93.z);
+    uint _e99 = _group_1_binding_1_cs.resolution;
+    vec2 extent = vec2(float(_e99), float(v_7.rows));
+    ivec2 pixel = ivec2(clamp(((((_e93.xy * inverse_1) * 0.5) + vec2(0.5)) * extent), vec2(0.0), (extent - vec2(1.0))));
+    ivec2 at = (pixel + ivec2(0, int(v_7.first_row)));
+    vec4 _e128 = texelFetch(_group_1_binding_4_cs, ivec3(at, int(v_7.layer)), 0);
+    float depth = _e128.x;
+    float _e134 = _group_1_binding_1_cs.tiny_slack;
+    if (((NEAR * inverse_1) < (depth / (1.0 + _e134)))) {
+        return NOBODY;
+    }
+    Triangle _e140 = triangle(v_7, index_1);
+    float behind = dot(_e140.normal, _e140.corner);
+    uint id = ((behind < 0.0) ? _e140.front : _e140.back);
+    if (!((behind == 0.0))) {
+        uint _e156 = _group_1_binding_1_cs.patch_count;
+        local_4 = (id >= _e156);
     } else {
         local_4 = true;
     }
-    bool _e23 = local_4;
-    if (!(_e23)) {
-        local_5 = (_e5.front == frame.emitter);
+    bool _e159 = local_4;
+    if (!(_e159)) {
+        local_5 = (_e140.front == v_7.emitter);
     } else {
         local_5 = true;
     }
-    bool _e31 = local_5;
-    if (!(_e31)) {
-        local_6 = (_e5.back == frame.emitter);
+    bool _e167 = local_5;
+    if (!(_e167)) {
+        local_6 = (_e140.back == v_7.emitter);
     } else {
         local_6 = true;
     }
-    bool _e39 = local_6;
-    if (_e39) {
-        return false;
+    bool _e175 = local_6;
+    if (_e175) {
+        return NOBODY;
     }
-    uint _e45 = _group_1_binding_1_cs.word_count;
-    uint word = atomicOr(_group_1_binding_14_cs[((frame.layer * _e45) + (id / 32u))], 0u);
+    uint _e181 = _group_1_binding_1_cs.word_count;
+    uint word = atomicOr(_group_1_binding_14_cs[((v_7.layer * _e181) + (id / 32u))], 0u);
     if ((((word >> (id % 32u)) & 1u) != 0u)) {
-        return false;
+        return NOBODY;
     }
-    vec3 centroid_ = (((_e5.corners[0] + _e5.corners[1]) + _e5.corners[2]) / vec3(3.0));
-    if ((centroid_.z <= frame.tolerance)) {
-        return false;
-    }
-    vec3 size = abs(centroid_);
-    if (!((size.z < size.x))) {
-        local_7 = (size.z < size.y);
+    uvec4 _e200 = texelFetch(_group_1_binding_11_cs, ivec3(at, int(v_7.layer)), 0);
+    uint shown = _e200.x;
+    uint _e204 = _group_1_binding_1_cs.patch_count;
+    if ((shown < _e204)) {
+        float _e209 = inverse_there(v_7, shown, (_e51 * inverse_1));
+        local_7 = (inverse_1 < (_e209 * 0.99999));
     } else {
-        local_7 = true;
+        local_7 = false;
     }
-    bool _e88 = local_7;
-    if (_e88) {
-        if ((size.x >= size.y)) {
-            face_1 = ((centroid_.x > 0.0) ? 1u : 2u);
-        } else {
-            face_1 = ((centroid_.y > 0.0) ? 3u : 4u);
-        }
+    bool _e214 = local_7;
+    if (_e214) {
+        return NOBODY;
     }
-    uint _e105 = face_1;
-    View v_6 = _group_1_binding_2_cs[(base + _e105)];
-    vec3 _e109 = on_face(v_6, centroid_);
-    float inverse_ = (1.0 / _e109.z);
-    uint _e115 = _group_1_binding_1_cs.resolution;
-    vec2 extent = vec2(float(_e115), float(v_6.rows));
-    ivec2 pixel = ivec2(clamp(((((_e109.xy * inverse_) * 0.5) + vec2(0.5)) * extent), vec2(0.0), (extent - vec2(1.0))));
-    ivec2 at = (pixel + ivec2(0, int(v_6.first_row)));
-    uvec4 _e144 = texelFetch(_group_1_binding_11_cs, ivec3(at, int(v_6.layer)), 0);
-    uint shown = _e144.x;
-    uint _e148 = _group_1_binding_1_cs.patch_count;
-    if ((shown > _e148)) {
-        return true;
-    }
-    float depth = (NEAR * inverse_);
-    vec4 _e157 = texelFetch(_group_1_binding_4_cs, ivec3(at, int(v_6.layer)), 0);
-    float _e161 = _group_1_binding_1_cs.tiny_slack;
-    if ((depth < (_e157.x / (1.0 + _e161)))) {
-        return false;
-    }
-    uint _e169 = _group_1_binding_1_cs.patch_count;
-    if ((shown == _e169)) {
-        return true;
-    }
-    float _e173 = inverse_there(v_6, shown, (centroid_ * inverse_));
-    return (inverse_ >= (_e173 * 0.99999));
+    return id;
 }
 
 void main() {
@@ -277,13 +276,13 @@ void main() {
     if ((chunk >= _e20)) {
         return;
     }
-    bool loop_init_1 = true;
+    bool loop_init = true;
     while(true) {
-        if (!loop_init_1) {
+        if (!loop_init) {
             uint _e44 = face;
             face = (_e44 + 1u);
         }
-        loop_init_1 = false;
+        loop_init = false;
         uint _e26 = face;
         if ((_e26 < 5u)) {
         } else {
@@ -306,13 +305,13 @@ void main() {
     uint _e58 = _group_1_binding_3_cs[chunk].index_count;
     uint count = (_e58 / 3u);
     i = local;
-    bool loop_init_2 = true;
+    bool loop_init_1 = true;
     while(true) {
-        if (!loop_init_2) {
-            uint _e103 = i;
-            i = (_e103 + 64u);
+        if (!loop_init_1) {
+            uint _e83 = i;
+            i = (_e83 + 64u);
         }
-        loop_init_2 = false;
+        loop_init_1 = false;
         uint _e62 = i;
         if ((_e62 < count)) {
         } else {
@@ -320,17 +319,10 @@ void main() {
         }
         {
             uint _e64 = i;
-            bool _e66 = is_in_front(base_1, (first + _e64));
-            if (_e66) {
-                uint _e70 = i;
-                uint _e74 = _group_1_binding_16_cs[(3u * (first + _e70))];
-                Vertex c_2 = _group_1_binding_15_cs[_e74];
-                View _e79 = _group_1_binding_2_cs[base_1];
-                uint _e80 = i;
-                Triangle _e82 = triangle(_e79, (first + _e80));
-                uint id_1 = ((_e82.volume < 0.0) ? c_2.front : c_2.back);
-                uint _e92 = _group_1_binding_1_cs.word_count;
-                uint _e102 = atomicOr(_group_1_binding_14_cs[((layer * _e92) + (id_1 / 32u))], (1u << (id_1 % 32u)));
+            uint _e66 = in_front(base_1, (first + _e64));
+            if ((_e66 != NOBODY)) {
+                uint _e72 = _group_1_binding_1_cs.word_count;
+                uint _e82 = atomicOr(_group_1_binding_14_cs[((layer * _e72) + (_e66 / 32u))], (1u << (_e66 % 32u)));
             }
         }
     }

@@ -4,7 +4,7 @@ use crate::chunks::CHUNK_WORDS;
 use crate::output::{ENTRY_WORDS, HEADER_WORDS};
 use crate::upload::{Upload, VERTEX_BYTES};
 use crate::view::{FACES, VIEW_BYTES};
-use hemicube_contract::backend::BackendError;
+use hemicube_contract::backend::{BackendError, RenderSettings};
 use hemicube_contract::face::pixel_count;
 
 /// What a device allows.
@@ -23,6 +23,9 @@ pub struct Limits {
     pub group: u32,
     /// Hemicubes of a submission.
     pub batch: u32,
+    /// Whether depths are copied to a buffer for the pyramid ([`crate::stage::PYRAMID_OF_COPY`]): for software, which reads
+    /// buffers faster than textures.
+    pub copies_depths: bool,
 }
 
 /// How the device is used for a scene.
@@ -38,6 +41,10 @@ pub struct Plan {
     pub capacity: u32,
     /// Words of a bit a patch.
     pub word_count: u32,
+    /// Whether rows are covered, so that tiny patches are looked for.
+    pub covered: bool,
+    /// Whether depths are copied to a buffer before they are read: [`Limits::copies_depths`].
+    pub copies_depths: bool,
 }
 
 /// A buffer whose size depends on the scene or the plan.
@@ -57,7 +64,8 @@ impl Plan {
     /// # Errors
     /// [`BackendError::Unsupported`] where a single buffer is beyond the device's limits, [`BackendError::OutOfMemory`] where
     /// all together are.
-    pub fn new(upload: &Upload, resolution: u32, limits: Limits) -> Result<Self, BackendError> {
+    pub fn new(upload: &Upload, settings: RenderSettings, limits: Limits) -> Result<Self, BackendError> {
+        let resolution = settings.resolution;
         let pixels = u32::try_from(pixel_count(resolution)).unwrap_or(u32::MAX);
         if limits.image_edge < 3 * resolution {
             return Err(BackendError::Unsupported(format!(
@@ -70,8 +78,16 @@ impl Plan {
             resolution,
             group: limits.group.min(limits.layers).max(1),
             batch: 0,
-            capacity: upload.patch_count.min(pixels).max(1),
+            // Any number of tiny patches may be in a row besides those that pixels show.
+            capacity: if settings.covered {
+                upload.patch_count
+            } else {
+                upload.patch_count.min(pixels)
+            }
+            .max(1),
             word_count: upload.patch_count.div_ceil(32).max(1),
+            covered: settings.covered,
+            copies_depths: limits.copies_depths,
         };
         plan.batch = limits.batch.max(plan.group) / plan.group * plan.group;
         loop {
@@ -143,6 +159,24 @@ impl Plan {
             words("row totals", b::TOTALS, batch * 4),
             words("hidden weights", b::HIDDEN, group * u64::from(self.capacity)),
             words("rows to read back", b::OUTPUT, self.output_words()),
+            words(
+                "centroids",
+                b::CENTROIDS,
+                6 * if self.covered {
+                    upload.triangle_count().max(1) as u64
+                } else {
+                    1
+                },
+            ),
+            words(
+                "copied depths",
+                b::DEPTH_COPY,
+                if self.copies_depths {
+                    group * pixel_count(self.resolution) as u64
+                } else {
+                    1
+                },
+            ),
         ]
     }
 

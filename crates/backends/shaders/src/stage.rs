@@ -62,6 +62,8 @@ stages! {
     OCCLUDE_OTHERS: "render" "occlude_others" Fragment;
     /// Groups: resolution / 16, 3 × resolution / 16, layers.
     PYRAMID_OF: "pyramid" "pyramid_of" Compute;
+    /// The same from [`binding::DEPTH_COPY`], into which the depths were copied.
+    PYRAMID_OF_COPY: "pyramid" "pyramid_of_copy" Compute;
     /// Groups: 5, layers.
     CULL_SEEN: "cull" "cull_seen" Compute;
     /// Groups: 5, layers.
@@ -132,8 +134,12 @@ pub mod binding {
     pub const HIDDEN: u32 = 22;
     /// Storage: what the host reads, see [`crate::output`].
     pub const OUTPUT: u32 = 23;
+    /// Storage: [`crate::Upload::centroids`]; one triangle's where rows are not covered.
+    pub const CENTROIDS: u32 = 24;
+    /// Storage: depths, `[layer][pixel]`, for [`PYRAMID_OF_COPY`](super::PYRAMID_OF_COPY).
+    pub const DEPTH_COPY: u32 = 25;
     /// One past the last.
-    pub const COUNT: u32 = 24;
+    pub const COUNT: u32 = 26;
     /// The textures; all others but the uniforms are storage buffers.
     pub const TEXTURES: [u32; 2] = [DEPTHS, ITEMS];
 }

@@ -100,7 +100,7 @@ impl Upload {
                 let Some(triangle) = &drawn[surface as usize] else {
                     continue;
                 };
-                triangle_of_surface[surface as usize] = as_u32(upload.indices.len() / 3);
+                triangle_of_surface[surface as usize] = as_u32((upload.indices.len() + corners.indices.len()) / 3);
                 chunk_of_surface[surface as usize] = chunk;
                 bounds = bounds.with(triangle.corners);
                 corners.add(triangle);
@@ -129,6 +129,23 @@ impl Upload {
     /// How many triangles are drawn.
     pub fn triangle_count(&self) -> usize {
         self.indices.len() / 3
+    }
+
+    /// The middle of each triangle as pairs of f32, six words each. Made when asked for: only covered rows need it.
+    pub fn centroids(&self, geometry: &Geometry) -> Vec<u32> {
+        let mut words = vec![0; 6 * self.triangle_count().max(1)];
+        for (surface, s) in geometry.surfaces.iter().enumerate() {
+            let patch = s.front.0 as usize;
+            // A merged surface's triangle is another's, whose middle is the same.
+            if self.surface_of_patch[patch] as usize != surface {
+                continue;
+            }
+            let (high, low) = split((s.corners[0] + s.corners[1] + s.corners[2]) / 3.0);
+            let at = 6 * self.triangle_of_patch[patch] as usize;
+            words[at..at + 3].copy_from_slice(&high.map(f32::to_bits));
+            words[at + 3..at + 6].copy_from_slice(&low.map(f32::to_bits));
+        }
+        words
     }
 
     /// The words of [`Upload::chunks`].

@@ -74,13 +74,13 @@ pub fn stands_on_emitter(geometry: &Geometry, upload: &Upload, hemicube: &Hemicu
 }
 
 /// `Settings` of `wgsl/shared.wgsl`.
-pub fn settings_words(plan: &Plan, upload: &Upload, covered: bool) -> [u32; 12] {
+pub fn settings_words(plan: &Plan, upload: &Upload) -> [u32; 12] {
     let n = plan.resolution;
     #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
     let tiny_slack = 16.0 / n as f32;
     // A 512th is far above what rounding does to depths: interpolated over a triangle that reaches from one part of a
     // chunk to another, they are off by some 2⁻²⁰ of the nearest. Tiny patches may be seen although they are a little behind.
-    let slack = (1.0 + if covered { tiny_slack } else { 0.0 }) * (1.0 + 1.0 / 512.0);
+    let slack = (1.0 + if plan.covered { tiny_slack } else { 0.0 }) * (1.0 + 1.0 / 512.0);
     let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
     [
         n,

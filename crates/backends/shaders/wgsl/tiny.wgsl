@@ -9,57 +9,67 @@
 @group(1) @binding(15) var<storage, read> vertices: array<Vertex>;
 @group(1) @binding(16) var<storage, read> indices: array<u32>;
 @group(1) @binding(17) var<storage, read> triangle_of_patch: array<u32>;
+// Of each triangle, as pairs of f32: six words. Most triangles are found hidden by these alone.
+@group(1) @binding(24) var<storage, read> centroids: array<f32>;
+
+const NOBODY: u32 = 0xffffffffu;
 
 struct Triangle {
-    corners: array<vec3<f32>, 3>,
-    // By how much the eye is behind it, up to a positive factor.
-    volume: f32,
+    // Its first corner, and from there to the others. Differences are taken before the eye is subtracted and before anything
+    // is turned: f32 would not tell small triangles of one surface apart from one behind the other.
+    corner: vec3<f32>,
+    edges: array<vec3<f32>, 2>,
+    // Across it, to the front.
+    normal: vec3<f32>,
     front: u32,
     back: u32,
 }
 
+fn turned(v: View, d: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(dot(v.tangent, d), dot(v.bitangent, d), dot(v.normal, d));
+}
+
 fn triangle(v: View, index: u32) -> Triangle {
-    var t: Triangle;
-    for (var k = 0u; k < 3u; k++) {
-        let c = vertices[indices[3u * index + k]];
-        let high = vec3<f32>(c.high_x, c.high_y, c.high_z);
-        let low = vec3<f32>(c.low_x, c.low_y, c.low_z);
-        t.corners[k] = in_frame(v, relative(v, high, low));
-        if (k == 0u) {
-            t.front = c.front;
-            t.back = c.back;
-        }
-    }
-    t.volume = dot(t.corners[0], cross(t.corners[1], t.corners[2]));
-    return t;
+    let a = vertices[indices[3u * index]];
+    let b = vertices[indices[3u * index + 1u]];
+    let c = vertices[indices[3u * index + 2u]];
+    let high = vec3<f32>(a.high_x, a.high_y, a.high_z);
+    let low = vec3<f32>(a.low_x, a.low_y, a.low_z);
+    let to_b = (vec3<f32>(b.high_x, b.high_y, b.high_z) - high) + (vec3<f32>(b.low_x, b.low_y, b.low_z) - low);
+    let to_c = (vec3<f32>(c.high_x, c.high_y, c.high_z) - high) + (vec3<f32>(c.low_x, c.low_y, c.low_z) - low);
+    let edges = array<vec3<f32>, 2>(turned(v, to_b), turned(v, to_c));
+    return Triangle(
+        in_frame(v, relative(v, high, low)),
+        edges,
+        cross(edges[0], edges[1]),
+        a.front,
+        a.back,
+    );
 }
 
 // 1 / w of a patch in a direction of the frame in which w is 1, or 0 where the direction misses it.
 fn inverse_there(v: View, patch_id: u32, direction: vec3<f32>) -> f32 {
     let t = triangle(v, triangle_of_patch[patch_id]);
-    let a = dot(cross(t.corners[1], t.corners[2]), direction);
-    let b = dot(cross(t.corners[2], t.corners[0]), direction);
-    let c = dot(cross(t.corners[0], t.corners[1]), direction);
-    if (a * t.volume < 0.0 || b * t.volume < 0.0 || c * t.volume < 0.0 || t.volume == 0.0) {
+    let inverse = dot(t.normal, direction) / dot(t.normal, t.corner);
+    if (!(inverse > 0.0)) {
         return 0.0;
     }
-    return max((a + b + c) / t.volume, 0.0);
+    let p = direction / inverse - t.corner;
+    let along_b = dot(cross(p, t.edges[1]), t.normal);
+    let along_c = dot(cross(t.edges[0], p), t.normal);
+    if (along_b < 0.0 || along_c < 0.0 || along_b + along_c > dot(t.normal, t.normal)) {
+        return 0.0;
+    }
+    return inverse;
 }
 
-fn is_in_front(base: u32, index: u32) -> bool {
-    let frame = views[base];
-    let t = triangle(frame, index);
-    let id = select(t.back, t.front, t.volume < 0.0);
-    if (t.volume == 0.0 || id >= settings.patch_count || t.front == frame.emitter || t.back == frame.emitter) {
-        return false;
-    }
-    let word = atomicLoad(&touched[frame.layer * settings.word_count + id / 32u]);
-    if ((word >> (id % 32u) & 1u) != 0u) {
-        return false;
-    }
-    let centroid = (t.corners[0] + t.corners[1] + t.corners[2]) / 3.0;
-    if (centroid.z <= frame.tolerance) {
-        return false;
+// The patch of a triangle that is in front at the centroid without being in the row yet, or `NOBODY`.
+fn in_front(base: u32, index: u32) -> u32 {
+    let high = vec3<f32>(centroids[6u * index], centroids[6u * index + 1u], centroids[6u * index + 2u]);
+    let low = vec3<f32>(centroids[6u * index + 3u], centroids[6u * index + 4u], centroids[6u * index + 5u]);
+    let centroid = in_frame(views[base], relative(views[base], high, low));
+    if (centroid.z <= views[base].tolerance) {
+        return NOBODY;
     }
     let size = abs(centroid);
     var face = 0u;
@@ -76,20 +86,27 @@ fn is_in_front(base: u32, index: u32) -> bool {
     let extent = vec2<f32>(f32(settings.resolution), f32(v.rows));
     let pixel = vec2<i32>(clamp((c.xy * inverse * 0.5 + 0.5) * extent, vec2<f32>(0.0), extent - 1.0));
     let at = pixel + vec2<i32>(0, i32(v.first_row));
-    let shown = textureLoad(items, at, i32(v.layer), 0).x;
-    if (shown > settings.patch_count) {
-        return true;
-    }
     // Neighbours in the same surface must not hide it, as they would if depths at the pixel's centre were compared: where
     // the patch that is seen reaches the centroid, its depth there decides. Beyond a silhouette, being about as near does.
-    let depth = NEAR * inverse;
-    if (depth < textureLoad(depths, at, i32(v.layer), 0).x / (1.0 + settings.tiny_slack)) {
-        return false;
+    let depth = textureLoad(depths, at, i32(v.layer), 0).x;
+    if (NEAR * inverse < depth / (1.0 + settings.tiny_slack)) {
+        return NOBODY;
     }
-    if (shown == settings.patch_count) {
-        return true;
+    let t = triangle(v, index);
+    let behind = dot(t.normal, t.corner);
+    let id = select(t.back, t.front, behind < 0.0);
+    if (behind == 0.0 || id >= settings.patch_count || t.front == v.emitter || t.back == v.emitter) {
+        return NOBODY;
     }
-    return inverse >= inverse_there(v, shown, centroid * inverse) * (1.0 - 1e-5);
+    let word = atomicLoad(&touched[v.layer * settings.word_count + id / 32u]);
+    if ((word >> (id % 32u) & 1u) != 0u) {
+        return NOBODY;
+    }
+    let shown = textureLoad(items, at, i32(v.layer), 0).x;
+    if (shown < settings.patch_count && inverse < inverse_there(v, shown, centroid * inverse) * (1.0 - 1e-5)) {
+        return NOBODY;
+    }
+    return id;
 }
 
 @compute @workgroup_size(64)
@@ -113,10 +130,8 @@ fn tiny(
     let first = chunks[chunk].first_index / 3u;
     let count = chunks[chunk].index_count / 3u;
     for (var i = local; i < count; i += 64u) {
-        if (is_in_front(base, first + i)) {
-            let c = vertices[indices[3u * (first + i)]];
-            let t = triangle(views[base], first + i);
-            let id = select(c.back, c.front, t.volume < 0.0);
+        let id = in_front(base, first + i);
+        if (id != NOBODY) {
             atomicOr(&touched[layer * settings.word_count + id / 32u], 1u << (id % 32u));
         }
     }

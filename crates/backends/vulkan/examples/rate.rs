@@ -38,7 +38,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for name in names {
         let tile = |levels| -> Result<_, Box<dyn std::error::Error>> {
             let folder = scenes_dir().ok_or("no ../shared/scenes; HEMICUBE_SCENES names another folder")?;
-            Ok(model(read(&folder, "city/denhaag-8897.obj")?, Subdivision::Levels(levels)))
+            Ok(model(
+                read(&folder, "city/denhaag-8897.obj")?,
+                Subdivision::Levels(levels),
+            ))
         };
         let model = match name.as_str() {
             "room" => generated(Kind::Room, 10_000),
@@ -47,7 +50,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             other => return Err(format!("`{other}`: room, denhaag and denhaag16 are known").into()),
         };
         let hemicubes = neighbours(&model, count);
-        println!("{name}: {} patches, N = {resolution}, {} hemicubes", model.patches().len(), hemicubes.len());
+        println!(
+            "{name}: {} patches, N = {resolution}, {} hemicubes",
+            model.patches().len(),
+            hemicubes.len()
+        );
         for (mode, covered) in modes.split_whitespace().flat_map(|m| [(m, false), (m, true)]) {
             if covered && std::env::var_os("BARE").is_some() {
                 continue;

@@ -307,6 +307,7 @@ fn limits(gpu: &Gpu, options: Options) -> Limits {
         image_edge: gpu.limits.max_image_dimension2_d.min(gpu.limits.max_framebuffer_height),
         group,
         batch: options.batch.unwrap_or(batch).max(group),
+        copies_depths: gpu.is_software,
     }
 }
 
@@ -318,7 +319,7 @@ impl Loaded {
         settings: RenderSettings,
     ) -> Result<Self, BackendError> {
         let scene = Scene::new(gpu, geometry, settings, limits(gpu, options))?;
-        let stages = Stages::new(gpu, scene.layout)?;
+        let stages = Stages::new(gpu, &scene)?;
         let marks = options
             .timing
             .then(|| scene.plan.batch.div_ceil(scene.plan.group) * MARKS);

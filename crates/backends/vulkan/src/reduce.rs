@@ -64,15 +64,24 @@ const COVER_READS: Use = (
     A::from_raw(A::SHADER_STORAGE_READ.as_raw() | A::SHADER_STORAGE_WRITE.as_raw() | A::SHADER_SAMPLED_READ.as_raw()),
 );
 const COVER_WRITES: Use = (P::FRAGMENT_SHADER, A::SHADER_STORAGE_WRITE);
+const COPIES: Use = (
+    P::ALL_TRANSFER,
+    A::from_raw(A::TRANSFER_READ.as_raw() | A::TRANSFER_WRITE.as_raw()),
+);
 const HOST_READS: Use = (P::HOST, A::HOST_READ);
 
 impl Stages {
-    pub(crate) fn new(gpu: &Arc<Gpu>, layout: vk::PipelineLayout) -> Result<Self, BackendError> {
+    pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Scene) -> Result<Self, BackendError> {
+        let layout = scene.layout;
         let make = |stage| compute(gpu, layout, stage);
         Ok(Self {
             gpu: Arc::clone(gpu),
             render: Render::new(gpu, layout)?,
-            pyramid_of: make(&stage::PYRAMID_OF)?,
+            pyramid_of: make(if scene.plan.copies_depths {
+                &stage::PYRAMID_OF_COPY
+            } else {
+                &stage::PYRAMID_OF
+            })?,
             cull_seen: make(&stage::CULL_SEEN)?,
             cull_hidden: make(&stage::CULL_HIDDEN)?,
             cull_outside: make(&stage::CULL_OUTSIDE)?,
@@ -170,11 +179,21 @@ impl Stages {
                 dispatch(&self.cull_seen, [FACES, layers, 1]);
                 after(&[COMPUTE_WRITES], &[DRAWS_READ, COMPUTE_USES]);
                 draw(What::Occluders);
-                after(&[DEPTHS_USE, DRAWS_READ], &[COMPUTE_USES]);
+                let before = [DEPTHS_USE, DRAWS_READ];
+                if scene.plan.copies_depths {
+                    after(&before, &[COPIES]);
+                    scene.copy_depths(commands, layers);
+                    after(&[COPIES], &[COMPUTE_USES]);
+                } else {
+                    after(&before, &[COMPUTE_USES]);
+                }
                 dispatch(&self.pyramid_of, [n / 16, 3 * n / 16, layers]);
                 after(&[COMPUTE_USES], &[COMPUTE_USES]);
                 dispatch(&self.cull_hidden, [FACES, layers, 1]);
-                after(&[COMPUTE_USES, DEPTHS_USE], &[DRAWS_READ, COMPUTE_USES, DEPTHS_USE]);
+                after(
+                    &[COMPUTE_USES, DEPTHS_USE, COPIES],
+                    &[DRAWS_READ, COMPUTE_USES, DEPTHS_USE],
+                );
             }
         }
         mark(1);

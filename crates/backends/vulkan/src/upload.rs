@@ -65,7 +65,7 @@ impl Scene {
     ) -> Result<Self, BackendError> {
         let prepared = geometry.kept(|g| Prepared(Upload::new(g).map(Arc::new).map_err(|e| e.to_string())));
         let upload = Arc::clone(prepared.0.as_ref().map_err(|e| BackendError::Unsupported(e.clone()))?);
-        let plan = Plan::new(&upload, settings.resolution, limits)?;
+        let plan = Plan::new(&upload, settings, limits)?;
         let storage = |name: &str, bytes, binding| Buffer::new(gpu, name, bytes, Place::Device, usage(binding));
         let mut buffers: Vec<Option<Buffer>> = (0..binding::COUNT).map(|_| None).collect();
         for size in plan.sizes(&upload) {
@@ -73,7 +73,7 @@ impl Scene {
                 buffers[size.binding as usize] = Some(storage(size.name, size.bytes, size.binding)?);
             }
         }
-        let words = settings_words(&plan, &upload, settings.covered);
+        let words = settings_words(&plan, &upload);
         buffers[binding::SETTINGS as usize] = Some(storage("settings", 4 * words.len() as u64, binding::SETTINGS)?);
         for (at, words) in [
             (binding::SETTINGS, words.as_slice()),
@@ -83,6 +83,14 @@ impl Scene {
             (binding::TRIANGLE_OF_PATCH, &upload.triangle_of_patch),
             (binding::CHUNK_OF_PATCH, &upload.chunk_of_patch),
             (binding::WEIGHTS, &weights(settings.resolution)),
+            (
+                binding::CENTROIDS,
+                &if settings.covered {
+                    upload.centroids(geometry)
+                } else {
+                    Vec::new()
+                },
+            ),
         ] {
             if let Some(buffer) = &buffers[at as usize] {
                 buffer.write(0, words)?;
@@ -230,6 +238,32 @@ impl Scene {
             unsafe { self.gpu.raw.update_descriptor_sets(&writes, &[]) };
         }
         Ok(())
+    }
+
+    /// Copies the depths of the first layers to where software reads them faster.
+    pub(crate) fn copy_depths(&self, commands: vk::CommandBuffer, layers: u32) {
+        let n = self.plan.resolution;
+        let region = [vk::BufferImageCopy::default()
+            .image_subresource(
+                vk::ImageSubresourceLayers::default()
+                    .aspect_mask(vk::ImageAspectFlags::DEPTH)
+                    .layer_count(layers),
+            )
+            .image_extent(vk::Extent3D {
+                width: n,
+                height: 3 * n,
+                depth: 1,
+            })];
+        // SAFETY: commands of this device that are being recorded; the buffer has room for the layers of a group.
+        unsafe {
+            self.gpu.raw.cmd_copy_image_to_buffer(
+                commands,
+                self.depths.raw,
+                vk::ImageLayout::GENERAL,
+                self.buffer(binding::DEPTH_COPY),
+                &region,
+            );
+        }
     }
 
     /// Brings the images into the layout they keep, and sets what must be 0.

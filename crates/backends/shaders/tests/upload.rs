@@ -1,0 +1,200 @@
+//! What is uploaded is the scene: every surface is drawn, once, with its patches on its sides, in a chunk whose box holds it.
+
+use glam::DVec3;
+use hemicube::{HierarchyOptions, Model};
+use hemicube_contract::backend::{Culling, RenderSettings, Surface};
+use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, generate};
+use hemicube_scene::{Patches, Scene, Subdivision};
+use hemicube_shaders::{Limits, Plan, Upload};
+
+fn model(scene: &Scene) -> Model {
+    let patches = Patches::new(scene, Subdivision::None).expect("a scene that fits");
+    Model::new(patches.into(), HierarchyOptions::default()).expect("a scene with an extent")
+}
+
+fn made(kind: Kind) -> Model {
+    let spec = Generate {
+        kind,
+        target_patches: 3000,
+        seed: 1,
+    };
+    model(&generate(spec).expect("a target in range"))
+}
+
+fn with_duplicates() -> Model {
+    let city = BlockCityParameters {
+        blocks: 6,
+        ..Default::default()
+    };
+    let mut scene = city.generate().expect("a small city");
+    let again: Vec<_> = scene.triangles.iter().step_by(3).copied().collect();
+    for (k, mut triangle) in again.into_iter().enumerate() {
+        let [a, b, c] = triangle.corners;
+        triangle.corners = if k % 2 == 0 { [b, c, a] } else { [b, a, c] };
+        scene.triangles.push(triangle);
+    }
+    model(&scene)
+}
+
+fn point(words: &[u32]) -> DVec3 {
+    let at = |k: usize| f64::from(f32::from_bits(words[k])) + f64::from(f32::from_bits(words[k + 3]));
+    DVec3::new(at(0), at(1), at(2))
+}
+
+fn corners(upload: &Upload, triangle: u32) -> [DVec3; 3] {
+    let first = 3 * triangle as usize;
+    [0, 1, 2].map(|k| point(&upload.vertices[upload.indices[first + k] as usize]))
+}
+
+/// Whether two triangles are the same up to a turn of the corners (1), turned over (−1) or different (0).
+fn same(a: [DVec3; 3], b: [DVec3; 3]) -> i32 {
+    let near = |p: DVec3, q: DVec3| (p - q).length() < 1e-13;
+    let turned = |b: [DVec3; 3]| (0..3).any(|t| (0..3).all(|k| near(a[k], b[(k + t) % 3])));
+    i32::from(turned(b)) - i32::from(turned([b[0], b[2], b[1]]))
+}
+
+#[test]
+fn every_surface_is_drawn_with_its_patches() {
+    for model in [made(Kind::Room), made(Kind::Soup), made(Kind::City), with_duplicates()] {
+        let geometry = model.geometry();
+        let upload = Upload::new(geometry).expect("it fits");
+        assert_eq!(upload.triangle_count() + upload.merged, geometry.surfaces.len());
+        let vertices = upload.vertices.len();
+        assert!(vertices <= 3 * upload.triangle_count() && vertices >= upload.triangle_count());
+        for Surface {
+            corners: own,
+            front,
+            back,
+        } in &geometry.surfaces
+        {
+            for (patch, side) in [(Some(*front), 1), (*back, -1)] {
+                let Some(patch) = patch else { continue };
+                let triangle = upload.triangle_of_patch[patch.0 as usize];
+                let turn = same(*own, corners(&upload, triangle));
+                assert_ne!(turn, 0, "patch {patch:?}");
+                // Of all patches on a side the smallest is seen.
+                let vertex = &upload.vertices[upload.indices[3 * triangle as usize] as usize];
+                let seen = if turn * side == 1 { vertex[6] } else { vertex[7] };
+                assert!(seen <= patch.0);
+                if upload.merged == 0 {
+                    assert_eq!(seen, patch.0);
+                }
+                let chunk = &upload.chunks[upload.chunk_of_patch[patch.0 as usize] as usize];
+                let range = chunk.first_index..chunk.first_index + chunk.index_count;
+                assert!(range.contains(&(3 * triangle)));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_mesh_takes_about_one_vertex_a_triangle() {
+    let upload = Upload::new(made(Kind::Room).geometry()).expect("it fits");
+    assert!(upload.vertices.len() * 5 < upload.triangle_count() * 6);
+}
+
+#[test]
+fn duplicates_are_merged_whatever_their_corners_order() {
+    let upload = Upload::new(with_duplicates().geometry()).expect("it fits");
+    assert_eq!(upload.merged, 6 * 6 * 14 / 3);
+}
+
+#[test]
+fn chunks_hold_their_triangles_and_are_all_there_is() {
+    for model in [made(Kind::Room), made(Kind::Soup), made(Kind::City)] {
+        for most in [16, 256] {
+            let upload = Upload::with_chunks_of(model.geometry(), most).expect("it fits");
+            let mut next = 0;
+            for chunk in &upload.chunks {
+                assert_eq!(chunk.first_index, next);
+                next += chunk.index_count;
+                assert!((3..=3 * most).contains(&chunk.index_count));
+                let words = chunk.words();
+                let center = DVec3::new(0.0, 1.0, 2.0).to_array().map(|k| {
+                    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 2")]
+                    let k = k as usize;
+                    f64::from(f32::from_bits(words[k])) + f64::from(f32::from_bits(words[k + 4]))
+                });
+                for index in chunk.first_index / 3..(chunk.first_index + chunk.index_count) / 3 {
+                    for corner in corners(&upload, index) {
+                        for k in 0..3 {
+                            let half = f64::from(f32::from_bits(words[8 + k]));
+                            assert!((corner[k] - center[k]).abs() <= half, "outside of its chunk's box");
+                        }
+                    }
+                }
+            }
+            assert_eq!(next as usize, upload.indices.len());
+        }
+    }
+}
+
+#[test]
+fn centroids_are_those_of_the_triangles() {
+    for model in [made(Kind::Room), with_duplicates()] {
+        let upload = Upload::new(model.geometry()).expect("it fits");
+        let words = upload.centroids(model.geometry());
+        for (triangle, words) in (0..).zip(words.chunks_exact(6)) {
+            let middle = corners(&upload, triangle).iter().sum::<DVec3>() / 3.0;
+            assert!((point(words) - middle).length() < 1e-13, "triangle {triangle}");
+        }
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused_and_named() {
+    let model = made(Kind::City);
+    let upload = Upload::new(model.geometry()).expect("it fits");
+    let settings = RenderSettings {
+        resolution: 256,
+        culling: Culling::On,
+        covered: true,
+    };
+    let limits = Limits {
+        storage_range: 128 << 20,
+        memory: 1 << 30,
+        layers: 2048,
+        image_edge: 16384,
+        group: 4,
+        batch: 32,
+        copies_depths: true,
+    };
+    let plan = Plan::new(&upload, settings, limits).expect("plenty");
+    assert_eq!((plan.group, plan.batch), (4, 32));
+    let less = Plan::new(
+        &upload,
+        settings,
+        Limits {
+            memory: 8 << 20,
+            ..limits
+        },
+    )
+    .expect("less at once");
+    assert!(less.batch < plan.batch && less.bytes(&upload) <= 8 << 20);
+    let refused = |limits| {
+        Plan::new(&upload, settings, limits)
+            .expect_err("too little")
+            .to_string()
+    };
+    assert!(
+        refused(Limits {
+            memory: 1 << 20,
+            ..limits
+        })
+        .contains("out of memory")
+    );
+    assert!(
+        refused(Limits {
+            storage_range: 4096,
+            ..limits
+        })
+        .contains("4096")
+    );
+    assert!(
+        refused(Limits {
+            image_edge: 512,
+            ..limits
+        })
+        .contains("768 rows")
+    );
+}
