@@ -524,6 +524,7 @@ fn reflectance_and_emission_come_from_every_format() {
         "s.mtl",
         "newmtl m0\nKd 0.5 0.4 0.3\nKe 8 4 2\nnewmtl m1\nKd 0.9 0.6 0.3\n",
     );
+    #[allow(clippy::cast_possible_truncation, reason = "zeros and ones")]
     let positions: Vec<u8> = quads
         .iter()
         .flat_map(|[p, q, r, s]| [p, q, r, p, r, s])

@@ -557,7 +557,7 @@ impl<'a> Task<'a> {
 }
 
 fn require_bands(array: &ArrayFile, path: &Path, bands: &[String]) -> Result<()> {
-    if array.rows() == 0 || array.rows() % bands.len() as u64 != 0 {
+    if array.rows() == 0 || !array.rows().is_multiple_of(bands.len() as u64) {
         bail!(
             "`{}` has {} rows, which is no multiple of the {} bands; `bands = [\"all\"]` in the file of materials makes one",
             path.display(),

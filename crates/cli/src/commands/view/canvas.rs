@@ -120,11 +120,6 @@ impl Canvas {
         }
     }
 
-    #[cfg(test)]
-    pub(crate) fn get(&self, x: usize, y: usize) -> Color {
-        self.pixels[y * self.width + x]
-    }
-
     pub(crate) fn fill(&mut self, (x, y): (usize, usize), (width, height): (usize, usize), color: Color) {
         for row in y..y + height {
             for column in x..x + width {

@@ -388,7 +388,7 @@ pub(crate) fn draw(prepared: &Prepared, values: &Values, camera: &Camera, output
                 values
                     .iter()
                     .copied()
-                    .filter(|value| !value.is_nan() && !(*logarithmic && *value <= 0.0))
+                    .filter(|value| !(value.is_nan() || *logarithmic && *value <= 0.0))
             };
             let high = known().fold(f64::NEG_INFINITY, f64::max);
             let mut low = known().fold(f64::INFINITY, f64::min);
