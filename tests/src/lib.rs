@@ -9,6 +9,7 @@
 //! | `HEMICUBE_REQUIRE_BACKENDS` | names of backends, with commas: a test that would skip for want of a device fails |
 //! | `HEMICUBE_PYTHON` | a Python with NumPy and SciPy; otherwise `python3` |
 //! | `HEMICUBE_REQUIRE_PYTHON=1` | a test that would skip for want of one fails |
+//! | `HEMICUBE_REQUIRE_CLUSTER=1` | a test that would skip for want of Slurm, MPI or root fails |
 
 /// The page's backend in Rust compiles.
 #[cfg(doctest)]

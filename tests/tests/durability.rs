@@ -687,3 +687,78 @@ fn a_backend_that_dies_takes_no_part_with_it() {
         assert_same(&directory, &whole);
     }
 }
+
+/// A disk of its own, unmounted when dropped.
+#[cfg(target_os = "linux")]
+struct Mounted(PathBuf);
+
+#[cfg(target_os = "linux")]
+impl Drop for Mounted {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(&self.0).status();
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_foretold_and_a_run_goes_on_when_there_is_room() {
+    let place = city(8_000);
+    place.line(&format!("{COMPUTE} -o whole")).is(0);
+    let disk = place.path("disk");
+    std::fs::create_dir(&disk).expect("a directory");
+    let resize = |size: &str| {
+        let how = if size.starts_with("remount") {
+            size.to_owned()
+        } else {
+            format!("size={size}")
+        };
+        let mount = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &how, "tmpfs"])
+            .arg(&disk)
+            .output();
+        mount.is_ok_and(|output| output.status.success())
+    };
+    if !resize("3m") {
+        eprintln!("SKIP a full disk: this user cannot mount a small one; `a_file_that_cannot_grow` stands for it");
+        return;
+    }
+    let _mounted = Mounted(disk.clone());
+    let said = COMPUTE.replace(" -q", "");
+    place.line(&format!("{said} -o disk/m")).is(2).says(&[
+        "warning: 8,000 rows will take about",
+        "disk is full",
+        "parts are kept",
+        "goes on there",
+    ]);
+    let kept = files(&disk.join("m/parts")).len();
+    assert!(kept > 3, "{kept}");
+    place
+        .line(&format!("{said} -o disk/m"))
+        .is(2)
+        .says(&["going on with `disk/m`", "disk is full"]);
+    assert!(resize("remount,size=64m"), "the disk becomes larger");
+    place.line(&format!("{COMPUTE} -o disk/m")).is(0);
+    assert_same(&disk.join("m"), &place.path("whole"));
+}
+
+#[test]
+fn memory_is_kept_within_what_is_given() {
+    let place = city(8_000);
+    place.line(&format!("{COMPUTE} -o whole")).is(0);
+    let said = COMPUTE.replace(" -q", "");
+    place
+        .line(&format!("{said} -o m --memory 2M"))
+        .is(2)
+        .says(&["`--memory` of 2", "hint: "]);
+    let report = place
+        .line(&format!("{said} -o m --memory 64M --threads 64 --json"))
+        .is(0);
+    assert!(report.err.contains(" of 64, to keep within 64"), "{}", report.err);
+    let peak = report.json()["peak_memory_bytes"].as_u64().expect("a number");
+    assert!(peak < 64_000_000, "{peak}");
+    assert_same(&place.path("m"), &place.path("whole"));
+    place
+        .line(&format!("{said} -o m --memory lots"))
+        .is(2)
+        .says(&["`800M`"]);
+}

@@ -56,12 +56,23 @@ json.dump([{"shape": list(m.shape), "sorted": bool(m.has_sorted_indices), "type"
            for m in map(compact_part, sys.argv[1:])], sys.stdout)
 "#;
 
-/// The Python that `docs/store.md` gives to read compact parts with.
-fn documented() -> String {
+/// Loads a store with the function in the documentation, and prints it.
+const LOAD_SCRIPT: &str = r#"
+import sys
+m = load(sys.argv[1]).tocoo()
+json.dump({"shape": list(m.shape), "entries": [[int(i), int(j), float(v)] for i, j, v in zip(m.row, m.col, m.data)]}, sys.stdout)
+"#;
+
+/// The Python in `docs/store.md` that defines this function.
+fn documented(function: &str) -> String {
     let path = workspace().join("docs/store.md");
     let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("`{}`: {error}", path.display()));
-    let (_, code) = text.split_once("```python\n").expect("a block of Python");
-    code.split_once("```").expect("the end of the block").0.to_owned()
+    let blocks = text.split("```python\n").skip(1);
+    let mut code = blocks
+        .filter_map(|block| block.split_once("```"))
+        .map(|(code, _)| code.to_owned());
+    code.find(|code| code.contains(&format!("def {function}(")))
+        .unwrap_or_else(|| panic!("`docs/store.md` has no `{function}`"))
 }
 
 #[test]
@@ -89,7 +100,7 @@ fn the_documented_function_reads_compact_parts() {
         .for_each(|part| writer.write_part(part).expect("a part is written"));
     let manifest = writer.finish().expect("all parts are there");
     let output = Command::new(python)
-        .args(["-c", &format!("{}{COMPACT_SCRIPT}", documented())])
+        .args(["-c", &format!("{}{COMPACT_SCRIPT}", documented("compact_part"))])
         .args(manifest.parts.iter().map(|part| directory.join(&part.file)))
         .output()
         .expect("Python runs");
@@ -226,6 +237,23 @@ fn scipy_opens_everything() {
         let format = ExportFormat::of(file).expect("a known extension");
         export(&store, file, format, ExportOptions::default()).expect("an export");
     }
+    let code = documented("load");
+    assert!(
+        code.lines().filter(|line| !line.trim().is_empty()).count() <= 10,
+        "{code}"
+    );
+    let loaded = Command::new(&python)
+        .args(["-c", &format!("{code}{LOAD_SCRIPT}"), text(&directory)])
+        .output()
+        .expect("Python runs");
+    assert!(loaded.status.success(), "{}", String::from_utf8_lossy(&loaded.stderr));
+    let loaded: Value = serde_json::from_slice(&loaded.stdout).expect("JSON");
+    assert_eq!(loaded["shape"], json!([patch_count, patch_count]));
+    assert!(
+        entries(&loaded) == computed(&computed_parts, true),
+        "what `load` reads is not what was computed"
+    );
+
     let part = directory.join(&manifest.parts[1].file);
     let output = Command::new(python)
         .args(["-c", SCRIPT, text(&part)])

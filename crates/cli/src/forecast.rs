@@ -1,7 +1,7 @@
 //! What a run will take of memory and disk, before it is begun.
 //!
 //! ```text
-//! memory ≤ scene + (T − 1) · session + 8 T · batch + 5 · part + 16 MB
+//! memory ≤ max(reading the scene, scene + (T − 1) · session + 8 T · batch + 5 · part + 16 MB)
 //!   scene    what is resident when the scene is read, cut and loaded into a backend, before the first row
 //!   session  what each further thread has for itself: a copy of what the backend changes
 //!   batch    rows a call of the backend × entries a row × 20 bytes

@@ -28,6 +28,9 @@ use std::time::Instant;
 /// Hemicubes from which it is seen whether culling pays.
 const CULLING_PROBES: usize = 16;
 
+/// Hemicubes at most from which it is seen how many entries rows have.
+const ENTRY_PROBES: usize = 256;
+
 /// Culling that leaves more of the triangles than this is not worth its tests.
 const CULLING_PAYS_BELOW: f64 = 0.97;
 
@@ -706,6 +709,14 @@ fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> 
         talk.warn("this system does not tell how much memory is in use: `--memory` is not kept");
         return Ok(threads);
     };
+    // What reading the scene took is over, and was too much all the same.
+    let peak = report::peak_memory_bytes().unwrap_or(0);
+    if peak > limit {
+        return Err(hinted(
+            anyhow!("`--memory` of {}: reading the scene took {}", size(limit), size(peak)),
+            "give it more, or cut the scene",
+        ));
+    }
     let Some(within) = forecast::threads_within(limit, resident, threads, rows) else {
         return Err(hinted(
             anyhow!(
@@ -786,10 +797,22 @@ fn probe(model: &Model, plan: &Plan, settings: RenderSettings, backend: &mut dyn
     backend.load(model.geometry(), settings)?;
     let mut block = RowBlock::default();
     let counters = backend.rows(&hemicubes, &mut block)?;
+    // Entries differ more from row to row than what culling spares.
+    let count = (plan.rows.len() / 32).clamp(CULLING_PROBES, ENTRY_PROBES);
+    let (mut entries, mut seen) = (block.patches.len(), counters.hemicubes);
+    for probe in 0..count {
+        let Some(&patch) = plan.rows.get((2 * probe + 1) * plan.rows.len() / (2 * count)) else {
+            continue;
+        };
+        let hemicubes: Vec<_> = model.hemicubes(patch, 1, plan.rotate);
+        block.clear();
+        seen += backend.rows(&hemicubes, &mut block)?.hemicubes;
+        entries += block.patches.len();
+    }
     Ok(Probe {
         hemicubes: counters.hemicubes,
         left: share_left(&counters, model.geometry().surfaces.len()),
-        entries_per_row: block.patches.len() as f64 / counters.hemicubes.max(1) as f64,
+        entries_per_row: entries as f64 / seen.max(1) as f64,
     })
 }
 
