@@ -220,6 +220,10 @@ fn what_cannot_be_solved_is_refused_with_the_next_step() {
     );
     place.fails("view model F cube.obj -o x.jpg --show seen", &[".png or .svg"]);
     place.fails("sky cube.obj -o sky", &["which axis points up", "--up"]);
+    place.fails(
+        "sky cube.obj --up z -o sky --subdivide 1 --split 2",
+        &["three ways to cut"],
+    );
     place.fails("sky cube.obj -o sky --store F", &["cannot be used with"]);
     place.line("compute cube.obj --subdivide 1 --rows 0..5 -o G --no-config");
     place.write("lit.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
@@ -451,6 +455,17 @@ fn sky_and_ground_are_what_escaped() {
     assert_eq!(report["columns"].as_u64(), Some(578));
     assert_eq!(report["rows_as_in_matrix"], report["patches"]);
     assert!(report["ground"].as_f64().expect("a share") > 0.0);
+    // The same bytes, whatever the threads.
+    place.write("points.txt", "0 30 0 0 1 0\n5 2 5 1 0 0\n");
+    let run = |threads: u32| {
+        let out = format!("sky-{threads}");
+        place.line(&format!(
+            "sky city.obj --up y -o {out} --tolerance 5% --resolution 64 --points points.txt --threads {threads}"
+        ));
+        ["sky.npz", "points.npz", "points-sky.npz", "sky.json"]
+            .map(|file| std::fs::read(place.path(&out).join(file)).expect("a file"))
+    };
+    assert_eq!(run(1), run(3));
 
     // By the sky, and out again: a sky of radiance 1/π over white ground and white walls lights nothing by more than 1.
     let mut sky = vec![0.3; 578];

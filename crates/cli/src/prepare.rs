@@ -84,6 +84,24 @@ impl Prepared {
 }
 
 impl SceneSettings {
+    /// Refuses two ways of cutting at once, where no layers of settings decide between them.
+    ///
+    /// # Errors
+    /// When more than one was given.
+    pub(crate) fn require_one_cut(&self) -> Result<()> {
+        let given = [
+            self.subdivide.is_some(),
+            self.split.is_some(),
+            self.patch_size.is_some(),
+        ];
+        if given.iter().filter(|&&given| given).count() > 1 {
+            return Err(anyhow!(
+                "`--subdivide`, `--split` and `--patch-size` are three ways to cut triangles; give one of them"
+            ));
+        }
+        Ok(())
+    }
+
     /// How triangles are cut. Which of the three settings holds was decided when the layers were gathered.
     pub(crate) fn subdivision(&self) -> Subdivision {
         match (self.subdivide, self.split, self.patch_size) {

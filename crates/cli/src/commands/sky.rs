@@ -250,6 +250,7 @@ fn of_matrix(store: &Store) -> Result<OfMatrix> {
 
 #[allow(clippy::too_many_lines, reason = "one thing after another")]
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    arguments.patches.require_one_cut()?;
     let json = JsonReport::open(&arguments.report)?;
     let points = arguments
         .points

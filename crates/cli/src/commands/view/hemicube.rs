@@ -165,6 +165,7 @@ fn layers(
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    arguments.patches.require_one_cut()?;
     super::canvas::Format::of(&arguments.output)?;
     let prepared = match &arguments.store {
         Some(store) => stored::scene(&Store::open(store)?, &arguments.scene, &arguments.engine)?,
