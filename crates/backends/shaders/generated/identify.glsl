@@ -54,7 +54,14 @@ struct Corner {
     vec4 position;
     uvec2 patches;
 };
+struct Seen {
+    uint id;
+    float depth;
+};
 const float NEAR = 9.313226e-10;
+const float BACK = 0.9999981;
+
+layout(std140, binding = 1) uniform Settings_block_0Fragment { Settings _group_1_binding_1_fs; };
 
 layout(location = 0) flat in uvec2 _vs2fs_location0;
 layout(location = 0) out uint _fs2p_location0;
@@ -82,10 +89,19 @@ vec4 clip_position(View v_3, vec3 high_2, vec3 low_2) {
     return vec4(_e5.x, _e5.y, NEAR, _e5.z);
 }
 
+Seen seen(bool front_2, uvec2 patches_4, float depth) {
+    uint id = (front_2 ? patches_4.x : patches_4.y);
+    uint _e10 = _group_1_binding_1_fs.patch_count;
+    return Seen(id, ((id == _e10) ? (depth * BACK) : depth));
+}
+
 void main() {
+    vec4 position = gl_FragCoord;
     bool front = gl_FrontFacing;
     uvec2 patches_1 = _vs2fs_location0;
-    _fs2p_location0 = (front ? patches_1.x : patches_1.y);
+    Seen _e4 = seen(front, patches_1, position.z);
+    _fs2p_location0 = _e4.id;
+    gl_FragDepth = _e4.depth;
     return;
 }
 

@@ -54,9 +54,16 @@ struct Corner {
     vec4 position;
     uvec2 patches;
 };
+struct Seen {
+    uint id;
+    float depth;
+};
 const float NEAR = 9.313226e-10;
+const float BACK = 0.9999981;
 
 layout(std140, binding = 0) uniform View_block_0Fragment { View _group_0_binding_0_fs; };
+
+layout(std140, binding = 1) uniform Settings_block_1Fragment { Settings _group_1_binding_1_fs; };
 
 layout(location = 0) flat in uvec2 _vs2fs_location0;
 layout(location = 0) out uint _fs2p_location0;
@@ -84,14 +91,23 @@ vec4 clip_position(View v_3, vec3 high_2, vec3 low_2) {
     return vec4(_e5.x, _e5.y, NEAR, _e5.z);
 }
 
+Seen seen(bool front_2, uvec2 patches_4, float depth) {
+    uint id = (front_2 ? patches_4.x : patches_4.y);
+    uint _e10 = _group_1_binding_1_fs.patch_count;
+    return Seen(id, ((id == _e10) ? (depth * BACK) : depth));
+}
+
 void main() {
+    vec4 position_1 = gl_FragCoord;
     bool front_1 = gl_FrontFacing;
     uvec2 patches_2 = _vs2fs_location0;
-    uint _e4 = _group_0_binding_0_fs.emitter;
-    if (any(equal(patches_2, uvec2(_e4)))) {
+    uint _e5 = _group_0_binding_0_fs.emitter;
+    if (any(equal(patches_2, uvec2(_e5)))) {
         discard;
     }
-    _fs2p_location0 = (front_1 ? patches_2.x : patches_2.y);
+    Seen _e10 = seen(front_1, patches_2, position_1.z);
+    _fs2p_location0 = _e10.id;
+    gl_FragDepth = _e10.depth;
     return;
 }
 

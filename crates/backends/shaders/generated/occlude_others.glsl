@@ -54,7 +54,12 @@ struct Corner {
     vec4 position;
     uvec2 patches;
 };
+struct Seen {
+    uint id;
+    float depth;
+};
 const float NEAR = 9.313226e-10;
+const float BACK = 0.9999981;
 
 layout(std140, binding = 0) uniform View_block_0Fragment { View _group_0_binding_0_fs; };
 
