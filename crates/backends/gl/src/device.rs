@@ -1,0 +1,668 @@
+//! Devices and contexts: EGL without a window, and the functions of OpenGL that glow lacks.
+//!
+//! Displays are opened by the device platform (`EGL_EXT_platform_device`), and only where that gives none by Mesa's
+//! surfaceless one: a display of the latter kind is one for the whole process, and whoever else terminates it takes our
+//! contexts with it. For the same reason displays are never terminated here; they live as long as the process.
+//!
+//! A context is made current when a call of the backend begins and released when it ends, so that the next call may come
+//! from any thread.
+
+use glow::HasContext;
+use hemicube_contract::backend::BackendError;
+use std::ffi::{CStr, c_char, c_void};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+type Pointer = *mut c_void;
+
+/// What is used of EGL 1.5, by its own names.
+struct Egl {
+    get_proc_address: unsafe extern "system" fn(*const c_char) -> Pointer,
+    get_error: unsafe extern "system" fn() -> i32,
+    query_string: unsafe extern "system" fn(Pointer, i32) -> *const c_char,
+    get_platform_display: unsafe extern "system" fn(u32, Pointer, *const isize) -> Pointer,
+    initialize: unsafe extern "system" fn(Pointer, *mut i32, *mut i32) -> u32,
+    bind_api: unsafe extern "system" fn(u32) -> u32,
+    create_context: unsafe extern "system" fn(Pointer, Pointer, Pointer, *const i32) -> Pointer,
+    destroy_context: unsafe extern "system" fn(Pointer, Pointer) -> u32,
+    make_current: unsafe extern "system" fn(Pointer, Pointer, Pointer, Pointer) -> u32,
+    query_devices: Option<unsafe extern "system" fn(i32, *mut Pointer, *mut i32) -> u32>,
+    query_device_string: Option<unsafe extern "system" fn(Pointer, i32) -> *const c_char>,
+    /// Never unloaded: drivers leave threads and thread-local destructors behind.
+    _library: libloading::Library,
+}
+
+const EGL_EXTENSIONS: i32 = 0x3055;
+const EGL_NONE: i32 = 0x3038;
+const EGL_OPENGL_API: u32 = 0x30A2;
+const EGL_CONTEXT_MAJOR_VERSION: i32 = 0x3098;
+const EGL_CONTEXT_MINOR_VERSION: i32 = 0x30FB;
+const EGL_CONTEXT_OPENGL_PROFILE_MASK: i32 = 0x30FD;
+const EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT: i32 = 1;
+const EGL_CONTEXT_OPENGL_DEBUG: i32 = 0x31B0;
+const EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY: i32 = 0x31BD;
+const EGL_LOSE_CONTEXT_ON_RESET: i32 = 0x31BF;
+const EGL_PLATFORM_DEVICE_EXT: u32 = 0x313F;
+const EGL_PLATFORM_SURFACELESS_MESA: u32 = 0x31DD;
+
+impl Egl {
+    fn load() -> Result<Self, String> {
+        let name = "libEGL.so.1";
+        let missing = |error: libloading::Error| format!("`{name}` cannot be loaded: {error}");
+        // SAFETY: the library is EGL's loader, whose initialisers have no preconditions, and each symbol is given the type
+        // that EGL 1.5 declares for it.
+        unsafe {
+            let library = libloading::Library::new(name).map_err(missing)?;
+            macro_rules! symbol {
+                ($symbol:literal) => {
+                    *library.get($symbol).map_err(missing)?
+                };
+            }
+            let get_proc_address: unsafe extern "system" fn(*const c_char) -> Pointer = symbol!(b"eglGetProcAddress\0");
+            Ok(Self {
+                get_proc_address,
+                get_error: symbol!(b"eglGetError\0"),
+                query_string: symbol!(b"eglQueryString\0"),
+                get_platform_display: symbol!(b"eglGetPlatformDisplay\0"),
+                initialize: symbol!(b"eglInitialize\0"),
+                bind_api: symbol!(b"eglBindAPI\0"),
+                create_context: symbol!(b"eglCreateContext\0"),
+                destroy_context: symbol!(b"eglDestroyContext\0"),
+                make_current: symbol!(b"eglMakeCurrent\0"),
+                query_devices: std::mem::transmute::<
+                    Pointer,
+                    Option<unsafe extern "system" fn(i32, *mut Pointer, *mut i32) -> u32>,
+                >(get_proc_address(c"eglQueryDevicesEXT".as_ptr())),
+                query_device_string: std::mem::transmute::<
+                    Pointer,
+                    Option<unsafe extern "system" fn(Pointer, i32) -> *const c_char>,
+                >(get_proc_address(c"eglQueryDeviceStringEXT".as_ptr())),
+                _library: library,
+            })
+        }
+    }
+
+    fn error(&self) -> String {
+        // SAFETY: no preconditions.
+        let code = unsafe { (self.get_error)() };
+        let name = match code {
+            0x3000 => "success",
+            0x3001 => "not initialised",
+            0x3002 => "bad access",
+            0x3003 => "bad allocation",
+            0x3004 => "bad attribute",
+            0x3005 => "bad configuration",
+            0x3006 => "bad context",
+            0x3008 => "bad display",
+            0x3009 => "bad match",
+            0x300C => "bad parameter",
+            0x300E => "context lost",
+            _ => "unknown",
+        };
+        format!("EGL error {code:#x}, {name}")
+    }
+
+    fn string(&self, display: Pointer) -> String {
+        // SAFETY: the display is one that EGL gave, or none, and the string is EGL's own.
+        unsafe { text((self.query_string)(display, EGL_EXTENSIONS)) }
+    }
+
+    /// Every display that can be opened, hardware first, and why others cannot.
+    fn displays(&self) -> (Vec<Display>, Vec<String>) {
+        let (mut found, mut reasons) = (Vec::new(), Vec::new());
+        if let (Some(query), Some(describe)) = (self.query_devices, self.query_device_string) {
+            let mut devices = [std::ptr::null_mut(); 32];
+            let mut count = 0;
+            // SAFETY: there is room for the 32 devices asked for; a device's string is EGL's own.
+            let described: Vec<(Pointer, String)> = unsafe {
+                if query(32, devices.as_mut_ptr(), &mut count) == 0 {
+                    reasons.push(format!("no EGL device can be listed: {}", self.error()));
+                    count = 0;
+                }
+                let count = usize::try_from(count).unwrap_or(0).min(devices.len());
+                devices[..count]
+                    .iter()
+                    .map(|&device| (device, text(describe(device, EGL_EXTENSIONS))))
+                    .collect()
+            };
+            for (number, (device, extensions)) in described.into_iter().enumerate() {
+                let software = extensions.contains("EGL_MESA_device_software");
+                match self.open_display(EGL_PLATFORM_DEVICE_EXT, device) {
+                    Ok(handle) => found.push(Display { handle, software }),
+                    Err(reason) => reasons.push(format!("EGL device {number}: {reason}")),
+                }
+            }
+        } else {
+            reasons.push("EGL lists no devices (EGL_EXT_device_enumeration is missing)".to_owned());
+        }
+        if found.is_empty() {
+            match self.open_display(EGL_PLATFORM_SURFACELESS_MESA, std::ptr::null_mut()) {
+                Ok(handle) => found.push(Display {
+                    handle,
+                    software: false,
+                }),
+                Err(reason) => reasons.push(format!("surfaceless display: {reason}")),
+            }
+        }
+        found.sort_by_key(|display| display.software);
+        (found, reasons)
+    }
+
+    fn open_display(&self, platform: u32, native: Pointer) -> Result<Pointer, String> {
+        const NO_ATTRIBUTES: [isize; 1] = [EGL_NONE as isize];
+        // SAFETY: `native` is a device of this platform or none; the list of attributes is ended.
+        let handle = unsafe { (self.get_platform_display)(platform, native, NO_ATTRIBUTES.as_ptr()) };
+        if handle.is_null() {
+            return Err(self.error());
+        }
+        // SAFETY: the display was given just now; initialising one twice is allowed.
+        if unsafe { (self.initialize)(handle, std::ptr::null_mut(), std::ptr::null_mut()) } == 0 {
+            return Err(self.error());
+        }
+        let extensions = self.string(handle);
+        for wanted in ["EGL_KHR_no_config_context", "EGL_KHR_surfaceless_context"] {
+            if !extensions.contains(wanted) {
+                return Err(format!("`{wanted}` is missing"));
+            }
+        }
+        Ok(handle)
+    }
+
+    /// A context of OpenGL 4.5; one that tells of its loss where the driver has such.
+    fn create_context(&self, display: Pointer, debug: bool) -> Result<Pointer, String> {
+        // SAFETY: binding an interface has no preconditions.
+        if unsafe { (self.bind_api)(EGL_OPENGL_API) } == 0 {
+            return Err(format!("EGL has no OpenGL: {}", self.error()));
+        }
+        let plain = [
+            EGL_CONTEXT_MAJOR_VERSION,
+            4,
+            EGL_CONTEXT_MINOR_VERSION,
+            5,
+            EGL_CONTEXT_OPENGL_PROFILE_MASK,
+            EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
+            EGL_CONTEXT_OPENGL_DEBUG,
+            i32::from(debug),
+        ];
+        let tells_of_loss = [
+            EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY,
+            EGL_LOSE_CONTEXT_ON_RESET,
+        ];
+        let create = |attributes: &[i32]| {
+            let attributes = [attributes, &[EGL_NONE]].concat();
+            // SAFETY: the display is open, no configuration is allowed by EGL_KHR_no_config_context, and the list of
+            // attributes is ended.
+            unsafe { (self.create_context)(display, std::ptr::null_mut(), std::ptr::null_mut(), attributes.as_ptr()) }
+        };
+        let mut context = create(&[&plain[..], &tells_of_loss].concat());
+        if context.is_null() {
+            context = create(&plain);
+        }
+        if context.is_null() {
+            return Err(format!("no context of OpenGL 4.5: {}", self.error()));
+        }
+        Ok(context)
+    }
+}
+
+/// The text of a C string that outlives the call; empty for none.
+///
+/// # Safety
+/// `string` is null or points at a string that ends in a zero byte.
+unsafe fn text(string: *const c_char) -> String {
+    if string.is_null() {
+        return String::new();
+    }
+    // SAFETY: as the caller promises.
+    unsafe { CStr::from_ptr(string) }.to_string_lossy().into_owned()
+}
+
+/// An open display. Handles of EGL may be used from any thread.
+struct Display {
+    handle: Pointer,
+    software: bool,
+}
+
+/// EGL as loaded, with the displays that were found; one for the process.
+struct System {
+    egl: Egl,
+    displays: Vec<Display>,
+    reasons: Vec<String>,
+}
+
+// SAFETY: EGL's functions may be called from any thread, and its displays are not bound to one.
+unsafe impl Send for System {}
+// SAFETY: as above.
+unsafe impl Sync for System {}
+
+/// EGL, loaded when first asked for.
+fn system() -> Result<&'static System, String> {
+    static SYSTEM: OnceLock<Result<System, String>> = OnceLock::new();
+    let system = SYSTEM.get_or_init(|| {
+        let egl = Egl::load()?;
+        let (displays, reasons) = egl.displays();
+        Ok(System { egl, displays, reasons })
+    });
+    system.as_ref().map_err(Clone::clone)
+}
+
+/// A device that sessions can be opened on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct DeviceInfo {
+    /// The GPU and its driver, in the driver's words.
+    pub(crate) name: String,
+    /// Whether it is a program on the CPU that stands in for a GPU.
+    pub(crate) software: bool,
+    /// The largest resolution.
+    pub(crate) max_resolution: u32,
+}
+
+/// Why a machine has no device for this backend: EGL itself, or every display tried.
+pub(crate) fn no_device() -> BackendError {
+    let reasons = match system() {
+        Err(reason) => reason,
+        Ok(system) => system.reasons.join("; "),
+    };
+    BackendError::Unsupported(format!(
+        "no device with OpenGL 4.5: {reasons}; install a driver (on Debian `libegl1 libgl1-mesa-dri` for the software one)"
+    ))
+}
+
+/// The devices of this machine, hardware first; empty where there is none.
+pub(crate) fn devices() -> Vec<DeviceInfo> {
+    let count = system().map_or(0, |system| system.displays.len());
+    let opened = (0..count).map(|number| Device::open(u32::try_from(number).unwrap_or(u32::MAX), false));
+    opened
+        .filter_map(Result::ok)
+        .map(|device| DeviceInfo {
+            name: device.name.clone(),
+            software: device.software,
+            max_resolution: (device.limits.texture_size / 3).min(1024),
+        })
+        .collect()
+}
+
+/// What a driver allows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Limits {
+    /// Bytes of a shader storage block.
+    pub(crate) storage_range: u64,
+    /// Pixels along the edge of a texture.
+    pub(crate) texture_size: u32,
+    /// Layers of a texture.
+    pub(crate) layers: u32,
+    /// Bytes that may be taken. OpenGL does not tell how much there is: what it has not, it refuses when asked.
+    pub(crate) memory: u64,
+}
+
+/// Functions of OpenGL 4.5 that glow has not.
+pub(crate) struct More {
+    clip_control: unsafe extern "system" fn(u32, u32),
+    provoking_vertex: unsafe extern "system" fn(u32),
+    multi_draw_elements: unsafe extern "system" fn(u32, *const i32, u32, *const *const c_void, i32),
+    /// `None` where the driver lacks ARB_indirect_parameters.
+    multi_draw_elements_indirect_count: Option<unsafe extern "system" fn(u32, u32, *const c_void, isize, i32, i32)>,
+    clear_named_buffer_sub_data: unsafe extern "system" fn(u32, u32, isize, isize, u32, u32, *const c_void),
+    get_graphics_reset_status: unsafe extern "system" fn() -> u32,
+}
+
+/// A device with a context of its own.
+pub(crate) struct Device {
+    system: &'static System,
+    display: Pointer,
+    context: Pointer,
+    gl: glow::Context,
+    more: More,
+    pub(crate) limits: Limits,
+    pub(crate) name: String,
+    pub(crate) software: bool,
+    pub(crate) number: u32,
+    messages: Arc<Mutex<Vec<String>>>,
+}
+
+// SAFETY: a context may be used from any thread, one at a time; it is current in a thread only between `enter` and the
+// drop of what that returns, which borrows the device and cannot leave the thread.
+unsafe impl Send for Device {}
+
+/// A device whose context is current in this thread, until this is dropped.
+pub(crate) struct Entered<'a> {
+    device: &'a Device,
+    pub(crate) gl: &'a glow::Context,
+    /// A context is current in one thread, so this stays in it.
+    _thread: std::marker::PhantomData<*const ()>,
+}
+
+impl Drop for Entered<'_> {
+    fn drop(&mut self) {
+        let none = std::ptr::null_mut();
+        // SAFETY: the display is open; releasing a thread's context has no other precondition.
+        unsafe { (self.device.system.egl.make_current)(self.device.display, none, none, none) };
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        // SAFETY: the context is this device's own and, as nothing borrows the device, current in no thread. What it holds
+        // of buffers and textures goes with it, as it shares with no other.
+        unsafe { (self.system.egl.destroy_context)(self.display, self.context) };
+    }
+}
+
+impl Device {
+    /// Opens the device with a context of its own. With `debug`, the driver checks what it is asked to do and its messages
+    /// become errors (see [`Entered::check`]).
+    pub(crate) fn open(number: u32, debug: bool) -> Result<Self, BackendError> {
+        let system = system().map_err(|_| no_device())?;
+        let Some(display) = system.displays.get(number as usize) else {
+            return Err(match system.displays.len() {
+                0 => no_device(),
+                count => {
+                    BackendError::InvalidArgument(format!("there is no device {number}: this machine has {count}"))
+                }
+            });
+        };
+        let unusable = |reason: String| BackendError::Unsupported(format!("device {number}: {reason}"));
+        let egl = &system.egl;
+        let context = egl.create_context(display.handle, debug).map_err(unusable)?;
+        // From here on the context is destroyed with `Owned` on every way out.
+        struct Owned(&'static Egl, Pointer, Pointer);
+        impl Drop for Owned {
+            fn drop(&mut self) {
+                let none = std::ptr::null_mut();
+                // SAFETY: the context was made by this display and is given up by no one else.
+                unsafe {
+                    (self.0.make_current)(self.1, none, none, none);
+                    (self.0.destroy_context)(self.1, self.2);
+                }
+            }
+        }
+        let owned = Owned(egl, display.handle, context);
+        let none = std::ptr::null_mut();
+        // SAFETY: the context was made for this display and is current nowhere.
+        if unsafe { (egl.make_current)(display.handle, none, none, context) } == 0 {
+            return Err(unusable(format!("its context cannot be made current: {}", egl.error())));
+        }
+        let load = |name: &CStr| -> Pointer {
+            // SAFETY: the name ends in a zero byte.
+            unsafe { (egl.get_proc_address)(name.as_ptr()) }
+        };
+        // SAFETY: a context is current, and what is loaded are its own functions, each given the type that OpenGL 4.5
+        // declares for it.
+        let (mut gl, more) = unsafe {
+            let gl = glow::Context::from_loader_function_cstr(|name| load(name).cast_const());
+            macro_rules! function {
+                ($name:literal) => {{
+                    let pointer = load($name);
+                    if pointer.is_null() {
+                        return Err(unusable(format!(
+                            "the driver lacks `{}`",
+                            $name.to_string_lossy()
+                        )));
+                    }
+                    std::mem::transmute(pointer)
+                }};
+            }
+            let extensions = gl.supported_extensions();
+            let version = gl.version();
+            let indirect_count = if (version.major, version.minor) >= (4, 6) {
+                load(c"glMultiDrawElementsIndirectCount")
+            } else if extensions.contains("GL_ARB_indirect_parameters") {
+                load(c"glMultiDrawElementsIndirectCountARB")
+            } else {
+                std::ptr::null_mut()
+            };
+            let indirect_count = std::mem::transmute::<
+                Pointer,
+                Option<unsafe extern "system" fn(u32, u32, *const c_void, isize, i32, i32)>,
+            >(indirect_count);
+            #[allow(clippy::missing_transmute_annotations, reason = "the fields' types say it")]
+            let more = More {
+                clip_control: function!(c"glClipControl"),
+                provoking_vertex: function!(c"glProvokingVertex"),
+                multi_draw_elements: function!(c"glMultiDrawElements"),
+                multi_draw_elements_indirect_count: indirect_count,
+                clear_named_buffer_sub_data: function!(c"glClearNamedBufferSubData"),
+                get_graphics_reset_status: function!(c"glGetGraphicsResetStatus"),
+            };
+            (gl, more)
+        };
+        let messages = Arc::new(Mutex::new(Vec::new()));
+        // SAFETY: the context is current; what is asked for exists in OpenGL 4.5.
+        let (name, limits) = unsafe {
+            let at_least_zero = |value: i32| u32::try_from(value).unwrap_or(0);
+            let limits = Limits {
+                storage_range: u64::from(at_least_zero(gl.get_parameter_i32(glow::MAX_SHADER_STORAGE_BLOCK_SIZE))),
+                texture_size: at_least_zero(gl.get_parameter_i32(glow::MAX_TEXTURE_SIZE)),
+                layers: at_least_zero(gl.get_parameter_i32(glow::MAX_ARRAY_TEXTURE_LAYERS)),
+                memory: u64::MAX,
+            };
+            if debug {
+                let sink = Arc::clone(&messages);
+                gl.debug_message_callback(move |_, kind, id, severity, message| {
+                    if kind == glow::DEBUG_TYPE_ERROR
+                        || kind == glow::DEBUG_TYPE_UNDEFINED_BEHAVIOR
+                        || severity == glow::DEBUG_SEVERITY_HIGH
+                    {
+                        sink.lock()
+                            .unwrap_or_else(PoisonError::into_inner)
+                            .push(format!("{id:#x}: {message}"));
+                    }
+                });
+                gl.enable(glow::DEBUG_OUTPUT);
+                gl.enable(glow::DEBUG_OUTPUT_SYNCHRONOUS);
+            }
+            let renderer = gl.get_parameter_string(glow::RENDERER);
+            (
+                format!("{renderer}, OpenGL {}", gl.get_parameter_string(glow::VERSION)),
+                limits,
+            )
+        };
+        let software = display.software || name.contains("llvmpipe") || name.contains("softpipe");
+        // SAFETY: the display is open, and this releases the context just made current.
+        unsafe { (egl.make_current)(display.handle, none, none, none) };
+        std::mem::forget(owned);
+        Ok(Self {
+            system,
+            display: display.handle,
+            context,
+            gl,
+            more,
+            limits,
+            name,
+            software,
+            number,
+            messages,
+        })
+    }
+
+    /// Whether indirect draws can take their number from a buffer.
+    pub(crate) fn can_count_draws(&self) -> bool {
+        self.more.multi_draw_elements_indirect_count.is_some()
+    }
+
+    /// Makes the context current in this thread until what is returned is dropped.
+    pub(crate) fn enter(&self) -> Result<Entered<'_>, BackendError> {
+        let egl = &self.system.egl;
+        let none = std::ptr::null_mut();
+        // SAFETY: the context belongs to the display, and is current in no other thread (see `Send`). The interface is
+        // bound anew because EGL keeps it by thread.
+        let current = unsafe {
+            (egl.bind_api)(EGL_OPENGL_API) != 0 && (egl.make_current)(self.display, none, none, self.context) != 0
+        };
+        if !current {
+            return Err(BackendError::DeviceLost(format!(
+                "the context of `{}` cannot be made current: {}",
+                self.name,
+                egl.error()
+            )));
+        }
+        Ok(Entered {
+            device: self,
+            gl: &self.gl,
+            _thread: std::marker::PhantomData,
+        })
+    }
+}
+
+impl Entered<'_> {
+    /// Sets what the shaders are written for and OpenGL does otherwise: depth from 0 to 1, rows upwards, and flat values
+    /// from a triangle's first corner.
+    pub(crate) fn set_conventions(&self) {
+        // SAFETY: the context is current.
+        unsafe {
+            (self.device.more.clip_control)(glow::LOWER_LEFT, glow::ZERO_TO_ONE);
+            (self.device.more.provoking_vertex)(glow::FIRST_VERTEX_CONVENTION);
+        }
+    }
+
+    /// Draws several runs of the bound indices: `first[k]` is a place in bytes, `counts[k]` how many.
+    ///
+    /// # Safety
+    /// As `glMultiDrawElements`: the bound vertex array has the corners, and its indices reach as far.
+    pub(crate) unsafe fn draw_runs(&self, firsts: &[usize], counts: &[i32]) {
+        assert_eq!(firsts.len(), counts.len(), "one count for each run");
+        let runs = i32::try_from(firsts.len()).unwrap_or(i32::MAX);
+        // SAFETY: the lists are as long as is said, and places in bytes go where pointers went before there were buffers;
+        // the rest is the caller's.
+        unsafe {
+            (self.device.more.multi_draw_elements)(
+                glow::TRIANGLES,
+                counts.as_ptr(),
+                glow::UNSIGNED_INT,
+                firsts.as_ptr().cast(),
+                runs,
+            );
+        }
+    }
+
+    /// Draws as the bound indirect buffer says from byte `first`, as often as the parameter buffer says at byte `count`.
+    /// Only where the device [`can_count_draws`](Device::can_count_draws).
+    ///
+    /// # Safety
+    /// As `glMultiDrawElementsIndirectCount`.
+    pub(crate) unsafe fn draw_indirect(&self, first: usize, count: usize, at_most: u32) {
+        let Some(draw) = self.device.more.multi_draw_elements_indirect_count else {
+            return;
+        };
+        let (count, at_most) = (
+            isize::try_from(count).unwrap_or(0),
+            i32::try_from(at_most).unwrap_or(i32::MAX),
+        );
+        // SAFETY: the caller's.
+        unsafe {
+            draw(
+                glow::TRIANGLES,
+                glow::UNSIGNED_INT,
+                std::ptr::without_provenance(first),
+                count,
+                at_most,
+                20,
+            )
+        };
+    }
+
+    /// Fills whole words of a buffer with zeros.
+    pub(crate) fn clear_words(&self, buffer: glow::Buffer, words: std::ops::Range<usize>) {
+        let byte = |word: usize| isize::try_from(word * 4).unwrap_or(isize::MAX);
+        // SAFETY: the context is current, the buffer is its own, and a range beyond it is an error of OpenGL, not of memory.
+        unsafe {
+            (self.device.more.clear_named_buffer_sub_data)(
+                buffer.0.get(),
+                glow::R32UI,
+                byte(words.start),
+                byte(words.end) - byte(words.start),
+                glow::RED_INTEGER,
+                glow::UNSIGNED_INT,
+                std::ptr::null(),
+            );
+        }
+    }
+
+    /// What went wrong since the last time: a lost device, memory that ran out, or a mistake of ours.
+    pub(crate) fn check(&self, doing: &str) -> Result<(), BackendError> {
+        // SAFETY: the context is current.
+        let (lost, error) = unsafe { ((self.device.more.get_graphics_reset_status)(), self.gl.get_error()) };
+        if lost != 0 {
+            return Err(BackendError::DeviceLost(format!(
+                "{doing}: `{}` was reset ({lost:#x})",
+                self.device.name
+            )));
+        }
+        let messages = std::mem::take(&mut *self.device.messages.lock().unwrap_or_else(PoisonError::into_inner));
+        match error {
+            glow::NO_ERROR if messages.is_empty() => Ok(()),
+            glow::OUT_OF_MEMORY => Err(BackendError::OutOfMemory(format!(
+                "{doing}: the driver of `{}` has no more memory",
+                self.device.name
+            ))),
+            0x0507 => Err(BackendError::DeviceLost(format!(
+                "{doing}: the context of `{}` is lost",
+                self.device.name
+            ))),
+            _ => Err(BackendError::Internal(format!(
+                "{doing}: OpenGL error {error:#x}: {}",
+                messages.join("; ")
+            ))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A device, or a loud skip.
+    fn some_device() -> Option<Device> {
+        match Device::open(0, true) {
+            Ok(device) => Some(device),
+            Err(error) => {
+                crate::skip(&error);
+                None
+            }
+        }
+    }
+
+    #[test]
+    fn a_device_that_is_not_there_is_refused_and_the_reason_names_it() {
+        let Err(error) = Device::open(1000, false) else {
+            panic!("device 1000 was opened")
+        };
+        assert!(
+            matches!(&error, BackendError::InvalidArgument(text) if text.contains("1000"))
+                || matches!(&error, BackendError::Unsupported(text) if text.contains("no device")),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_mistake_of_ours_is_an_error_of_the_call_and_is_told_once() {
+        let Some(device) = some_device() else { return };
+        let entered = device.enter().expect("a context of our own");
+        entered.check("nothing").expect("nothing was done");
+        // SAFETY: the context is current; the mistake is on purpose.
+        unsafe { entered.gl.enable(0xFFFF) };
+        let error = entered
+            .check("a mistake")
+            .expect_err("an unknown capability was enabled");
+        assert!(
+            matches!(&error, BackendError::Internal(text) if text.contains("a mistake")),
+            "{error}"
+        );
+        entered.check("after it").expect("a mistake is told once");
+    }
+
+    #[test]
+    fn a_context_serves_one_thread_after_the_other() {
+        let Some(mut device) = some_device() else { return };
+        for _ in 0..3 {
+            let there = std::thread::spawn(move || {
+                device
+                    .enter()
+                    .and_then(|entered| entered.check("from a thread"))
+                    .expect("entered");
+                device
+            });
+            device = there.join().expect("the thread ended well");
+        }
+        drop(device.enter().expect("entered by the first thread again"));
+    }
+}

@@ -1,0 +1,3 @@
+#version 450 core
+// Depths alone.
+void main() {}

@@ -1,0 +1,156 @@
+//! What `--backend-option` may say.
+
+use hemicube_contract::backend::BackendError;
+
+/// How hidden chunks are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Cull {
+    /// Everything is drawn.
+    Off,
+    /// What is in no face's view is left out.
+    Frustum,
+    /// Also what hardware occlusion queries find hidden, asked from the host.
+    Queries,
+    /// Also what a pyramid of depths hides, all on the device.
+    Depth,
+}
+
+impl Cull {
+    /// In words.
+    pub(crate) fn words(self) -> &'static str {
+        match self {
+            Self::Off => "none",
+            Self::Frustum => "frustum",
+            Self::Queries => "frustum, occlusion queries with coherence",
+            Self::Depth => "frustum, depth pyramid with coherence",
+        }
+    }
+}
+
+/// What is measured against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Baseline {
+    /// No culling, one hemicube a call, whole rows read back.
+    Original,
+    /// Octree, frustum, occlusion queries with coherence, whole rows read back (Vázquez and Guartes 2017).
+    Thesis,
+    Best,
+}
+
+/// The options of a session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Options {
+    baseline: Baseline,
+    /// `None` for the choice by scene.
+    cull: Option<Cull>,
+    /// Nodes of the octree at this level are not divided.
+    pub(crate) max_level: u32,
+    /// Nodes with no more triangles than this are drawn without a query.
+    pub(crate) min_patches: u32,
+    /// Hemicubes of a submission.
+    pub(crate) batch: Option<u32>,
+    /// Hemicubes that go through the stages side by side.
+    pub(crate) group: Option<u32>,
+    pub(crate) timing: bool,
+    pub(crate) debug: bool,
+}
+
+impl Options {
+    /// Reads `key=value,key=value`.
+    pub(crate) fn parse(text: &str) -> Result<Self, BackendError> {
+        let mut given = hemicube_abi::Options::parse(text)?;
+        let wrong = |key: &str, value: &str, allowed: &str| {
+            BackendError::InvalidArgument(format!("option `{key}` is `{value}`; it is {allowed}"))
+        };
+        let baseline = match given.take("baseline") {
+            None | Some("best") => Baseline::Best,
+            Some("original") => Baseline::Original,
+            Some("thesis") => Baseline::Thesis,
+            Some(other) => return Err(wrong("baseline", other, "`best`, `original` or `thesis`")),
+        };
+        let cull = match given.take("cull") {
+            None | Some("auto") => None,
+            Some("off") => Some(Cull::Off),
+            Some("frustum") => Some(Cull::Frustum),
+            Some("queries") => Some(Cull::Queries),
+            Some("depth") => Some(Cull::Depth),
+            Some(other) => return Err(wrong("cull", other, "`auto`, `off`, `frustum`, `queries` or `depth`")),
+        };
+        let mut number = |key: &str, smallest: u32| match given.take(key) {
+            None => Ok(None),
+            Some(value) => match value.parse() {
+                Ok(number) if number >= smallest => Ok(Some(number)),
+                _ => Err(wrong(key, value, &format!("a number from {smallest}"))),
+            },
+        };
+        let options = Self {
+            baseline,
+            cull,
+            max_level: number("max_level", 0)?.unwrap_or(16),
+            min_patches: number("min_patches", 0)?.unwrap_or(64),
+            batch: number("batch", 1)?,
+            group: number("group", 1)?,
+            timing: given.take_switch("timing")?.unwrap_or(false),
+            debug: given.take_switch("debug")?.unwrap_or(false),
+        };
+        given.finish()?;
+        if options.baseline != Baseline::Best && (options.cull.is_some() || options.batch.is_some()) {
+            return Err(BackendError::InvalidArgument(
+                "a baseline has its own culling, one hemicube at a time: leave out `cull` and `batch`".to_owned(),
+            ));
+        }
+        Ok(options)
+    }
+
+    /// Whether whole rows are read back, one hemicube at a time.
+    pub(crate) fn dense(&self) -> bool {
+        self.baseline != Baseline::Best
+    }
+
+    /// The culling of a scene.
+    pub(crate) fn cull_for(&self, culling: bool, can_count_draws: bool, chunks: usize) -> Cull {
+        /// With fewer chunks, testing them against depths costs more than drawing them.
+        const FEW: usize = 64;
+        match (self.baseline, culling) {
+            (Baseline::Original, _) | (_, false) => Cull::Off,
+            (Baseline::Thesis, true) => Cull::Queries,
+            (Baseline::Best, true) => match self.cull {
+                Some(Cull::Frustum | Cull::Depth) | None if !can_count_draws => Cull::Queries,
+                Some(cull) => cull,
+                None if chunks < FEW => Cull::Frustum,
+                None => Cull::Depth,
+            },
+        }
+    }
+
+    /// Whether occlusion culling may be given up where it does not pay.
+    pub(crate) fn may_switch_off(&self) -> bool {
+        self.cull.is_none() && self.baseline == Baseline::Best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_understood_is_named() {
+        for (text, named) in [
+            ("speed=high", "speed"),
+            ("cull=yes", "yes"),
+            ("batch=0", "batch"),
+            ("baseline=thesis,batch=4", "baseline"),
+            ("timing=perhaps", "perhaps"),
+        ] {
+            let error = Options::parse(text).expect_err(text).to_string();
+            assert!(error.contains(named), "{text}: {error}");
+        }
+        let options = Options::parse("cull=queries,max_level=5,min_patches=600,batch=3").expect("good options");
+        assert_eq!(
+            (options.max_level, options.min_patches, options.batch),
+            (5, 600, Some(3))
+        );
+        assert_eq!(options.cull_for(true, true, 1000), Cull::Queries);
+        assert_eq!(options.cull_for(false, true, 1000), Cull::Off);
+    }
+}

@@ -1,0 +1,1130 @@
+//! The device's side of a loaded scene, and the way of a hemicube through the stages.
+//!
+//! ```text
+//! cull ▶ depths of what is thought to be in front ▶ cull ▶ ids ▶ reduce ▶ tiny ▶ compact ▶ cover ▶ pack
+//! ```
+//!
+//! What is culled never shows in a row: culling looks at depths only, and then the ids of all that may be seen are drawn
+//! anew, in the fixed order of the chunks, into a cleared depth buffer.
+
+use crate::cull::{ALL_FACES, Descend, FacePlanes, Hierarchy, WalkCounters, runs};
+use crate::device::{Device, Entered};
+use crate::objects::{Mapped, Objects, bytes_of, program};
+use crate::options::{Cull, Options};
+use glow::HasContext;
+use hemicube_contract::backend::{BackendError, Counters, Culling, Geometry, Hemicube, RenderSettings, StageTimes};
+use hemicube_contract::delta::DeltaTable;
+use hemicube_contract::face::{Face, Items};
+use hemicube_contract::row::RowBlock;
+use hemicube_shaders::output::{ENTRY_WORDS, HEADER_WORDS, append_rows, entry_words};
+use hemicube_shaders::stage::{self, Stage, binding};
+use hemicube_shaders::upload::{VERTEX_BYTES, split};
+use hemicube_shaders::view::{FACES, VIEW_BYTES, settings_words, stands_on_emitter};
+use hemicube_shaders::{Limits, Plan, Upload, View, views};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// The programs of all stages.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Programs {
+    depths: glow::Program,
+    depths_of_others: glow::Program,
+    ids: glow::Program,
+    ids_of_others: glow::Program,
+    boxes: glow::Program,
+    cover: glow::Program,
+    cull_seen: glow::Program,
+    cull_hidden: glow::Program,
+    cull_outside: glow::Program,
+    pyramid: glow::Program,
+    reduce: glow::Program,
+    tiny: glow::Program,
+    compact: glow::Program,
+    pack: glow::Program,
+}
+
+impl Programs {
+    pub(crate) fn new(entered: &Entered<'_>) -> Result<Self, BackendError> {
+        let depth = include_str!("glsl/depth.frag");
+        let compute = |stage: &Stage| program(entered, stage.entry, &[(glow::COMPUTE_SHADER, stage.glsl)]);
+        let drawing = |name: &str, vertex: &str, fragment: &str| {
+            program(
+                entered,
+                name,
+                &[(glow::VERTEX_SHADER, vertex), (glow::FRAGMENT_SHADER, fragment)],
+            )
+        };
+        Ok(Self {
+            depths: drawing("depths", stage::RENDER.glsl, depth)?,
+            depths_of_others: drawing("depths of others", stage::RENDER.glsl, stage::OCCLUDE_OTHERS.glsl)?,
+            ids: drawing("ids", stage::RENDER.glsl, stage::IDENTIFY.glsl)?,
+            ids_of_others: drawing("ids of others", stage::RENDER.glsl, stage::IDENTIFY_OTHERS.glsl)?,
+            boxes: drawing("boxes", include_str!("glsl/box.vert"), depth)?,
+            cover: drawing("cover", stage::COVER.glsl, stage::ADD_HIDDEN.glsl)?,
+            cull_seen: compute(&stage::CULL_SEEN)?,
+            cull_hidden: compute(&stage::CULL_HIDDEN)?,
+            cull_outside: compute(&stage::CULL_OUTSIDE)?,
+            pyramid: compute(&stage::PYRAMID_OF)?,
+            reduce: compute(&stage::REDUCE)?,
+            tiny: compute(&stage::TINY)?,
+            compact: compute(&stage::COMPACT)?,
+            pack: compute(&stage::PACK)?,
+        })
+    }
+}
+
+/// A loaded scene.
+pub(crate) struct Scene {
+    pub(crate) geometry: Arc<Geometry>,
+    pub(crate) settings: RenderSettings,
+    pub(crate) plan: Plan,
+    pub(crate) cull: Cull,
+    upload: Arc<Upload>,
+    options: Options,
+    objects: Objects,
+    views: [glow::Buffer; 2],
+    output: [Mapped; 2],
+    visible: glow::Buffer,
+    touched: glow::Buffer,
+    drawn: glow::Buffer,
+    cover_draws: glow::Buffer,
+    draws: glow::Buffer,
+    draw_counts: glow::Buffer,
+    /// By layer: ids with depths, and depths alone.
+    framebuffers: Vec<[glow::Framebuffer; 2]>,
+    vertices: glow::VertexArray,
+    no_vertices: glow::VertexArray,
+    hierarchy: Hierarchy,
+    coherence: Coherence,
+    stamp: u32,
+    trial: Trial,
+    pub(crate) times: StageTimes,
+    clock: Instant,
+}
+
+/// What the hemicube before saw, as far as queries have told.
+#[derive(Debug, Default)]
+struct Coherence {
+    /// By chunk.
+    seen: Vec<bool>,
+    /// How many chunks before each were seen; one more at the end.
+    seen_before: Vec<u32>,
+    /// Queries whose result is due before the next hemicube, and the chunks that they are of.
+    pending: Vec<(glow::Query, std::ops::Range<u32>)>,
+    queries: u64,
+}
+
+/// Whether culling pays, by what it did for the first hemicubes.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Trial {
+    in_view: u64,
+    hidden: u64,
+    hemicubes: u64,
+    pub(crate) over: bool,
+}
+
+/// Hemicubes after which it is decided whether occlusion culling pays.
+const TRIAL: u64 = 32;
+
+/// A batch on its way.
+#[derive(Debug)]
+pub(crate) struct Submission {
+    slots: u32,
+    half: usize,
+    fence: glow::Fence,
+    counters: Counters,
+}
+
+/// Where time goes.
+#[derive(Clone, Copy, Debug)]
+enum Time {
+    Cull,
+    Render,
+    Cover,
+    Reduce,
+    ReadBack,
+}
+
+impl Scene {
+    pub(crate) fn new(
+        device: &Device,
+        entered: &Entered<'_>,
+        geometry: &Arc<Geometry>,
+        settings: RenderSettings,
+        options: Options,
+    ) -> Result<Self, BackendError> {
+        let kept = geometry.kept(|geometry| Upload::new(geometry).map(Arc::new).map_err(|error| error.to_string()));
+        let upload = match &*kept {
+            Ok(upload) => Arc::clone(upload),
+            Err(reason) => return Err(BackendError::Unsupported(reason.clone())),
+        };
+        let plan = Plan::new(&upload, settings.resolution, limits(device, &options))?;
+        let cull = options.cull_for(
+            settings.culling == Culling::On,
+            device.can_count_draws(),
+            upload.chunks.len(),
+        );
+        let mut objects = Objects::default();
+        let made = Self::make(entered, &upload, &plan, settings, &mut objects);
+        let made = match made {
+            Ok(made) => made,
+            Err(error) => {
+                objects.delete(entered);
+                return Err(error);
+            }
+        };
+        let chunks = runs(&upload);
+        let max_level = options.max_level;
+        let hierarchy = Hierarchy::new(&geometry.octree, &chunks, max_level);
+        let mut scene = Self {
+            geometry: Arc::clone(geometry),
+            settings,
+            plan,
+            cull,
+            options,
+            objects,
+            views: made.views,
+            output: made.output,
+            visible: made.visible,
+            touched: made.touched,
+            drawn: made.drawn,
+            cover_draws: made.cover_draws,
+            draws: made.draws,
+            draw_counts: made.draw_counts,
+            framebuffers: made.framebuffers,
+            vertices: made.vertices,
+            no_vertices: made.no_vertices,
+            hierarchy,
+            coherence: Coherence {
+                seen: vec![false; upload.chunks.len()],
+                ..Coherence::default()
+            },
+            stamp: 1,
+            trial: Trial::default(),
+            times: StageTimes::default(),
+            clock: Instant::now(),
+            upload,
+        };
+        if let Err(error) = scene
+            .upload_boxes(entered)
+            .and_then(|()| entered.check("loading the scene"))
+        {
+            scene.delete(entered);
+            return Err(error);
+        }
+        Ok(scene)
+    }
+
+    pub(crate) fn delete(self, entered: &Entered<'_>) {
+        self.objects.delete(entered);
+    }
+
+    fn make(
+        entered: &Entered<'_>,
+        upload: &Upload,
+        plan: &Plan,
+        settings: RenderSettings,
+        objects: &mut Objects,
+    ) -> Result<Made, BackendError> {
+        let gl = entered.gl;
+        let mut buffers: Vec<Option<glow::Buffer>> = vec![None; binding::COUNT as usize];
+        for size in plan.sizes(upload) {
+            let content = match size.binding {
+                binding::VIEWS | binding::OUTPUT => continue,
+                binding::CHUNKS => Some(bytes_of(&upload.chunk_words())),
+                binding::VERTICES => Some(bytes_of(upload.vertices.as_flattened())),
+                binding::INDICES => Some(bytes_of(&upload.indices)),
+                binding::TRIANGLE_OF_PATCH => Some(bytes_of(&upload.triangle_of_patch)),
+                binding::CHUNK_OF_PATCH => Some(bytes_of(&upload.chunk_of_patch)),
+                binding::WEIGHTS => Some(bytes_of(&weights(settings.resolution))),
+                _ => None,
+            };
+            buffers[size.binding as usize] = Some(match content {
+                Some(bytes) => objects.filled(entered, &bytes)?,
+                None => objects.buffer(entered, size.bytes.div_ceil(4), false)?,
+            });
+        }
+        let uniforms = objects.filled(entered, &bytes_of(&settings_words(plan, upload, settings.covered)))?;
+        let view_words = u64::from(plan.batch * FACES * VIEW_BYTES / 4);
+        let views = [
+            objects.buffer(entered, view_words, false)?,
+            objects.buffer(entered, view_words, false)?,
+        ];
+        let output = [
+            Mapped::new(objects, entered, plan.output_words())?,
+            Mapped::new(objects, entered, plan.output_words())?,
+        ];
+        let size = [plan.resolution, 3 * plan.resolution, plan.group];
+        let items = objects.texture(entered, glow::R32UI, size)?;
+        let depths = objects.texture(entered, glow::DEPTH_COMPONENT32F, size)?;
+        let mut framebuffers = Vec::new();
+        for layer in 0..plan.group {
+            framebuffers.push([
+                objects.framebuffer(entered, Some(items), depths, layer)?,
+                objects.framebuffer(entered, None, depths, layer)?,
+            ]);
+        }
+        let (vertices, no_vertices) = (objects.vertex_array(entered)?, objects.vertex_array(entered)?);
+        let named = |place: u32| {
+            buffers[place as usize]
+                .ok_or_else(|| BackendError::Internal(format!("there is no buffer for binding {place}")))
+        };
+        // SAFETY: the context is current, and all names are its own. The attributes are within a vertex.
+        unsafe {
+            for (place, buffer) in (0u32..).zip(&buffers) {
+                if let Some(buffer) = buffer {
+                    gl.bind_buffer_base(glow::SHADER_STORAGE_BUFFER, place, Some(*buffer));
+                }
+            }
+            gl.bind_buffer_base(glow::UNIFORM_BUFFER, binding::SETTINGS, Some(uniforms));
+            gl.bind_texture_unit(binding::ITEMS, Some(items));
+            gl.bind_texture_unit(binding::DEPTHS, Some(depths));
+            gl.bind_vertex_array(Some(vertices));
+            gl.bind_buffer(glow::ARRAY_BUFFER, Some(named(binding::VERTICES)?));
+            gl.bind_buffer(glow::ELEMENT_ARRAY_BUFFER, Some(named(binding::INDICES)?));
+            let stride = i32::try_from(VERTEX_BYTES).unwrap_or(0);
+            gl.vertex_attrib_pointer_f32(0, 3, glow::FLOAT, false, stride, 0);
+            gl.vertex_attrib_pointer_f32(1, 3, glow::FLOAT, false, stride, 12);
+            gl.vertex_attrib_pointer_i32(2, 2, glow::UNSIGNED_INT, stride, 24);
+            for attribute in 0..3 {
+                gl.enable_vertex_attrib_array(attribute);
+            }
+            gl.clear_depth_f32(0.0);
+            gl.disable(glow::DITHER);
+            gl.disable(glow::CULL_FACE);
+            gl.disable(glow::SCISSOR_TEST);
+            // Faces look along w, with u to the right and v up: a front turns clockwise on them.
+            gl.front_face(glow::CW);
+        }
+        entered.set_conventions();
+        Ok(Made {
+            views,
+            output,
+            framebuffers,
+            vertices,
+            no_vertices,
+            visible: named(binding::VISIBLE)?,
+            touched: named(binding::TOUCHED)?,
+            drawn: named(binding::DRAWN)?,
+            cover_draws: named(binding::COVER_DRAWS)?,
+            draws: named(binding::DRAWS)?,
+            draw_counts: named(binding::DRAW_COUNTS)?,
+        })
+    }
+
+    /// The boxes that queries draw, and marks of drawn chunks where nothing will be culled.
+    fn upload_boxes(&mut self, entered: &Entered<'_>) -> Result<(), BackendError> {
+        let n = f64::from(self.settings.resolution);
+        // Boxes are nearer than what is in them by more than depths can be off, and where tiny patches are asked for by as
+        // much as these may lie behind what is seen.
+        let wider = 1.0 / 256.0 + if self.settings.covered { 16.0 / n } else { 0.0 };
+        #[allow(clippy::cast_possible_truncation, reason = "the widening is above the rounding")]
+        let words: Vec<u32> = self
+            .hierarchy
+            .nodes
+            .iter()
+            .flat_map(|node| {
+                let (high, low) = split(node.bounds.center);
+                let half = node.bounds.half.to_array().map(|h| h as f32);
+                [
+                    high[0],
+                    high[1],
+                    high[2],
+                    0.0,
+                    low[0],
+                    low[1],
+                    low[2],
+                    wider as f32,
+                    half[0],
+                    half[1],
+                    half[2],
+                    0.0,
+                ]
+            })
+            .map(f32::to_bits)
+            .collect();
+        let boxes = self.objects.filled(entered, &bytes_of(&words))?;
+        // SAFETY: the context is current and the buffer its own.
+        unsafe { entered.gl.bind_buffer_base(glow::SHADER_STORAGE_BUFFER, 0, Some(boxes)) };
+        if self.cull == Cull::Off {
+            let all = vec![1; self.plan.group as usize * FACES as usize * self.upload.chunks.len()];
+            self.write(entered, self.drawn, 0, &all);
+        }
+        Ok(())
+    }
+
+    fn write(&self, entered: &Entered<'_>, buffer: glow::Buffer, word: usize, words: &[u32]) {
+        let place = i32::try_from(word * 4).unwrap_or(i32::MAX);
+        // SAFETY: the context is current; a range beyond the buffer is an error of OpenGL. The words are copied by the call.
+        unsafe {
+            entered
+                .gl
+                .named_buffer_sub_data_u8_slice(buffer, place, &bytes_of(words))
+        };
+    }
+
+    /// Ends a stage, where stages are timed: the time until the device has done all that it was asked.
+    ///
+    /// Not by timer queries: of a software driver they see the threads that rasterise and not the one that transforms and
+    /// bins triangles, which is where most of its time goes.
+    fn timed(&mut self, entered: &Entered<'_>, stage: Time) {
+        if !self.options.timing {
+            return;
+        }
+        // SAFETY: the context is current.
+        unsafe { entered.gl.finish() };
+        let now = Instant::now();
+        let spent = u64::try_from(now.duration_since(self.clock).as_nanos()).unwrap_or(u64::MAX);
+        self.clock = now;
+        *match stage {
+            Time::Cull => &mut self.times.cull,
+            Time::Render => &mut self.times.render,
+            Time::Cover => &mut self.times.cover,
+            Time::Reduce => &mut self.times.reduce,
+            Time::ReadBack => &mut self.times.read_back,
+        } += spent;
+    }
+
+    /// Sends a batch to the device, at most [`Plan::batch`] hemicubes. `half` says which of the two sets of buffers is free.
+    pub(crate) fn submit(
+        &mut self,
+        entered: &Entered<'_>,
+        programs: &Programs,
+        hemicubes: &[Hemicube],
+        half: usize,
+    ) -> Result<Submission, BackendError> {
+        self.clock = Instant::now();
+        let mut counters = Counters::default();
+        let slots = u32::try_from(hemicubes.len()).unwrap_or(u32::MAX);
+        self.begin(entered, hemicubes, half);
+        let mut slot = 0;
+        for group in hemicubes.chunks(self.plan.group as usize) {
+            self.draw_group(entered, programs, group, slot, half, &mut counters)?;
+            self.reduce_group(entered, programs, group, slot, half)?;
+            slot += u32::try_from(group.len()).unwrap_or(u32::MAX);
+        }
+        // SAFETY: the context is current.
+        let fence = unsafe {
+            entered.gl.memory_barrier(glow::CLIENT_MAPPED_BUFFER_BARRIER_BIT);
+            let fence = entered.gl.fence_sync(glow::SYNC_GPU_COMMANDS_COMPLETE, 0);
+            entered.gl.flush();
+            fence
+        };
+        let fence = fence.map_err(BackendError::Internal)?;
+        entered.check("rendering")?;
+        Ok(Submission {
+            slots,
+            half,
+            fence,
+            counters,
+        })
+    }
+
+    /// Uploads the views of a batch.
+    fn begin(&mut self, entered: &Entered<'_>, hemicubes: &[Hemicube], half: usize) {
+        let mut words = Vec::with_capacity(hemicubes.len() * (FACES * VIEW_BYTES / 4) as usize);
+        for (hemicube, slot) in hemicubes.iter().zip(0u32..) {
+            let (layer, group) = (slot % self.plan.group, slot / self.plan.group);
+            let at = View {
+                slot,
+                layer,
+                stamp: self.stamp + 1 + group,
+            };
+            words.extend_from_slice(views(&self.geometry, hemicube, self.settings.resolution, at).as_flattened());
+        }
+        let groups = u32::try_from(hemicubes.len())
+            .unwrap_or(u32::MAX)
+            .div_ceil(self.plan.group);
+        self.stamp = self.stamp.wrapping_add(groups);
+        self.write(entered, self.views[half], 0, &words);
+        // SAFETY: the context is current and the buffers its own.
+        unsafe {
+            entered
+                .gl
+                .bind_buffer_base(glow::SHADER_STORAGE_BUFFER, binding::VIEWS, Some(self.views[half]));
+            entered.gl.bind_buffer_base(
+                glow::SHADER_STORAGE_BUFFER,
+                binding::OUTPUT,
+                Some(self.output[half].buffer),
+            );
+        }
+    }
+
+    /// Makes the view of a face current.
+    fn bind_view(&self, entered: &Entered<'_>, half: usize, slot: u32, face: u32) {
+        let place = i32::try_from((slot * FACES + face) * VIEW_BYTES).unwrap_or(i32::MAX);
+        let long = i32::try_from(VIEW_BYTES).unwrap_or(0);
+        // SAFETY: the context is current; the view is within the buffer, as `slot` is below `Plan::batch`.
+        unsafe {
+            entered
+                .gl
+                .bind_buffer_range(glow::UNIFORM_BUFFER, binding::VIEW, Some(self.views[half]), place, long);
+        }
+    }
+
+    fn dispatch(&self, entered: &Entered<'_>, program: glow::Program, groups: [u32; 3]) {
+        // SAFETY: the context is current. Each stage writes within its buffers, whose sizes and groups the shared plan gives.
+        unsafe {
+            entered.gl.use_program(Some(program));
+            entered.gl.dispatch_compute(groups[0], groups[1], groups[2]);
+            entered.gl.memory_barrier(
+                glow::SHADER_STORAGE_BARRIER_BIT | glow::COMMAND_BARRIER_BIT | glow::TEXTURE_FETCH_BARRIER_BIT,
+            );
+        }
+    }
+
+    /// Draws the ids of a group of hemicubes, and finds what to draw.
+    fn draw_group(
+        &mut self,
+        entered: &Entered<'_>,
+        programs: &Programs,
+        group: &[Hemicube],
+        slot: u32,
+        half: usize,
+        counters: &mut Counters,
+    ) -> Result<(), BackendError> {
+        let layers = u32::try_from(group.len()).unwrap_or(u32::MAX);
+        let n = self.settings.resolution;
+        match self.cull {
+            Cull::Frustum => {
+                self.bind_view(entered, half, slot, 0);
+                self.dispatch(entered, programs.cull_outside, [FACES, layers, 1]);
+            }
+            Cull::Depth => {
+                self.bind_view(entered, half, slot, 0);
+                self.dispatch(entered, programs.cull_seen, [FACES, layers, 1]);
+                self.timed(entered, Time::Cull);
+                for (hemicube, layer) in group.iter().zip(0u32..) {
+                    self.begin_depths(entered, programs, hemicube, layer);
+                    self.draw_counted(entered, half, slot + layer, layer);
+                }
+                self.timed(entered, Time::Render);
+                self.bind_view(entered, half, slot, 0);
+                self.dispatch(entered, programs.pyramid, [n / 16, 3 * n / 16, layers]);
+                self.dispatch(entered, programs.cull_hidden, [FACES, layers, 1]);
+            }
+            Cull::Off | Cull::Queries => {}
+        }
+        self.timed(entered, Time::Cull);
+        for (hemicube, layer) in group.iter().zip(0u32..) {
+            let lists = if self.cull == Cull::Queries {
+                let lists = self.ask(entered, programs, hemicube, half, slot + layer, layer, counters)?;
+                self.timed(entered, Time::Cull);
+                Some(lists)
+            } else {
+                None
+            };
+            self.begin_ids(entered, programs, hemicube, layer);
+            match (self.cull, lists) {
+                (_, Some(lists)) => self.draw_lists(entered, half, slot + layer, &lists),
+                (Cull::Off, None) => {
+                    let all = i32::try_from(self.upload.indices.len()).unwrap_or(i32::MAX);
+                    for face in Face::ALL {
+                        self.begin_face(entered, half, slot + layer, face);
+                        // SAFETY: the context is current, and there are as many indices.
+                        unsafe { entered.gl.draw_elements(glow::TRIANGLES, all, glow::UNSIGNED_INT, 0) };
+                    }
+                    let triangles = u64::from(FACES) * self.upload.triangle_count() as u64;
+                    counters.triangles_transformed += triangles;
+                    counters.triangles_drawn += triangles;
+                }
+                _ => self.draw_counted(entered, half, slot + layer, layer),
+            }
+        }
+        self.timed(entered, Time::Render);
+        Ok(())
+    }
+
+    fn begin_depths(&self, entered: &Entered<'_>, programs: &Programs, hemicube: &Hemicube, layer: u32) {
+        let on_emitter = stands_on_emitter(&self.geometry, &self.upload, hemicube);
+        let gl = entered.gl;
+        let framebuffer = self.framebuffers[layer as usize][1];
+        // SAFETY: the context is current, and all names are its own.
+        unsafe {
+            gl.bind_framebuffer(glow::FRAMEBUFFER, Some(framebuffer));
+            gl.enable(glow::DEPTH_TEST);
+            gl.depth_mask(true);
+            gl.depth_func(glow::GREATER);
+            gl.clear(glow::DEPTH_BUFFER_BIT);
+            gl.use_program(Some(if on_emitter {
+                programs.depths
+            } else {
+                programs.depths_of_others
+            }));
+            gl.bind_vertex_array(Some(self.vertices));
+        }
+    }
+
+    fn begin_ids(&self, entered: &Entered<'_>, programs: &Programs, hemicube: &Hemicube, layer: u32) {
+        let on_emitter = stands_on_emitter(&self.geometry, &self.upload, hemicube);
+        let gl = entered.gl;
+        let framebuffer = self.framebuffers[layer as usize][0];
+        // SAFETY: the context is current, and all names are its own.
+        unsafe {
+            gl.bind_framebuffer(glow::FRAMEBUFFER, Some(framebuffer));
+            gl.enable(glow::DEPTH_TEST);
+            gl.depth_mask(true);
+            gl.depth_func(glow::GREATER);
+            gl.clear_buffer_u32_slice(glow::COLOR, 0, &[self.upload.patch_count + 1; 4]);
+            gl.clear(glow::DEPTH_BUFFER_BIT);
+            gl.use_program(Some(if on_emitter {
+                programs.ids
+            } else {
+                programs.ids_of_others
+            }));
+            gl.bind_vertex_array(Some(self.vertices));
+        }
+    }
+
+    fn begin_face(&self, entered: &Entered<'_>, half: usize, slot: u32, face: Face) {
+        let n = self.settings.resolution;
+        let [first, width, rows] = [face.first_row(n), n, face.rows(n)].map(|k| i32::try_from(k).unwrap_or(i32::MAX));
+        self.bind_view(entered, half, slot, face as u32);
+        // SAFETY: the context is current.
+        unsafe { entered.gl.viewport(0, first, width, rows) };
+    }
+
+    /// Draws what the cull stage has listed for a layer.
+    fn draw_counted(&self, entered: &Entered<'_>, half: usize, slot: u32, layer: u32) {
+        let chunks = u32::try_from(self.upload.chunks.len()).unwrap_or(u32::MAX);
+        // SAFETY: the context is current; the buffers have draws of five words for every face and chunk, and a count for
+        // every face.
+        unsafe {
+            entered.gl.bind_buffer(glow::DRAW_INDIRECT_BUFFER, Some(self.draws));
+            entered.gl.bind_buffer(glow::PARAMETER_BUFFER, Some(self.draw_counts));
+            for face in Face::ALL {
+                self.begin_face(entered, half, slot, face);
+                let list = (layer * FACES + face as u32) as usize;
+                entered.draw_indirect(list * chunks as usize * 20, list * 4, chunks);
+            }
+        }
+    }
+
+    /// Draws listed chunks, those of each face in ascending order.
+    fn draw_lists(&self, entered: &Entered<'_>, half: usize, slot: u32, lists: &[Vec<u32>; 5]) {
+        for face in Face::ALL {
+            let list = &lists[face as usize];
+            if !list.is_empty() {
+                self.begin_face(entered, half, slot, face);
+                self.draw_list(entered, list);
+            }
+        }
+    }
+
+    fn draw_list(&self, entered: &Entered<'_>, list: &[u32]) {
+        let (mut firsts, mut counts): (Vec<usize>, Vec<i32>) = (Vec::new(), Vec::new());
+        let mut end = u32::MAX;
+        for &chunk in list {
+            let chunk = &self.upload.chunks[chunk as usize];
+            let count = i32::try_from(chunk.index_count).unwrap_or(i32::MAX);
+            match counts.last_mut() {
+                Some(last) if end == chunk.first_index => *last += count,
+                _ => {
+                    firsts.push(chunk.first_index as usize * 4);
+                    counts.push(count);
+                }
+            }
+            end = chunk.first_index + chunk.index_count;
+        }
+        // SAFETY: the context is current, the scene's vertex array is bound, and chunks are within its indices.
+        unsafe { entered.draw_runs(&firsts, &counts) };
+    }
+
+    /// Finds by frustum and occlusion queries which chunks may be seen on each face, ascending.
+    ///
+    /// Two queues, as in the thesis. What the hemicube before saw is drawn at once, and asked about for the hemicube after.
+    /// Of what it did not see, the topmost nodes are asked about and waited for; of those that are in front, the children.
+    /// Nodes of few triangles are drawn unasked, as drawing a box costs as much.
+    #[allow(clippy::too_many_arguments, reason = "the place of one hemicube in its batch")]
+    fn ask(
+        &mut self,
+        entered: &Entered<'_>,
+        programs: &Programs,
+        hemicube: &Hemicube,
+        half: usize,
+        slot: u32,
+        layer: u32,
+        counters: &mut Counters,
+    ) -> Result<[Vec<u32>; 5], BackendError> {
+        self.hear(entered);
+        let planes = FacePlanes::new(hemicube, self.geometry.plane_tolerance);
+        let few = self.options.min_patches;
+        let mut walked = WalkCounters::default();
+        let mut lists: [Vec<u32>; 5] = Default::default();
+        let mut fresh: [Vec<u32>; 5] = Default::default();
+        let mut asked: Vec<(u32, u8)> = Vec::new();
+        let mut leaves: Vec<(u32, u8)> = Vec::new();
+        let mut hidden = 0;
+        {
+            let (nodes, seen_before) = (&self.hierarchy.nodes, &self.coherence.seen_before);
+            let was_seen =
+                |chunks: &std::ops::Range<u32>| seen_before[chunks.end as usize] > seen_before[chunks.start as usize];
+            self.hierarchy.walk(0, ALL_FACES, &planes, &mut walked, |place, faces| {
+                let node = &nodes[place as usize];
+                if was_seen(&node.chunks) || node.triangles <= few {
+                    if node.is_leaf(place) {
+                        add(&mut fresh, faces, node.chunks.clone());
+                        leaves.push((place, faces));
+                    }
+                    Descend::Yes
+                } else {
+                    asked.push((place, faces));
+                    Descend::No
+                }
+            });
+        }
+        self.begin_depths(entered, programs, hemicube, layer);
+        let mut number = 0;
+        loop {
+            for (list, fresh) in lists.iter_mut().zip(&mut fresh) {
+                fresh.sort_unstable();
+                counters.triangles_transformed += self.triangles_of(fresh);
+                list.extend_from_slice(fresh);
+            }
+            self.draw_lists(entered, half, slot, &fresh);
+            fresh.iter_mut().for_each(Vec::clear);
+            if asked.is_empty() {
+                break;
+            }
+            let queries = self.query(entered, programs, half, slot, &asked, hemicube, &mut number)?;
+            // SAFETY: the context is current.
+            unsafe {
+                entered
+                    .gl
+                    .use_program(Some(if stands_on_emitter(&self.geometry, &self.upload, hemicube) {
+                        programs.depths
+                    } else {
+                        programs.depths_of_others
+                    }));
+                entered.gl.depth_mask(true);
+                entered.gl.bind_vertex_array(Some(self.vertices));
+            }
+            let mut deeper = Vec::new();
+            for ((place, _), answers) in std::mem::take(&mut asked).into_iter().zip(queries) {
+                let faces = answers.into_iter().fold(0, |faces, (face, query)| match query {
+                    Some(query) if !is_visible(entered, query) => faces,
+                    _ => faces | face,
+                });
+                if faces == 0 {
+                    hidden += 1;
+                    continue;
+                }
+                let nodes = &self.hierarchy.nodes;
+                if nodes[place as usize].is_leaf(place) {
+                    add(&mut fresh, faces, nodes[place as usize].chunks.clone());
+                    leaves.push((place, faces));
+                    continue;
+                }
+                self.hierarchy.walk(place, faces, &planes, &mut walked, |below, faces| {
+                    let node = &nodes[below as usize];
+                    if below == place {
+                        return Descend::Yes;
+                    }
+                    if node.triangles <= few {
+                        if node.is_leaf(below) {
+                            add(&mut fresh, faces, node.chunks.clone());
+                            leaves.push((below, faces));
+                        }
+                        return Descend::Yes;
+                    }
+                    deeper.push((below, faces));
+                    Descend::No
+                });
+            }
+            asked = deeper;
+        }
+        // For the next hemicube, behind all that this one sees.
+        leaves.retain(|&(place, _)| self.hierarchy.nodes[place as usize].triangles > few);
+        let answers = self.query(entered, programs, half, slot, &leaves, hemicube, &mut number)?;
+        for ((place, _), answers) in leaves.into_iter().zip(answers) {
+            let chunks = self.hierarchy.nodes[place as usize].chunks.clone();
+            for (_, query) in answers {
+                match query {
+                    Some(query) => self.coherence.pending.push((query, chunks.clone())),
+                    None => self.coherence.seen[chunks.start as usize..chunks.end as usize].fill(true),
+                }
+            }
+        }
+        counters.nodes_tested += walked.tested;
+        counters.nodes_outside += walked.outside;
+        counters.nodes_hidden += hidden;
+        counters.queries += std::mem::take(&mut self.coherence.queries);
+        for list in &mut lists {
+            list.sort_unstable();
+            let triangles = self.triangles_of(list);
+            counters.triangles_drawn += triangles;
+            counters.triangles_transformed += triangles;
+        }
+        if self.settings.covered {
+            let mut marks = vec![0; FACES as usize * self.upload.chunks.len()];
+            for (face, list) in lists.iter().enumerate() {
+                for &chunk in list {
+                    marks[face * self.upload.chunks.len() + chunk as usize] = 1;
+                }
+            }
+            self.write(entered, self.drawn, layer as usize * marks.len(), &marks);
+        }
+        Ok(lists)
+    }
+
+    fn triangles_of(&self, list: &[u32]) -> u64 {
+        list.iter()
+            .map(|&chunk| u64::from(self.upload.chunks[chunk as usize].index_count / 3))
+            .sum()
+    }
+
+    /// Takes in what was asked for this hemicube by the one before.
+    fn hear(&mut self, entered: &Entered<'_>) {
+        for (query, chunks) in std::mem::take(&mut self.coherence.pending) {
+            if is_visible(entered, query) {
+                self.coherence.seen[chunks.start as usize..chunks.end as usize].fill(true);
+            }
+        }
+        let mut count = 0;
+        self.coherence.seen_before.clear();
+        self.coherence.seen_before.push(0);
+        for seen in &mut self.coherence.seen {
+            count += u32::from(std::mem::take(seen));
+            self.coherence.seen_before.push(count);
+        }
+    }
+
+    /// Asks of each node whether its box is in front of the depths on each of its faces. No query: the eye is in the box.
+    #[allow(clippy::too_many_arguments, reason = "the place of one hemicube in its batch")]
+    #[allow(clippy::type_complexity, reason = "by node and by face")]
+    fn query(
+        &mut self,
+        entered: &Entered<'_>,
+        programs: &Programs,
+        half: usize,
+        slot: u32,
+        asked: &[(u32, u8)],
+        hemicube: &Hemicube,
+        number: &mut usize,
+    ) -> Result<Vec<Vec<(u8, Option<glow::Query>)>>, BackendError> {
+        let gl = entered.gl;
+        let mut answers: Vec<Vec<(u8, Option<glow::Query>)>> = vec![Vec::new(); asked.len()];
+        // SAFETY: the context is current, and all names are its own.
+        unsafe {
+            gl.use_program(Some(programs.boxes));
+            gl.bind_vertex_array(Some(self.no_vertices));
+            gl.depth_mask(false);
+        }
+        for face in Face::ALL {
+            let bit = 1u8 << face as u8;
+            let mut begun = false;
+            for (&(place, faces), answers) in asked.iter().zip(&mut answers) {
+                if faces & bit == 0 {
+                    continue;
+                }
+                let bounds = &self.hierarchy.nodes[place as usize].bounds;
+                let away = (hemicube.origin - bounds.center).abs();
+                // As much as the shader widens it, and more: an eye within sees the box from inside, or not at all.
+                let far = away.length() + bounds.half.length();
+                if away
+                    .cmple(bounds.half + far * (1.0 / 64.0 + 32.0 / f64::from(self.settings.resolution)))
+                    .all()
+                {
+                    answers.push((bit, None));
+                    continue;
+                }
+                if !begun {
+                    self.begin_face(entered, half, slot, face);
+                    begun = true;
+                }
+                let query = self.objects.query(entered, *number)?;
+                *number += 1;
+                let first = i32::try_from(place * 36).unwrap_or(i32::MAX);
+                // SAFETY: as above; the shader finds the box's corners by their number, which is below 36 for each node.
+                unsafe {
+                    gl.begin_query(glow::ANY_SAMPLES_PASSED, query);
+                    gl.draw_arrays(glow::TRIANGLES, first, 36);
+                    gl.end_query(glow::ANY_SAMPLES_PASSED);
+                }
+                self.coherence.queries += 1;
+                answers.push((bit, Some(query)));
+            }
+        }
+        Ok(answers)
+    }
+
+    /// From the item buffers of a group to its rows in the output.
+    fn reduce_group(
+        &mut self,
+        entered: &Entered<'_>,
+        programs: &Programs,
+        group: &[Hemicube],
+        slot: u32,
+        half: usize,
+    ) -> Result<(), BackendError> {
+        let gl = entered.gl;
+        let layers = u32::try_from(group.len()).unwrap_or(u32::MAX);
+        self.bind_view(entered, half, slot, 0);
+        self.dispatch(entered, programs.reduce, [self.plan.reduce_groups(), layers, 1]);
+        if self.options.dense() {
+            self.timed(entered, Time::Reduce);
+            return Ok(());
+        }
+        if self.settings.covered {
+            let (x, z) = self.plan.tiny_groups(&self.upload);
+            self.dispatch(entered, programs.tiny, [x, layers, z]);
+        }
+        self.dispatch(entered, programs.compact, [layers, 1, 1]);
+        self.timed(entered, Time::Reduce);
+        if self.settings.covered {
+            for layer in 0..layers {
+                // SAFETY: the context is current, and all names are its own. The draw's length was written by the compact
+                // stage; each corner is found by its number.
+                unsafe {
+                    gl.bind_framebuffer(glow::FRAMEBUFFER, Some(self.framebuffers[layer as usize][1]));
+                    gl.disable(glow::DEPTH_TEST);
+                    gl.use_program(Some(programs.cover));
+                    gl.bind_vertex_array(Some(self.no_vertices));
+                    gl.bind_buffer(glow::DRAW_INDIRECT_BUFFER, Some(self.cover_draws));
+                    for face in Face::ALL {
+                        self.begin_face(entered, half, slot + layer, face);
+                        gl.draw_arrays_indirect_offset(glow::TRIANGLES, i32::try_from(16 * layer).unwrap_or(0));
+                    }
+                    gl.memory_barrier(glow::SHADER_STORAGE_BARRIER_BIT);
+                }
+            }
+            self.bind_view(entered, half, slot, 0);
+            self.timed(entered, Time::Cover);
+        }
+        self.dispatch(entered, programs.pack, [PACK_GROUPS, layers, 1]);
+        self.timed(entered, Time::ReadBack);
+        Ok(())
+    }
+
+    /// Whether a batch is read before the next is begun: the baselines know no other way.
+    pub(crate) fn one_by_one(&self) -> bool {
+        self.options.dense()
+    }
+
+    /// Waits for a batch and appends its rows.
+    pub(crate) fn finish(
+        &mut self,
+        entered: &Entered<'_>,
+        submission: Submission,
+        out: &mut RowBlock,
+    ) -> Result<Counters, BackendError> {
+        self.clock = Instant::now();
+        wait(entered, submission.fence)?;
+        let mut counters = submission.counters;
+        if self.options.dense() {
+            self.read_dense(entered, out, &mut counters)?;
+            counters.hemicubes += u64::from(submission.slots);
+        } else {
+            let output = &self.output[submission.half];
+            let headers = output.read(0..(submission.slots * HEADER_WORDS) as usize)?;
+            let first = self.plan.output_entries() as usize;
+            let words = entry_words(&self.plan, &headers, submission.slots)?;
+            debug_assert!(words.is_multiple_of(ENTRY_WORDS as usize), "whole entries");
+            let entries = output.read(first..first + words)?;
+            counters += append_rows(&headers, &entries, submission.slots, self.settings.covered, out);
+        }
+        self.timed(entered, Time::ReadBack);
+        self.judge(&counters);
+        Ok(counters)
+    }
+
+    /// Reads a whole row of visible weights, as the baselines do, and zeroes it.
+    fn read_dense(
+        &self,
+        entered: &Entered<'_>,
+        out: &mut RowBlock,
+        counters: &mut Counters,
+    ) -> Result<(), BackendError> {
+        let count = self.upload.patch_count as usize;
+        let mut bytes = vec![0u8; 4 * (count + 2)];
+        // SAFETY: the context is current; the buffer has a weight for each patch and two more.
+        unsafe {
+            entered.gl.memory_barrier(glow::BUFFER_UPDATE_BARRIER_BIT);
+            entered.gl.bind_buffer(glow::COPY_READ_BUFFER, Some(self.visible));
+            entered.gl.get_buffer_sub_data(glow::COPY_READ_BUFFER, 0, &mut bytes);
+        }
+        entered.clear_words(self.visible, 0..count + 2);
+        entered.clear_words(self.touched, 0..self.plan.word_count as usize);
+        let (words, _) = bytes.as_chunks::<4>();
+        for (&word, patch) in words[..count].iter().zip(0u32..) {
+            let weight = u32::from_ne_bytes(word);
+            if weight != 0 {
+                out.push(hemicube_contract::InputPatch(patch), weight, 0);
+            }
+        }
+        out.end_row(u32::from_ne_bytes(words[count + 1]), u32::from_ne_bytes(words[count]));
+        counters.bytes_read_back += bytes.len() as u64;
+        entered.check("reading a row")
+    }
+
+    /// Leaves out occlusion culling from here on where it has found too little to be worth its time.
+    fn judge(&mut self, counters: &Counters) {
+        if self.trial.over || !self.options.may_switch_off() || self.cull != Cull::Depth {
+            return;
+        }
+        self.trial.hemicubes += counters.hemicubes;
+        self.trial.in_view += counters.nodes_tested - counters.nodes_outside;
+        self.trial.hidden += counters.nodes_hidden;
+        if self.trial.hemicubes >= TRIAL {
+            self.trial.over = true;
+            if self.trial.hidden * 2 < self.trial.in_view {
+                self.cull = Cull::Frustum;
+            }
+        }
+    }
+
+    /// What was decided, for the log.
+    pub(crate) fn choices(&self) -> Vec<String> {
+        let chunks = self.upload.chunks.len();
+        vec![
+            format!(
+                "{} triangles in {chunks} chunks ({} given twice); batches of {} hemicubes, {} at a time",
+                self.upload.triangle_count(),
+                self.upload.merged,
+                self.plan.batch,
+                self.plan.group
+            ),
+            format!("culling: {}", self.cull.words()),
+        ]
+    }
+
+    /// The item buffer of one hemicube.
+    pub(crate) fn items(
+        &mut self,
+        entered: &Entered<'_>,
+        programs: &Programs,
+        hemicube: &Hemicube,
+    ) -> Result<Items, BackendError> {
+        let gl = entered.gl;
+        self.begin(entered, std::slice::from_ref(hemicube), 0);
+        self.draw_group(
+            entered,
+            programs,
+            std::slice::from_ref(hemicube),
+            0,
+            0,
+            &mut Counters::default(),
+        )?;
+        let n = self.settings.resolution;
+        let mut bytes = vec![0u8; 12 * n as usize * n as usize];
+        let [width, height] = [n, 3 * n].map(|k| i32::try_from(k).unwrap_or(i32::MAX));
+        // SAFETY: the context is current; there is room for 3N² numbers.
+        unsafe {
+            gl.bind_framebuffer(glow::FRAMEBUFFER, Some(self.framebuffers[0][0]));
+            gl.pixel_store_i32(glow::PACK_ALIGNMENT, 4);
+            gl.read_pixels(
+                0,
+                0,
+                width,
+                height,
+                glow::RED_INTEGER,
+                glow::UNSIGNED_INT,
+                glow::PixelPackData::Slice(Some(&mut bytes)),
+            );
+        }
+        entered.check("reading an item buffer")?;
+        let (words, _) = bytes.as_chunks::<4>();
+        let count = self.upload.patch_count;
+        let seen = words.iter().map(|&word| match u32::from_ne_bytes(word) {
+            id if id < count => id,
+            id if id == count => Items::BLOCKED,
+            _ => Items::ESCAPED,
+        });
+        Ok(Items {
+            resolution: n,
+            seen: seen.collect(),
+        })
+    }
+}
+
+struct Made {
+    views: [glow::Buffer; 2],
+    output: [Mapped; 2],
+    visible: glow::Buffer,
+    touched: glow::Buffer,
+    drawn: glow::Buffer,
+    cover_draws: glow::Buffer,
+    draws: glow::Buffer,
+    draw_counts: glow::Buffer,
+    framebuffers: Vec<[glow::Framebuffer; 2]>,
+    vertices: glow::VertexArray,
+    no_vertices: glow::VertexArray,
+}
+
+/// Work groups that copy the entries of a row: a few thousand at most.
+const PACK_GROUPS: u32 = 8;
+
+fn add(lists: &mut [Vec<u32>; 5], faces: u8, chunks: std::ops::Range<u32>) {
+    for (face, list) in lists.iter_mut().enumerate() {
+        if faces >> face & 1 == 1 {
+            list.extend(chunks.clone());
+        }
+    }
+}
+
+fn is_visible(entered: &Entered<'_>, query: glow::Query) -> bool {
+    // SAFETY: the context is current, and the query was begun and ended in it.
+    unsafe { entered.gl.get_query_parameter_u32(query, glow::QUERY_RESULT) != 0 }
+}
+
+/// The weight of every pixel of the atlas.
+fn weights(resolution: u32) -> Vec<u32> {
+    let table = DeltaTable::new(resolution);
+    let faces = Face::ALL.into_iter();
+    faces
+        .flat_map(|face| {
+            table
+                .running(face)
+                .windows(2)
+                .map(|sums| sums[1] - sums[0])
+                .collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+/// Waits until the device has passed a fence.
+fn wait(entered: &Entered<'_>, fence: glow::Fence) -> Result<(), BackendError> {
+    /// A batch takes some milliseconds: after a minute, the device has hung.
+    const TRIES: usize = 60;
+    for _ in 0..TRIES {
+        // SAFETY: the context is current and the fence its own.
+        let status = unsafe {
+            entered
+                .gl
+                .client_wait_sync(fence, glow::SYNC_FLUSH_COMMANDS_BIT, 1_000_000_000)
+        };
+        match status {
+            glow::ALREADY_SIGNALED | glow::CONDITION_SATISFIED => {
+                // SAFETY: as above; it is not used again.
+                unsafe { entered.gl.delete_sync(fence) };
+                return Ok(());
+            }
+            glow::TIMEOUT_EXPIRED => {}
+            _ => {
+                entered.check("waiting for a batch")?;
+                return Err(BackendError::DeviceLost("waiting for a batch failed".to_owned()));
+            }
+        }
+    }
+    Err(BackendError::DeviceLost(
+        "a batch has not come back for a minute".to_owned(),
+    ))
+}
+
+fn limits(device: &Device, options: &Options) -> Limits {
+    // On software, batches gain nothing and a second hemicube in flight costs caches; elsewhere both hide latencies.
+    let (group, batch) = if device.software { (1, 16) } else { (16, 64) };
+    let batch = if options.dense() {
+        1
+    } else {
+        options.batch.unwrap_or(batch)
+    };
+    Limits {
+        storage_range: device.limits.storage_range.min(i32::MAX as u64),
+        memory: device.limits.memory,
+        layers: device.limits.layers,
+        image_edge: device.limits.texture_size,
+        group: options.group.unwrap_or(group).min(batch),
+        batch,
+    }
+}
