@@ -5,9 +5,10 @@
 //! culling, one hemicube a call and whole rows read back, and *thesis*, the octree with occlusion queries and coherence of
 //! Vázquez and Guartes 2017.
 //!
-//! Options: `baseline=best|original|thesis`, `cull=auto|off|frustum|queries|depth`, `max_level=N` and `min_patches=N` of the
+//! Options: `baseline=best|original|thesis`, `cull=auto|off|frustum|queries|marks|depth`, `max_level=N` and `min_patches=N` of the
 //! octree for queries, `batch=N`, `group=N`, `timing=on`, `debug=on`.
 
+mod ask;
 mod conv;
 mod cull;
 mod device;

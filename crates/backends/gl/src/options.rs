@@ -9,8 +9,12 @@ pub(crate) enum Cull {
     Off,
     /// What is in no face's view is left out.
     Frustum,
+    /// The same, found by the host.
+    View,
     /// Also what hardware occlusion queries find hidden, asked from the host.
     Queries,
+    /// The same by marks that boxes leave where they are in front, many boxes a draw.
+    Marks,
     /// Also what a pyramid of depths hides, all on the device.
     Depth,
 }
@@ -20,8 +24,10 @@ impl Cull {
     pub(crate) fn words(self) -> &'static str {
         match self {
             Self::Off => "none",
-            Self::Frustum => "frustum",
+            Self::Frustum => "frustum, on the device",
+            Self::View => "frustum",
             Self::Queries => "frustum, occlusion queries with coherence",
+            Self::Marks => "frustum, marks of boxes with coherence",
             Self::Depth => "frustum, depth pyramid with coherence",
         }
     }
@@ -72,9 +78,17 @@ impl Options {
             None | Some("auto") => None,
             Some("off") => Some(Cull::Off),
             Some("frustum") => Some(Cull::Frustum),
+            Some("view") => Some(Cull::View),
             Some("queries") => Some(Cull::Queries),
+            Some("marks") => Some(Cull::Marks),
             Some("depth") => Some(Cull::Depth),
-            Some(other) => return Err(wrong("cull", other, "`auto`, `off`, `frustum`, `queries` or `depth`")),
+            Some(other) => {
+                return Err(wrong(
+                    "cull",
+                    other,
+                    "`auto`, `off`, `view`, `frustum`, `queries`, `marks` or `depth`",
+                ));
+            }
         };
         let mut number = |key: &str, smallest: u32| match given.take(key) {
             None => Ok(None),

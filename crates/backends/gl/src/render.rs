@@ -7,7 +7,8 @@
 //! What is culled never shows in a row: culling looks at depths only, and then the ids of all that may be seen are drawn
 //! anew, in the fixed order of the chunks, into a cleared depth buffer.
 
-use crate::cull::{ALL_FACES, Descend, FacePlanes, Hierarchy, WalkCounters, runs};
+use crate::ask::{Asking, Coherence, OnFaces, add};
+use crate::cull::{FacePlanes, Hierarchy, runs};
 use crate::device::{Device, Entered};
 use crate::objects::{Mapped, Objects, bytes_of, program};
 use crate::options::{Cull, Options};
@@ -32,6 +33,7 @@ pub(crate) struct Programs {
     ids: glow::Program,
     ids_of_others: glow::Program,
     boxes: glow::Program,
+    marks: glow::Program,
     cover: glow::Program,
     cull_seen: glow::Program,
     cull_hidden: glow::Program,
@@ -60,6 +62,7 @@ impl Programs {
             ids: drawing("ids", stage::RENDER.glsl, stage::IDENTIFY.glsl)?,
             ids_of_others: drawing("ids of others", stage::RENDER.glsl, stage::IDENTIFY_OTHERS.glsl)?,
             boxes: drawing("boxes", include_str!("glsl/box.vert"), depth)?,
+            marks: drawing("marks", include_str!("glsl/box.vert"), include_str!("glsl/mark.frag"))?,
             cover: drawing("cover", stage::COVER.glsl, stage::ADD_HIDDEN.glsl)?,
             cull_seen: compute(&stage::CULL_SEEN)?,
             cull_hidden: compute(&stage::CULL_HIDDEN)?,
@@ -94,24 +97,16 @@ pub(crate) struct Scene {
     framebuffers: Vec<[glow::Framebuffer; 2]>,
     vertices: glow::VertexArray,
     no_vertices: glow::VertexArray,
-    hierarchy: Hierarchy,
+    hierarchy: Arc<Hierarchy>,
     coherence: Coherence,
+    /// Queries whose result is due before the next hemicube, and the node that each is of.
+    pending: Vec<(glow::Query, u32)>,
+    asked: glow::Buffer,
+    marks: Mapped,
     stamp: u32,
     trial: Trial,
     pub(crate) times: StageTimes,
     clock: Instant,
-}
-
-/// What the hemicube before saw, as far as queries have told.
-#[derive(Debug, Default)]
-struct Coherence {
-    /// By chunk.
-    seen: Vec<bool>,
-    /// How many chunks before each were seen; one more at the end.
-    seen_before: Vec<u32>,
-    /// Queries whose result is due before the next hemicube, and the chunks that they are of.
-    pending: Vec<(glow::Query, std::ops::Range<u32>)>,
-    queries: u64,
 }
 
 /// Whether culling pays, by what it did for the first hemicubes.
@@ -133,6 +128,38 @@ pub(crate) struct Submission {
     half: usize,
     fence: glow::Fence,
     counters: Counters,
+}
+
+/// Where a hemicube is: its place in the batch, its layer, and which set of buffers the batch has.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    slot: u32,
+    layer: u32,
+    half: usize,
+}
+
+/// Boxes to be drawn: for each in the shader's list which of the nodes asked about it is, and on which face; the list's end
+/// for each face; and the faces of each node that need not be asked about.
+struct Boxes {
+    within: Vec<u8>,
+    places: Vec<(usize, u8)>,
+    ends: [usize; 5],
+}
+
+/// The queries of a node, with the face of each.
+type Queries = Vec<(u8, glow::Query)>;
+
+/// The faces on which each node is in front, once its queries are done.
+fn answers(entered: &Entered<'_>, asked: &[OnFaces], queries: &[Queries]) -> Vec<u8> {
+    let each = asked.iter().zip(queries);
+    each.map(|(&(_, faces), queries)| {
+        let hidden = queries
+            .iter()
+            .filter(|(_, query)| !is_visible(entered, *query))
+            .fold(0, |bits, (bit, _)| bits | bit);
+        faces & !hidden
+    })
+    .collect()
 }
 
 /// Where time goes.
@@ -165,7 +192,8 @@ impl Scene {
             upload.chunks.len(),
         );
         let mut objects = Objects::default();
-        let made = Self::make(entered, &upload, &plan, settings, &mut objects);
+        let hierarchy = Hierarchy::new(&geometry.octree, &runs(&upload), options.max_level);
+        let made = Self::make(entered, &upload, &plan, settings, hierarchy.nodes.len(), &mut objects);
         let made = match made {
             Ok(made) => made,
             Err(error) => {
@@ -173,9 +201,6 @@ impl Scene {
                 return Err(error);
             }
         };
-        let chunks = runs(&upload);
-        let max_level = options.max_level;
-        let hierarchy = Hierarchy::new(&geometry.octree, &chunks, max_level);
         let mut scene = Self {
             geometry: Arc::clone(geometry),
             settings,
@@ -194,11 +219,11 @@ impl Scene {
             framebuffers: made.framebuffers,
             vertices: made.vertices,
             no_vertices: made.no_vertices,
-            hierarchy,
-            coherence: Coherence {
-                seen: vec![false; upload.chunks.len()],
-                ..Coherence::default()
-            },
+            coherence: Coherence::new(hierarchy.nodes.len()),
+            pending: Vec::new(),
+            asked: made.asked,
+            marks: made.marks,
+            hierarchy: Arc::new(hierarchy),
             stamp: 1,
             trial: Trial::default(),
             times: StageTimes::default(),
@@ -224,6 +249,7 @@ impl Scene {
         upload: &Upload,
         plan: &Plan,
         settings: RenderSettings,
+        nodes: usize,
         objects: &mut Objects,
     ) -> Result<Made, BackendError> {
         let gl = entered.gl;
@@ -254,6 +280,9 @@ impl Scene {
             Mapped::new(objects, entered, plan.output_words())?,
             Mapped::new(objects, entered, plan.output_words())?,
         ];
+        let boxes = u64::from(FACES) * nodes as u64;
+        let asked = objects.buffer(entered, boxes, false)?;
+        let marks = Mapped::new(objects, entered, boxes.div_ceil(32).max(1))?;
         let size = [plan.resolution, 3 * plan.resolution, plan.group];
         let items = objects.texture(entered, glow::R32UI, size)?;
         let depths = objects.texture(entered, glow::DEPTH_COMPONENT32F, size)?;
@@ -276,6 +305,8 @@ impl Scene {
                     gl.bind_buffer_base(glow::SHADER_STORAGE_BUFFER, place, Some(*buffer));
                 }
             }
+            gl.bind_buffer_base(glow::SHADER_STORAGE_BUFFER, ASKED, Some(asked));
+            gl.bind_buffer_base(glow::SHADER_STORAGE_BUFFER, MARKS, Some(marks.buffer));
             gl.bind_buffer_base(glow::UNIFORM_BUFFER, binding::SETTINGS, Some(uniforms));
             gl.bind_texture_unit(binding::ITEMS, Some(items));
             gl.bind_texture_unit(binding::DEPTHS, Some(depths));
@@ -298,6 +329,8 @@ impl Scene {
         }
         entered.set_conventions();
         Ok(Made {
+            asked,
+            marks,
             views,
             output,
             framebuffers,
@@ -345,7 +378,11 @@ impl Scene {
             .collect();
         let boxes = self.objects.filled(entered, &bytes_of(&words))?;
         // SAFETY: the context is current and the buffer its own.
-        unsafe { entered.gl.bind_buffer_base(glow::SHADER_STORAGE_BUFFER, 0, Some(boxes)) };
+        unsafe {
+            entered
+                .gl
+                .bind_buffer_base(glow::SHADER_STORAGE_BUFFER, BOXES, Some(boxes))
+        };
         if self.cull == Cull::Off {
             let all = vec![1; self.plan.group as usize * FACES as usize * self.upload.chunks.len()];
             self.write(entered, self.drawn, 0, &all);
@@ -495,28 +532,44 @@ impl Scene {
                 self.dispatch(entered, programs.cull_seen, [FACES, layers, 1]);
                 self.timed(entered, Time::Cull);
                 for (hemicube, layer) in group.iter().zip(0u32..) {
-                    self.begin_depths(entered, programs, hemicube, layer);
-                    self.draw_counted(entered, half, slot + layer, layer);
+                    self.begin_depths(entered, programs, hemicube, layer, true);
+                    self.draw_counted(
+                        entered,
+                        Place {
+                            slot: slot + layer,
+                            layer,
+                            half,
+                        },
+                    );
                 }
                 self.timed(entered, Time::Render);
                 self.bind_view(entered, half, slot, 0);
                 self.dispatch(entered, programs.pyramid, [n / 16, 3 * n / 16, layers]);
                 self.dispatch(entered, programs.cull_hidden, [FACES, layers, 1]);
             }
-            Cull::Off | Cull::Queries => {}
+            Cull::Off | Cull::View | Cull::Queries | Cull::Marks => {}
         }
         self.timed(entered, Time::Cull);
         for (hemicube, layer) in group.iter().zip(0u32..) {
-            let lists = if self.cull == Cull::Queries {
-                let lists = self.ask(entered, programs, hemicube, half, slot + layer, layer, counters)?;
-                self.timed(entered, Time::Cull);
-                Some(lists)
-            } else {
-                None
+            let at = Place {
+                slot: slot + layer,
+                layer,
+                half,
             };
+            let lists = match self.cull {
+                Cull::Queries | Cull::Marks => Some(self.ask(entered, programs, hemicube, at, counters)?),
+                Cull::View => {
+                    let mut asking = self.begin_asking(hemicube, u32::MAX);
+                    let lists = asking.lists(None);
+                    self.note_lists(entered, &mut asking, &lists, at, counters);
+                    Some(lists)
+                }
+                Cull::Off | Cull::Frustum | Cull::Depth => None,
+            };
+            self.timed(entered, Time::Cull);
             self.begin_ids(entered, programs, hemicube, layer);
             match (self.cull, lists) {
-                (_, Some(lists)) => self.draw_lists(entered, half, slot + layer, &lists),
+                (_, Some(lists)) => self.draw_lists(entered, at, &lists),
                 (Cull::Off, None) => {
                     let all = i32::try_from(self.upload.indices.len()).unwrap_or(i32::MAX);
                     for face in Face::ALL {
@@ -528,14 +581,22 @@ impl Scene {
                     counters.triangles_transformed += triangles;
                     counters.triangles_drawn += triangles;
                 }
-                _ => self.draw_counted(entered, half, slot + layer, layer),
+                _ => self.draw_counted(
+                    entered,
+                    Place {
+                        slot: slot + layer,
+                        layer,
+                        half,
+                    },
+                ),
             }
         }
         self.timed(entered, Time::Render);
         Ok(())
     }
 
-    fn begin_depths(&self, entered: &Entered<'_>, programs: &Programs, hemicube: &Hemicube, layer: u32) {
+    /// Makes the depths of a layer the target; `clear`: for a new hemicube.
+    fn begin_depths(&self, entered: &Entered<'_>, programs: &Programs, hemicube: &Hemicube, layer: u32, clear: bool) {
         let on_emitter = stands_on_emitter(&self.geometry, &self.upload, hemicube);
         let gl = entered.gl;
         let framebuffer = self.framebuffers[layer as usize][1];
@@ -543,9 +604,12 @@ impl Scene {
         unsafe {
             gl.bind_framebuffer(glow::FRAMEBUFFER, Some(framebuffer));
             gl.enable(glow::DEPTH_TEST);
+            gl.disable(glow::CULL_FACE);
             gl.depth_mask(true);
             gl.depth_func(glow::GREATER);
-            gl.clear(glow::DEPTH_BUFFER_BIT);
+            if clear {
+                gl.clear(glow::DEPTH_BUFFER_BIT);
+            }
             gl.use_program(Some(if on_emitter {
                 programs.depths
             } else {
@@ -563,6 +627,7 @@ impl Scene {
         unsafe {
             gl.bind_framebuffer(glow::FRAMEBUFFER, Some(framebuffer));
             gl.enable(glow::DEPTH_TEST);
+            gl.disable(glow::CULL_FACE);
             gl.depth_mask(true);
             gl.depth_func(glow::GREATER);
             gl.clear_buffer_u32_slice(glow::COLOR, 0, &[self.upload.patch_count + 1; 4]);
@@ -585,7 +650,7 @@ impl Scene {
     }
 
     /// Draws what the cull stage has listed for a layer.
-    fn draw_counted(&self, entered: &Entered<'_>, half: usize, slot: u32, layer: u32) {
+    fn draw_counted(&self, entered: &Entered<'_>, at: Place) {
         let chunks = u32::try_from(self.upload.chunks.len()).unwrap_or(u32::MAX);
         // SAFETY: the context is current; the buffers have draws of five words for every face and chunk, and a count for
         // every face.
@@ -593,19 +658,19 @@ impl Scene {
             entered.gl.bind_buffer(glow::DRAW_INDIRECT_BUFFER, Some(self.draws));
             entered.gl.bind_buffer(glow::PARAMETER_BUFFER, Some(self.draw_counts));
             for face in Face::ALL {
-                self.begin_face(entered, half, slot, face);
-                let list = (layer * FACES + face as u32) as usize;
+                self.begin_face(entered, at.half, at.slot, face);
+                let list = (at.layer * FACES + face as u32) as usize;
                 entered.draw_indirect(list * chunks as usize * 20, list * 4, chunks);
             }
         }
     }
 
     /// Draws listed chunks, those of each face in ascending order.
-    fn draw_lists(&self, entered: &Entered<'_>, half: usize, slot: u32, lists: &[Vec<u32>; 5]) {
+    fn draw_lists(&self, entered: &Entered<'_>, at: Place, lists: &[Vec<u32>; 5]) {
         for face in Face::ALL {
             let list = &lists[face as usize];
             if !list.is_empty() {
-                self.begin_face(entered, half, slot, face);
+                self.begin_face(entered, at.half, at.slot, face);
                 self.draw_list(entered, list);
             }
         }
@@ -630,131 +695,91 @@ impl Scene {
         unsafe { entered.draw_runs(&firsts, &counts) };
     }
 
-    /// Finds by frustum and occlusion queries which chunks may be seen on each face, ascending.
-    ///
-    /// Two queues, as in the thesis. What the hemicube before saw is drawn at once, and asked about for the hemicube after.
-    /// Of what it did not see, the topmost nodes are asked about and waited for; of those that are in front, the children.
-    /// Nodes of few triangles are drawn unasked, as drawing a box costs as much.
-    #[allow(clippy::too_many_arguments, reason = "the place of one hemicube in its batch")]
+    /// Finds by frustum and occlusion which chunks may be seen on each face, ascending: see [`crate::ask`].
     fn ask(
         &mut self,
         entered: &Entered<'_>,
         programs: &Programs,
         hemicube: &Hemicube,
-        half: usize,
-        slot: u32,
-        layer: u32,
+        at: Place,
         counters: &mut Counters,
     ) -> Result<[Vec<u32>; 5], BackendError> {
-        self.hear(entered);
-        let planes = FacePlanes::new(hemicube, self.geometry.plane_tolerance);
-        let few = self.options.min_patches;
-        let mut walked = WalkCounters::default();
-        let mut lists: [Vec<u32>; 5] = Default::default();
-        let mut fresh: [Vec<u32>; 5] = Default::default();
-        let mut asked: Vec<(u32, u8)> = Vec::new();
-        let mut leaves: Vec<(u32, u8)> = Vec::new();
-        let mut hidden = 0;
-        {
-            let (nodes, seen_before) = (&self.hierarchy.nodes, &self.coherence.seen_before);
-            let was_seen =
-                |chunks: &std::ops::Range<u32>| seen_before[chunks.end as usize] > seen_before[chunks.start as usize];
-            self.hierarchy.walk(0, ALL_FACES, &planes, &mut walked, |place, faces| {
-                let node = &nodes[place as usize];
-                if was_seen(&node.chunks) || node.triangles <= few {
-                    if node.is_leaf(place) {
-                        add(&mut fresh, faces, node.chunks.clone());
-                        leaves.push((place, faces));
-                    }
-                    Descend::Yes
-                } else {
-                    asked.push((place, faces));
-                    Descend::No
-                }
-            });
+        for (query, place) in std::mem::take(&mut self.pending) {
+            if is_visible(entered, query) {
+                self.coherence.note(place);
+            }
         }
-        self.begin_depths(entered, programs, hemicube, layer);
+        let hierarchy = Arc::clone(&self.hierarchy);
+        let mut asking = self.begin_asking(hemicube, self.options.min_patches);
+        let marks = self.cull == Cull::Marks;
+        self.begin_depths(entered, programs, hemicube, at.layer, true);
         let mut number = 0;
         loop {
-            for (list, fresh) in lists.iter_mut().zip(&mut fresh) {
-                fresh.sort_unstable();
-                counters.triangles_transformed += self.triangles_of(fresh);
-                list.extend_from_slice(fresh);
+            let mut fresh: [Vec<u32>; 5] = Default::default();
+            for (leaf, faces) in asking.fresh.drain(..) {
+                add(&mut fresh, faces, hierarchy.nodes[leaf as usize].chunks.clone());
             }
-            self.draw_lists(entered, half, slot, &fresh);
-            fresh.iter_mut().for_each(Vec::clear);
+            counters.triangles_transformed += fresh.iter().map(|list| self.triangles_of(list)).sum::<u64>();
+            self.draw_lists(entered, at, &fresh);
+            let asked = std::mem::take(&mut asking.asked);
             if asked.is_empty() {
                 break;
             }
-            let queries = self.query(entered, programs, half, slot, &asked, hemicube, &mut number)?;
-            // SAFETY: the context is current.
-            unsafe {
-                entered
-                    .gl
-                    .use_program(Some(if stands_on_emitter(&self.geometry, &self.upload, hemicube) {
-                        programs.depths
-                    } else {
-                        programs.depths_of_others
-                    }));
-                entered.gl.depth_mask(true);
-                entered.gl.bind_vertex_array(Some(self.vertices));
-            }
-            let mut deeper = Vec::new();
-            for ((place, _), answers) in std::mem::take(&mut asked).into_iter().zip(queries) {
-                let faces = answers.into_iter().fold(0, |faces, (face, query)| match query {
-                    Some(query) if !is_visible(entered, query) => faces,
-                    _ => faces | face,
-                });
-                if faces == 0 {
-                    hidden += 1;
-                    continue;
-                }
-                let nodes = &self.hierarchy.nodes;
-                if nodes[place as usize].is_leaf(place) {
-                    add(&mut fresh, faces, nodes[place as usize].chunks.clone());
-                    leaves.push((place, faces));
-                    continue;
-                }
-                self.hierarchy.walk(place, faces, &planes, &mut walked, |below, faces| {
-                    let node = &nodes[below as usize];
-                    if below == place {
-                        return Descend::Yes;
-                    }
-                    if node.triangles <= few {
-                        if node.is_leaf(below) {
-                            add(&mut fresh, faces, node.chunks.clone());
-                            leaves.push((below, faces));
-                        }
-                        return Descend::Yes;
-                    }
-                    deeper.push((below, faces));
-                    Descend::No
-                });
-            }
-            asked = deeper;
+            let visible = if marks {
+                self.mark(entered, programs, hemicube, at, &asked, counters)?
+            } else {
+                let queries = self.query(entered, programs, hemicube, at, &asked, &mut number, counters)?;
+                answers(entered, &asked, &queries)
+            };
+            self.begin_depths(entered, programs, hemicube, at.layer, false);
+            asking.hear(&asked, &visible);
         }
-        // For the next hemicube, behind all that this one sees.
-        leaves.retain(|&(place, _)| self.hierarchy.nodes[place as usize].triangles > few);
-        let answers = self.query(entered, programs, half, slot, &leaves, hemicube, &mut number)?;
-        for ((place, _), answers) in leaves.into_iter().zip(answers) {
-            let chunks = self.hierarchy.nodes[place as usize].chunks.clone();
-            for (_, query) in answers {
-                match query {
-                    Some(query) => self.coherence.pending.push((query, chunks.clone())),
-                    None => self.coherence.seen[chunks.start as usize..chunks.end as usize].fill(true),
+        // Behind all that this one sees, for the next hemicube.
+        let mut units = asking.units();
+        units.retain(|&(place, _)| hierarchy.nodes[place as usize].triangles > self.options.min_patches);
+        let lists = if marks {
+            let visible = self.mark(entered, programs, hemicube, at, &units, counters)?;
+            for (&(place, _), &faces) in units.iter().zip(&visible) {
+                if faces != 0 {
+                    self.coherence.note(place);
                 }
             }
-        }
-        counters.nodes_tested += walked.tested;
-        counters.nodes_outside += walked.outside;
-        counters.nodes_hidden += hidden;
-        counters.queries += std::mem::take(&mut self.coherence.queries);
-        for list in &mut lists {
-            list.sort_unstable();
-            let triangles = self.triangles_of(list);
-            counters.triangles_drawn += triangles;
-            counters.triangles_transformed += triangles;
-        }
+            asking.lists(Some((&units, &visible)))
+        } else {
+            let queries = self.query(entered, programs, hemicube, at, &units, &mut number, counters)?;
+            for (&(place, faces), queries) in units.iter().zip(queries) {
+                if queries.len() < faces.count_ones() as usize {
+                    self.coherence.note(place);
+                }
+                self.pending
+                    .extend(queries.into_iter().map(|(_, query)| (query, place)));
+            }
+            asking.lists(None)
+        };
+        self.note_lists(entered, &mut asking, &lists, at, counters);
+        Ok(lists)
+    }
+
+    fn begin_asking(&mut self, hemicube: &Hemicube, few: u32) -> Asking {
+        let planes = FacePlanes::new(hemicube, self.geometry.plane_tolerance);
+        Asking::new(&self.hierarchy, planes, few, &mut self.coherence)
+    }
+
+    /// Counts what is drawn and why, and tells the stage that looks for tiny patches.
+    fn note_lists(
+        &mut self,
+        entered: &Entered<'_>,
+        asking: &mut Asking,
+        lists: &[Vec<u32>; 5],
+        at: Place,
+        counters: &mut Counters,
+    ) {
+        counters.nodes_tested += asking.walked.tested;
+        counters.nodes_outside += asking.walked.outside;
+        counters.nodes_hidden += asking.hidden;
+        let triangles = lists.iter().map(|list| self.triangles_of(list)).sum::<u64>();
+        counters.triangles_drawn += triangles;
+        counters.triangles_transformed += triangles;
         if self.settings.covered {
             let mut marks = vec![0; FACES as usize * self.upload.chunks.len()];
             for (face, list) in lists.iter().enumerate() {
@@ -762,9 +787,8 @@ impl Scene {
                     marks[face * self.upload.chunks.len() + chunk as usize] = 1;
                 }
             }
-            self.write(entered, self.drawn, layer as usize * marks.len(), &marks);
+            self.write(entered, self.drawn, at.layer as usize * marks.len(), &marks);
         }
-        Ok(lists)
     }
 
     fn triangles_of(&self, list: &[u32]) -> u64 {
@@ -773,79 +797,145 @@ impl Scene {
             .sum()
     }
 
-    /// Takes in what was asked for this hemicube by the one before.
-    fn hear(&mut self, entered: &Entered<'_>) {
-        for (query, chunks) in std::mem::take(&mut self.coherence.pending) {
-            if is_visible(entered, query) {
-                self.coherence.seen[chunks.start as usize..chunks.end as usize].fill(true);
-            }
-        }
-        let mut count = 0;
-        self.coherence.seen_before.clear();
-        self.coherence.seen_before.push(0);
-        for seen in &mut self.coherence.seen {
-            count += u32::from(std::mem::take(seen));
-            self.coherence.seen_before.push(count);
-        }
-    }
-
-    /// Asks of each node whether its box is in front of the depths on each of its faces. No query: the eye is in the box.
-    #[allow(clippy::too_many_arguments, reason = "the place of one hemicube in its batch")]
-    #[allow(clippy::type_complexity, reason = "by node and by face")]
-    fn query(
-        &mut self,
-        entered: &Entered<'_>,
-        programs: &Programs,
-        half: usize,
-        slot: u32,
-        asked: &[(u32, u8)],
-        hemicube: &Hemicube,
-        number: &mut usize,
-    ) -> Result<Vec<Vec<(u8, Option<glow::Query>)>>, BackendError> {
-        let gl = entered.gl;
-        let mut answers: Vec<Vec<(u8, Option<glow::Query>)>> = vec![Vec::new(); asked.len()];
-        // SAFETY: the context is current, and all names are its own.
-        unsafe {
-            gl.use_program(Some(programs.boxes));
-            gl.bind_vertex_array(Some(self.no_vertices));
-            gl.depth_mask(false);
-        }
-        for face in Face::ALL {
-            let bit = 1u8 << face as u8;
-            let mut begun = false;
-            for (&(place, faces), answers) in asked.iter().zip(&mut answers) {
-                if faces & bit == 0 {
-                    continue;
-                }
+    /// Lists the nodes to be asked about by face, for the shader, and gives where each face's begin. A node whose box the
+    /// eye is in, or almost, is not asked about: its faces in `within`.
+    fn list_boxes(&self, entered: &Entered<'_>, hemicube: &Hemicube, asked: &[OnFaces]) -> Boxes {
+        let mut boxes = Boxes {
+            within: vec![0; asked.len()],
+            places: Vec::new(),
+            ends: [0; 5],
+        };
+        let inside: Vec<bool> = asked
+            .iter()
+            .map(|&(place, _)| {
                 let bounds = &self.hierarchy.nodes[place as usize].bounds;
                 let away = (hemicube.origin - bounds.center).abs();
                 // As much as the shader widens it, and more: an eye within sees the box from inside, or not at all.
                 let far = away.length() + bounds.half.length();
-                if away
-                    .cmple(bounds.half + far * (1.0 / 64.0 + 32.0 / f64::from(self.settings.resolution)))
-                    .all()
-                {
-                    answers.push((bit, None));
+                let wider = far * (1.0 / 64.0 + 32.0 / f64::from(self.settings.resolution));
+                away.cmple(bounds.half + wider).all()
+            })
+            .collect();
+        let mut words = Vec::new();
+        for face in Face::ALL {
+            let bit = 1u8 << face as u8;
+            for (k, (&(place, faces), &inside)) in asked.iter().zip(&inside).enumerate() {
+                if faces & bit == 0 {
                     continue;
                 }
-                if !begun {
-                    self.begin_face(entered, half, slot, face);
-                    begun = true;
+                if inside {
+                    boxes.within[k] |= bit;
+                } else {
+                    boxes.places.push((k, bit));
+                    words.push(place);
                 }
-                let query = self.objects.query(entered, *number)?;
-                *number += 1;
-                let first = i32::try_from(place * 36).unwrap_or(i32::MAX);
-                // SAFETY: as above; the shader finds the box's corners by their number, which is below 36 for each node.
-                unsafe {
-                    gl.begin_query(glow::ANY_SAMPLES_PASSED, query);
-                    gl.draw_arrays(glow::TRIANGLES, first, 36);
-                    gl.end_query(glow::ANY_SAMPLES_PASSED);
-                }
-                self.coherence.queries += 1;
-                answers.push((bit, Some(query)));
+            }
+            boxes.ends[face as usize] = boxes.places.len();
+        }
+        if !words.is_empty() {
+            self.write(entered, self.asked, 0, &words);
+        }
+        boxes
+    }
+
+    /// Makes the program that draws boxes current, for depths to be tested and not written.
+    fn begin_boxes(&self, entered: &Entered<'_>, program: glow::Program) {
+        // SAFETY: the context is current, and all names are its own.
+        unsafe {
+            entered.gl.use_program(Some(program));
+            entered.gl.bind_vertex_array(Some(self.no_vertices));
+            entered.gl.depth_mask(false);
+            // Boxes are wound inwards, and the eye is in none: what is left are the sides that it sees.
+            entered.gl.enable(glow::CULL_FACE);
+            entered.gl.cull_face(glow::FRONT);
+        }
+    }
+
+    /// On which faces the box of each node is in front of the depths: by a draw of all boxes of a face.
+    fn mark(
+        &self,
+        entered: &Entered<'_>,
+        programs: &Programs,
+        hemicube: &Hemicube,
+        at: Place,
+        asked: &[OnFaces],
+        counters: &mut Counters,
+    ) -> Result<Vec<u8>, BackendError> {
+        let boxes = self.list_boxes(entered, hemicube, asked);
+        let mut visible = boxes.within;
+        let words = boxes.places.len().div_ceil(32);
+        if words == 0 {
+            return Ok(visible);
+        }
+        entered.clear_words(self.marks.buffer, 0..words);
+        self.begin_boxes(entered, programs.marks);
+        let mut first = 0;
+        for face in Face::ALL {
+            let end = boxes.ends[face as usize];
+            if end > first {
+                self.begin_face(entered, at.half, at.slot, face);
+                let [corner, count] = [36 * first, 36 * (end - first)].map(|k| i32::try_from(k).unwrap_or(i32::MAX));
+                // SAFETY: as above; the shader finds the node of each corner in the list, which is as long.
+                unsafe { entered.gl.draw_arrays(glow::TRIANGLES, corner, count) };
+            }
+            first = end;
+        }
+        // SAFETY: the context is current.
+        let fence = unsafe {
+            entered
+                .gl
+                .memory_barrier(glow::CLIENT_MAPPED_BUFFER_BARRIER_BIT | glow::BUFFER_UPDATE_BARRIER_BIT);
+            entered.gl.fence_sync(glow::SYNC_GPU_COMMANDS_COMPLETE, 0)
+        };
+        wait(entered, fence.map_err(BackendError::Internal)?)?;
+        let marks = self.marks.read(0..words)?;
+        counters.bytes_read_back += 4 * words as u64;
+        for (number, &(k, bit)) in boxes.places.iter().enumerate() {
+            if marks[number / 32] >> (number % 32) & 1 == 1 {
+                visible[k] |= bit;
             }
         }
-        Ok(answers)
+        Ok(visible)
+    }
+
+    /// Begins a hardware query of each node on each of its faces. Where there is none, the eye is in the box.
+    #[allow(clippy::too_many_arguments, reason = "as `mark`, and the number of queries so far")]
+    fn query(
+        &mut self,
+        entered: &Entered<'_>,
+        programs: &Programs,
+        hemicube: &Hemicube,
+        at: Place,
+        asked: &[OnFaces],
+        number: &mut usize,
+        counters: &mut Counters,
+    ) -> Result<Vec<Queries>, BackendError> {
+        let gl = entered.gl;
+        let boxes = self.list_boxes(entered, hemicube, asked);
+        let mut queries: Vec<Queries> = vec![Vec::new(); asked.len()];
+        self.begin_boxes(entered, programs.boxes);
+        let mut first = 0;
+        for face in Face::ALL {
+            let end = boxes.ends[face as usize];
+            if end > first {
+                self.begin_face(entered, at.half, at.slot, face);
+            }
+            for place in first..end {
+                let (k, bit) = boxes.places[place];
+                let query = self.objects.query(entered, *number)?;
+                *number += 1;
+                counters.queries += 1;
+                // SAFETY: the context is current; the shader finds the node of each corner in the list.
+                unsafe {
+                    gl.begin_query(glow::ANY_SAMPLES_PASSED, query);
+                    gl.draw_arrays(glow::TRIANGLES, i32::try_from(36 * place).unwrap_or(i32::MAX), 36);
+                    gl.end_query(glow::ANY_SAMPLES_PASSED);
+                }
+                queries[k].push((bit, query));
+            }
+            first = end;
+        }
+        Ok(queries)
     }
 
     /// From the item buffers of a group to its rows in the output.
@@ -1038,6 +1128,8 @@ impl Scene {
 }
 
 struct Made {
+    asked: glow::Buffer,
+    marks: Mapped,
     views: [glow::Buffer; 2],
     output: [Mapped; 2],
     visible: glow::Buffer,
@@ -1051,16 +1143,13 @@ struct Made {
     no_vertices: glow::VertexArray,
 }
 
+/// Bindings of what this backend has besides the shared shaders' (`glsl/`): boxes, nodes asked about, and the answers.
+const BOXES: u32 = 0;
+const ASKED: u32 = binding::COUNT;
+const MARKS: u32 = binding::COUNT + 1;
+
 /// Work groups that copy the entries of a row: a few thousand at most.
 const PACK_GROUPS: u32 = 8;
-
-fn add(lists: &mut [Vec<u32>; 5], faces: u8, chunks: std::ops::Range<u32>) {
-    for (face, list) in lists.iter_mut().enumerate() {
-        if faces >> face & 1 == 1 {
-            list.extend(chunks.clone());
-        }
-    }
-}
 
 fn is_visible(entered: &Entered<'_>, query: glow::Query) -> bool {
     // SAFETY: the context is current, and the query was begun and ended in it.

@@ -1,5 +1,5 @@
 #version 450 core
-// Boxes of nodes, for occlusion queries: 36 corners each, box k from vertex 36 k on.
+// Boxes of nodes, held against the depths: 36 corners each, those of the k-th node that is asked about from vertex 36 k on.
 
 // One face of one hemicube: `View` of the shared shaders.
 layout(std140, binding = 0) uniform View {
@@ -16,13 +16,16 @@ layout(std140, binding = 0) uniform View {
 // The middle as high and low parts, and half the sides; `low.w` is by what part of its distance a box is made wider.
 struct Box { vec4 high; vec4 low; vec4 half_sides; };
 layout(std430, binding = 0) readonly buffer Boxes { Box boxes[]; };
+layout(std430, binding = 24) readonly buffer Asked { uint asked[]; };
+layout(location = 0) flat out uint place;
 
 const int CORNERS[36] = int[36](
     0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1,
     2, 3, 7, 2, 7, 6, 0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3);
 
 void main() {
-    Box b = boxes[gl_VertexID / 36];
+    place = uint(gl_VertexID) / 36u;
+    Box b = boxes[asked[place]];
     int corner = CORNERS[gl_VertexID % 36];
     vec3 middle = (b.high.xyz - view.eye_high) + (b.low.xyz - view.eye_low);
     vec3 side = vec3((corner & 1) != 0, (corner & 2) != 0, (corner & 4) != 0) * 2.0 - 1.0;
