@@ -55,9 +55,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "baseline=original",
             "baseline=thesis",
             "",
-            "cull=frustum",
+            "cull=view",
             "cull=queries",
-            "cull=off",
+            "cull=depth",
         ],
     };
     let mut first = None;

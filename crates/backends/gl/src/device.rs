@@ -290,8 +290,6 @@ pub(crate) struct Limits {
     pub(crate) texture_size: u32,
     /// Layers of a texture.
     pub(crate) layers: u32,
-    /// Bytes that may be taken. OpenGL does not tell how much there is: what it has not, it refuses when asked.
-    pub(crate) memory: u64,
 }
 
 /// Functions of OpenGL 4.5 that glow has not.
@@ -433,7 +431,6 @@ impl Device {
                 storage_range: u64::from(at_least_zero(gl.get_parameter_i32(glow::MAX_SHADER_STORAGE_BLOCK_SIZE))),
                 texture_size: at_least_zero(gl.get_parameter_i32(glow::MAX_TEXTURE_SIZE)),
                 layers: at_least_zero(gl.get_parameter_i32(glow::MAX_ARRAY_TEXTURE_LAYERS)),
-                memory: u64::MAX,
             };
             if debug {
                 let sink = Arc::clone(&messages);

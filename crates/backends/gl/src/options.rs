@@ -57,6 +57,8 @@ pub(crate) struct Options {
     pub(crate) batch: Option<u32>,
     /// Hemicubes that go through the stages side by side.
     pub(crate) group: Option<u32>,
+    /// Bytes that may be taken on the device.
+    pub(crate) memory: Option<u64>,
     pub(crate) timing: bool,
     pub(crate) debug: bool,
 }
@@ -90,6 +92,10 @@ impl Options {
                 ));
             }
         };
+        let memory = match given.take("memory") {
+            None => None,
+            Some(value) => Some(value.parse().map_err(|_| wrong("memory", value, "a number of bytes"))?),
+        };
         let mut number = |key: &str, smallest: u32| match given.take(key) {
             None => Ok(None),
             Some(value) => match value.parse() {
@@ -104,6 +110,7 @@ impl Options {
             min_patches: number("min_patches", 0)?.unwrap_or(64),
             batch: number("batch", 1)?,
             group: number("group", 1)?,
+            memory,
             timing: given.take_switch("timing")?.unwrap_or(false),
             debug: given.take_switch("debug")?.unwrap_or(false),
         };
@@ -122,17 +129,24 @@ impl Options {
     }
 
     /// The culling of a scene.
-    pub(crate) fn cull_for(&self, culling: bool, can_count_draws: bool, chunks: usize) -> Cull {
+    pub(crate) fn cull_for(&self, culling: bool, software: bool, can_count_draws: bool, chunks: usize) -> Cull {
         /// With fewer chunks, testing them against depths costs more than drawing them.
         const FEW: usize = 64;
         match (self.baseline, culling) {
             (Baseline::Original, _) | (_, false) => Cull::Off,
             (Baseline::Thesis, true) => Cull::Queries,
             (Baseline::Best, true) => match self.cull {
-                Some(Cull::Frustum | Cull::Depth) | None if !can_count_draws => Cull::Queries,
+                Some(Cull::Frustum) if !can_count_draws => Cull::View,
+                Some(Cull::Depth) if !can_count_draws => Cull::Marks,
                 Some(cull) => cull,
-                None if chunks < FEW => Cull::Frustum,
-                None => Cull::Depth,
+                // Software takes as long for a stage on the device as for drawing what it would leave out, and answers
+                // the host at once; a GPU the other way round.
+                None => match (software || !can_count_draws, chunks < FEW) {
+                    (true, true) => Cull::View,
+                    (true, false) => Cull::Marks,
+                    (false, true) => Cull::Frustum,
+                    (false, false) => Cull::Depth,
+                },
             },
         }
     }
@@ -164,7 +178,7 @@ mod tests {
             (options.max_level, options.min_patches, options.batch),
             (5, 600, Some(3))
         );
-        assert_eq!(options.cull_for(true, true, 1000), Cull::Queries);
-        assert_eq!(options.cull_for(false, true, 1000), Cull::Off);
+        assert_eq!(options.cull_for(true, true, true, 1000), Cull::Queries);
+        assert_eq!(options.cull_for(false, true, true, 1000), Cull::Off);
     }
 }

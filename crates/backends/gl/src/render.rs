@@ -8,7 +8,7 @@
 //! anew, in the fixed order of the chunks, into a cleared depth buffer.
 
 use crate::ask::{Asking, Coherence, OnFaces, add};
-use crate::cull::{FacePlanes, Hierarchy, runs};
+use crate::cull::{ALL_FACES, Descend, FacePlanes, Hierarchy, WalkCounters, runs};
 use crate::device::{Device, Entered};
 use crate::objects::{Mapped, Objects, bytes_of, program};
 use crate::options::{Cull, Options};
@@ -111,12 +111,19 @@ pub(crate) struct Scene {
 
 /// Whether culling pays, by what it did for the first hemicubes.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Trial {
+struct Trial {
     in_view: u64,
     hidden: u64,
+    /// Triangles in view of faces, and those sent to the device.
+    triangles: u64,
+    transformed: u64,
     hemicubes: u64,
-    pub(crate) over: bool,
+    over: bool,
+    gave_up: bool,
 }
+
+/// What the rounds of questions of a hemicube cost, in triangles: some 0.4 ms.
+const ROUNDS: u64 = 6000;
 
 /// Hemicubes after which it is decided whether occlusion culling pays.
 const TRIAL: u64 = 32;
@@ -185,15 +192,24 @@ impl Scene {
             Ok(upload) => Arc::clone(upload),
             Err(reason) => return Err(BackendError::Unsupported(reason.clone())),
         };
-        let plan = Plan::new(&upload, settings.resolution, limits(device, &options))?;
+        let plan = Plan::new(&upload, settings, limits(device, &options))?;
         let cull = options.cull_for(
             settings.culling == Culling::On,
+            device.software,
             device.can_count_draws(),
             upload.chunks.len(),
         );
         let mut objects = Objects::default();
         let hierarchy = Hierarchy::new(&geometry.octree, &runs(&upload), options.max_level);
-        let made = Self::make(entered, &upload, &plan, settings, hierarchy.nodes.len(), &mut objects);
+        let made = Self::make(
+            entered,
+            geometry,
+            &upload,
+            &plan,
+            settings,
+            hierarchy.nodes.len(),
+            &mut objects,
+        );
         let made = match made {
             Ok(made) => made,
             Err(error) => {
@@ -246,6 +262,7 @@ impl Scene {
 
     fn make(
         entered: &Entered<'_>,
+        geometry: &Geometry,
         upload: &Upload,
         plan: &Plan,
         settings: RenderSettings,
@@ -262,6 +279,7 @@ impl Scene {
                 binding::INDICES => Some(bytes_of(&upload.indices)),
                 binding::TRIANGLE_OF_PATCH => Some(bytes_of(&upload.triangle_of_patch)),
                 binding::CHUNK_OF_PATCH => Some(bytes_of(&upload.chunk_of_patch)),
+                binding::CENTROIDS if settings.covered => Some(bytes_of(&upload.centroids(geometry))),
                 binding::WEIGHTS => Some(bytes_of(&weights(settings.resolution))),
                 _ => None,
             };
@@ -270,7 +288,7 @@ impl Scene {
                 None => objects.buffer(entered, size.bytes.div_ceil(4), false)?,
             });
         }
-        let uniforms = objects.filled(entered, &bytes_of(&settings_words(plan, upload, settings.covered)))?;
+        let uniforms = objects.filled(entered, &bytes_of(&settings_words(plan, upload)))?;
         let view_words = u64::from(plan.batch * FACES * VIEW_BYTES / 4);
         let views = [
             objects.buffer(entered, view_words, false)?,
@@ -712,6 +730,9 @@ impl Scene {
         let hierarchy = Arc::clone(&self.hierarchy);
         let mut asking = self.begin_asking(hemicube, self.options.min_patches);
         let marks = self.cull == Cull::Marks;
+        if !self.trial.over && self.options.may_switch_off() {
+            self.trial.triangles += self.triangles_in_view(hemicube);
+        }
         self.begin_depths(entered, programs, hemicube, at.layer, true);
         let mut number = 0;
         loop {
@@ -789,6 +810,21 @@ impl Scene {
             }
             self.write(entered, self.drawn, at.layer as usize * marks.len(), &marks);
         }
+    }
+
+    /// The triangles of all chunks in view, once a face.
+    fn triangles_in_view(&self, hemicube: &Hemicube) -> u64 {
+        let planes = FacePlanes::new(hemicube, self.geometry.plane_tolerance);
+        let mut triangles = 0;
+        self.hierarchy
+            .walk(0, ALL_FACES, &planes, &mut WalkCounters::default(), |place, faces| {
+                let node = &self.hierarchy.nodes[place as usize];
+                if node.is_leaf(place) {
+                    triangles += u64::from(node.triangles * faces.count_ones());
+                }
+                Descend::Yes
+            });
+        triangles
     }
 
     fn triangles_of(&self, list: &[u32]) -> u64 {
@@ -1047,20 +1083,27 @@ impl Scene {
         entered.check("reading a row")
     }
 
-    /// Leaves out occlusion culling from here on where it has found too little to be worth its time.
+    /// Leaves out occlusion culling from here on where it has found too little to be worth its time. Rows stay the same.
     fn judge(&mut self, counters: &Counters) {
-        if self.trial.over || !self.options.may_switch_off() || self.cull != Cull::Depth {
+        if self.trial.over || !self.options.may_switch_off() {
             return;
         }
         self.trial.hemicubes += counters.hemicubes;
         self.trial.in_view += counters.nodes_tested - counters.nodes_outside;
         self.trial.hidden += counters.nodes_hidden;
-        if self.trial.hemicubes >= TRIAL {
-            self.trial.over = true;
-            if self.trial.hidden * 2 < self.trial.in_view {
-                self.cull = Cull::Frustum;
-            }
+        self.trial.transformed += counters.triangles_transformed;
+        if self.trial.hemicubes < TRIAL {
+            return;
         }
+        self.trial.over = true;
+        match self.cull {
+            Cull::Marks if self.trial.triangles < self.trial.transformed + ROUNDS * self.trial.hemicubes => {
+                self.cull = Cull::View;
+            }
+            Cull::Depth if self.trial.hidden * 2 < self.trial.in_view => self.cull = Cull::Frustum,
+            _ => return,
+        }
+        self.trial.gave_up = true;
     }
 
     /// What was decided, for the log.
@@ -1074,7 +1117,15 @@ impl Scene {
                 self.plan.batch,
                 self.plan.group
             ),
-            format!("culling: {}", self.cull.words()),
+            format!(
+                "culling: {}{}",
+                self.cull.words(),
+                if self.trial.gave_up {
+                    "; too little is hidden for more"
+                } else {
+                    ""
+                }
+            ),
         ]
     }
 
@@ -1147,6 +1198,10 @@ struct Made {
 const BOXES: u32 = 0;
 const ASKED: u32 = binding::COUNT;
 const MARKS: u32 = binding::COUNT + 1;
+const _: () = assert!(
+    ASKED == 26 && MARKS == 27,
+    "as `glsl/box.vert` and `glsl/mark.frag` say"
+);
 
 /// Work groups that copy the entries of a row: a few thousand at most.
 const PACK_GROUPS: u32 = 8;
@@ -1210,10 +1265,11 @@ fn limits(device: &Device, options: &Options) -> Limits {
     };
     Limits {
         storage_range: device.limits.storage_range.min(i32::MAX as u64),
-        memory: device.limits.memory,
+        memory: options.memory.unwrap_or(u64::MAX),
         layers: device.limits.layers,
         image_edge: device.limits.texture_size,
         group: options.group.unwrap_or(group).min(batch),
         batch,
+        copies_depths: false,
     }
 }
