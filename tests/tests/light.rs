@@ -496,6 +496,15 @@ fn sky_and_ground_are_what_escaped() {
     );
     // The picture of it, too.
     place.line("view model F city.obj --show sky --size 64x48 -o sky.png");
+
+    // The sky of another scene is not taken for this one's.
+    place.line("generate city --patches 400 --seed 6 -o other.obj");
+    place.line("compute other.obj --up y -o F --overwrite --no-config");
+    place.fails(
+        "view model F other.obj --show sky -o sky.png",
+        &["another scene", "hemicube sky"],
+    );
+    place.fails("solve F --materials m.toml --sky-radiance sky.npy", &["another scene"]);
 }
 
 /// What a free, level plane sees of each patch of the sky is ∫ cos θ dΩ / π over it, and in all 1.

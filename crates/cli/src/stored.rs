@@ -3,10 +3,10 @@
 use crate::args::{AutoSwitch, EngineSettings, SceneSettings, Switch, UpAxis};
 use crate::exit::hinted;
 use crate::prepare::{Prepared, prepare};
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use hemicube::store::{Store, scene_hash};
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// How the scene of a matrix was read and cut, from the settings in its manifest.
 ///
@@ -69,4 +69,36 @@ pub(crate) fn scene(store: &Store, path: &Path, engine: &impl AsRef<EngineSettin
         ));
     }
     Ok(prepared)
+}
+
+/// The sky rows beside a matrix, from `hemicube sky --store`.
+///
+/// # Errors
+/// When there are none, or they are of a scene that the matrix is not of any more.
+pub(crate) fn sky(store: &Store) -> Result<PathBuf> {
+    let directory = store.directory().join("sky");
+    let (path, record) = (directory.join("sky.npz"), directory.join("sky.json"));
+    let step = format!(
+        "`hemicube sky SCENE --store {}` computes them",
+        store.directory().display()
+    );
+    if !path.exists() || !record.exists() {
+        return Err(hinted(
+            anyhow!("`{}` has no sky rows", store.directory().display()),
+            step,
+        ));
+    }
+    let cannot = || format!("`{}` cannot be read", record.display());
+    let text = std::fs::read_to_string(&record).with_context(cannot)?;
+    let found: Value = serde_json::from_str(&text).with_context(cannot)?;
+    if found["scene_blake3"].as_str() != Some(store.manifest().scene.blake3.as_str()) {
+        return Err(hinted(
+            anyhow!(
+                "`{}` is of another scene than the matrix beside it, which was computed anew",
+                path.display()
+            ),
+            step,
+        ));
+    }
+    Ok(path)
 }

@@ -11,6 +11,8 @@
 //!                            unselected), hemicubes (how many a row was rendered with),
 //!                            errors (expected √Σ (F − true F)², NaN where not estimated) and rays (that its visible
 //!                            fractions were measured with)
+//! DIR/solutions/NAME/        what was solved of it (`hemicube::solve`), and
+//! DIR/sky/                   what its rows lose to the sky (`hemicube::sky`), where somebody asked for that
 //! ```
 //!
 //! F\[i, j\] is from i to j: the fraction of what leaves patch i that reaches patch j. Rows and columns are *input

@@ -410,16 +410,10 @@ impl<'a> Task<'a> {
                         emission.rows()
                     );
                 }
-                let division = arguments
-                    .sky
-                    .clone()
-                    .unwrap_or_else(|| store.directory().join("sky").join("sky.npz"));
-                if !division.exists() {
-                    return Err(hinted(
-                        anyhow!("`{}` does not exist", division.display()),
-                        format!("`hemicube sky SCENE --store {}` writes it", store.directory().display()),
-                    ));
-                }
+                let division = match &arguments.sky {
+                    Some(division) => division.clone(),
+                    None => stored::sky(store)?,
+                };
                 Some(Sky { radiance, division })
             }
             None => None,

@@ -552,17 +552,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             }
         }
         Show::Sky => {
-            let path = store.directory().join("sky").join("sky.npz");
-            if !path.exists() {
-                return Err(hinted(
-                    anyhow!("`{}` has no sky view factors", arguments.store.display()),
-                    format!(
-                        "`hemicube sky {} --store {}` computes them",
-                        arguments.scene.display(),
-                        arguments.store.display()
-                    ),
-                ));
-            }
+            let path = stored::sky(&store)?;
             let values = read_sky_view_factors(&path)?;
             if values.len() != patches {
                 bail!("`{}` is of another number of patches than the matrix", path.display());
