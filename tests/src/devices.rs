@@ -39,7 +39,7 @@ pub fn is_there(backend: &str, opened: &Opened) -> bool {
 fn askew(scene: Scene) -> Scene {
     let turn = irrational_rotation();
     moved(scene, move |p| {
-        turn * p + DVec3::new(0.123_456_7, -7.654_321, 3.141_592_6)
+        turn * p + DVec3::new(0.123_456_7, -7.654_321, 2.236_068)
     })
 }
 

@@ -1,5 +1,5 @@
 //! Hemicubes a second on a device, and where the time goes: `rate [RESOLUTION [ROWS [SCENE…]]]`, SCENE one of `room`,
-//! `denhaag`, `denhaag16`. `docs/gpu.md` was made with it; `MODES` (with spaces: `off frustum occlusion auto`) and `OPTIONS`
+//! `denhaag`, `denhaag16`. `docs/gpu.md` was made with it. `TWO=1` compares two sessions with one instead; `MODES` (with spaces: `off frustum occlusion auto`) and `OPTIONS`
 //! (further options of each session) choose among the ways.
 //!
 //! Time is processor time of all threads, so that other programs do not count: on software the GPU is the processor.
@@ -55,6 +55,34 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             model.patches().len(),
             hemicubes.len()
         );
+        if std::env::var_os("TWO").is_some() {
+            // Rows of one session, and of two on two threads: by the clock on the wall, so only on an idle machine.
+            let mut one = open(0, &format!("cull=auto,{further}"))?;
+            let settings = RenderSettings {
+                resolution,
+                culling: Culling::On,
+                covered: false,
+            };
+            one.load(model.geometry(), settings)?;
+            let mut two = one.fork()?;
+            let timed = |sessions: &mut [&mut dyn HemicubeBackend]| {
+                let began = Instant::now();
+                std::thread::scope(|scope| {
+                    for session in sessions.iter_mut() {
+                        scope.spawn(|| session.rows(&hemicubes, &mut RowBlock::default()));
+                    }
+                });
+                hemicubes.len() as f64 * sessions.len() as f64 / began.elapsed().as_secs_f64()
+            };
+            let best = |mut rate: Box<dyn FnMut() -> f64 + '_>| (0..4).map(|_| rate()).fold(0.0, f64::max);
+            let alone = best(Box::new(|| timed(&mut [&mut one])));
+            let both = best(Box::new(|| timed(&mut [&mut one, &mut *two])));
+            println!(
+                "  one session {alone:.0} hemicubes/s, two {both:.0}: {:.2} times",
+                both / alone
+            );
+            continue;
+        }
         for (mode, covered) in modes.split_whitespace().flat_map(|m| [(m, false), (m, true)]) {
             if covered && std::env::var_os("BARE").is_some() {
                 continue;

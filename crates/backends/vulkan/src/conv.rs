@@ -1,6 +1,7 @@
 //! Between Vulkan's words and ours.
 
 use ash::vk;
+use hemicube_abi::DeviceKind;
 use hemicube_contract::backend::BackendError;
 
 /// What Vulkan's refusal of `what` means for a session.
@@ -36,14 +37,14 @@ pub(crate) fn is_fatal(error: &BackendError) -> bool {
     )
 }
 
-/// What kind of device it is, in words.
-pub(crate) fn device_kind(kind: vk::PhysicalDeviceType) -> &'static str {
+/// What kind of device it is.
+pub(crate) fn device_kind(kind: vk::PhysicalDeviceType) -> DeviceKind {
     match kind {
-        vk::PhysicalDeviceType::DISCRETE_GPU => "GPU",
-        vk::PhysicalDeviceType::INTEGRATED_GPU => "integrated GPU",
-        vk::PhysicalDeviceType::VIRTUAL_GPU => "virtual GPU",
-        vk::PhysicalDeviceType::CPU => "software",
-        _ => "other",
+        vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::DiscreteGpu,
+        vk::PhysicalDeviceType::INTEGRATED_GPU => DeviceKind::IntegratedGpu,
+        vk::PhysicalDeviceType::VIRTUAL_GPU => DeviceKind::VirtualGpu,
+        vk::PhysicalDeviceType::CPU => DeviceKind::Software,
+        _ => DeviceKind::Other,
     }
 }
 

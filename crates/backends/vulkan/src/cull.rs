@@ -23,8 +23,8 @@ pub(crate) enum Mode {
     Occlusion,
 }
 
-/// With fewer triangles than this, drawing all of them costs about what choosing would.
-const FEWEST_FOR_FRUSTUM: usize = 1_000;
+/// With no more triangles than a chunk has there is nothing to choose.
+const FEWEST_FOR_FRUSTUM: usize = hemicube_shaders::chunks::MOST_TRIANGLES as usize + 1;
 /// With fewer, drawing what is hidden costs less than finding out: see `docs/gpu.md`.
 const FEWEST_FOR_OCCLUSION: usize = 20_000;
 /// After how many hemicubes it is looked at whether culling what is hidden pays.

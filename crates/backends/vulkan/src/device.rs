@@ -8,19 +8,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// A device as `devices` lists it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct DeviceSummary {
-    /// Its name, as the driver gives it.
-    pub name: String,
-    /// GPU, integrated GPU, virtual GPU, software or other.
-    pub kind: &'static str,
-    /// Why it cannot be used, if so.
-    pub refused: Option<String>,
-}
-
 /// What the validation layer said.
 type Messages = Arc<Mutex<Vec<String>>>;
+
+/// A device and what it is.
+type Found = (vk::PhysicalDevice, vk::PhysicalDeviceProperties);
 
 struct Instance {
     entry: Entry,
@@ -125,8 +117,8 @@ impl Instance {
         Ok(instance)
     }
 
-    /// The devices, real ones first, in the driver's order among their like.
-    fn devices(&self) -> Result<Vec<(vk::PhysicalDevice, vk::PhysicalDeviceProperties)>, BackendError> {
+    /// The devices that can be used, real ones first, in the driver's order among their like; and why others cannot.
+    fn usable(&self) -> Result<(Vec<Found>, Vec<String>), BackendError> {
         // SAFETY: the instance is alive.
         let found = unsafe { self.raw.enumerate_physical_devices() }.map_err(|r| conv::error("Vulkan's devices", r))?;
         let mut found: Vec<_> = found
@@ -141,7 +133,15 @@ impl Instance {
             vk::PhysicalDeviceType::CPU => 4,
             _ => 3,
         });
-        Ok(found)
+        let mut refused = Vec::new();
+        found.retain(|(device, properties)| match self.refuses(*device, properties) {
+            None => true,
+            Some(reason) => {
+                refused.push(format!("`{}`: {reason}", name_of(properties)));
+                false
+            }
+        });
+        Ok((found, refused))
     }
 
     /// What a device lacks.
@@ -216,18 +216,10 @@ impl Drop for Instance {
     }
 }
 
-/// The devices there are.
-pub(crate) fn summaries() -> Result<Vec<DeviceSummary>, BackendError> {
-    let instance = Instance::new(false)?;
-    Ok(instance
-        .devices()?
-        .into_iter()
-        .map(|(device, properties)| DeviceSummary {
-            name: name_of(&properties),
-            kind: conv::device_kind(properties.device_type),
-            refused: instance.refuses(device, &properties),
-        })
-        .collect())
+/// The devices that can be used.
+pub(crate) fn devices() -> Result<Vec<(String, vk::PhysicalDeviceType)>, BackendError> {
+    let (usable, _) = Instance::new(false)?.usable()?;
+    Ok(usable.iter().map(|(_, p)| (name_of(p), p.device_type)).collect())
 }
 
 fn name_of(properties: &vk::PhysicalDeviceProperties) -> String {
@@ -239,19 +231,19 @@ fn name_of(properties: &vk::PhysicalDeviceProperties) -> String {
 impl Gpu {
     pub(crate) fn open(index: u32, validation: bool) -> Result<Arc<Self>, BackendError> {
         let instance = Instance::new(validation)?;
-        let found = instance.devices()?;
-        let Some((device, properties)) = found.get(index as usize).copied() else {
-            return Err(BackendError::Unsupported(match found.len() {
+        let (usable, refused) = instance.usable()?;
+        let Some((device, properties)) = usable.get(index as usize).copied() else {
+            let mut text = match usable.len() {
                 0 => "no Vulkan device; install a driver (Debian: mesa-vulkan-drivers)".to_owned(),
                 n => format!("device {index} of {n} Vulkan devices; they are numbered from 0"),
-            }));
+            };
+            for reason in refused {
+                text += "; ";
+                text += &reason;
+            }
+            return Err(BackendError::Unsupported(text));
         };
         let name = name_of(&properties);
-        if let Some(reason) = instance.refuses(device, &properties) {
-            return Err(BackendError::Unsupported(format!(
-                "`{name}`: {reason}; take another device"
-            )));
-        }
         let Some((family, bits)) = instance.family(device) else {
             return Err(BackendError::Unsupported(format!(
                 "`{name}` has no queue that draws and computes"

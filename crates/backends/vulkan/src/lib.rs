@@ -23,10 +23,11 @@ mod upload;
 
 use ash::vk;
 use cull::{Choice, Judge, Mode};
-pub use device::DeviceSummary;
 use device::{Buffer, Gpu, Place};
+use hemicube_abi::{Device, Log, Plugin, export_backend};
 use hemicube_contract::backend::{
-    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes,
+    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RESOLUTIONS,
+    RenderSettings, StageTimes,
 };
 use hemicube_contract::delta::is_resolution;
 use hemicube_contract::face::{Items, pixel_count};
@@ -35,15 +36,51 @@ use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
 use hemicube_shaders::view::{stands_on_emitter, views};
 use hemicube_shaders::{Limits, View};
 use reduce::{MARKS, Stages, Work};
+use std::ffi::CStr;
 use std::sync::Arc;
 use upload::{FRAMES, Scene};
 
-/// The devices there are, GPUs first.
+export_backend!(Session);
+
+impl Plugin for Session {
+    const NAME: &'static CStr = c"vulkan";
+    const VERSION: &'static CStr = VERSION;
+    type Session = Self;
+
+    fn devices() -> Result<Vec<Device>, BackendError> {
+        devices()
+    }
+
+    fn open(device: u32, options: &str, _log: Log) -> Result<Self, BackendError> {
+        open(device, options)
+    }
+}
+
+/// Version of the arithmetic: it changes when any row could change by a bit on the same driver.
+const VERSION: &CStr = c"gpu-1";
+
+const CAPABILITIES: Capabilities = Capabilities {
+    covered: true,
+    tiny_patches: true,
+    items: true,
+    lossless_culling: true,
+};
+
+/// The devices that can be used, GPUs first.
 ///
 /// # Errors
 /// [`BackendError::Unsupported`] where there is no Vulkan.
-pub fn devices() -> Result<Vec<DeviceSummary>, BackendError> {
-    device::summaries()
+pub fn devices() -> Result<Vec<Device>, BackendError> {
+    let found = device::devices()?.into_iter();
+    Ok(found
+        .map(|(name, kind)| Device {
+            name,
+            kind: conv::device_kind(kind),
+            capabilities: CAPABILITIES,
+            max_resolution: *RESOLUTIONS.end(),
+            preferred_rows: preferred_rows(batch_of(kind == vk::PhysicalDeviceType::CPU).1),
+        })
+        .collect())
 }
 
 /// Opens a session on a device by its number in [`devices`].
@@ -226,17 +263,11 @@ impl Session {
         let limits = limits(&gpu, options);
         Ok(Self {
             info: BackendInfo {
-                name: "vulkan".to_owned(),
-                version: "gpu-1".to_owned(),
+                name: Self::NAME.to_string_lossy().into_owned(),
+                version: VERSION.to_string_lossy().into_owned(),
                 device: gpu.name.clone(),
-                capabilities: Capabilities {
-                    covered: true,
-                    tiny_patches: true,
-                    items: true,
-                    lossless_culling: true,
-                },
-                // Two submissions, so that one is read back while the other is under way.
-                preferred_rows: 4 * limits.batch as usize,
+                capabilities: CAPABILITIES,
+                preferred_rows: preferred_rows(limits.batch),
             },
             device,
             options,
@@ -296,9 +327,20 @@ fn not_loaded() -> BackendError {
     BackendError::InvalidArgument("no scene is loaded; call `load` first".to_owned())
 }
 
-/// What of the device is used. On software nothing is gained by hemicubes side by side, and caches are lost.
+/// Some submissions, so that one is read back while the other is under way, and the device seldom runs dry in between.
+fn preferred_rows(batch: u32) -> usize {
+    4 * batch as usize
+}
+
+/// How many hemicubes go side by side, and how many into a submission. On software nothing is gained by hemicubes side by
+/// side, and caches are lost.
+fn batch_of(is_software: bool) -> (u32, u32) {
+    if is_software { (1, 8) } else { (16, 64) }
+}
+
+/// What of the device is used.
 fn limits(gpu: &Gpu, options: Options) -> Limits {
-    let (group, batch) = if gpu.is_software { (1, 8) } else { (16, 64) };
+    let (group, batch) = batch_of(gpu.is_software);
     let group = options.group.unwrap_or(group);
     Limits {
         storage_range: u64::from(gpu.limits.max_storage_buffer_range),
@@ -568,7 +610,7 @@ impl HemicubeBackend for Session {
         self.loaded = None;
         let loaded = Loaded::new(&self.gpu, self.options, geometry, settings);
         let loaded = self.settle(loaded)?;
-        self.info.preferred_rows = 4 * loaded.scene.plan.batch as usize;
+        self.info.preferred_rows = preferred_rows(loaded.scene.plan.batch);
         self.loaded = Some(loaded);
         Ok(())
     }

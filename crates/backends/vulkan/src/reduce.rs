@@ -154,8 +154,7 @@ impl Stages {
         let draw = |what| {
             for layer in 0..layers {
                 let at = (slot + layer, layer);
-                self.render
-                    .draw(&self.gpu, scene, frame, commands, at, what, work.without_emitter);
+                self.render.draw(scene, frame, commands, at, what, work.without_emitter);
             }
         };
         let mark = |number: u32| {
@@ -216,8 +215,7 @@ impl Stages {
         mark(3);
         if work.covered {
             for layer in 0..layers {
-                self.render
-                    .cover(&self.gpu, scene, frame, commands, (slot + layer, layer));
+                self.render.cover(scene, frame, commands, (slot + layer, layer));
             }
             after(&[COVER_WRITES, COVER_READS, DRAWS_READ], &[COMPUTE_USES]);
         }

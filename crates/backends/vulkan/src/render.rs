@@ -177,6 +177,7 @@ fn graphics(
 /// The graphics pipelines.
 #[derive(Debug)]
 pub(crate) struct Render {
+    gpu: Arc<Gpu>,
     /// Ids: of all surfaces, and of all but the emitter's.
     ids: [Pipeline; 2],
     /// Depths alone, likewise.
@@ -199,6 +200,7 @@ impl Render {
     pub(crate) fn new(gpu: &Arc<Gpu>, layout: vk::PipelineLayout) -> Result<Self, BackendError> {
         let make = |vertex, fragment, target| graphics(gpu, layout, vertex, fragment, target);
         Ok(Self {
+            gpu: Arc::clone(gpu),
             ids: [
                 make(&stage::RENDER, Some(&stage::IDENTIFY), Target::Ids)?,
                 make(&stage::RENDER, Some(&stage::IDENTIFY_OTHERS), Target::Ids)?,
@@ -214,7 +216,6 @@ impl Render {
     /// Draws a slot into its layer.
     pub(crate) fn draw(
         &self,
-        gpu: &Gpu,
         scene: &Scene,
         frame: &Frame,
         commands: vk::CommandBuffer,
@@ -250,7 +251,7 @@ impl Render {
         } else {
             &self.ids
         };
-        let device = &gpu.raw;
+        let device = &self.gpu.raw;
         #[allow(clippy::cast_possible_truncation, reason = "checked when the scene was prepared")]
         let (chunks, indices) = (scene.upload.chunks.len() as u32, scene.upload.indices.len() as u32);
         // SAFETY: everything recorded lives until the submission is done; draws and counts are in their buffers' bounds.
@@ -264,7 +265,7 @@ impl Render {
             device.cmd_bind_vertex_buffers(commands, 0, &[scene.buffer(binding::VERTICES)], &[0]);
             device.cmd_bind_index_buffer(commands, scene.buffer(binding::INDICES), 0, vk::IndexType::UINT32);
             for face in Face::ALL {
-                bind_face(gpu, scene, frame, commands, slot, face);
+                bind_face(&self.gpu, scene, frame, commands, slot, face);
                 if what == What::All {
                     device.cmd_draw_indexed(commands, indices, 1, 0, 0, 0);
                     continue;
@@ -285,22 +286,15 @@ impl Render {
     }
 
     /// Draws the entries of a slot's row alone.
-    pub(crate) fn cover(
-        &self,
-        gpu: &Gpu,
-        scene: &Scene,
-        frame: &Frame,
-        commands: vk::CommandBuffer,
-        (slot, layer): (u32, u32),
-    ) {
+    pub(crate) fn cover(&self, scene: &Scene, frame: &Frame, commands: vk::CommandBuffer, (slot, layer): (u32, u32)) {
         let rendering = vk::RenderingInfo::default().render_area(area(scene)).layer_count(1);
-        let device = &gpu.raw;
+        let device = &self.gpu.raw;
         // SAFETY: as above.
         unsafe {
             device.cmd_begin_rendering(commands, &rendering);
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, self.cover.raw);
             for face in Face::ALL {
-                bind_face(gpu, scene, frame, commands, slot, face);
+                bind_face(&self.gpu, scene, frame, commands, slot, face);
                 let offset = u64::from(layer) * 16;
                 device.cmd_draw_indirect(commands, scene.buffer(binding::COVER_DRAWS), offset, 1, 16);
             }
