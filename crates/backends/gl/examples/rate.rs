@@ -125,6 +125,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             block.patches.len() as f64 / count,
             hash >> 40,
         );
+        if std::env::var("CONTEXTS").is_ok() {
+            // By the clock on the wall: for an idle machine.
+            let mut sessions = [session.fork()?, session.fork()?];
+            let clock = Instant::now();
+            std::thread::scope(|scope| {
+                for session in &mut sessions {
+                    scope.spawn(|| session.rows(&hemicubes, &mut RowBlock::default()));
+                }
+            });
+            let two = clock.elapsed().as_secs_f64() / 2.0;
+            println!("    two contexts: {:.2}× one", wall / two);
+        }
         for choice in session.choices() {
             println!("    {choice}");
         }

@@ -99,7 +99,8 @@ impl Asking {
         hierarchy.walk(from, faces, &self.planes, &mut self.walked, |place, faces| {
             let node = &hierarchy.nodes[place as usize];
             let small = node.triangles <= few;
-            if !small && !(found && place == from) && !seen(place..node.skip) {
+            let known = small || (found && place == from) || seen(place..node.skip);
+            if !known {
                 asked.push((place, faces));
                 return Descend::No;
             }
