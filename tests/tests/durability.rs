@@ -303,11 +303,13 @@ fn two_writers_are_kept_apart() {
     assert!(!place.path("m/.lock.hemicube-tmp").exists());
 }
 
+type Damage<'a> = (&'a str, &'a dyn Fn(&Path));
+
 #[test]
 fn damaged_parts_are_told_and_computed_again() {
     let place = city(4_000);
     place.line(&format!("{COMPUTE} -o whole")).is(0);
-    let damages: [(&str, &dyn Fn(&Path)); 6] = [
+    let damages: [Damage<'_>; 6] = [
         ("truncated", &|path| {
             let bytes = std::fs::read(path).expect("a file");
             std::fs::write(path, &bytes[..bytes.len() / 2]).expect("a file");

@@ -151,6 +151,9 @@ fn process(variable: &dyn Fn(&str) -> Option<String>, rank: &str, sizes: &[&str]
 mod tests {
     use super::*;
 
+    /// What is asked for, what the environment has, and what is said.
+    type Case<'a> = (&'a str, &'a [(&'a str, &'a str)], &'a str);
+
     fn of(choice: &str, variables: &[(&str, &str)]) -> Result<String> {
         let variable = |name: &str| {
             let found = variables.iter().find(|(other, _)| *other == name);
@@ -162,7 +165,7 @@ mod tests {
 
     #[test]
     fn each_scheduler_is_understood() {
-        let cases: [(&str, &[(&str, &str)], &str); 9] = [
+        let cases: [Case<'_>; 9] = [
             ("3/16", &[("SLURM_PROCID", "1"), ("SLURM_NTASKS", "4")], "3/16"),
             (
                 "auto",
@@ -219,7 +222,7 @@ mod tests {
 
     #[test]
     fn what_is_not_said_is_not_guessed() {
-        let cases: [(&str, &[(&str, &str)], &str); 8] = [
+        let cases: [Case<'_>; 8] = [
             ("auto", &[], "no scheduler says"),
             ("auto", &[("JOB_COMPLETION_INDEX", "5")], "of how many"),
             ("auto/4", &[("JOB_COMPLETION_INDEX", "4")], "is no shard"),
