@@ -1,4 +1,4 @@
-//! The shaders' entry points as SPIR-V and GLSL, and the numbers of what they bind.
+//! The shaders' entry points as WGSL, SPIR-V and GLSL, and the numbers of what they bind.
 
 /// Which kind of shader an entry point is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +16,8 @@ pub enum Kind {
 pub struct Stage {
     /// The WGSL file without its ending.
     pub file: &'static str,
+    /// The source of that file with what all stages share, for APIs that take WGSL.
+    pub wgsl: &'static str,
     /// The entry point's name, in SPIR-V too; in GLSL it is `main`.
     pub entry: &'static str,
     /// Its kind.
@@ -40,6 +42,11 @@ macro_rules! stages {
             $(#[$doc])*
             pub const $name: Stage = Stage {
                 file: $file,
+                wgsl: concat!(
+                    include_str!("../wgsl/shared.wgsl"),
+                    "\n",
+                    include_str!(concat!("../wgsl/", $file, ".wgsl"))
+                ),
                 entry: $entry,
                 kind: Kind::$kind,
                 spirv: include_bytes!(concat!("../generated/", $entry, ".spv")),
