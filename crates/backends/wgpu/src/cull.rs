@@ -1,0 +1,296 @@
+//! What of a scene is drawn: everything, what is in view, or what is in view and not hidden; and which of them pays.
+
+use crate::conv::uses;
+use crate::device::{Compiler, Device};
+use crate::render::{Recorder, Stretch};
+use crate::upload::Store;
+use hemicube_contract::backend::Counters;
+use hemicube_shaders::stage;
+use hemicube_shaders::stage::binding as b;
+use hemicube_shaders::{Plan, Upload};
+use wgpu::{BindGroup, BindGroupLayout, ComputePipeline};
+
+/// What is left out. Rows are the same bits whichever.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Cull {
+    /// Nothing.
+    Nothing,
+    /// What is outside a face.
+    Outside,
+    /// That, and what is hidden by what the hemicubes before saw.
+    Occlusion,
+}
+
+impl Cull {
+    /// In words.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Nothing => "off",
+            Self::Outside => "frustum",
+            Self::Occlusion => "occlusion",
+        }
+    }
+}
+
+/// Triangles above which chunks are tried at all: with fewer, a test costs what it saves.
+const FEWEST_TRIANGLES: usize = 1024;
+/// Hemicubes after which it is decided whether what is hidden is left out.
+const TRIED: u64 = 48;
+/// Hemicubes after which it is tried again: other parts of a scene may hide more.
+const AGAIN: u64 = 2048;
+/// What finding the hidden costs besides drawing, in triangles a pixel of the top face: the depths of what was seen are
+/// drawn and gone through for the pyramid. Measured on Mesa's software driver.
+const TRIANGLES_A_PIXEL: f64 = 0.3;
+/// The part of a scene's triangles that is in view of a hemicube's faces, until it is known: more is seldom hidden.
+const IN_VIEW: f64 = 0.25;
+
+/// Decides what is left out.
+#[derive(Clone, Debug)]
+pub(crate) struct Policy {
+    fixed: Option<Cull>,
+    now: Cull,
+    triangles: f64,
+    overhead: f64,
+    /// What was done since it was last decided.
+    since: Counters,
+}
+
+impl Policy {
+    /// `fixed` where the user has decided.
+    pub(crate) fn new(fixed: Option<Cull>, upload: &Upload, plan: &Plan) -> Self {
+        let triangles = upload.triangle_count();
+        let pixels = f64::from(plan.resolution) * f64::from(plan.resolution);
+        let overhead = TRIANGLES_A_PIXEL * pixels;
+        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+        let all = 5.0 * triangles as f64;
+        let hides = IN_VIEW * all >= overhead;
+        let first = match triangles {
+            0..FEWEST_TRIANGLES => Cull::Nothing,
+            _ if hides => Cull::Occlusion,
+            _ => Cull::Outside,
+        };
+        Self {
+            fixed,
+            now: fixed.unwrap_or(first),
+            triangles: all,
+            overhead,
+            since: Counters::default(),
+        }
+    }
+
+    /// What the next submission leaves out.
+    pub(crate) fn now(&self) -> Cull {
+        self.now
+    }
+
+    /// Takes note of what a submission under `cull` did.
+    pub(crate) fn learn(&mut self, cull: Cull, done: Counters) {
+        if self.fixed.is_some() || cull != self.now {
+            return;
+        }
+        self.since += done;
+        match self.now {
+            Cull::Occlusion if self.since.hemicubes >= TRIED => {
+                if !self.hiding_pays() {
+                    self.now = Cull::Outside;
+                }
+                self.since = Counters::default();
+            }
+            Cull::Outside if self.since.hemicubes >= AGAIN && IN_VIEW * self.triangles >= self.overhead => {
+                self.now = Cull::Occlusion;
+                self.since = Counters::default();
+            }
+            _ => {}
+        }
+    }
+
+    #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+    fn hiding_pays(&self) -> bool {
+        let Counters {
+            hemicubes,
+            nodes_tested,
+            nodes_outside,
+            triangles_transformed,
+            ..
+        } = self.since;
+        let inside = 1.0 - nodes_outside as f64 / nodes_tested.max(1) as f64;
+        let drawn = triangles_transformed as f64 / hemicubes.max(1) as f64;
+        drawn + self.overhead < inside * self.triangles
+    }
+
+    /// What was decided, and why.
+    pub(crate) fn choice(&self) -> String {
+        let why = match (self.fixed, self.now) {
+            (Some(_), _) => "as asked for",
+            (None, Cull::Nothing) => "the scene is small",
+            (None, Cull::Outside) => "too little is hidden for finding it to pay",
+            (None, Cull::Occlusion) => "what is hidden is dear to draw",
+        };
+        format!("culling: {} ({why})", self.now.name())
+    }
+}
+
+/// The stages that choose what is drawn.
+pub(crate) struct Culling {
+    pub(crate) layout: BindGroupLayout,
+    pub(crate) pyramid_layout: BindGroupLayout,
+    seen: ComputePipeline,
+    hidden: ComputePipeline,
+    outside: ComputePipeline,
+    pyramid: ComputePipeline,
+    pyramid_of_copy: ComputePipeline,
+}
+
+/// What the stages up to the ids are bound to.
+pub(crate) struct SceneGroups {
+    pub(crate) cull: BindGroup,
+    pub(crate) pyramid: BindGroup,
+    pub(crate) render: BindGroup,
+}
+
+impl Culling {
+    pub(crate) fn new(compiler: &mut Compiler<'_>) -> Self {
+        let layout = compiler.layout(&uses::CULL, false);
+        let pyramid_layout = compiler.layout(&uses::PYRAMID, false);
+        Self {
+            seen: compiler.compute(&stage::CULL_SEEN, &layout),
+            hidden: compiler.compute(&stage::CULL_HIDDEN, &layout),
+            outside: compiler.compute(&stage::CULL_OUTSIDE, &layout),
+            pyramid: compiler.compute(&stage::PYRAMID_OF, &pyramid_layout),
+            pyramid_of_copy: compiler.compute(&stage::PYRAMID_OF_COPY, &pyramid_layout),
+            layout,
+            pyramid_layout,
+        }
+    }
+
+    /// Lists what is in view of each face.
+    pub(crate) fn list_outside(&self, recorder: &mut Recorder<'_>, groups: &SceneGroups, layers: u32) {
+        recorder.compute(Stretch::Cull, |pass| {
+            pass.set_pipeline(&self.outside);
+            pass.set_bind_group(1, &groups.cull, &[]);
+            pass.dispatch_workgroups(5, layers, 1);
+        });
+    }
+
+    /// Lists of what the group before saw, what is in view of each face.
+    pub(crate) fn list_seen(&self, recorder: &mut Recorder<'_>, groups: &SceneGroups, layers: u32) {
+        recorder.compute(Stretch::Cull, |pass| {
+            pass.set_pipeline(&self.seen);
+            pass.set_bind_group(1, &groups.cull, &[]);
+            pass.dispatch_workgroups(5, layers, 1);
+        });
+    }
+
+    /// Lists what is in view and not behind the depths drawn.
+    pub(crate) fn list_not_hidden(
+        &self,
+        recorder: &mut Recorder<'_>,
+        groups: &SceneGroups,
+        store: &Store,
+        plan: &Plan,
+        layers: u32,
+    ) {
+        let resolution = plan.resolution;
+        if plan.copies_depths {
+            copy_depths(recorder, store, resolution, layers);
+        }
+        recorder.compute(Stretch::Cull, |pass| {
+            pass.set_pipeline(if plan.copies_depths {
+                &self.pyramid_of_copy
+            } else {
+                &self.pyramid
+            });
+            pass.set_bind_group(1, &groups.pyramid, &[]);
+            pass.dispatch_workgroups(resolution / 16, 3 * resolution / 16, layers);
+            pass.set_pipeline(&self.hidden);
+            pass.set_bind_group(1, &groups.cull, &[]);
+            pass.dispatch_workgroups(5, layers, 1);
+        });
+    }
+}
+
+/// Copies the depths of a group to where software reads them faster.
+fn copy_depths(recorder: &mut Recorder<'_>, store: &Store, resolution: u32, layers: u32) {
+    recorder.encoder.copy_texture_to_buffer(
+        wgpu::TexelCopyTextureInfo {
+            aspect: wgpu::TextureAspect::DepthOnly,
+            ..store.depths.texture.as_image_copy()
+        },
+        wgpu::TexelCopyBufferInfo {
+            buffer: store.buffer(b::DEPTH_COPY),
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(4 * resolution),
+                rows_per_image: Some(3 * resolution),
+            },
+        },
+        wgpu::Extent3d {
+            width: resolution,
+            height: 3 * resolution,
+            depth_or_array_layers: layers,
+        },
+    );
+}
+
+/// Clears the lists of draws: where their number cannot come from the device, all are gone through.
+pub(crate) fn clear_lists(device: &Device, recorder: &mut Recorder<'_>, store: &Store) {
+    if !device.counts_draws {
+        recorder.encoder.clear_buffer(store.buffer(b::DRAWS), 0, None);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn policy(fixed: Option<Cull>) -> Policy {
+        Policy {
+            fixed,
+            now: fixed.unwrap_or(Cull::Occlusion),
+            triangles: 500_000.0,
+            overhead: 10_000.0,
+            since: Counters::default(),
+        }
+    }
+
+    fn done(hemicubes: u64, outside: u64, drawn: u64) -> Counters {
+        Counters {
+            hemicubes,
+            nodes_tested: 1000 * hemicubes,
+            nodes_outside: outside * hemicubes,
+            triangles_transformed: drawn * hemicubes,
+            ..Counters::default()
+        }
+    }
+
+    #[test]
+    fn hiding_is_given_up_where_it_does_not_pay_and_tried_again_later() {
+        let mut policy = policy(None);
+        policy.learn(Cull::Occlusion, done(TRIED - 1, 500, 245_000));
+        assert_eq!(policy.now(), Cull::Occlusion, "too early to tell");
+        policy.learn(Cull::Occlusion, done(1, 500, 245_000));
+        assert_eq!(
+            policy.now(),
+            Cull::Outside,
+            "245 000 + 10 000 is more than the half of 500 000"
+        );
+        policy.learn(Cull::Occlusion, done(AGAIN, 500, 245_000));
+        assert_eq!(
+            policy.now(),
+            Cull::Outside,
+            "submissions from before the change tell nothing"
+        );
+        policy.learn(Cull::Outside, done(AGAIN, 500, 250_000));
+        assert_eq!(policy.now(), Cull::Occlusion);
+        policy.learn(Cull::Occlusion, done(TRIED, 500, 100_000));
+        assert_eq!(policy.now(), Cull::Occlusion, "it pays here");
+    }
+
+    #[test]
+    fn what_the_user_decided_stays() {
+        let mut policy = policy(Some(Cull::Occlusion));
+        policy.learn(Cull::Occlusion, done(10 * AGAIN, 0, 1_000_000));
+        assert_eq!(policy.now(), Cull::Occlusion);
+        assert!(policy.choice().contains("as asked for"));
+    }
+}

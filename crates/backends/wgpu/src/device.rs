@@ -1,0 +1,274 @@
+//! Adapters, a device with its queue, and what goes wrong on it.
+//!
+//! wgpu reports errors to a callback, not to the call that caused them; on the APIs it is built with here, the callback has
+//! run when the call returns. So [`Device::check`] after some calls finds what went wrong in them.
+
+use crate::conv::{self, Uses};
+use hemicube_contract::backend::{BackendError, RESOLUTIONS};
+use hemicube_shaders::Limits;
+use hemicube_shaders::stage::Stage;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use wgpu::{
+    Backends, BindGroupLayout, ComputePipeline, DeviceType, Features, InstanceFlags, PipelineCompilationOptions,
+    PipelineLayout, RenderPipeline, ShaderModule,
+};
+
+/// Hemicubes that go through the stages side by side, and of a submission: on a processor nothing is gained by more, and
+/// caches are lost; a GPU wants its units filled.
+const ON_SOFTWARE: (u32, u32) = (1, 16);
+const ON_GPU: (u32, u32) = (16, 64);
+
+/// The memory that is taken of a driver that runs on the processor: Mesa's has a heap of 2 GiB. wgpu does not tell how much
+/// a GPU has; there, an allocation that fails is reported.
+const SOFTWARE_MEMORY: u64 = 7 << 28;
+
+/// What went wrong on a device, noted by wgpu's callbacks.
+#[derive(Debug, Default)]
+struct Faults {
+    first: Mutex<Option<BackendError>>,
+    lost: OnceLock<String>,
+}
+
+/// A device and its queue.
+#[derive(Debug)]
+pub(crate) struct Device {
+    pub(crate) raw: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    limits: Limits,
+    /// Whether the number of indirect draws may come from a buffer.
+    pub(crate) counts_draws: bool,
+    faults: Arc<Faults>,
+}
+
+/// What a device is opened with.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Wanted {
+    /// Hemicubes of a submission, where the user says so.
+    pub(crate) batch: Option<u32>,
+    /// Hemicubes side by side, likewise.
+    pub(crate) group: Option<u32>,
+    /// Bytes that may be taken, likewise.
+    pub(crate) memory: Option<u64>,
+    /// Timestamps.
+    pub(crate) timing: bool,
+    /// The driver's own validation, where it is installed.
+    pub(crate) validation: bool,
+    /// Whether to do without draw counts from a buffer even where the device has them, as it must on Metal.
+    pub(crate) fixed_draws: bool,
+}
+
+/// The adapters there are, what is fastest first.
+pub(crate) fn adapters(validation: bool) -> Vec<wgpu::Adapter> {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = Backends::VULKAN | Backends::METAL | Backends::DX12;
+    // Without `VALIDATION_INDIRECT_CALL`: our own shaders write the draws, and checking each costs more than culling saves.
+    // Direct3D needs it for the number of a vertex, which the cover stage's indirect draws leave at their first of 0.
+    descriptor.flags = if validation {
+        InstanceFlags::VALIDATION
+    } else {
+        InstanceFlags::empty()
+    };
+    let instance = wgpu::Instance::new(descriptor);
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(Backends::all()));
+    adapters.sort_by_key(|adapter| conv::rank(adapter.get_info().device_type));
+    adapters
+}
+
+/// Name, API and driver.
+pub(crate) fn describe(info: &wgpu::AdapterInfo) -> String {
+    let driver = [info.driver.as_str(), info.driver_info.as_str()].join(" ");
+    match driver.trim() {
+        "" => format!("{} by {}", info.name, info.backend),
+        driver => format!("{} by {}, {driver}", info.name, info.backend),
+    }
+}
+
+/// The largest resolution, and how many hemicubes a call should bring so that submissions follow one another.
+pub(crate) fn sizes(adapter: &wgpu::Adapter) -> (u32, usize) {
+    let edge = adapter.limits().max_texture_dimension_2d;
+    let (_, batch) = group_and_batch(adapter.get_info().device_type);
+    (RESOLUTIONS.end().min(&(edge / 3)) / 16 * 16, 4 * batch as usize)
+}
+
+fn group_and_batch(kind: DeviceType) -> (u32, u32) {
+    if kind == DeviceType::Cpu { ON_SOFTWARE } else { ON_GPU }
+}
+
+impl Device {
+    pub(crate) fn open(adapter: &wgpu::Adapter, wanted: Wanted) -> Result<Self, BackendError> {
+        let info = adapter.get_info();
+        let missing = |what: &str| {
+            BackendError::Unsupported(format!(
+                "`{}` lacks {what}; take another device or the CPU",
+                describe(&info)
+            ))
+        };
+        let downlevel = wgpu::DownlevelFlags::COMPUTE_SHADERS
+            | wgpu::DownlevelFlags::FRAGMENT_WRITABLE_STORAGE
+            | wgpu::DownlevelFlags::INDIRECT_EXECUTION
+            | wgpu::DownlevelFlags::VERTEX_STORAGE
+            | wgpu::DownlevelFlags::READ_ONLY_DEPTH_STENCIL;
+        let lacks = downlevel - adapter.get_downlevel_capabilities().flags;
+        if !lacks.is_empty() {
+            return Err(missing(&format!("{lacks:?}")));
+        }
+        let has = adapter.features();
+        let counts_draws = !wanted.fixed_draws && has.contains(Features::MULTI_DRAW_INDIRECT_COUNT);
+        let mut features = Features::empty();
+        features.set(Features::MULTI_DRAW_INDIRECT_COUNT, counts_draws);
+        features.set(Features::TIMESTAMP_QUERY, wanted.timing);
+        if !has.contains(features) {
+            return Err(missing("timestamps, which `timing=on` takes"));
+        }
+        let allowed = adapter.limits();
+        let (raw, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("hemicube"),
+            required_features: features,
+            required_limits: allowed.clone(),
+            ..Default::default()
+        }))
+        .map_err(|error| BackendError::Unsupported(format!("`{}` does not open: {error}", describe(&info))))?;
+        let faults = Arc::new(Faults::default());
+        let noted = Arc::clone(&faults);
+        raw.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            let mut first = noted.first.lock().unwrap_or_else(PoisonError::into_inner);
+            first.get_or_insert_with(|| conv::error(&error));
+        }));
+        let noted = Arc::clone(&faults);
+        raw.set_device_lost_callback(move |reason, message| {
+            // The first reason is the cause, if it comes twice.
+            let _ = noted.lost.set(format!("{reason:?}: {message}"));
+        });
+        let is_software = info.device_type == DeviceType::Cpu;
+        let (group, batch) = group_and_batch(info.device_type);
+        let batch = wanted.batch.unwrap_or(batch);
+        let memory = if is_software { SOFTWARE_MEMORY } else { u64::MAX };
+        Ok(Self {
+            raw,
+            queue,
+            limits: Limits {
+                storage_range: allowed.max_storage_buffer_binding_size.min(allowed.max_buffer_size),
+                memory: wanted.memory.unwrap_or(memory),
+                layers: allowed.max_texture_array_layers,
+                image_edge: allowed.max_texture_dimension_2d,
+                copies_depths: is_software,
+                group: wanted.group.unwrap_or(group).min(batch),
+                batch,
+            },
+            counts_draws,
+            faults,
+        })
+    }
+
+    /// How many hemicubes a call should bring so that submissions follow one another.
+    pub(crate) fn preferred_rows(&self) -> usize {
+        4 * self.limits.batch as usize
+    }
+
+    /// What it allows at a resolution.
+    pub(crate) fn limits_for(&self, resolution: u32) -> Limits {
+        // wgpu copies rows of multiples of 256 bytes only; the copy has no gaps between rows.
+        let whole_rows = (4 * resolution).is_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        Limits {
+            copies_depths: self.limits.copies_depths && whole_rows,
+            ..self.limits
+        }
+    }
+
+    /// What went wrong since it was last asked.
+    pub(crate) fn check(&self) -> Result<(), BackendError> {
+        if let Some(reason) = self.faults.lost.get() {
+            return Err(BackendError::DeviceLost(format!(
+                "{reason}; what is stored is kept: run again"
+            )));
+        }
+        let mut first = self.faults.first.lock().unwrap_or_else(PoisonError::into_inner);
+        first.take().map_or(Ok(()), Err)
+    }
+
+    /// Waits until a submission is done; callbacks of mapped buffers have then run.
+    pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), BackendError> {
+        let waited = self.raw.poll(wgpu::PollType::Wait {
+            submission_index: Some(submission),
+            timeout: None,
+        });
+        self.check()?;
+        waited
+            .map(|_| ())
+            .map_err(|error| BackendError::Internal(format!("waiting for the device: {error}")))
+    }
+}
+
+/// Makes pipelines of the shared stages.
+pub(crate) struct Compiler<'a> {
+    device: &'a wgpu::Device,
+    pub(crate) view_layout: &'a BindGroupLayout,
+    /// By WGSL file.
+    modules: HashMap<&'static str, ShaderModule>,
+}
+
+impl<'a> Compiler<'a> {
+    pub(crate) fn new(device: &'a Device, view_layout: &'a BindGroupLayout) -> Self {
+        Self {
+            device: &device.raw,
+            view_layout,
+            modules: HashMap::new(),
+        }
+    }
+
+    /// The module of a stage's file.
+    pub(crate) fn module(&mut self, stage: &Stage) -> ShaderModule {
+        let compile = || {
+            self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(stage.file),
+                source: wgpu::ShaderSource::Wgsl(stage.wgsl.into()),
+            })
+        };
+        self.modules.entry(stage.file).or_insert_with(compile).clone()
+    }
+
+    /// The layout of group 1 of stages that use the same.
+    pub(crate) fn layout(&self, uses: &Uses, is_drawn: bool) -> BindGroupLayout {
+        self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: None,
+            entries: &uses.layout(is_drawn),
+        })
+    }
+
+    /// The layout of a pipeline that binds the view, and that group 1 if it binds one.
+    pub(crate) fn pipeline_layout(&self, group: Option<&BindGroupLayout>) -> PipelineLayout {
+        let groups = [Some(self.view_layout), group];
+        self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: None,
+            bind_group_layouts: &groups[..1 + usize::from(group.is_some())],
+            immediate_size: 0,
+        })
+    }
+
+    /// A compute pipeline.
+    pub(crate) fn compute(&mut self, stage: &Stage, group: &BindGroupLayout) -> ComputePipeline {
+        let module = self.module(stage);
+        self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(stage.entry),
+            layout: Some(&self.pipeline_layout(Some(group))),
+            module: &module,
+            entry_point: Some(stage.entry),
+            compilation_options: compilation(),
+            cache: None,
+        })
+    }
+
+    /// A pipeline that draws.
+    pub(crate) fn draw(&self, descriptor: &wgpu::RenderPipelineDescriptor<'_>) -> RenderPipeline {
+        self.device.create_render_pipeline(descriptor)
+    }
+}
+
+/// The stages set what they share before they read it.
+pub(crate) fn compilation() -> PipelineCompilationOptions<'static> {
+    PipelineCompilationOptions {
+        zero_initialize_workgroup_memory: false,
+        ..Default::default()
+    }
+}

@@ -1,0 +1,443 @@
+//! Draws ids and depths, and records what goes before and after into a submission, with the time that each stretch takes.
+
+use crate::conv::{self, uses};
+use crate::cull::{self, Cull, Culling, SceneGroups};
+use crate::device::{Compiler, Device, compilation};
+use crate::upload::Store;
+use hemicube_contract::backend::{Geometry, Hemicube, StageTimes};
+use hemicube_contract::face::Face;
+use hemicube_shaders::stage::{self, Stage, binding as b};
+use hemicube_shaders::upload::VERTEX_BYTES;
+use hemicube_shaders::view::{FACES, VIEW_BYTES, VIEW_WORDS, stands_on_emitter};
+use hemicube_shaders::{Plan, Upload, View, views};
+use std::num::NonZeroU64;
+use wgpu::{
+    BindGroup, BindGroupLayout, Buffer, CommandEncoder, ComputePass, LoadOp, Operations, QuerySet, RenderPass,
+    RenderPipeline, StoreOp, TextureFormat, VertexFormat,
+};
+
+/// Bytes of an indirect draw of indexed corners, and of plain ones.
+const DRAW_BYTES: u64 = 20;
+pub(crate) const COVER_DRAW_BYTES: u64 = 16;
+/// The most timestamps of a submission: two a pass.
+pub(crate) const MOST_STAMPS: u32 = wgpu::QUERY_SET_MAX_QUERIES;
+
+/// What part of the work a pass belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stretch {
+    /// Finding what can be seen.
+    Cull,
+    /// Drawing depths and ids.
+    Render,
+    /// Drawing visible patches alone.
+    Cover,
+    /// Adding up weights and picking entries.
+    Reduce,
+    /// Putting rows where they are read.
+    ReadBack,
+}
+
+/// Timestamps of a submission.
+pub(crate) struct Clock {
+    pub(crate) stamps: QuerySet,
+    pub(crate) resolved: Buffer,
+    /// Nanoseconds a tick.
+    period: f64,
+    passes: Vec<Stretch>,
+}
+
+impl Clock {
+    pub(crate) fn new(device: &Device) -> Self {
+        Self {
+            stamps: device.raw.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("stage times"),
+                ty: wgpu::QueryType::Timestamp,
+                count: MOST_STAMPS,
+            }),
+            resolved: device.raw.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("stage times"),
+                size: u64::from(MOST_STAMPS) * 8,
+                usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            }),
+            period: f64::from(device.queue.get_timestamp_period()),
+            passes: Vec::new(),
+        }
+    }
+
+    /// The places of the next pass's two timestamps; none when all are taken.
+    fn next(&mut self, stretch: Stretch) -> Option<(&QuerySet, u32, u32)> {
+        let first = 2 * u32::try_from(self.passes.len()).ok()?;
+        if first + 2 > MOST_STAMPS {
+            return None;
+        }
+        self.passes.push(stretch);
+        Some((&self.stamps, first, first + 1))
+    }
+
+    /// Bytes of the timestamps taken.
+    pub(crate) fn bytes(&self) -> u64 {
+        16 * self.passes.len() as u64
+    }
+
+    /// Adds what the timestamps say, and begins anew.
+    pub(crate) fn add_to(&mut self, times: &mut StageTimes, stamps: &[u64]) {
+        for (stretch, pair) in self.passes.drain(..).zip(stamps.chunks_exact(2)) {
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_precision_loss,
+                clippy::cast_sign_loss,
+                reason = "a time"
+            )]
+            let taken = (pair[1].saturating_sub(pair[0]) as f64 * self.period) as u64;
+            *match stretch {
+                Stretch::Cull => &mut times.cull,
+                Stretch::Render => &mut times.render,
+                Stretch::Cover => &mut times.cover,
+                Stretch::Reduce => &mut times.reduce,
+                Stretch::ReadBack => &mut times.read_back,
+            } += taken;
+        }
+    }
+}
+
+/// A submission being written.
+pub(crate) struct Recorder<'a> {
+    pub(crate) encoder: CommandEncoder,
+    pub(crate) view_group: &'a BindGroup,
+    /// The first slot of the group of hemicubes that is being written.
+    pub(crate) first_slot: u32,
+    pub(crate) clock: Option<&'a mut Clock>,
+}
+
+impl Recorder<'_> {
+    /// A pass that computes; the view of the group's first hemicube is bound.
+    pub(crate) fn compute(&mut self, stretch: Stretch, write: impl FnOnce(&mut ComputePass<'_>)) {
+        let stamps = self.clock.as_mut().and_then(|clock| clock.next(stretch));
+        let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: None,
+            timestamp_writes: stamps.map(|(query_set, first, last)| wgpu::ComputePassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: Some(first),
+                end_of_pass_write_index: Some(last),
+            }),
+        });
+        pass.set_bind_group(0, self.view_group, &[view_offset(self.first_slot, 0)]);
+        write(&mut pass);
+    }
+
+    /// A pass that draws a layer, face by face: `write` is called with each, its view bound and its rows of the image set.
+    pub(crate) fn draw(
+        &mut self,
+        stretch: Stretch,
+        resolution: u32,
+        layer: u32,
+        attachments: Attachments<'_>,
+        mut write: impl FnMut(&mut RenderPass<'_>, Option<Face>),
+    ) {
+        let stamps = self.clock.as_mut().and_then(|clock| clock.next(stretch));
+        let color = attachments.items.map(|(view, clear)| wgpu::RenderPassColorAttachment {
+            view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: Operations {
+                load: LoadOp::Clear(wgpu::Color {
+                    r: f64::from(clear),
+                    ..wgpu::Color::TRANSPARENT
+                }),
+                store: StoreOp::Store,
+            },
+        });
+        let colors = [color];
+        let mut pass = self.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: None,
+            color_attachments: if attachments.items.is_some() { &colors } else { &[] },
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: attachments.depths,
+                depth_ops: attachments.is_depth_written.then_some(Operations {
+                    load: LoadOp::Clear(0.0),
+                    store: StoreOp::Store,
+                }),
+                stencil_ops: None,
+            }),
+            timestamp_writes: stamps.map(|(query_set, first, last)| wgpu::RenderPassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: Some(first),
+                end_of_pass_write_index: Some(last),
+            }),
+            ..Default::default()
+        });
+        write(&mut pass, None);
+        for face in Face::ALL {
+            let (first_row, rows) = (face.first_row(resolution), face.rows(resolution));
+            #[allow(clippy::cast_precision_loss, reason = "at most 3072")]
+            pass.set_viewport(0.0, first_row as f32, resolution as f32, rows as f32, 0.0, 1.0);
+            pass.set_scissor_rect(0, first_row, resolution, rows);
+            pass.set_bind_group(0, self.view_group, &[view_offset(self.first_slot + layer, face as u32)]);
+            write(&mut pass, Some(face));
+        }
+    }
+}
+
+/// What a pass draws to.
+pub(crate) struct Attachments<'a> {
+    pub(crate) depths: &'a wgpu::TextureView,
+    /// Cleared and written, or only there.
+    pub(crate) is_depth_written: bool,
+    /// And what it is cleared to.
+    pub(crate) items: Option<(&'a wgpu::TextureView, u32)>,
+}
+
+fn view_offset(slot: u32, face: u32) -> u32 {
+    (slot * FACES + face) * VIEW_BYTES
+}
+
+/// Pipelines that draw, each for hemicubes that stand on their emitters and for others.
+pub(crate) struct Rendering {
+    depths: [RenderPipeline; 2],
+    ids: [RenderPipeline; 2],
+    /// Of group 1.
+    pub(crate) layout: BindGroupLayout,
+}
+
+impl Rendering {
+    pub(crate) fn new(compiler: &mut Compiler<'_>) -> Self {
+        let layout = compiler.layout(&uses::RENDER, true);
+        Self {
+            depths: [None, Some((&stage::OCCLUDE_OTHERS, &[][..]))]
+                .map(|fragment| Self::pipeline(compiler, &layout, fragment)),
+            ids: [&stage::IDENTIFY, &stage::IDENTIFY_OTHERS].map(|fragment| {
+                let target = Some(TextureFormat::R32Uint.into());
+                Self::pipeline(compiler, &layout, Some((fragment, &[target])))
+            }),
+            layout,
+        }
+    }
+
+    fn pipeline(
+        compiler: &mut Compiler<'_>,
+        group: &BindGroupLayout,
+        fragment: Option<(&Stage, &[Option<wgpu::ColorTargetState>])>,
+    ) -> RenderPipeline {
+        let module = compiler.module(&stage::RENDER);
+        let layout = compiler.pipeline_layout(Some(group));
+        let attribute = |format, offset, shader_location| wgpu::VertexAttribute {
+            format,
+            offset,
+            shader_location,
+        };
+        let attributes = [
+            attribute(VertexFormat::Float32x3, 0, 0),
+            attribute(VertexFormat::Float32x3, 12, 1),
+            attribute(VertexFormat::Uint32x2, 24, 2),
+        ];
+        compiler.draw(&wgpu::RenderPipelineDescriptor {
+            label: Some(fragment.map_or("depths", |(stage, _)| stage.entry)),
+            layout: Some(&layout),
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some(stage::RENDER.entry),
+                compilation_options: compilation(),
+                buffers: &[Some(wgpu::VertexBufferLayout {
+                    array_stride: u64::from(VERTEX_BYTES),
+                    step_mode: wgpu::VertexStepMode::Vertex,
+                    attributes: &attributes,
+                })],
+            },
+            primitive: wgpu::PrimitiveState::default(),
+            depth_stencil: Some(depth_test(wgpu::CompareFunction::Greater)),
+            multisample: wgpu::MultisampleState::default(),
+            fragment: fragment.map(|(stage, targets)| wgpu::FragmentState {
+                module: &module,
+                entry_point: Some(stage.entry),
+                compilation_options: compilation(),
+                targets,
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+    }
+}
+
+/// Depths are written where the test can fail.
+pub(crate) fn depth_test(compare: wgpu::CompareFunction) -> wgpu::DepthStencilState {
+    wgpu::DepthStencilState {
+        format: TextureFormat::Depth32Float,
+        depth_write_enabled: Some(compare != wgpu::CompareFunction::Always),
+        depth_compare: Some(compare),
+        stencil: wgpu::StencilState::default(),
+        bias: wgpu::DepthBiasState::default(),
+    }
+}
+
+/// Hemicubes side by side, each in its layer.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Group {
+    /// How many.
+    pub(crate) layers: u32,
+    /// Whether some does not stand on its emitter.
+    pub(crate) others: bool,
+}
+
+/// The views of a group of hemicubes: as the shaders that compute read them, and as those that draw do.
+pub(crate) struct Views {
+    pub(crate) stored: Vec<u8>,
+    pub(crate) drawn: Vec<u8>,
+}
+
+impl Views {
+    pub(crate) fn with_room_for(slots: usize) -> Self {
+        let bytes = slots * (FACES * VIEW_BYTES) as usize;
+        Self {
+            stored: Vec::with_capacity(bytes),
+            drawn: Vec::with_capacity(bytes),
+        }
+    }
+
+    /// Adds a group, whose first slot is `first_slot`.
+    pub(crate) fn add(
+        &mut self,
+        geometry: &Geometry,
+        upload: &Upload,
+        resolution: u32,
+        group: &[Hemicube],
+        first_slot: u32,
+        stamp: u32,
+    ) -> Group {
+        for (layer, hemicube) in (0..).zip(group) {
+            let slot = first_slot + layer;
+            for view in views(geometry, hemicube, resolution, View { slot, layer, stamp }) {
+                self.stored.extend(conv::to_bytes(view));
+                self.drawn.extend(conv::to_bytes(upside_down(view)));
+            }
+        }
+        Group {
+            layers: u32::try_from(group.len()).unwrap_or(u32::MAX),
+            others: !group.iter().all(|h| stands_on_emitter(geometry, upload, h)),
+        }
+    }
+}
+
+/// The first of the words of `clip_y`.
+const CLIP_Y: usize = 24;
+
+/// wgpu's images begin at the top, ours at the bottom. Negating a float is exact.
+fn upside_down(mut view: [u32; VIEW_WORDS]) -> [u32; VIEW_WORDS] {
+    for word in &mut view[CLIP_Y..CLIP_Y + 3] {
+        *word ^= 1 << 31;
+    }
+    view
+}
+
+/// What drawing takes of a session.
+pub(crate) struct Scene<'a> {
+    pub(crate) device: &'a Device,
+    pub(crate) culling: &'a Culling,
+    pub(crate) rendering: &'a Rendering,
+    pub(crate) store: &'a Store,
+    pub(crate) plan: &'a Plan,
+    pub(crate) upload: &'a Upload,
+}
+
+impl Scene<'_> {
+    /// Draws the ids of a group.
+    pub(crate) fn render(&self, recorder: &mut Recorder<'_>, groups: &SceneGroups, group: Group, cull: Cull) {
+        let variant = usize::from(group.others);
+        match cull {
+            Cull::Nothing => {}
+            Cull::Outside => {
+                cull::clear_lists(self.device, recorder, self.store);
+                self.culling.list_outside(recorder, groups, group.layers);
+            }
+            Cull::Occlusion => {
+                cull::clear_lists(self.device, recorder, self.store);
+                self.culling.list_seen(recorder, groups, group.layers);
+                for layer in 0..group.layers {
+                    let attachments = Attachments {
+                        depths: &self.store.depths.layers[layer as usize],
+                        is_depth_written: true,
+                        items: None,
+                    };
+                    let pipeline = &self.rendering.depths[variant];
+                    self.draw_layer(recorder, groups, pipeline, attachments, layer, cull);
+                }
+                // The first list is drawn; where its end is not counted, it must not show in the second.
+                cull::clear_lists(self.device, recorder, self.store);
+                self.culling
+                    .list_not_hidden(recorder, groups, self.store, self.plan, group.layers);
+            }
+        }
+        for layer in 0..group.layers {
+            let attachments = Attachments {
+                depths: &self.store.depths.layers[layer as usize],
+                is_depth_written: true,
+                items: Some((&self.store.items.layers[layer as usize], self.upload.patch_count + 1)),
+            };
+            self.draw_layer(recorder, groups, &self.rendering.ids[variant], attachments, layer, cull);
+        }
+    }
+
+    fn draw_layer(
+        &self,
+        recorder: &mut Recorder<'_>,
+        groups: &SceneGroups,
+        pipeline: &RenderPipeline,
+        attachments: Attachments<'_>,
+        layer: u32,
+        cull: Cull,
+    ) {
+        let chunks = u32::try_from(self.upload.chunks.len()).unwrap_or(u32::MAX);
+        let indices = u32::try_from(self.upload.indices.len()).unwrap_or(u32::MAX);
+        let draws = self.store.buffer(b::DRAWS);
+        recorder.draw(
+            Stretch::Render,
+            self.plan.resolution,
+            layer,
+            attachments,
+            |pass, face| {
+                let Some(face) = face else {
+                    pass.set_pipeline(pipeline);
+                    pass.set_bind_group(1, &groups.render, &[]);
+                    pass.set_vertex_buffer(0, self.store.buffer(b::VERTICES).slice(..));
+                    let range = self.store.buffer(b::INDICES).slice(..);
+                    pass.set_index_buffer(range, wgpu::IndexFormat::Uint32);
+                    return;
+                };
+                let place = u64::from(layer * FACES + face as u32);
+                let first = place * u64::from(chunks) * DRAW_BYTES;
+                if chunks == 0 {
+                    // An empty scene.
+                } else if cull == Cull::Nothing {
+                    pass.draw_indexed(0..indices, 0, 0..1);
+                } else if self.device.counts_draws {
+                    let counts = self.store.buffer(b::DRAW_COUNTS);
+                    pass.multi_draw_indexed_indirect_count(draws, first, counts, place * 4, chunks);
+                } else {
+                    pass.multi_draw_indexed_indirect(draws, first, chunks);
+                }
+            },
+        );
+    }
+}
+
+/// The view binding's size.
+pub(crate) fn view_size() -> Option<NonZeroU64> {
+    NonZeroU64::new(u64::from(VIEW_BYTES))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_row_of_y_is_turned_over() {
+        let mut view = [0; VIEW_WORDS];
+        for (word, x) in view.iter_mut().zip([1.5f32; VIEW_WORDS]) {
+            *word = x.to_bits();
+        }
+        let turned = upside_down(view);
+        let changed: Vec<usize> = (0..VIEW_WORDS).filter(|&i| turned[i] != view[i]).collect();
+        assert_eq!(changed, [24, 25, 26]);
+        assert_eq!(f32::from_bits(turned[25]), -1.5);
+    }
+}

@@ -1,0 +1,182 @@
+//! The scene and everything else that a device is given before it draws.
+
+use crate::conv;
+use crate::device::Device;
+use hemicube_contract::backend::{BackendError, Geometry};
+use hemicube_contract::delta::DeltaTable;
+use hemicube_contract::face::Face;
+use hemicube_shaders::stage::binding as b;
+use hemicube_shaders::{Plan, Upload, view};
+use std::sync::Arc;
+use wgpu::util::DeviceExt;
+use wgpu::{Buffer, BufferUsages, TextureFormat, TextureUsages, TextureView};
+
+/// The upload form of a scene, made once for all sessions on it.
+struct Kept(Result<Arc<Upload>, String>);
+
+/// The upload form of a scene.
+pub(crate) fn prepare(geometry: &Geometry) -> Result<Arc<Upload>, BackendError> {
+    let kept = geometry.kept(|geometry| Kept(Upload::new(geometry).map(Arc::new).map_err(|error| error.to_string())));
+    kept.0.clone().map_err(BackendError::Unsupported)
+}
+
+/// An image of layers: a view of all, and one of each.
+pub(crate) struct Image {
+    pub(crate) texture: wgpu::Texture,
+    pub(crate) all: TextureView,
+    pub(crate) layers: Vec<TextureView>,
+}
+
+impl Image {
+    fn new(device: &Device, label: &str, format: TextureFormat, plan: &Plan) -> Self {
+        let texture = device.raw.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d {
+                width: plan.resolution,
+                height: 3 * plan.resolution,
+                depth_or_array_layers: plan.group,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let view = |dimension, first, count| {
+            texture.create_view(&wgpu::TextureViewDescriptor {
+                dimension: Some(dimension),
+                base_array_layer: first,
+                array_layer_count: Some(count),
+                ..Default::default()
+            })
+        };
+        Self {
+            all: view(wgpu::TextureViewDimension::D2Array, 0, plan.group),
+            layers: (0..plan.group)
+                .map(|layer| view(wgpu::TextureViewDimension::D2, layer, 1))
+                .collect(),
+            texture,
+        }
+    }
+}
+
+/// What is on the device for a scene and a resolution.
+pub(crate) struct Store {
+    /// By binding; those of which each side of the pipeline has its own are not here.
+    buffers: Vec<Option<Buffer>>,
+    pub(crate) depths: Image,
+    pub(crate) items: Image,
+}
+
+/// The buffers of which there are two, so that one is read while the other is written.
+pub(crate) const TWICE: [u32; 2] = [b::VIEWS, b::OUTPUT];
+
+impl Store {
+    pub(crate) fn new(
+        device: &Device,
+        geometry: &Geometry,
+        upload: &Upload,
+        plan: &Plan,
+    ) -> Result<Self, BackendError> {
+        let mut buffers: Vec<Option<Buffer>> = (0..b::COUNT).map(|_| None).collect();
+        for size in plan.sizes(upload) {
+            if TWICE.contains(&size.binding) {
+                continue;
+            }
+            // wgpu clears what it allocates, as the marks, sums and counters need it.
+            buffers[size.binding as usize] = Some(device.raw.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(size.name),
+                size: size.bytes.next_multiple_of(16),
+                usage: conv::usage(size.binding),
+                mapped_at_creation: false,
+            }));
+            device.check().map_err(|error| match error {
+                BackendError::OutOfMemory(_) => BackendError::OutOfMemory(format!(
+                    "{} need {} bytes, which the device does not have left; take a coarser scene, a lower resolution or fewer sessions",
+                    size.name, size.bytes
+                )),
+                error => error,
+            })?;
+        }
+        let settings = view::settings_words(plan, upload);
+        buffers[b::SETTINGS as usize] = Some(device.raw.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some("settings"),
+            contents: &conv::to_bytes(settings),
+            usage: BufferUsages::UNIFORM,
+        }));
+        let store = Self {
+            buffers,
+            depths: Image::new(device, "depths", TextureFormat::Depth32Float, plan),
+            items: Image::new(device, "items", TextureFormat::R32Uint, plan),
+        };
+        device.check()?;
+        let write = |binding, bytes: &[u8]| device.queue.write_buffer(store.buffer(binding), 0, bytes);
+        write(b::CHUNKS, &conv::to_bytes(upload.chunk_words()));
+        write(b::WEIGHTS, &conv::to_bytes(weights(plan.resolution)));
+        write(
+            b::VERTICES,
+            &conv::to_bytes(upload.vertices.as_flattened().iter().copied()),
+        );
+        write(b::INDICES, &conv::to_bytes(upload.indices.iter().copied()));
+        write(
+            b::TRIANGLE_OF_PATCH,
+            &conv::to_bytes(upload.triangle_of_patch.iter().copied()),
+        );
+        write(
+            b::CHUNK_OF_PATCH,
+            &conv::to_bytes(upload.chunk_of_patch.iter().copied()),
+        );
+        if plan.covered {
+            write(b::CENTROIDS, &conv::to_bytes(upload.centroids(geometry)));
+        }
+        // The copies on their way take as much memory again until they are done.
+        let done = device.queue.submit([]);
+        device.wait(done)?;
+        Ok(store)
+    }
+
+    /// The buffer of a binding.
+    ///
+    /// # Panics
+    /// For a binding that is a texture, or of which each side has its own.
+    pub(crate) fn buffer(&self, binding: u32) -> &Buffer {
+        self.buffers[binding as usize]
+            .as_ref()
+            .unwrap_or_else(|| unreachable!("binding {binding} has no buffer of its own"))
+    }
+
+    /// Marks all chunks as drawn, for submissions that cull nothing.
+    pub(crate) fn mark_all_drawn(&self, device: &Device) {
+        let drawn = self.buffer(b::DRAWN);
+        let words = drawn.size() / 4;
+        device
+            .queue
+            .write_buffer(drawn, 0, &conv::to_bytes((0..words).map(|_| 1)));
+    }
+}
+
+/// The weight of each pixel of the atlas.
+fn weights(resolution: u32) -> Vec<u32> {
+    let table = DeltaTable::new(resolution);
+    Face::ALL
+        .into_iter()
+        .flat_map(|face| table.running(face).windows(2).map(|w| w[1] - w[0]))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hemicube_contract::backend::WHOLE;
+
+    #[test]
+    fn the_weights_of_a_hemicube_are_those_of_the_table_and_sum_to_the_whole() {
+        let (n, table) = (32, DeltaTable::new(32));
+        let weights = weights(n);
+        assert_eq!(weights.len(), 3 * 32 * 32);
+        assert_eq!(weights.iter().sum::<u32>(), WHOLE);
+        let row = Face::NegX.first_row(n) + 5;
+        assert_eq!(weights[(row * n + 7) as usize], table.weight(Face::NegX, 7, 5));
+    }
+}

@@ -1,0 +1,398 @@
+//! Rows of the wgpu backend, with the validation layer on: whatever it or wgpu says fails the test.
+
+use hemicube::Model;
+use hemicube::backend::{BackendError, Counters, Culling, Hemicube, HemicubeBackend, RenderSettings, StageTimes};
+use hemicube::delta::DeltaTable;
+use hemicube::row::RowBlock;
+use hemicube_backend_cpu::CpuBackend;
+use hemicube_backend_wgpu::{devices, open};
+use hemicube_tests::devices::{
+    Apart, Opened, city_with_duplicates, compare_items, compare_rows, extreme_scenes, is_sum_of, is_there, neighbours,
+    rows_do_not_depend, scenes, some, unoccluded,
+};
+use hemicube_tests::rows::render_with;
+use hemicube_tests::scenes::{model, read, say, scenes_or_skip};
+use std::sync::{Mutex, PoisonError};
+
+/// What wgpu and the validation layer said.
+struct Complaints(Mutex<Vec<String>>);
+
+static COMPLAINTS: Complaints = Complaints(Mutex::new(Vec::new()));
+
+impl log::Log for Complaints {
+    fn enabled(&self, metadata: &log::Metadata<'_>) -> bool {
+        metadata.level() <= log::Level::Warn && metadata.target().starts_with("wgpu")
+    }
+
+    fn log(&self, record: &log::Record<'_>) {
+        if self.enabled(record.metadata()) {
+            let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            all.push(format!("{}: {}", record.target(), record.args()));
+        }
+    }
+
+    fn flush(&self) {}
+}
+
+impl Complaints {
+    fn listen(&'static self) {
+        if log::set_logger(self).is_ok() {
+            log::set_max_level(log::LevelFilter::Warn);
+        }
+    }
+
+    fn take(&self) -> Vec<String> {
+        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// A session under the validation layer.
+fn wgpu(options: &str) -> Opened {
+    COMPLAINTS.listen();
+    Ok(Box::new(open(0, &format!("validation=on,{options}"))?))
+}
+
+/// Runs a test where there is a device, and fails it for any complaint.
+fn on_a_device(test: impl FnOnce()) {
+    if is_there("wgpu", &wgpu("")) {
+        test();
+        let said = COMPLAINTS.take();
+        assert!(said.is_empty(), "{}", said.join("\n"));
+    }
+}
+
+fn settings(resolution: u32, covered: bool) -> RenderSettings {
+    RenderSettings {
+        resolution,
+        culling: Culling::On,
+        covered,
+    }
+}
+
+/// Whether no more was read back than the entries and a constant for each submission of 16 hemicubes.
+fn few_bytes(counters: Counters, entries: usize, hemicubes: usize) -> bool {
+    counters.bytes_read_back <= 16 * entries as u64 + 512 * hemicubes.div_ceil(16) as u64
+}
+
+#[test]
+fn complaints_are_noticed() {
+    use log::Log;
+    let complaints = Complaints(Mutex::default());
+    for (target, level) in [
+        ("wgpu_hal::vulkan::instance", log::Level::Error),
+        ("wgpu_hal::vulkan::instance", log::Level::Info),
+        ("something_else", log::Level::Error),
+    ] {
+        let record = log::Record::builder()
+            .target(target)
+            .level(level)
+            .args(format_args!("VUID-1"))
+            .build();
+        complaints.log(&record);
+    }
+    assert_eq!(complaints.take(), ["wgpu_hal::vulkan::instance: VUID-1"]);
+}
+
+const OPTIONS: [&str; 7] = [
+    "cull=occlusion",
+    "cull=occlusion,batch=1",
+    "cull=occlusion,group=5,batch=10",
+    "cull=occlusion,counts=off",
+    "cull=frustum,batch=3,group=3",
+    "cull=auto",
+    "cull=off",
+];
+
+#[test]
+fn rows_do_not_depend_on_culling_batches_or_the_run() {
+    on_a_device(|| {
+        for (name, model) in scenes() {
+            let counters = rows_do_not_depend(&wgpu, &OPTIONS, name, &model, &some(&model, 20), false, 128);
+            say(&format!("{name}: {counters:?}"));
+        }
+    });
+}
+
+#[test]
+fn covered_rows_do_not_depend_on_culling_batches_or_the_run() {
+    on_a_device(|| {
+        for (name, model) in scenes().into_iter().chain(extreme_scenes()) {
+            // 48 pixels: depths are then not copied before they are read.
+            for resolution in [48, 64] {
+                rows_do_not_depend(&wgpu, &OPTIONS, name, &model, &some(&model, 15), true, resolution);
+            }
+        }
+    });
+}
+
+#[test]
+fn culling_leaves_out_most_of_a_city() {
+    on_a_device(|| {
+        let model = city_with_duplicates(12);
+        let hemicubes = neighbours(&model, 64);
+        let render = |options| {
+            let mut session = wgpu(options).expect("it was there");
+            render_with(&mut *session, &model, &hemicubes, settings(256, false))
+        };
+        let (rows, without) = render("cull=off");
+        let (culled_rows, with) = render("cull=occlusion");
+        assert_eq!(compare_rows(&rows, &culled_rows), Apart::default());
+        assert!(with.nodes_hidden > with.nodes_tested / 20, "{with:?}");
+        assert!(with.nodes_outside > with.nodes_tested / 3, "{with:?}");
+        assert_eq!((without.nodes_hidden, without.nodes_outside), (0, 0));
+        let all = model.geometry().surfaces.len() as u64 * 5 * hemicubes.len() as u64;
+        assert!(with.triangles_drawn < all / 4, "{with:?} of {all} triangles");
+    });
+}
+
+#[test]
+fn rows_are_the_sums_of_item_buffers_and_little_is_read_back() {
+    on_a_device(|| {
+        for (name, model) in scenes() {
+            let n = 128;
+            let table = DeltaTable::new(n);
+            let hemicubes = some(&model, 17);
+            for options in ["cull=occlusion", "cull=off,batch=4"] {
+                let mut session = wgpu(options).expect("it was there");
+                let (rows, counters) = render_with(&mut *session, &model, &hemicubes, settings(n, false));
+                for (k, hemicube) in hemicubes.iter().enumerate() {
+                    let mut items = session.items(hemicube).expect("a legal hemicube");
+                    assert!(is_sum_of(rows.row(k), &items, &table), "{name}, `{options}`: row {k}");
+                    if k == 0 {
+                        let center = (n / 2 * n + n / 2) as usize;
+                        items.seen[center] = if items.seen[center] == 0 { 1 } else { 0 };
+                        assert!(
+                            !is_sum_of(rows.row(k), &items, &table),
+                            "a doctored pixel was not noticed"
+                        );
+                    }
+                }
+                let (_, again) = render_with(&mut *session, &model, &hemicubes, settings(n, false));
+                assert_eq!(counters.nodes_tested, again.nodes_tested, "{name}: items were counted");
+                let entries = rows.patches.len();
+                assert!(
+                    few_bytes(counters, entries, hemicubes.len()),
+                    "{name}: {counters:?} for {entries} entries"
+                );
+                let dense = Counters {
+                    bytes_read_back: 4 * u64::from(model.geometry().patch_count) * hemicubes.len() as u64,
+                    ..counters
+                };
+                // In the soup and in the room, a row has almost all patches.
+                if entries < model.geometry().patch_count as usize * hemicubes.len() / 8 {
+                    assert!(
+                        !few_bytes(dense, entries, hemicubes.len()),
+                        "{name}: dense rows were not noticed"
+                    );
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn what_nothing_hides_is_covered_exactly() {
+    on_a_device(|| {
+        for (name, model) in unoccluded() {
+            for resolution in [16, 64, 256] {
+                let hemicubes = some(&model, 24);
+                let mut session = wgpu("").expect("it was there");
+                let (rows, _) = render_with(&mut *session, &model, &hemicubes, settings(resolution, true));
+                assert_eq!(rows.visible, rows.covered, "{name}, N = {resolution}");
+                assert!(rows.visible.iter().any(|&v| v > 0), "{name}: something is seen");
+            }
+        }
+        let (_, city) = scenes().pop().expect("a city");
+        let mut session = wgpu("").expect("it was there");
+        let (rows, _) = render_with(&mut *session, &city, &some(&city, 24), settings(64, true));
+        assert_ne!(rows.visible, rows.covered, "in a city much is hidden");
+        let tiny = rows.covered.iter().filter(|&&c| c == 0).count();
+        assert!(tiny > 0, "patches smaller than a pixel are in the rows");
+    });
+}
+
+/// The largest share of pixels that may differ from the CPU backend's. It samples edges exactly; Mesa's rasteriser snaps
+/// corners to a 256th of a pixel first, so that what differs grows with the length of edges in pixels: most in a room of
+/// small patches that are all seen.
+const DIFFERENT_PIXELS: f64 = 3e-4;
+
+#[test]
+fn rows_agree_with_the_cpu_backend() {
+    on_a_device(|| {
+        let mut all = scenes();
+        if let Some(folder) = scenes_or_skip("the wgpu backend on a real tile") {
+            let tile = read(&folder, "city/denhaag-8897.obj").expect("a readable scene");
+            all.push(("denhaag", model(tile, hemicube_scene::Subdivision::None)));
+        }
+        for (name, model) in all {
+            let hemicubes = some(&model, 24);
+            let mut gpu = wgpu("").expect("it was there");
+            let mut cpu = CpuBackend::new();
+            let (a, _) = render_with(&mut *gpu, &model, &hemicubes, settings(256, false));
+            let (b, _) = render_with(&mut cpu, &model, &hemicubes, settings(256, false));
+            let apart = compare_rows(&a, &b);
+            let pixels: usize = hemicubes
+                .iter()
+                .map(|h| compare_items(&gpu.items(h).expect("legal"), &cpu.items(h).expect("legal")))
+                .sum();
+            let share = pixels as f64 / (hemicubes.len() * 3 * 256 * 256) as f64;
+            say(&format!(
+                "{name}: {pixels} pixels differ ({share:.1e}), row L1 {:.1e} mean {:.1e}",
+                apart.worst, apart.mean
+            ));
+            assert!(
+                share <= DIFFERENT_PIXELS && apart.worst <= 5e-3,
+                "{name}: {share:.1e}, {apart:?}"
+            );
+            if name == "room" {
+                let (c, _) = render_with(&mut cpu, &model, &some(&model, 48)[24..], settings(256, false));
+                assert!(
+                    compare_rows(&a, &c).worst > 5e-3,
+                    "rows of other hemicubes were not noticed"
+                );
+            }
+        }
+    });
+}
+
+#[test]
+fn two_sessions_at_once_give_the_same_rows() {
+    on_a_device(|| {
+        let model = city_with_duplicates(12);
+        let hemicubes = neighbours(&model, 48);
+        let mut session = wgpu("").expect("it was there");
+        let (rows, _) = render_with(&mut *session, &model, &hemicubes, settings(128, true));
+        let mut fork = session.fork().expect("another session");
+        let render = |session: &mut dyn HemicubeBackend| {
+            let mut rows = RowBlock::default();
+            session.rows(&hemicubes, &mut rows).expect("legal hemicubes");
+            rows
+        };
+        let (a, b) = std::thread::scope(|scope| {
+            let other = scope.spawn(|| render(&mut *fork));
+            (render(&mut *session), other.join().expect("no panic"))
+        });
+        assert_eq!(a, rows);
+        assert_eq!(b, rows);
+    });
+}
+
+fn small() -> (Model, Vec<Hemicube>) {
+    let (_, model) = unoccluded().remove(0);
+    let hemicubes = some(&model, 9);
+    (model, hemicubes)
+}
+
+#[test]
+fn a_lost_device_is_reported_and_another_goes_on() {
+    on_a_device(|| {
+        let (model, hemicubes) = small();
+        let mut session = open(0, "").expect("it was there");
+        let (rows, _) = render_with(&mut session, &model, &hemicubes, settings(64, true));
+        session.lose_device();
+        let lost = |error: BackendError| assert!(matches!(error, BackendError::DeviceLost(_)), "{error:?}");
+        lost(
+            session
+                .rows(&hemicubes, &mut RowBlock::default())
+                .expect_err("the device is lost"),
+        );
+        lost(session.items(&hemicubes[0]).expect_err("still"));
+        lost(session.load(model.geometry(), settings(64, true)).expect_err("still"));
+        let mut other = session.fork().expect("another device");
+        let mut again = RowBlock::default();
+        other.rows(&hemicubes, &mut again).expect("legal hemicubes");
+        assert_eq!(again, rows);
+    });
+}
+
+#[test]
+fn what_does_not_fit_is_refused_and_the_session_goes_on() {
+    on_a_device(|| {
+        let (model, hemicubes) = small();
+        let mut session = open(0, "memory=1").expect("it was there");
+        let refused = session
+            .load(model.geometry(), settings(1024, false))
+            .expect_err("1 MiB");
+        assert!(
+            matches!(&refused, BackendError::OutOfMemory(text) if text.contains("1048576")),
+            "{refused:?}"
+        );
+        let (rows, _) = render_with(&mut session, &model, &hemicubes, settings(64, false));
+        assert_eq!(rows.len(), hemicubes.len());
+        let mut fitting = open(0, "").expect("it was there");
+        render_with(&mut fitting, &model, &hemicubes[..1], settings(1024, false));
+    });
+}
+
+#[test]
+fn illegal_requests_are_refused_by_name() {
+    on_a_device(|| {
+        for (options, named) in [
+            ("cull=sometimes", "`sometimes`"),
+            ("batch=0", "`batch`"),
+            ("group=many", "`group`"),
+            ("colour=red", "`colour`"),
+        ] {
+            let error = open(0, options).expect_err(options);
+            assert!(
+                matches!(&error, BackendError::InvalidArgument(text) if text.contains(named)),
+                "{error:?}"
+            );
+        }
+        let devices = devices().expect("a list");
+        let beyond = open(u32::try_from(devices.len()).expect("few"), "").expect_err("beyond the last device");
+        assert!(matches!(&beyond, BackendError::Unsupported(text) if text.contains("numbered from 0")));
+        let (model, hemicubes) = small();
+        let mut session = open(0, "").expect("it was there");
+        let nothing = |error: BackendError| assert!(error.to_string().contains("no scene is loaded"), "{error}");
+        nothing(
+            session
+                .rows(&hemicubes, &mut RowBlock::default())
+                .expect_err("nothing is loaded"),
+        );
+        nothing(session.fork().err().expect("nothing is loaded"));
+        let odd = session
+            .load(model.geometry(), settings(40, false))
+            .expect_err("40 is no multiple of 16");
+        assert!(odd.to_string().contains("40"), "{odd}");
+        session.load(model.geometry(), settings(48, false)).expect("48 is");
+        let mut foreign = hemicubes[0];
+        foreign.emitter = Some(hemicube_scene::InputPatch(model.geometry().patch_count));
+        let error = session
+            .rows(&[foreign], &mut RowBlock::default())
+            .expect_err("no such patch");
+        assert!(matches!(error, BackendError::InvalidArgument(_)), "{error:?}");
+        let mut rows = RowBlock::default();
+        session.rows(&hemicubes, &mut rows).expect("the session goes on");
+        rows.check(hemicubes.len(), model.geometry().patch_count, false)
+            .expect("good rows");
+    });
+}
+
+#[test]
+fn times_are_measured_when_asked_for() {
+    on_a_device(|| {
+        let (_, model) = scenes().pop().expect("a city");
+        let hemicubes = neighbours(&model, 32);
+        let render = |options| {
+            let mut session = wgpu(options).expect("it was there");
+            let (rows, _) = render_with(&mut *session, &model, &hemicubes, settings(64, true));
+            (rows, session.stage_times())
+        };
+        let (rows, none) = render("cull=occlusion");
+        assert_eq!(none, StageTimes::default());
+        let (timed, times) = render("cull=occlusion,timing=on");
+        assert_eq!(compare_rows(&rows, &timed), Apart::default());
+        let StageTimes {
+            cull,
+            render,
+            cover,
+            reduce,
+            read_back,
+        } = times;
+        assert!(
+            [cull, render, cover, reduce, read_back].iter().all(|&t| t > 0),
+            "{times:?}"
+        );
+    });
+}
