@@ -128,6 +128,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         if std::env::var("CONTEXTS").is_ok() {
             // By the clock on the wall: for an idle machine.
             let mut sessions = [session.fork()?, session.fork()?];
+            for session in &mut sessions {
+                // Drivers compile shaders when they are first used.
+                session.rows(&hemicubes, &mut RowBlock::default())?;
+            }
             let clock = Instant::now();
             std::thread::scope(|scope| {
                 for session in &mut sessions {

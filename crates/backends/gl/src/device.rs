@@ -281,6 +281,9 @@ pub(crate) fn devices() -> Vec<DeviceInfo> {
         .collect()
 }
 
+/// Binding points of storage buffers that the shaders number.
+pub(crate) const STORAGE_BINDINGS: i32 = 28;
+
 /// What a driver allows.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
@@ -427,6 +430,12 @@ impl Device {
         // SAFETY: the context is current; what is asked for exists in OpenGL 4.5.
         let (name, limits) = unsafe {
             let at_least_zero = |value: i32| u32::try_from(value).unwrap_or(0);
+            let bindings = gl.get_parameter_i32(glow::MAX_SHADER_STORAGE_BUFFER_BINDINGS);
+            if bindings < STORAGE_BINDINGS {
+                return Err(unusable(format!(
+                    "{bindings} bindings of storage buffers; the shaders need {STORAGE_BINDINGS}"
+                )));
+            }
             let limits = Limits {
                 storage_range: u64::from(at_least_zero(gl.get_parameter_i32(glow::MAX_SHADER_STORAGE_BLOCK_SIZE))),
                 texture_size: at_least_zero(gl.get_parameter_i32(glow::MAX_TEXTURE_SIZE)),

@@ -1199,7 +1199,7 @@ const BOXES: u32 = 0;
 const ASKED: u32 = binding::COUNT;
 const MARKS: u32 = binding::COUNT + 1;
 const _: () = assert!(
-    ASKED == 26 && MARKS == 27,
+    ASKED == 26 && MARKS == 27 && MARKS + 1 == crate::device::STORAGE_BINDINGS.unsigned_abs(),
     "as `glsl/box.vert` and `glsl/mark.frag` say"
 );
 
