@@ -1078,11 +1078,11 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
     }
     if report.corrected > 0 {
         list.add(
-            "corrected",
+            "partial",
             format!(
-                "{} are a visible fraction of a closed form; of {} a part only is visible",
-                counted(report.corrected, "entry"),
-                percent(report.partial as f64 / report.corrected as f64)
+                "{} of the pairs are visible in part; {} are corrected: a visible fraction of a closed form",
+                percent(report.partial as f64 / report.corrected as f64),
+                counted(report.corrected, "entry")
             ),
         );
     }
