@@ -235,17 +235,15 @@ impl Session {
     }
 
     fn side(&self, store: &Store, plan: &Plan, upload: &Upload) -> Result<Side, BackendError> {
-        Side::new(
-            &self.device,
-            &self.culling,
-            &self.rendering,
-            &self.reduction,
-            &self.view_layout,
+        let scene = Scene {
+            device: &self.device,
+            culling: &self.culling,
+            rendering: &self.rendering,
             store,
             plan,
             upload,
-            self.choice.wanted.timing,
-        )
+        };
+        Side::new(&scene, &self.reduction, &self.view_layout, self.choice.wanted.timing)
     }
 
     /// After a call that failed: what was on its way is not waited for, and the buffers that it may still hold are given up

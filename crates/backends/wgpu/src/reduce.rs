@@ -1,18 +1,17 @@
 //! Makes rows of items and brings them back: first how many entries there are, then those.
 
 use crate::conv::{self, Uses, uses};
-use crate::cull::{Culling, SceneGroups};
+use crate::cull::SceneGroups;
 use crate::device::{Compiler, Device, compilation};
 use crate::render::{
-    Attachments, COVER_DRAW_BYTES, Clock, Group, MOST_STAMPS, Recorder, Rendering, Scene, Stretch, depth_test,
-    view_size,
+    Attachments, COVER_DRAW_BYTES, Clock, Group, MOST_STAMPS, Recorder, Scene, Stretch, depth_test, view_size,
 };
-use crate::upload::{Store, TWICE};
+use crate::upload::TWICE;
 use hemicube_contract::backend::{BackendError, Counters, StageTimes};
 use hemicube_contract::row::RowBlock;
+use hemicube_shaders::Plan;
 use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
 use hemicube_shaders::stage::{self, binding as b};
-use hemicube_shaders::{Plan, Upload};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Instant;
 use wgpu::{
@@ -173,16 +172,19 @@ pub(crate) struct Arriving {
 
 impl Side {
     pub(crate) fn new(
-        device: &Device,
-        culling: &Culling,
-        rendering: &Rendering,
+        scene: &Scene<'_>,
         reduction: &Reduction,
         view_layout: &BindGroupLayout,
-        store: &Store,
-        plan: &Plan,
-        upload: &Upload,
         timing: bool,
     ) -> Result<Self, BackendError> {
+        let Scene {
+            device,
+            culling,
+            rendering,
+            store,
+            plan,
+            upload,
+        } = *scene;
         let make = |label, size: u64, usage| {
             device.raw.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
