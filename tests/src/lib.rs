@@ -6,6 +6,7 @@
 //! | --- | --- |
 //! | `HEMICUBE_SCENES` | the folder of real scenes; otherwise `../shared/scenes` beside the workspace |
 //! | `HEMICUBE_REQUIRE_SCENES=1` | a test that would skip for want of a scene, or of what unpacks it, fails |
+//! | `HEMICUBE_TEST_BACKEND` | the backend that tests of form factors run over, in place of the built-in one |
 //! | `HEMICUBE_REQUIRE_BACKENDS` | names of backends, with commas: a test that would skip for want of a device fails |
 //! | `HEMICUBE_PYTHON` | a Python with NumPy and SciPy; otherwise `python3` |
 //! | `HEMICUBE_REQUIRE_PYTHON=1` | a test that would skip for want of one fails |

@@ -45,12 +45,26 @@ pub fn rolled(mut hemicube: Hemicube, angle: f64) -> Hemicube {
     hemicube
 }
 
+/// A session of the backend that `HEMICUBE_TEST_BACKEND` names, of the built-in one where it is not set: what is tested of
+/// form factors must hold over every backend.
+///
+/// # Panics
+/// When it does not open.
+pub fn backend() -> Box<dyn HemicubeBackend> {
+    match std::env::var("HEMICUBE_TEST_BACKEND") {
+        Ok(name) if !name.is_empty() && name != "cpu" => {
+            Box::new(crate::plugins::session(&crate::plugins::rust(&name), &[]))
+        }
+        _ => Box::new(CpuBackend::new()),
+    }
+}
+
 /// Rows of `hemicubes` by a new session, checked as the driver checks them.
 ///
 /// # Panics
 /// When the backend refuses, or a row breaks the contract.
 pub fn render(model: &Model, hemicubes: &[Hemicube], settings: RenderSettings) -> (RowBlock, Counters) {
-    render_with(&mut CpuBackend::new(), model, hemicubes, settings)
+    render_with(backend().as_mut(), model, hemicubes, settings)
 }
 
 /// Rows of `hemicubes` by a given session.
@@ -130,7 +144,7 @@ impl Rung {
     /// When the backend fails.
     pub fn settled(model: &Model, tolerance: f64) -> Self {
         let emitters: Vec<InputPatch> = model.order().collect();
-        let settled = settle(model, &emitters, &|_| true, true, tolerance, &mut CpuBackend::new(), 0);
+        let settled = settle(model, &emitters, &|_| true, true, tolerance, backend().as_mut(), 0);
         let settled = settled.expect("a backend that keeps its contract");
         Self {
             correction: Correction::Tolerance(settled.refinement),
@@ -174,7 +188,7 @@ impl Factors {
 /// # Errors
 /// What the driver says.
 pub fn factors(model: &Model, rung: Rung) -> Result<Factors, ComputeError> {
-    factors_with(model, rung, Box::new(CpuBackend::new()))
+    factors_with(model, rung, backend())
 }
 
 /// The matrix of all rows by a given backend.

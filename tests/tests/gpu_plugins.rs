@@ -1,0 +1,199 @@
+//! The plugins for GPUs as the program loads them, on whatever device there is: the conformance suite, the corrections over
+//! them, and all of them at once in one process.
+//!
+//! `./test` also runs the public cases at a tolerance over each of them (`HEMICUBE_TEST_BACKEND`).
+
+use assert_cmd::Command;
+use hemicube::Model;
+use hemicube::backend::{BackendError, HemicubeBackend};
+use hemicube::row::RowBlock;
+use hemicube_backend_cpu::CpuBackend;
+use hemicube_scene::generate::Kind;
+use hemicube_tests::devices::is_there;
+use hemicube_tests::plugins::{rust, try_session};
+use hemicube_tests::rows::{hemicubes, settings, spread};
+use hemicube_tests::scenes::{generated, program, say};
+use serde_json::Value;
+use std::path::Path;
+
+const NAMES: [&str; 3] = ["gl", "vulkan", "wgpu"];
+
+/// Whether the plugin has a device to run on. Else says that it is skipped, or fails where it is required.
+fn has_device(name: &str) -> bool {
+    let opened = try_session(&rust(name), &[]);
+    let opened = opened.map(|session| Box::new(session) as Box<dyn HemicubeBackend>);
+    is_there(
+        name,
+        &opened.map_err(|error| BackendError::Unsupported(error.to_string())),
+    )
+}
+
+fn folder() -> String {
+    let plugin = rust("gl");
+    plugin
+        .parent()
+        .and_then(Path::to_str)
+        .expect("a folder in UTF-8")
+        .to_owned()
+}
+
+fn keeps_the_conformance_suite(name: &str) {
+    if !has_device(name) {
+        return;
+    }
+    let output = Command::new(program())
+        .args(["backends", "check", name, "--backend-dir", &folder()])
+        .output()
+        .expect("the program starts");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        output.status.success(),
+        "{text}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let claimed = text
+        .lines()
+        .filter(|line| line.contains("not claimed"))
+        .collect::<Vec<_>>();
+    assert!(claimed.is_empty(), "{name} is to claim all: {claimed:?}");
+}
+
+#[test]
+fn gl_keeps_the_conformance_suite() {
+    keeps_the_conformance_suite("gl");
+}
+
+#[test]
+fn vulkan_keeps_the_conformance_suite() {
+    keeps_the_conformance_suite("vulkan");
+}
+
+#[test]
+fn wgpu_keeps_the_conformance_suite() {
+    keeps_the_conformance_suite("wgpu");
+}
+
+/// The measured error of a run over a backend, by rays.
+fn measured(place: &Path, scene: &str, backend: &str, how: &[&str]) -> f64 {
+    let output = Command::new(program())
+        .current_dir(place)
+        .args([
+            "compute",
+            scene,
+            "-o",
+            "F",
+            "--overwrite",
+            "--backend",
+            backend,
+            "--backend-dir",
+            &folder(),
+        ])
+        .args(["--verify", "48", "--json", "-"])
+        .args(how)
+        .output()
+        .expect("the program starts");
+    assert!(
+        output.status.success(),
+        "{backend}: {}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let report: Value = serde_json::from_slice(&output.stdout).expect("a report");
+    assert_eq!(report["backend"]["name"], backend);
+    let error = &report["verification"]["measured"]["relative_frobenius"];
+    error
+        .as_f64()
+        .unwrap_or_else(|| panic!("no error in {}", report["verification"]))
+}
+
+#[test]
+fn corrections_over_each_are_as_accurate_as_over_the_built_in_backend() {
+    let place = tempfile::tempdir().expect("a temporary directory");
+    for (scene, kind) in [("blocks.obj", "block-city"), ("city.obj", "city")] {
+        let generated = Command::new(program())
+            .current_dir(place.path())
+            .args(["generate", kind, "--output", scene, "--patches", "2000"])
+            .output()
+            .expect("the program starts");
+        assert!(
+            generated.status.success(),
+            "{}",
+            String::from_utf8_lossy(&generated.stderr)
+        );
+        let area = measured(place.path(), scene, "cpu", &[]);
+        let at_a_hundredth = measured(place.path(), scene, "cpu", &["--tolerance", "1%"]);
+        for name in NAMES.into_iter().filter(|name| has_device(name)) {
+            let over = measured(place.path(), scene, name, &[]);
+            say(&format!("{scene}: area over {name} {over:.4}, over cpu {area:.4}"));
+            assert!(over <= 1.05 * area, "{scene} over {name}: {over}, over cpu {area}");
+            let over = measured(place.path(), scene, name, &["--tolerance", "1%"]);
+            say(&format!(
+                "{scene}: 1 % over {name} {over:.4}, over cpu {at_a_hundredth:.4}"
+            ));
+            assert!(over <= 0.01, "{scene} over {name}: {over} at a tolerance of 1 %");
+        }
+    }
+}
+
+fn rows_of(backend: &mut dyn HemicubeBackend, model: &Model) -> RowBlock {
+    let all = hemicubes(model, &spread(model, 24));
+    let mut rows = RowBlock::default();
+    for few in all.chunks(5) {
+        backend.rows(few, &mut rows).expect("legal hemicubes");
+    }
+    rows
+}
+
+#[test]
+fn together_in_one_process_their_rows_are_those_of_each_alone() {
+    let mut names: Vec<&str> = NAMES.into_iter().filter(|name| has_device(name)).collect();
+    names.push("cpu");
+    let scenes = [generated(Kind::Room, 1000), generated(Kind::City, 3000)];
+    let open = |name: &str, model: &Model| -> Box<dyn HemicubeBackend> {
+        let mut session: Box<dyn HemicubeBackend> = match name {
+            "cpu" => Box::new(CpuBackend::new()),
+            name => Box::new(try_session(&rust(name), &[]).expect("it opened before")),
+        };
+        session.load(model.geometry(), settings(64)).expect("a small scene");
+        session
+    };
+    let alone: Vec<Vec<RowBlock>> = names
+        .iter()
+        .map(|name| {
+            scenes
+                .iter()
+                .map(|model| rows_of(open(name, model).as_mut(), model))
+                .collect()
+        })
+        .collect();
+    // All open at once, a hemicube of each in turn.
+    for (at, model) in scenes.iter().enumerate() {
+        let all = hemicubes(model, &spread(model, 24));
+        let mut sessions: Vec<_> = names
+            .iter()
+            .map(|name| (open(name, model), RowBlock::default()))
+            .collect();
+        for one in &all {
+            for (session, rows) in &mut sessions {
+                session.rows(std::slice::from_ref(one), rows).expect("a legal hemicube");
+            }
+        }
+        for (((_, rows), name), alone) in sessions.iter().zip(&names).zip(&alone) {
+            assert_eq!(rows, &alone[at], "{name}, one hemicube at a time beside the others");
+        }
+    }
+    // From two threads, each with sessions of its own, in opposite order.
+    std::thread::scope(|scope| {
+        for backwards in [false, true] {
+            let (names, scenes, alone, open) = (&names, &scenes, &alone, &open);
+            scope.spawn(move || {
+                for k in 0..names.len() {
+                    let k = if backwards { names.len() - 1 - k } else { k };
+                    for (at, model) in scenes.iter().enumerate() {
+                        let rows = rows_of(open(names[k], model).as_mut(), model);
+                        assert_eq!(rows, alone[k][at], "{}, beside another thread", names[k]);
+                    }
+                }
+            });
+        }
+    });
+}
