@@ -720,7 +720,10 @@ fn bad_scenes_are_refused() {
     place.write("cut.glb", b"glTF\x02\0\0\0\xff\xff\xff\xffJSON");
     place.write("empty.glb", "");
     place.write("claims.ac", "AC3Db\nMATERIAL \"\" rgb 1 1 1 amb 0 0 0 emis 0 0 0 spec 0 0 0 shi 0 trans 0\nOBJECT poly\nnumvert 999999999999\n");
-    place.write("scene.stl", "solid\n");
+    place.write("scene.xyz", "solid\n");
+    place.write("cut.stl", "solid\n");
+    place.write("cut.vs3", "F 3\nV 1 0 0\n");
+    place.write("other.json", "{\"type\": \"FeatureCollection\"}");
     std::fs::create_dir(place.path("directory.obj")).expect("a directory");
     for command in ["inspect", "compute -o m"] {
         for (scene, words) in [
@@ -733,7 +736,10 @@ fn bad_scenes_are_refused() {
             ("cut.glb", ["cut.glb", ""]),
             ("empty.glb", ["empty.glb", ""]),
             ("claims.ac", ["claims.ac", ""]),
-            ("scene.stl", ["scene.stl", ".gltf"]),
+            ("scene.xyz", ["scene.xyz", ".gltf"]),
+            ("cut.stl", ["cut.stl:", "cut short"]),
+            ("cut.vs3", ["cut.vs3:2: ", "before a coordinate"]),
+            ("other.json", ["other.json", "not `CityJSON`"]),
             ("missing.obj", ["missing.obj", "cannot be read"]),
             ("directory.obj", ["directory.obj", "is a directory"]),
         ] {

@@ -365,7 +365,7 @@ pub(crate) struct Report {
 /// `hemicube compute`
 #[derive(Args, Debug)]
 pub(crate) struct Compute {
-    /// The scene: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3 (View3D), .json or .jsonl (CityJSON)
+    /// The scene: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON)
     #[arg(value_name = "SCENE", required_unless_present = "print_config")]
     pub(crate) scene: Option<PathBuf>,
     /// The directory to write the matrix to
@@ -457,7 +457,7 @@ pub(crate) struct SelectionSettings {
 /// `hemicube inspect`
 #[derive(Args, Debug)]
 pub(crate) struct Inspect {
-    /// The scene: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3 (View3D), .json or .jsonl (CityJSON)
+    /// The scene: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON)
     #[arg(value_name = "SCENE", required_unless_present = "print_config")]
     pub(crate) scene: Option<PathBuf>,
     #[command(flatten)]
@@ -482,7 +482,7 @@ pub(crate) struct Inspect {
 /// `hemicube tradeoff`
 #[derive(Args, Debug)]
 pub(crate) struct Tradeoff {
-    /// The scene: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3 (View3D), .json or .jsonl (CityJSON)
+    /// The scene: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON)
     #[arg(value_name = "SCENE", required_unless_present = "print_config")]
     pub(crate) scene: Option<PathBuf>,
     /// The relative Frobenius error that a setting is recommended for
