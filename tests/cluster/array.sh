@@ -21,17 +21,25 @@ wait_for() {
     return 1
 }
 
+# Slurm lets a task that is requeued wait for two minutes, unless it is told not to.
+is_pending() { [ "$(state "$1")" = PENDING ]; }
+requeue() {
+    scontrol requeue "${job}_$1"
+    wait_for is_pending "$1"
+    scontrol update "JobId=${job}_$1" StartTime=now
+}
+
 wait_for test -e "$(part 3)"
 scancel --signal=KILL --batch "${job}_3"
 is_over() { case $(state 3) in FAILED | CANCELLED | COMPLETED | NODE_FAIL) ;; *) return 1 ;; esac; }
 wait_for is_over
 killed=$(state 3)
 [ "$killed" = FAILED ] || { printf 'array.sh: task 3 was to be killed and is %s\n' "$killed" >&2; exit 1; }
-scontrol requeue "${job}_3"
+requeue 3
 
 wait_for test -e "$(part 9)"
 [ "$(state 9)" = RUNNING ] || { printf 'array.sh: task 9 ended too soon to be requeued\n' >&2; exit 1; }
-scontrol requeue "${job}_9"
+requeue 9
 
 all_done() { [ "$(squeue -h -r -j "$job" -t all -o %T | grep -vc COMPLETED)" = 0 ]; }
 for _ in $(seq 3000); do all_done && break; sleep 0.1; done

@@ -498,7 +498,7 @@ fn a_clock_that_jumps_changes_nothing() {
 #[test]
 fn how_far_it_is_can_be_read_from_outside() {
     let place = city(8_000);
-    let slow = "compute city.obj -q --correction pixel --resolution 128 --threads 1 --progress-file progress.json";
+    let slow = "compute city.obj -q --correction pixel --resolution 512 --threads 1 --progress-file progress.json";
     let child = place.spawn(place.command(&format!("{slow} -o m")));
     let read = || {
         let text = std::fs::read_to_string(place.path("progress.json")).unwrap_or_default();

@@ -163,7 +163,7 @@ fn text(bytes: &[u8]) -> String {
 #[track_caller]
 fn compute_fails(fault: &str, words: &[&str]) {
     let run = Run::new();
-    let output = run.compute(&[&format!("fault={fault}"), "after=9"]);
+    let output = run.compute(&[&format!("fault={fault}"), "after=11"]);
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert_eq!(
@@ -375,7 +375,7 @@ fn check_of(plugin: &Path, case: &str, options: &[&str], time_limit: &str) -> St
 fn compute_dies(fault: &str) -> String {
     let run = Run::new();
     // So late that the first parts are written for certain, whatever still waits for the thread that writes.
-    let output = run.compute(&[&format!("fault={fault}"), "after=28"]);
+    let output = run.compute(&[&format!("fault={fault}"), "after=30"]);
     assert_eq!(
         output.status.code(),
         None,
@@ -431,7 +431,7 @@ fn fault_09_hang() {
     assert!(said.contains("HUNG") && said.contains("not done after 2 s"), "{said}");
     // In the program itself nothing can be done about it; ended from outside, it leaves an intact store.
     let run = Run::new();
-    let mut command = run.compute_command(&["fault=hang", "after=28"]);
+    let mut command = run.compute_command(&["fault=hang", "after=30"]);
     let mut child = Ended(command.arg("-q").spawn().expect("the program runs"));
     let started = std::time::Instant::now();
     while run.parts().len() < 3 {

@@ -390,7 +390,7 @@ fn wrong_usage_is_refused_before_anything_is_read() {
         ("tradeoff scene.obj --sample-rows 1", "--sample-rows"),
         ("tradeoff scene.obj --sample-rows 5%", "--sample-rows"),
         ("tradeoff scene.obj --tolerance 80%", "50 %"),
-        ("tradeoff scene.obj --backend gpu", "no backend `gpu`"),
+        ("tradeoff scene.obj --backend gpu", "no backend named `gpu`"),
         ("tradeoff missing.obj", "missing.obj"),
         ("tradeoff scene.obj --resolution 64", "--resolution"),
     ] {

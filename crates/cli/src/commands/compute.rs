@@ -13,7 +13,7 @@ use crate::rung::{self, Rung};
 use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
-use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, Thinning, compute};
+use hemicube::compute::{ComputeError, Execution, PartSink, Plan, RowChoice, Selection, Summary, Thinning, compute};
 use hemicube::row::RowBlock;
 use hemicube::store::{
     BackendEntry, Error as StoreError, Form, HEMICUBE_WEIGHT, Header, Kept, Manifest, Part, PatchTable, SceneEntry,
@@ -794,25 +794,25 @@ fn probe(model: &Model, plan: &Plan, settings: RenderSettings, backend: &mut dyn
         .iter()
         .flat_map(|&patch| model.hemicubes(patch, 1, plan.rotate))
         .collect();
-    backend.load(model.geometry(), settings)?;
+    let name = backend.info().name.clone();
+    let failed = |source| ComputeError::Backend {
+        backend: name.clone(),
+        source,
+    };
+    backend.load(model.geometry(), settings).map_err(failed)?;
     let mut block = RowBlock::default();
-    let counters = backend.rows(&hemicubes, &mut block)?;
+    let counters = backend.rows(&hemicubes, &mut block).map_err(failed)?;
     // Entries differ more from row to row than what culling spares.
     let count = (plan.rows.len() / 32).clamp(CULLING_PROBES, ENTRY_PROBES);
-    let (mut entries, mut seen) = (block.patches.len(), counters.hemicubes);
-    for probe in 0..count {
-        let Some(&patch) = plan.rows.get((2 * probe + 1) * plan.rows.len() / (2 * count)) else {
-            continue;
-        };
-        let hemicubes: Vec<_> = model.hemicubes(patch, 1, plan.rotate);
-        block.clear();
-        seen += backend.rows(&hemicubes, &mut block)?.hemicubes;
-        entries += block.patches.len();
-    }
+    let more: Vec<_> = (0..count)
+        .filter_map(|probe| plan.rows.get((2 * probe + 1) * plan.rows.len() / (2 * count)))
+        .flat_map(|&patch| model.hemicubes(patch, 1, plan.rotate))
+        .collect();
+    let seen = counters.hemicubes + backend.rows(&more, &mut block).map_err(failed)?.hemicubes;
     Ok(Probe {
         hemicubes: counters.hemicubes,
         left: share_left(&counters, model.geometry().surfaces.len()),
-        entries_per_row: entries as f64 / seen.max(1) as f64,
+        entries_per_row: block.patches.len() as f64 / seen.max(1) as f64,
     })
 }
 
