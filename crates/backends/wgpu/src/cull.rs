@@ -32,8 +32,8 @@ impl Cull {
     }
 }
 
-/// Triangles above which chunks are tried at all: with fewer, a test costs what it saves.
-const FEWEST_TRIANGLES: usize = 1024;
+/// Triangles above which chunks are tried at all: with fewer there is one.
+const FEWEST_TRIANGLES: usize = 257;
 /// Hemicubes after which it is decided whether what is hidden is left out.
 const TRIED: u64 = 48;
 /// Hemicubes after which it is tried again: other parts of a scene may hide more.
@@ -49,6 +49,7 @@ const IN_VIEW: f64 = 0.25;
 pub(crate) struct Policy {
     fixed: Option<Cull>,
     now: Cull,
+    all: u64,
     triangles: f64,
     overhead: f64,
     /// What was done since it was last decided.
@@ -72,10 +73,16 @@ impl Policy {
         Self {
             fixed,
             now: fixed.unwrap_or(first),
+            all: 5 * triangles as u64,
             triangles: all,
             overhead,
             since: Counters::default(),
         }
+    }
+
+    /// How many triangles a hemicube draws where nothing is left out, counted once a face.
+    pub(crate) fn all_triangles(&self) -> u64 {
+        self.all
     }
 
     /// What the next submission leaves out.
@@ -247,6 +254,7 @@ mod tests {
         Policy {
             fixed,
             now: fixed.unwrap_or(Cull::Occlusion),
+            all: 0,
             triangles: 500_000.0,
             overhead: 10_000.0,
             since: Counters::default(),

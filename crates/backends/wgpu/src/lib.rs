@@ -395,7 +395,12 @@ impl Rest<'_> {
                 counted[side] = Some((self.sides[side].send(device, encoder, slots), cull));
             }
             if let Some((arriving, cull)) = arriving {
-                let done = self.sides[side].finish(device, arriving, covered, self.times, out)?;
+                let mut done = self.sides[side].finish(device, arriving, covered, self.times, out)?;
+                if cull == Cull::Nothing {
+                    // No stage was there to count.
+                    done.triangles_transformed = done.hemicubes * self.policy.all_triangles();
+                    done.triangles_drawn = done.triangles_transformed;
+                }
                 self.policy.learn(cull, done);
                 counters += done;
             }
