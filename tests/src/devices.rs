@@ -4,7 +4,7 @@
 
 use crate::extremes;
 use crate::geometry::{box_inside, even, flipped, grid, irrational_rotation, moved, scene_of, scene_with_sides};
-use crate::rows::{hemicubes, render_with, spread};
+use crate::rows::{hemicubes, render_with, rolled, spread};
 use crate::scenes::{model, say};
 use glam::DVec3;
 use hemicube::Model;
@@ -12,8 +12,10 @@ use hemicube::backend::{BackendError, Counters, Culling, Hemicube, HemicubeBacke
 use hemicube::delta::DeltaTable;
 use hemicube::face::Items;
 use hemicube::row::{RowBlock, RowView};
+use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, generate};
-use hemicube_scene::{Scene, Subdivision};
+use hemicube_scene::{InputPatch, Scene, Subdivision};
+use std::collections::BTreeSet;
 
 /// A session, or why there is none.
 pub type Opened = Result<Box<dyn HemicubeBackend>, BackendError>;
@@ -271,4 +273,250 @@ pub fn rows_do_not_depend(
         }
     }
     first
+}
+
+/// How many pixels may differ from the CPU backend's, which samples edges exactly. Drivers snap corners to 1/256 of a pixel, so
+/// that some of the pixels on edges differ: of scenes in which a patch has about 20 pixels, like these, 3 in 10,000.
+pub const MOST_PIXELS: f64 = 3e-4;
+
+fn settings(resolution: u32, culling: Culling, covered: bool) -> RenderSettings {
+    RenderSettings {
+        resolution,
+        culling,
+        covered,
+    }
+}
+
+/// What a scene has in common with the CPU backend: the share of pixels that differ, and how far rows are apart. Of the
+/// pixels that differ, most are on an edge: next to one that the CPU backend sees so. (Not where patches are smaller than
+/// pixels, and not on shared walls.)
+///
+/// # Panics
+/// When more than [`MOST_PIXELS`] differ, a row by more than 5 · 10⁻³ of its weight, or all by more than 10⁻³ in the mean.
+pub fn agrees_with_the_cpu(open: Open<'_>, options: &str, name: &str, model: &Model) -> Apart {
+    let (resolution, n) = (256, 256usize);
+    let hemicubes = some(model, 24);
+    let mut gpu = open(options).expect("it was there");
+    let mut cpu = CpuBackend::new();
+    let (a, _) = render_with(&mut *gpu, model, &hemicubes, settings(resolution, Culling::On, false));
+    let (b, _) = render_with(&mut cpu, model, &hemicubes, settings(resolution, Culling::On, false));
+    let apart = compare_rows(&a, &b);
+    let (mut pixels, mut off_edges) = (0, 0);
+    for hemicube in &hemicubes {
+        let (a, b) = (gpu.items(hemicube).expect("legal"), cpu.items(hemicube).expect("legal"));
+        pixels += compare_items(&a, &b);
+        for at in (0..a.seen.len()).filter(|&at| a.seen[at] != b.seen[at]) {
+            let (x, y) = (at % n, at / n);
+            let near = (y.saturating_sub(1)..=(y + 1).min(3 * n - 1))
+                .flat_map(|y| (x.saturating_sub(1)..=(x + 1).min(n - 1)).map(move |x| y * n + x))
+                .any(|near| b.seen[near] == a.seen[at]);
+            off_edges += usize::from(!near);
+        }
+    }
+    let share = pixels as f64 / (hemicubes.len() * 3 * n * n) as f64;
+    say(&format!(
+        "{name}: {share:.1e} of the pixels differ, {off_edges} of {pixels} off edges; rows by {:.1e}, {:.1e} at most",
+        apart.mean, apart.worst
+    ));
+    assert!(share <= MOST_PIXELS, "{name}: {share} of the pixels differ");
+    assert!(apart.mean <= 1e-3, "{name}: {apart:?}");
+    assert!(apart.worst <= 5e-3, "{name}: {apart:?}");
+    apart
+}
+
+/// Rows are the sums of the session's own item buffers, and no more comes back than their entries.
+///
+/// # Panics
+/// When they are not, or more does.
+pub fn rows_are_sums_and_little_comes_back(open: Open<'_>, options: &str) {
+    for (name, model) in scenes() {
+        let hemicubes = some(&model, 12);
+        let table = DeltaTable::new(208);
+        let mut session = open(options).expect("it was there");
+        let (rows, counters) = render_with(&mut *session, &model, &hemicubes, settings(208, Culling::On, true));
+        for (k, hemicube) in hemicubes.iter().enumerate() {
+            let items = session.items(hemicube).expect("legal");
+            assert!(is_sum_of(rows.row(k), &items, &table), "{name}, row {k}");
+            let mut doctored = items.clone();
+            let at = doctored.seen.len() / 3;
+            doctored.seen[at] = if doctored.seen[at] == 0 { 1 } else { 0 };
+            assert!(
+                !is_sum_of(rows.row(k), &doctored, &table),
+                "one pixel more or less shows"
+            );
+        }
+        // Some entries are dropped after they came back: tiny patches that cover a pixel after all.
+        let entries = rows.patches.len() as u64;
+        let bound = 16 * entries + 64 * hemicubes.len() as u64;
+        assert!(
+            counters.bytes_read_back <= bound && counters.bytes_read_back >= 12 * entries,
+            "{name}: {} bytes for {entries} entries",
+            counters.bytes_read_back
+        );
+    }
+}
+
+/// Where nothing hides anything, covered weights are the visible ones; and not where something does.
+///
+/// # Panics
+/// When it is otherwise.
+pub fn all_that_nothing_hides_is_seen(open: Open<'_>) {
+    for (name, model) in unoccluded() {
+        let hemicubes = some(&model, 40);
+        let (rows, _) = rows_with(open, "", &model, &hemicubes, settings(128, Culling::On, true));
+        assert_eq!(rows.covered, rows.visible, "{name}");
+    }
+    // And where something does, it is not so.
+    let (name, model) = scenes().swap_remove(3);
+    let (rows, _) = rows_with(open, "", &model, &some(&model, 40), settings(128, Culling::On, true));
+    assert_ne!(rows.covered, rows.visible, "{name}");
+}
+
+/// Covered weights and tiny patches are about the CPU backend's.
+///
+/// # Panics
+/// When covered weights are a hundredth apart, or a third of the tiny patches are of one only.
+pub fn covered_and_tiny_agree_with_the_cpu(open: Open<'_>) {
+    for (name, model) in scenes() {
+        let hemicubes = some(&model, 24);
+        let settings = settings(64, Culling::On, true);
+        let (a, _) = rows_with(open, "", &model, &hemicubes, settings);
+        let (b, _) = render_with(&mut CpuBackend::new(), &model, &hemicubes, settings);
+        let (mut both, mut only) = (0, [0, 0]);
+        let (mut apart, mut all) = (0u64, 0u64);
+        for k in 0..hemicubes.len() {
+            let tiny = |rows: &RowBlock| -> BTreeSet<u32> {
+                let row = rows.row(k);
+                let tiny = (0..row.patches.len()).filter(|&e| row.visible[e] == 0);
+                tiny.map(|e| row.patches[e]).collect()
+            };
+            let (c, d) = (tiny(&a), tiny(&b));
+            both += c.intersection(&d).count();
+            only[0] += c.difference(&d).count();
+            only[1] += d.difference(&c).count();
+            let (a, b) = (a.row(k), b.row(k));
+            for (e, patch) in a.patches.iter().enumerate() {
+                if let Ok(f) = b.patches.binary_search(patch) {
+                    apart += u64::from(a.covered[e].abs_diff(b.covered[f]));
+                    all += u64::from(b.covered[f]);
+                }
+            }
+        }
+        let apart = apart as f64 / all as f64;
+        say(&format!(
+            "{name}: {both} tiny patches of both, {only:?} of one; covered weights {apart:.1e} apart"
+        ));
+        assert!(apart < 1e-2, "{name}: covered weights are {apart} apart");
+        // Where surfaces lie on one another, as houses on the ground, it is chance which of them is in front.
+        assert!(
+            (only[0] + only[1]) * 3 <= both.max(40),
+            "{name}: {both} of both, {only:?} of one"
+        );
+    }
+}
+
+/// A hemicube that does not stand in its emitter's plane does not see it, and otherwise what the CPU backend's does.
+///
+/// # Panics
+/// When it does.
+pub fn emitters_are_not_seen_from_off_their_planes(open: Open<'_>, options: &str) {
+    let (_, model) = scenes().swap_remove(0);
+    let mut hemicubes = some(&model, 12);
+    for (k, hemicube) in hemicubes.iter_mut().enumerate() {
+        if k % 2 == 0 {
+            // Behind its patch, which would be in front of everything.
+            hemicube.origin -= hemicube.axes[2] * 1e-3;
+        }
+        *hemicube = rolled(*hemicube, 0.3);
+    }
+    let (a, _) = rows_with(open, options, &model, &hemicubes, settings(64, Culling::On, false));
+    let (b, _) = render_with(
+        &mut CpuBackend::new(),
+        &model,
+        &hemicubes,
+        settings(64, Culling::On, false),
+    );
+    for (k, hemicube) in hemicubes.iter().enumerate() {
+        let emitter = hemicube.emitter.expect("a patch's").0;
+        assert!(
+            a.row(k).patches.binary_search(&emitter).is_err(),
+            "row {k} sees its emitter"
+        );
+    }
+    assert!(compare_rows(&a, &b).worst < 2e-2, "{:?}", compare_rows(&a, &b));
+}
+
+/// What cannot be is refused, and the session lives. `options` are to leave it three megabytes.
+///
+/// # Panics
+/// When it is not, or does not.
+pub fn refusals_leave_the_session_alive(open: Open<'_>, options: &str) {
+    let (_, model) = scenes().swap_remove(3);
+    let hemicubes = some(&model, 4);
+    let mut session = open(options).expect("it was there");
+    let mut rows = RowBlock::default();
+    assert!(matches!(
+        session.rows(&hemicubes, &mut rows),
+        Err(BackendError::InvalidArgument(_))
+    ));
+    assert!(session.fork().is_err());
+    let error = session.load(model.geometry(), settings(512, Culling::On, false));
+    assert!(matches!(error, Err(BackendError::OutOfMemory(_))), "{error:?}");
+    let error = session.load(model.geometry(), settings(100, Culling::On, false));
+    assert!(matches!(error, Err(BackendError::InvalidArgument(_))));
+    session
+        .load(model.geometry(), settings(64, Culling::On, false))
+        .expect("that fits");
+    let mut wrong = hemicubes.clone();
+    wrong[1].emitter = Some(InputPatch(u32::MAX - 7));
+    assert!(matches!(
+        session.rows(&wrong, &mut rows),
+        Err(BackendError::InvalidArgument(_))
+    ));
+    session.rows(&hemicubes, &mut rows).expect("it lives");
+    rows.check(4, model.geometry().patch_count, false).expect("four rows");
+}
+
+/// Every stage takes time, where `options` ask for it to be measured.
+///
+/// # Panics
+/// When one does not.
+pub fn every_stage_takes_time(open: Open<'_>, options: &str) {
+    let city = city_with_duplicates(12);
+    let hemicubes = neighbours(&city, 64);
+    let covered = settings(64, Culling::On, true);
+    let mut timed = open(options).expect("it was there");
+    render_with(&mut *timed, &city, &hemicubes, covered);
+    let times = timed.stage_times();
+    for (stage, time) in [
+        ("cull", times.cull),
+        ("render", times.render),
+        ("cover", times.cover),
+        ("reduce", times.reduce),
+        ("read back", times.read_back),
+    ] {
+        assert!(time > 0, "{stage} takes time");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn comparators_find_what_is_doctored() {
+        let mut a = RowBlock::default();
+        a.push(InputPatch(3), WHOLE / 2, 0);
+        a.end_row(WHOLE / 2, 0);
+        let mut b = a.clone();
+        assert_eq!(compare_rows(&a, &b), Apart::default());
+        b.visible[0] -= 1 << 21;
+        b.escaped[0] += 1 << 21;
+        let apart = compare_rows(&a, &b);
+        assert_eq!(apart.rows, 1);
+        assert!((apart.worst - 2.0 / 1024.0).abs() < 1e-12);
+        let required = "a required backend that is not there";
+        let missing: Opened = Err(BackendError::Unsupported(required.to_owned()));
+        assert!(!is_there("a backend nobody requires", &missing));
+    }
 }
