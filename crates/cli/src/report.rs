@@ -245,8 +245,17 @@ pub(crate) struct Spread {
 
 /// The most memory that this process has had, where the system tells.
 pub(crate) fn peak_memory_bytes() -> Option<u64> {
+    memory_bytes("VmHWM:")
+}
+
+/// The memory that it has now.
+pub(crate) fn resident_memory_bytes() -> Option<u64> {
+    memory_bytes("VmRSS:")
+}
+
+fn memory_bytes(line: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status.lines().find_map(|other| other.strip_prefix(line))?;
     line.trim()
         .strip_suffix("kB")?
         .trim()

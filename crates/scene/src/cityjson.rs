@@ -18,7 +18,7 @@
 //! needed here.
 
 use crate::names::Names;
-use crate::polygon::{CORNERS_MAX, Triangulation, triangulate_with_holes};
+use crate::polygon::{CORNERS_MAX, Triangulation, push_triangles, triangulate_with_holes};
 use crate::{Axis, Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::{DMat4, DVec3};
 use serde::Deserialize;
@@ -424,15 +424,7 @@ impl City {
         };
         let object = self.objects.number(&name)?;
         let material = self.materials.number(material)?;
-        for triangle in &self.cut {
-            self.triangles.push(Triangle {
-                corners: triangle.map(|i| self.corners.get(i as usize).copied().unwrap_or(DVec3::NAN)),
-                object,
-                material,
-                face,
-                two_sided: false,
-            });
-        }
+        push_triangles(&self.corners, &self.cut, (object, material, face), &mut self.triangles);
         Ok(())
     }
 

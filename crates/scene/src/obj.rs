@@ -27,7 +27,7 @@
 //! No statement of OBJ announces how much is to follow, so memory is bounded by a multiple of the file's length.
 
 use crate::names::Names;
-use crate::polygon::{CORNERS_MAX, Triangulation, area_excess, triangulate};
+use crate::polygon::{CORNERS_MAX, Triangulation, area_excess, push_triangles, triangulate};
 use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
@@ -412,16 +412,7 @@ impl Reader {
             Some(material) => material,
             None => *self.material.insert(self.materials.number(&self.material_name)?),
         };
-        for triangle in &self.cut {
-            let corners = triangle.map(|i| self.corners.get(i as usize).copied().unwrap_or(DVec3::NAN));
-            self.triangles.push(Triangle {
-                corners,
-                object,
-                material,
-                face,
-                two_sided: false,
-            });
-        }
+        push_triangles(&self.corners, &self.cut, (object, material, face), &mut self.triangles);
         Ok(())
     }
 

@@ -14,8 +14,8 @@
 //!
 //! PLY names neither objects nor units nor an up axis.
 
-use crate::polygon::{CORNERS_MAX, Triangulation, triangulate};
-use crate::{Error, ErrorKind, Material, ReadOptions, Scene, Triangle};
+use crate::polygon::{CORNERS_MAX, Triangulation, push_triangles, triangulate};
+use crate::{Error, ErrorKind, Material, ReadOptions, Scene};
 use glam::DVec3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
@@ -166,15 +166,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Re
             Triangulation::TooFewCorners => scene.findings.count("face with fewer than 3 corners"),
             Triangulation::NoArea => scene.findings.count("face without area"),
         }
-        for triangle in &cut {
-            scene.triangles.push(Triangle {
-                corners: triangle.map(|i| corners.get(i as usize).copied().unwrap_or(DVec3::NAN)),
-                object: 0,
-                material: 0,
-                face,
-                two_sided: false,
-            });
-        }
+        push_triangles(&corners, &cut, (0, 0, face), &mut scene.triangles);
     }
     if !vertices.is_empty() && faces.is_empty() {
         scene

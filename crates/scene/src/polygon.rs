@@ -11,6 +11,7 @@
 //! the coordinates as they are, and what lies on a line stays on it. Everything is relative to the first corner, so that
 //! coordinates in the millions cost no digits, and in units of a power of two near the extent.
 
+use crate::Triangle;
 use crate::repair::{Shape, half_difference, power_of_two, relative};
 use earcut::Earcut;
 use glam::{DVec2, DVec3};
@@ -107,6 +108,22 @@ pub(crate) fn triangulate_with_holes(corners: &[DVec3], holes: &[usize], out: &m
         return Triangulation::NoArea;
     }
     clip(&kept, &begins, out)
+}
+
+/// Appends the triangles that a face was cut into to a scene's.
+pub(crate) fn push_triangles(
+    corners: &[DVec3],
+    cut: &[[u32; 3]],
+    (object, material, face): (u32, u32, u32),
+    out: &mut Vec<Triangle>,
+) {
+    out.extend(cut.iter().map(|triangle| Triangle {
+        corners: triangle.map(|i| corners.get(i as usize).copied().unwrap_or(DVec3::NAN)),
+        object,
+        material,
+        face,
+        two_sided: false,
+    }));
 }
 
 /// The corners without those that repeat the one before, the first following the last.

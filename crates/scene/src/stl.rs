@@ -19,7 +19,7 @@
 //! STL names neither units nor an up axis.
 
 use crate::names::Names;
-use crate::polygon::{CORNERS_MAX, Triangulation, triangulate};
+use crate::polygon::{CORNERS_MAX, Triangulation, push_triangles, triangulate};
 use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::path::Path;
@@ -184,15 +184,7 @@ fn text(bytes: &[u8], scene: &mut Scene) -> Result<(), Error> {
                     Triangulation::TooFewCorners => scene.findings.count("face with fewer than 3 corners"),
                     Triangulation::NoArea => scene.findings.count("face without area"),
                 }
-                for triangle in &cut {
-                    scene.triangles.push(Triangle {
-                        corners: triangle.map(|i| corners.get(i as usize).copied().unwrap_or(DVec3::NAN)),
-                        object,
-                        material: 0,
-                        face,
-                        two_sided: false,
-                    });
-                }
+                push_triangles(&corners, &cut, (object, 0, face), &mut scene.triangles);
                 face = face.checked_add(1).ok_or_else(|| {
                     Error::new(ErrorKind::TooLarge("has more faces than can be numbered".to_owned())).at(number)
                 })?;

@@ -14,7 +14,7 @@ use hemicube_contract::backend::{
     BackendError, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes, Surface,
 };
 use hemicube_contract::delta::{DeltaTable, is_resolution};
-use hemicube_contract::face::{Face, pixel_count};
+use hemicube_contract::face::pixel_count;
 use hemicube_contract::row::RowBlock;
 use hemicube_spatial::morton::Cube;
 use hemicube_spatial::{Aabb, Fit, Node, Octree, OctreeOptions};
@@ -316,7 +316,7 @@ unsafe fn render_settings(settings: &HcSettings) -> Result<RenderSettings, Backe
     // SAFETY: by this function's contract.
     let weights = unsafe { slice(settings.weights, pixel_count(resolution)) }?;
     // The plugin's arithmetic is compiled into it. Should the host's ever differ, rows would be subtly wrong: refuse.
-    if weights != weights_of(resolution).as_slice() {
+    if weights != DeltaTable::new(resolution).weights().as_slice() {
         return Err(BackendError::Unsupported(format!(
             "the host's weights at resolution {resolution} are not this plugin's; build both from the same version of hemicube"
         )));
@@ -330,21 +330,6 @@ unsafe fn render_settings(settings: &HcSettings) -> Result<RenderSettings, Backe
         },
         covered: settings.covered == 1,
     })
-}
-
-/// The weight of each pixel of the atlas.
-fn weights_of(resolution: u32) -> Vec<u32> {
-    let table = DeltaTable::new(resolution);
-    Face::ALL
-        .into_iter()
-        .flat_map(|face| {
-            table
-                .running(face)
-                .windows(2)
-                .map(|sums| sums[1] - sums[0])
-                .collect::<Vec<_>>()
-        })
-        .collect()
 }
 
 /// Scenes that sessions of this plugin hold, so that those over one scene share what they make of it.

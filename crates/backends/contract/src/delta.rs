@@ -62,6 +62,12 @@ impl DeltaTable {
         if face.is_top() { &self.top } else { &self.side }
     }
 
+    /// The weight of every pixel of the atlas, row by row: 3N², as devices want them.
+    pub fn weights(&self) -> Vec<u32> {
+        let of_face = |face| self.running(face).windows(2).map(|sums| sums[1] - sums[0]);
+        Face::ALL.into_iter().flat_map(of_face).collect()
+    }
+
     /// The weight of one pixel; `x` to the right, `y` up, from 0.
     pub fn weight(&self, face: Face, x: u32, y: u32) -> u32 {
         self.span(face, y, x, x + 1)
@@ -150,6 +156,16 @@ mod tests {
                 t.atan()
             );
         }
+    }
+
+    #[test]
+    fn the_weights_of_the_atlas_are_those_of_its_pixels_and_sum_to_the_whole() {
+        let table = DeltaTable::new(32);
+        let weights = table.weights();
+        assert_eq!(weights.len(), 3 * 32 * 32);
+        assert_eq!(weights.iter().sum::<u32>(), WHOLE);
+        let row = Face::NegX.first_row(32) + 5;
+        assert_eq!(weights[(row * 32 + 7) as usize], table.weight(Face::NegX, 7, 5));
     }
 
     #[test]

@@ -280,7 +280,7 @@ impl Scene {
                 binding::TRIANGLE_OF_PATCH => Some(bytes_of(&upload.triangle_of_patch)),
                 binding::CHUNK_OF_PATCH => Some(bytes_of(&upload.chunk_of_patch)),
                 binding::CENTROIDS if settings.covered => Some(bytes_of(&upload.centroids(geometry))),
-                binding::WEIGHTS => Some(bytes_of(&weights(settings.resolution))),
+                binding::WEIGHTS => Some(bytes_of(&DeltaTable::new(settings.resolution).weights())),
                 _ => None,
             };
             buffers[size.binding as usize] = Some(match content {
@@ -1209,21 +1209,6 @@ const PACK_GROUPS: u32 = 8;
 fn is_visible(entered: &Entered<'_>, query: glow::Query) -> bool {
     // SAFETY: the context is current, and the query was begun and ended in it.
     unsafe { entered.gl.get_query_parameter_u32(query, glow::QUERY_RESULT) != 0 }
-}
-
-/// The weight of every pixel of the atlas.
-fn weights(resolution: u32) -> Vec<u32> {
-    let table = DeltaTable::new(resolution);
-    let faces = Face::ALL.into_iter();
-    faces
-        .flat_map(|face| {
-            table
-                .running(face)
-                .windows(2)
-                .map(|sums| sums[1] - sums[0])
-                .collect::<Vec<_>>()
-        })
-        .collect()
 }
 
 /// Waits until the device has passed a fence.

@@ -11,7 +11,7 @@ use hemicube_contract::backend::{
     BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes,
 };
 use hemicube_contract::delta::{DeltaTable, is_resolution};
-use hemicube_contract::face::{Face, Items, pixel_count};
+use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::row::RowBlock;
 use std::ffi::{CString, c_char};
 use std::hash::{BuildHasher, Hasher};
@@ -527,7 +527,7 @@ impl HemicubeBackend for LoadedBackend {
         }
         let weights = match &self.loaded {
             Some(loaded) if loaded.settings.resolution == resolution => Arc::clone(&loaded.weights),
-            _ => weights_of(resolution),
+            _ => DeltaTable::new(resolution).weights().into(),
         };
         self.load_with(Loaded {
             geometry: Arc::clone(geometry),
@@ -667,13 +667,6 @@ fn add_times(sum: &mut StageTimes, raw: &HcStageTimes) {
     ] {
         *sum = sum.saturating_add(time);
     }
-}
-
-/// The weight of each pixel of the atlas.
-fn weights_of(resolution: u32) -> Arc<[u32]> {
-    let table = DeltaTable::new(resolution);
-    let of_face = |face| table.running(face).windows(2).map(|sums| sums[1] - sums[0]);
-    Face::ALL.into_iter().flat_map(of_face).collect()
 }
 
 /// A number that no other scene of this process, or of another host in it, has.

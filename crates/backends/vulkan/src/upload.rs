@@ -6,7 +6,6 @@ use crate::device::{Buffer, Gpu, Image, Place};
 use ash::vk;
 use hemicube_contract::backend::{BackendError, Geometry, RenderSettings};
 use hemicube_contract::delta::DeltaTable;
-use hemicube_contract::face::Face;
 use hemicube_shaders::stage::binding;
 use hemicube_shaders::view::{VIEW_BYTES, settings_words};
 use hemicube_shaders::{Limits, Plan, Upload};
@@ -82,7 +81,7 @@ impl Scene {
             (binding::INDICES, &upload.indices),
             (binding::TRIANGLE_OF_PATCH, &upload.triangle_of_patch),
             (binding::CHUNK_OF_PATCH, &upload.chunk_of_patch),
-            (binding::WEIGHTS, &weights(settings.resolution)),
+            (binding::WEIGHTS, &DeltaTable::new(settings.resolution).weights()),
             (
                 binding::CENTROIDS,
                 &if settings.covered {
@@ -316,13 +315,4 @@ impl Drop for Scene {
             }
         }
     }
-}
-
-/// The weight of each pixel of the atlas.
-fn weights(resolution: u32) -> Vec<u32> {
-    let table = DeltaTable::new(resolution);
-    let faces = Face::ALL.into_iter();
-    faces
-        .flat_map(|face| table.running(face).windows(2).map(|pair| pair[1] - pair[0]))
-        .collect()
 }

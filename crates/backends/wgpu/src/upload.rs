@@ -4,7 +4,6 @@ use crate::conv;
 use crate::device::Device;
 use hemicube_contract::backend::{BackendError, Geometry};
 use hemicube_contract::delta::DeltaTable;
-use hemicube_contract::face::Face;
 use hemicube_shaders::stage::binding as b;
 use hemicube_shaders::{Plan, Upload, view};
 use std::sync::Arc;
@@ -113,7 +112,7 @@ impl Store {
         device.check()?;
         let write = |binding, bytes: &[u8]| device.queue.write_buffer(store.buffer(binding), 0, bytes);
         write(b::CHUNKS, &conv::to_bytes(upload.chunk_words()));
-        write(b::WEIGHTS, &conv::to_bytes(weights(plan.resolution)));
+        write(b::WEIGHTS, &conv::to_bytes(DeltaTable::new(plan.resolution).weights()));
         write(
             b::VERTICES,
             &conv::to_bytes(upload.vertices.as_flattened().iter().copied()),
@@ -153,30 +152,5 @@ impl Store {
         device
             .queue
             .write_buffer(drawn, 0, &conv::to_bytes((0..words).map(|_| 1)));
-    }
-}
-
-/// The weight of each pixel of the atlas.
-fn weights(resolution: u32) -> Vec<u32> {
-    let table = DeltaTable::new(resolution);
-    Face::ALL
-        .into_iter()
-        .flat_map(|face| table.running(face).windows(2).map(|w| w[1] - w[0]))
-        .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use hemicube_contract::backend::WHOLE;
-
-    #[test]
-    fn the_weights_of_a_hemicube_are_those_of_the_table_and_sum_to_the_whole() {
-        let (n, table) = (32, DeltaTable::new(32));
-        let weights = weights(n);
-        assert_eq!(weights.len(), 3 * 32 * 32);
-        assert_eq!(weights.iter().sum::<u32>(), WHOLE);
-        let row = Face::NegX.first_row(n) + 5;
-        assert_eq!(weights[(row * n + 7) as usize], table.weight(Face::NegX, 7, 5));
     }
 }

@@ -705,7 +705,7 @@ fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung)
 
 /// Threads with which the run keeps within a limit of memory.
 fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> Result<usize> {
-    let Some(resident) = forecast::resident() else {
+    let Some(resident) = report::resident_memory_bytes() else {
         talk.warn("this system does not tell how much memory is in use: `--memory` is not kept");
         return Ok(threads);
     };

@@ -436,7 +436,7 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
         rows_per_batch: u32::try_from(backend.info().preferred_rows).unwrap_or(u32::MAX),
     };
     // What the survey and the diagnosis took of memory is in here, too: a run takes no more.
-    let memory_bytes = forecast::resident().map(|resident| forecast::memory(resident, threads, rows));
+    let memory_bytes = report::resident_memory_bytes().map(|resident| forecast::memory(resident, threads, rows));
     let samples = render.samples.per_edge * render.samples.per_edge;
     let all = hemicube_count as f64 * model.geometry().surfaces.len() as f64;
     Ok(Forecast {
