@@ -1,27 +1,33 @@
 //! What holds at the extremes, on every backend and rung; prints the table of docs/extremes.md.
 //!
-//! `extremes [large]`: with `large`, also a scene of more than 2²⁴ patches, which takes 9 GB and a few minutes.
+//! `extremes [large] [BACKEND…]`: over the built-in backend and the plugins named, each of which must open; with `large`,
+//! also a scene of more than 2²⁴ patches, which takes 9 GB and a few minutes. Plugins are those of
+//! `cargo build --release --workspace`.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 use glam::DVec3;
 use hemicube::backend::HemicubeBackend;
 use hemicube::compute::{Execution, Plan, RowChoice, Selection};
 use hemicube::reference::{EstimatedRow, Reference, ReferenceRow, ReferenceSettings, errors_against, noise_of};
+use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::{Scene, Subdivision};
 use hemicube_tests::extremes;
 use hemicube_tests::geometry::{irrational_rotation, moved, scene_of, triangle_to_polygon};
+use hemicube_tests::plugins::{self, try_session};
 use hemicube_tests::rows::{Rung, parts, settings};
 use hemicube_tests::scenes::model_as_it_is;
 
 /// Rows that are held against rays, at most.
 const ROWS: usize = 48;
 
-type Backends = Vec<(&'static str, fn() -> Box<dyn HemicubeBackend>)>;
-
-fn backends() -> Backends {
-    vec![("cpu", || Box::new(CpuBackend::new()))]
+/// A session of the backend of that name.
+fn open(name: &str) -> Result<Box<dyn HemicubeBackend>, Box<dyn std::error::Error>> {
+    Ok(match name {
+        "cpu" => Box::new(CpuBackend::new()),
+        name => Box::new(try_session(&plugins::rust(name), &[])?),
+    })
 }
 
 struct Case {
@@ -104,9 +110,20 @@ fn cases(large: bool) -> Vec<Case> {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let large = std::env::args().nth(1).is_some_and(|word| word == "large");
-    println!("| case | patches | backend | rung | row sums | self-hits | leaks | error | of the reference |");
-    println!("|---|---|---|---|---|---|---|---|---|");
+    let (large, named): (Vec<String>, Vec<String>) = std::env::args().skip(1).partition(|word| word == "large");
+    let large = !large.is_empty();
+    let backends: Vec<&str> = std::iter::once("cpu").chain(named.iter().map(String::as_str)).collect();
+    for name in &backends {
+        println!("{name}: {}", open(name)?.info().device);
+    }
+    let columns = ["case", "patches", "rung"]
+        .into_iter()
+        .chain(backends.iter().copied())
+        .chain(["reference"]);
+    let columns: Vec<&str> = columns.collect();
+    println!("\n| {} |", columns.join(" | "));
+    println!("|{}", "---|".repeat(columns.len()));
+    let mut refused = Vec::new();
     for case in cases(large) {
         let model = model_as_it_is(&case.scene, Subdivision::None);
         let emitters = emitters(&model, &case);
@@ -120,20 +137,29 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             };
             Reference::new(&model, rays)?.rows(&emitters, 0, &mut |_| {})?
         };
-        for (name, backend) in backends() {
-            for (rung, settled) in rungs(&model) {
-                let plan = Plan {
-                    rows: emitters.clone(),
-                    ..Plan::new(&model, RowChoice::All, Selection::default(), 1, true)
-                }
-                .with_correction(settled.correction);
-                let settings = settings(settled.resolution);
-                let (parts, _) = parts(&model, &plan, settings, backend(), Execution::default())?;
-                let rows: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
-                let escaped = parts.iter().flat_map(|part| &part.sums).map(|sums| sums.escaped).max();
-                print_row(&case, &model, name, rung, &rows, &reference, escaped.unwrap_or(0));
+        for (rung, settled) in rungs(&model) {
+            let plan = Plan {
+                rows: emitters.clone(),
+                ..Plan::new(&model, RowChoice::All, Selection::default(), 1, true)
             }
+            .with_correction(settled.correction);
+            let settings = settings(settled.resolution);
+            print!("| {} | {} | {rung}", case.name, model.patches().len());
+            for name in &backends {
+                let cell = match parts(&model, &plan, settings, open(name)?, Execution::default()) {
+                    Ok((parts, _)) => cell(&case, &model, &parts, &reference),
+                    Err(reason) => {
+                        refused.push(format!("{}, {rung}, {name}: {reason}", case.name));
+                        "refused".to_owned()
+                    }
+                };
+                print!(" | {cell}");
+            }
+            println!(" | {:.1e} |", noise_of(&reference));
         }
+    }
+    for reason in refused {
+        println!("\nRefused: {reason}");
     }
     Ok(())
 }
@@ -178,18 +204,13 @@ fn rungs(model: &Model) -> [(&'static str, Rung); 3] {
     ]
 }
 
-fn print_row(
-    case: &Case,
-    model: &Model,
-    backend: &str,
-    rung: &str,
-    rows: &[EstimatedRow],
-    reference: &[ReferenceRow],
-    escaped: u64,
-) {
-    let measured = errors_against(reference, rows);
+/// What rows come to: how far sums are off, what is the emitter's own or behind it, what leaks, and the error.
+fn cell(case: &Case, model: &Model, parts: &[Part], reference: &[ReferenceRow]) -> String {
+    let rows: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
+    let escaped = parts.iter().flat_map(|part| &part.sums).map(|sums| sums.escaped).max();
+    let measured = errors_against(reference, &rows);
     let (mut sums, mut own) = (0.0f64, 0.0f64);
-    for row in rows {
+    for row in &rows {
         let Some(exact) = reference.iter().find(|exact| exact.emitter == row.emitter.0) else {
             continue;
         };
@@ -203,21 +224,21 @@ fn print_row(
         own = own.max(self_hits(model, row));
     }
     let leaks = if case.closed {
-        format!("{:.0e}", escaped as f64 / hemicube::store::HEMICUBE_WEIGHT as f64)
+        few(escaped.unwrap_or(0) as f64 / hemicube::store::HEMICUBE_WEIGHT as f64)
     } else {
         "open".to_owned()
     };
-    let error = if noise_of(reference) > 0.0 || measured.relative_frobenius_with_noise > 0.0 {
-        format!("{:.1e}", measured.relative_frobenius_with_noise)
-    } else {
+    let error = few(measured.relative_frobenius_with_noise);
+    format!("{} · {} · {leaks} · **{error}**", few(sums), few(own))
+}
+
+/// A number to two figures; nought is exactly nought.
+fn few(value: f64) -> String {
+    if value == 0.0 {
         "0".to_owned()
-    };
-    println!(
-        "| {} | {} | {backend} | {rung} | {sums:.1e} | {own:.0e} | {leaks} | {error} | {:.1e} |",
-        case.name,
-        model.patches().len(),
-        noise_of(reference),
-    );
+    } else {
+        format!("{value:.1e}")
+    }
 }
 
 /// What a row gives to patches that lie in its emitter's plane or below it, whole.
