@@ -1,9 +1,7 @@
 //! From a scene's file to a model: read, scale, repair, cut, order. What `compute`, `inspect` and `tradeoff` have in
 //! common.
 
-use crate::args::{
-    AutoSwitch, Correction, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk,
-};
+use crate::args::{AutoSwitch, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk};
 use crate::exit::hinted;
 use crate::report::{Input, counted};
 use anyhow::{Context, Result, anyhow};
@@ -131,22 +129,12 @@ impl RenderArguments {
         self.engine.thread_count()
     }
 
-    /// The backend that was asked for, if it gives what the correction needs.
+    /// The backend that was asked for.
     ///
     /// # Errors
-    /// When there is none of that name, it does not open, or it does not give that.
+    /// When there is none of that name, or it does not open.
     pub(crate) fn open_backend(&self, talk: Talk) -> Result<Box<dyn HemicubeBackend>> {
-        let backend = self.engine.open_backend(talk)?;
-        if self.correction != Correction::Pixel && !backend.info().capabilities.covered {
-            return Err(hinted(
-                anyhow!(
-                    "backend `{}` supplies no covered weights, which visible fractions are made of",
-                    backend.info().name
-                ),
-                "`--correction pixel` does without",
-            ));
-        }
-        Ok(backend)
+        self.engine.open_backend(talk)
     }
 }
 

@@ -27,6 +27,6 @@ pub mod store;
 pub mod tree;
 pub mod zones;
 
-pub use hemicube_contract::{backend, delta, face, row};
+pub use hemicube_contract::{backend, delta, face, outline, row};
 pub use hemicube_scene::InputPatch;
 pub use model::{HierarchyOptions, Model, ModelError};

@@ -125,7 +125,7 @@ pub struct RenderSettings {
 /// What a backend can do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Capabilities {
-    /// Fills in covered weights when asked.
+    /// Fills in covered weights when asked. For a plugin that does not, the host counts them ([`crate::outline`]).
     pub covered: bool,
     /// Reports patches that cover no pixel centre but are nearest at their centroid.
     pub tiny_patches: bool,

@@ -6,6 +6,7 @@
 pub mod backend;
 pub mod delta;
 pub mod face;
+pub mod outline;
 pub mod row;
 
 pub use hemicube_scene::InputPatch;

@@ -12,6 +12,7 @@ use hemicube_contract::backend::{
 };
 use hemicube_contract::delta::{DeltaTable, is_resolution};
 use hemicube_contract::face::{Items, pixel_count};
+use hemicube_contract::outline::Outlines;
 use hemicube_contract::row::RowBlock;
 use std::ffi::{CString, c_char};
 use std::hash::{BuildHasher, Hasher};
@@ -192,6 +193,8 @@ struct Loaded {
     settings: RenderSettings,
     /// Weight of each pixel of the atlas.
     weights: Arc<[u32]>,
+    /// What patches cover, where it is asked for and the plugin does not count it.
+    outlines: Option<Arc<Outlines>>,
 }
 
 /// A session of a plugin.
@@ -374,6 +377,7 @@ impl LoadedBackend {
             geometry,
             settings,
             weights,
+            ..
         } = &loaded;
         let scene = Scene::new(geometry);
         let raw_scene = scene.raw(geometry);
@@ -458,7 +462,10 @@ impl LoadedBackend {
         if let Err(defect) = self.outputs.block.check(row_count, patch_count, covered) {
             return Err(self.defect(defect.to_string()));
         }
-        append(&self.outputs.block, out);
+        match self.loaded.as_ref().and_then(|loaded| loaded.outlines.as_ref()) {
+            Some(outlines) => append(&outlines.complete(hemicubes, &self.outputs.block), out),
+            None => append(&self.outputs.block, out),
+        }
         let rows = rows.get();
         add_times(&mut self.times, &rows.stage_times);
         Ok(counters(&rows.counters))
@@ -518,26 +525,29 @@ impl HemicubeBackend for LoadedBackend {
                 self.device.max_resolution, self.info.device
             )));
         }
-        if settings.covered && !self.info.capabilities.covered {
-            return Err(BackendError::Unsupported(
-                "it supplies no covered weights, which fractions of what is visible are made of; sums of pixels \
-                 (`--correction pixel`) do without"
-                    .to_owned(),
-            ));
-        }
+        let outlines = (settings.covered && !self.info.capabilities.covered)
+            .then(|| Arc::new(Outlines::new(geometry, resolution)));
         let weights = match &self.loaded {
             Some(loaded) if loaded.settings.resolution == resolution => Arc::clone(&loaded.weights),
             _ => DeltaTable::new(resolution).weights().into(),
         };
         self.load_with(Loaded {
             geometry: Arc::clone(geometry),
-            settings,
+            settings: RenderSettings {
+                covered: settings.covered && outlines.is_none(),
+                ..settings
+            },
             weights,
+            outlines,
         })
     }
 
     fn choices(&self) -> Vec<String> {
-        self.choices.clone()
+        let mut choices = self.choices.clone();
+        if self.loaded.as_ref().is_some_and(|loaded| loaded.outlines.is_some()) {
+            choices.push("covered weights: counted on the processor, as the plugin supplies none".to_owned());
+        }
+        choices
     }
 
     fn stage_times(&self) -> StageTimes {

@@ -1,0 +1,168 @@
+//! What patches would cover alone, counted on the processor: for backends that supply no covered weights.
+//!
+//! A pixel whose centre lies within a patch's outline is the patch's, but drivers snap corners to a grid: what they draw
+//! along an edge is theirs to choose. A patch of which every pixel is seen that lies certainly within its outline is
+//! therefore seen whole, and its covered weight is what was seen; only of others the outline is counted. So where nothing
+//! is hidden, every visible fraction is exactly 1, whoever draws.
+
+use crate::backend::{Geometry, Hemicube};
+use crate::delta::DeltaTable;
+use crate::face::Face;
+use crate::row::RowBlock;
+use glam::DVec3;
+use std::sync::Arc;
+
+/// How far from an edge of the outline a pixel's centre may be drawn as if it were on the other side, in pixels. Drivers
+/// keep at least four bits of a pixel (Vulkan 1.3, `subPixelPrecisionBits`), which is half of this at each corner.
+const SNAPPED: f64 = 1.0 / 16.0;
+
+/// The corners of every patch of a scene; `None` for a patch without a surface.
+struct PatchCorners(Vec<Option<[DVec3; 3]>>);
+
+/// Counts what patches cover.
+#[derive(Debug)]
+pub struct Outlines {
+    corners: Arc<PatchCorners>,
+    table: DeltaTable,
+}
+
+impl std::fmt::Debug for PatchCorners {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "the corners of {} patches", self.0.len())
+    }
+}
+
+impl Outlines {
+    /// For hemicubes of a resolution in a scene.
+    pub fn new(geometry: &Geometry, resolution: u32) -> Self {
+        let corners = geometry.kept(|geometry| {
+            let mut corners = vec![None; geometry.patch_count as usize];
+            for surface in &geometry.surfaces {
+                for patch in [Some(surface.front), surface.back].into_iter().flatten() {
+                    corners[patch.0 as usize] = Some(surface.corners);
+                }
+            }
+            PatchCorners(corners)
+        });
+        Self {
+            corners,
+            table: DeltaTable::new(resolution),
+        }
+    }
+
+    /// Gives the rows of these hemicubes, which are sums of pixels, their covered weights. Entries of which nothing is
+    /// visible go: with covered weights they would be tiny patches.
+    ///
+    /// # Panics
+    /// When there are not as many rows as hemicubes, or a row names a patch that the scene has not.
+    pub fn complete(&self, hemicubes: &[Hemicube], rows: &RowBlock) -> RowBlock {
+        assert_eq!(hemicubes.len(), rows.len(), "a row of each hemicube");
+        let mut complete = RowBlock::default();
+        for (k, hemicube) in hemicubes.iter().enumerate() {
+            let row = rows.row(k);
+            for (&patch, &visible) in row.patches.iter().zip(row.visible).filter(|(_, visible)| **visible > 0) {
+                let covered = match self.corners.0[patch as usize] {
+                    Some(corners) => self.covered(hemicube, corners, visible),
+                    None => visible,
+                };
+                complete.push(hemicube_scene::InputPatch(patch), visible, covered);
+            }
+            complete.end_row(row.escaped, row.blocked);
+        }
+        complete
+    }
+
+    /// The covered weight of a patch of which so much is visible: at least that.
+    fn covered(&self, hemicube: &Hemicube, corners: [DVec3; 3], visible: u32) -> u32 {
+        let corners = corners.map(|corner| {
+            let from = corner - hemicube.origin;
+            hemicube.axes.map(|axis| axis.dot(from))
+        });
+        let (mut certain, mut within) = (0, 0);
+        for face in Face::ALL {
+            let (more, all) = self.on_face(face, &corners);
+            certain += more;
+            within += all;
+        }
+        if visible >= certain {
+            visible
+        } else {
+            within.max(visible)
+        }
+    }
+
+    /// The weight of the pixels of a face whose centres lie certainly within the outline of a triangle, and of those that
+    /// lie within it. Corners are in the patch frame.
+    ///
+    /// A ray through a pixel meets the triangle where it is on the inner side of the three planes through the eye and an
+    /// edge, which holds of triangles that reach behind the eye, too.
+    fn on_face(&self, face: Face, corners: &[[f64; 3]; 3]) -> (u32, u32) {
+        let (from, sign) = face.axes();
+        let [a, b, c] = corners.map(|corner| {
+            DVec3::new(
+                sign[0] * corner[from[0]],
+                sign[1] * corner[from[1]],
+                sign[2] * corner[from[2]],
+            )
+        });
+        let front = [a, b, c].map(|corner| corner.z > 0.0);
+        if front == [false; 3] {
+            return (0, 0);
+        }
+        let resolution = self.table.resolution();
+        let (n, rows) = (f64::from(resolution), face.rows(resolution));
+        // Rows of pixels go from −1 on the top face, and from 0 on the sides.
+        let lowest = if face.is_top() { -1.0 } else { 0.0 };
+        let center = |k: u32| (2.0 * f64::from(k) + 1.0) / n;
+        let mut between = 0..rows;
+        if front == [true; 3] {
+            let heights = [a, b, c].map(|corner| (corner.y / corner.z - lowest) * 0.5 * n);
+            let low = heights.into_iter().fold(f64::INFINITY, f64::min).floor();
+            let high = heights.into_iter().fold(f64::NEG_INFINITY, f64::max).ceil();
+            between = pixel(low, rows)..pixel(high, rows);
+        }
+        // A triangle seen from behind has its edges the other way round.
+        let turn = a.dot(b.cross(c)).signum();
+        let edges = [(a, b), (b, c), (c, a)].map(|(p, q)| turn * p.cross(q));
+        let within = |y: f64, margin: f64| {
+            let (mut low, mut high) = (-1.0f64, 1.0f64);
+            for edge in edges {
+                let rest = edge.y * y + edge.z - margin * edge.x.hypot(edge.y);
+                if edge.x > 0.0 {
+                    low = low.max(-rest / edge.x);
+                } else if edge.x < 0.0 {
+                    high = high.min(-rest / edge.x);
+                } else if rest <= 0.0 {
+                    return 0..0;
+                }
+            }
+            // The first centre at or after `low`, and the first after `high`.
+            let place = |x: f64| ((x + 1.0) * 0.5 * n - 0.5).ceil();
+            pixel(place(low), resolution)..pixel(place(high), resolution)
+        };
+        let (mut certain, mut all) = (0, 0);
+        for row in between {
+            let y = lowest + center(row);
+            let sum = |x: std::ops::Range<u32>| {
+                if x.is_empty() {
+                    0
+                } else {
+                    self.table.span(face, row, x.start, x.end)
+                }
+            };
+            all += sum(within(y, 0.0));
+            certain += sum(within(y, SNAPPED * 2.0 / n));
+        }
+        (certain, all)
+    }
+}
+
+/// A place along a row or column, of so many pixels.
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "clamped before; NaN becomes 0"
+)]
+fn pixel(place: f64, count: u32) -> u32 {
+    place.clamp(0.0, f64::from(count)) as u32
+}
