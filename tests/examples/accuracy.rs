@@ -150,7 +150,15 @@ fn ladder(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>
                 Rung::Area => (Correction::Area(FactorRule::for_tolerance(1e-2)), resolution),
                 Rung::Tolerance(tolerance) => {
                     let emitters: Vec<InputPatch> = model.order().collect();
-                    let settled = settle(&model, &emitters, &|_| true, true, tolerance, &mut CpuBackend::new(), 0)?;
+                    let settled = settle(
+                        &model,
+                        &emitters,
+                        &|_| true,
+                        true,
+                        tolerance,
+                        &mut CpuBackend::new(),
+                        Execution::default(),
+                    )?;
                     (Correction::Tolerance(settled.refinement), settled.resolution)
                 }
             };
@@ -321,7 +329,15 @@ fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> 
         ] {
             let (correction, resolution) = if resolution == 0 {
                 let all: Vec<InputPatch> = model.order().collect();
-                let settled = settle(&model, &all, &|_| true, true, 1e-2, &mut CpuBackend::new(), 0)?;
+                let settled = settle(
+                    &model,
+                    &all,
+                    &|_| true,
+                    true,
+                    1e-2,
+                    &mut CpuBackend::new(),
+                    Execution::default(),
+                )?;
                 (Correction::Tolerance(settled.refinement), settled.resolution)
             } else {
                 (correction, resolution)
@@ -351,7 +367,15 @@ fn calibration(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::E
         for tolerance in [5e-2, 2e-2, 1e-2, 5e-3] {
             let emitters: Vec<InputPatch> = model.order().collect();
             let started = std::time::Instant::now();
-            let settled = settle(&model, &emitters, &|_| true, true, tolerance, &mut CpuBackend::new(), 0)?;
+            let settled = settle(
+                &model,
+                &emitters,
+                &|_| true,
+                true,
+                tolerance,
+                &mut CpuBackend::new(),
+                Execution::default(),
+            )?;
             let settling = started.elapsed();
             let (seconds, m) = measure(
                 &model,

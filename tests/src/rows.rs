@@ -144,7 +144,15 @@ impl Rung {
     /// When the backend fails.
     pub fn settled(model: &Model, tolerance: f64) -> Self {
         let emitters: Vec<InputPatch> = model.order().collect();
-        let settled = settle(model, &emitters, &|_| true, true, tolerance, backend().as_mut(), 0);
+        let settled = settle(
+            model,
+            &emitters,
+            &|_| true,
+            true,
+            tolerance,
+            backend().as_mut(),
+            Execution::default(),
+        );
         let settled = settled.expect("a backend that keeps its contract");
         Self {
             correction: Correction::Tolerance(settled.refinement),

@@ -6,11 +6,12 @@ use crate::exit::hinted;
 use crate::report::{Input, counted};
 use anyhow::{Context, Result, anyhow};
 use hemicube::backend::HemicubeBackend;
+pub(crate) use hemicube::settings::axis_name;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
-use hemicube_scene::{Axis, Patches, ReadOptions, Scene, Subdivision};
+use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -297,14 +298,5 @@ fn are(count: u64) -> String {
         "1 is".to_owned()
     } else {
         format!("{} are", crate::report::count(count))
-    }
-}
-
-/// An axis' name in manifests and reports.
-pub(crate) fn axis_name(axis: Axis) -> &'static str {
-    match axis {
-        Axis::X => "x",
-        Axis::Y => "y",
-        Axis::Z => "z",
     }
 }

@@ -1,208 +1,31 @@
-//! Patches by the names of their objects and materials: `*` stands for any characters, `?` for one.
+//! Which patches have rows and columns, as the settings name them.
 
 use crate::args::SelectionSettings;
 use crate::exit::hinted;
 use anyhow::{Result, anyhow};
 use hemicube::compute::Selection;
+use hemicube::selection::Names;
+pub(crate) use hemicube::selection::matches_glob;
 use hemicube_scene::{Patches, Scene};
-use std::collections::BTreeSet;
-
-/// How many names an error lists.
-const NAMES_SHOWN: usize = 5;
-
-/// Whether `name` matches `glob`, character by character, case and all. Going back to the last star is enough, so the
-/// time is at most the product of the lengths.
-pub(crate) fn matches_glob(glob: &str, name: &str) -> bool {
-    let (glob, name): (Vec<char>, Vec<char>) = (glob.chars().collect(), name.chars().collect());
-    let (mut at, mut place) = (0, 0);
-    let mut star: Option<(usize, usize)> = None;
-    while place < name.len() {
-        match glob.get(at) {
-            Some('*') => {
-                star = Some((at, place));
-                at += 1;
-            }
-            Some(&wanted) if wanted == '?' || wanted == name[place] => {
-                at += 1;
-                place += 1;
-            }
-            _ => {
-                let Some((star_at, star_place)) = star else {
-                    return false;
-                };
-                star = Some((star_at, star_place + 1));
-                (at, place) = (star_at + 1, star_place + 1);
-            }
-        }
-    }
-    glob[at..].iter().all(|&rest| rest == '*')
-}
-
-/// For each patch whether one of `globs` matches its object or its material.
-///
-/// # Errors
-/// When a glob matches no patch at all.
-fn matching(scene: &Scene, patches: &Patches, flag: &str, globs: &[String]) -> Result<Vec<bool>> {
-    let mut found = vec![false; patches.len()];
-    for glob in globs {
-        let objects: Vec<bool> = scene.objects.iter().map(|name| matches_glob(glob, name)).collect();
-        let materials: Vec<bool> = scene
-            .materials
-            .iter()
-            .map(|material| matches_glob(glob, &material.name))
-            .collect();
-        let is = |names: &[bool], index: u32| names.get(index as usize).copied().unwrap_or(false);
-        let mut any = false;
-        for patch in patches.iter() {
-            let triangle = &scene.triangles[patches.triangle(patch)];
-            if is(&objects, triangle.object) || is(&materials, triangle.material) {
-                found[patch.0 as usize] = true;
-                any = true;
-            }
-        }
-        if !any {
-            let error = anyhow!("`--{flag} {glob}` matches no object and no material of a patch");
-            return Err(hinted(error, names(scene)));
-        }
-    }
-    Ok(found)
-}
-
-/// What there is to match.
-fn names(scene: &Scene) -> String {
-    let list = |of: &str, names: BTreeSet<&str>| {
-        let shown: Vec<String> = names.iter().take(NAMES_SHOWN).map(|name| format!("`{name}`")).collect();
-        let more = names.len().saturating_sub(NAMES_SHOWN);
-        let more = if more > 0 {
-            format!(" and {more} more")
-        } else {
-            String::new()
-        };
-        if shown.is_empty() {
-            format!("no {of}")
-        } else {
-            format!("the {of} {}{more}", shown.join(", "))
-        }
-    };
-    let objects = scene
-        .objects
-        .iter()
-        .map(String::as_str)
-        .filter(|name| !name.is_empty())
-        .collect();
-    let materials = scene
-        .materials
-        .iter()
-        .map(|m| m.name.as_str())
-        .filter(|name| !name.is_empty())
-        .collect();
-    format!(
-        "the scene has {} and {}",
-        list("objects", objects),
-        list("materials", materials)
-    )
-}
 
 /// The rows and columns that the settings ask for.
 ///
 /// # Errors
 /// When a glob matches nothing.
 pub(crate) fn selection(scene: &Scene, patches: &Patches, settings: &SelectionSettings) -> Result<Selection> {
-    let of = |flag: &str, globs: &[String]| {
-        if globs.is_empty() {
-            Ok(None)
-        } else {
-            matching(scene, patches, flag, globs).map(Some)
-        }
+    let names = Names {
+        emitters: &settings.emitters,
+        receivers: &settings.receivers,
+        occluders: &settings.occluders,
     };
-    let mut selection = Selection {
-        emitters: of("emitters", &settings.emitters)?,
-        receivers: of("receivers", &settings.receivers)?,
-    };
-    if let Some(occluders) = of("occluders", &settings.occluders)? {
-        for side in [&mut selection.emitters, &mut selection.receivers] {
-            let chosen = side.get_or_insert_with(|| vec![true; occluders.len()]);
-            for (chosen, &occludes_only) in chosen.iter_mut().zip(&occluders) {
-                *chosen &= !occludes_only;
-            }
-        }
-    }
-    Ok(selection)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use hemicube_scene::{Subdivision, generate};
-
-    #[test]
-    fn globs() {
-        for (glob, name) in [
-            ("", ""),
-            ("*", ""),
-            ("*", "wall"),
-            ("wall", "wall"),
-            ("wa*", "wall"),
-            ("*ll", "wall"),
-            ("w?ll", "wall"),
-            ("*a*l*", "wall"),
-            ("**", "x"),
-            ("a*b*c", "aXbYbZc"),
-            ("f?r", "für"),
-            ("[ab]", "[ab]"),
-        ] {
-            assert!(matches_glob(glob, name), "{glob} {name}");
-        }
-        for (glob, name) in [
-            ("", "a"),
-            ("?", ""),
-            ("wall", "Wall"),
-            ("wa", "wall"),
-            ("*x", "wall"),
-            ("w?l", "wall"),
-            ("a*b", "abc"),
-        ] {
-            assert!(!matches_glob(glob, name), "{glob} {name}");
-        }
-    }
-
-    #[test]
-    fn a_hostile_glob_takes_no_time() {
-        assert!(!matches_glob(&"*a".repeat(200), &format!("{}b", "a".repeat(10_000))));
-    }
-
-    fn settings(emitters: &[&str], receivers: &[&str], occluders: &[&str]) -> SelectionSettings {
-        let owned = |globs: &[&str]| globs.iter().map(|&glob| glob.to_owned()).collect();
-        SelectionSettings {
-            rows: None,
-            sample_rows: None,
-            seed: 1,
-            emitters: owned(emitters),
-            receivers: owned(receivers),
-            occluders: owned(occluders),
-        }
-    }
-
-    #[test]
-    fn occluders_have_neither_rows_nor_columns() {
-        let scene = generate::cornell_box();
-        let patches = Patches::new(&scene, Subdivision::None).unwrap();
-        assert_eq!(
-            selection(&scene, &patches, &settings(&[], &[], &[])).unwrap(),
-            Selection::default()
-        );
-        let name = scene.objects[0].clone();
-        let found = selection(&scene, &patches, &settings(&[], &["*"], &[&name])).unwrap();
-        let (emitters, receivers) = (found.emitters.unwrap(), found.receivers.unwrap());
-        assert_eq!(emitters, receivers);
-        let left = emitters.iter().filter(|&&chosen| chosen).count();
-        assert!(left > 0 && left < patches.len());
-        let error = selection(&scene, &patches, &settings(&["no such thing*"], &[], &[])).unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .contains("`--emitters no such thing*` matches no object"),
-            "{error}"
-        );
-    }
+    Selection::by_name(scene, patches, names).map_err(|error| {
+        hinted(
+            anyhow!(
+                "`--{} {}` matches no object and no material of a patch",
+                error.list,
+                error.glob
+            ),
+            error.there,
+        )
+    })
 }

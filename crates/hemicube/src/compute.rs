@@ -232,6 +232,13 @@ pub struct Execution<'a> {
     pub cancel: Option<&'a AtomicBool>,
 }
 
+impl Execution<'_> {
+    /// Whether it was told to end.
+    pub(crate) fn is_cancelled(&self) -> bool {
+        self.cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed))
+    }
+}
+
 /// What a computation did.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Summary {
@@ -297,6 +304,9 @@ pub enum ComputeError {
         /// The panic's message.
         message: String,
     },
+    /// It was told to end before there was a row.
+    #[error("the computation was cancelled before its first row")]
+    Cancelled,
     /// The sink could not keep a part.
     #[error(transparent)]
     Store(#[from] crate::store::Error),

@@ -33,6 +33,12 @@ pub enum Correction {
 }
 
 impl Correction {
+    /// The area rung where no tolerance is asked for: a closed form that is right to some thousandths, as one hemicube
+    /// leaves more than that to visibility.
+    pub fn area() -> Self {
+        Self::Area(FactorRule::for_tolerance(1e-2))
+    }
+
     /// The name in settings and manifests.
     pub fn name(&self) -> &'static str {
         match self {

@@ -8,7 +8,7 @@
 
 use crate::Model;
 use crate::backend::{Culling, HemicubeBackend, RenderSettings};
-use crate::compute::{ComputeError, render, sample};
+use crate::compute::{ComputeError, Execution, render, sample};
 use crate::correct::fraction;
 use crate::factor::FactorRule;
 use crate::refine::{DoubtSums, Pair, Refinement, Refiner};
@@ -82,10 +82,11 @@ const RUNGS: [(f64, u32); 19] = [
 /// One row as a rung has it.
 type Row = Vec<(u32, f64)>;
 
-/// Finds what keeps `tolerance` over the rows of `emitters`, by several threads (0: one a core), which do not change it.
+/// Finds what keeps `tolerance` over the rows of `emitters`. How it is run does not change it.
 ///
 /// # Errors
-/// When the backend fails or breaks the contract.
+/// When the backend fails or breaks the contract, and [`ComputeError::Cancelled`] when it is told to end: half of what is
+/// looked at is no answer.
 pub fn settle(
     model: &Model,
     emitters: &[InputPatch],
@@ -93,8 +94,15 @@ pub fn settle(
     rotate: bool,
     tolerance: f64,
     backend: &mut dyn HemicubeBackend,
-    threads: usize,
+    execution: Execution<'_>,
 ) -> Result<Settled, ComputeError> {
+    let go_on = || {
+        if execution.is_cancelled() {
+            Err(ComputeError::Cancelled)
+        } else {
+            Ok(())
+        }
+    };
     if model.patches().len() <= SMALL && tolerance <= FINE {
         // Few enough to look at every pair, and whoever asks for so much of so few wants each pair right.
         let each = Refinement {
@@ -130,6 +138,7 @@ pub fn settle(
     let mut refiner = Refiner::new(plain);
     let mut norm = 0.0;
     for (k, &row) in rows.iter().enumerate() {
+        go_on()?;
         norm += refiner.row(model, row, seen(fine.row(k)), receives).squared_norm;
     }
     let mean_squared_norm = norm / rows.len().max(1) as f64;
@@ -141,6 +150,7 @@ pub fn settle(
     let mut sums = DoubtSums::default();
     let mut refiner = Refiner::new(known);
     for &k in &tried {
+        go_on()?;
         refiner.survey(model, rows[k], seen(fine.row(k)), receives, &mut sums);
     }
     let known = Refinement {
@@ -148,17 +158,19 @@ pub fn settle(
         ..known
     };
     // What a squared error is worth follows from the error that an effort stands for.
-    let priced = |refinement: Refinement| {
+    let priced = |refinement: Refinement| -> Result<Refinement, ComputeError> {
         let mut refiner = Refiner::new(refinement);
         let asked: Vec<usize> = if refinement.all {
             (0..rows.len()).collect()
         } else {
             tried.clone()
         };
-        let census = asked
-            .iter()
-            .map(|&k| refiner.census(model, rows[k], seen(fine.row(k)), receives));
-        refinement.priced(&census.collect::<Vec<_>>())
+        let mut census = Vec::with_capacity(asked.len());
+        for k in asked {
+            go_on()?;
+            census.push(refiner.census(model, rows[k], seen(fine.row(k)), receives));
+        }
+        Ok(refinement.priced(&census))
     };
     let row_of = |refiner: &mut Refiner, block: &RowBlock, k: usize| {
         refiner.row(model, rows[k], seen(block.row(k)), receives);
@@ -166,33 +178,35 @@ pub fn settle(
     };
     let finest = Refinement {
         rule: FactorRule::for_tolerance(tolerance * 0.1),
-        ..priced(Refinement { effort: 0.25, ..known })
+        ..priced(Refinement { effort: 0.25, ..known })?
     };
-    let exact: Vec<Row> = side_by_side(threads, finest, &tried, |refiner, k| row_of(refiner, &fine, k));
+    let exact: Vec<Row> = side_by_side(execution, finest, &tried, |refiner, k| row_of(refiner, &fine, k));
+    go_on()?;
     let norm = mean_squared_norm.max(f64::MIN_POSITIVE);
     let numbered: Vec<usize> = (0..tried.len()).collect();
-    let try_rung = |(effort, resolution): (f64, u32)| {
-        let refinement = priced(Refinement { effort, ..known });
+    let try_rung = |(effort, resolution): (f64, u32)| -> Result<Settled, ComputeError> {
+        let refinement = priced(Refinement { effort, ..known })?;
         // Where all pairs are measured, hemicubes only say what escapes and what is blocked, and no rung need save there.
         let resolution = if known.all { FINEST } else { resolution };
         let block = if resolution == 64 { &coarse } else { &fine };
-        let errors: Vec<f64> = side_by_side(threads, refinement, &numbered, |refiner, n| {
+        let errors: Vec<f64> = side_by_side(execution, refinement, &numbered, |refiner, n| {
             squared_difference(&row_of(refiner, block, tried[n]), &exact[n])
         });
+        go_on()?;
         let count = errors.len().max(1) as f64;
         let mean = errors.iter().sum::<f64>() / count;
         let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
-        Settled {
+        Ok(Settled {
             refinement,
             resolution,
             expected: (mean / norm).sqrt(),
             at_most: ((mean + SURE * variance.sqrt()) / norm).sqrt(),
             rows: errors.len(),
             reason: String::new(),
-        }
+        })
     };
     let [cheapest, dearer @ ..] = RUNGS;
-    let mut settled = try_rung(cheapest);
+    let mut settled = try_rung(cheapest)?;
     let [.., dearest] = RUNGS;
     for rung in dearer {
         if settled.at_most <= MARGIN * tolerance {
@@ -201,7 +215,7 @@ pub fn settle(
         // An error falls with the effort at most: what cannot do is not tried.
         let hope = rung.0 / settled.refinement.effort * settled.at_most;
         if hope <= SLACK * MARGIN * tolerance || rung == dearest || rung.1 != settled.resolution {
-            settled = try_rung(rung);
+            settled = try_rung(rung)?;
         }
     }
     let percent = |x: f64| format!("{:.3} %", 100.0 * x);
@@ -221,14 +235,14 @@ pub fn settle(
     Ok(settled)
 }
 
-/// `of` each of `items`, in order, by several threads with a refiner each.
+/// `of` each of `items`, in order, by several threads with a refiner each; of some only, where it is told to end.
 fn side_by_side<T: Send>(
-    threads: usize,
+    execution: Execution<'_>,
     refinement: Refinement,
     items: &[usize],
     of: impl Fn(&mut Refiner, usize) -> T + Sync,
 ) -> Vec<T> {
-    let threads = match threads {
+    let threads = match execution.threads {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
         threads => threads,
     }
@@ -240,11 +254,12 @@ fn side_by_side<T: Send>(
                 scope.spawn(|| {
                     let mut refiner = Refiner::new(refinement);
                     let mut own = Vec::new();
-                    loop {
+                    while !execution.is_cancelled() {
                         let place = next.fetch_add(1, Ordering::Relaxed);
                         let Some(&item) = items.get(place) else { return own };
                         own.push((place, of(&mut refiner, item)));
                     }
+                    own
                 })
             })
             .collect();

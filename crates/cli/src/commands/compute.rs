@@ -12,67 +12,17 @@ use crate::report::{
 use crate::rung::{self, Rung};
 use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
+use hemicube::Model;
 use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
-use hemicube::compute::{ComputeError, Execution, PartSink, Plan, RowChoice, Selection, Summary, Thinning, compute};
-use hemicube::row::RowBlock;
+use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, Thinning, compute};
+use hemicube::probe::{Probe, share_left};
+use hemicube::settings::RowSettings;
 use hemicube::store::{
-    BackendEntry, Error as StoreError, Form, HEMICUBE_WEIGHT, Header, Kept, Manifest, Part, PatchTable, SceneEntry,
-    Shard, Store, StoreWriter, scene_hash,
+    Error as StoreError, Form, HEMICUBE_WEIGHT, Kept, Manifest, Part, PatchTable, Shard, Store, StoreWriter,
 };
-use hemicube::{InputPatch, Model};
-use hemicube_scene::Subdivision;
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
-
-/// Hemicubes from which it is seen whether culling pays.
-const CULLING_PROBES: usize = 16;
-
-/// Hemicubes at most from which it is seen how many entries rows have.
-const ENTRY_PROBES: usize = 256;
-
-/// Culling that leaves more of the triangles than this is not worth its tests.
-const CULLING_PAYS_BELOW: f64 = 0.97;
-
-/// Everything that a row depends on, as manifest and report have it.
-#[derive(Debug, Serialize)]
-struct RowSettings {
-    resolution: u32,
-    samples: u32,
-    correction: &'static str,
-    tolerance: Option<f64>,
-    /// Why this rung, where the program chose it.
-    reason: Option<String>,
-    rotation: bool,
-    subdivision: Cut,
-    two_sided: &'static str,
-    keep_duplicates: bool,
-    scale: f64,
-    up: Option<&'static str>,
-    rows: Rows,
-    emitters: Vec<String>,
-    receivers: Vec<String>,
-    occluders: Vec<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    min_factor: Option<f64>,
-}
-
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum Cut {
-    None,
-    Subdivide(u32),
-    Split(u32),
-    PatchSize(f64),
-}
-
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum Rows {
-    All,
-    Range { start: u32, end: u32 },
-    Sample { count: u32, seed: u64 },
-}
 
 /// The report of `--json`.
 #[derive(Serialize)]
@@ -388,9 +338,9 @@ fn compute_into(
     if arguments.culling == AutoSwitch::Off {
         render.culling = Culling::Off;
     }
-    let probe = probe(&prepared.model, &plan, render, backend.as_mut())?;
+    let probe = Probe::render(&prepared.model, &plan, render, backend.as_mut())?;
     if arguments.culling == AutoSwitch::Auto {
-        render.culling = probe.culling(talk);
+        render.culling = culling(probe, talk);
     }
     // What it chooses by the scene is part of what the store is made with.
     backend.load(prepared.model.geometry(), render)?;
@@ -640,7 +590,7 @@ fn check_place(directory: &Path) -> Result<()> {
 }
 
 /// The rows that the settings ask for.
-fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung) -> Result<(Plan, Rows)> {
+fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung) -> Result<(Plan, RowChoice)> {
     #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
     let patch_count = model.patches().len() as u32;
     let emitting = selection.emitters.as_ref().map_or(u64::from(patch_count), |emitters| {
@@ -652,7 +602,7 @@ fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung)
         seed,
         ..
     } = &arguments.selection;
-    let (choice, resolved) = match (*rows, *sample_rows) {
+    let choice = match (*rows, *sample_rows) {
         (Some(RowRange { start, end }), _) => {
             let end = end.unwrap_or(patch_count);
             if start >= end || end > patch_count {
@@ -661,7 +611,7 @@ fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung)
                     counted(patch_count.into(), "patch")
                 );
             }
-            (RowChoice::Range { start, end }, Rows::Range { start, end })
+            RowChoice::Range { start, end }
         }
         (None, Some(size)) => {
             let wanted = match size {
@@ -674,18 +624,12 @@ fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung)
                 SampleSize::Percent(percent) => (percent / 100.0 * emitting as f64).ceil() as u64,
             };
             let sampled = u32::try_from(wanted.min(emitting)).unwrap_or(patch_count);
-            (
-                RowChoice::Sample {
-                    count: sampled,
-                    seed: *seed,
-                },
-                Rows::Sample {
-                    count: sampled,
-                    seed: *seed,
-                },
-            )
+            RowChoice::Sample {
+                count: sampled,
+                seed: *seed,
+            }
         }
-        (None, None) => (RowChoice::All, Rows::All),
+        (None, None) => RowChoice::All,
     };
     let plan = Plan::new(
         model,
@@ -700,7 +644,7 @@ fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung)
     if plan.rows.is_empty() {
         bail!("no row is left to compute: `--rows`, `--emitters` and `--occluders` together exclude every patch");
     }
-    Ok((plan, resolved))
+    Ok((plan, choice))
 }
 
 /// Threads with which the run keeps within a limit of memory.
@@ -759,75 +703,19 @@ fn warn_of_disk(directory: &Path, rows: u64, entries_per_row: f64, plan: &Plan, 
     ));
 }
 
-/// What a few hemicubes spread over the plan say of all.
-struct Probe {
-    hemicubes: u64,
-    /// Share of the triangles that culling leaves.
-    left: f64,
-    entries_per_row: f64,
+/// Whether culling pays in this scene, said.
+fn culling(probe: Probe, talk: Talk) -> Culling {
+    let culling = probe.culling();
+    talk.say(&format!(
+        "culling {}: it leaves {} of the triangles in {}",
+        if culling == Culling::On { "on" } else { "off" },
+        percent(probe.left),
+        counted(probe.hemicubes, "trial hemicube"),
+    ));
+    culling
 }
 
-impl Probe {
-    /// Whether culling pays in this scene. No clock, so that the choice is the same in every run.
-    fn culling(&self, talk: Talk) -> Culling {
-        let culling = if self.left > CULLING_PAYS_BELOW {
-            Culling::Off
-        } else {
-            Culling::On
-        };
-        talk.say(&format!(
-            "culling {}: it leaves {} of the triangles in {}",
-            if culling == Culling::On { "on" } else { "off" },
-            percent(self.left),
-            counted(self.hemicubes, "trial hemicube"),
-        ));
-        culling
-    }
-}
-
-/// Renders a few hemicubes.
-fn probe(model: &Model, plan: &Plan, settings: RenderSettings, backend: &mut dyn HemicubeBackend) -> Result<Probe> {
-    let probes: Vec<InputPatch> = (0..CULLING_PROBES)
-        .filter_map(|probe| plan.rows.get(probe * plan.rows.len() / CULLING_PROBES).copied())
-        .collect();
-    let hemicubes: Vec<_> = probes
-        .iter()
-        .flat_map(|&patch| model.hemicubes(patch, 1, plan.rotate))
-        .collect();
-    let name = backend.info().name.clone();
-    let failed = |source| ComputeError::Backend {
-        backend: name.clone(),
-        source,
-    };
-    backend.load(model.geometry(), settings).map_err(failed)?;
-    let mut block = RowBlock::default();
-    let counters = backend.rows(&hemicubes, &mut block).map_err(failed)?;
-    // Entries differ more from row to row than what culling spares.
-    let count = (plan.rows.len() / 32).clamp(CULLING_PROBES, ENTRY_PROBES);
-    let more: Vec<_> = (0..count)
-        .filter_map(|probe| plan.rows.get((2 * probe + 1) * plan.rows.len() / (2 * count)))
-        .flat_map(|&patch| model.hemicubes(patch, 1, plan.rotate))
-        .collect();
-    let seen = counters.hemicubes + backend.rows(&more, &mut block).map_err(failed)?.hemicubes;
-    Ok(Probe {
-        hemicubes: counters.hemicubes,
-        left: share_left(&counters, model.geometry().surfaces.len()),
-        entries_per_row: block.patches.len() as f64 / seen.max(1) as f64,
-    })
-}
-
-/// Which share of the triangles was transformed, over the hemicubes.
-fn share_left(counters: &Counters, surfaces: usize) -> f64 {
-    let all = counters.hemicubes as f64 * surfaces as f64;
-    // Blocks of triangles may count what fills them up.
-    if all > 0.0 {
-        (counters.triangles_transformed as f64 / all).min(1.0)
-    } else {
-        1.0
-    }
-}
-
-fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: Rows, rung: &Rung, plan: &Plan) -> RowSettings {
+fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: RowChoice, rung: &Rung, plan: &Plan) -> RowSettings {
     let Arguments {
         patches,
         render,
@@ -841,12 +729,7 @@ fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: Rows, rung: &R
         tolerance: render.tolerance.map(|tolerance| tolerance.0),
         reason: rung.reason.clone(),
         rotation: render.rotation == Switch::On,
-        subdivision: match patches.subdivision() {
-            Subdivision::None => Cut::None,
-            Subdivision::Levels(levels) => Cut::Subdivide(levels),
-            Subdivision::Split(pieces) => Cut::Split(pieces),
-            Subdivision::PatchSize(length) => Cut::PatchSize(length),
-        },
+        subdivision: patches.subdivision().into(),
         two_sided: match patches.two_sided {
             AutoSwitch::Auto => "auto",
             AutoSwitch::On => "on",
@@ -855,7 +738,7 @@ fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: Rows, rung: &R
         keep_duplicates: patches.keep_duplicates == Switch::On,
         scale: patches.scale,
         up: prepared.scene.up.map(axis_name),
-        rows,
+        rows: rows.into(),
         emitters: selection.emitters.clone(),
         receivers: selection.receivers.clone(),
         occluders: selection.occluders.clone(),
@@ -879,27 +762,8 @@ fn open_store(
     tally: &mut Tally,
 ) -> Result<(StoreWriter, Kept)> {
     let scene = &prepared.scene;
-    let file = Path::new(&prepared.input.path).file_name();
-    let header = Header {
-        program: env!("CARGO_PKG_VERSION").to_owned(),
-        scene: SceneEntry {
-            file: file.map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
-            blake3: scene_hash(scene, &prepared.patches),
-        },
-        settings: serde_json::to_value(settings).context("the settings are no JSON")?,
-        correction: settings.correction.to_owned(),
-        patch_count: u32::try_from(prepared.patches.len()).context("too many patches")?,
-        row_count: u32::try_from(plan.rows.len()).context("too many rows")?,
-        rows_per_part: plan.rows_per_part,
-        form: plan.form,
-        min_factor: plan.min_factor,
-        backend: BackendEntry {
-            name: backend.info().name.clone(),
-            version: backend.info().version.clone(),
-        },
-        objects: scene.objects.clone(),
-        materials: scene.materials.iter().map(|material| material.name.clone()).collect(),
-    };
+    let file = Path::new(&prepared.input.path);
+    let header = settings.header(scene, &prepared.patches, file, plan, backend.info())?;
     let table = PatchTable::new(scene, &prepared.patches);
     if arguments.overwrite {
         return Ok((StoreWriter::create(directory, header, &table, true)?, Kept::default()));
@@ -1189,29 +1053,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_share_that_culling_leaves() {
-        let counters = Counters {
-            hemicubes: 4,
-            triangles_transformed: 100,
-            ..Counters::default()
-        };
-        assert_eq!(share_left(&counters, 100), 0.25);
-        assert_eq!(share_left(&counters, 20), 1.0);
-        assert_eq!(share_left(&Counters::default(), 20), 1.0);
-    }
-
-    #[test]
     fn paths_become_words() {
         assert_eq!(word("a/b-1.x".as_ref()), "a/b-1.x");
         assert_eq!(word("a b".as_ref()), "'a b'");
         assert_eq!(word("it's".as_ref()), r"'it'\''s'");
-    }
-
-    #[test]
-    fn settings_have_readable_names() {
-        let text = serde_json::to_string(&[Cut::None, Cut::PatchSize(0.5), Cut::Split(3)]).unwrap();
-        assert_eq!(text, r#"["none",{"patch_size":0.5},{"split":3}]"#);
-        let text = serde_json::to_string(&Rows::Range { start: 1, end: 4 }).unwrap();
-        assert_eq!(text, r#"{"range":{"start":1,"end":4}}"#);
     }
 }
