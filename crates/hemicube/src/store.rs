@@ -29,6 +29,7 @@
 //! depend on scene and settings alone. A part that is there is whole, so a run that was killed loses at most the part it
 //! was at, and equal runs give equal bytes.
 
+mod assembly;
 mod compact;
 mod csr;
 mod durable;
@@ -45,6 +46,7 @@ mod shard;
 mod write;
 
 pub use crate::compute::PartThinning;
+pub use assembly::{Assembly, Index};
 pub use error::{Error, Result};
 pub use manifest::{
     BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,

@@ -6,7 +6,7 @@
 use super::csr::CsrFile;
 use super::durable::file_checksum;
 use super::npz::Npz;
-use super::{Error, Manifest, Part, PartThinning, PatchTable, Result, RowSums};
+use super::{Error, Form, HEMICUBE_WEIGHT, Manifest, Part, PartThinning, PatchTable, Result, RowSums};
 use hemicube_scene::InputPatch;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -48,6 +48,39 @@ pub struct RowTable {
     pub row_sum: Vec<f64>,
     /// Expected √Σ (F − true F)², on rungs that estimate it.
     pub error: Vec<f64>,
+}
+
+impl RowTable {
+    /// Of so many patches, none of which has a row.
+    pub fn unknown(patch_count: usize) -> Self {
+        let unknown = || vec![f64::NAN; patch_count];
+        Self {
+            escaped: unknown(),
+            blocked: unknown(),
+            unselected: unknown(),
+            row_sum: unknown(),
+            error: unknown(),
+        }
+    }
+
+    /// Takes up the rows of a part, as a store of this form has them.
+    ///
+    /// # Panics
+    /// When the part has rows of patches that there are not, or arrays that do not fit together.
+    pub fn add(&mut self, part: &Part, form: Form) {
+        for (row, ((&patch, sums), &hemicubes)) in part.rows.iter().zip(&part.sums).zip(&part.hemicubes).enumerate() {
+            let patch = patch as usize;
+            let factors = part.row(row).1.iter();
+            self.row_sum[patch] = factors.map(|&factor| f64::from(form.round(factor))).sum();
+            self.error[patch] = f64::from(part.errors[row]);
+            if hemicubes > 0 {
+                let whole = (u64::from(hemicubes) * HEMICUBE_WEIGHT) as f64;
+                self.escaped[patch] = sums.escaped as f64 / whole;
+                self.blocked[patch] = sums.blocked as f64 / whole;
+                self.unselected[patch] = sums.unselected as f64 / whole;
+            }
+        }
+    }
 }
 
 /// A part without its entries.

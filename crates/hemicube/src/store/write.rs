@@ -7,8 +7,8 @@ use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
 use super::read::{RUN, THINNING};
 use super::{
-    Error, Form, HEMICUBE_WEIGHT, Header, Manifest, Part, PartEntry, PartThinning, PatchTable, Result, RowSums, Shard,
-    compact,
+    Error, Form, HEMICUBE_WEIGHT, Header, Manifest, Part, PartEntry, PartThinning, PatchTable, Result, RowSums,
+    RowTable, Shard, compact,
 };
 use crate::balance::BalanceEntry;
 use std::collections::BTreeMap;
@@ -21,16 +21,6 @@ const GEOMETRY: [&str; 7] = ["face", "object", "material", "side", "area", "cent
 /// Elements that are copied at a time.
 const COPY: usize = 1 << 16;
 
-/// What the rows of a finished run come to, for the patch table.
-#[derive(Debug)]
-struct RowColumns {
-    escaped: Vec<f64>,
-    blocked: Vec<f64>,
-    unselected: Vec<f64>,
-    row_sum: Vec<f64>,
-    error: Vec<f64>,
-}
-
 /// A store that is being written.
 ///
 /// Parts may come in any order. A writer that is dropped without [`Self::finish`] or [`Self::interrupt`] leaves the parts
@@ -39,7 +29,8 @@ struct RowColumns {
 pub struct StoreWriter {
     directory: PathBuf,
     manifest: Manifest,
-    columns: RowColumns,
+    /// For the patch table.
+    columns: RowTable,
     /// Rows that some part has, by input patch.
     written: Vec<bool>,
     /// What every part carries.
@@ -74,18 +65,11 @@ impl StoreWriter {
     /// A writer that has written nothing.
     pub(super) fn new(directory: &Path, manifest: Manifest, shard: Option<Shard>, locks: Vec<Lock>) -> Self {
         let count = manifest.patch_count as usize;
-        let unknown = || vec![f64::NAN; count];
         Self {
             directory: directory.to_owned(),
             run: manifest.run_id(),
             manifest,
-            columns: RowColumns {
-                escaped: unknown(),
-                blocked: unknown(),
-                unselected: unknown(),
-                row_sum: unknown(),
-                error: unknown(),
-            },
+            columns: RowTable::unknown(count),
             written: vec![false; count],
             thinned: BTreeMap::new(),
             shard,
@@ -202,19 +186,10 @@ impl StoreWriter {
         self.manifest.entries += entry.entries;
         let place = self.manifest.parts.partition_point(|other| other.index < entry.index);
         self.manifest.parts.insert(place, entry);
-        for (row, ((&patch, sums), &hemicubes)) in part.rows.iter().zip(&part.sums).zip(&part.hemicubes).enumerate() {
-            let patch = patch as usize;
-            self.written[patch] = true;
-            let factors = part.row(row).1.iter();
-            self.columns.row_sum[patch] = factors.map(|&factor| f64::from(form.round(factor))).sum();
-            self.columns.error[patch] = f64::from(part.errors[row]);
-            if hemicubes > 0 {
-                let whole = (u64::from(hemicubes) * HEMICUBE_WEIGHT) as f64;
-                self.columns.escaped[patch] = sums.escaped as f64 / whole;
-                self.columns.blocked[patch] = sums.blocked as f64 / whole;
-                self.columns.unselected[patch] = sums.unselected as f64 / whole;
-            }
+        for &patch in &part.rows {
+            self.written[patch as usize] = true;
         }
+        self.columns.add(part, form);
     }
 
     /// Has the manifest say what leaving out small form factors did to the parts that are there.
@@ -417,7 +392,7 @@ impl StoreWriter {
     }
 }
 
-impl RowColumns {
+impl RowTable {
     fn write<W: Write + io::Seek>(&self, npz: &mut NpzWriter<W>) -> io::Result<()> {
         let count = self.row_sum.len() as u64;
         npz.array("escaped", &[count], &self.escaped)?;

@@ -1,0 +1,117 @@
+//! Parts put together to one matrix in memory, rows in input order.
+
+use super::Part;
+
+/// A number that counts entries and columns: `i32` or `i64`.
+pub trait Index: Copy + Default + From<i32> + TryFrom<u64> + TryInto<usize> + Send + Sync {}
+
+impl Index for i32 {}
+impl Index for i64 {}
+
+/// A matrix in memory that is put together part by part: compressed rows in input order, as `scipy.sparse.csr_matrix` has
+/// them. Rows that no part has are empty.
+///
+/// Memory is only touched where a part is placed, so that parts which are dropped one after the other make room for what is
+/// made of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Assembly<I> {
+    indptr: Vec<I>,
+    indices: Vec<I>,
+    data: Vec<f32>,
+}
+
+impl<I: Index> Assembly<I> {
+    /// For rows of so many entries each, in input order. `None` when there are more of them than `I` counts.
+    pub fn new(entries_of_rows: &[u64]) -> Option<Self> {
+        let mut indptr = Vec::with_capacity(entries_of_rows.len() + 1);
+        let mut end = 0_u64;
+        indptr.push(I::default());
+        for &entries in entries_of_rows {
+            end = end.checked_add(entries)?;
+            indptr.push(I::try_from(end).ok()?);
+        }
+        let count = usize::try_from(end).ok()?;
+        Some(Self {
+            indptr,
+            indices: vec![I::default(); count],
+            data: vec![0.0; count],
+        })
+    }
+
+    /// Places the rows of a part.
+    ///
+    /// # Errors
+    /// The patch of the first row that has another number of entries than was said.
+    pub fn place(&mut self, part: &Part) -> Result<(), u32> {
+        for (row, &patch) in part.rows.iter().enumerate() {
+            let (columns, factors) = part.row(row);
+            let bound = |place: usize| self.indptr.get(place).and_then(|&bound| bound.try_into().ok());
+            let (Some(start), Some(end)) = (bound(patch as usize), bound(patch as usize + 1)) else {
+                return Err(patch);
+            };
+            let range: std::ops::Range<usize> = start..end;
+            let (Some(indices), Some(data)) = (self.indices.get_mut(range.clone()), self.data.get_mut(range)) else {
+                return Err(patch);
+            };
+            if data.len() != factors.len() {
+                return Err(patch);
+            }
+            data.copy_from_slice(factors);
+            for (index, &column) in indices.iter_mut().zip(columns) {
+                *index = column.into();
+            }
+        }
+        Ok(())
+    }
+
+    /// Where rows begin, and one more; columns; form factors.
+    pub fn into_arrays(self) -> (Vec<I>, Vec<I>, Vec<f32>) {
+        (self.indptr, self.indices, self.data)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn part(rows: Vec<u32>, indptr: Vec<i64>, indices: Vec<i32>) -> Part {
+        Part {
+            data: indices.iter().map(|&column| column as f32 + 0.5).collect(),
+            rows,
+            indptr,
+            indices,
+            ..Part::default()
+        }
+    }
+
+    fn assembled<I: Index>() -> (Vec<I>, Vec<I>, Vec<f32>) {
+        let parts = [
+            part(vec![3, 0], vec![0, 2, 3], vec![0, 2, 1]),
+            part(vec![1], vec![0, 3], vec![0, 2, 3]),
+        ];
+        let mut whole = Assembly::<I>::new(&[1, 3, 0, 2]).unwrap();
+        for part in &parts {
+            whole.place(part).unwrap();
+        }
+        whole.into_arrays()
+    }
+
+    #[test]
+    fn rows_come_into_input_order() {
+        let data = vec![1.5, 0.5, 2.5, 3.5, 0.5, 2.5];
+        assert_eq!(
+            assembled::<i32>(),
+            (vec![0, 1, 4, 4, 6], vec![1, 0, 2, 3, 0, 2], data.clone())
+        );
+        assert_eq!(assembled::<i64>(), (vec![0, 1, 4, 4, 6], vec![1, 0, 2, 3, 0, 2], data));
+    }
+
+    #[test]
+    fn more_than_can_be_counted_and_what_does_not_fit_is_refused() {
+        assert!(Assembly::<i32>::new(&[1 << 30, 1 << 30]).is_none());
+        assert!(Assembly::<i64>::new(&[u64::MAX, 1]).is_none());
+        let mut whole = Assembly::<i32>::new(&[1, 1]).unwrap();
+        assert_eq!(whole.place(&part(vec![1], vec![0, 2], vec![0, 1])), Err(1));
+        assert_eq!(whole.place(&part(vec![2], vec![0, 1], vec![0])), Err(2));
+    }
+}

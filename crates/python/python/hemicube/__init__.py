@@ -1,0 +1,54 @@
+"""Form-factor (view-factor) matrices of triangle scenes by the hemicube method.
+
+>>> import hemicube
+>>> scene = hemicube.Scene.generate("room", 500)
+>>> matrix = hemicube.compute(scene, tolerance=0.05)
+>>> matrix.to_scipy().shape == matrix.shape
+True
+
+F[i, j] is the fraction of the diffuse energy leaving patch i that reaches patch j directly.
+"""
+
+from hemicube._errors import (
+    BackendError,
+    Error,
+    FileError,
+    InputError,
+    MissingFileError,
+    StoreError,
+)
+from hemicube._native import (
+    STEFAN_BOLTZMANN,
+    Matrix,
+    Rows,
+    Scene,
+    Sky,
+    Solution,
+    __version__,
+    compute,
+    open,
+    sky,
+    sky_of_points,
+    solve,
+)
+
+__all__ = [
+    "STEFAN_BOLTZMANN",
+    "BackendError",
+    "Error",
+    "FileError",
+    "InputError",
+    "Matrix",
+    "MissingFileError",
+    "Rows",
+    "Scene",
+    "Sky",
+    "Solution",
+    "StoreError",
+    "__version__",
+    "compute",
+    "open",
+    "sky",
+    "sky_of_points",
+    "solve",
+]

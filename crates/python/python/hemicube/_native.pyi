@@ -1,0 +1,226 @@
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from os import PathLike
+from typing import Any, Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_matrix
+
+__version__: str
+STEFAN_BOLTZMANN: float
+
+_Axis = Literal["x", "y", "z"]
+_Path = str | PathLike[str]
+_Floats = NDArray[np.float64]
+_Row = tuple[int, NDArray[np.int32] | NDArray[np.int64], NDArray[np.float32]]
+
+@final
+class Scene:
+    def __new__(
+        cls,
+        vertices: ArrayLike,
+        triangles: ArrayLike,
+        *,
+        object: ArrayLike | None = None,
+        material: ArrayLike | None = None,
+        objects: Sequence[str] | None = None,
+        materials: Sequence[str] | None = None,
+        two_sided: bool | ArrayLike | None = None,
+        up: _Axis | None = None,
+        subdivide: int | None = None,
+        split: int | None = None,
+        patch_size: float | None = None,
+        keep_duplicates: bool = False,
+    ) -> Scene: ...
+    @classmethod
+    def load(
+        cls,
+        path: _Path,
+        *,
+        scale: float = 1.0,
+        two_sided: bool | None = None,
+        up: _Axis | None = None,
+        subdivide: int | None = None,
+        split: int | None = None,
+        patch_size: float | None = None,
+        keep_duplicates: bool = False,
+    ) -> Scene: ...
+    @classmethod
+    def generate(cls, kind: str, patches: int, *, seed: int = 1) -> Scene: ...
+    def __len__(self) -> int: ...
+    @property
+    def areas(self) -> _Floats: ...
+    @property
+    def centroids(self) -> _Floats: ...
+    @property
+    def normals(self) -> _Floats: ...
+    @property
+    def corners(self) -> _Floats: ...
+    @property
+    def face(self) -> NDArray[np.uint32]: ...
+    @property
+    def object(self) -> NDArray[np.uint32]: ...
+    @property
+    def material(self) -> NDArray[np.uint32]: ...
+    @property
+    def side(self) -> NDArray[np.uint8]: ...
+    @property
+    def objects(self) -> list[str]: ...
+    @property
+    def materials(self) -> list[str]: ...
+    @property
+    def up(self) -> _Axis | None: ...
+
+@final
+class Matrix:
+    @property
+    def shape(self) -> tuple[int, int]: ...
+    def __len__(self) -> int: ...
+    @property
+    def nnz(self) -> int: ...
+    @property
+    def path(self) -> PathLike[str] | None: ...
+    @property
+    def complete(self) -> bool: ...
+    @property
+    def settings(self) -> dict[str, Any]: ...
+    @property
+    def areas(self) -> _Floats: ...
+    @property
+    def row_sums(self) -> _Floats: ...
+    @property
+    def escaped(self) -> _Floats: ...
+    @property
+    def blocked(self) -> _Floats: ...
+    @property
+    def unselected(self) -> _Floats: ...
+    @property
+    def closure(self) -> _Floats: ...
+    @property
+    def errors(self) -> _Floats: ...
+    def expected_error(self) -> float | None: ...
+    def to_scipy(self) -> csr_matrix: ...
+    @property
+    def csr(self) -> csr_matrix: ...
+    def row(
+        self, patch: int
+    ) -> tuple[NDArray[np.int32] | NDArray[np.int64], NDArray[np.float32]] | None: ...
+    def rows(self, *, stored_order: bool = False) -> Rows: ...
+    def __iter__(self) -> Rows: ...
+    def multiply(self, x: ArrayLike, *, threads: int = 0) -> _Floats: ...
+    def __matmul__(self, x: ArrayLike, /) -> _Floats: ...
+
+@final
+class Rows(Iterator[_Row]):
+    def __iter__(self) -> Rows: ...
+    def __next__(self) -> _Row: ...
+    def __length_hint__(self) -> int: ...
+
+@final
+class Solution:
+    @property
+    def radiosity(self) -> _Floats: ...
+    @property
+    def irradiance(self) -> _Floats: ...
+    @property
+    def residuals(self) -> list[float]: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def converged(self) -> bool: ...
+    @property
+    def balance(self) -> list[dict[str, float]]: ...
+
+@final
+class Sky:
+    def __len__(self) -> int: ...
+    @property
+    def view_factors(self) -> _Floats: ...
+    @property
+    def ground(self) -> _Floats: ...
+    @property
+    def blocked(self) -> _Floats: ...
+    @property
+    def changes(self) -> _Floats: ...
+    @property
+    def solid_angles(self) -> _Floats: ...
+    def to_scipy(self) -> csr_matrix: ...
+    def patches_to_scipy(self) -> csr_matrix | None: ...
+
+def compute(
+    scene: Scene,
+    *,
+    tolerance: float | None = None,
+    correction: Literal["pixel", "point", "area"] | None = None,
+    resolution: int | None = None,
+    samples: int | None = None,
+    rotation: bool = True,
+    rows: tuple[int, int] | None = None,
+    sample_rows: int | None = None,
+    seed: int = 1,
+    emitters: Sequence[str] = ...,
+    receivers: Sequence[str] = ...,
+    occluders: Sequence[str] = ...,
+    min_factor: float | None = None,
+    output: _Path | None = None,
+    store: Literal["plain", "compact"] = "plain",
+    overwrite: bool = False,
+    backend: str = "cpu",
+    backend_dir: _Path | None = None,
+    backend_options: Mapping[str, str] | None = None,
+    engine: Literal["auto", "depth", "order"] = "auto",
+    culling: bool | None = None,
+    batch: int = 0,
+    threads: int = 0,
+    progress: Callable[[int, int], object] | None = None,
+) -> Matrix: ...
+def open(path: _Path) -> Matrix: ...
+def solve(
+    matrix: Matrix,
+    reflectance: ArrayLike,
+    emission: ArrayLike,
+    *,
+    outside: ArrayLike | None = None,
+    method: Literal["gmres", "gauss-seidel", "jacobi"] = "gmres",
+    restart: int = 20,
+    tolerance: float = 1e-6,
+    max_iterations: int = 500,
+    memory: int = 1_000_000_000,
+    threads: int = 0,
+    progress: Callable[[int, float], object] | None = None,
+) -> Solution: ...
+def sky(
+    scene: Scene,
+    *,
+    division: str = "tregenza",
+    up: _Axis | None = None,
+    north: float = 0.0,
+    tolerance: float | None = None,
+    resolution: int = 256,
+    samples: int = 1,
+    rotation: bool = True,
+    backend: str = "cpu",
+    backend_dir: _Path | None = None,
+    backend_options: Mapping[str, str] | None = None,
+    engine: Literal["auto", "depth", "order"] = "auto",
+    threads: int = 0,
+    progress: Callable[[int, int], object] | None = None,
+) -> Sky: ...
+def sky_of_points(
+    scene: Scene,
+    positions: ArrayLike,
+    normals: ArrayLike,
+    *,
+    division: str = "tregenza",
+    up: _Axis | None = None,
+    north: float = 0.0,
+    tolerance: float | None = None,
+    resolution: int = 256,
+    rotation: bool = True,
+    backend: str = "cpu",
+    backend_dir: _Path | None = None,
+    backend_options: Mapping[str, str] | None = None,
+    engine: Literal["auto", "depth", "order"] = "auto",
+    threads: int = 0,
+    progress: Callable[[int, int], object] | None = None,
+) -> Sky: ...

@@ -1,0 +1,148 @@
+//! Our errors as Python's exceptions: classes of `hemicube._errors`, our messages.
+
+use hemicube::ModelError;
+use hemicube::compute::ComputeError;
+use hemicube::rung::RungError;
+use hemicube::selection::NoMatch;
+use hemicube::solve::SolveError;
+use hemicube::store::Error as StoreError;
+use hemicube_host::OpenError;
+use hemicube_scene::{Error as SceneError, ErrorKind};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyRuntimeError};
+use pyo3::prelude::*;
+use pyo3::types::PyType;
+use std::error::Error;
+use std::io;
+
+/// A class of `hemicube._errors`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Class {
+    /// What was given cannot be used.
+    Input,
+    /// The operating system refused.
+    File,
+    /// A file or directory is not there.
+    NotFound,
+    /// What a store or file holds cannot be used, or not for this.
+    Store,
+    /// A backend failed, or is not there.
+    Backend,
+}
+
+impl Class {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Input => "InputError",
+            Self::File => "FileError",
+            Self::NotFound => "MissingFileError",
+            Self::Store => "StoreError",
+            Self::Backend => "BackendError",
+        }
+    }
+
+    fn of_io(error: &io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::NotFound => Self::NotFound,
+            _ => Self::File,
+        }
+    }
+
+    fn raise(self, message: String) -> PyErr {
+        Python::attach(|py| {
+            let class = py
+                .import("hemicube._errors")
+                .and_then(|module| module.getattr(self.name()))
+                .and_then(|class| Ok(class.cast_into::<PyType>()?));
+            match class {
+                Ok(class) => PyErr::from_type(class, message),
+                // The package is incomplete; the message is what counts.
+                Err(_) => PyRuntimeError::new_err(message),
+            }
+        })
+    }
+}
+
+/// An error with its causes. Libraries that paste their source into their own message would say it twice.
+fn message(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let said = error.to_string();
+        if !text.ends_with(&said) {
+            text.push_str(": ");
+            text.push_str(&said);
+        }
+        cause = error.source();
+    }
+    text
+}
+
+/// What was given cannot be used.
+pub(crate) fn input(message: impl Into<String>) -> PyErr {
+    Class::Input.raise(message.into())
+}
+
+pub(crate) fn scene(error: &SceneError) -> PyErr {
+    match &error.kind {
+        ErrorKind::Io(source) => Class::of_io(source),
+        _ => Class::Input,
+    }
+    .raise(message(error))
+}
+
+pub(crate) fn model(error: &ModelError) -> PyErr {
+    input(message(error))
+}
+
+pub(crate) fn store(error: &StoreError) -> PyErr {
+    let text = message(error);
+    match error {
+        StoreError::Io { source, .. } => Class::of_io(source).raise(text),
+        StoreError::NoSpace { .. } | StoreError::DiskTooSmall { .. } | StoreError::Locked { .. } => {
+            Class::File.raise(text)
+        }
+        // The library's messages name the program's flag.
+        StoreError::Exists { path } => {
+            Class::Store.raise(format!("`{}` exists; `overwrite=True` replaces it", path.display()))
+        }
+        StoreError::OtherRun { .. } => {
+            Class::Store.raise(format!("{text}; `overwrite=True` replaces it, another name leaves it"))
+        }
+        _ => Class::Store.raise(text),
+    }
+}
+
+pub(crate) fn compute(error: &ComputeError) -> PyErr {
+    match error {
+        ComputeError::Store(error) => store(error),
+        ComputeError::Cancelled => PyKeyboardInterrupt::new_err(error.to_string()),
+        error => Class::Backend.raise(message(error)),
+    }
+}
+
+pub(crate) fn rung(error: &RungError) -> PyErr {
+    match error {
+        RungError::Compute(error) => compute(error),
+        error => input(message(error)),
+    }
+}
+
+pub(crate) fn no_match(error: &NoMatch) -> PyErr {
+    input(format!("`{}`: {error}", error.list))
+}
+
+pub(crate) fn opening(error: &OpenError) -> PyErr {
+    Class::Backend.raise(message(error))
+}
+
+pub(crate) fn backend(message: impl Into<String>) -> PyErr {
+    Class::Backend.raise(message.into())
+}
+
+pub(crate) fn solving(error: &SolveError) -> PyErr {
+    match error {
+        SolveError::Store(error) => store(error),
+        SolveError::Interrupted => PyKeyboardInterrupt::new_err(error.to_string()),
+        error => input(message(error)),
+    }
+}

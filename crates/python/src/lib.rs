@@ -1,0 +1,34 @@
+//! The native half of the Python package `hemicube` (`python/hemicube`): what needs speed, and nothing that Python can say
+//! as well. Docstrings are the comments here; the types are in `python/hemicube/_native.pyi`.
+//!
+//! Long work runs on a thread of its own while the calling thread, without the interpreter's lock, waits for it, looks for
+//! signals and calls back (`attended.rs`).
+
+mod attended;
+mod compute;
+mod errors;
+mod matrix;
+mod numbers;
+mod scene;
+mod session;
+mod sky;
+mod solve;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("STEFAN_BOLTZMANN", hemicube::solve::STEFAN_BOLTZMANN)?;
+    module.add_class::<scene::Scene>()?;
+    module.add_class::<matrix::Matrix>()?;
+    module.add_class::<matrix::Rows>()?;
+    module.add_class::<solve::Solution>()?;
+    module.add_class::<sky::Sky>()?;
+    module.add_function(wrap_pyfunction!(compute::compute, module)?)?;
+    module.add_function(wrap_pyfunction!(matrix::open, module)?)?;
+    module.add_function(wrap_pyfunction!(solve::solve, module)?)?;
+    module.add_function(wrap_pyfunction!(sky::sky, module)?)?;
+    module.add_function(wrap_pyfunction!(sky::sky_of_points, module)?)?;
+    Ok(())
+}

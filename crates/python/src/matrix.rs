@@ -1,0 +1,639 @@
+//! `hemicube.Matrix`: a form-factor matrix in memory or in a store.
+
+use crate::{errors, numbers};
+use hemicube::InputPatch;
+use hemicube::solve::{Block, Factors, OutOfCore, multiply};
+use hemicube::store::{Assembly, Error as StoreError, Form, Index, Part, RowTable, Store};
+use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray1};
+use pyo3::exceptions::PyIndexError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PySlice};
+use serde_json::Value;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Rows of a matrix in memory that are gone through at once.
+const RUN: usize = 1024;
+
+/// Compressed rows that NumPy owns and nobody can write to.
+#[derive(Debug)]
+struct Arrays<I: Element> {
+    indptr: Py<PyArray1<I>>,
+    indices: Py<PyArray1<I>>,
+    data: Py<PyArray1<f32>>,
+}
+
+impl<I: Index + Element> Arrays<I> {
+    fn new(py: Python<'_>, whole: Assembly<I>) -> Self {
+        let (indptr, indices, data) = whole.into_arrays();
+        Self {
+            indptr: numbers::frozen(py, indptr).unbind(),
+            indices: numbers::frozen(py, indices).unbind(),
+            data: numbers::frozen(py, data).unbind(),
+        }
+    }
+
+    fn to_scipy<'py>(&self, py: Python<'py>, shape: (usize, usize)) -> PyResult<Bound<'py, PyAny>> {
+        let arrays = (self.data.bind(py), self.indices.bind(py), self.indptr.bind(py));
+        let named = PyDict::new(py);
+        named.set_item("shape", shape)?;
+        named.set_item("copy", false)?;
+        let matrix = py
+            .import("scipy.sparse")?
+            .call_method("csr_matrix", (arrays,), Some(&named))?;
+        // So they are, and SciPy need not look.
+        matrix.setattr("has_sorted_indices", true)?;
+        matrix.setattr("has_canonical_format", true)?;
+        Ok(matrix)
+    }
+
+    /// Columns and form factors of a row, as views.
+    fn row<'py>(&self, py: Python<'py>, patch: usize) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let indptr = self.indptr.bind(py).readonly();
+        let bound = |place: usize| {
+            let bound: Option<usize> = indptr
+                .as_slice()
+                .ok()?
+                .get(place)
+                .and_then(|&bound| bound.try_into().ok());
+            bound.and_then(|bound| isize::try_from(bound).ok())
+        };
+        let (Some(start), Some(end)) = (bound(patch), bound(patch + 1)) else {
+            return Err(PyIndexError::new_err(format!("there is no row {patch}")));
+        };
+        let slice = PySlice::new(py, start, end, 1);
+        Ok((
+            self.indices.bind(py).get_item(&slice)?,
+            self.data.bind(py).get_item(&slice)?,
+        ))
+    }
+
+    fn view<'py>(&self, py: Python<'py>) -> View<'py, I> {
+        View {
+            indptr: self.indptr.bind(py).readonly(),
+            indices: self.indices.bind(py).readonly(),
+            data: self.data.bind(py).readonly(),
+        }
+    }
+}
+
+/// Arrays that are being read.
+struct View<'py, I: Element> {
+    indptr: PyReadonlyArray1<'py, I>,
+    indices: PyReadonlyArray1<'py, I>,
+    data: PyReadonlyArray1<'py, f32>,
+}
+
+impl<I: Index + Element> View<'_, I> {
+    fn slices(&self) -> PyResult<Slices<'_, I>> {
+        Ok(Slices {
+            indptr: self.indptr.as_slice()?,
+            indices: self.indices.as_slice()?,
+            data: self.data.as_slice()?,
+        })
+    }
+}
+
+/// The matrix that solving goes through, in runs that are copied when they are needed: a few at once, not all.
+struct Slices<'a, I> {
+    indptr: &'a [I],
+    indices: &'a [I],
+    data: &'a [f32],
+}
+
+impl<I: Index> Factors for Slices<'_, I> {
+    fn patch_count(&self) -> usize {
+        self.indptr.len().saturating_sub(1)
+    }
+
+    fn run_count(&self) -> usize {
+        self.patch_count().div_ceil(RUN)
+    }
+
+    fn run(&self, index: usize) -> Result<Arc<Part>, StoreError> {
+        let bound = |row: usize| -> usize { self.indptr[row].try_into().unwrap_or(0) };
+        let first = index * RUN;
+        let end = (first + RUN).min(self.patch_count());
+        let (start, stop) = (bound(first), bound(end));
+        let count = |number: usize| i64::try_from(number).unwrap_or(i64::MAX);
+        let column = |&column: &I| {
+            let column: usize = column.try_into().unwrap_or(0);
+            i32::try_from(column).unwrap_or(0)
+        };
+        Ok(Arc::new(Part {
+            rows: (first..end).filter_map(|row| u32::try_from(row).ok()).collect(),
+            indptr: (first..=end).map(|row| count(bound(row) - start)).collect(),
+            indices: self.indices[start..stop].iter().map(column).collect(),
+            data: self.data[start..stop].to_vec(),
+            ..Part::default()
+        }))
+    }
+}
+
+/// As wide as the number of entries needs: SciPy wants rows and columns counted alike, and copies what is not.
+#[derive(Debug)]
+enum Whole {
+    Narrow(Arrays<i32>),
+    Wide(Arrays<i64>),
+}
+
+/// The same, before NumPy has it.
+enum Assembled {
+    Narrow(Assembly<i32>),
+    Wide(Assembly<i64>),
+}
+
+impl Assembled {
+    fn new(entries_of_rows: &[u64]) -> PyResult<Self> {
+        if let Some(narrow) = Assembly::new(entries_of_rows) {
+            return Ok(Self::Narrow(narrow));
+        }
+        let wide = Assembly::new(entries_of_rows);
+        wide.map(Self::Wide)
+            .ok_or_else(|| errors::input("the matrix has more entries than can be counted"))
+    }
+
+    fn place(&mut self, part: &Part) -> PyResult<()> {
+        match self {
+            Self::Narrow(whole) => whole.place(part),
+            Self::Wide(whole) => whole.place(part),
+        }
+        .map_err(|patch| errors::input(format!("row {patch} changed while it was read")))
+    }
+
+    fn into_arrays(self, py: Python<'_>) -> Whole {
+        match self {
+            Self::Narrow(whole) => Whole::Narrow(Arrays::new(py, whole)),
+            Self::Wide(whole) => Whole::Wide(Arrays::new(py, whole)),
+        }
+    }
+}
+
+impl Whole {
+    fn to_scipy<'py>(&self, py: Python<'py>, shape: (usize, usize)) -> PyResult<Bound<'py, PyAny>> {
+        match self {
+            Self::Narrow(arrays) => arrays.to_scipy(py, shape),
+            Self::Wide(arrays) => arrays.to_scipy(py, shape),
+        }
+    }
+
+    fn row<'py>(&self, py: Python<'py>, patch: usize) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        match self {
+            Self::Narrow(arrays) => arrays.row(py, patch),
+            Self::Wide(arrays) => arrays.row(py, patch),
+        }
+    }
+
+    fn entries(&self, py: Python<'_>) -> PyResult<u64> {
+        let data = match self {
+            Self::Narrow(arrays) => &arrays.data,
+            Self::Wide(arrays) => &arrays.data,
+        };
+        Ok(data.bind(py).len()? as u64)
+    }
+}
+
+/// Some matrix, held for a product or a solution.
+pub(crate) trait Use<T> {
+    /// What is done with it, without the interpreter's lock.
+    fn with(self, factors: &dyn Factors) -> T;
+}
+
+#[derive(Debug)]
+struct Memory {
+    whole: Whole,
+    table: RowTable,
+    areas: Vec<f64>,
+    settings: Value,
+    expected_error: Option<f64>,
+}
+
+#[derive(Debug)]
+enum Source {
+    Memory(Box<Memory>),
+    Store(Box<Store>),
+}
+
+/// A form-factor matrix: F[i, j] is the fraction of what leaves patch i that reaches patch j.
+///
+/// `compute` makes one, in memory or in a store, and `open` opens a store. Rows of a store are read when they are asked for.
+#[pyclass(frozen, module = "hemicube")]
+#[derive(Debug)]
+pub(crate) struct Matrix {
+    source: Source,
+}
+
+fn stored<T>(result: Result<T, StoreError>) -> PyResult<T> {
+    result.map_err(|error| errors::store(&error))
+}
+
+/// Relative Frobenius error, of what rows are expected to have; `None` where no row says.
+fn relative(errors: &[f64], squared_norm: f64) -> Option<f64> {
+    let squared: f64 = errors
+        .iter()
+        .filter(|error| !error.is_nan())
+        .map(|error| error * error)
+        .sum();
+    let relative = (squared / squared_norm).sqrt();
+    (squared > 0.0 && relative.is_finite()).then_some(relative)
+}
+
+fn squared_norm(part: &Part) -> f64 {
+    part.data.iter().map(|&factor| f64::from(factor).powi(2)).sum()
+}
+
+impl Matrix {
+    pub(crate) fn stored(store: Store) -> Self {
+        Self {
+            source: Source::Store(Box::new(store)),
+        }
+    }
+
+    /// The matrix of finished parts, each of which is dropped when its rows are in their places.
+    pub(crate) fn in_memory(areas: Vec<f64>, parts: Vec<Part>, form: Form, settings: Value) -> PyResult<Self> {
+        let mut table = RowTable::unknown(areas.len());
+        let mut entries = vec![0; areas.len()];
+        let mut norm = 0.0;
+        for part in &parts {
+            table.add(part, form);
+            norm += squared_norm(part);
+            for (row, &patch) in part.rows.iter().enumerate() {
+                entries[patch as usize] = part.row(row).0.len() as u64;
+            }
+        }
+        let mut whole = Assembled::new(&entries)?;
+        for part in parts {
+            whole.place(&part)?;
+        }
+        let memory = Memory {
+            whole: Python::attach(|py| whole.into_arrays(py)),
+            expected_error: relative(&table.error, norm),
+            table,
+            areas,
+            settings,
+        };
+        Ok(Self {
+            source: Source::Memory(Box::new(memory)),
+        })
+    }
+
+    pub(crate) fn patch_count(&self) -> usize {
+        match &self.source {
+            Source::Memory(memory) => memory.areas.len(),
+            Source::Store(store) => store.patch_count() as usize,
+        }
+    }
+
+    pub(crate) fn table(&self) -> PyResult<RowTable> {
+        match &self.source {
+            Source::Memory(memory) => Ok(memory.table.clone()),
+            Source::Store(store) => stored(store.row_table()),
+        }
+    }
+
+    pub(crate) fn area(&self) -> PyResult<Vec<f64>> {
+        match &self.source {
+            Source::Memory(memory) => Ok(memory.areas.clone()),
+            Source::Store(store) => Ok(stored(store.patches())?.area),
+        }
+    }
+
+    /// Lends the whole matrix. Of a store, at most `budget` bytes are kept in memory.
+    ///
+    /// # Errors
+    /// When rows are missing.
+    pub(crate) fn lend<T>(&self, py: Python<'_>, budget: u64, using: impl Use<PyResult<T>>) -> PyResult<T> {
+        match &self.source {
+            Source::Store(store) => using.with(&stored(OutOfCore::new(store, budget))?),
+            Source::Memory(memory) => {
+                let missing = memory.table.row_sum.iter().filter(|sum| sum.is_nan()).count();
+                if missing > 0 {
+                    return Err(errors::input(format!(
+                        "the matrix has no rows of {missing} of {} patches; what they send is not known: compute it without \
+                         `rows`, `sample_rows`, `emitters` and `occluders`",
+                        self.patch_count()
+                    )));
+                }
+                match &memory.whole {
+                    Whole::Narrow(arrays) => using.with(&arrays.view(py).slices()?),
+                    Whole::Wide(arrays) => using.with(&arrays.view(py).slices()?),
+                }
+            }
+        }
+    }
+
+    fn column<'py>(
+        &self,
+        py: Python<'py>,
+        of: impl FnOnce(RowTable) -> Vec<f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(PyArray1::from_vec(py, of(self.table()?)))
+    }
+
+    fn computed(&self) -> PyResult<Vec<u32>> {
+        match &self.source {
+            Source::Store(store) => Ok(stored(store.computed_patches())?.iter().map(|patch| patch.0).collect()),
+            Source::Memory(memory) => {
+                let rows = (0..).zip(&memory.table.row_sum);
+                Ok(rows.filter(|(_, sum)| !sum.is_nan()).map(|(patch, _)| patch).collect())
+            }
+        }
+    }
+
+    /// Columns and form factors of a row that there is.
+    fn entries_of<'py>(&self, py: Python<'py>, patch: u32) -> PyResult<Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>> {
+        match &self.source {
+            Source::Memory(memory) => {
+                let is_there = memory
+                    .table
+                    .row_sum
+                    .get(patch as usize)
+                    .is_some_and(|sum| !sum.is_nan());
+                is_there.then(|| memory.whole.row(py, patch as usize)).transpose()
+            }
+            Source::Store(store) => {
+                let Some(row) = stored(py.detach(|| store.row(InputPatch(patch))))? else {
+                    return Ok(None);
+                };
+                let columns = row.indices.into_iter().map(u32::cast_signed).collect();
+                Ok(Some((
+                    PyArray1::<i32>::from_vec(py, columns).into_any(),
+                    PyArray1::from_vec(py, row.data).into_any(),
+                )))
+            }
+        }
+    }
+}
+
+/// F times a vector.
+struct Product<'py> {
+    py: Python<'py>,
+    x: Block,
+    threads: usize,
+}
+
+impl Use<PyResult<Vec<f64>>> for Product<'_> {
+    fn with(self, factors: &dyn Factors) -> PyResult<Vec<f64>> {
+        let threads = match self.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        };
+        let product = stored(self.py.detach(|| multiply(factors, &self.x, threads)))?;
+        Ok(product.values().to_vec())
+    }
+}
+
+/// JSON as Python has it.
+pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method1("loads", (value.to_string(),))
+}
+
+#[pymethods]
+impl Matrix {
+    /// Rows and columns: both the number of patches.
+    #[getter]
+    fn shape(&self) -> (usize, usize) {
+        (self.patch_count(), self.patch_count())
+    }
+
+    fn __len__(&self) -> usize {
+        self.patch_count()
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let place = match &self.source {
+            Source::Memory(_) => "in memory".to_owned(),
+            Source::Store(store) => format!("in {}", store.directory().display()),
+        };
+        Ok(format!(
+            "<hemicube.Matrix of {} patches, {} entries, {place}>",
+            self.patch_count(),
+            self.nnz(py)?
+        ))
+    }
+
+    /// How many entries it has.
+    #[getter]
+    fn nnz(&self, py: Python<'_>) -> PyResult<u64> {
+        match &self.source {
+            Source::Memory(memory) => memory.whole.entries(py),
+            Source::Store(store) => Ok(store.manifest().entries),
+        }
+    }
+
+    /// The store's directory; None for a matrix in memory.
+    #[getter]
+    fn path(&self) -> Option<PathBuf> {
+        match &self.source {
+            Source::Memory(_) => None,
+            Source::Store(store) => Some(store.directory().to_owned()),
+        }
+    }
+
+    /// Whether all rows that were asked for are there.
+    #[getter]
+    fn complete(&self) -> bool {
+        match &self.source {
+            Source::Memory(_) => true,
+            Source::Store(store) => store.manifest().complete,
+        }
+    }
+
+    /// Everything that its rows depend on: resolution, correction, tolerance and why it took what it took.
+    #[getter]
+    fn settings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        python(
+            py,
+            match &self.source {
+                Source::Memory(memory) => &memory.settings,
+                Source::Store(store) => &store.manifest().settings,
+            },
+        )
+    }
+
+    /// Area of each patch.
+    #[getter]
+    fn areas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(PyArray1::from_vec(py, self.area()?))
+    }
+
+    /// Sum of the form factors of each row; NaN where none was computed.
+    #[getter]
+    fn row_sums<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.column(py, |table| table.row_sum)
+    }
+
+    /// Fraction of each patch's hemicube that hits nothing; NaN where none was rendered.
+    #[getter]
+    fn escaped<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.column(py, |table| table.escaped)
+    }
+
+    /// Fraction of each patch's hemicube that hits the back of a one-sided patch.
+    #[getter]
+    fn blocked<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.column(py, |table| table.blocked)
+    }
+
+    /// Fraction of each patch's hemicube that hits patches without a column.
+    #[getter]
+    fn unselected<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.column(py, |table| table.unselected)
+    }
+
+    /// By how much each row and what it lost miss 1: row sum + escaped + blocked + unselected − 1.
+    #[getter]
+    fn closure<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.column(py, |table| {
+            let lost = table.escaped.iter().zip(&table.blocked).zip(&table.unselected);
+            let rows = table.row_sum.iter().zip(lost);
+            rows.map(|(sum, ((escaped, blocked), unselected))| sum + escaped + blocked + unselected - 1.0)
+                .collect()
+        })
+    }
+
+    /// The expected √Σ (F − true F)² of each row; NaN where no tolerance was asked for.
+    #[getter]
+    fn errors<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.column(py, |table| table.error)
+    }
+
+    /// The relative Frobenius error that the matrix is expected to have; None where no tolerance was asked for. Goes
+    /// through all of a store.
+    fn expected_error(&self, py: Python<'_>) -> PyResult<Option<f64>> {
+        match &self.source {
+            Source::Memory(memory) => Ok(memory.expected_error),
+            Source::Store(store) => py.detach(|| {
+                let table = stored(store.row_table())?;
+                if table.error.iter().all(|error| error.is_nan()) {
+                    return Ok(None);
+                }
+                let mut norm = 0.0;
+                for place in 0..store.manifest().parts.len() {
+                    norm += stored(store.part(place))?.as_ref().map_or(0.0, squared_norm);
+                }
+                Ok(relative(&table.error, norm))
+            }),
+        }
+    }
+
+    /// The matrix as a `scipy.sparse.csr_matrix` of float32, rows and columns in the scene's order.
+    ///
+    /// Of a matrix in memory nothing is copied: every such matrix shares the same arrays, which cannot be written to
+    /// (`.copy()` makes one that can). A store is read whole, each time.
+    fn to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let shape = self.shape();
+        let store = match &self.source {
+            Source::Memory(memory) => return memory.whole.to_scipy(py, shape),
+            Source::Store(store) => store,
+        };
+        stored(store.require_complete())?;
+        let whole = py.detach(|| -> PyResult<Assembled> {
+            let patches = (0..store.patch_count()).map(InputPatch);
+            let entries = patches.map(|patch| Ok(stored(store.entries_of_row(patch))?.unwrap_or(0)));
+            let mut whole = Assembled::new(&entries.collect::<PyResult<Vec<u64>>>()?)?;
+            for place in 0..store.manifest().parts.len() {
+                if let Some(part) = stored(store.part(place))? {
+                    whole.place(&part)?;
+                }
+            }
+            Ok(whole)
+        })?;
+        whole.into_arrays(py).to_scipy(py, shape)
+    }
+
+    /// The same as `to_scipy()`.
+    #[getter]
+    fn csr<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.to_scipy(py)
+    }
+
+    /// The columns and form factors of a row; None where it was not computed.
+    fn row<'py>(&self, py: Python<'py>, patch: u32) -> PyResult<Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>> {
+        if patch as usize >= self.patch_count() {
+            return Err(PyIndexError::new_err(format!(
+                "there is no row {patch}: the matrix has {}, from 0 on",
+                self.patch_count()
+            )));
+        }
+        self.entries_of(py, patch)
+    }
+
+    /// All rows that were computed, one after the other: (patch, columns, form factors). Of a store one row at a time is in
+    /// memory; `stored_order` goes through its files from the first to the last instead of by patches.
+    #[pyo3(signature = (*, stored_order=false))]
+    fn rows(slf: &Bound<'_, Self>, stored_order: bool) -> PyResult<Rows> {
+        let matrix = slf.get();
+        let order = match &matrix.source {
+            Source::Store(store) if stored_order => {
+                let order = stored(store.processing_order())?;
+                order.iter().map(|patch| patch.0).collect()
+            }
+            _ => matrix.computed()?,
+        };
+        Ok(Rows {
+            matrix: slf.clone().unbind(),
+            order: order.into_iter(),
+        })
+    }
+
+    fn __iter__(slf: &Bound<'_, Self>) -> PyResult<Rows> {
+        Self::rows(slf, false)
+    }
+
+    /// F x, without the whole matrix in memory: what each patch receives of what all others show.
+    #[pyo3(signature = (x, *, threads=0))]
+    fn multiply<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+        threads: usize,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let values = numbers::vector(x, "x", self.patch_count())?;
+        let x = Block::from_fn(values.len(), 1, |patch, _| values[patch]);
+        let product = self.lend(py, 0, Product { py, x, threads })?;
+        Ok(PyArray1::from_vec(py, product))
+    }
+
+    fn __matmul__<'py>(&self, py: Python<'py>, x: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.multiply(py, x, 0)
+    }
+}
+
+/// The rows of a matrix, one after the other.
+#[pyclass(module = "hemicube")]
+#[derive(Debug)]
+pub(crate) struct Rows {
+    matrix: Py<Matrix>,
+    order: std::vec::IntoIter<u32>,
+}
+
+#[pymethods]
+impl Rows {
+    fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __length_hint__(&self) -> usize {
+        self.order.len()
+    }
+
+    fn __next__<'py>(&mut self, py: Python<'py>) -> PyResult<Option<(u32, Bound<'py, PyAny>, Bound<'py, PyAny>)>> {
+        let Some(patch) = self.order.next() else {
+            return Ok(None);
+        };
+        match self.matrix.get().entries_of(py, patch)? {
+            Some((columns, factors)) => Ok(Some((patch, columns, factors))),
+            None => Err(errors::input(format!("row {patch} is not there any more"))),
+        }
+    }
+}
+
+/// Opens the store in a directory, complete or not. Rows are read when they are asked for.
+#[pyfunction]
+#[pyo3(signature = (path))]
+pub(crate) fn open(py: Python<'_>, path: PathBuf) -> PyResult<Matrix> {
+    py.detach(|| Store::open(&path))
+        .map(Matrix::stored)
+        .map_err(|error| errors::store(&error))
+}

@@ -1,0 +1,438 @@
+//! Scenes: triangles from arrays or a file, cut into patches and made ready for hemicubes.
+
+use crate::{errors, numbers};
+use glam::DVec3;
+use hemicube::{HierarchyOptions, Model};
+use hemicube_scene::generate::{Generate, generate};
+use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
+use hemicube_scene::{Axis, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use pyo3::exceptions::PyUserWarning;
+use pyo3::prelude::*;
+use pyo3::types::PyType;
+use std::ffi::CString;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// How triangles become patches: the keywords that all ways to a scene have in common.
+#[derive(Clone, Copy, Debug)]
+struct Cutting {
+    subdivision: Subdivision,
+    keep_duplicates: bool,
+    up: Option<Axis>,
+}
+
+impl Cutting {
+    fn new(
+        up: Option<&str>,
+        subdivide: Option<u32>,
+        split: Option<u32>,
+        patch_size: Option<f64>,
+        keep_duplicates: bool,
+    ) -> PyResult<Self> {
+        let subdivision = match (subdivide, split, patch_size) {
+            (None, None, None) => Subdivision::None,
+            (Some(levels), None, None) if levels < 32 => Subdivision::Levels(levels),
+            (None, Some(pieces), None) if (1..=65536).contains(&pieces) => Subdivision::Split(pieces),
+            (None, None, Some(length)) if length > 0.0 && length.is_finite() => Subdivision::PatchSize(length),
+            (Some(levels), None, None) => {
+                return Err(errors::input(format!("`subdivide` is {levels}; 0 to 31 is needed")));
+            }
+            (None, Some(pieces), None) => {
+                return Err(errors::input(format!("`split` is {pieces}; 1 to 65536 is needed")));
+            }
+            (None, None, Some(length)) => {
+                return Err(errors::input(format!(
+                    "`patch_size` is {length}; a length above 0 is needed"
+                )));
+            }
+            _ => {
+                return Err(errors::input(
+                    "`subdivide`, `split` and `patch_size` are three ways to cut triangles; give one of them",
+                ));
+            }
+        };
+        Ok(Self {
+            subdivision,
+            keep_duplicates,
+            up: up.map(axis).transpose()?,
+        })
+    }
+}
+
+/// An axis by its name.
+pub(crate) fn axis(name: &str) -> PyResult<Axis> {
+    match name {
+        "x" => Ok(Axis::X),
+        "y" => Ok(Axis::Y),
+        "z" => Ok(Axis::Z),
+        other => Err(errors::input(format!("`up` is `{other}`; x, y or z is needed"))),
+    }
+}
+
+fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
+    let text = CString::new(message.replace('\0', " ")).map_err(|error| errors::input(error.to_string()))?;
+    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
+}
+
+/// A scene: triangles cut into the patches that rows and columns of a matrix are of.
+///
+/// Vertices are (n, 3) numbers, triangles (m, 3) indices into them, counter-clockwise seen from the front. `object` and
+/// `material` are ids of each triangle, which `objects` and `materials` name. A `two_sided` triangle, all of them or those
+/// of a mask, becomes two patches, its front and its back. `up` ('x', 'y' or 'z') says where the sky is.
+///
+/// Triangles are cut by at most one of: `subdivide` (halve all edges so many times), `split` (each edge in so many pieces),
+/// `patch_size` (until no edge is longer). Triangles without area, with coordinates that are not finite, or that lie exactly
+/// on others (unless `keep_duplicates`) are dropped with a warning; `face` says which triangle each patch is of.
+#[pyclass(frozen, module = "hemicube")]
+#[derive(Debug)]
+pub(crate) struct Scene {
+    pub(crate) triangles: Triangles,
+    pub(crate) patches: Arc<Patches>,
+    pub(crate) model: Model,
+    pub(crate) file: PathBuf,
+    pub(crate) subdivision: Subdivision,
+    pub(crate) two_sided: &'static str,
+    pub(crate) keep_duplicates: bool,
+    pub(crate) scale: f64,
+}
+
+impl Scene {
+    fn ready(
+        py: Python<'_>,
+        mut triangles: Triangles,
+        file: PathBuf,
+        two_sided: &'static str,
+        scale: f64,
+        cutting: Cutting,
+    ) -> PyResult<Self> {
+        if let Some(axis) = cutting.up {
+            triangles.up = Some(axis);
+        }
+        let read = triangles.triangles.len();
+        let options = RepairOptions {
+            keep_duplicates: cutting.keep_duplicates,
+        };
+        let repaired = py.detach(|| repair(&mut triangles, options));
+        for warning in &triangles.findings.warnings {
+            warn(py, warning)?;
+        }
+        if triangles.triangles.is_empty() {
+            return Err(errors::input(format!(
+                "the scene holds no triangle that can be used: of {read}, {} not finite and {} without area",
+                repaired.non_finite, repaired.degenerate
+            )));
+        }
+        if let Some(dropped) = dropped(&repaired) {
+            warn(py, &dropped)?;
+        }
+        let (patches, model) = py.detach(|| -> PyResult<_> {
+            let patches = Patches::new(&triangles, cutting.subdivision).map_err(|error| errors::scene(&error))?;
+            let patches = Arc::new(patches);
+            let model = Model::new(Arc::clone(&patches), HierarchyOptions::default());
+            Ok((patches, model.map_err(|error| errors::model(&error))?))
+        })?;
+        Ok(Self {
+            triangles,
+            patches,
+            model,
+            file,
+            subdivision: cutting.subdivision,
+            two_sided,
+            keep_duplicates: cutting.keep_duplicates,
+            scale,
+        })
+    }
+
+    /// Something of each patch's triangle.
+    fn by_triangle<T: numpy::Element>(&self, py: Python<'_>, of: impl Fn(&Triangle) -> T) -> Py<PyArray1<T>> {
+        let list = self
+            .patches
+            .iter()
+            .map(|patch| of(&self.triangles.triangles[self.patches.triangle(patch)]));
+        PyArray1::from_vec(py, list.collect()).unbind()
+    }
+
+    /// Three numbers of each patch.
+    fn vectors(&self, py: Python<'_>, of: impl Fn(hemicube::InputPatch) -> DVec3) -> PyResult<Py<PyArray2<f64>>> {
+        let flat: Vec<f64> = self.patches.iter().flat_map(|patch| of(patch).to_array()).collect();
+        Ok(PyArray1::from_vec(py, flat).reshape([self.patches.len(), 3])?.unbind())
+    }
+}
+
+/// What was dropped, if anything was.
+fn dropped(report: &RepairReport) -> Option<String> {
+    let list: Vec<String> = [
+        (report.non_finite, "without finite coordinates"),
+        (report.degenerate, "without area"),
+        (report.duplicates_dropped, "that lie exactly on others"),
+    ]
+    .iter()
+    .filter(|(number, _)| *number > 0)
+    .map(|(number, what)| format!("{number} {what}"))
+    .collect();
+    (!list.is_empty()).then(|| format!("triangles dropped: {}", list.join(", ")))
+}
+
+/// Ids from 0 on, of things that are named or are called by their numbers.
+fn named(ids: &[i64], names: Option<Vec<String>>, what: &str) -> PyResult<(Vec<u32>, Vec<String>)> {
+    let most = ids.iter().copied().max().unwrap_or(0);
+    let names = names.unwrap_or_else(|| {
+        (0..=most.clamp(0, i64::from(u32::MAX)))
+            .map(|id| id.to_string())
+            .collect()
+    });
+    let ids = ids
+        .iter()
+        .map(|&id| match u32::try_from(id) {
+            Ok(place) if (place as usize) < names.len() => Ok(place),
+            _ => Err(errors::input(format!(
+                "`{what}` has the id {id}, and there are {} names",
+                names.len()
+            ))),
+        })
+        .collect::<PyResult<_>>()?;
+    Ok((ids, names))
+}
+
+#[pymethods]
+impl Scene {
+    #[new]
+    #[pyo3(signature = (vertices, triangles, *, object=None, material=None, objects=None, materials=None, two_sided=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
+    #[allow(clippy::too_many_arguments, reason = "keywords")]
+    fn new(
+        py: Python<'_>,
+        vertices: &Bound<'_, PyAny>,
+        triangles: &Bound<'_, PyAny>,
+        object: Option<&Bound<'_, PyAny>>,
+        material: Option<&Bound<'_, PyAny>>,
+        objects: Option<Vec<String>>,
+        materials: Option<Vec<String>>,
+        two_sided: Option<&Bound<'_, PyAny>>,
+        up: Option<&str>,
+        subdivide: Option<u32>,
+        split: Option<u32>,
+        patch_size: Option<f64>,
+        keep_duplicates: bool,
+    ) -> PyResult<Self> {
+        let cutting = Cutting::new(up, subdivide, split, patch_size, keep_duplicates)?;
+        let vertices = numbers::points(vertices, "vertices")?;
+        let triangles = numbers::triples(triangles, "triangles")?;
+        let count = triangles.len();
+        if u32::try_from(count).is_err() {
+            return Err(errors::input(format!(
+                "there are {count} triangles, more than a scene can have"
+            )));
+        }
+        let ids = |given: Option<&Bound<'_, PyAny>>, what| match given {
+            Some(given) => numbers::ids(given, what, count),
+            None => Ok(vec![0; count]),
+        };
+        let unnamed = |names: Option<Vec<String>>, is_given: bool| match names {
+            None if !is_given => Some(vec![String::new()]),
+            names => names,
+        };
+        let (object_ids, objects) = named(&ids(object, "object")?, unnamed(objects, object.is_some()), "object")?;
+        let (material_ids, materials) = named(
+            &ids(material, "material")?,
+            unnamed(materials, material.is_some()),
+            "material",
+        )?;
+        let two_sided = match two_sided {
+            Some(given) => numbers::flags(given, "two_sided", count)?,
+            None => vec![false; count],
+        };
+        let mut scene = Triangles {
+            objects,
+            materials: materials
+                .into_iter()
+                .map(|name| Material {
+                    name,
+                    ..Material::default()
+                })
+                .collect(),
+            ..Triangles::default()
+        };
+        for (face, corners) in (0..).zip(&triangles) {
+            let mut points = [DVec3::ZERO; 3];
+            for (point, &index) in points.iter_mut().zip(corners) {
+                let vertex = usize::try_from(index).ok().and_then(|index| vertices.get(index));
+                let Some(vertex) = vertex else {
+                    return Err(errors::input(format!(
+                        "triangle {face} has the vertex {index}, and there are {}, from 0 on",
+                        vertices.len()
+                    )));
+                };
+                *point = DVec3::from_array(*vertex);
+            }
+            let place = face as usize;
+            scene.triangles.push(Triangle {
+                corners: points,
+                object: object_ids[place],
+                material: material_ids[place],
+                face,
+                two_sided: two_sided[place],
+            });
+        }
+        Self::ready(py, scene, PathBuf::from("arrays"), "auto", 1.0, cutting)
+    }
+
+    /// The scene in a file: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON).
+    ///
+    /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), where None
+    /// does as the file says; `up` is for files that do not say, or are wrong. The rest is as for arrays.
+    #[classmethod]
+    #[pyo3(signature = (path, *, scale=1.0, two_sided=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
+    #[allow(clippy::too_many_arguments, reason = "keywords")]
+    fn load(
+        _class: &Bound<'_, PyType>,
+        py: Python<'_>,
+        path: PathBuf,
+        scale: f64,
+        two_sided: Option<bool>,
+        up: Option<&str>,
+        subdivide: Option<u32>,
+        split: Option<u32>,
+        patch_size: Option<f64>,
+        keep_duplicates: bool,
+    ) -> PyResult<Self> {
+        let cutting = Cutting::new(up, subdivide, split, patch_size, keep_duplicates)?;
+        if !(scale > 0.0 && scale.is_finite()) {
+            return Err(errors::input(format!("`scale` is {scale}; a number above 0 is needed")));
+        }
+        let mut scene = py
+            .detach(|| hemicube_scene::load(&path, ReadOptions::default()))
+            .map_err(|error| errors::scene(&error))?;
+        if scale != 1.0 {
+            for corner in scene.triangles.iter_mut().flat_map(|triangle| &mut triangle.corners) {
+                *corner *= scale;
+            }
+            scene.metres_per_unit = scene.metres_per_unit.map(|metres| metres / scale);
+        }
+        if let Some(two_sided) = two_sided {
+            for triangle in &mut scene.triangles {
+                triangle.two_sided = two_sided;
+            }
+        }
+        let sides = match two_sided {
+            None => "auto",
+            Some(true) => "on",
+            Some(false) => "off",
+        };
+        Self::ready(py, scene, path, sides, scale, cutting)
+    }
+
+    /// A scene made up: room, city, block-city, maze, spheres, field or soup, of about so many patches.
+    #[classmethod]
+    #[pyo3(signature = (kind, patches, *, seed=1))]
+    fn generate(_class: &Bound<'_, PyType>, py: Python<'_>, kind: &str, patches: u64, seed: u64) -> PyResult<Self> {
+        let spec = Generate {
+            kind: kind.parse().map_err(|error| errors::scene(&error))?,
+            target_patches: patches,
+            seed,
+        };
+        let mut scene = py.detach(|| generate(spec)).map_err(|error| errors::scene(&error))?;
+        // How near it comes is no surprise.
+        scene.findings.warnings.clear();
+        let cutting = Cutting::new(None, None, None, None, false)?;
+        Self::ready(
+            py,
+            scene,
+            PathBuf::from(format!("{kind}.generated")),
+            "auto",
+            1.0,
+            cutting,
+        )
+    }
+
+    /// How many patches there are: rows and columns of a matrix.
+    fn __len__(&self) -> usize {
+        self.patches.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "<hemicube.Scene of {} patches, {}>",
+            self.patches.len(),
+            self.file.display()
+        )
+    }
+
+    /// Area of each patch: (n,), in the scene's unit squared.
+    #[getter]
+    fn areas(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
+        PyArray1::from_vec(py, self.patches.iter().map(|patch| self.patches.area(patch)).collect()).unbind()
+    }
+
+    /// Centroid of each patch: (n, 3).
+    #[getter]
+    fn centroids(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
+        self.vectors(py, |patch| self.patches.centroid(patch))
+    }
+
+    /// Unit normal of each patch, away from the side that radiates: (n, 3).
+    #[getter]
+    fn normals(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
+        self.vectors(py, |patch| self.patches.normal(patch))
+    }
+
+    /// Corners of each patch, counter-clockwise seen from the side that radiates: (n, 3, 3).
+    #[getter]
+    fn corners(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f64>>> {
+        let corners = self.patches.iter().flat_map(|patch| self.patches.corners(patch));
+        let flat: Vec<f64> = corners.flat_map(|corner| corner.to_array()).collect();
+        Ok(PyArray1::from_vec(py, flat)
+            .reshape([self.patches.len(), 3, 3])?
+            .unbind())
+    }
+
+    /// The triangle of the arrays, or the face of the file, that each patch is of: (n,), from 0.
+    #[getter]
+    fn face(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
+        self.by_triangle(py, |triangle| triangle.face)
+    }
+
+    /// The object of each patch: (n,), places in `objects`.
+    #[getter]
+    fn object(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
+        self.by_triangle(py, |triangle| triangle.object)
+    }
+
+    /// The material of each patch: (n,), places in `materials`.
+    #[getter]
+    fn material(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
+        self.by_triangle(py, |triangle| triangle.material)
+    }
+
+    /// The side of its triangle that each patch is: (n,), 0 the front, 1 the back.
+    #[getter]
+    fn side(&self, py: Python<'_>) -> Py<PyArray1<u8>> {
+        let side = |patch| match self.patches.side(patch) {
+            Side::Front => 0,
+            Side::Back => 1,
+        };
+        PyArray1::from_vec(py, self.patches.iter().map(side).collect()).unbind()
+    }
+
+    /// Names of the objects.
+    #[getter]
+    fn objects(&self) -> Vec<String> {
+        self.triangles.objects.clone()
+    }
+
+    /// Names of the materials.
+    #[getter]
+    fn materials(&self) -> Vec<String> {
+        self.triangles
+            .materials
+            .iter()
+            .map(|material| material.name.clone())
+            .collect()
+    }
+
+    /// The axis that points up: 'x', 'y', 'z', or None where nobody said.
+    #[getter]
+    fn up(&self) -> Option<&'static str> {
+        self.triangles.up.map(hemicube::settings::axis_name)
+    }
+}

@@ -1,0 +1,361 @@
+//! `hemicube.sky`: what patches and points see of the sky.
+
+use crate::attended::attended;
+use crate::scene::{Scene, axis};
+use crate::session::Wanted;
+use crate::{compute, errors, numbers};
+use glam::DVec3;
+use hemicube::InputPatch;
+use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
+use hemicube::sky::{
+    Horizon, LEVELS, PARTS_MAX, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
+};
+use numpy::PyArray1;
+use pyo3::exceptions::PyKeyboardInterrupt;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// Pixels along an edge where nobody says.
+const RESOLUTION: u32 = 256;
+
+/// What patches, or points, see of the sky and of the ground below the horizon.
+#[pyclass(frozen, module = "hemicube")]
+#[derive(Debug)]
+pub(crate) struct Sky {
+    division: SkyDivision,
+    rows: Vec<SkyRow>,
+    /// What points see of patches, and how many patches there are.
+    seen: Option<(Vec<Vec<(InputPatch, u64)>>, usize)>,
+}
+
+/// A sparse matrix of fractions of the hemicubes.
+fn fractions<'py>(
+    py: Python<'py>,
+    rows: impl Iterator<Item = (Vec<(u32, u64)>, u64)>,
+    columns: usize,
+) -> PyResult<Bound<'py, PyAny>> {
+    let (mut indptr, mut indices, mut data) = (vec![0_i64], Vec::<i64>::new(), Vec::new());
+    for (entries, whole) in rows {
+        for (column, weight) in entries {
+            indices.push(column.into());
+            data.push(weight as f64 / whole as f64);
+        }
+        indptr.push(i64::try_from(data.len()).unwrap_or(i64::MAX));
+    }
+    let shape = (indptr.len() - 1, columns);
+    let arrays = (
+        PyArray1::from_vec(py, data),
+        PyArray1::from_vec(py, indices),
+        PyArray1::from_vec(py, indptr),
+    );
+    let named = PyDict::new(py);
+    named.set_item("shape", shape)?;
+    py.import("scipy.sparse")?
+        .call_method("csr_matrix", (arrays,), Some(&named))
+}
+
+impl Sky {
+    fn column<'py>(&self, py: Python<'py>, of: impl Fn(&SkyRow) -> f64) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.rows.iter().map(of).collect())
+    }
+}
+
+fn share(weight: u64, row: &SkyRow) -> f64 {
+    if row.hemicubes == 0 {
+        return f64::NAN;
+    }
+    weight as f64 / row.whole() as f64
+}
+
+#[pymethods]
+impl Sky {
+    fn __len__(&self) -> usize {
+        self.rows.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "<hemicube.Sky of {} rows, {} patches of the sky>",
+            self.rows.len(),
+            self.division.columns() - 1
+        )
+    }
+
+    /// Sky view factor of each row: which part of the hemisphere, weighted by the cosine, is sky.
+    #[getter]
+    fn view_factors<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, SkyRow::sky_view_factor)
+    }
+
+    /// Fraction of each row that escapes below the horizon.
+    #[getter]
+    fn ground<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |row| {
+            let first = row.columns.first().filter(|(column, _)| *column == 0);
+            share(first.map_or(0, |(_, weight)| *weight), row)
+        })
+    }
+
+    /// Fraction of each row that ends on backs of one-sided patches.
+    #[getter]
+    fn blocked<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |row| share(row.blocked, row))
+    }
+
+    /// By how much the sky view factor changed with the last refinement; NaN where there was none.
+    #[getter]
+    fn changes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |row| row.change)
+    }
+
+    /// Solid angle of each column in steradians; the first is the ground.
+    #[getter]
+    fn solid_angles<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let columns = 0..self.division.columns();
+        PyArray1::from_vec(py, columns.map(|column| self.division.solid_angle(column)).collect())
+    }
+
+    /// Fractions of each row that go to the ground (column 0) and to each patch of the sky, in the order of Radiance's
+    /// `gendaymtx`: a `scipy.sparse.csr_matrix`.
+    fn to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let rows = self.rows.iter().map(|row| (row.columns.clone(), row.whole()));
+        fractions(py, rows, self.division.columns() as usize)
+    }
+
+    /// Fractions of what points see that are patches of the scene: a `scipy.sparse.csr_matrix`; None for rows of patches,
+    /// whose matrix `compute` makes.
+    fn patches_to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let Some((seen, patches)) = &self.seen else {
+            return Ok(None);
+        };
+        let rows = seen.iter().map(|row| {
+            let entries = row.iter().map(|(patch, weight)| (patch.0, *weight)).collect();
+            (entries, u64::from(WHOLE))
+        });
+        fractions(py, rows, *patches).map(Some)
+    }
+}
+
+/// What both kinds of rows need.
+#[derive(Debug)]
+struct Request {
+    division: SkyDivision,
+    horizon: Horizon,
+    options: SkyOptions,
+    backend: Wanted,
+}
+
+impl Request {
+    #[allow(clippy::too_many_arguments, reason = "keywords")]
+    fn new(
+        scene: &Scene,
+        division: &str,
+        up: Option<&str>,
+        north: f64,
+        tolerance: Option<f64>,
+        resolution: u32,
+        samples: u32,
+        rotation: bool,
+        threads: usize,
+        backend: Wanted,
+    ) -> PyResult<Self> {
+        let parts = match division.split_once(':') {
+            None if division == "tregenza" => Some(1),
+            Some(("reinhart", parts)) => parts.parse().ok(),
+            _ => None,
+        };
+        let division = parts.and_then(SkyDivision::new).ok_or_else(|| {
+            errors::input(format!(
+                "`division` is `{division}`; tregenza, or reinhart:1 to reinhart:{PARTS_MAX}, is needed"
+            ))
+        })?;
+        let up = match up {
+            Some(name) => axis(name)?,
+            None => scene
+                .triangles
+                .up
+                .ok_or_else(|| errors::input("the scene does not say which axis points up; `up=\"z\"` does"))?,
+        };
+        if let Some(wrong) = tolerance.filter(|tolerance| !(1e-5..=0.5).contains(tolerance)) {
+            return Err(errors::input(format!(
+                "`tolerance` is {wrong}; a share from 0.00001 to 0.5 is needed"
+            )));
+        }
+        if tolerance.is_some() && samples != 1 {
+            return Err(errors::input(
+                "`tolerance` chooses how many hemicubes there are; `samples` is for runs without",
+            ));
+        }
+        if !north.is_finite() {
+            return Err(errors::input(format!(
+                "`north` is {north}; an angle in degrees is needed"
+            )));
+        }
+        Ok(Self {
+            division,
+            horizon: Horizon::new(up, north),
+            options: SkyOptions {
+                render: RenderSettings {
+                    resolution: compute::resolution(resolution)?,
+                    culling: Culling::On,
+                    covered: false,
+                },
+                samples_per_edge: compute::samples_per_edge(samples)?,
+                tolerance,
+                rotate: rotation,
+                threads,
+            },
+            backend,
+        })
+    }
+
+    fn open(&self) -> PyResult<Box<dyn HemicubeBackend>> {
+        let backend = self.backend.open()?;
+        if !backend.info().capabilities.items {
+            return Err(errors::backend(format!(
+                "backend `{}` hands out no item buffers, from which the sky is read; `backend=\"cpu\"` does",
+                backend.info().name
+            )));
+        }
+        Ok(backend)
+    }
+}
+
+/// What ends a run that was told to; the exception that told it goes before.
+fn interrupted() -> PyErr {
+    PyKeyboardInterrupt::new_err("the computation was cancelled")
+}
+
+fn pairs(options: Option<BTreeMap<String, String>>) -> Vec<(String, String)> {
+    options.unwrap_or_default().into_iter().collect()
+}
+
+/// What each patch of a scene sees of the sky: sky view factors, and how it divides over patches of the sky.
+///
+/// `division` is 'tregenza' (145 patches) or 'reinhart:N' (144 N² + 1). `up` is needed where the scene does not say; `north`
+/// turns it clockwise, in degrees, from +y where z is up, −z where y is up. `tolerance` refines each row until its sky view
+/// factor changes by no more than this share; without it a patch gets `samples` hemicubes of `resolution` pixels an edge.
+/// `progress(done, total)` is called with rows every now and then.
+#[pyfunction]
+#[pyo3(signature = (scene, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=RESOLUTION, samples=1, rotation=true, backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords")]
+pub(crate) fn sky(
+    py: Python<'_>,
+    scene: &Bound<'_, Scene>,
+    division: &str,
+    up: Option<&str>,
+    north: f64,
+    tolerance: Option<f64>,
+    resolution: u32,
+    samples: u32,
+    rotation: bool,
+    backend: &str,
+    backend_dir: Option<PathBuf>,
+    backend_options: Option<BTreeMap<String, String>>,
+    engine: &str,
+    threads: usize,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Sky> {
+    let scene = scene.get();
+    let backend = Wanted::new(backend, backend_dir, pairs(backend_options), engine)?;
+    let request = Request::new(
+        scene, division, up, north, tolerance, resolution, samples, rotation, threads, backend,
+    )?;
+    let per_edge = request.options.samples_per_edge;
+    let rows: Vec<(InputPatch, u32)> = scene.patches.iter().map(|patch| (patch, per_edge)).collect();
+    let found = attended(py, progress, |attendant| -> PyResult<Option<Vec<SkyRow>>> {
+        sky_of_patches(
+            &scene.model,
+            &rows,
+            &request.division,
+            request.horizon,
+            request.options,
+            request.open()?,
+            &mut |done| attendant.tell((done, rows.len())),
+        )
+        .map_err(|error| errors::compute(&error))
+    })??;
+    Ok(Sky {
+        division: request.division,
+        rows: found.ok_or_else(interrupted)?,
+        seen: None,
+    })
+}
+
+/// What free points see: measurements, people, points of a façade. `positions` and `normals` are (m, 3), in the scene's
+/// coordinates. Otherwise as `sky`; points are refined by hemicubes of twice the resolution.
+#[pyfunction]
+#[pyo3(signature = (scene, positions, normals, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=RESOLUTION, rotation=true, backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords")]
+pub(crate) fn sky_of_points(
+    py: Python<'_>,
+    scene: &Bound<'_, Scene>,
+    positions: &Bound<'_, PyAny>,
+    normals: &Bound<'_, PyAny>,
+    division: &str,
+    up: Option<&str>,
+    north: f64,
+    tolerance: Option<f64>,
+    resolution: u32,
+    rotation: bool,
+    backend: &str,
+    backend_dir: Option<PathBuf>,
+    backend_options: Option<BTreeMap<String, String>>,
+    engine: &str,
+    threads: usize,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Sky> {
+    let scene = scene.get();
+    let backend = Wanted::new(backend, backend_dir, pairs(backend_options), engine)?;
+    let request = Request::new(
+        scene, division, up, north, tolerance, resolution, 1, rotation, threads, backend,
+    )?;
+    let positions = numbers::points(positions, "positions")?;
+    let normals = numbers::points(normals, "normals")?;
+    if positions.len() != normals.len() {
+        return Err(errors::input(format!(
+            "there are {} positions and {} normals; as many are needed",
+            positions.len(),
+            normals.len()
+        )));
+    }
+    let points = positions
+        .iter()
+        .zip(&normals)
+        .enumerate()
+        .map(|(point, (&position, &normal))| {
+            let (position, normal) = (DVec3::from_array(position), DVec3::from_array(normal));
+            if !position.is_finite() || normal.try_normalize().is_none() {
+                return Err(errors::input(format!(
+                    "point {point} has no place, or no direction to look in"
+                )));
+            }
+            Ok(SensorPoint { position, normal })
+        });
+    let points: Vec<SensorPoint> = points.collect::<PyResult<_>>()?;
+    let found = attended(py, progress, |attendant| -> PyResult<Option<Vec<PointRow>>> {
+        let sessions: Vec<_> = (0..LEVELS).map(|_| request.open()).collect::<PyResult<_>>()?;
+        rows_of_points(
+            &scene.model,
+            &points,
+            &request.division,
+            request.horizon,
+            request.options,
+            sessions,
+            &mut |done| attendant.tell((done, points.len())),
+        )
+        .map_err(|error| errors::compute(&error))
+    })??;
+    let (seen, rows) = found
+        .ok_or_else(interrupted)?
+        .into_iter()
+        .map(|row| (row.patches, row.sky))
+        .unzip();
+    Ok(Sky {
+        division: request.division,
+        rows,
+        seen: Some((seen, scene.patches.len())),
+    })
+}
