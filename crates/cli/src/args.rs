@@ -43,6 +43,14 @@ Settings, strongest first:
   5. what is built in
   `--config FILE` stands for 3 and 4; `--print-config` shows each value and where it came from.";
 
+const EXPORT_EXAMPLES: &str = "  \
+  hemicube export room.hemicube room.npz                         # SciPy: scipy.sparse.load_npz
+  hemicube export room.hemicube room.data --format mtx
+  hemicube export room.hemicube zones.csv --by object            # form factors between objects
+  hemicube export room.hemicube room.vtp --scene room.obj        # ParaView: each patch with its results
+  hemicube export room.hemicube room.glb --scene room.obj --up y --show seen
+  hemicube export room.hemicube patches.csv                      # a line a patch";
+
 fn examples(examples: &str, settings: bool) -> String {
     let settings = if settings {
         format!("{SETTINGS_HELP}\n")
@@ -143,9 +151,9 @@ pub(crate) enum Command {
     /// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
     #[command(after_long_help = examples("  hemicube compare fast.hemicube fine.hemicube --max-error 0.02", false))]
     Compare(Compare),
-    /// Write a matrix for SciPy (.npz, .mtx), MATLAB (.txt, .dat) or NumPy (.npy)
-    #[command(after_long_help = examples("  hemicube export room.hemicube room.npz\n  hemicube export room.hemicube room.data --format mtx", false))]
-    Export(Export),
+    /// Write a matrix (.npz, .mtx, .txt, .npy, .parquet), or what is known of its patches (.vtp, .glb, .ply, .csv)
+    #[command(after_long_help = examples(EXPORT_EXAMPLES, false))]
+    Export(Box<Export>),
     /// Solve for light or heat: radiosity of every patch from a matrix and its materials
     #[command(after_long_help = examples("  hemicube solve room.hemicube --scene room.obj\n  hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv\n  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient 293", false))]
     Solve(Box<crate::commands::solve::Arguments>),
@@ -605,7 +613,9 @@ pub(crate) struct Export {
     /// The matrix
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
-    /// The file to write
+    /// The file to write; its extension says what: the matrix as .npz (SciPy), .mtx (Matrix Market), .txt or .dat (MATLAB's
+    /// `spconvert`), .npy (dense), .parquet (triplets); a row of results for each patch, on the model, as .vtp or .vtu
+    /// (ParaView), .glb (glTF), .ply, or as a table, .csv
     #[arg(value_name = "OUT")]
     pub(crate) output: PathBuf,
     /// The format, where OUT's extension does not say
@@ -613,7 +623,7 @@ pub(crate) struct Export {
     pub(crate) format: Option<FormatName>,
     /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table, `.csv`, or
     /// what View3D writes, `.vf`
-    #[arg(long, value_name = "WHAT", conflicts_with_all = ["format", "allow_incomplete"])]
+    #[arg(long, value_name = "WHAT", conflicts_with_all = ["format", "allow_incomplete", "patches", "scene", "show", "range", "solution", "up"])]
     pub(crate) by: Option<ZoneName>,
     /// Replace a file that is there
     #[arg(long)]
@@ -621,8 +631,36 @@ pub(crate) struct Export {
     /// Accept a matrix of which parts are missing; their rows become empty
     #[arg(long)]
     pub(crate) allow_incomplete: bool,
+    /// What is known of each patch, in place of the matrix, where OUT is a .npz, which may be either
+    #[arg(long, help_heading = "Patches")]
+    pub(crate) patches: bool,
+    /// The scene that the matrix is of: it has the corners that .vtp, .vtu, .glb and .ply need
+    #[arg(long, value_name = "SCENE", help_heading = "Patches")]
+    pub(crate) scene: Option<PathBuf>,
+    /// Which solutions to add (repeatable) [default: all that `hemicube solve` left beside the matrix]
+    #[arg(long, value_name = "NAME", help_heading = "Patches")]
+    pub(crate) solution: Vec<String>,
+    /// What colours .glb and .ply: a column such as radiosity, flux, sky_view_factor, escaped, seen [default: the first of
+    /// these that says something]
+    #[arg(long, value_name = "COLUMN", help_heading = "Patches")]
+    pub(crate) show: Option<String>,
+    /// What the first and the last colour stand for [default: the least and the greatest value]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "Patches")]
+    pub(crate) range: Option<[f64; 2]>,
+    /// The axis that points up, for .glb, where that is y [default: the scene's, or z where it does not say]
+    #[arg(long, value_name = "x|y|z", hide_possible_values = true, help_heading = "Patches")]
+    pub(crate) up: Option<UpAxis>,
     #[command(flatten)]
     pub(crate) report: Report,
+}
+
+fn range(text: &str) -> Result<[f64; 2], String> {
+    let ends = text.split_once(',').and_then(|(low, high)| {
+        let end = |text: &str| text.trim().parse::<f64>().ok().filter(|end| end.is_finite());
+        Some([end(low)?, end(high)?])
+    });
+    ends.filter(|[low, high]| low < high)
+        .ok_or_else(|| "two numbers such as `0,0.5` are needed, the smaller first".to_owned())
 }
 
 /// `hemicube generate`
@@ -708,6 +746,18 @@ pub(crate) enum FormatName {
     Txt,
     /// A dense NumPy array
     Npy,
+    /// Apache Parquet: row, col, value, from 0
+    Parquet,
+    /// VTK's PolyData, for ParaView: patches
+    Vtp,
+    /// VTK's UnstructuredGrid: patches
+    Vtu,
+    /// Binary glTF: patches in the colours of a result
+    Glb,
+    /// PLY: patches
+    Ply,
+    /// A table: patches
+    Csv,
 }
 
 /// What makes patches one zone.

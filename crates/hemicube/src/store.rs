@@ -47,21 +47,24 @@ mod write;
 
 pub use crate::compute::PartThinning;
 pub use assembly::{Assembly, Index};
+pub use durable::DurableFile;
 pub use error::{Error, Result};
 pub use manifest::{
     BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,
     scene_hash,
 };
 pub use matrix::{Matrix, MatrixRow};
+pub use npy::{Element, ElementType};
+pub use npz::NpzWriter;
 pub use read::{Row, RowTable, Rows, Store};
 pub use resume::{Kept, Merged, NotKept, merge};
 pub use shard::Shard;
 pub use write::StoreWriter;
 
-pub(crate) use durable::{DurableFile, read_exact_at, write_whole};
+pub(crate) use durable::{read_exact_at, write_whole};
 pub(crate) use matrix::F32_COMMENT;
-pub(crate) use npy::{ElementType, Header as NpyHeader, decode};
-pub(crate) use npz::{Npz, NpzWriter};
+pub(crate) use npy::{Header as NpyHeader, decode};
+pub(crate) use npz::Npz;
 
 use serde::{Deserialize, Serialize};
 

@@ -1,13 +1,18 @@
-//! `hemicube export`: the matrix in the files that other programs read.
+//! `hemicube export`: the matrix, and what is known of its patches, in the files that other programs read.
 
-use crate::args::{Export as Arguments, FormatName, Talk, ZoneName};
-use crate::exit::Exit;
+mod parquet;
+mod patches;
+
+use crate::args::{Export as Arguments, Talk, ZoneName};
+use crate::exit::{Exit, hinted};
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, SCHEMA, count, counted, size};
-use anyhow::Result;
+use anyhow::{Result, anyhow};
+use clap::ValueEnum;
 use hemicube::export::{ExportFormat, ExportOptions, ExportReport, export};
 use hemicube::store::Store;
 use hemicube::zones::{GroupBy, Zone, ZoneFormat, write_zones, zones};
+use hemicube_export::PatchFormat;
 use serde::Serialize;
 use std::path::Path;
 
@@ -20,14 +25,86 @@ struct Report<'a> {
     export: &'a ExportReport,
 }
 
-impl From<FormatName> for ExportFormat {
-    fn from(name: FormatName) -> Self {
-        match name {
-            FormatName::Npz => Self::Npz,
-            FormatName::Mtx => Self::MatrixMarket,
-            FormatName::Txt => Self::Triplets,
-            FormatName::Npy => Self::Npy,
+/// What is written, and how.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Target {
+    Matrix(ExportFormat),
+    Parquet,
+    Patches(PatchFormat),
+}
+
+impl Target {
+    /// What the arguments ask for.
+    ///
+    /// # Errors
+    /// When they do not say, or contradict each other.
+    fn of(arguments: &Arguments) -> Result<Self> {
+        let Arguments {
+            output,
+            format,
+            patches,
+            scene,
+            show,
+            range,
+            solution,
+            up,
+            ..
+        } = arguments;
+        let of_output = |path: &Path| {
+            if let Some(format) = PatchFormat::of(path)
+                && (*patches || format != PatchFormat::Npz)
+            {
+                return Some(Self::Patches(format));
+            }
+            if path
+                .extension()
+                .is_some_and(|extension| extension.eq_ignore_ascii_case("parquet"))
+            {
+                return Some(Self::Parquet);
+            }
+            ExportFormat::of(path).ok().map(Self::Matrix)
+        };
+        let target = match format {
+            // The names are extensions.
+            Some(name) => {
+                let extension = name.to_possible_value().map(|value| value.get_name().to_owned());
+                of_output(&Path::new("F").with_extension(extension.unwrap_or_default()))
+            }
+            None => of_output(output),
+        };
+        let target = target.ok_or_else(|| {
+            hinted(
+                anyhow!("`{}` does not say which format is wanted", output.display()),
+                "end it in .npz, .mtx, .txt, .dat, .npy or .parquet for the matrix, in .vtp, .vtu, .glb, .ply or .csv for its \
+                 patches, or name one with `--format`",
+            )
+        })?;
+        let unwanted = [
+            ("--patches", *patches && !matches!(target, Self::Patches(_))),
+            ("--scene", scene.is_some() && !matches!(target, Self::Patches(_))),
+            (
+                "--solution",
+                !solution.is_empty() && !matches!(target, Self::Patches(_)),
+            ),
+            (
+                "--show",
+                show.is_some() && !matches!(target, Self::Patches(format) if format.has_colors()),
+            ),
+            (
+                "--range",
+                range.is_some() && !matches!(target, Self::Patches(format) if format.has_colors()),
+            ),
+            ("--up", up.is_some() && target != Self::Patches(PatchFormat::Glb)),
+        ];
+        for (name, given) in unwanted {
+            if given {
+                return Err(hinted(
+                    anyhow!("`{name}` has no meaning for `{}`", output.display()),
+                    "`hemicube export --help` says which files it is for; a .npz of patches is asked for by `--patches`",
+                ));
+            }
         }
+        Ok(target)
     }
 }
 
@@ -40,9 +117,10 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if let Some(by) = arguments.by {
         return export_zones(arguments, by, json, talk);
     }
-    let format = match arguments.format {
-        Some(name) => name.into(),
-        None => ExportFormat::of(&arguments.output)?,
+    let format = match Target::of(arguments)? {
+        Target::Matrix(format) => format,
+        Target::Parquet => return parquet::run(arguments, json, talk),
+        Target::Patches(format) => return patches::run(arguments, format, json, talk),
     };
     report::require(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
@@ -72,6 +150,15 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         })?;
     }
     Ok(Exit::Done)
+}
+
+/// What came of a file that Ctrl-C may end.
+fn interruptible(written: hemicube_export::Result<u64>) -> Result<Option<u64>> {
+    match written {
+        Ok(bytes) => Ok(Some(bytes)),
+        Err(hemicube_export::Error::Interrupted { .. }) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
 }
 
 impl From<ZoneName> for GroupBy {

@@ -27,7 +27,7 @@ fn tell(step: &'static str, path: &Path) {
 }
 
 /// A file that appears under its name when it is committed, and leaves nothing behind when it is dropped before.
-pub(crate) struct DurableFile {
+pub struct DurableFile {
     path: PathBuf,
     temporary: PathBuf,
     /// `None` once committed.
@@ -40,8 +40,20 @@ pub(crate) struct DurableFile {
     end: u64,
 }
 
+impl std::fmt::Debug for DurableFile {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("DurableFile")
+            .field("path", &self.path)
+            .finish_non_exhaustive()
+    }
+}
+
 impl DurableFile {
-    pub(crate) fn create(path: &Path) -> Result<Self> {
+    /// Begins the file `path`, under a temporary name beside it.
+    ///
+    /// # Errors
+    /// When there can be none.
+    pub fn create(path: &Path) -> Result<Self> {
         Self::create_as(path, "")
     }
 
@@ -80,7 +92,10 @@ impl DurableFile {
     }
 
     /// Makes the file durable and gives it its name.
-    pub(crate) fn commit(mut self) -> io::Result<()> {
+    ///
+    /// # Errors
+    /// When anything of it was not written, or the name cannot be given; nothing is left behind then.
+    pub fn commit(mut self) -> io::Result<()> {
         if self.failed {
             return Err(io::Error::other("an earlier part of the file was not written"));
         }

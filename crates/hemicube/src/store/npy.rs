@@ -15,14 +15,22 @@ const HEADER_MAX: usize = 1 << 14;
 
 /// What an array's elements are; little-endian, as every file of ours is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ElementType {
+pub enum ElementType {
+    /// `<f4`
     F32,
+    /// `<f8`
     F64,
+    /// `<i4`
     I32,
+    /// `<i8`
     I64,
+    /// `|u1`
     U8,
+    /// `<u2`
     U16,
+    /// `<u4`
     U32,
+    /// `<u8`
     U64,
     /// Byte strings of a fixed length.
     Bytes(u32),
@@ -84,8 +92,10 @@ impl ElementType {
 }
 
 /// A number that an array can hold.
-pub(crate) trait Element: Copy {
+pub trait Element: Copy {
+    /// What an array of them says it holds.
     const TYPE: ElementType;
+    /// Appends its bytes.
     fn put(self, bytes: &mut Vec<u8>);
     /// Decodes a chunk of exactly the element's size.
     fn get(chunk: &[u8]) -> Self;

@@ -21,20 +21,30 @@ const DEFLATE_RATIO_MAX: u64 = 1032;
 /// Elements that are encoded or decoded at a time.
 const CHUNK: usize = 1 << 14;
 
-/// Writes arrays into an archive, one after another.
-pub(crate) struct NpzWriter<W: Write + Seek> {
+/// Writes arrays into an archive, one after another: what `numpy.load` opens. Equal arrays give equal bytes.
+pub struct NpzWriter<W: Write + Seek> {
     zip: ZipWriter<W>,
 }
 
+impl<W: Write + Seek> std::fmt::Debug for NpzWriter<W> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("NpzWriter").finish_non_exhaustive()
+    }
+}
+
 impl<W: Write + Seek> NpzWriter<W> {
-    pub(crate) fn new(writer: W) -> Self {
+    /// An archive without members.
+    pub fn new(writer: W) -> Self {
         Self {
             zip: ZipWriter::new(writer),
         }
     }
 
     /// Begins a member; its elements follow through [`Self::push`].
-    pub(crate) fn begin(&mut self, name: &str, element: ElementType, shape: &[u64]) -> io::Result<()> {
+    ///
+    /// # Errors
+    /// What writing gives.
+    pub fn begin(&mut self, name: &str, element: ElementType, shape: &[u64]) -> io::Result<()> {
         let header = Header::bytes(element, shape);
         let count = shape
             .iter()
@@ -51,7 +61,10 @@ impl<W: Write + Seek> NpzWriter<W> {
     }
 
     /// Adds elements to the member that was begun last.
-    pub(crate) fn push<T: Element>(&mut self, elements: &[T]) -> io::Result<()> {
+    ///
+    /// # Errors
+    /// What writing gives.
+    pub fn push<T: Element>(&mut self, elements: &[T]) -> io::Result<()> {
         let mut bytes = Vec::with_capacity(elements.len().min(CHUNK) * size_of::<T>());
         for chunk in elements.chunks(CHUNK) {
             bytes.clear();
@@ -64,7 +77,10 @@ impl<W: Write + Seek> NpzWriter<W> {
     }
 
     /// A whole member.
-    pub(crate) fn array<T: Element>(&mut self, name: &str, shape: &[u64], elements: &[T]) -> io::Result<()> {
+    ///
+    /// # Errors
+    /// What writing gives.
+    pub fn array<T: Element>(&mut self, name: &str, shape: &[u64], elements: &[T]) -> io::Result<()> {
         self.begin(name, T::TYPE, shape)?;
         self.push(elements)
     }
@@ -92,7 +108,11 @@ impl<W: Write + Seek> NpzWriter<W> {
         })
     }
 
-    pub(crate) fn finish(self) -> io::Result<W> {
+    /// Ends the archive and hands back what it was written to.
+    ///
+    /// # Errors
+    /// What writing gives.
+    pub fn finish(self) -> io::Result<W> {
         Ok(self.zip.finish()?)
     }
 

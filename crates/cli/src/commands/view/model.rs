@@ -316,6 +316,48 @@ fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
+/// How light becomes what a screen can show: Reinhard et al. 2002, eq. 1, 2 and 4. The average is shown as middle grey, and
+/// only what is far brighter than the rest burns out.
+pub(crate) struct Tone {
+    exposure: f64,
+    white: f64,
+}
+
+impl Tone {
+    /// For light with weights: pixels of a picture, areas of a model. `stops` brighter than that.
+    pub(crate) fn of(light: impl Iterator<Item = ([f64; 3], f64)>, stops: f64) -> Self {
+        let (mut logs, mut total) = (0.0, 0.0);
+        let mut all = Vec::new();
+        for (light, weight) in light {
+            let luminance = luminance(light);
+            if luminance > 0.0 {
+                logs += weight * luminance.ln();
+                total += weight;
+                all.push((luminance, weight));
+            }
+        }
+        let average = if total > 0.0 { f64::exp(logs / total) } else { 1.0 };
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut below = 0.0;
+        let bright = all.iter().find(|&&(_, weight)| {
+            below += weight;
+            below > total * 97.0 / 100.0
+        });
+        let exposure = KEY / average * stops.exp2();
+        let white = (bright.map_or(1.0, |&(luminance, _)| luminance) * exposure * 1.2).max(1e-9);
+        Self { exposure, white }
+    }
+
+    /// Linear red, green and blue from 0 to 1.
+    pub(crate) fn map(&self, light: [f64; 3]) -> [f64; 3] {
+        let Self { exposure, white } = self;
+        let level = luminance(light) * exposure;
+        let scaled = level * (1.0 + level / (white * white)) / (1.0 + level);
+        let factor = if level > 0.0 { exposure * scaled / level } else { 0.0 };
+        light.map(|channel| (channel * factor).clamp(0.0, 1.0))
+    }
+}
+
 /// Draws the model.
 ///
 /// # Errors
@@ -351,30 +393,10 @@ pub(crate) fn draw(prepared: &Prepared, values: &Values, camera: &Camera, output
                     light[patch]
                 })
             };
-            // Reinhard et al. 2002, eq. 1, 2 and 4: the average of the picture is shown as middle grey, and only what is
-            // far brighter than the rest burns out.
-            let (mut logs, mut number) = (0.0, 0.0);
-            let mut all = Vec::new();
-            for light in seen.iter().filter_map(&radiance) {
-                let luminance = luminance(light);
-                if luminance > 0.0 {
-                    logs += luminance.ln();
-                    number += 1.0;
-                    all.push(luminance);
-                }
-            }
-            let average = if number > 0.0 { f64::exp(logs / number) } else { 1.0 };
-            all.sort_by(f64::total_cmp);
-            let bright = all.get(all.len() * 97 / 100).copied().unwrap_or(1.0);
-            let exposure = KEY / average * camera.exposure.exp2();
-            let white = (bright * exposure * 1.2).max(1e-9);
+            let seen_light = seen.iter().filter_map(&radiance).map(|light| (light, 1.0));
+            let tone = Tone::of(seen_light, camera.exposure);
             average_pixels(&mut canvas, (width, height), |x, y| {
-                radiance(&seen[y * lens.width + x]).map(|light| {
-                    let level = luminance(light) * exposure;
-                    let scaled = level * (1.0 + level / (white * white)) / (1.0 + level);
-                    let factor = if level > 0.0 { exposure * scaled / level } else { 0.0 };
-                    light.map(|channel| (channel * factor).clamp(0.0, 1.0))
-                })
+                radiance(&seen[y * lens.width + x]).map(|light| tone.map(light))
             });
         }
         Values::Scale {

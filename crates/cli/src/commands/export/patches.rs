@@ -1,0 +1,240 @@
+//! What is known of each patch, on the model: for ParaView, viewers, mesh tools and tables.
+
+use crate::args::{EngineSettings, Export as Arguments, Talk};
+use crate::commands::view::canvas::{byte, scale_color, shown};
+use crate::commands::view::model::Tone;
+use crate::exit::{self, Exit, hinted};
+use crate::progress::Bar;
+use crate::report::{self, JsonReport, SCHEMA, counted, figures, size};
+use crate::stored;
+use anyhow::{Result, anyhow};
+use hemicube::sky::read_sky_view_factors;
+use hemicube::solve::StoredSolution;
+use hemicube::store::Store;
+use hemicube_export::{Colors, Column, Legend, PatchFormat, PatchResults, Values, WriteOptions, write_patches};
+use hemicube_scene::Axis;
+use serde::Serialize;
+use std::path::Path;
+
+/// The colour of a patch whose value is not known.
+const UNKNOWN: [u8; 3] = [128, 128, 128];
+/// What `solve` calls the bands that an eye has.
+const EYE: [&str; 3] = ["red", "green", "blue"];
+
+#[derive(Serialize)]
+struct Report<'a> {
+    schema: u32,
+    program: &'static str,
+    version: &'static str,
+    path: &'a Path,
+    format: PatchFormat,
+    patches: usize,
+    columns: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    colors: Option<&'a Legend>,
+    bytes: u64,
+}
+
+pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
+    report::require(&arguments.store)?;
+    let store = Store::open(&arguments.store)?;
+    if !arguments.allow_incomplete {
+        store.require_complete()?;
+    }
+    if format.needs_corners() && arguments.scene.is_none() {
+        return Err(hinted(
+            anyhow!(
+                "`{}` needs the corners of the patches, which the matrix does not keep",
+                arguments.output.display()
+            ),
+            format!(
+                "name the scene's file with `--scene`: it was computed from `{}`",
+                store.manifest().scene.file
+            ),
+        ));
+    }
+    let mut results = read(&store, arguments, talk)?;
+    if let Some(path) = &arguments.scene {
+        let prepared = stored::scene(&store, path, &EngineSettings::default())?;
+        let up = arguments.up.map(Into::into).or(prepared.scene.up).unwrap_or(Axis::Z);
+        results.place(&prepared.patches, up)?;
+    }
+    if format.has_colors() {
+        let column = match &arguments.show {
+            Some(name) => name.clone(),
+            None => telling(&results),
+        };
+        results.colors = Some(colors(&results, &column, arguments.range)?);
+    }
+    let cancel = exit::watch_interrupts()?;
+    exit::keep(true);
+    let bar = Bar::spinner(talk, &format!("writing `{}`", arguments.output.display()));
+    let options = WriteOptions {
+        overwrite: arguments.overwrite,
+        cancel,
+    };
+    let written = write_patches(&results, &arguments.output, format, options);
+    drop(bar);
+    let Some(bytes) = super::interruptible(written)? else {
+        return Ok(Exit::Interrupted);
+    };
+    let columns: Vec<String> = results.columns.iter().flat_map(Column::labels).collect();
+    talk.say(&format!(
+        "`{}`: {}, {}: {}",
+        arguments.output.display(),
+        size(bytes),
+        counted(results.patch_count() as u64, "patch"),
+        columns.join(", ")
+    ));
+    let legend = results.colors.as_ref().map(|colors| &colors.legend);
+    if let Some(legend) = legend {
+        let range = legend.range.map_or_else(String::new, |[low, high]| {
+            format!(" from {} to {}", figures(low), figures(high))
+        });
+        talk.say(&format!("coloured by {}: {}{range}", legend.quantity, legend.color_map));
+    }
+    if let Some(json) = json {
+        json.write(&Report {
+            schema: SCHEMA,
+            program: "hemicube",
+            version: env!("CARGO_PKG_VERSION"),
+            path: &arguments.output,
+            format,
+            patches: results.patch_count(),
+            columns,
+            colors: legend,
+            bytes,
+        })?;
+    }
+    Ok(Exit::Done)
+}
+
+/// All that is known: the store's own, the sky that lies beside it, solutions.
+fn read(store: &Store, arguments: &Arguments, talk: Talk) -> Result<PatchResults> {
+    let mut names = arguments.solution.clone();
+    if names.is_empty() {
+        for name in StoredSolution::names(store) {
+            match StoredSolution::open(store, &name) {
+                Ok(_) => names.push(name),
+                // Nobody asked for it by its name.
+                Err(error) => talk.warn(&format!("the solution `{name}` is left out: {error}")),
+            }
+        }
+    }
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let mut results = PatchResults::read(store, &names)?;
+    if store.directory().join("sky").join("sky.npz").exists() {
+        match stored::sky(store) {
+            Ok(path) => results.push("sky_view_factor", read_sky_view_factors(&path)?)?,
+            Err(error) => talk.warn(&format!("the sky is left out: {error}")),
+        }
+    }
+    Ok(results)
+}
+
+/// The name of what says most about the model: light or heat, the sky, what escapes, or how much is in sight.
+fn telling(results: &PatchResults) -> String {
+    let mut columns = results.columns.iter();
+    let solved = |ending| {
+        let mut columns = results.columns.iter();
+        columns.find(move |column: &&Column| column.name.ends_with(ending))
+    };
+    if let Some(column) = solved("flux").or_else(|| solved("radiosity")) {
+        return match components_of_eye(column) {
+            true => column.name.clone(),
+            false => column.labels().swap_remove(0),
+        };
+    }
+    let says = |column: &&Column| {
+        let tells = column.name == "sky_view_factor" || column.name == "escaped";
+        tells && matches!(&column.values, Values::Real(values) if values.iter().any(|&value| value > 0.0))
+    };
+    // The sky comes after what escapes, and is the better of the two.
+    columns
+        .rfind(says)
+        .map_or_else(|| "seen".to_owned(), |column| column.name.clone())
+}
+
+fn components_of_eye(column: &Column) -> bool {
+    column.components.is_empty() || column.components == EYE
+}
+
+/// The colours of a column, or of one of its components.
+fn colors(results: &PatchResults, name: &str, range: Option<[f64; 2]>) -> Result<Colors> {
+    if let Some(column) = results.column(name)
+        && column.components == EYE
+        && let Values::Real(values) = &column.values
+    {
+        if range.is_some() {
+            return Err(hinted(
+                anyhow!("`{name}` is light in red, green and blue, which no `--range` is for"),
+                format!("`--show {name}_red --range` shows one band on a scale"),
+            ));
+        }
+        return Ok(of_light(results, name, values.as_chunks::<3>().0));
+    }
+    for column in &results.columns {
+        let labels = column.labels();
+        let Some(component) = labels.iter().position(|label| label == name) else {
+            continue;
+        };
+        let values: Vec<f64> = match &column.values {
+            Values::Whole(values) | Values::Named(values, _) => values.iter().map(|&value| value.into()).collect(),
+            Values::Real(values) => values.iter().copied().skip(component).step_by(column.width()).collect(),
+            _ => continue,
+        };
+        return Ok(on_scale(name, &values, range));
+    }
+    let labels: Vec<String> = results.columns.iter().flat_map(Column::labels).collect();
+    Err(hinted(
+        anyhow!("there is no `{name}` to show"),
+        format!("there are {}", labels.join(", ")),
+    ))
+}
+
+fn of_light(results: &PatchResults, name: &str, light: &[[f64; 3]]) -> Colors {
+    let areas = match results.column("area").map(|column| &column.values) {
+        Some(Values::Real(areas)) => areas.as_slice(),
+        _ => &[],
+    };
+    let light: Vec<[f64; 3]> = light.iter().map(|light| light.map(|band| band.max(0.0))).collect();
+    let tone = Tone::of(light.iter().copied().zip(areas.iter().copied()), 0.0);
+    Colors {
+        srgb: light
+            .iter()
+            .map(|&light| tone.map(light).map(|channel| byte(shown(channel))))
+            .collect(),
+        legend: Legend {
+            quantity: name.to_owned(),
+            color_map: "red, green and blue as an eye sees them, tone-mapped (Reinhard et al. 2002)".to_owned(),
+            range: None,
+        },
+    }
+}
+
+fn on_scale(name: &str, values: &[f64], range: Option<[f64; 2]>) -> Colors {
+    let known = || values.iter().copied().filter(|value| !value.is_nan());
+    let [low, high] = range.unwrap_or_else(|| {
+        let (low, high) = (
+            known().fold(f64::INFINITY, f64::min),
+            known().fold(f64::NEG_INFINITY, f64::max),
+        );
+        // Nothing is known, or one value throughout: the first colour.
+        if low <= high { [low, high] } else { [0.0, 0.0] }
+    });
+    let color = |&value: &f64| {
+        if value.is_nan() {
+            UNKNOWN
+        } else {
+            scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE))
+        }
+    };
+    Colors {
+        srgb: values.iter().map(color).collect(),
+        legend: Legend {
+            quantity: name.to_owned(),
+            color_map: "viridis, grey where nothing is known".to_owned(),
+            range: Some([low, high]),
+        },
+    }
+}

@@ -1,0 +1,30 @@
+//! What is known of patches, on the model, in the files that other programs read; and the matrix as Parquet.
+//!
+//! | | |
+//! |---|---|
+//! | `.vtp`, `.vtu` | ParaView, VTK: polygons or cells with an array for each result |
+//! | `.glb` | viewers, Blender, the web: glTF 2.0, one mesh an object, the colours of one result |
+//! | `.ply` | mesh tools: every result a property of its face, the colours of one at faces and vertices |
+//! | `.csv`, `.npz` | tables: a line or an element a patch |
+//! | `.parquet` | the matrix as triplets (feature `parquet`) |
+//!
+//! Patches have the ids, the order and the orientation that they have in the matrix. Equal stores give equal bytes: no
+//! file holds a clock. Files appear whole or not at all, and nothing is left of one that was cancelled.
+//!
+//! The writers are our own: crates for VTK and PLY want all of a file in memory as their own values, and both formats are
+//! a header before plain arrays. What they write is opened by VTK, meshio, trimesh and Khronos's validator in the tests.
+
+mod ascii;
+mod gltf;
+#[cfg(feature = "parquet")]
+mod parquet;
+mod patches;
+mod ply;
+mod table;
+mod vtk;
+mod write;
+
+#[cfg(feature = "parquet")]
+pub use crate::parquet::write_parquet;
+pub use patches::{Colors, Column, Legend, PatchResults, Values};
+pub use write::{Error, PatchFormat, Result, WriteOptions, write_patches};

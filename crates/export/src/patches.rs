@@ -1,0 +1,255 @@
+//! What is known of each patch of a matrix, column by column.
+
+use crate::{Error, Result};
+use glam::DVec3;
+use hemicube::InputPatch;
+use hemicube::solve::StoredSolution;
+use hemicube::store::Store;
+use hemicube_scene::{Axis, Patches};
+use serde::Serialize;
+use serde_json::Value;
+
+/// More right-hand sides than this are no columns of a table: 8,760 hours have files of their own.
+const RIGHT_HAND_SIDES_MAX: u64 = 256;
+
+/// The values of a column.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Values {
+    /// Whole numbers.
+    Whole(Vec<u32>),
+    /// Indices into names.
+    Named(Vec<u32>, Vec<String>),
+    /// Numbers, those of a patch together; NaN where none is known.
+    Real(Vec<f64>),
+}
+
+/// Something that is known of each patch.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Column {
+    /// What it is called.
+    pub name: String,
+    /// The names of its components; empty where it is one number.
+    pub components: Vec<String>,
+    /// The values, in the order of patches.
+    pub values: Values,
+}
+
+impl Column {
+    /// How many numbers it has of each patch.
+    pub fn width(&self) -> usize {
+        self.components.len().max(1)
+    }
+
+    /// The names of its components with its own before them, or its own.
+    pub fn labels(&self) -> Vec<String> {
+        if self.components.is_empty() {
+            return vec![self.name.clone()];
+        }
+        let label = |component| format!("{}_{component}", self.name);
+        self.components.iter().map(label).collect()
+    }
+
+    fn real(name: impl Into<String>, values: Vec<f64>) -> Self {
+        Self {
+            name: name.into(),
+            components: Vec::new(),
+            values: Values::Real(values),
+        }
+    }
+
+    fn vectors(name: &str, vectors: &[[f64; 3]]) -> Self {
+        Self {
+            name: name.to_owned(),
+            components: ["x", "y", "z"].map(str::to_owned).to_vec(),
+            values: Values::Real(vectors.as_flattened().to_vec()),
+        }
+    }
+}
+
+/// What the colours of a file stand for; written into it where it has room for words.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Legend {
+    /// The result that is shown.
+    pub quantity: String,
+    /// How a number becomes a colour.
+    pub color_map: String,
+    /// The numbers at the first and the last colour, where it is a scale.
+    pub range: Option<[f64; 2]>,
+}
+
+/// A colour for each patch.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Colors {
+    /// As a screen shows them: sRGB.
+    pub srgb: Vec<[u8; 3]>,
+    /// What they stand for.
+    pub legend: Legend,
+}
+
+/// What is known of the patches of a matrix, ready to be written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PatchResults {
+    /// The columns; the first is the patch's id, its position in the matrix.
+    pub columns: Vec<Column>,
+    /// Corners of each patch, counter-clockwise seen from its radiating side, in the file's unit.
+    pub corners: Option<Vec<[[f64; 3]; 3]>>,
+    /// Which axis of the scene points up.
+    pub up: Axis,
+    /// A colour for each patch.
+    pub colors: Option<Colors>,
+    /// The scene's file, as the store calls it.
+    pub scene: String,
+    patch_count: usize,
+}
+
+impl PatchResults {
+    /// What a store knows: the patch table, how each row was divided, how many patches each sees, and these solutions of
+    /// it. With more than one solution their quantities are called by its name, too.
+    ///
+    /// # Errors
+    /// When something of it cannot be read, or a solution has too many right-hand sides for columns.
+    pub fn read(store: &Store, solutions: &[&str]) -> Result<Self> {
+        let table = store.patches()?;
+        let rows = store.row_table()?;
+        let manifest = store.manifest();
+        let whole = |name: &str, values: Vec<u32>| Column {
+            name: name.to_owned(),
+            components: Vec::new(),
+            values: Values::Whole(values),
+        };
+        let named = |name: &str, values: Vec<u32>, names: &[String]| Column {
+            name: name.to_owned(),
+            components: Vec::new(),
+            values: Values::Named(values, names.to_vec()),
+        };
+        let mut seen = Vec::with_capacity(table.len());
+        for patch in 0..store.patch_count() {
+            let entries = store.entries_of_row(InputPatch(patch))?;
+            seen.push(entries.map_or(f64::NAN, |entries| entries as f64));
+        }
+        let mut columns = vec![
+            whole("patch", (0..store.patch_count()).collect()),
+            named("object", table.object, &manifest.objects),
+            named("material", table.material, &manifest.materials),
+            whole("face", table.face),
+            whole("side", table.side.into_iter().map(u32::from).collect()),
+            Column::real("area", table.area),
+            Column::vectors("centroid", &table.centroid),
+            Column::vectors("normal", &table.normal),
+            Column::real("seen", seen),
+            Column::real("row_sum", rows.row_sum),
+            Column::real("escaped", rows.escaped),
+            Column::real("blocked", rows.blocked),
+            Column::real("unselected", rows.unselected),
+        ];
+        // Without a tolerance nothing estimates it.
+        if rows.error.iter().any(|error| !error.is_nan()) {
+            columns.push(Column::real("error", rows.error));
+        }
+        for name in solutions {
+            let prefix = if solutions.len() > 1 {
+                format!("{name}_")
+            } else {
+                String::new()
+            };
+            let solution = StoredSolution::open(store, name)?;
+            for quantity in solution.quantities() {
+                columns.push(of_solution(&solution, name, quantity, &prefix)?);
+            }
+        }
+        Ok(Self {
+            columns,
+            corners: None,
+            up: Axis::Z,
+            colors: None,
+            scene: manifest.scene.file.clone(),
+            patch_count: store.patch_count() as usize,
+        })
+    }
+
+    /// Adds a number for each patch, such as its sky view factor.
+    ///
+    /// # Errors
+    /// When it is of another number of patches.
+    pub fn push(&mut self, name: &str, values: Vec<f64>) -> Result<()> {
+        if values.len() != self.patch_count {
+            return Err(Error::OtherPatches {
+                what: name.to_owned(),
+                found: values.len(),
+                expected: self.patch_count,
+            });
+        }
+        self.columns.push(Column::real(name, values));
+        Ok(())
+    }
+
+    /// Gives each patch its place.
+    ///
+    /// # Errors
+    /// When these are not the matrix's patches.
+    pub fn place(&mut self, patches: &Patches, up: Axis) -> Result<()> {
+        if patches.len() != self.patch_count {
+            return Err(Error::OtherPatches {
+                what: "the scene".to_owned(),
+                found: patches.len(),
+                expected: self.patch_count,
+            });
+        }
+        let corners = |patch| patches.corners(patch).map(|corner: DVec3| corner.to_array());
+        self.corners = Some(patches.iter().map(corners).collect());
+        self.up = up;
+        Ok(())
+    }
+
+    /// How many patches there are.
+    pub fn patch_count(&self) -> usize {
+        self.patch_count
+    }
+
+    /// A column by its name.
+    pub fn column(&self, name: &str) -> Option<&Column> {
+        self.columns.iter().find(|column| column.name == name)
+    }
+}
+
+/// A quantity of a solution: a component for each band, or for each right-hand side.
+fn of_solution(solution: &StoredSolution, name: &str, quantity: &str, prefix: &str) -> Result<Column> {
+    let array = solution.quantity(quantity)?;
+    if array.rows() > RIGHT_HAND_SIDES_MAX {
+        return Err(Error::TooManyRightHandSides {
+            solution: name.to_owned(),
+            rows: array.rows(),
+            most: RIGHT_HAND_SIDES_MAX,
+        });
+    }
+    let report = solution.report();
+    let bands = report["bands"].as_array().map_or(&[][..], Vec::as_slice);
+    let several = array.rows() > bands.len() as u64;
+    let mut components = Vec::new();
+    let mut of_row = Vec::new();
+    for row in 0..array.rows() {
+        let place = usize::try_from(row).unwrap_or(usize::MAX);
+        let band = report["band_of_row"][place].as_u64().unwrap_or(row);
+        let band = bands
+            .get(usize::try_from(band).unwrap_or(usize::MAX))
+            .and_then(Value::as_str)
+            .unwrap_or("band");
+        components.push(if several {
+            format!("{band}_{row}")
+        } else {
+            band.to_owned()
+        });
+        of_row.push(array.row(row)?);
+    }
+    if of_row.len() == 1 {
+        components.clear();
+    }
+    let patches = of_row.first().map_or(0, Vec::len);
+    let values = (0..patches).flat_map(|patch| of_row.iter().map(move |row| row[patch]));
+    Ok(Column {
+        name: format!("{prefix}{quantity}"),
+        components,
+        values: Values::Real(values.collect()),
+    })
+}
