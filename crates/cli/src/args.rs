@@ -139,6 +139,9 @@ pub(crate) enum Command {
     /// Measure error against time on a scene and this machine, and recommend a setting
     #[command(override_usage = "hemicube tradeoff [OPTIONS] SCENE", after_long_help = examples("  hemicube tradeoff city.obj --plot city.svg\n  hemicube tradeoff city.obj --tolerance 0.3% --sample-rows 64 --json=city.json", true))]
     Tradeoff(Box<Tradeoff>),
+    /// Rerun the study of algorithms on this machine: tables, pictures, and what finds itself
+    #[command(override_usage = "hemicube bench [OPTIONS]", after_long_help = examples("  hemicube bench --quick\n  hemicube bench -o study --scenes ../shared/scenes", false))]
+    Bench(crate::commands::bench::Arguments),
     /// Check a matrix: closure, reciprocity, range, checksums; exit 1 when a bound is broken
     #[command(after_long_help = examples("  hemicube check room.hemicube\n  hemicube check room.hemicube --reciprocity 0.05", false))]
     Check(Check),
@@ -902,7 +905,7 @@ fn number(text: &str) -> Result<f64, String> {
     text.parse::<f64>().map_err(|_| "it is no number".to_owned())
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     let number = number(text)?;
     if number > 0.0 && number.is_finite() {
         Ok(number)
@@ -993,7 +996,7 @@ fn tolerance(text: &str) -> Result<Tolerance, String> {
     }
 }
 
-fn resolution(text: &str) -> Result<Auto, String> {
+pub(crate) fn resolution(text: &str) -> Result<Auto, String> {
     if text == "auto" {
         return Ok(Auto::Auto);
     }

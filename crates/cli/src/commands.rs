@@ -2,6 +2,7 @@
 
 pub(crate) mod backends;
 pub(crate) mod balance;
+pub(crate) mod bench;
 pub(crate) mod check;
 pub(crate) mod compare;
 pub(crate) mod compute;

@@ -1,6 +1,7 @@
 //! The hemicube program: scene in, form-factor matrix out.
 
 mod args;
+mod clock;
 mod commands;
 mod config;
 mod exit;
@@ -13,6 +14,7 @@ mod report;
 mod rung;
 mod selection;
 mod shard;
+mod sheet;
 mod stored;
 mod verify;
 
@@ -74,6 +76,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         Command::Compute(arguments) => commands::compute::run(*arguments, talk),
         Command::Inspect(arguments) => commands::inspect::run(*arguments, talk),
         Command::Tradeoff(arguments) => commands::tradeoff::run(*arguments, talk),
+        Command::Bench(arguments) => commands::bench::run(&arguments, talk),
         Command::Check(arguments) => commands::check::run(&arguments, talk),
         Command::Merge(arguments) => commands::merge::run(&arguments, talk),
         Command::Balance(arguments) => commands::balance::run(&arguments, talk),

@@ -51,8 +51,8 @@ pub(crate) struct Options {
     cull: Option<Cull>,
     /// Nodes of the octree at this level are not divided.
     pub(crate) max_level: u32,
-    /// Nodes with no more triangles than this are drawn without a query.
-    pub(crate) min_patches: u32,
+    /// Nodes with no more triangles than this are drawn without a query. `None` for the choice by scene.
+    pub(crate) min_patches: Option<u32>,
     /// Hemicubes of a submission.
     pub(crate) batch: Option<u32>,
     /// Hemicubes that go through the stages side by side.
@@ -107,7 +107,7 @@ impl Options {
             baseline,
             cull,
             max_level: number("max_level", 0)?.unwrap_or(16),
-            min_patches: number("min_patches", 0)?.unwrap_or(64),
+            min_patches: number("min_patches", 0)?,
             batch: number("batch", 1)?,
             group: number("group", 1)?,
             memory,
@@ -130,8 +130,9 @@ impl Options {
 
     /// The culling of a scene.
     pub(crate) fn cull_for(&self, culling: bool, software: bool, can_count_draws: bool, chunks: usize) -> Cull {
-        /// With fewer chunks, testing them against depths costs more than drawing them.
-        const FEW: usize = 64;
+        /// With fewer chunks, testing them against depths costs more than drawing them: for a GPU, and for software, of
+        /// which a trial tells whether it pays (`Scene::judge`).
+        const FEW: [usize; 2] = [64, 16];
         match (self.baseline, culling) {
             (Baseline::Original, _) | (_, false) => Cull::Off,
             (Baseline::Thesis, true) => Cull::Queries,
@@ -141,7 +142,7 @@ impl Options {
                 Some(cull) => cull,
                 // Software takes as long for a stage on the device as for drawing what it would leave out, and answers
                 // the host at once; a GPU the other way round.
-                None => match (software || !can_count_draws, chunks < FEW) {
+                None => match (software || !can_count_draws, chunks < FEW[usize::from(software)]) {
                     (true, true) => Cull::View,
                     (true, false) => Cull::Marks,
                     (false, true) => Cull::Frustum,
@@ -176,7 +177,7 @@ mod tests {
         let options = Options::parse("cull=queries,max_level=5,min_patches=600,batch=3").expect("good options");
         assert_eq!(
             (options.max_level, options.min_patches, options.batch),
-            (5, 600, Some(3))
+            (5, Some(600), Some(3))
         );
         assert_eq!(options.cull_for(true, true, true, 1000), Cull::Queries);
         assert_eq!(options.cull_for(false, true, true, 1000), Cull::Off);

@@ -104,6 +104,8 @@ pub(crate) struct Scene {
     asked: glow::Buffer,
     marks: Mapped,
     stamp: u32,
+    /// Nodes of no more triangles are drawn without being asked about.
+    few: u32,
     trial: Trial,
     pub(crate) times: StageTimes,
     clock: Instant,
@@ -127,6 +129,13 @@ const ROUNDS: u64 = 6000;
 
 /// Hemicubes after which it is decided whether occlusion culling pays.
 const TRIAL: u64 = 32;
+
+/// Nodes of more triangles than this are asked about, where nobody says: chunks have up to 256, so that these are most nodes.
+const FEW: u32 = 64;
+/// The same where hardly anything is hidden, so that most answers say nothing, and the share of the triangles in view that
+/// counts as hardly anything (`docs/study.md` has what was measured).
+const FEW_IN_THE_OPEN: u32 = 600;
+const IN_THE_OPEN: f64 = 0.125;
 
 /// A batch on its way.
 #[derive(Debug)]
@@ -241,6 +250,7 @@ impl Scene {
             marks: made.marks,
             hierarchy: Arc::new(hierarchy),
             stamp: 1,
+            few: options.min_patches.unwrap_or(FEW),
             trial: Trial::default(),
             times: StageTimes::default(),
             clock: Instant::now(),
@@ -728,9 +738,9 @@ impl Scene {
             }
         }
         let hierarchy = Arc::clone(&self.hierarchy);
-        let mut asking = self.begin_asking(hemicube, self.options.min_patches);
+        let mut asking = self.begin_asking(hemicube, self.few);
         let marks = self.cull == Cull::Marks;
-        if !self.trial.over && self.options.may_switch_off() {
+        if self.is_tried() {
             self.trial.triangles += self.triangles_in_view(hemicube);
         }
         self.begin_depths(entered, programs, hemicube, at.layer, true);
@@ -757,7 +767,7 @@ impl Scene {
         }
         // Behind all that this one sees, for the next hemicube.
         let mut units = asking.units();
-        units.retain(|&(place, _)| hierarchy.nodes[place as usize].triangles > self.options.min_patches);
+        units.retain(|&(place, _)| hierarchy.nodes[place as usize].triangles > self.few);
         let lists = if marks {
             let visible = self.mark(entered, programs, hemicube, at, &units, counters)?;
             for (&(place, _), &faces) in units.iter().zip(&visible) {
@@ -1083,9 +1093,16 @@ impl Scene {
         entered.check("reading a row")
     }
 
-    /// Leaves out occlusion culling from here on where it has found too little to be worth its time. Rows stay the same.
+    /// Whether hemicubes are counted still to decide how to cull.
+    fn is_tried(&self) -> bool {
+        let finds_few = self.cull == Cull::Queries && self.options.min_patches.is_none();
+        !self.trial.over && (self.options.may_switch_off() || finds_few)
+    }
+
+    /// Leaves out occlusion culling from here on where it has found too little to be worth its time, or asks less. Rows stay
+    /// the same.
     fn judge(&mut self, counters: &Counters) {
-        if self.trial.over || !self.options.may_switch_off() {
+        if !self.is_tried() {
             return;
         }
         self.trial.hemicubes += counters.hemicubes;
@@ -1101,6 +1118,14 @@ impl Scene {
                 self.cull = Cull::View;
             }
             Cull::Depth if self.trial.hidden * 2 < self.trial.in_view => self.cull = Cull::Frustum,
+            Cull::Queries if self.options.min_patches.is_none() => {
+                // What is drawn is drawn twice, as depths and as ids.
+                let drawn = 0.5 * self.trial.transformed as f64;
+                if drawn > (1.0 - IN_THE_OPEN) * self.trial.triangles as f64 {
+                    self.few = FEW_IN_THE_OPEN;
+                }
+                return;
+            }
             _ => return,
         }
         self.trial.gave_up = true;
@@ -1118,8 +1143,15 @@ impl Scene {
                 self.plan.group
             ),
             format!(
-                "culling: {}{}",
+                "culling: {}{}{}",
                 self.cull.words(),
+                match self.cull {
+                    Cull::Queries | Cull::Marks => format!(
+                        " (of nodes down to level {} with more than {} triangles)",
+                        self.options.max_level, self.few
+                    ),
+                    _ => String::new(),
+                },
                 if self.trial.gave_up {
                     "; too little is hidden for more"
                 } else {

@@ -17,6 +17,7 @@ use crate::report::{
     BackendReport, Input, JsonReport, PendingFile, SCHEMA, count, counted, duration, figures, percent,
 };
 use crate::rung::{correction, percentage, within};
+use crate::sheet::Format;
 use crate::verify::{reference_rows, reference_settings};
 use anyhow::{Context, Result, bail};
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
@@ -26,7 +27,7 @@ use hemicube::reference::{EstimatedRow, Measured, Reference, errors_against, noi
 use hemicube::row::RowBlock;
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
-use plot::{Family, Format, Mark, Picture};
+use plot::{Family, Mark, Picture};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -177,9 +178,9 @@ fn is_same(a: f64, b: f64) -> bool {
 
 /// A setting with what was measured of it.
 #[derive(Clone, Debug, Serialize)]
-struct Trial {
-    name: String,
-    rung: &'static str,
+pub(super) struct Trial {
+    pub(super) name: String,
+    pub(super) rung: &'static str,
     tolerance: Option<f64>,
     /// Hemicubes a patch.
     samples: u32,
@@ -187,7 +188,7 @@ struct Trial {
     /// The words of `compute` that ask for it.
     words: String,
     entries: u64,
-    measured: Measured,
+    pub(super) measured: Measured,
     /// Left out where times are: a clock decides them.
     #[serde(skip_serializing_if = "Option::is_none")]
     timing: Option<Timing>,
@@ -212,7 +213,7 @@ impl Trial {
         if high.is_nan() { f64::INFINITY } else { high }
     }
 
-    fn milliseconds(&self) -> f64 {
+    pub(super) fn milliseconds(&self) -> f64 {
         self.timing.map_or(f64::INFINITY, |timing| timing.milliseconds_per_row)
     }
 
@@ -229,9 +230,9 @@ struct Skipped {
 }
 
 #[derive(Debug, Serialize)]
-struct ReferenceReport {
+pub(super) struct ReferenceReport {
     target: f64,
-    noise: f64,
+    pub(super) noise: f64,
     rays: u64,
 }
 
@@ -249,19 +250,19 @@ struct Recommendation {
 
 /// The report of `--json`.
 #[derive(Serialize)]
-struct Report {
+pub(super) struct Report {
     schema: u32,
     program: &'static str,
     version: &'static str,
     inputs: Vec<Input>,
-    patches: u64,
+    pub(super) patches: u64,
     backend: BackendReport,
     threads: usize,
     tolerance: f64,
-    sampled_rows: usize,
+    pub(super) sampled_rows: usize,
     seed: u64,
-    reference: ReferenceReport,
-    trials: Vec<Trial>,
+    pub(super) reference: ReferenceReport,
+    pub(super) trials: Vec<Trial>,
     skipped: Vec<Skipped>,
     #[serde(skip_serializing_if = "Option::is_none")]
     recommended: Option<Recommendation>,
@@ -309,6 +310,19 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         json.write(&report)?;
     }
     Ok(Exit::Done)
+}
+
+/// Measures everything on the scene that the arguments name; nothing where it was interrupted. For `bench`.
+///
+/// # Errors
+/// When the scene cannot be read, the backend does not open, or there is no reference.
+pub(super) fn measure_scene(arguments: &Arguments, cancel: &AtomicBool, talk: Talk) -> Result<Option<Report>> {
+    let Some(path) = arguments.scene.as_deref() else {
+        bail!("a scene is needed")
+    };
+    let mut backend = arguments.engine.open_backend(talk)?;
+    let prepared = prepare(path, &arguments.patches, &arguments.engine)?;
+    measure(arguments, prepared, backend.as_mut(), cancel, talk)
 }
 
 /// Measures everything; nothing where it was interrupted.

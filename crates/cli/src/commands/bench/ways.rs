@@ -1,0 +1,244 @@
+//! Backends, and the ways in which each is tried: *original*, *thesis* and *ours*, and what lies between.
+
+use crate::args::EngineSettings;
+use crate::prepare::{BUILT_IN, registry};
+use anyhow::Result;
+use hemicube::HierarchyOptions;
+use hemicube::backend::{Culling, HemicubeBackend};
+use hemicube_backend_cpu::{CpuBackend, EngineChoice, Hierarchy};
+use hemicube_host::{DeviceKind, Options};
+use std::path::Path;
+
+/// Backends that are looked for where none is named.
+pub(super) const KNOWN: [&str; 4] = [BUILT_IN, "gl", "vulkan", "wgpu"];
+
+/// A backend that opens.
+#[derive(Clone, Debug)]
+pub(super) struct Target {
+    pub(super) name: String,
+    pub(super) version: String,
+    pub(super) device: String,
+    /// Whether the work is the processor's: then its time counts, otherwise that of the clock on the wall.
+    pub(super) on_processor: bool,
+}
+
+impl Target {
+    /// Looks what is behind a name.
+    ///
+    /// # Errors
+    /// When it does not open.
+    pub(super) fn open(name: &str, folder: Option<&Path>) -> Result<Self> {
+        if name == BUILT_IN {
+            let backend = CpuBackend::new();
+            return Ok(Self {
+                name: BUILT_IN.to_owned(),
+                version: "1".to_owned(),
+                device: backend.info().device.clone(),
+                on_processor: true,
+            });
+        }
+        let backend = registry(folder).open(name, &Options::default())?;
+        let info = backend.info();
+        Ok(Self {
+            name: info.name.clone(),
+            version: info.version.clone(),
+            device: info.device.clone(),
+            on_processor: backend.device().kind == DeviceKind::Software,
+        })
+    }
+
+    pub(super) fn is_built_in(&self) -> bool {
+        self.name == BUILT_IN
+    }
+
+    /// Whether it has the thesis's algorithm: an octree, and what is hidden asked or found node by node.
+    pub(super) fn has_thesis(&self) -> bool {
+        self.is_built_in() || self.name == "gl"
+    }
+}
+
+/// How a backend is told to go about it.
+#[derive(Clone, Debug, PartialEq)]
+enum How {
+    /// The built-in one.
+    Cpu(EngineChoice, Hierarchy, Culling),
+    /// Options of a plugin.
+    Options(Vec<String>, Culling),
+}
+
+/// A way of rendering that is measured.
+#[derive(Clone, Debug)]
+pub(super) struct Way {
+    pub(super) name: String,
+    /// Octree levels and the least patches of a query, where the way has them and they are not found by itself.
+    pub(super) parameters: Option<(u32, u32)>,
+    how: How,
+}
+
+pub(super) const ORIGINAL: &str = "original";
+pub(super) const THESIS: &str = "thesis";
+pub(super) const FLAT: &str = "no octree";
+pub(super) const OURS: &str = "ours";
+
+impl Way {
+    /// In keys: the name, with its parameters.
+    pub(super) fn key(&self) -> String {
+        match self.parameters {
+            None => self.name.clone(),
+            Some((levels, least)) => format!("{} {levels}/{least}", self.name),
+        }
+    }
+
+    /// How the octree is cut that this way's session gets with the scene.
+    pub(super) fn hierarchy(&self) -> Option<HierarchyOptions> {
+        match (&self.how, self.parameters) {
+            (How::Cpu(..), Some((max_level, min_patches))) => Some(HierarchyOptions { max_level, min_patches }),
+            _ => None,
+        }
+    }
+
+    pub(super) fn culling(&self) -> Culling {
+        match self.how {
+            How::Cpu(_, _, culling) | How::Options(_, culling) => culling,
+        }
+    }
+
+    /// A session that goes about it this way.
+    ///
+    /// # Errors
+    /// When the backend does not open.
+    pub(super) fn session(&self, target: &Target, folder: Option<&Path>) -> Result<Box<dyn HemicubeBackend>> {
+        Ok(match &self.how {
+            How::Cpu(engine, hierarchy, _) => {
+                Box::new(CpuBackend::new().with_hierarchy(*hierarchy).with_engine(*engine))
+            }
+            How::Options(options, _) => Box::new(registry(folder).open(&target.name, &Options::parse(options)?)?),
+        })
+    }
+
+    /// The settings of `compute` that go about it this way; nothing where it has none.
+    pub(super) fn engine_words(&self, target: &Target) -> Option<Vec<String>> {
+        let mut words = vec!["--backend".to_owned(), target.name.clone()];
+        match &self.how {
+            How::Cpu(EngineChoice::Auto, Hierarchy::SurfaceArea, Culling::On) => {}
+            How::Cpu(..) | How::Options(_, Culling::Off) => return None,
+            How::Options(options, Culling::On) => {
+                words.extend(options.iter().flat_map(|o| ["--backend-option".to_owned(), o.clone()]));
+            }
+        }
+        Some(words)
+    }
+}
+
+/// Every way that `target` is tried in, without parameters. `all`: also what the best is sought among.
+pub(super) fn ways(target: &Target, all: bool) -> Vec<Way> {
+    use EngineChoice::{Auto, Depth, Order};
+    let way = |name: &str, how| Way {
+        name: name.to_owned(),
+        parameters: None,
+        how,
+    };
+    let cpu = |name: &str, engine, hierarchy, culling| way(name, How::Cpu(engine, hierarchy, culling));
+    let plugin = |name: &str, options: &[&str]| {
+        let options = options.iter().map(|&o| o.to_owned()).collect();
+        way(name, How::Options(options, Culling::On))
+    };
+    let (main, more) = match target.name.as_str() {
+        BUILT_IN => (
+            vec![
+                cpu(ORIGINAL, Depth, Hierarchy::SurfaceArea, Culling::Off),
+                cpu(THESIS, Depth, Hierarchy::Octree, Culling::On),
+                cpu(OURS, Auto, Hierarchy::SurfaceArea, Culling::On),
+            ],
+            vec![
+                cpu("depth", Depth, Hierarchy::SurfaceArea, Culling::On),
+                cpu("order", Order, Hierarchy::SurfaceArea, Culling::On),
+            ],
+        ),
+        "gl" => (
+            vec![
+                plugin(ORIGINAL, &["baseline=original"]),
+                plugin(FLAT, &["cull=off"]),
+                plugin(THESIS, &["baseline=thesis"]),
+                plugin(OURS, &[]),
+            ],
+            vec![
+                plugin("frustum", &["cull=view"]),
+                plugin("queries", &["cull=queries"]),
+                plugin("marks", &["cull=marks"]),
+                plugin("depth", &["cull=depth"]),
+            ],
+        ),
+        "vulkan" | "wgpu" => (
+            vec![
+                plugin(ORIGINAL, &["cull=off", "batch=1", "group=1"]),
+                plugin(FLAT, &["cull=off"]),
+                plugin(OURS, &[]),
+            ],
+            vec![
+                plugin("frustum", &["cull=frustum"]),
+                plugin("occlusion", &["cull=occlusion"]),
+            ],
+        ),
+        // One that is not ours: what the contract says, and no more.
+        _ => (
+            vec![way(ORIGINAL, How::Options(Vec::new(), Culling::Off)), plugin(OURS, &[])],
+            Vec::new(),
+        ),
+    };
+    main.into_iter().chain(more.into_iter().filter(|_| all)).collect()
+}
+
+/// The thesis's way with these parameters, where the target has it.
+pub(super) fn with_parameters(target: &Target, levels: u32, least: u32) -> Way {
+    let how = if target.is_built_in() {
+        How::Cpu(EngineChoice::Depth, Hierarchy::Octree, Culling::On)
+    } else {
+        let options = [
+            "baseline=thesis".to_owned(),
+            format!("max_level={levels}"),
+            format!("min_patches={least}"),
+        ];
+        How::Options(options.to_vec(), Culling::On)
+    };
+    Way {
+        name: THESIS.to_owned(),
+        parameters: Some((levels, least)),
+        how,
+    }
+}
+
+/// The backends to measure: those named, of which each must open, or those known that do, and why the others do not.
+///
+/// # Errors
+/// When one that was named does not open.
+pub(super) fn targets(named: &[String], folder: Option<&Path>) -> Result<(Vec<Target>, Vec<String>)> {
+    if !named.is_empty() {
+        let targets = named
+            .iter()
+            .map(|name| Target::open(name, folder))
+            .collect::<Result<_>>()?;
+        return Ok((targets, Vec::new()));
+    }
+    let (mut targets, mut without) = (Vec::new(), Vec::new());
+    for name in KNOWN {
+        match Target::open(name, folder) {
+            Ok(target) => targets.push(target),
+            Err(error) => {
+                let reason = format!("{error:#}");
+                without.push(reason.lines().next().unwrap_or_default().to_owned());
+            }
+        }
+    }
+    Ok((targets, without))
+}
+
+/// What the engine's settings are where only the backend is named.
+pub(super) fn engine_of(target: &Target, folder: Option<&Path>) -> EngineSettings {
+    EngineSettings {
+        backend: target.name.clone(),
+        backend_dir: folder.map(Path::to_owned),
+        threads: 1,
+        ..EngineSettings::default()
+    }
+}
