@@ -17,9 +17,6 @@ use pyo3::types::PyDict;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// Pixels along an edge where nobody says.
-const RESOLUTION: u32 = 256;
-
 /// What patches, or points, see of the sky and of the ground below the horizon.
 #[pyclass(frozen, module = "hemicube")]
 #[derive(Debug)]
@@ -239,7 +236,7 @@ fn pairs(options: Option<BTreeMap<String, String>>) -> Vec<(String, String)> {
 /// factor changes by no more than this share; without it a patch gets `samples` hemicubes of `resolution` pixels an edge.
 /// `progress(done, total)` is called with rows every now and then.
 #[pyfunction]
-#[pyo3(signature = (scene, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=RESOLUTION, samples=1, rotation=true, backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None))]
+#[pyo3(signature = (scene, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=256, samples=1, rotation=true, backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn sky(
     py: Python<'_>,
@@ -287,7 +284,7 @@ pub(crate) fn sky(
 /// What free points see: measurements, people, points of a façade. `positions` and `normals` are (m, 3), in the scene's
 /// coordinates. Otherwise as `sky`; points are refined by hemicubes of twice the resolution.
 #[pyfunction]
-#[pyo3(signature = (scene, positions, normals, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=RESOLUTION, rotation=true, backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None))]
+#[pyo3(signature = (scene, positions, normals, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=256, rotation=true, backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn sky_of_points(
     py: Python<'_>,

@@ -36,8 +36,8 @@ def test_parallel_squares_have_their_closed_form(distance: float) -> None:
     matrix = hemicube.compute(scene, tolerance=1e-3)
     below, above = scene.object == 0, scene.object == 1
     factors = matrix.to_scipy().astype(float)
-    found = scene.areas[below] @ factors[below][:, above].sum(axis=1) / scene.areas[below].sum()
-    assert float(found[0]) == pytest.approx(parallel_squares(distance), rel=2e-3)
+    found = scene.areas[below] @ (factors[below] @ above.astype(float)) / scene.areas[below].sum()
+    assert found == pytest.approx(parallel_squares(distance), rel=2e-3)
     assert parallel_squares(1.0) == pytest.approx(0.1998, abs=5e-5)
 
 
@@ -186,7 +186,7 @@ def test_some_rows_only() -> None:
         ({"emitters": ["no such*"]}, hemicube.InputError, "`emitters`: `no such\\*` matches no object"),
         ({"min_factor": 1.5}, hemicube.InputError, "`min_factor` is 1.5"),
         ({"backend": "nonesuch"}, hemicube.BackendError, "no backend named `nonesuch`"),
-        ({"backend_options": {"device": "1"}}, hemicube.BackendError.__mro__[1], "has no options"),
+        ({"backend_options": {"device": "1"}}, hemicube.InputError, "has no options"),
         ({"engine": "steam"}, hemicube.InputError, "auto, depth or order"),
     ],
 )

@@ -4,7 +4,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix  # type: ignore[import-untyped, unused-ignore]
 
 __version__: str
 STEFAN_BOLTZMANN: float
