@@ -74,3 +74,6 @@ ensure_drivers() {
         missing+=(none:vulkan-validationlayers)
     [ ${#missing[@]} -eq 0 ] || ensure_packages "${missing[@]}"
 }
+
+# ensure_node — Node with npm, for what validates glTF.
+ensure_node() { ensure_packages node:nodejs npm:npm; }

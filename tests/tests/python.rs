@@ -9,13 +9,15 @@ use hemicube::store::{BackendEntry, Form, Header, Part, PatchTable, SceneEntry, 
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::cornell_box;
+use hemicube_tests::readers::python;
 use hemicube_tests::rows::{parts, plan, settings};
-use hemicube_tests::scenes::{model, skip, workspace};
+use hemicube_tests::scenes::{model, workspace};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::ffi::OsString;
 use std::path::Path;
 use std::process::Command;
+
+const SCIPY: &[&str] = &["numpy", "scipy.sparse", "scipy.io"];
 
 /// Opens the files it is given and prints what is in them, values as the shortest decimals of f64.
 const SCRIPT: &str = r#"
@@ -77,7 +79,7 @@ fn documented(function: &str) -> String {
 
 #[test]
 fn the_documented_function_reads_compact_parts() {
-    let Some(python) = python("python::the_documented_function_reads_compact_parts") else {
+    let Some(python) = python("python::the_documented_function_reads_compact_parts", SCIPY) else {
         return;
     };
     let model = model(cornell_box(), Subdivision::Levels(2));
@@ -112,30 +114,6 @@ fn the_documented_function_reads_compact_parts() {
         assert_eq!(entries(found), computed(std::slice::from_ref(part), false));
         assert_eq!(found["shape"], json!([part.rows.len(), model.geometry().patch_count]));
         assert_eq!((&found["sorted"], &found["type"]), (&json!(true), &json!("float32")));
-    }
-}
-
-/// A Python that has SciPy, or a skip.
-fn python(test: &str) -> Option<OsString> {
-    let named = std::env::var_os("HEMICUBE_PYTHON").filter(|program| !program.is_empty());
-    let program = named.clone().unwrap_or_else(|| "python3".into());
-    let works = Command::new(&program)
-        .args(["-c", "import numpy, scipy.sparse, scipy.io"])
-        .output();
-    match works {
-        Ok(output) if output.status.success() => Some(program),
-        // Whoever names one means it.
-        Ok(output) if named.is_some() => {
-            panic!(
-                "`HEMICUBE_PYTHON` has no SciPy: {}",
-                String::from_utf8_lossy(&output.stderr)
-            )
-        }
-        Err(error) if named.is_some() => panic!("`HEMICUBE_PYTHON` cannot be run: {error}"),
-        _ => {
-            skip(test, "no Python with SciPy", "HEMICUBE_REQUIRE_PYTHON");
-            None
-        }
     }
 }
 
@@ -201,7 +179,7 @@ fn header(model: &Model, rows_per_part: u32, form: Form) -> Header {
 
 #[test]
 fn scipy_opens_everything() {
-    let Some(python) = python("python::scipy_opens_everything") else {
+    let Some(python) = python("python::scipy_opens_everything", SCIPY) else {
         return;
     };
     let mut scene = cornell_box();

@@ -25,7 +25,8 @@ pub(crate) fn write_csv(results: &PatchResults, out: &mut impl Write) -> io::Res
                         let text = if value.is_nan() {
                             String::new()
                         } else {
-                            value.to_string()
+                            // Not −0.
+                            (value + 0.0).to_string()
                         };
                         writer.write_field(text)?;
                     }

@@ -112,7 +112,7 @@ pub(crate) fn write(
         plain("connectivity", Numbers::Ids(used)),
         plain(
             "offsets",
-            Numbers::Ids((1..).step_by(1).take(count).map(|end: i64| 3 * end).collect()),
+            Numbers::Ids((1..).take(count).map(|end: i64| 3 * end).collect()),
         ),
     ];
     if !polygons {
@@ -171,11 +171,14 @@ pub(crate) fn write(
         for array in arrays {
             write!(
                 out,
-                "<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\"",
+                "<DataArray type=\"{}\" Name=\"{}\"",
                 array.numbers.kind(),
-                escaped(array.name),
-                array.components.len().max(1)
+                escaped(array.name)
             )?;
+            // One is what is meant without a number; meshio makes a matrix of one column of it.
+            if !array.components.is_empty() {
+                write!(out, " NumberOfComponents=\"{}\"", array.components.len())?;
+            }
             for (number, component) in array.components.iter().enumerate() {
                 write!(out, " ComponentName{number}=\"{}\"", escaped(component))?;
             }

@@ -61,7 +61,7 @@ pub(super) fn run(arguments: &Arguments, json: Option<JsonReport>, talk: Talk) -
     ));
     if !path.contains(['"', '\'', '\\']) {
         talk.say(&format!(
-            "DuckDB: SELECT \"row\", sum(value) FROM '{path}' GROUP BY \"row\"; F[row, col] is from row to col, counted from 0"
+            "DuckDB: SELECT row, sum(value) FROM '{path}' GROUP BY row; F[row, col] is from row to col, counted from 0"
         ));
     }
     if let Some(json) = json {

@@ -29,7 +29,7 @@ struct Report<'a> {
     path: &'a Path,
     format: PatchFormat,
     patches: usize,
-    columns: Vec<String>,
+    columns: Vec<&'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     colors: Option<&'a Legend>,
     bytes: u64,
@@ -78,9 +78,12 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
     let Some(bytes) = super::interruptible(written)? else {
         return Ok(Exit::Interrupted);
     };
-    let columns: Vec<String> = results.columns.iter().flat_map(Column::labels).collect();
+    let columns: Vec<&str> = match format {
+        PatchFormat::Glb => vec!["patch"],
+        _ => results.columns.iter().map(|column| column.name.as_str()).collect(),
+    };
     talk.say(&format!(
-        "`{}`: {}, {}: {}",
+        "`{}`: {}, {} with {}",
         arguments.output.display(),
         size(bytes),
         counted(results.patch_count() as u64, "patch"),
@@ -233,7 +236,7 @@ fn on_scale(name: &str, values: &[f64], range: Option<[f64; 2]>) -> Colors {
         srgb: values.iter().map(color).collect(),
         legend: Legend {
             quantity: name.to_owned(),
-            color_map: "viridis, grey where nothing is known".to_owned(),
+            color_map: "viridis".to_owned(),
             range: Some([low, high]),
         },
     }
