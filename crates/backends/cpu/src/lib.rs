@@ -30,8 +30,10 @@ mod order;
 mod ordered;
 
 use engine::Engine;
+use glam::DVec3;
 use hemicube::backend::{
-    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings,
+    BackendError, BackendInfo, Capabilities, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings,
+    Surface,
 };
 use hemicube::delta::{DeltaTable, is_resolution};
 use hemicube::face::Items;
@@ -296,6 +298,83 @@ impl SuitableOrder {
     }
 }
 
+/// How much of what lies before patches they see, by a few of them: where that is most, looking for what is hidden takes longer
+/// than drawing it.
+#[derive(Debug)]
+struct Openness {
+    seen: u64,
+    before: f64,
+}
+
+/// With a larger share seen, nothing is looked for; blocks that are filled better than this make up for it
+/// (`docs/study.md`). Smaller scenes take no time either way.
+const OPEN: f64 = 0.5;
+const WELL_FILLED: f64 = 12.0;
+const LEAST_TO_LOOK_AT: usize = 1000;
+/// Patches that are looked from, and at most so many surfaces that are counted before each.
+const LOOKED_FROM: usize = 8;
+const COUNTED: usize = 4096;
+/// Whatever the settings': the choice must not hang on them.
+const RESOLUTION_LOOKED_WITH: u32 = 128;
+
+impl Openness {
+    fn new(geometry: &Arc<Geometry>, isa: Isa) -> Self {
+        let surfaces = &geometry.surfaces;
+        let mut found = Self { seen: 0, before: 0.0 };
+        let mut backend = CpuBackend::of(isa).with_engine(EngineChoice::Depth);
+        let settings = RenderSettings {
+            resolution: RESOLUTION_LOOKED_WITH,
+            culling: Culling::On,
+            covered: false,
+        };
+        if backend.load(geometry, settings).is_err() {
+            return found;
+        }
+        for place in 0..LOOKED_FROM {
+            let emitter = &surfaces[(2 * place + 1) * surfaces.len() / (2 * LOOKED_FROM)];
+            let [a, b, c] = emitter.corners;
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            let tangent = (b - a).normalize_or_zero();
+            let origin = (a + b + c) / 3.0;
+            let hemicube = Hemicube {
+                emitter: Some(emitter.front),
+                origin,
+                axes: [tangent, normal.cross(tangent), normal],
+            };
+            let mut rows = RowBlock::default();
+            if normal == DVec3::ZERO || backend.rows(&[hemicube], &mut rows).is_err() {
+                continue;
+            }
+            let every = surfaces.len().div_ceil(COUNTED);
+            let faces = |surface: &Surface| {
+                let [a, b, c] = surface.corners;
+                let above = |corner: DVec3| normal.dot(corner - origin) > geometry.plane_tolerance;
+                let turned = (b - a).cross(c - a).dot(origin - a) > 0.0;
+                surface.corners.into_iter().any(above) && (turned || surface.back.is_some())
+            };
+            let counted = surfaces.iter().step_by(every).filter(|s| faces(s)).count();
+            found.seen += rows.patches.len() as u64;
+            found.before += (counted * every) as f64;
+        }
+        found
+    }
+
+    /// 0 where nothing lies before them.
+    fn share(&self) -> f64 {
+        if self.before > 0.0 {
+            self.seen as f64 / self.before
+        } else {
+            0.0
+        }
+    }
+}
+
+impl std::fmt::Display for Openness {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "patches see {:.0} % of what faces them", 100.0 * self.share())
+    }
+}
+
 impl Loaded {
     fn new(shared: Arc<Shared>, isa: Isa) -> Self {
         let engine = match isa {
@@ -347,7 +426,20 @@ impl HemicubeBackend for CpuBackend {
                 settings.resolution
             )));
         }
-        let (order, reason) = self.order(geometry)?;
+        let (mut order, mut reason) = self.order(geometry)?;
+        let mut rendered = settings;
+        if self.choice == EngineChoice::Auto
+            && order.as_ref().is_none_or(|order| order.fill() < WELL_FILLED)
+            && geometry.surfaces.len() >= LEAST_TO_LOOK_AT
+        {
+            let open = geometry.kept(|_| Openness::new(geometry, self.isa));
+            if open.share() > OPEN {
+                // The engine must not depend on whether culling was asked for: rows would.
+                order = None;
+                rendered.culling = Culling::Off;
+                reason = format!("engine depth, everything drawn: {open}");
+            }
+        }
         self.info.version = if order.is_some() { "order-1" } else { "depth-1" }.to_owned();
         self.reason = reason;
         let shared = Arc::new(Shared {
@@ -357,7 +449,7 @@ impl HemicubeBackend for CpuBackend {
                 other => Arc::new(Tree::new(geometry, other)),
             },
             table: DeltaTable::new(settings.resolution),
-            settings,
+            settings: rendered,
         });
         self.loaded = Some(Loaded::new(shared, self.isa));
         Ok(())
@@ -411,6 +503,51 @@ mod tests {
     fn a_machine_always_has_the_portable_path() {
         assert!(Isa::available().contains(&Isa::Portable));
         assert!(CpuBackend::with_isa(Isa::Portable).is_some());
+    }
+
+    #[test]
+    fn open_scenes_are_drawn_whole_and_others_are_not() {
+        use hemicube::{HierarchyOptions, Model};
+        use hemicube_scene::generate::{Generate, Kind, generate};
+        use hemicube_scene::{Patches, Subdivision};
+        for (kind, is_open) in [
+            (Kind::Field, true),
+            (Kind::Room, false),
+            (Kind::City, false),
+            (Kind::Maze, false),
+        ] {
+            let spec = Generate {
+                kind,
+                target_patches: 2000,
+                seed: 1,
+            };
+            let patches = Patches::new(&generate(spec).expect("a scene"), Subdivision::None).expect("patches");
+            let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+            let mut hemicubes = model.order().step_by(97).flat_map(|p| model.hemicubes(p, 1, true));
+            let hemicubes: Vec<Hemicube> = hemicubes.by_ref().collect();
+            let rows = |choice, culling| {
+                let mut backend = CpuBackend::new().with_engine(choice);
+                let settings = RenderSettings {
+                    resolution: 64,
+                    culling,
+                    covered: true,
+                };
+                backend.load(model.geometry(), settings).expect("loads");
+                let mut rows = RowBlock::default();
+                let counters = backend.rows(&hemicubes, &mut rows).expect("renders");
+                (rows, counters.nodes_tested, backend.choices().concat())
+            };
+            let (found, tested, says) = rows(EngineChoice::Auto, Culling::On);
+            assert_eq!(says.contains("everything drawn"), is_open, "{kind}: {says}");
+            assert_eq!(tested == 0, is_open, "{kind}");
+            // What was asked for changes no bit, and is done where an engine was named.
+            assert_eq!(found, rows(EngineChoice::Auto, Culling::Off).0, "{kind}");
+            if is_open {
+                let (by_depth, tested, _) = rows(EngineChoice::Depth, Culling::On);
+                assert_eq!(found, by_depth, "{kind}");
+                assert!(tested > 0, "{kind}");
+            }
+        }
     }
 
     #[test]

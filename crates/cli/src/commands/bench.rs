@@ -156,7 +156,7 @@ fn wanted(size: Size, scene: &StudyScene, target: &Target) -> Vec<Way> {
 fn is_for_errors(size: Size, scene: &StudyScene) -> bool {
     match size {
         Size::Quick => scene.key == "city",
-        Size::Full => ["room", "city", "maze", "city-x16", "denhaag-8897"].contains(&scene.key.as_str()),
+        Size::Full => ["room-1k", "city-1k", "room", "city", "maze", "denhaag-8897"].contains(&scene.key.as_str()),
     }
 }
 

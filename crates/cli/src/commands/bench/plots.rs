@@ -281,7 +281,7 @@ fn draw_panel(sheet: &mut Sheet, panel: &Panel, (left, top): (f64, f64), (wide, 
                 sheet.shapes.push(Shape::Fill(corners, GRID));
                 continue;
             };
-            let share = (ms / best).ln() / (worst / best).max(1.05).ln();
+            let share = (ms / best.max(1e-12)).ln() / (worst / best.max(1e-12)).max(1.05).ln();
             sheet.shapes.push(Shape::Fill(corners, heat(share)));
             let ink = if share < 0.45 { WHITE } else { BLACK };
             let text = if ms <= best {

@@ -15,6 +15,8 @@ use std::sync::Arc;
 pub(super) const CITY: u64 = 8_897;
 const ROOM: u64 = 10_240;
 const VENICE: u64 = 1_495_068;
+/// What `scripts/peers` computes: small enough for peers that take memory by the square of it.
+const PEERS: u64 = 1_000;
 /// Edges of the larger city are cut into so many pieces: 16 patches for one.
 const SPLIT: u32 = 4;
 
@@ -139,6 +141,8 @@ pub(super) fn scenes(size: Size, city: u64, folder: Option<&Path>) -> Result<Vec
     ];
     if size == Size::Full {
         scenes.extend([
+            StudyScene::generated("room-1k", "room of 1,000", Kind::Room, PEERS.min(city), 1, Role::Step),
+            StudyScene::generated("city-1k", "city of 1,000", Kind::City, PEERS.min(city), 1, Role::Step),
             StudyScene::generated("spheres", "spheres", Kind::Spheres, city, 1, Role::Other),
             StudyScene::generated("maze-x16", "maze ×16", Kind::Maze, city, SPLIT, Role::Other),
             StudyScene::generated("city-quarter", "city ÷4", Kind::City, city / 4, 1, Role::Step),
