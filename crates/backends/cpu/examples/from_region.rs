@@ -1,5 +1,5 @@
 //! What a set of surfaces that neighbours share could gain (from-region visibility, Wonka, Wimmer & Schmalstieg 2000):
-//! `from_region [RESOLUTION [CLUSTERS [FILE SPLIT]…]]`.
+//! `from_region [RESOLUTION [CLUSTERS [FILE SPLIT]…]]`, on generated scenes where no file is named.
 //!
 //! Patches that follow each other in the order of work form a cluster, and are rendered from three scenes: the whole one; one
 //! without what lies behind all their planes, which is conservative and cheap to find; and one with nothing but what at least
@@ -36,7 +36,9 @@ fn main() -> Result<(), Failed> {
         "| scene | engine | patches of a cluster | seen by one | by the cluster | of | whole scene | behind left out | gain | oracle | gain | oracle and loading | gain |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
-    for (kind, split) in [(Kind::City, 1), (Kind::City, 4), (Kind::Maze, 4), (Kind::Room, 1)] {
+    let files = args.get(2..).unwrap_or_default();
+    let kinds = [(Kind::City, 1), (Kind::City, 4), (Kind::Maze, 4), (Kind::Room, 1)];
+    for (kind, split) in kinds.into_iter().filter(|_| files.is_empty()) {
         let spec = Generate {
             kind,
             target_patches: 8_897,
@@ -45,7 +47,7 @@ fn main() -> Result<(), Failed> {
         let patches = Patches::new(&generate(spec)?, Subdivision::Split(split))?;
         study(&format!("{kind} ×{}", split * split), patches, resolution, clusters)?;
     }
-    for pair in args.get(2..).unwrap_or_default().chunks(2) {
+    for pair in files.chunks(2) {
         let mut scene = load(pair[0].as_ref(), ReadOptions::default())?;
         repair(&mut scene, RepairOptions::default());
         let split = pair.get(1).map_or(Ok(1), |text| text.parse::<u32>())?;
@@ -112,10 +114,20 @@ impl Sums {
         let geometry = model.geometry();
         let mut rows = RowBlock::default();
         whole.rows(hemicubes, &mut rows)?;
-        if rows.blocked.iter().any(|&weight| weight > 0) {
-            // Rows do not say which backs they see, and those would be missed.
+        // Rows do not say which backs they see, and those would be missed: buried patches stay out.
+        let sees_none = |(_, blocked): &(&Hemicube, &u32)| **blocked == 0;
+        let clear: Vec<Hemicube> = hemicubes
+            .iter()
+            .zip(&rows.blocked)
+            .filter(sees_none)
+            .map(|(h, _)| *h)
+            .collect();
+        if clear.is_empty() {
             return Ok(());
         }
+        let hemicubes = clear.as_slice();
+        rows.clear();
+        whole.rows(hemicubes, &mut rows)?;
         let mut seen = vec![false; geometry.patch_count as usize];
         rows.patches.iter().for_each(|&patch| seen[patch as usize] = true);
         // The surfaces of the emitters stay: they are skipped by what they are.

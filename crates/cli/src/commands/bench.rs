@@ -420,7 +420,8 @@ fn report(study: &Study<'_>, without: &[String], peers: &Peers, pictures: &[Stri
     );
     add(
         "What finds itself",
-        "What a backend comes to without being told, beside the best of everything that was tried on that scene.",
+        "What a backend comes to without being told, beside the best of everything that was tried on that scene. The built-in \
+         backend has the octree for comparison only, so that nothing is to be found for it.",
         &study.found(),
     );
     add(

@@ -175,7 +175,9 @@ impl<'a> Study<'a> {
             let best = tried
                 .iter()
                 .min_by(|a, b| a.2.milliseconds.total_cmp(&b.2.milliseconds));
-            if let (Some((l, m, best)), Some(found)) = (best, self.rate(scene, target, THESIS)) {
+            if let (Some((l, m, best)), Some(found)) = (best, self.rate(scene, target, THESIS))
+                && !target.is_built_in()
+            {
                 rows.push(vec![
                     scene.title.clone(),
                     target.name.clone(),
