@@ -75,5 +75,16 @@ ensure_drivers() {
     [ ${#missing[@]} -eq 0 ] || ensure_packages "${missing[@]}"
 }
 
-# ensure_node — Node with npm, for what validates glTF.
+# ensure_browser — Chromium and its driver, for the pages that `hemicube report` writes.
+ensure_browser() { ensure_packages chromium:chromium chromedriver:chromium-driver; }
+
+# ensure_node — Node with npm, to see that the bundled viewer is what its sources make, and for what validates glTF.
 ensure_node() { ensure_packages node:nodejs npm:npm; }
+
+# ensure_display — an X server without a screen, what takes a picture of it, and the library by which windows are opened.
+ensure_display() {
+    ensure_packages Xvfb:xvfb xwd:x11-apps
+    case $(/sbin/ldconfig -p 2>/dev/null) in *libX11.so.6*) ;; *) ensure_packages none:libx11-6 ;; esac
+    # minifb asks for these by name, too, and goes on only where it finds them.
+    case $(/sbin/ldconfig -p 2>/dev/null) in *libXcursor.so.1*) ;; *) ensure_packages none:libxcursor1 ;; esac
+}

@@ -507,6 +507,89 @@ fn sky_and_ground_are_what_escaped() {
     place.fails("solve F --materials m.toml --sky-radiance sky.npy", &["another scene"]);
 }
 
+/// In an export with the sky, rows and what is blocked sum to 1 in all formats, the columns are named, and `check` sees every
+/// changed byte of the sky rows.
+#[test]
+fn the_sky_is_columns_of_the_export() {
+    let place = Place::new();
+    place.line("generate city --patches 600 --seed 5 -o city.obj");
+    place.line("compute city.obj --up y --correction pixel -o F --no-config");
+    place.fails("export F F.npz --with-sky", &["no sky rows", "hemicube sky"]);
+    place.line("sky city.obj --store F");
+    let report = place.json("check F --json");
+    let store = Store::open(&place.path("F")).expect("a store");
+    let patches = store.patch_count() as usize;
+    assert_eq!(report["sky"]["columns"], 146);
+    // The matrix's own hemicubes: to the last unit.
+    assert_eq!(report["sky"]["rows_as_in_matrix"], report["sky"]["rows"]);
+    assert!(place.line("check F").contains("weight for weight"));
+
+    place.line("export F F.npy --with-sky");
+    let array = ArrayFile::open(&place.path("F.npy")).expect("an array");
+    assert_eq!((array.rows(), array.columns()), (patches as u64, patches as u64 + 146));
+    let table = store.row_table().expect("a table");
+    let mut grounds = 0;
+    for patch in 0..patches {
+        let row = array.row(patch as u64).expect("a row");
+        let sky: f64 = row[patches..].iter().sum();
+        assert!(
+            (sky - table.escaped[patch]).abs() < 1e-6,
+            "patch {patch}: {sky} {}",
+            table.escaped[patch]
+        );
+        let sum: f64 = row.iter().sum();
+        assert!((sum + table.blocked[patch] - 1.0).abs() < 2e-6, "patch {patch}: {sum}");
+        grounds += u32::from(row[patches] > 0.0);
+    }
+    assert!(grounds > 0, "no row sees the ground below the horizon");
+
+    let columns = std::fs::read_to_string(place.path("F.columns.csv")).expect("a table");
+    let lines: Vec<&str> = columns.lines().collect();
+    assert_eq!(lines.len(), 147);
+    assert!(lines[0].starts_with("column_from_0,name,azimuth_degrees,"));
+    assert!(lines[1].starts_with(&format!("{patches},ground,,,6.28")));
+    assert!(lines[2].starts_with(&format!("{},sky 1,0.0000,6.0000,", patches + 1)));
+    assert!(lines[146].starts_with(&format!("{},sky 145,0.0000,90.0000,", patches + 145)));
+
+    // The other formats have the same numbers.
+    let report = place.json("export F F.npz --with-sky --overwrite --json");
+    assert_eq!(report["sky_columns"], 146);
+    place.line("export F F.txt --with-sky --overwrite");
+    let text = std::fs::read_to_string(place.path("F.txt")).expect("triplets");
+    let size = format!("{patches} {} 0", patches + 146);
+    assert_eq!(text.lines().last(), Some(size.as_str()));
+    assert_eq!(
+        text.lines().count() as u64 - 1,
+        report["entries"].as_u64().expect("a number")
+    );
+    for line in text.lines().filter(|line| !line.ends_with(" 0")) {
+        let words: Vec<f64> = line.split(' ').map(|word| word.parse().expect("a number")).collect();
+        let row = array.row(words[0] as u64 - 1).expect("a row");
+        assert_eq!(row[words[1] as usize - 1] as f32, words[2] as f32, "{line}");
+    }
+    assert!(
+        std::fs::read_to_string(place.path("F.columns.csv"))
+            .expect("a table")
+            .starts_with("column_from_1,")
+    );
+    place.line("export F F.mtx --with-sky --overwrite");
+    let market = std::fs::read_to_string(place.path("F.mtx")).expect("a matrix");
+    assert!(market.contains(&format!("% column {} is the ground", patches + 1)));
+    let head = format!("\n{patches} {} {}\n", patches + 146, report["entries"]);
+    assert!(market.contains(&head), "{head}");
+
+    let path = place.path("F/sky/sky.npz");
+    let sound = std::fs::read(&path).expect("sky rows");
+    for at in [100, sound.len() / 2, sound.len() - 10] {
+        let mut bytes = sound.clone();
+        bytes[at] ^= 4;
+        std::fs::write(&path, &bytes).expect("sky rows");
+        let (code, out, err) = place.ran("check F");
+        assert_eq!(code, Some(1), "byte {at}: {err}");
+        assert!(out.contains("FAILED sky"), "{out}");
+    }
+}
+
 /// What a free, level plane sees of each patch of the sky is ∫ cos θ dΩ / π over it, and in all 1.
 #[test]
 fn a_free_plane_sees_the_whole_sky() {

@@ -46,6 +46,7 @@ Settings, strongest first:
 const EXPORT_EXAMPLES: &str = "  \
   hemicube export room.hemicube room.npz                         # SciPy: scipy.sparse.load_npz
   hemicube export room.hemicube room.data --format mtx
+  hemicube export city.hemicube city.npz --with-sky              # and what each patch sees of the sky
   hemicube export room.hemicube zones.csv --by object            # form factors between objects
   hemicube export room.hemicube room.vtp --scene room.obj        # ParaView: each patch with its results
   hemicube export room.hemicube room.glb --scene room.obj --up y --show seen
@@ -169,6 +170,9 @@ pub(crate) enum Command {
         #[command(subcommand)]
         command: crate::commands::view::View,
     },
+    /// Write one HTML page about a matrix, to be opened from the disk: what it is, whether it holds, the model in 3-D
+    #[command(after_long_help = examples("  hemicube report room.hemicube room.obj -o room.html\n  hemicube report city.hemicube city.obj -o city.html --entries 64", false))]
+    Report(Box<crate::commands::report::Arguments>),
     /// Generate a scene: room, city, block-city, maze, spheres, field or soup
     #[command(after_long_help = examples("  hemicube generate city --patches 100000 --seed 3 -o city.obj", false))]
     Generate(Generate),
@@ -628,6 +632,10 @@ pub(crate) struct Export {
     /// what View3D writes, `.vf`
     #[arg(long, value_name = "WHAT", conflicts_with_all = ["format", "allow_incomplete", "patches", "scene", "show", "range", "solution", "up"])]
     pub(crate) by: Option<ZoneName>,
+    /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --store` found them.
+    /// OUT with `.columns.csv` in place of its ending says what each is
+    #[arg(long, conflicts_with = "by")]
+    pub(crate) with_sky: bool,
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,

@@ -10,6 +10,7 @@ pub(crate) mod export;
 pub(crate) mod generate;
 pub(crate) mod inspect;
 pub(crate) mod merge;
+pub(crate) mod report;
 pub(crate) mod sky;
 pub(crate) mod solve;
 pub(crate) mod tradeoff;

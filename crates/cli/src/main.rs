@@ -85,6 +85,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         Command::Solve(arguments) => commands::solve::run(&arguments, talk),
         Command::Sky(arguments) => commands::sky::run(&arguments, talk),
         Command::View { command } => commands::view::run(&command, talk),
+        Command::Report(arguments) => commands::report::run(&arguments, talk),
         Command::Generate(arguments) => commands::generate::run(&arguments, talk),
         Command::Backends { command } => commands::backends::run(&command),
     }

@@ -274,6 +274,11 @@ impl Listing {
         self.0.push((label.to_owned(), value.into()));
     }
 
+    /// Labels and values, in order.
+    pub(crate) fn lines(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.0.iter().map(|(label, value)| (label.as_str(), value.as_str()))
+    }
+
     /// The lines, values aligned.
     pub(crate) fn text(&self) -> String {
         let width = self.0.iter().map(|(label, _)| label.chars().count()).max().unwrap_or(0);

@@ -1,9 +1,11 @@
 //! The scene that a matrix is of, made again as it was made then: a store keeps no corners.
 
 use crate::args::{AutoSwitch, EngineSettings, SceneSettings, Switch, UpAxis};
+use crate::commands::sky::Division;
 use crate::exit::hinted;
 use crate::prepare::{Prepared, prepare};
 use anyhow::{Context, Result, anyhow, bail};
+use hemicube::sky::{SkyDivision, sky_beside};
 use hemicube::store::{Store, scene_hash};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -76,8 +78,31 @@ pub(crate) fn scene(store: &Store, path: &Path, engine: &impl AsRef<EngineSettin
 /// # Errors
 /// When there are none, or they are of a scene that the matrix is not of any more.
 pub(crate) fn sky(store: &Store) -> Result<PathBuf> {
-    let directory = store.directory().join("sky");
-    let (path, record) = (directory.join("sky.npz"), directory.join("sky.json"));
+    let path = sky_beside(store);
+    sky_record(store)?;
+    Ok(path)
+}
+
+/// How the sky of those rows is divided.
+///
+/// # Errors
+/// As [`sky`], and when that is not said.
+pub(crate) fn sky_division(store: &Store) -> Result<SkyDivision> {
+    let found = sky_record(store)?;
+    let division: Option<Division> = found["division"].as_str().and_then(|text| text.parse().ok());
+    division
+        .and_then(|division| SkyDivision::new(division.0))
+        .with_context(|| {
+            format!(
+                "`{}` says no division of the sky",
+                sky_beside(store).with_extension("json").display()
+            )
+        })
+}
+
+fn sky_record(store: &Store) -> Result<Value> {
+    let path = sky_beside(store);
+    let record = path.with_extension("json");
     let step = format!(
         "`hemicube sky SCENE --store {}` computes them",
         store.directory().display()
@@ -100,5 +125,5 @@ pub(crate) fn sky(store: &Store) -> Result<PathBuf> {
             step,
         ));
     }
-    Ok(path)
+    Ok(found)
 }

@@ -14,6 +14,7 @@
 //! and whether its files are as they were written. Reciprocity has no bound of its own in pixel mode: the two sides are
 //! two hemicubes at two points.
 
+use crate::sky::{SkyCheck, check_sky, sky_beside};
 use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Result, RowSums, Store};
 use hemicube_scene::InputPatch;
 use serde::Serialize;
@@ -77,6 +78,8 @@ pub enum Check {
     Closure,
     /// A_i F_ij = A_j F_ji.
     Reciprocity,
+    /// The sky rows beside the matrix are as they were written, and add up to what escaped.
+    Sky,
 }
 
 /// A check that failed.
@@ -181,6 +184,9 @@ pub struct CheckReport {
     pub reciprocity: Reciprocity,
     /// The rows with the largest closure error, largest first.
     pub worst_rows: Vec<WorstRow>,
+    /// The sky rows beside the matrix, where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sky: Option<SkyCheck>,
 }
 
 /// Checks a store. A damaged file, as far as it can be told apart from a store that is none, is a failure in the report.
@@ -222,6 +228,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
             }
         }
     }
+    let row_escaped = row_table.as_ref().map(|table| table.escaped.clone());
     if let Some(table) = row_table {
         for (patch, &expected) in row_sums.iter().enumerate() {
             let found = [
@@ -268,7 +275,22 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
             );
         }
     }
-    Ok(tally.finish(store, reciprocity))
+    let sky = sky_beside(store);
+    let sky = match &row_escaped {
+        Some(escaped) if sky.exists() => match check_sky(&sky, escaped) {
+            Ok(found) => Some(found),
+            Err(Error::Io { path, action, source }) => return Err(Error::Io { path, action, source }),
+            Err(error) => {
+                tally.fail(Check::Sky, error.to_string());
+                None
+            }
+        },
+        _ => None,
+    };
+    Ok(CheckReport {
+        sky,
+        ..tally.finish(store, reciprocity)
+    })
 }
 
 /// Sum of the form factors and fractions lost, computed as they were when the table was written.
@@ -492,6 +514,7 @@ impl Tally {
             },
             reciprocity,
             worst_rows: self.worst,
+            sky: None,
         }
     }
 }

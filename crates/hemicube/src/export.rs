@@ -6,7 +6,8 @@
 mod array;
 mod text;
 
-use crate::store::{DurableFile, Error, Result, Store};
+use crate::sky::StoredSky;
+use crate::store::{DurableFile, Error, PATCH_COUNT_MAX, Result, Row, Store};
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::io;
@@ -70,11 +71,13 @@ pub struct ExportReport {
     pub path: PathBuf,
     /// Its format.
     pub format: ExportFormat,
-    /// Rows and columns of the matrix.
+    /// Rows of the matrix, and columns but for those of the sky.
     pub patch_count: u32,
+    /// Columns after those of the patches: the ground and the patches of the sky; 0 without them.
+    pub sky_columns: u32,
     /// Rows that were computed; the others are empty.
     pub rows: u64,
-    /// Entries of the matrix.
+    /// Entries of the matrix, those of the sky among them.
     pub entries: u64,
     /// Size of the file.
     pub bytes: u64,
@@ -89,6 +92,42 @@ pub struct ExportReport {
 /// [`ExportOptions::allow_incomplete`]; [`Error::DiskTooSmall`] before anything is written, [`Error::NoSpace`] after;
 /// otherwise what reading and writing give.
 pub fn export(store: &Store, path: &Path, format: ExportFormat, options: ExportOptions) -> Result<ExportReport> {
+    write(&Source { store, sky: None }, path, format, options)
+}
+
+/// Writes the matrix of `store` with more columns: after those of the patches the ground, and then the patches of the sky, by
+/// what of each row's view they are. With what is blocked, rows then sum to 1 as far as the matrix's close.
+///
+/// # Errors
+/// As [`export`], and when `sky` is of another number of patches.
+pub fn export_with_sky(
+    store: &Store,
+    sky: &StoredSky,
+    path: &Path,
+    format: ExportFormat,
+    options: ExportOptions,
+) -> Result<ExportReport> {
+    let patches = store.patch_count();
+    if sky.rows() != patches as usize {
+        return Err(Error::unsupported(
+            store.directory(),
+            format!("has {patches} patches, and the sky rows are of {}", sky.rows()),
+        ));
+    }
+    if patches
+        .checked_add(sky.columns())
+        .is_none_or(|count| count > PATCH_COUNT_MAX)
+    {
+        return Err(Error::unsupported(
+            store.directory(),
+            "has more columns, with those of the sky, than 32 bits count",
+        ));
+    }
+    write(&Source { store, sky: Some(sky) }, path, format, options)
+}
+
+fn write(source: &Source<'_>, path: &Path, format: ExportFormat, options: ExportOptions) -> Result<ExportReport> {
+    let store = source.store;
     if !options.allow_incomplete {
         store.require_complete()?;
     }
@@ -105,18 +144,18 @@ pub fn export(store: &Store, path: &Path, format: ExportFormat, options: ExportO
         Err(error) => return Err(Error::io(path, "created", error)),
     }
     let forecast = match format {
-        ExportFormat::Npz => array::npz_size(store),
-        ExportFormat::Npy => array::npy_size(store),
-        ExportFormat::MatrixMarket | ExportFormat::Triplets => text::forecast(store, FORECAST_ROWS)?,
+        ExportFormat::Npz => array::npz_size(source)?,
+        ExportFormat::Npy => array::npy_size(source),
+        ExportFormat::MatrixMarket | ExportFormat::Triplets => text::forecast(source, FORECAST_ROWS)?,
     };
     // Created first: a place that cannot be written is the better thing to be told than one that is too small.
     let file = DurableFile::create(path)?;
     require_room(path, format, forecast)?;
     let file = match format {
-        ExportFormat::Npz => array::write_npz(store, path, file, forecast),
-        ExportFormat::Npy => array::write_npy(store, path, file, forecast),
-        ExportFormat::MatrixMarket => text::write_market(store, path, file, forecast),
-        ExportFormat::Triplets => text::write_triplets(store, path, file, forecast),
+        ExportFormat::Npz => array::write_npz(source, path, file, forecast),
+        ExportFormat::Npy => array::write_npy(source, path, file, forecast),
+        ExportFormat::MatrixMarket => text::write_market(source, path, file, forecast),
+        ExportFormat::Triplets => text::write_triplets(source, path, file, forecast),
     }?;
     file.commit().map_err(|error| Error::write(path, forecast, error))?;
     let bytes = std::fs::metadata(path)
@@ -126,8 +165,9 @@ pub fn export(store: &Store, path: &Path, format: ExportFormat, options: ExportO
         path: path.to_owned(),
         format,
         patch_count: store.patch_count(),
+        sky_columns: source.sky.map_or(0, StoredSky::columns),
         rows: store.manifest().rows_present(),
-        entries: store.manifest().entries,
+        entries: source.entries()?,
         bytes,
         forecast,
     })
@@ -158,7 +198,67 @@ fn require_room(path: &Path, format: ExportFormat, forecast: u64) -> Result<()> 
     Ok(())
 }
 
-/// Every patch of the matrix, whether its row was computed or not.
-fn patches(store: &Store) -> impl Iterator<Item = InputPatch> + use<> {
-    (0..store.patch_count()).map(InputPatch)
+/// What is written: the matrix, and the columns of the sky where they are wanted.
+struct Source<'a> {
+    store: &'a Store,
+    sky: Option<&'a StoredSky>,
+}
+
+impl Source<'_> {
+    /// Every patch of the matrix, whether its row was computed or not.
+    fn patches(&self) -> impl Iterator<Item = InputPatch> + use<> {
+        (0..self.store.patch_count()).map(InputPatch)
+    }
+
+    fn row_count(&self) -> u32 {
+        self.store.patch_count()
+    }
+
+    fn column_count(&self) -> u32 {
+        self.row_count() + self.sky.map_or(0, StoredSky::columns)
+    }
+
+    /// All entries.
+    fn entries(&self) -> Result<u64> {
+        let mut entries = self.store.manifest().entries;
+        if let Some(sky) = self.sky {
+            // A row that was not computed is empty: it has no sky either.
+            for patch in self.store.computed_patches()? {
+                entries += sky.row(patch.0 as usize).0.len() as u64;
+            }
+        }
+        Ok(entries)
+    }
+
+    /// How many entries a row has; 0 for one that was not computed.
+    fn entries_of_row(&self, patch: InputPatch) -> Result<u64> {
+        let Some(entries) = self.store.entries_of_row(patch)? else {
+            return Ok(0);
+        };
+        Ok(entries + self.sky.map_or(0, |sky| sky.row(patch.0 as usize).0.len() as u64))
+    }
+
+    fn with_sky(&self, patch: InputPatch, mut row: Row) -> Row {
+        if let Some(sky) = self.sky {
+            let first = self.row_count();
+            let (columns, shares) = sky.row(patch.0 as usize);
+            row.indices.extend(columns.iter().map(|column| first + column));
+            #[allow(clippy::cast_possible_truncation, reason = "a matrix has f32")]
+            row.data.extend(shares.iter().map(|&share| share as f32));
+        }
+        row
+    }
+
+    /// The row of a patch; `None` when it was not computed.
+    fn row(&self, patch: InputPatch) -> Result<Option<Row>> {
+        Ok(self.store.row(patch)?.map(|row| self.with_sky(patch, row)))
+    }
+
+    /// All rows that were computed.
+    fn rows(&self) -> Result<impl Iterator<Item = Result<(InputPatch, Row)>>> {
+        Ok(self
+            .store
+            .rows()?
+            .map(|found| found.map(|(patch, row)| (patch, self.with_sky(patch, row)))))
+    }
 }

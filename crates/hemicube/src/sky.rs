@@ -13,7 +13,9 @@
 
 mod files;
 
-pub use files::{read_sky_view_factors, sky_product, write_points, write_sky};
+pub use files::{
+    SkyCheck, StoredSky, check_sky, read_sky_view_factors, sky_beside, sky_product, write_points, write_sky,
+};
 
 use crate::Model;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, RenderSettings, WHOLE};

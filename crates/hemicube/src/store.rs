@@ -61,7 +61,7 @@ pub use resume::{Kept, Merged, NotKept, merge};
 pub use shard::Shard;
 pub use write::StoreWriter;
 
-pub(crate) use durable::{read_exact_at, write_whole};
+pub(crate) use durable::{read_exact_at, sealed_checksum, write_whole};
 pub(crate) use matrix::F32_COMMENT;
 pub(crate) use npy::{Header as NpyHeader, decode};
 pub(crate) use npz::Npz;

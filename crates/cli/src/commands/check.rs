@@ -53,14 +53,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(if found.ok { Exit::Done } else { Exit::NotHeld })
 }
 
-fn text(found: &CheckReport, store: &Store) -> String {
-    let failed = |checks: &[Check]| {
-        if found.failures.iter().any(|failure| checks.contains(&failure.check)) {
-            "FAILED"
-        } else {
-            "ok"
-        }
-    };
+/// What the matrix is, and where the weight of its rows went.
+pub(super) fn facts(found: &CheckReport, store: &Store) -> Listing {
     let manifest = store.manifest();
     let parts = if found.complete {
         "all parts are there".to_owned()
@@ -134,40 +128,51 @@ fn text(found: &CheckReport, store: &Store) -> String {
             ),
         );
     }
-    let mut text = list.text();
-    text.push('\n');
+    list
+}
 
-    let mut checks = Listing::default();
-    checks.add(
+/// What was checked, and what came of it.
+pub(super) struct Verdict {
+    pub(super) name: &'static str,
+    /// `ok`, `FAILED`, or `-` for what is measured and has no bound.
+    pub(super) state: &'static str,
+    pub(super) what: String,
+}
+
+pub(super) fn verdicts(found: &CheckReport) -> Vec<Verdict> {
+    let failed = |checks: &[Check]| {
+        if found.failures.iter().any(|failure| checks.contains(&failure.check)) {
+            "FAILED"
+        } else {
+            "ok"
+        }
+    };
+    let mut verdicts = Vec::new();
+    let mut add = |name, state, what| verdicts.push(Verdict { name, state, what });
+    add(
         "files",
-        format!(
-            "{:6}  checksums, patch table, totals",
-            failed(&[Check::Files, Check::Table, Check::Manifest, Check::Complete])
-        ),
+        failed(&[Check::Files, Check::Table, Check::Manifest, Check::Complete]),
+        "checksums, patch table, totals".to_owned(),
     );
-    checks.add(
+    add(
         "weights",
-        format!(
-            "{:6}  every row's weights are its hemicubes', exactly",
-            failed(&[Check::Weights, Check::Visible])
-        ),
+        failed(&[Check::Weights, Check::Visible]),
+        "every row's weights are its hemicubes', exactly".to_owned(),
     );
-    checks.add(
+    add(
         "range",
-        format!(
-            "{:6}  every form factor is from 0 to 1, F_ii = 0, columns ascend",
-            failed(&[Check::Range, Check::Diagonal, Check::Columns])
-        ),
+        failed(&[Check::Range, Check::Diagonal, Check::Columns]),
+        "every form factor is from 0 to 1, F_ii = 0, columns ascend".to_owned(),
     );
-    checks.add(
+    add(
         "closure",
+        if found.closure.bound.is_some() {
+            failed(&[Check::Closure])
+        } else {
+            "-"
+        },
         format!(
-            "{:6}  |sum of F + escaped + blocked - 1| is at most {}, on average {}; {}",
-            if found.closure.bound.is_some() {
-                failed(&[Check::Closure])
-            } else {
-                "-"
-            },
+            "|sum of F + escaped + blocked - 1| is at most {}, on average {}; {}",
             figures(found.closure.max),
             figures(found.closure.mean),
             found.closure.bound.map_or_else(
@@ -181,21 +186,59 @@ fn text(found: &CheckReport, store: &Store) -> String {
         Some(bound) => (failed(&[Check::Reciprocity]), format!("bound {}", figures(bound))),
         None => ("-", "no bound (`--reciprocity X` sets one)".to_owned()),
     };
-    checks.add(
+    add(
         "reciprocity",
+        state,
         if pairs.pairs == 0 {
-            format!("{state:6}  no pair of rows to compare")
+            "no pair of rows to compare".to_owned()
         } else {
             format!(
-                "{state:6}  A_i F_ij and A_j F_ji differ by {} in {} of {}; {bound}",
+                "A_i F_ij and A_j F_ji differ by {} in {} of {}; {bound}",
                 percent(pairs.residual),
                 counted(pairs.pairs, "pair"),
                 counted(pairs.rows, "row")
             )
         },
     );
-    text.push_str(&checks.text());
+    let sky = found.sky.map(|sky| {
+        let others = if sky.rows_as_in_matrix == sky.rows {
+            String::new()
+        } else {
+            format!(
+                ", the others at most {} of the view more or less",
+                percent(sky.difference)
+            )
+        };
+        format!(
+            "{} add up to what escaped, weight for weight; {} of {} lost there what they lost in the matrix{others}",
+            counted(sky.columns.into(), "column"),
+            report::count(sky.rows_as_in_matrix),
+            counted(sky.rows, "row"),
+        )
+    });
+    if sky.is_some() || found.failures.iter().any(|failure| failure.check == Check::Sky) {
+        add(
+            "sky",
+            failed(&[Check::Sky]),
+            sky.unwrap_or_else(|| "sky rows beside the matrix".to_owned()),
+        );
+    }
+    verdicts
+}
 
+/// The name of a check, as it is said.
+pub(super) fn name(check: Check) -> String {
+    format!("{check:?}").to_ascii_lowercase()
+}
+
+fn text(found: &CheckReport, store: &Store) -> String {
+    let mut text = facts(found, store).text();
+    text.push('\n');
+    let mut checks = Listing::default();
+    for Verdict { name, state, what } in verdicts(found) {
+        checks.add(name, format!("{state:6}  {what}"));
+    }
+    text.push_str(&checks.text());
     if !found.worst_rows.is_empty() && found.closure.max > 0.0 {
         text.push_str("\nThe rows that sum worst:\n");
         text.push_str(&report::table(
@@ -213,9 +256,9 @@ fn text(found: &CheckReport, store: &Store) -> String {
     }
     text.push('\n');
     for failure in &found.failures {
-        let name = format!("{:?}", failure.check).to_ascii_lowercase();
         text.push_str(&format!(
-            "FAILED {name}: {}, the first: {}\n",
+            "FAILED {}: {}, the first: {}\n",
+            name(failure.check),
             counted(failure.count, "case"),
             failure.first
         ));

@@ -6,15 +6,18 @@ mod patches;
 use crate::args::{Export as Arguments, Talk, ZoneName};
 use crate::exit::{Exit, hinted};
 use crate::progress::Bar;
-use crate::report::{self, JsonReport, SCHEMA, count, counted, size};
-use anyhow::{Result, anyhow};
+use crate::report::{self, JsonReport, PendingFile, SCHEMA, count, counted, size};
+use crate::stored;
+use anyhow::{Context, Result, anyhow, bail};
 use clap::ValueEnum;
-use hemicube::export::{ExportFormat, ExportOptions, ExportReport, export};
+use hemicube::export::{ExportFormat, ExportOptions, ExportReport, export, export_with_sky};
+use hemicube::sky::{SkyDivision, StoredSky};
 use hemicube::store::Store;
 use hemicube::zones::{GroupBy, Zone, ZoneFormat, write_zones, zones};
 use hemicube_export::PatchFormat;
 use serde::Serialize;
-use std::path::Path;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -48,6 +51,7 @@ impl Target {
             range,
             solution,
             up,
+            with_sky,
             ..
         } = arguments;
         let of_output = |path: &Path| {
@@ -80,6 +84,7 @@ impl Target {
             )
         })?;
         let unwanted = [
+            ("--with-sky", *with_sky && !matches!(target, Self::Matrix(_))),
             ("--patches", *patches && !matches!(target, Self::Patches(_))),
             ("--scene", scene.is_some() && !matches!(target, Self::Patches(_))),
             (
@@ -127,8 +132,24 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let mut options = ExportOptions::default();
     options.overwrite = arguments.overwrite;
     options.allow_incomplete = arguments.allow_incomplete;
+    let sky = if arguments.with_sky {
+        Some(SkyColumns::open(
+            &store,
+            &arguments.output,
+            format,
+            arguments.overwrite,
+        )?)
+    } else {
+        None
+    };
     let bar = Bar::spinner(talk, &format!("writing `{}`", arguments.output.display()));
-    let found = export(&store, &arguments.output, format, options)?;
+    let found = match &sky {
+        Some(sky) => export_with_sky(&store, &sky.rows, &arguments.output, format, options)?,
+        None => export(&store, &arguments.output, format, options)?,
+    };
+    if let Some(sky) = &sky {
+        sky.write()?;
+    }
     drop(bar);
     talk.say(&format!(
         "`{}`: {}, {} of {} of {}",
@@ -138,6 +159,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         counted(found.rows, "row"),
         count(found.patch_count.into()),
     ));
+    if let Some(sky) = &sky {
+        talk.say(&format!(
+            "`{}`: columns from {} on are the ground and {} of the sky",
+            sky.path.display(),
+            count(sky.first.into()),
+            counted(u64::from(found.sky_columns) - 1, "patch"),
+        ));
+    }
     if let Some(how) = how_to_read(&found) {
         talk.say(&how);
     }
@@ -158,6 +187,75 @@ fn interruptible(written: hemicube_export::Result<u64>) -> Result<Option<u64>> {
         Ok(bytes) => Ok(Some(bytes)),
         Err(hemicube_export::Error::Interrupted { .. }) => Ok(None),
         Err(error) => Err(error.into()),
+    }
+}
+
+/// The columns of the sky, and the table that says what they are.
+struct SkyColumns {
+    rows: StoredSky,
+    division: SkyDivision,
+    path: PathBuf,
+    /// The number of the first, as the file counts.
+    first: u32,
+    from: u32,
+}
+
+impl SkyColumns {
+    fn open(store: &Store, output: &Path, format: ExportFormat, overwrite: bool) -> Result<Self> {
+        let path = stored::sky(store)?;
+        let rows = StoredSky::open(&path)?;
+        let division = stored::sky_division(store)?;
+        if division.columns() != rows.columns() {
+            bail!("`{}` does not have the columns that `sky.json` says", path.display());
+        }
+        let path = output.with_extension("columns.csv");
+        if path.exists() && !overwrite {
+            return Err(hinted(
+                anyhow!("`{}` is there already", path.display()),
+                "`--overwrite` replaces it, or choose another name",
+            ));
+        }
+        // Matrix Market and MATLAB count from 1.
+        let from = u32::from(matches!(format, ExportFormat::MatrixMarket | ExportFormat::Triplets));
+        Ok(Self {
+            rows,
+            division,
+            path,
+            first: store.patch_count() + from,
+            from,
+        })
+    }
+
+    /// One line a column: which it is, where its middle is, and how large.
+    fn write(&self) -> Result<()> {
+        let mut file = PendingFile::create(&self.path)?;
+        let mut text = format!(
+            "column_from_{},name,azimuth_degrees,altitude_degrees,solid_angle_sr\n",
+            self.from
+        );
+        for column in 0..self.division.columns() {
+            let middle = self.division.middle(column);
+            let place = if column == 0 {
+                ",".to_owned()
+            } else {
+                let azimuth = middle.x.atan2(middle.y).to_degrees().rem_euclid(360.0);
+                let altitude = middle.z.clamp(-1.0, 1.0).asin().to_degrees();
+                format!("{azimuth:.4},{altitude:.4}")
+            };
+            let name = if column == 0 {
+                "ground".to_owned()
+            } else {
+                format!("sky {column}")
+            };
+            text.push_str(&format!(
+                "{},{name},{place},{:.9}\n",
+                self.first + column,
+                self.division.solid_angle(column)
+            ));
+        }
+        file.write_all(text.as_bytes())
+            .with_context(|| format!("`{}` cannot be written", self.path.display()))?;
+        file.commit()
     }
 }
 

@@ -73,7 +73,7 @@ pub(crate) struct Arguments {
 
 /// A division of the sky, by its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Division(u32);
+pub(crate) struct Division(pub(crate) u32);
 
 impl FromStr for Division {
     type Err = String;

@@ -2,7 +2,8 @@
 
 pub(crate) mod canvas;
 mod hemicube;
-mod matrix;
+mod live;
+pub(crate) mod matrix;
 pub(crate) mod model;
 mod raster;
 
@@ -16,7 +17,7 @@ use clap::Subcommand;
 pub(crate) enum View {
     /// The unfolded hemicube of a patch: what it sees, how far that is, delta form factors, what lies behind
     #[command(
-        after_long_help = "Example:\n  hemicube view hemicube room.obj --subdivide 3 --patch 100 --show depth -o depth.png"
+        after_long_help = "Examples:\n  hemicube view hemicube room.obj --subdivide 3 --patch 100 --show depth -o depth.png\n  hemicube view hemicube room.obj --live"
     )]
     Hemicube(Box<hemicube::Arguments>),
     /// The model from a camera, in the colours of a solution, a row, the sky, or what is in sight

@@ -1,9 +1,11 @@
-//! Sky rows and rows of free points on disk: CSR archives that `scipy.sparse.load_npz` opens, with more arrays beside.
+//! Sky rows and rows of free points on disk: CSR archives that `scipy.sparse.load_npz` opens, with more arrays beside, and
+//! sealed as the parts of a store are.
 
 use super::{PointRow, SkyRow};
-use crate::store::{DurableFile, Error, NpzWriter, Result};
+use crate::store::{DurableFile, Error, Npz, NpzWriter, Result, Store, sealed_checksum};
+use serde::Serialize;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A CSR matrix of weights as shares of a row's hemicubes. Weights are whole numbers below 2⁵³, and hemicubes powers of
 /// two wherever they come from a tolerance: shares are then exact, and so are their sums.
@@ -32,9 +34,10 @@ fn write(
         .and_then(|()| npz.array("indptr", &[indptr.len() as u64], &indptr))
         .and_then(|()| npz.array("weights", &count, &weights))
         .and_then(|()| more(&mut npz))
-        .and_then(|()| npz.finish())
-        .and_then(DurableFile::commit)
-        .map_err(on_write)
+        .and_then(|()| npz.finish_unsealed())
+        .and_then(DurableFile::commit_sealed)
+        .map_err(on_write)?;
+    Ok(())
 }
 
 /// Writes sky rows: `columns` of them, column 0 the ground; beside the matrix `weights`, `escaped`, `blocked`, `hemicubes`,
@@ -88,7 +91,159 @@ pub fn write_points(path: &Path, patch_count: u32, rows: &[PointRow]) -> Result<
 /// # Errors
 /// When it cannot be read, or is no such file.
 pub fn read_sky_view_factors(path: &Path) -> Result<Vec<f64>> {
-    crate::store::Npz::open(path)?.array("sky_view_factor")
+    Npz::open(path)?.array("sky_view_factor")
+}
+
+/// Where the sky rows of a matrix are, beside it.
+pub fn sky_beside(store: &Store) -> PathBuf {
+    store.directory().join("sky").join("sky.npz")
+}
+
+/// Sky rows from the disk, each array held against the others.
+#[derive(Debug)]
+pub struct StoredSky {
+    columns: u32,
+    data: Vec<f64>,
+    indices: Vec<u32>,
+    bounds: Vec<usize>,
+}
+
+impl StoredSky {
+    /// Reads a file that [`write_sky`] wrote.
+    ///
+    /// # Errors
+    /// When it cannot be read, or is damaged.
+    pub fn open(path: &Path) -> Result<Self> {
+        let malformed = |reason: &str| Error::malformed(path, reason);
+        let mut npz = Npz::open(path)?;
+        let shape: Vec<i64> = npz.array("shape")?;
+        let (data, indices): (Vec<f64>, Vec<i32>) = (npz.array("data")?, npz.array("indices")?);
+        let indptr: Vec<i64> = npz.array("indptr")?;
+        let (rows, columns) = match shape[..] {
+            [rows, columns] => (
+                usize::try_from(rows).map_err(|_| malformed("has a negative shape"))?,
+                u32::try_from(columns).map_err(|_| malformed("has a shape out of range"))?,
+            ),
+            _ => return Err(malformed("is no matrix")),
+        };
+        if indptr.len() != rows + 1 || data.len() != indices.len() {
+            return Err(malformed("has arrays that do not fit together"));
+        }
+        let bounds: Vec<usize> = indptr
+            .iter()
+            .map(|&bound| usize::try_from(bound).ok().filter(|&bound| bound <= data.len()))
+            .collect::<Option<_>>()
+            .ok_or_else(|| malformed("has bounds beyond its entries"))?;
+        if bounds[0] != 0 || bounds[rows] != data.len() || !bounds.is_sorted() {
+            return Err(malformed("has bounds that leave entries out"));
+        }
+        let indices: Vec<u32> = indices
+            .into_iter()
+            .map(|column| u32::try_from(column).ok().filter(|&column| column < columns))
+            .collect::<Option<_>>()
+            .ok_or_else(|| malformed("has a column that does not exist"))?;
+        if bounds
+            .windows(2)
+            .any(|row| !indices[row[0]..row[1]].is_sorted_by(|a, b| a < b))
+        {
+            return Err(malformed("has columns out of order"));
+        }
+        Ok(Self {
+            columns,
+            data,
+            indices,
+            bounds,
+        })
+    }
+
+    /// How many columns there are: the ground, and the patches of the sky.
+    pub fn columns(&self) -> u32 {
+        self.columns
+    }
+
+    /// How many rows there are.
+    pub fn rows(&self) -> usize {
+        self.bounds.len() - 1
+    }
+
+    /// All entries.
+    pub fn entries(&self) -> u64 {
+        self.data.len() as u64
+    }
+
+    /// Columns of a row, ascending, and what of the hemisphere each is.
+    pub fn row(&self, row: usize) -> (&[u32], &[f64]) {
+        let range = self.bounds[row]..self.bounds[row + 1];
+        (&self.indices[range.clone()], &self.data[range])
+    }
+}
+
+/// What was found of the sky rows beside a matrix.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SkyCheck {
+    /// The ground and the patches of the sky.
+    pub columns: u32,
+    /// Rows of the matrix.
+    pub rows: u64,
+    /// Rows that lost there exactly what they lost in the matrix.
+    pub rows_as_in_matrix: u64,
+    /// By how much of the hemisphere the others differ at most.
+    pub difference: f64,
+}
+
+/// Holds the sky rows beside a matrix against what they must be: the bytes that were written; columns that add up, in whole
+/// weights, to what escaped; and shares that are those weights. `escaped` is what escaped of the matrix's rows.
+///
+/// # Errors
+/// The first thing that does not hold, or that the file cannot be read.
+pub fn check_sky(path: &Path, escaped: &[f64]) -> Result<SkyCheck> {
+    if sealed_checksum(path)?.is_none() {
+        return Err(Error::malformed(
+            path,
+            "is not as it was written: its seal does not hold; `hemicube sky` computes it anew",
+        ));
+    }
+    let sky = StoredSky::open(path)?;
+    let mut npz = Npz::open(path)?;
+    let weights: Vec<u64> = npz.array("weights")?;
+    let (sums, blocked): (Vec<u64>, Vec<u64>) = (npz.array("escaped")?, npz.array("blocked")?);
+    let hemicubes: Vec<u32> = npz.array("hemicubes")?;
+    let lengths = [sums.len(), blocked.len(), hemicubes.len(), escaped.len()];
+    if lengths.iter().any(|&length| length != sky.rows()) || weights.len() != sky.data.len() {
+        return Err(Error::malformed(path, "is not of the matrix's patches"));
+    }
+    let mut found = SkyCheck {
+        columns: sky.columns(),
+        rows: 0,
+        rows_as_in_matrix: 0,
+        difference: 0.0,
+    };
+    for row in 0..sky.rows() {
+        let malformed = |reason: String| Error::malformed(path, format!("is wrong in row {row}: {reason}"));
+        let range = sky.bounds[row]..sky.bounds[row + 1];
+        let whole = u64::from(hemicubes[row]) * u64::from(crate::backend::WHOLE);
+        let sum = weights[range.clone()]
+            .iter()
+            .try_fold(0u64, |sum, &weight| sum.checked_add(weight));
+        if sum != Some(sums[row]) || sums[row].checked_add(blocked[row]).is_none_or(|lost| lost > whole) {
+            return Err(malformed(format!(
+                "its columns weigh {sum:?}, and {} of {whole} escaped",
+                sums[row]
+            )));
+        }
+        let share = |weight: u64| if whole > 0 { weight as f64 / whole as f64 } else { 0.0 };
+        if range.clone().any(|place| sky.data[place] != share(weights[place])) {
+            return Err(malformed("a share is not its weight's".to_owned()));
+        }
+        // Rows that were not computed, or come by without a hemicube, have nothing to differ from.
+        if whole > 0 && !escaped[row].is_nan() {
+            found.rows += 1;
+            let difference = (share(sums[row]) - escaped[row]).abs();
+            found.rows_as_in_matrix += u64::from(difference == 0.0);
+            found.difference = found.difference.max(difference);
+        }
+    }
+    Ok(found)
 }
 
 /// Σⱼ wᵢⱼ xⱼ of every row of a file that [`write_sky`] wrote, for several vectors of one number a column.
@@ -96,44 +251,23 @@ pub fn read_sky_view_factors(path: &Path) -> Result<Vec<f64>> {
 /// # Errors
 /// When the file cannot be read or damaged, or a vector is not of its columns.
 pub fn sky_product(path: &Path, vectors: &[Vec<f64>]) -> Result<crate::solve::Block> {
-    let mut npz = crate::store::Npz::open(path)?;
-    let shape: Vec<i64> = npz.array("shape")?;
-    let (data, indices): (Vec<f64>, Vec<i32>) = (npz.array("data")?, npz.array("indices")?);
-    let indptr: Vec<i64> = npz.array("indptr")?;
-    let malformed = |reason: &str| Error::malformed(path, reason);
-    let (rows, columns) = match shape[..] {
-        [rows, columns] => (
-            usize::try_from(rows).map_err(|_| malformed("has a negative shape"))?,
-            usize::try_from(columns).map_err(|_| malformed("has a negative shape"))?,
-        ),
-        _ => return Err(malformed("is no matrix")),
-    };
-    if vectors.iter().any(|vector| vector.len() != columns) {
+    let sky = StoredSky::open(path)?;
+    if vectors.iter().any(|vector| vector.len() != sky.columns() as usize) {
         return Err(Error::unsupported(
             path,
             format!(
-                "has {columns} columns, the ground and the patches of the sky; the radiances are of another number"
+                "has {} columns, the ground and the patches of the sky; the radiances are of another number",
+                sky.columns()
             ),
         ));
     }
-    if indptr.len() != rows + 1 || data.len() != indices.len() {
-        return Err(malformed("has arrays that do not fit together"));
-    }
-    let mut product = crate::solve::Block::zeros(rows, vectors.len());
-    for row in 0..rows {
-        let (begin, end) = (usize::try_from(indptr[row]), usize::try_from(indptr[row + 1]));
-        let (Ok(begin), Ok(end)) = (begin, end) else {
-            return Err(malformed("has a negative bound"));
-        };
-        let (Some(data), Some(indices)) = (data.get(begin..end), indices.get(begin..end)) else {
-            return Err(malformed("has bounds beyond its entries"));
-        };
+    let mut product = crate::solve::Block::zeros(sky.rows(), vectors.len());
+    for row in 0..sky.rows() {
         let out = product.of_mut(row);
-        for (value, &column) in data.iter().zip(indices) {
-            let column = usize::try_from(column).ok().filter(|&column| column < columns);
-            let column = column.ok_or_else(|| malformed("has a column that does not exist"))?;
+        let (columns, shares) = sky.row(row);
+        for (&column, share) in columns.iter().zip(shares) {
             for (sum, vector) in out.iter_mut().zip(vectors) {
-                *sum += value * vector[column];
+                *sum += share * vector[column as usize];
             }
         }
     }

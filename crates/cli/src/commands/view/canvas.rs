@@ -175,7 +175,8 @@ impl Canvas {
         file.commit()
     }
 
-    fn png(&self, letters: bool) -> Result<Vec<u8>> {
+    /// The picture as PNG, with or without what was written on it.
+    pub(crate) fn png(&self, letters: bool) -> Result<Vec<u8>> {
         let mut pixels = self.pixels.clone();
         if letters {
             let font = FontRef::try_from_slice(dejavu::sans::regular()).map_err(|_| {
@@ -243,7 +244,7 @@ impl Format {
 }
 
 /// RFC 4648.
-fn base64(bytes: &[u8]) -> String {
+pub(crate) fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for chunk in bytes.chunks(3) {

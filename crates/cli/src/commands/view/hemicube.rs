@@ -18,7 +18,7 @@ use hemicube::store::Store;
 use std::path::PathBuf;
 
 /// Pixels that a blocked view and an escaped one are shown in.
-const BLOCKED: [u8; 3] = [40, 40, 40];
+pub(super) const BLOCKED: [u8; 3] = [40, 40, 40];
 
 /// `hemicube view hemicube`
 #[derive(Args, Debug)]
@@ -27,11 +27,17 @@ pub(crate) struct Arguments {
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     /// The picture: .png or .svg
-    #[arg(short, long, value_name = "FILE")]
-    pub(crate) output: PathBuf,
-    /// The patch on which the hemicube stands
-    #[arg(long, value_name = "I")]
-    pub(crate) patch: u32,
+    #[arg(short, long, value_name = "FILE", required_unless_present = "live")]
+    pub(crate) output: Option<PathBuf>,
+    /// The patch on which the hemicube stands; with --live the first one
+    #[arg(long, value_name = "I", required_unless_present = "live")]
+    pub(crate) patch: Option<u32>,
+    /// Show hemicubes in a window as they are computed, in the order of the work: space stops and goes on, Esc ends
+    #[arg(long, conflicts_with_all = ["output", "show"])]
+    pub(crate) live: bool,
+    /// End after so many hemicubes
+    #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) count: Option<u64>,
     /// ids: which patch a pixel sees; depth; delta: what it weighs; occlusion: how many patches lie behind it
     #[arg(
         long,
@@ -98,7 +104,7 @@ fn unfold(x: f64, y: f64) -> Option<(Face, f64, f64)> {
     clippy::cast_sign_loss,
     reason = "places on a face lie in its pixels"
 )]
-fn atlas_place(column: usize, row: usize, resolution: u32) -> Option<(Face, u32, u32)> {
+pub(super) fn atlas_place(column: usize, row: usize, resolution: u32) -> Option<(Face, u32, u32)> {
     let n = f64::from(resolution);
     let (x, y) = (
         2.0 * (column as f64 + 0.5) / n - 2.0,
@@ -166,12 +172,14 @@ fn layers(
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     arguments.patches.require_one_cut()?;
-    super::canvas::Format::of(&arguments.output)?;
+    if let Some(output) = &arguments.output {
+        super::canvas::Format::of(output)?;
+    }
     let prepared = match &arguments.store {
         Some(store) => stored::scene(&Store::open(store)?, &arguments.scene, &arguments.engine)?,
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine)?,
     };
-    let patch = InputPatch(arguments.patch);
+    let patch = InputPatch(arguments.patch.unwrap_or(0));
     if patch.0 as usize >= prepared.patches.len() {
         bail!(
             "`--patch {}`: the scene has {} patches, from 0 on",
@@ -179,6 +187,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             count(prepared.patches.len() as u64)
         );
     }
+    let Some(output) = &arguments.output else {
+        return super::live::run(arguments, &prepared, talk);
+    };
     // Not turned, so that the picture's edges are the patch's axes.
     let hemicubes = prepared.model.hemicubes(patch, 1, false);
     let hemicube = hemicubes
@@ -289,8 +300,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             unit_of(arguments.show),
         );
     }
-    canvas.save(&arguments.output)?;
-    talk.say(&format!("`{}`: {heading}", arguments.output.display()));
+    canvas.save(output)?;
+    talk.say(&format!("`{}`: {heading}", output.display()));
     Ok(Exit::Done)
 }
 

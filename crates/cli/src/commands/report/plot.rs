@@ -1,0 +1,107 @@
+//! Histograms as SVG whose colours are the page's, so that they follow its light and dark.
+
+use crate::report::{count, figures};
+use std::fmt::Write;
+
+const BINS: usize = 40;
+const WIDTH: f64 = 400.0;
+const HEIGHT: f64 = 170.0;
+const TOP: f64 = 18.0;
+const BOTTOM: f64 = 28.0;
+
+/// How many of `values` lie where. Those that are no numbers are left out, and on a logarithmic axis those that are not
+/// above 0, which are counted beside it. Nothing where none is left.
+pub(super) fn histogram(values: &[f64], what: &str, logarithmic: bool) -> Option<String> {
+    let known: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
+    let shown: Vec<f64> = known
+        .iter()
+        .copied()
+        .filter(|&value| !logarithmic || value > 0.0)
+        .map(|value| if logarithmic { value.log10() } else { value })
+        .collect();
+    let low = shown.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = shown.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if shown.is_empty() {
+        return None;
+    }
+    // All equal: one bar in the middle.
+    let (from, to) = if high > low {
+        (low, high)
+    } else {
+        (low - 0.5, low + 0.5)
+    };
+    let mut bins = [0u64; BINS];
+    for value in &shown {
+        let place = (value - from) / (to - from) * BINS as f64;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 40")]
+        let bin = (place as usize).min(BINS - 1);
+        bins[bin] += 1;
+    }
+    let most = bins.iter().copied().max().unwrap_or(1).max(1);
+    let number = |value: f64| figures(if logarithmic { 10f64.powf(value) } else { value });
+    let mut svg = format!(
+        "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"histogram of {what}\" class=\"plot\">\n"
+    );
+    let base = HEIGHT - BOTTOM;
+    let wide = WIDTH / BINS as f64;
+    for (bin, &rows) in bins.iter().enumerate() {
+        if rows == 0 {
+            continue;
+        }
+        // A bar of one row is still seen.
+        let tall = ((base - TOP) * rows as f64 / most as f64).max(1.0);
+        let at = |bin: usize| number(from + (to - from) * bin as f64 / BINS as f64);
+        let _ = writeln!(
+            svg,
+            "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{tall:.1}\"><title>{} to {}: {}</title></rect>",
+            wide * bin as f64,
+            base - tall,
+            wide - 1.0,
+            at(bin),
+            at(bin + 1),
+            count(rows)
+        );
+    }
+    let _ = writeln!(svg, "<path d=\"M0 {base}H{WIDTH}\"/>");
+    let _ = writeln!(svg, "<text x=\"0\" y=\"12\">{} rows</text>", count(most));
+    for (share, anchor) in [(0.0, "start"), (0.5, "middle"), (1.0, "end")] {
+        let _ = writeln!(
+            svg,
+            "<text x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\">{}</text>",
+            WIDTH * share,
+            HEIGHT - 10.0,
+            number(from + (to - from) * share)
+        );
+    }
+    svg.push_str("</svg>\n");
+    let mut order = known.clone();
+    order.sort_by(f64::total_cmp);
+    let at = |share: usize| figures(order[(order.len() - 1) * share / 100]);
+    let mut caption = format!("median {}, a tenth above {}, at most {}", at(50), at(90), at(100));
+    if shown.len() < known.len() {
+        let _ = write!(caption, "; {} rows are at 0", count((known.len() - shown.len()) as u64));
+    }
+    if logarithmic {
+        caption.push_str("; logarithmic");
+    }
+    Some(format!(
+        "<figure>\n<figcaption><b>{what}</b><br>{caption}</figcaption>\n{svg}</figure>\n"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_number_is_in_one_bar() {
+        let svg = histogram(&[0.0, 0.5, 1.0, f64::NAN], "x", false).expect("a plot");
+        assert_eq!(svg.matches("<rect").count(), 3);
+        assert!(svg.contains("median 0.5"));
+        let svg = histogram(&[3.0; 7], "x", false).expect("a plot");
+        assert!(svg.contains(": 7</title>"));
+        let svg = histogram(&[0.0, 1e-6, 1e-2], "x", true).expect("a plot");
+        assert!(svg.contains("1 rows are at 0") && svg.contains("logarithmic"));
+        assert_eq!(histogram(&[f64::NAN], "x", false), None);
+    }
+}

@@ -1,0 +1,26 @@
+#!/usr/bin/env bash
+# Bundles the 3-D view of `hemicube report`: crates/cli/viewer/src and three.js into crates/cli/viewer/viewer.js, which is
+# committed, so that building hemicube needs no Node. scripts/viewer.sh [--check]
+#
+#   --check   compare with what is committed, and change nothing
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../crates/cli/viewer"
+npm ci --ignore-scripts --no-audit --no-fund --loglevel=error >&2
+out=$(mktemp -d)
+trap 'rm -rf "$out"' EXIT
+node node_modules/esbuild/bin/esbuild src/main.js --bundle --minify --format=esm --target=es2022 --charset=utf8 \
+    --legal-comments=none --log-level=warning --outfile="$out/viewer.js"
+# The licence of what is bundled goes with it, in the repository and in each page.
+{
+    printf 'three.js %s, https://threejs.org, is part of viewer.js and of each page that `hemicube report` writes.\n\n' \
+        "$(node -p 'require("./node_modules/three/package.json").version')"
+    cat node_modules/three/LICENSE
+} >"$out/THIRD_PARTY.txt"
+for file in viewer.js THIRD_PARTY.txt; do
+    if [ "${1:-}" != --check ]; then
+        cp "$out/$file" "$file"
+    elif ! cmp -s "$out/$file" "$file"; then
+        printf 'error: crates/cli/viewer/%s is not what its sources make; run scripts/viewer.sh and commit it\n' "$file" >&2
+        exit 1
+    fi
+done
