@@ -9,6 +9,8 @@
 
 use glam::DVec3;
 use hemicube::Model;
+use hemicube::compute::{ComputeError, Execution};
+use hemicube::settle::settle;
 use hemicube_scene::generate::{Generate, Kind, generate, room};
 use hemicube_scene::{InputPatch, Scene, Subdivision};
 use hemicube_tests::cases::{Pair, case, cases, expected, number, pairs};
@@ -17,8 +19,10 @@ use hemicube_tests::geometry::{
     between_polygons, box_inside, even, grid, irrational_rotation, moved, parallel_rectangles_apart, polygon_area,
     quad, scene_of, scene_with_sides, sphere,
 };
-use hemicube_tests::rows::{Factors, Rung, factors};
+use hemicube_tests::rows::{Factors, Rung, backend, factors};
 use hemicube_tests::scenes::{model, model_as_it_is, say};
+
+use std::sync::atomic::AtomicBool;
 
 type Triangle = [DVec3; 3];
 type Motion = (&'static str, fn(DVec3) -> DVec3);
@@ -734,4 +738,25 @@ fn of_patches_in_one_plane_the_smaller_id_is_seen() {
         }
     }
     tally.finish("patches in one plane");
+}
+
+#[test]
+fn settling_ends_when_it_is_told_to() {
+    let scene = generate(Generate {
+        kind: Kind::City,
+        target_patches: 2000,
+        seed: 1,
+    });
+    let model = model_as_it_is(&scene.expect("a city"), Subdivision::None);
+    let emitters: Vec<InputPatch> = model.order().collect();
+    let settled = |cancel: &AtomicBool| {
+        let execution = Execution {
+            threads: 1,
+            cancel: Some(cancel),
+            ..Execution::default()
+        };
+        settle(&model, &emitters, &|_| true, true, 0.05, backend().as_mut(), execution)
+    };
+    assert!(matches!(settled(&AtomicBool::new(true)), Err(ComputeError::Cancelled)));
+    assert!(settled(&AtomicBool::new(false)).is_ok_and(|settled| settled.rows > 0));
 }

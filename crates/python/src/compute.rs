@@ -5,7 +5,7 @@ use crate::errors;
 use crate::matrix::Matrix;
 use crate::scene::Scene;
 use crate::session::Wanted;
-use hemicube::backend::{Culling, HemicubeBackend, RESOLUTIONS, RenderSettings};
+use hemicube::backend::{Culling, RESOLUTIONS, RenderSettings};
 use hemicube::compute::{ComputeError, Execution, PartSink, Plan, RowChoice, Selection, compute as compute_rows};
 use hemicube::correct::Correction;
 use hemicube::probe::Probe;
@@ -112,26 +112,6 @@ fn asked(
 }
 
 impl Request {
-    /// A session that gives what the rung needs.
-    fn open(&self) -> PyResult<Box<dyn HemicubeBackend>> {
-        let backend = self.backend.open()?;
-        let is_pixel = matches!(
-            self.asked,
-            Asked::Settings {
-                correction: Correction::Pixel,
-                ..
-            }
-        );
-        if !is_pixel && !backend.info().capabilities.covered {
-            return Err(errors::backend(format!(
-                "backend `{}` supplies no covered weights, which visible fractions are made of; `correction=\"pixel\"` does \
-                 without",
-                backend.info().name
-            )));
-        }
-        Ok(backend)
-    }
-
     fn settings(&self, scene: &Scene, plan: &Plan, rung: &Rung) -> RowSettings {
         RowSettings {
             resolution: rung.resolution,
@@ -171,14 +151,14 @@ impl Request {
         };
         let selection =
             Selection::by_name(&scene.triangles, &scene.patches, names).map_err(|error| errors::no_match(&error))?;
-        let mut backend = self.open()?;
+        let mut backend = self.backend.open()?;
         let rung = Rung::settle(
             self.asked,
             &scene.model,
             &selection,
             self.rotate,
             self.form,
-            self.open()?.as_mut(),
+            self.backend.open()?.as_mut(),
             execution,
         )
         .map_err(|error| errors::rung(&error))?;
