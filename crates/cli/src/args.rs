@@ -176,12 +176,34 @@ pub(crate) enum Command {
     /// Generate a scene: room, city, block-city, maze, spheres, field or soup
     #[command(after_long_help = examples("  hemicube generate city --patches 100000 --seed 3 -o city.obj", false))]
     Generate(Generate),
+    /// Write man pages, for packages of the program
+    #[command(hide = true)]
+    Manual(Manual),
+    /// Print a script that completes command lines in a shell
+    #[command(hide = true)]
+    Completions(Completions),
     /// The engines that render hemicubes
     Backends {
         /// What to do.
         #[command(subcommand)]
         command: Backends,
     },
+}
+
+/// `hemicube manual`
+#[derive(Args, Debug)]
+pub(crate) struct Manual {
+    /// The directory to write them to
+    #[arg(value_name = "DIR")]
+    pub(crate) directory: PathBuf,
+}
+
+/// `hemicube completions`
+#[derive(Args, Debug)]
+pub(crate) struct Completions {
+    /// The shell
+    #[arg(value_name = "SHELL")]
+    pub(crate) shell: clap_complete::Shell,
 }
 
 /// What can be done with backends.

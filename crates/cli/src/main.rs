@@ -87,6 +87,8 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         Command::View { command } => commands::view::run(&command, talk),
         Command::Report(arguments) => commands::report::run(&arguments, talk),
         Command::Generate(arguments) => commands::generate::run(&arguments, talk),
+        Command::Manual(arguments) => commands::manual::run(&arguments),
+        Command::Completions(arguments) => commands::manual::completions(&arguments),
         Command::Backends { command } => commands::backends::run(&command),
     }
 }

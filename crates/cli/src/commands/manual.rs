@@ -1,0 +1,139 @@
+//! `hemicube manual` and `hemicube completions`: what a package of the program holds besides it, from the one definition of
+//! the command line.
+
+use crate::args::{Cli, Completions, Manual};
+use crate::exit::Exit;
+use crate::report::output_error;
+use anyhow::{Context, Result};
+use clap::{Command, CommandFactory};
+use clap_mangen::Man;
+use std::io::{self, Write};
+use std::path::Path;
+
+/// Lines as they are: examples and tables would be filled into paragraphs.
+fn literal(text: &str) -> String {
+    let mut lines = String::new();
+    for line in text.lines() {
+        let line = line.replace('\\', "\\e").replace('-', "\\-");
+        // What begins with one of these is a request to the typesetter.
+        if line.starts_with(['.', '\'']) {
+            lines.push_str("\\&");
+        }
+        lines.push_str(&line);
+        lines.push('\n');
+    }
+    lines
+}
+
+/// What stands below the options: sections, each with its name in a line of its own, or behind it the first of its lines.
+fn sections(text: &str) -> String {
+    let mut page = String::new();
+    let mut open = false;
+    for line in text.lines() {
+        let heading = (!line.starts_with(' ')).then(|| line.split_once(':')).flatten();
+        if let Some((name, rest)) = heading {
+            if open {
+                page.push_str(".fi\n");
+            }
+            page.push_str(&format!(".SH {}\n.nf\n", literal(&name.to_uppercase()).trim_end()));
+            open = true;
+            if !rest.trim().is_empty() {
+                page.push_str(&literal(rest.trim()));
+            }
+        } else {
+            page.push_str(&literal(line));
+        }
+    }
+    if open {
+        page.push_str(".fi\n");
+    }
+    page
+}
+
+/// What `Man` begins each section with: how an apostrophe is set.
+const APOSTROPHE: &str = ".ie \\n(.g .ds Aq \\(aq\n.el .ds Aq '\n";
+/// A paragraph between two breaks, which typesetters complain of.
+const EMPTY_PARAGRAPH: &str = "\n.br\n\n.br\n";
+
+/// The page of a command: its definition, and its examples as they are in `--help`. Without a date: the same program has the
+/// same pages.
+fn page(command: &Command) -> io::Result<(String, String)> {
+    let below = command
+        .get_after_long_help()
+        .map(ToString::to_string)
+        .unwrap_or_default();
+    let man = Man::new(command.clone());
+    let mut made = Vec::new();
+    man.render_name_section(&mut made)?;
+    man.render_synopsis_section(&mut made)?;
+    man.render_description_section(&mut made)?;
+    man.render_options_section(&mut made)?;
+    if command.get_subcommands().any(|command| !command.is_hide_set()) {
+        man.render_subcommands_section(&mut made)?;
+    }
+    let made = String::from_utf8(made).map_err(io::Error::other)?;
+    let name = man.get_filename();
+    let title = name.trim_end_matches(".1").to_uppercase();
+    let page = format!(
+        "{APOSTROPHE}.TH \"{title}\" 1 \"\" \"hemicube {}\" \"User Commands\"\n{}{}",
+        env!("CARGO_PKG_VERSION"),
+        made.replace(APOSTROPHE, "").replace(EMPTY_PARAGRAPH, "\n.sp\n"),
+        sections(&below)
+    );
+    Ok((name, page))
+}
+
+/// The same command with what `--help` says of options that `-h` leaves out, which `Man` would leave out too.
+fn in_full(command: Command) -> Command {
+    let with_help = |argument: clap::Arg| match (argument.get_help().cloned(), argument.get_long_help()) {
+        (Some(help), None) => argument.long_help(help),
+        _ => argument,
+    };
+    command.mut_args(with_help).mut_subcommands(in_full)
+}
+
+/// The page of a command, and those of what it has beneath.
+fn write_pages(command: &Command, directory: &Path) -> Result<()> {
+    let (name, page) = page(command).with_context(|| format!("the page of `{command}` cannot be made"))?;
+    let path = directory.join(name);
+    std::fs::write(&path, page).with_context(|| format!("`{}` cannot be written", path.display()))?;
+    for command in command.get_subcommands().filter(|command| !command.is_hide_set()) {
+        write_pages(command, directory)?;
+    }
+    Ok(())
+}
+
+pub(crate) fn run(arguments: &Manual) -> Result<Exit> {
+    let directory = &arguments.directory;
+    std::fs::create_dir_all(directory).with_context(|| format!("`{}` cannot be created", directory.display()))?;
+    let mut command = in_full(Cli::command());
+    // Names of subcommands come to be then: `hemicube-compute`.
+    command.build();
+    write_pages(&command, directory)?;
+    Ok(Exit::Done)
+}
+
+pub(crate) fn completions(arguments: &Completions) -> Result<Exit> {
+    let mut script = Vec::new();
+    clap_complete::generate(arguments.shell, &mut Cli::command(), "hemicube", &mut script);
+    let mut out = io::stdout().lock();
+    out.write_all(&script)
+        .and_then(|()| out.flush())
+        .map_err(output_error)?;
+    Ok(Exit::Done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_below_the_options_becomes_sections() {
+        let text = "Examples:\n  hemicube x -o y\n.dotted\nHint, first: a\\b\nExit status:\n  0  done";
+        assert_eq!(
+            sections(text),
+            ".SH EXAMPLES\n.nf\n  hemicube x \\-o y\n\\&.dotted\n.fi\n.SH HINT, FIRST\n.nf\na\\eb\n.fi\n.SH EXIT STATUS\n.nf\n  0  \
+             done\n.fi\n"
+        );
+    }
+}
