@@ -46,8 +46,10 @@ fn linear(channel: u8) -> u16 {
     rounded
 }
 
+type Turn = fn([f64; 3]) -> [f64; 3];
+
 /// The rotation that makes `up` the y axis, as a quaternion, and what it makes of a point.
-fn upright(up: Axis) -> ([f64; 4], fn([f64; 3]) -> [f64; 3]) {
+fn upright(up: Axis) -> ([f64; 4], Turn) {
     let h = FRAC_1_SQRT_2;
     match up {
         Axis::Y => ([0.0, 0.0, 0.0, 1.0], |point| point),
