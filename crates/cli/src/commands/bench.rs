@@ -136,20 +136,33 @@ fn grid(size: Size, scene: &StudyScene) -> Option<Grid> {
     })
 }
 
+/// What is measured first of all scenes, and what after it: a study that is interrupted has the most of what matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// *Original*, *thesis*, *ours*; errors, and whole runs.
+    Algorithms,
+    /// What the best is sought among.
+    Others,
+    /// Levels of the octree and least patches.
+    Parameters,
+}
+
+const STAGES: [Stage; 3] = [Stage::Algorithms, Stage::Others, Stage::Parameters];
+
 /// What is measured of a scene by a backend.
-fn wanted(size: Size, scene: &StudyScene, target: &Target) -> Vec<Way> {
-    let all = size == Size::Full && scene.role != Role::Step;
-    let mut wanted = ways(target, all);
-    if target.has_thesis()
-        && let Some(grid) = grid(size, scene)
-    {
-        let pairs = grid
-            .levels
-            .iter()
-            .flat_map(|&l| grid.least.iter().map(move |&m| (l, m)));
-        wanted.extend(pairs.map(|(l, m)| with_parameters(target, l, m)));
+fn wanted(stage: Stage, size: Size, scene: &StudyScene, target: &Target) -> Vec<Way> {
+    match stage {
+        Stage::Algorithms => ways(target, false),
+        Stage::Others if size == Size::Full && scene.role != Role::Step => ways(target, true),
+        Stage::Parameters if target.has_thesis() => grid(size, scene).map_or_else(Vec::new, |grid| {
+            let pairs = grid
+                .levels
+                .iter()
+                .flat_map(|&l| grid.least.iter().map(move |&m| (l, m)));
+            pairs.map(|(l, m)| with_parameters(target, l, m)).collect()
+        }),
+        Stage::Others | Stage::Parameters => Vec::new(),
     }
-    wanted
 }
 
 /// Scenes whose error is measured, and those that a whole run is watched of.
@@ -234,65 +247,79 @@ fn measure_all(
     targets: &[Target],
     talk: Talk,
 ) -> Result<bool> {
-    let steps = scenes.len() * (targets.len() + 1);
-    let bar = Bar::counting(talk, steps as u64, "steps");
+    let bar = Bar::counting(talk, (STAGES.len() * scenes.len()) as u64, "steps");
     let mut step = 0;
-    for scene in scenes {
-        let is_missing = |target: &Target| {
-            let is_there = |way: &Way| bench.results.get(&[&scene.key, &target.name, &way.key()]).is_some();
-            wanted(size, scene, target).iter().any(|way| !is_there(way))
-        };
-        if targets.iter().any(is_missing) {
-            talk.detail(&format!("scene {}", scene.title));
-            let ready = scene.ready()?;
-            for target in targets {
-                bar.at(step);
-                step += 1;
-                if let Err(error) = bench
-                    .rates(scene, &ready, target, wanted(size, scene, target))
-                    .map(|stopped| {
-                        if stopped.is_some() {
-                            step = u64::MAX;
-                        }
-                    })
-                {
-                    // What one driver cannot do is no reason to lose the rest; the report says so.
+    for stage in STAGES {
+        for scene in scenes {
+            bar.at(step);
+            step += 1;
+            talk.detail(&format!("{stage:?}: {}", scene.title));
+            if !measure_scene(bench, stage, size, scene, targets, talk)? {
+                return Ok(false);
+            }
+        }
+    }
+    Ok(true)
+}
+
+/// What is missing of a scene at a stage.
+fn measure_scene(
+    bench: &mut Bench<'_>,
+    stage: Stage,
+    size: Size,
+    scene: &StudyScene,
+    targets: &[Target],
+    talk: Talk,
+) -> Result<bool> {
+    let is_missing = |target: &Target| {
+        let is_there = |way: &Way| bench.results.get(&[&scene.key, &target.name, &way.key()]).is_some();
+        wanted(stage, size, scene, target).iter().any(|way| !is_there(way))
+    };
+    let missing: Vec<&Target> = targets.iter().filter(|target| is_missing(target)).collect();
+    if !missing.is_empty() {
+        let ready = scene.ready()?;
+        for target in missing {
+            match bench.rates(scene, &ready, target, wanted(stage, size, scene, target)) {
+                Ok(None) => {}
+                Ok(Some(measure::Stopped)) => return Ok(false),
+                // What one driver cannot do is no reason to lose the rest; the report says so.
+                Err(error) => {
                     let reason = format!("{error:#}");
                     talk.warn(&format!("{}, `{}`: {reason}", scene.title, target.name));
-                    bench
-                        .results
-                        .put(&[&scene.key, &target.name, ORIGINAL], Cell::None(reason));
-                }
-                if step == u64::MAX || bench.is_stopped() {
-                    return Ok(false);
-                }
-            }
-        } else {
-            step += targets.len() as u64;
-        }
-        if is_for_errors(size, scene) && bench.accuracy(scene, Talk::SILENT)?.is_some() {
-            return Ok(false);
-        }
-        if is_for_runs(scene) {
-            for target in targets {
-                // A driver on the processor takes minutes for what says nothing new.
-                let rows = if target.is_built_in() {
-                    ROWS_OF_RUN
-                } else {
-                    ROWS_OF_RUN / 8
-                };
-                for way in ways(target, false) {
-                    let is_shown = [ORIGINAL, THESIS, OURS].contains(&way.name.as_str());
-                    let is_wanted = is_shown && (size == Size::Full || target.is_built_in());
-                    if is_wanted && bench.course(scene, target, &way, rows)?.is_some() {
-                        return Ok(false);
+                    for way in wanted(stage, size, scene, target) {
+                        let key = [scene.key.as_str(), &target.name, &way.key()];
+                        if bench.results.get(&key).is_none() {
+                            bench.results.put(&key, Cell::None(reason.clone()));
+                        }
                     }
                 }
             }
         }
-        step += 1;
     }
-    Ok(true)
+    if stage != Stage::Algorithms {
+        return Ok(!bench.is_stopped());
+    }
+    if is_for_errors(size, scene) && bench.accuracy(scene, Talk::SILENT)?.is_some() {
+        return Ok(false);
+    }
+    if is_for_runs(scene) {
+        for target in targets {
+            // A driver on the processor takes minutes for what says nothing new.
+            let rows = if target.is_built_in() {
+                ROWS_OF_RUN
+            } else {
+                ROWS_OF_RUN / 8
+            };
+            for way in ways(target, false) {
+                let is_shown = [ORIGINAL, THESIS, OURS].contains(&way.name.as_str());
+                let is_wanted = is_shown && (size == Size::Full || target.is_built_in());
+                if is_wanted && bench.course(scene, target, &way, rows)?.is_some() {
+                    return Ok(false);
+                }
+            }
+        }
+    }
+    Ok(!bench.is_stopped())
 }
 
 fn about_rows(settings: &Settings) -> String {
