@@ -366,6 +366,19 @@ fn the_cornell_box_bleeds_colour() {
         assert!(svg.contains("patch 700") && svg.ends_with("</svg>\n"));
     }
     place.line("view sparsity box --order work -o sparsity.png");
+
+    // Errors, with how many patches have which: the bars stand on the picture's scale.
+    place.line("view model box cornell-box.obj --up y --size 400x300 --show closure -o closure.svg");
+    let svg = std::fs::read_to_string(place.path("closure.svg")).expect("a picture");
+    assert!(svg.contains("patches; the tallest bar is") && svg.contains("of each row"));
+    place.fails(
+        "view model box cornell-box.obj --up y --show error -o error.png",
+        &["expected errors", "--tolerance"],
+    );
+    place.line("compute cornell-box.obj --subdivide 2 --tolerance 3% -o refined --no-config");
+    place.line("view model refined cornell-box.obj --up y --size 400x300 --show error -o error.svg");
+    let svg = std::fs::read_to_string(place.path("error.svg")).expect("a picture");
+    assert!(svg.contains("expected") && svg.contains("the tallest bar is"));
 }
 
 /// A street canyon along y: floor, and walls that face each other.
@@ -510,6 +523,11 @@ fn sky_and_ground_are_what_escaped() {
 /// In an export with the sky, rows and what is blocked sum to 1 in all formats, the columns are named, and `check` sees every
 /// changed byte of the sky rows.
 #[test]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "numbers of rows and columns, and f32 that were printed"
+)]
 fn the_sky_is_columns_of_the_export() {
     let place = Place::new();
     place.line("generate city --patches 600 --seed 5 -o city.obj");

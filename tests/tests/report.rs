@@ -3,6 +3,12 @@
 //! Needs Chromium and its driver; `HEMICUBE_SCREENSHOTS` names a folder where pictures of what was seen are left.
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the browser has numbers of patches and places on its canvas as f64"
+)]
+
 use hemicube::InputPatch;
 use hemicube::store::Store;
 use hemicube_tests::browser::Browser;
@@ -189,7 +195,7 @@ fn a_click_shows_the_row_that_the_store_has() {
             .as_array()
             .expect("a list")
             .iter()
-            .map(|entry| numbers::<2>(entry))
+            .map(numbers::<2>)
             .map(|[patch, factor]| (patch as u32, factor))
             .collect();
         for &(column, factor) in &wanted {

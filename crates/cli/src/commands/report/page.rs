@@ -80,7 +80,8 @@ fn settings(value: &Value, name: &str, lines: &mut Vec<(String, String)>) {
                 settings(value, &name, lines);
             }
         }
-        Value::Array(values) if values.is_empty() => lines.push((name.to_owned(), "all".to_owned())),
+        Value::Array(values) if values.is_empty() => lines.push((name.to_owned(), "none named".to_owned())),
+        Value::Null => {}
         Value::String(text) => lines.push((name.to_owned(), text.clone())),
         other => lines.push((name.to_owned(), other.to_string())),
     }
@@ -412,10 +413,10 @@ mod tests {
 
     #[test]
     fn settings_are_one_a_line() {
-        let value = serde_json::json!({ "a": { "b": 1 }, "c": "x", "d": [] });
+        let value = serde_json::json!({ "a": { "b": 1 }, "c": "x", "d": [], "e": null });
         let mut lines = Vec::new();
         settings(&value, "", &mut lines);
         let lines: Vec<String> = lines.iter().map(|(key, value)| format!("{key}={value}")).collect();
-        assert_eq!(lines, ["a.b=1", "c=x", "d=all"]);
+        assert_eq!(lines, ["a.b=1", "c=x", "d=none named"]);
     }
 }

@@ -1,6 +1,6 @@
 //! The model from a camera, in the colours of a result.
 
-use super::canvas::{Canvas, NOTHING, WHITE, byte, linear, scale_color, shown};
+use super::canvas::{Anchor, Canvas, NOTHING, WHITE, byte, linear, scale_color, shown};
 use super::raster::Lens;
 use crate::args::{EngineSettings, Talk, UpAxis};
 use crate::exit::{Exit, hinted};
@@ -25,6 +25,9 @@ const SMOOTH: f64 = 0.866;
 const SAMPLES: usize = 3;
 /// What the average of the picture is shown as (Reinhard et al. 2002, a).
 const KEY: f64 = 0.18;
+/// What a histogram takes of the picture's height, and a bar of its width.
+const BARS: usize = 82;
+const BAR: usize = 6;
 const EMITTER: [u8; 3] = [214, 40, 40];
 
 /// `hemicube view model`
@@ -39,7 +42,8 @@ pub(crate) struct Arguments {
     /// The picture: .png or .svg
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// radiosity (or irradiance, flux, temperature of a solution), seen (patches in sight), row, sky
+    /// radiosity (or irradiance, flux, temperature of a solution), seen (patches in sight), row, sky, error (expected of each
+    /// row), closure (how far each row is from summing to 1)
     #[arg(long, value_name = "WHAT", default_value = "radiosity")]
     pub(crate) show: Show,
     /// The patch whose row is shown
@@ -65,6 +69,10 @@ pub(crate) enum Show {
     Row,
     /// Sky view factors.
     Sky,
+    /// The expected error of each row.
+    Error,
+    /// How far each row is from summing to 1.
+    Closure,
 }
 
 impl FromStr for Show {
@@ -75,8 +83,14 @@ impl FromStr for Show {
             "seen" => Ok(Self::Seen),
             "row" => Ok(Self::Row),
             "sky" => Ok(Self::Sky),
+            "error" => Ok(Self::Error),
+            "closure" => Ok(Self::Closure),
             "radiosity" | "irradiance" | "flux" | "temperature" => Ok(Self::Quantity(text.to_owned())),
-            _ => Err("there are `radiosity`, `irradiance`, `flux`, `temperature`, `seen`, `row` and `sky`".to_owned()),
+            _ => Err(
+                "there are `radiosity`, `irradiance`, `flux`, `temperature`, `seen`, `row`, `sky`, `error` and \
+                    `closure`"
+                    .to_owned(),
+            ),
         }
     }
 }
@@ -181,6 +195,8 @@ pub(crate) enum Values {
         logarithmic: bool,
         /// A patch that is shown in a colour of its own.
         marked: Option<u32>,
+        /// Whether a histogram stands on the scale.
+        histogram: bool,
     },
 }
 
@@ -404,6 +420,7 @@ pub(crate) fn draw(prepared: &Prepared, values: &Values, camera: &Camera, output
             title,
             logarithmic,
             marked,
+            histogram,
         } => {
             let of = |value: f64| if *logarithmic { value.ln() } else { value };
             let known = || {
@@ -456,14 +473,58 @@ pub(crate) fn draw(prepared: &Prepared, values: &Values, camera: &Camera, output
                 };
                 Some(color.map(linear))
             });
-            let mut framed = Canvas::new(width, height + 56, WHITE);
+            let bars = if *histogram { BARS } else { 0 };
+            let mut framed = Canvas::new(width, height + bars + 56, WHITE);
             framed.put((0, 0), &canvas);
+            let wide = (width / 3).max(120);
+            if *histogram {
+                let most = draw_histogram(&mut framed, (16, height + 12), (wide, bars - 12), &scaled);
+                let note = format!("patches; the tallest bar is {}", count(most));
+                framed.write(
+                    &note,
+                    ((16 + wide + 16) as f64, (height + 28) as f64),
+                    13.0,
+                    Anchor::Start,
+                );
+            }
             let labels = [figures(low), figures(high)];
-            framed.scale((16, height + 12), (width / 3).max(120), [&labels[0], &labels[1]], title);
+            framed.scale((16, height + bars + 12), wide, [&labels[0], &labels[1]], title);
             canvas = framed;
         }
     }
     canvas.save(output)
+}
+
+/// How many patches are where on the scale, in its colours; how many are in the tallest bar.
+fn draw_histogram(
+    canvas: &mut Canvas,
+    (x, y): (usize, usize),
+    (width, height): (usize, usize),
+    scaled: &[[f64; 1]],
+) -> u64 {
+    let count = width / BAR;
+    let mut bins = vec![0u64; count];
+    for [value] in scaled.iter().filter(|[value]| !value.is_nan()) {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "from 0 to the number of bars"
+        )]
+        let bin = ((value * count as f64) as usize).min(count - 1);
+        bins[bin] += 1;
+    }
+    let most = bins.iter().copied().max().unwrap_or(0);
+    for (bin, &patches) in bins.iter().enumerate().filter(|(_, patches)| **patches > 0) {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "from 0 to the height"
+        )]
+        let tall = ((height as f64 * patches as f64 / most as f64) as usize).max(1);
+        let color = scale_color((bin as f64 + 0.5) / count as f64);
+        canvas.fill((x + bin * BAR, y + height - tall), (BAR - 1, tall), color);
+    }
+    most
 }
 
 fn mix<const N: usize>(corners: &[[f64; N]; 3], barycentric: [f64; 3]) -> [f64; N] {
@@ -526,6 +587,7 @@ pub(crate) fn of_solution(stored: &StoredSolution, quantity: &str) -> Result<Val
         },
         logarithmic: false,
         marked: None,
+        histogram: false,
     })
 }
 
@@ -549,6 +611,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
                 title: "patches in sight".to_owned(),
                 logarithmic: false,
                 marked: None,
+                histogram: false,
             }
         }
         Show::Row => {
@@ -571,6 +634,40 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
                 title: format!("form factor from patch {patch} (red)"),
                 logarithmic: true,
                 marked: Some(patch),
+                histogram: false,
+            }
+        }
+        Show::Error | Show::Closure => {
+            let rows = store.row_table()?;
+            let (values, title) = if arguments.show == Show::Error {
+                (rows.error, "expected √Σ (F − true F)² of each row")
+            } else {
+                let losses = rows.escaped.iter().zip(&rows.blocked).zip(&rows.unselected);
+                let closure = rows
+                    .row_sum
+                    .iter()
+                    .zip(losses)
+                    .map(|(sum, ((escaped, blocked), unselected))| (sum + escaped + blocked + unselected - 1.0).abs());
+                (closure.collect(), "|sum of F + escaped + blocked − 1| of each row")
+            };
+            // All 0 is as good as none: nothing to put on a scale.
+            if !values.iter().any(|&value| value > 0.0) {
+                bail!(
+                    "`{}` says no {}",
+                    store.directory().display(),
+                    if arguments.show == Show::Error {
+                        "expected errors: a matrix of `compute --tolerance` does"
+                    } else {
+                        "closure errors: every row sums to 1, or the matrix is not complete"
+                    }
+                );
+            }
+            Values::Scale {
+                values,
+                title: title.to_owned(),
+                logarithmic: true,
+                marked: None,
+                histogram: true,
             }
         }
         Show::Sky => {
@@ -584,6 +681,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
                 title: "sky view factor".to_owned(),
                 logarithmic: false,
                 marked: None,
+                histogram: false,
             }
         }
     };
