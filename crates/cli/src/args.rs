@@ -673,7 +673,7 @@ pub(crate) struct Export {
     /// Which solutions to add (repeatable) [default: all that `hemicube solve` left beside the matrix]
     #[arg(long, value_name = "NAME", help_heading = "Patches")]
     pub(crate) solution: Vec<String>,
-    /// What colours .glb and .ply: a column such as radiosity, flux, sky_view_factor, escaped, seen [default: the first of
+    /// What colours .glb and .ply: a column such as flux, radiosity, sky_view_factor, escaped, seen [default: the first of
     /// these that says something]
     #[arg(long, value_name = "COLUMN", help_heading = "Patches")]
     pub(crate) show: Option<String>,
