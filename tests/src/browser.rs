@@ -3,9 +3,9 @@
 
 use crate::scenes::skip;
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{self, BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -22,9 +22,11 @@ pub struct Browser {
     _profile: tempfile::TempDir,
 }
 
-fn found(program: &str) -> bool {
+fn found(program: &str) -> Option<PathBuf> {
     let folders = std::env::var_os("PATH").unwrap_or_default();
-    std::env::split_paths(&folders).any(|folder| folder.join(program).is_file())
+    std::env::split_paths(&folders)
+        .map(|folder| folder.join(program))
+        .find(|path| path.is_file())
 }
 
 impl Browser {
@@ -33,18 +35,12 @@ impl Browser {
     /// # Panics
     /// When there is none and `HEMICUBE_REQUIRE_BROWSER=1`, or it is there and does not start.
     pub fn start(test: &str, width: u32, height: u32) -> Option<Self> {
-        for program in ["chromium", "chromedriver"] {
-            if !found(program) {
-                skip(
-                    test,
-                    &format!("`{program}` is not installed"),
-                    "HEMICUBE_REQUIRE_BROWSER",
-                );
-                return None;
-            }
-        }
+        let (Some(chromium), Some(chromedriver)) = (found("chromium"), found("chromedriver")) else {
+            skip(test, "no Chromium with its driver", "HEMICUBE_REQUIRE_BROWSER");
+            return None;
+        };
         let profile = tempfile::tempdir().expect("a temporary directory");
-        let mut driver = Command::new("chromedriver")
+        let mut driver = Command::new(chromedriver)
             .arg("--port=0")
             .env("HOME", profile.path())
             .stdout(Stdio::piped())
@@ -89,7 +85,7 @@ impl Browser {
             "/session",
             &json!({ "capabilities": { "alwaysMatch": {
                 "browserName": "chrome",
-                "goog:chromeOptions": { "binary": "/usr/bin/chromium", "args": arguments },
+                "goog:chromeOptions": { "binary": chromium, "args": arguments },
                 "goog:loggingPrefs": { "browser": "ALL", "performance": "ALL" },
                 "timeouts": { "script": 120_000, "pageLoad": 120_000 },
             } } }),
@@ -101,10 +97,10 @@ impl Browser {
         Some(browser)
     }
 
-    /// Asks the driver.
-    fn ask(&self, method: &str, path: &str, body: &Value) -> Value {
-        let mut stream = TcpStream::connect(("127.0.0.1", self.port)).expect("chromedriver listens");
-        stream.set_read_timeout(Some(PATIENCE)).expect("a time-out");
+    /// Sends a request to the driver, and reads the answer.
+    fn send(&self, method: &str, path: &str, body: &Value) -> io::Result<Value> {
+        let mut stream = TcpStream::connect(("127.0.0.1", self.port))?;
+        stream.set_read_timeout(Some(PATIENCE))?;
         let body = if method == "POST" {
             body.to_string()
         } else {
@@ -115,24 +111,30 @@ impl Browser {
             "{method} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\nContent-Type: application/json\r\n\
              Content-Length: {}\r\n\r\n{body}",
             body.len()
-        )
-        .expect("a request");
+        )?;
         let mut reader = BufReader::new(stream);
         let (mut length, mut line) = (0, String::new());
         loop {
             line.clear();
-            reader.read_line(&mut line).expect("an answer");
+            reader.read_line(&mut line)?;
             let header = line.trim_end().to_ascii_lowercase();
             if let Some(value) = header.strip_prefix("content-length:") {
-                length = value.trim().parse().expect("a length");
+                length = value.trim().parse().map_err(io::Error::other)?;
             }
             if header.is_empty() {
                 break;
             }
         }
         let mut bytes = vec![0; length];
-        reader.read_exact(&mut bytes).expect("an answer of its length");
-        let answer: Value = serde_json::from_slice(&bytes).expect("an answer in JSON");
+        reader.read_exact(&mut bytes)?;
+        Ok(serde_json::from_slice(&bytes)?)
+    }
+
+    /// Asks the driver for something that it must be able to do.
+    fn ask(&self, method: &str, path: &str, body: &Value) -> Value {
+        let answer = self
+            .send(method, path, body)
+            .unwrap_or_else(|error| panic!("{method} {path}: {error}"));
         let value = answer["value"].clone();
         assert!(value.get("error").is_none(), "{method} {path}: {value}");
         value
@@ -221,10 +223,8 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        if !self.session.is_empty() && !std::thread::panicking() {
-            self.of_session("DELETE", "", &Value::Null);
-        }
-        // It has ended already, or is of no use any more; the browser ends with it.
+        // This ends the browser, also where a test has failed; what cannot be ended any more has ended.
+        let _ = self.send("DELETE", &format!("/session/{}", self.session), &Value::Null);
         let _ = self.driver.kill();
         let _ = self.driver.wait();
     }

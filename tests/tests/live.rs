@@ -144,3 +144,23 @@ fn without_a_display_it_says_so() {
     assert_eq!(output.status.code(), Some(2), "{}", said(&output));
     assert!(said(&output).contains("no window can be opened"), "{}", said(&output));
 }
+
+/// X libraries are opened with the window, so that the program starts where there are none.
+#[test]
+#[cfg(target_os = "linux")]
+fn the_program_needs_no_x_libraries_to_start() {
+    let Ok(output) = Command::new("ldd").arg(program()).output() else {
+        skip(
+            "live::the_program_needs_no_x_libraries_to_start",
+            "no `ldd`",
+            "HEMICUBE_REQUIRE_DISPLAY",
+        );
+        return;
+    };
+    let libraries = String::from_utf8_lossy(&output.stdout);
+    assert!(libraries.contains("libc."), "{libraries}");
+    assert!(
+        !libraries.contains("libX") && !libraries.contains("libxcb"),
+        "{libraries}"
+    );
+}
