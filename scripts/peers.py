@@ -232,7 +232,7 @@ def reference_of(program, scene, place):
     rows, values = rows_of_store(store)
     file = place / f"{Path(scene).stem}.npz"
     numpy.savez(file, rows=rows, values=values)
-    return file, json.loads(report.read_text()).get("verified")
+    return file, json.loads(report.read_text()).get("verification")
 
 
 def settings(peer, count):

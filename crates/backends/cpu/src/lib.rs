@@ -307,7 +307,7 @@ struct Openness {
 
 /// Where patches see a larger share of the scene, everything is drawn, unless blocks in order are filled better than this
 /// (`docs/study.md` has the scenes). Smaller scenes take no time either way.
-const OPEN: f64 = 0.2;
+const OPEN: f64 = 1.0 / 3.0;
 const WELL_FILLED: f64 = 12.0;
 const LEAST_TO_LOOK_AT: usize = 1000;
 /// Patches that are looked from.

@@ -153,7 +153,7 @@ const STAGES: [Stage; 3] = [Stage::Algorithms, Stage::Others, Stage::Parameters]
 fn wanted(stage: Stage, size: Size, scene: &StudyScene, target: &Target) -> Vec<Way> {
     match stage {
         Stage::Algorithms => ways(target, false),
-        Stage::Others if size == Size::Full && scene.role != Role::Step => ways(target, true),
+        Stage::Others if scene.role != Role::Step && (size == Size::Full || target.is_built_in()) => ways(target, true),
         Stage::Parameters if target.has_thesis() => grid(size, scene).map_or_else(Vec::new, |grid| {
             let pairs = grid
                 .levels
