@@ -10,6 +10,10 @@ use crate::store::Form;
 
 /// What is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is one of it in a run, and it stays `Copy` as what it holds"
+)]
 pub enum Asked {
     /// A rung by its settings.
     Settings {
