@@ -600,6 +600,9 @@ impl Matrix {
     }
 }
 
+/// The patch, columns and form factors of a row.
+type Entries<'py> = (u32, Bound<'py, PyAny>, Bound<'py, PyAny>);
+
 /// The rows of a matrix, one after the other.
 #[pyclass(module = "hemicube")]
 #[derive(Debug)]
@@ -618,7 +621,7 @@ impl Rows {
         self.order.len()
     }
 
-    fn __next__<'py>(&mut self, py: Python<'py>) -> PyResult<Option<(u32, Bound<'py, PyAny>, Bound<'py, PyAny>)>> {
+    fn __next__<'py>(&mut self, py: Python<'py>) -> PyResult<Option<Entries<'py>>> {
         let Some(patch) = self.order.next() else {
             return Ok(None);
         };

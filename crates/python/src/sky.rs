@@ -17,6 +17,9 @@ use pyo3::types::PyDict;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+/// The patches that a point sees, and their weights.
+type Seen = Vec<(InputPatch, u64)>;
+
 /// What patches, or points, see of the sky and of the ground below the horizon.
 #[pyclass(frozen, module = "hemicube")]
 #[derive(Debug)]
@@ -24,7 +27,7 @@ pub(crate) struct Sky {
     division: SkyDivision,
     rows: Vec<SkyRow>,
     /// What points see of patches, and how many patches there are.
-    seen: Option<(Vec<Vec<(InputPatch, u64)>>, usize)>,
+    seen: Option<(Vec<Seen>, usize)>,
 }
 
 /// A sparse matrix of fractions of the hemicubes.
