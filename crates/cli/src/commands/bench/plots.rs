@@ -8,8 +8,8 @@ use crate::sheet::{
 };
 use anyhow::Result;
 
-/// Colours that people with any colour vision tell apart (Okabe & Ito 2008).
-const COLORS: [RGBColor; 7] = [
+/// Colours that people with any colour vision tell apart (Okabe & Ito 2008), and two for what comes eighth and ninth.
+const COLORS: [RGBColor; 9] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -17,6 +17,8 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
     RGBColor(90, 90, 90),
+    RGBColor(127, 73, 30),
+    RGBColor(150, 150, 30),
 ];
 
 /// The colour of the `place`-th of several.
