@@ -247,7 +247,7 @@ fn covered_rows(path: &Path, model: &Model) -> RowBlock {
     let mut plugin = session(path, &[]);
     let covered = RenderSettings {
         covered: true,
-        ..settings(RESOLUTION)
+        ..settings(64)
     };
     plugin.load(model.geometry(), covered).expect("a small scene");
     let said = plugin.choices().iter().any(|choice| choice.contains("covered weights"));
@@ -275,7 +275,7 @@ fn what_a_plugin_does_not_count_the_host_counts() {
         let mut built_in = CpuBackend::new();
         let covered = RenderSettings {
             covered: true,
-            ..settings(RESOLUTION)
+            ..settings(64)
         };
         let wanted = render_with(&mut built_in, &city, &hemicubes(&city, &spread(&city, 12)), covered).0;
         let (mut apart, mut whole, mut hidden) = (0, 0, 0);
@@ -292,8 +292,12 @@ fn what_a_plugin_does_not_count_the_host_counts() {
                 hidden += u32::from(found.visible[k] < found.covered[k]);
             }
         }
-        assert!(hidden > 20, "nothing is hidden");
         let apart = apart as f64 / whole as f64;
+        say(&format!(
+            "{}: {hidden} entries partly hidden, covered weights {apart:.4} apart",
+            path.display()
+        ));
+        assert!(hidden > 20, "{hidden} entries are partly hidden");
         assert!(apart < 0.02, "{}: {apart}", path.display());
     }
 }
