@@ -72,6 +72,8 @@ INTERRUPTED = """
 import os, signal, sys, threading, time
 import hemicube
 
+# Whoever started the tests in the background had interrupts ignored, and Python leaves that as it is.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 when, directory = sys.argv[1:]
 scene = hemicube.Scene.generate("city", 30_000)
 begun = threading.Event()
