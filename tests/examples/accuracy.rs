@@ -16,12 +16,12 @@ use hemicube::factor::FactorRule;
 use hemicube::reference::{
     EstimatedRow, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against, noise_of,
 };
-use hemicube::settle::settle;
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box, generate};
+use hemicube_tests::rows::settled;
 use hemicube_tests::scenes::{model, read, scenes_or_skip};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
@@ -149,16 +149,7 @@ fn ladder(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>
                 Rung::Pixel => (Correction::Pixel, resolution),
                 Rung::Area => (Correction::Area(FactorRule::for_tolerance(1e-2)), resolution),
                 Rung::Tolerance(tolerance) => {
-                    let emitters: Vec<InputPatch> = model.order().collect();
-                    let settled = settle(
-                        &model,
-                        &emitters,
-                        &|_| true,
-                        true,
-                        tolerance,
-                        &mut CpuBackend::new(),
-                        Execution::default(),
-                    )?;
+                    let settled = settled(&model, tolerance, &mut CpuBackend::new())?;
                     (Correction::Tolerance(settled.refinement), settled.resolution)
                 }
             };
@@ -328,16 +319,7 @@ fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> 
             ("tolerance 1 %", Correction::Pixel, 0),
         ] {
             let (correction, resolution) = if resolution == 0 {
-                let all: Vec<InputPatch> = model.order().collect();
-                let settled = settle(
-                    &model,
-                    &all,
-                    &|_| true,
-                    true,
-                    1e-2,
-                    &mut CpuBackend::new(),
-                    Execution::default(),
-                )?;
+                let settled = settled(&model, 1e-2, &mut CpuBackend::new())?;
                 (Correction::Tolerance(settled.refinement), settled.resolution)
             } else {
                 (correction, resolution)
@@ -365,17 +347,8 @@ fn calibration(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::E
         let Some(model) = scene(name) else { continue };
         let exact = reference(name, &model, rows)?;
         for tolerance in [5e-2, 2e-2, 1e-2, 5e-3] {
-            let emitters: Vec<InputPatch> = model.order().collect();
             let started = std::time::Instant::now();
-            let settled = settle(
-                &model,
-                &emitters,
-                &|_| true,
-                true,
-                tolerance,
-                &mut CpuBackend::new(),
-                Execution::default(),
-            )?;
+            let settled = settled(&model, tolerance, &mut CpuBackend::new())?;
             let settling = started.elapsed();
             let (seconds, m) = measure(
                 &model,

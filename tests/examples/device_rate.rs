@@ -1,7 +1,7 @@
 //! What hemicubes cost on every backend, and where the time goes: the tables of docs/gpu.md.
 //!
 //! `device_rate [RESOLUTION [ROWS [SCENE… [WAY…]]]]`: a scene is `room`, `denhaag` (`denhaag-8897`), `denhaag16` (its
-//! triangles in 16), `denhaag166` (in 166) or `block-city`; a way is a backend and its options, `gl:baseline=thesis`.
+//! triangles in 16), `denhaag169` (in 169) or `block-city`; a way is a backend and its options, `gl:baseline=thesis`.
 //! Without scenes the first three, without ways those that the page compares. Plugins are those of
 //! `cargo build --release --workspace`; one without a device is said and left out. Variables: `COVERED=1`, with covered
 //! weights; `TWO=1`, two sessions on two threads against one, by the clock on the wall, so only on an idle machine.
@@ -24,7 +24,7 @@ use std::time::Instant;
 
 type Session = Box<dyn HemicubeBackend>;
 
-const SCENES: [&str; 5] = ["room", "denhaag", "denhaag16", "denhaag166", "block-city"];
+const SCENES: [&str; 5] = ["room", "denhaag", "denhaag16", "denhaag169", "block-city"];
 
 const WAYS: [&str; 9] = [
     "gl:baseline=original",
@@ -48,7 +48,7 @@ fn scene(name: &str) -> Result<Model, Box<dyn Error>> {
         "block-city" => generated(Kind::BlockCity, 140_000),
         "denhaag" => tile(Subdivision::None)?,
         "denhaag16" => tile(Subdivision::Levels(2))?,
-        "denhaag166" => tile(Subdivision::Split(13))?,
+        "denhaag169" => tile(Subdivision::Split(13))?,
         other => return Err(format!("`{other}` is no scene").into()),
     })
 }

@@ -7,7 +7,7 @@ use hemicube::compute::{ComputeError, Execution, Plan, RowChoice, Selection, Sum
 use hemicube::correct::{Correction, Refinement};
 use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
-use hemicube::settle::settle;
+use hemicube::settle::{Settled, settle};
 use hemicube::store::{HEMICUBE_WEIGHT, Part};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::InputPatch;
@@ -143,22 +143,22 @@ impl Rung {
     /// # Panics
     /// When the backend fails.
     pub fn settled(model: &Model, tolerance: f64) -> Self {
-        let emitters: Vec<InputPatch> = model.order().collect();
-        let settled = settle(
-            model,
-            &emitters,
-            &|_| true,
-            true,
-            tolerance,
-            backend().as_mut(),
-            Execution::default(),
-        );
-        let settled = settled.expect("a backend that keeps its contract");
+        let settled = settled(model, tolerance, backend().as_mut()).expect("a backend that keeps its contract");
         Self {
             correction: Correction::Tolerance(settled.refinement),
             resolution: settled.resolution,
         }
     }
+}
+
+/// What a tolerance settles on for all rows of a scene, over a backend.
+///
+/// # Errors
+/// As [`settle`].
+pub fn settled(model: &Model, tolerance: f64, backend: &mut dyn HemicubeBackend) -> Result<Settled, ComputeError> {
+    let emitters: Vec<InputPatch> = model.order().collect();
+    let execution = Execution::default();
+    settle(model, &emitters, &|_| true, true, tolerance, backend, execution)
 }
 
 /// A whole matrix in memory, by input patches.

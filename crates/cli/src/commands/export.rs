@@ -4,7 +4,7 @@ mod parquet;
 mod patches;
 
 use crate::args::{Export as Arguments, Talk, ZoneName};
-use crate::exit::{Exit, hinted};
+use crate::exit::{self, Exit, hinted};
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, PendingFile, SCHEMA, count, counted, size};
 use crate::stored;
@@ -14,7 +14,7 @@ use hemicube::export::{ExportFormat, ExportOptions, ExportReport, export, export
 use hemicube::sky::{SkyDivision, StoredSky};
 use hemicube::store::Store;
 use hemicube::zones::{GroupBy, Zone, ZoneFormat, write_zones, zones};
-use hemicube_export::PatchFormat;
+use hemicube_export::{PatchFormat, WriteOptions};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -181,8 +181,20 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// What came of a file that Ctrl-C may end.
-fn interruptible(written: hemicube_export::Result<u64>) -> Result<Option<u64>> {
+/// Writes the file, which Ctrl-C may end: its bytes, or `None` then.
+fn interruptible(
+    arguments: &Arguments,
+    talk: Talk,
+    write: impl FnOnce(WriteOptions<'_>) -> hemicube_export::Result<u64>,
+) -> Result<Option<u64>> {
+    let cancel = exit::watch_interrupts()?;
+    exit::keep(true);
+    let bar = Bar::spinner(talk, &format!("writing `{}`", arguments.output.display()));
+    let written = write(WriteOptions {
+        overwrite: arguments.overwrite,
+        cancel,
+    });
+    drop(bar);
     match written {
         Ok(bytes) => Ok(Some(bytes)),
         Err(hemicube_export::Error::Interrupted { .. }) => Ok(None),

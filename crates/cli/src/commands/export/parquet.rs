@@ -15,11 +15,9 @@ pub(super) fn run(_: &Arguments, _: Option<JsonReport>, _: Talk) -> Result<Exit>
 
 #[cfg(feature = "parquet")]
 pub(super) fn run(arguments: &Arguments, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
-    use crate::exit;
-    use crate::progress::Bar;
     use crate::report::{self, SCHEMA, count, counted, size};
     use hemicube::store::Store;
-    use hemicube_export::{WriteOptions, write_parquet};
+    use hemicube_export::write_parquet;
     use serde::Serialize;
     use std::path::Path;
 
@@ -38,16 +36,10 @@ pub(super) fn run(arguments: &Arguments, json: Option<JsonReport>, talk: Talk) -
 
     report::require(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
-    let cancel = exit::watch_interrupts()?;
-    exit::keep(true);
-    let bar = Bar::spinner(talk, &format!("writing `{}`", arguments.output.display()));
-    let options = WriteOptions {
-        overwrite: arguments.overwrite,
-        cancel,
-    };
-    let written = write_parquet(&store, &arguments.output, arguments.allow_incomplete, options);
-    drop(bar);
-    let Some(bytes) = super::interruptible(written)? else {
+    let Some(bytes) = super::interruptible(arguments, talk, |options| {
+        write_parquet(&store, &arguments.output, arguments.allow_incomplete, options)
+    })?
+    else {
         return Ok(Exit::Interrupted);
     };
     let manifest = store.manifest();

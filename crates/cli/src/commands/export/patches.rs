@@ -3,15 +3,14 @@
 use crate::args::{EngineSettings, Export as Arguments, Talk};
 use crate::commands::view::canvas::{byte, scale_color, shown};
 use crate::commands::view::model::Tone;
-use crate::exit::{self, Exit, hinted};
-use crate::progress::Bar;
+use crate::exit::{Exit, hinted};
 use crate::report::{self, JsonReport, SCHEMA, counted, figures, size};
 use crate::stored;
 use anyhow::{Result, anyhow};
 use hemicube::sky::read_sky_view_factors;
 use hemicube::solve::StoredSolution;
 use hemicube::store::Store;
-use hemicube_export::{Colors, Column, Legend, PatchFormat, PatchResults, Values, WriteOptions, write_patches};
+use hemicube_export::{Colors, Column, Legend, PatchFormat, PatchResults, Values, write_patches};
 use hemicube_scene::Axis;
 use serde::Serialize;
 use std::path::Path;
@@ -66,16 +65,10 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
         };
         results.colors = Some(colors(&results, &column, arguments.range)?);
     }
-    let cancel = exit::watch_interrupts()?;
-    exit::keep(true);
-    let bar = Bar::spinner(talk, &format!("writing `{}`", arguments.output.display()));
-    let options = WriteOptions {
-        overwrite: arguments.overwrite,
-        cancel,
-    };
-    let written = write_patches(&results, &arguments.output, format, options);
-    drop(bar);
-    let Some(bytes) = super::interruptible(written)? else {
+    let Some(bytes) = super::interruptible(arguments, talk, |options| {
+        write_patches(&results, &arguments.output, format, options)
+    })?
+    else {
         return Ok(Exit::Interrupted);
     };
     let columns: Vec<&str> = match format {
