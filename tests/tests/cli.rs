@@ -231,7 +231,15 @@ fn the_first_day() {
         "{}",
         compared.out
     );
-    place.line("compare coarse room.hemicube --max-error 10").is(0);
+    place
+        .line("compare coarse room.hemicube --max-error 10 --plot errors.svg")
+        .is(0);
+    let picture = std::fs::read_to_string(place.path("errors.svg")).unwrap();
+    assert!(picture.contains("coarse against room.hemicube") && picture.contains("allowed"));
+    assert!(!picture.contains("expected"), "no tolerance was asked for");
+    place
+        .line("compare coarse room.hemicube --plot errors.bmp")
+        .fails_with(&["errors.bmp", ".svg or .png"]);
     let json = place.line("compare coarse room.hemicube --json").is(0).json();
     assert!(
         json["relative_frobenius"].as_f64().is_some_and(|error| error > 1e-3),

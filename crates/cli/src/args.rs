@@ -153,7 +153,7 @@ pub(crate) enum Command {
     #[command(override_usage = "hemicube balance [OPTIONS] DIR -o OUT", after_long_help = format!("Examples:\n  hemicube balance room.hemicube -o closed.hemicube --closure\n  hemicube balance city.hemicube -o small.hemicube --min-factor 1e-5 --reciprocity\n{}", AFTER_BALANCE_HELP.trim_end()))]
     Balance(Balance),
     /// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
-    #[command(after_long_help = examples("  hemicube compare fast.hemicube fine.hemicube --max-error 0.02", false))]
+    #[command(after_long_help = examples("  hemicube compare fast.hemicube fine.hemicube --max-error 0.02\n  hemicube compare fast.hemicube fine.hemicube --plot errors.svg", false))]
     Compare(Compare),
     /// Write a matrix (.npz, .mtx, .txt, .npy, .parquet), or what is known of its patches (.vtp, .glb, .ply, .csv)
     #[command(after_long_help = examples(EXPORT_EXAMPLES, false))]
@@ -632,6 +632,10 @@ pub(crate) struct Compare {
     /// Compare only the rows A to B − 1, counted from 0
     #[arg(long, value_name = "A..B")]
     pub(crate) rows: Option<RowRange>,
+    /// Draw how many rows have which error into FILE, beside what A expected of them if it was computed to a tolerance: .svg
+    /// or .png
+    #[arg(long, value_name = "FILE")]
+    pub(crate) plot: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) report: Report,
 }

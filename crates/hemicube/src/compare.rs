@@ -97,12 +97,48 @@ impl Comparison {
     }
 }
 
+/// How far one row is from the reference's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RowDifference {
+    /// The row, an input patch.
+    pub row: u32,
+    /// ‖dᵢ‖₂.
+    pub distance: f64,
+    /// ‖bᵢ‖₂.
+    pub reference: f64,
+}
+
+impl RowDifference {
+    /// ‖dᵢ‖₂ / ‖bᵢ‖₂; 0 where both rows are empty, infinite where only the reference's is.
+    pub fn relative(&self) -> f64 {
+        over(self.distance, self.reference)
+    }
+}
+
+/// Nothing over nothing is no difference; something over nothing has no ratio, and shows as infinite.
+fn over(part: f64, whole: f64) -> f64 {
+    if part == 0.0 { 0.0 } else { part / whole }
+}
+
 /// Compares `matrix` with `reference`, row by row.
 ///
 /// # Errors
 /// [`Error::Incomparable`] when they are not of the same size, or have no row in common; otherwise what reading them
 /// gives.
 pub fn compare(matrix: &Matrix, reference: &Matrix, options: &CompareOptions) -> Result<Comparison> {
+    compare_rows(matrix, reference, options, |_| ())
+}
+
+/// The same, and calls `each` with every row that both have, in ascending order.
+///
+/// # Errors
+/// As [`compare`].
+pub fn compare_rows(
+    matrix: &Matrix,
+    reference: &Matrix,
+    options: &CompareOptions,
+    mut each: impl FnMut(RowDifference),
+) -> Result<Comparison> {
     let incomparable = |reason: String| Error::Incomparable {
         path: matrix.path().to_owned(),
         reference: reference.path().to_owned(),
@@ -142,7 +178,7 @@ pub fn compare(matrix: &Matrix, reference: &Matrix, options: &CompareOptions) ->
             (false, false) => {}
             (true, false) if !(is_empty(&a) && b.is_some()) => tally.rows_only_in_matrix += 1,
             (false, true) if !(is_empty(&b) && a.is_some()) => tally.rows_only_in_reference += 1,
-            _ => tally.add(row, &a.unwrap_or_default(), &b.unwrap_or_default()),
+            _ => each(tally.add(row, &a.unwrap_or_default(), &b.unwrap_or_default())),
         }
     }
     // Also when there is no row at all: nothing compared is not equal.
@@ -174,7 +210,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, i: u32, a: &MatrixRow, b: &MatrixRow) {
+    fn add(&mut self, i: u32, a: &MatrixRow, b: &MatrixRow) -> RowDifference {
         self.rows_compared += 1;
         self.entries.0 += a.columns.len() as u64;
         self.entries.1 += b.columns.len() as u64;
@@ -211,11 +247,14 @@ impl Tally {
             self.row_error.push(0.0);
             self.row_l1.push(0.0);
         }
+        RowDifference {
+            row: i,
+            distance: squared.sqrt(),
+            reference: squared_b.sqrt(),
+        }
     }
 
     fn finish(self, matrix: &Matrix, reference: &Matrix) -> Comparison {
-        // Nothing over nothing is no difference; something over nothing has no ratio, and shows as infinite.
-        let over = |part: f64, whole: f64| if part == 0.0 { 0.0 } else { part / whole };
         Comparison {
             matrix: matrix.path().to_owned(),
             reference: reference.path().to_owned(),
@@ -384,6 +423,15 @@ mod tests {
                 b: 0.4
             })
         );
+        let mut rows = Vec::new();
+        let each = compare_rows(&a, &b, &CompareOptions::default(), |row| {
+            rows.push((row.row, row.relative()))
+        });
+        assert_eq!(each.unwrap(), found);
+        assert_eq!(rows.iter().map(|row| row.0).collect::<Vec<_>>(), [0, 1, 2]);
+        near(rows[0].1, 0.8);
+        near(rows[1].1, (0.0029f64).sqrt() / 0.5);
+        assert_eq!(rows[2].1, 0.0);
         let one_row = compare(&a, &b, &CompareOptions { rows: Some(2..3) }).unwrap();
         assert_eq!((one_row.rows_compared, one_row.relative_frobenius), (1, 0.0));
     }

@@ -1,13 +1,19 @@
 //! `hemicube compare`: how far one matrix is from another.
 
+mod plot;
+
 use crate::args::{Compare as Arguments, Talk};
 use crate::exit::Exit;
 use crate::progress::Bar;
-use crate::report::{self, JsonReport, Listing, SCHEMA, count, figures};
-use anyhow::Result;
-use hemicube::compare::{CompareOptions, Comparison, OverRows, compare};
+use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, figures};
+use crate::sheet::Format;
+use anyhow::{Context, Result};
+use hemicube::compare::{CompareOptions, Comparison, OverRows, RowDifference, compare_rows};
 use hemicube::store::Matrix;
+use plot::Picture;
 use serde::Serialize;
+use std::io::Write;
+use std::path::Path;
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -26,6 +32,10 @@ struct Report<'a> {
     reason = "the options are open to new fields, so no literal makes them"
 )]
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    let plot = match &arguments.plot {
+        Some(file) => Some((Format::of(file)?, PendingFile::create(file)?)),
+        None => None,
+    };
     let json = JsonReport::open(&arguments.report)?;
     report::require(&arguments.matrix)?;
     report::require(&arguments.reference)?;
@@ -33,12 +43,23 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let mut options = CompareOptions::default();
     options.rows = arguments.rows.map(|rows| rows.start..rows.end.unwrap_or(u32::MAX));
     let bar = Bar::spinner(talk, "comparing");
-    let found = compare(&matrix, &reference, &options)?;
+    let mut rows = Vec::new();
+    let found = compare_rows(&matrix, &reference, &options, |row| {
+        if plot.is_some() {
+            rows.push(row);
+        }
+    })?;
     drop(bar);
     // Not `>`: an error that is no number is above every bound.
     let ok = arguments
         .max_error
         .is_none_or(|bound| found.relative_frobenius <= bound);
+    if let Some((format, mut file)) = plot {
+        let picture = picture(&found, &rows, &matrix, arguments)?;
+        file.write_all(&plot::draw(&picture, format)?)
+            .context("the picture cannot be written")?;
+        file.commit()?;
+    }
     if let Some(json) = json {
         json.write(&Report {
             schema: SCHEMA,
@@ -54,6 +75,43 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         report::print(&text(&found, arguments.max_error, ok))?;
     }
     Ok(if ok { Exit::Done } else { Exit::NotHeld })
+}
+
+/// What is drawn of a comparison.
+fn picture(found: &Comparison, rows: &[RowDifference], matrix: &Matrix, arguments: &Arguments) -> Result<Picture> {
+    let name = |path: &Path| {
+        path.file_name()
+            .unwrap_or(path.as_os_str())
+            .to_string_lossy()
+            .into_owned()
+    };
+    let (matrix_name, reference_name) = (name(&arguments.matrix), name(&arguments.reference));
+    // Rows that the reference leaves empty have no relative error, neither measured nor expected.
+    let relative: Vec<&RowDifference> = rows.iter().filter(|row| row.reference > 0.0).collect();
+    let expected = match matrix.store() {
+        Some(store) if store.manifest().patches.is_some() => {
+            let table = store.row_table()?;
+            let of_row = |row: &&RowDifference| {
+                let error = table.error.get(row.row as usize)?;
+                error.is_finite().then_some(error / row.reference)
+            };
+            relative.iter().filter_map(of_row).collect()
+        }
+        _ => Vec::new(),
+    };
+    Ok(Picture {
+        title: format!("{matrix_name} against {reference_name}"),
+        subtitle: format!(
+            "{} rows of {} patches; over the whole matrix the relative Frobenius error is {}",
+            count(found.rows_compared),
+            count(u64::from(found.patch_count)),
+            self::relative(found.relative_frobenius)
+        ),
+        measured: relative.iter().map(|row| row.relative()).collect(),
+        expected,
+        matrix: found.relative_frobenius,
+        bound: arguments.max_error,
+    })
 }
 
 fn text(found: &Comparison, bound: Option<f64>, ok: bool) -> String {
