@@ -7,6 +7,9 @@
 //! Each figure is the best of five, taken in turns, in gigabytes of the parts' files a second: of the thread's processor
 //! time where there is one thread, so that a busy machine measures the same as an idle one, else of wall time. What is
 //! read comes from the page cache as far as it has room there; `first` is the product that also verifies every checksum.
+//!
+//! With `COLD=1` in the environment the store is put out of the page cache before each (by `dd` of GNU coreutils), and each
+//! is done once, by the clock on the wall: what a disk gives that holds more than memory does.
 
 #![allow(clippy::print_stdout, reason = "it is what it is for")]
 
@@ -52,6 +55,22 @@ fn processor_time() -> Option<u64> {
     text.split_whitespace().next()?.parse().ok()
 }
 
+/// Puts files out of the page cache.
+fn evict(files: &[PathBuf]) -> std::io::Result<()> {
+    for file in files {
+        let mut input = std::ffi::OsString::from("if=");
+        input.push(file);
+        let status = std::process::Command::new("dd")
+            .arg(input)
+            .args(["iflag=nocache", "count=0", "status=none"])
+            .status()?;
+        if !status.success() {
+            return Err(std::io::Error::other("`dd` could not put a file out of the page cache"));
+        }
+    }
+    Ok(())
+}
+
 fn seconds<T, E>(threads: usize, work: impl FnOnce() -> Result<T, E>) -> Result<(f64, T), E> {
     let (started, before) = (Instant::now(), processor_time());
     let done = work()?;
@@ -79,14 +98,22 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .collect();
     let x = vec![1.0; store.patch_count() as usize];
     let bytes = read(&files, threads)? as f64;
-    let first = seconds(threads, || store.multiply(&x, threads))?.0;
+    let cold = std::env::var_os("COLD").is_some();
+    // Processor time does not wait for a disk.
+    let clock = if cold { 0 } else { threads };
+    let prepare = || if cold { evict(&files) } else { Ok(()) };
+    prepare()?;
+    let first = seconds(clock, || store.multiply(&x, threads))?.0;
     let mut best = [f64::INFINITY; 3];
     let mut row_sums = Vec::new();
-    for _ in 0..5 {
-        best[0] = best[0].min(seconds(threads, || read(&files, threads))?.0);
-        let (spent, y) = seconds(threads, || store.multiply(&x, threads))?;
+    for _ in 0..if cold { 1 } else { 5 } {
+        prepare()?;
+        best[0] = best[0].min(seconds(clock, || read(&files, threads))?.0);
+        prepare()?;
+        let (spent, y) = seconds(clock, || store.multiply(&x, threads))?;
         best[1] = best[1].min(spent);
-        best[2] = best[2].min(seconds(threads, || store.multiply_transposed(&x, threads))?.0);
+        prepare()?;
+        best[2] = best[2].min(seconds(clock, || store.multiply_transposed(&x, threads))?.0);
         row_sums = y;
     }
     // With ones, F·x are the row sums that the store has in its patch table.
