@@ -41,6 +41,8 @@ const AGAIN: u64 = 2048;
 /// What finding the hidden costs besides drawing, in triangles a pixel of the top face: the depths of what was seen are
 /// drawn and gone through for the pyramid. Measured on Mesa's software driver.
 const TRIANGLES_A_PIXEL: f64 = 0.3;
+/// And in triangles a chunk that is held against the pyramid of a face: there are more of these than pixels in vast scenes.
+const TRIANGLES_A_TEST: f64 = 1.5;
 /// The part of a scene's triangles that is in view of a hemicube's faces, until it is known: more is seldom hidden.
 const IN_VIEW: f64 = 0.25;
 
@@ -121,8 +123,9 @@ impl Policy {
             ..
         } = self.since;
         let inside = 1.0 - nodes_outside as f64 / nodes_tested.max(1) as f64;
-        let drawn = triangles_transformed as f64 / hemicubes.max(1) as f64;
-        drawn + self.overhead < inside * self.triangles
+        let each = |count: u64| count as f64 / hemicubes.max(1) as f64;
+        let price = self.overhead + TRIANGLES_A_TEST * each(nodes_tested);
+        each(triangles_transformed) + price < inside * self.triangles
     }
 
     /// What was decided, and why.
@@ -292,6 +295,15 @@ mod tests {
         assert_eq!(policy.now(), Cull::Occlusion);
         policy.learn(Cull::Occlusion, done(TRIED, 500, 100_000));
         assert_eq!(policy.now(), Cull::Occlusion, "it pays here");
+        policy.learn(
+            Cull::Occlusion,
+            Counters {
+                nodes_tested: 100_000 * TRIED,
+                nodes_outside: 50_000 * TRIED,
+                ..done(TRIED, 0, 100_000)
+            },
+        );
+        assert_eq!(policy.now(), Cull::Outside, "the tests alone cost 150,000");
     }
 
     #[test]
