@@ -86,9 +86,9 @@ fn distance(found: &RowBlock, wanted: &RowBlock, patch_count: u32) -> f64 {
 /// The block of that language on the page about plugins.
 fn block(language: &str) -> String {
     let page = std::fs::read_to_string(workspace().join("docs/plugins.md")).expect("the page on plugins");
-    let start = format!("```{language}\n");
-    let (_, rest) = page.split_once(&start).expect("a block");
-    rest.split_once("```").expect("its end").0.to_owned()
+    let (_, rest) = page.split_once(&format!("```{language}")).expect("a block");
+    let (_, code) = rest.split_once('\n').expect("what follows the tags");
+    code.split_once("```").expect("its end").0.to_owned()
 }
 
 #[test]
