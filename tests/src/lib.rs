@@ -22,6 +22,11 @@
 #[doc = include_str!("../../docs/plugins.md")]
 struct PluginsPage;
 
+/// The page's programs run.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/embedding.md")]
+struct EmbeddingPage;
+
 pub mod browser;
 pub mod cases;
 pub mod devices;

@@ -82,6 +82,19 @@ def test_what_is_documented_runs(document: str, tmp_path: pathlib.Path, monkeypa
     assert os.listdir(tmp_path)
 
 
+def test_the_readmes_lines_run() -> None:
+    readme = (REPOSITORY / "README.md").read_text()
+    (block,) = re.findall(r"```python\n(.*?)```", readme, flags=re.DOTALL)
+    # A floor and a ceiling.
+    names = {
+        "vertices": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1]],
+        "triangles": [[0, 1, 2], [3, 5, 4]],
+    }
+    exec(block, names)
+    assert names["F"].shape == (2, 2) and 0.05 < names["F"][0, 1] < 0.3
+    assert 0.7 < names["svf"][0] < 0.95 and names["svf"][1] == 0
+
+
 def test_the_packages_own_examples_run() -> None:
     assert doctest.testmod(hemicube).attempted > 2
     assert doctest.testmod(hemicube).failed == 0

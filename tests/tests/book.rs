@@ -1,0 +1,380 @@
+//! The book, `docs/SUMMARY.md` and its chapters, and the README: every command and every piece of code is run, output that
+//! stands beside a command is what it says, links lead somewhere, and pictures of a page are those that its commands make.
+//!
+//! Each page has a test, which runs what takes seconds, and one more for `./test --full`. `BLESS=1` takes over pictures.
+
+#![cfg(unix)]
+
+#[path = "book/page.rs"]
+mod page;
+#[path = "book/run.rs"]
+mod run;
+
+use hemicube_tests::scenes::workspace;
+use page::{Page, chapters, faults_of_blocks, faults_of_contents, faults_of_links, files, stale};
+use run::{Extent, Folder, same_picture, says};
+
+/// Blocks that are not run here: page, first line, and who runs it instead or why nobody can.
+const NOT_RUN: &[(&str, &str, &str)] = &[
+    ("README.md", "./test", "it is what runs this"),
+    (
+        "docs/light.md",
+        "hemicube view hemicube room.obj --live --count 20",
+        "needs a display: tests/tests/live.rs shows it on one that is made for it",
+    ),
+    (
+        "docs/performance.md",
+        "cargo bench -p hemicube-backend-cpu --bench engine",
+        "`./test` runs every bench once, `./test --full` in earnest",
+    ),
+    (
+        "docs/peers.md",
+        "cargo build --release -p hemicube-cli",
+        "minutes of other people's packages from PyPI: tests/tests/bench.rs reads what they make",
+    ),
+    (
+        "docs/python.md",
+        "python3 -m venv venv",
+        "`./test` builds the wheel, installs it into an environment of its own and runs the page there",
+    ),
+    (
+        "docs/scaling-out.md",
+        "sbatch --array=0-15 examples/cluster/slurm-array.sh city.obj slurm.hemicube",
+        "wants a cluster: tests/tests/cluster.rs runs the script in a Slurm of its own",
+    ),
+    (
+        "docs/scaling-out.md",
+        "kubectl apply -f examples/cluster/kubernetes.yaml",
+        "wants a cluster: tests/tests/cluster.rs gives the program the variables that a pod has",
+    ),
+    (
+        "docs/study.md",
+        "cargo build --release -p hemicube-cli -p hemicube-backend-gl -p hemicube-backend-vulkan -p hemicube-backend-wgpu",
+        "hours of a machine: tests/tests/bench.rs runs small studies",
+    ),
+];
+
+/// Bash that makes what a page takes for granted: scenes and matrices of the reader's.
+const GIVEN: &[(&str, &str)] = &[
+    (
+        "README.md",
+        "hemicube generate city --patches 400 -o your-scene.obj
+         hemicube generate city --patches 60 -o your-city.obj",
+    ),
+    (
+        "docs/choosing-accuracy.md",
+        "hemicube generate city --patches 3000 -o city.obj",
+    ),
+    (
+        "docs/light.md",
+        "hemicube generate city --patches 300 -o city.obj
+         hemicube compute city.obj -o city.hemicube
+         hemicube generate room --patches 1000 -o room.obj
+         hemicube compute room.obj -o room.hemicube",
+    ),
+    (
+        "docs/report.md",
+        "hemicube generate city --patches 1000 -o city.obj
+         hemicube compute city.obj -o city.hemicube",
+    ),
+    (
+        "docs/formats.md",
+        "hemicube generate room --patches 1000 -o room.obj
+         hemicube compute room.obj -o room.hemicube
+         hemicube solve room.hemicube --scene room.obj",
+    ),
+    (
+        "docs/store.md",
+        "hemicube generate city --patches 3000 -o city.obj
+         hemicube compute city.obj -o city.hemicube
+         hemicube generate room --patches 1000 -o room.obj
+         hemicube compute room.obj -o room.hemicube",
+    ),
+    (
+        "docs/scaling-out.md",
+        "hemicube generate city --patches 2000 -o city.obj",
+    ),
+    (
+        "docs/embedding.md",
+        "hemicube generate room --patches 1000 -o room.obj
+         mkdir seen
+         cp hemicube/Cargo.lock seen",
+    ),
+    ("docs/plugins.md", "hemicube generate room --patches 1000 -o room.obj"),
+    ("docs/limits.md", "hemicube generate room --patches 1000 -o room.obj"),
+    ("docs/peers.md", "hemicube generate room --patches 1000 -o room.obj"),
+];
+
+fn summary() -> Page {
+    Page::read("docs/SUMMARY.md")
+}
+
+/// The README and every chapter.
+fn pages() -> Vec<Page> {
+    let chapters = chapters(&summary());
+    assert!(chapters.len() > 15, "{chapters:?}");
+    std::iter::once("README.md".to_owned())
+        .chain(chapters)
+        .map(|name| Page::read(&name))
+        .collect()
+}
+
+/// Where documentation tests of Rust and of Python name their pages.
+fn tested_elsewhere() -> [String; 2] {
+    ["tests/src/lib.rs", "crates/python/tests/test_types_and_documents.py"].map(|name| Page::read(name).text)
+}
+
+/// Runs a page of the repository, and holds the pictures in it against what its commands made.
+fn holds(name: &str, extent: Extent) {
+    let page = Page::read(name);
+    let given = GIVEN
+        .iter()
+        .find(|(page, _)| *page == name)
+        .map_or("", |(_, given)| given);
+    let folder = Folder::new(&format!("book::{name}"));
+    folder
+        .page(&page, given, extent)
+        .unwrap_or_else(|what| panic!("{what}"));
+    for picture in page.own_pictures() {
+        let stem = name.trim_start_matches("docs/").trim_end_matches(".md");
+        let kept = workspace().join("docs/pictures").join(stem).join(&picture);
+        let made = folder.path(&picture);
+        if std::env::var_os("BLESS").is_some() {
+            std::fs::copy(&made, &kept).expect("a picture is taken over");
+        }
+        same_picture(&made, &kept).unwrap_or_else(|what| panic!("{what}; BLESS=1 takes over what they make"));
+    }
+}
+
+macro_rules! page_tests {
+    ($($test:ident: $page:literal,)*) => {
+        /// The pages that have tests.
+        const TESTED: &[&str] = &[$($page),*];
+
+        mod quick {
+            use super::{Extent, holds};
+            $(#[test] fn $test() { holds($page, Extent::Quick); })*
+        }
+
+        mod full {
+            use super::{Extent, holds};
+            $(#[test] #[ignore = "for ./test --full"] fn $test() { holds($page, Extent::Full); })*
+        }
+    };
+}
+
+page_tests! {
+    readme: "README.md",
+    tour: "docs/tour.md",
+    choosing_accuracy: "docs/choosing-accuracy.md",
+    light: "docs/light.md",
+    report: "docs/report.md",
+    formats: "docs/formats.md",
+    store: "docs/store.md",
+    scaling_out: "docs/scaling-out.md",
+    embedding: "docs/embedding.md",
+    plugins: "docs/plugins.md",
+    gpu: "docs/gpu.md",
+    limits: "docs/limits.md",
+    accuracy: "docs/accuracy.md",
+    extremes: "docs/extremes.md",
+    peers: "docs/peers.md",
+}
+
+#[test]
+fn every_page_is_a_chapter_and_every_link_leads_somewhere() {
+    let contents = faults_of_contents(&summary(), &files());
+    assert!(contents.is_empty(), "{contents:#?}");
+    let pages = pages();
+    let links = faults_of_links(&pages);
+    assert!(links.is_empty(), "{links:#?}");
+    let count: usize = pages.iter().map(|page| page.links().len()).sum();
+    let pictures = pages
+        .iter()
+        .flat_map(Page::links)
+        .filter(|(.., is_picture)| *is_picture)
+        .count();
+    assert!(count > 60 && pictures > 15, "{count} links, {pictures} pictures");
+}
+
+#[test]
+fn every_block_is_run_or_said_not_to_be() {
+    let pages = pages();
+    let [doctested, packaged] = tested_elsewhere();
+    let mut faults = stale(&pages, NOT_RUN);
+    for page in &pages {
+        faults.extend(faults_of_blocks(page, NOT_RUN, &doctested, &packaged));
+        let is_run = page.blocks().iter().any(|block| {
+            let is_console = block.language == "console" && !block.is("not-run");
+            is_console || block.language == "python" && !block.needs_package()
+        });
+        if is_run != TESTED.contains(&page.name.as_str()) {
+            faults.push(format!(
+                "{}: has blocks to run: {is_run}; and in `page_tests!` the opposite",
+                page.name
+            ));
+        }
+    }
+    for (name, _) in GIVEN.iter().filter(|(name, _)| !TESTED.contains(name)) {
+        faults.push(format!("{name}: something is made for it, and nothing run"));
+    }
+    assert!(faults.is_empty(), "{faults:#?}");
+}
+
+/// A page of these lines.
+fn doctored(text: &str) -> Page {
+    Page {
+        name: "docs/doctored.md".to_owned(),
+        text: text.to_owned(),
+    }
+}
+
+/// The tour with one thing changed.
+fn tour_with(from: &str, to: &str) -> Page {
+    let tour = Page::read("docs/tour.md");
+    assert!(tour.text.contains(from), "the tour has no `{from}`");
+    let text = tour.text.replacen(from, to, 1);
+    Page { text, ..tour }
+}
+
+#[test]
+fn must_fail_a_wrong_command_or_other_output() {
+    let run = |page: &Page| Folder::new("book::must_fail").page(page, "", Extent::Quick);
+    let generate = "```console\nhemicube generate room --patches 200 -o room.obj\n```\n";
+    run(&doctored(generate)).expect("a page that is right");
+    let right = format!("{generate}\n```text,output\n`room.obj`: … patches (room)\n```\n");
+    run(&doctored(&right)).expect("output as it stands there");
+    for (change, wanted) in [
+        (generate.replace("generate", "genarate"), "docs/doctored.md:1: "),
+        (
+            generate.replace("-o room.obj", "-o room.obj; false; true"),
+            "this failed: false",
+        ),
+        (right.replace("(room)", "(city)"), "says something else"),
+        (right.replace("room.obj`:", "room.obj`"), "says something else"),
+        ("```python\nassert 1 + 1 == 3\n```\n".to_owned(), "AssertionError"),
+        (
+            "```console\ncargo run --release -p hemicube-tests --example nowhere\n```\n".to_owned(),
+            "this failed",
+        ),
+    ] {
+        let is_python = change.contains("python");
+        match run(&doctored(&change)) {
+            Err(what) => assert!(what.contains(wanted), "{what}"),
+            // Without Python there is nothing to fail; a test that requires it fails before.
+            Ok(()) => assert!(
+                is_python && hemicube_tests::readers::python("book::must_fail", &["numpy"]).is_none(),
+                "{change}"
+            ),
+        }
+    }
+    // And in a page of the book.
+    let wrong = tour_with("hemicube inspect crates", "hemicube inspekt crates");
+    let what = run(&wrong).expect_err("a wrong command in the tour");
+    assert!(what.starts_with("docs/tour.md:") && what.contains("inspekt"), "{what}");
+}
+
+#[test]
+fn must_fail_lines_out_of_order_or_not_adjacent() {
+    let said = "one\ntwo 2.0 s\nthree\nfour\n";
+    for right in ["one\ntwo … s", "one\n…\nfour", "…\nthree", "t…o 2.0 s\nthree", "three"] {
+        says(said, right).unwrap_or_else(|what| panic!("{what}"));
+    }
+    for wrong in [
+        "two\n",
+        "two … m",
+        "three\n…\none",
+        "one\nthree",
+        "one\n…\none",
+        "…o 2.1…",
+    ] {
+        assert!(says(said, wrong).is_err(), "{wrong}");
+    }
+}
+
+#[test]
+fn must_fail_links_pictures_and_chapters_that_are_not_there() {
+    let mut pages = pages();
+    pages.push(doctored(
+        "# A heading, or two\n[a](tour.md) [b](#a-heading-or-two) [c](https://example.org) `[code](x.md)`\n[d](../tests/src/lib.rs)\n",
+    ));
+    assert!(faults_of_links(&pages).is_empty(), "{:?}", faults_of_links(&pages));
+    for (line, wanted) in [
+        ("[a](nowhere.md)", "no such file"),
+        ("![a](pictures/nowhere.png)", "no such file"),
+        ("[a](tour.md#nowhere)", "no heading"),
+        ("[a](#nowhere)", "no heading"),
+        ("[a](../CHANGELOG.md)", "no chapter"),
+    ] {
+        *pages.last_mut().expect("a page") = doctored(line);
+        let faults = faults_of_links(&pages);
+        assert!(faults.len() == 1 && faults[0].contains(wanted), "{line}: {faults:?}");
+    }
+    let (mut summary, mut there) = (summary(), files());
+    summary.text += "- [x](nowhere.md)\n";
+    there.insert("docs/forgotten.md".to_owned());
+    let faults = faults_of_contents(&summary, &there);
+    assert_eq!(
+        faults,
+        [
+            "chapter `docs/nowhere.md` is not there",
+            "`docs/forgotten.md` is in no chapter"
+        ]
+    );
+}
+
+#[test]
+fn must_fail_blocks_of_unknown_kinds_and_stale_reasons() {
+    let listed = [("docs/doctored.md", "sleep forever", "it does not end")];
+    let faults = |text: &str| faults_of_blocks(&doctored(text), &listed, "", "");
+    for right in [
+        "```console,full,needs=scenes\ntrue\n```\n```text,output\nx\n```",
+        "```console,not-run\nsleep forever\n```",
+        "```toml,file=a.toml\n```\n```console\ncat a.toml\n```",
+        "```python\nprint(1)\n```\n```text\nanything\n```",
+        "```console\ncargo run --release -p hemicube-tests --example accuracy\n```",
+    ] {
+        assert!(faults(right).is_empty(), "{right}: {:?}", faults(right));
+    }
+    for (wrong, wanted) in [
+        ("```\nls\n```", "without a language"),
+        ("```fortran\nend\n```", "nothing runs this language"),
+        ("```console,fulll\ntrue\n```", "unknown tag `fulll`"),
+        ("```console,needs=\ntrue\n```", "unknown tag `needs=`"),
+        ("```console,not-run\ntrue\n```", "do not agree"),
+        ("```console\nsleep forever\n```", "do not agree"),
+        ("```text,output\nx\n```", "output of no command"),
+        ("```console\ntrue\n```\n```text,output\n…\n```", "claims nothing"),
+        ("```c\nint x;\n```", "no command reads it"),
+        (
+            "```c,file=a.c\nint x;\n```\n```console\ncc b.c\n```",
+            "no command after it",
+        ),
+        ("```rust\nfn main() {}\n```", "no documentation test"),
+        ("```python\nimport hemicube\n```", "no test of the Python package"),
+        (
+            "```console\ncargo run -p hemicube-tests --example nowhere\n```",
+            "has no `examples/nowhere.rs`",
+        ),
+        (
+            "```console\ncargo build -p hemicube-nowhere\n```",
+            "no package `hemicube-nowhere`",
+        ),
+    ] {
+        let found = faults(wrong);
+        assert!(found.len() == 1 && found[0].contains(wanted), "{wrong}: {found:?}");
+    }
+    assert_eq!(stale(&[doctored("")], &listed).len(), 1);
+    assert!(stale(&[doctored("```console,not-run\nsleep forever\n```")], &listed).is_empty());
+}
+
+#[test]
+fn must_fail_another_picture() {
+    let of = |name: &str| workspace().join("docs/pictures").join(name);
+    let (light, row) = (of("tour/light.png"), of("tour/row.png"));
+    assert!(same_picture(&light, &light).is_ok());
+    assert!(same_picture(&light, &row).is_err() && same_picture(&light, &of("nowhere.png")).is_err());
+    // Of the same size, and not the same.
+    let (ids, occlusion) = (of("hemicube-ids.png"), of("hemicube-occlusion.png"));
+    assert!(same_picture(&ids, &occlusion).is_err());
+}

@@ -1,0 +1,390 @@
+//! Pages of the book as text: their fenced blocks and tags, headings, links; and what is wrong with them before anything runs.
+//!
+//! A block begins with its language and its tags, with commas:
+//!
+//! | block | is |
+//! | --- | --- |
+//! | `console` | run by bash, in the page's folder, after the blocks before it |
+//! | `console,full` | run by `./test --full`: it takes more than half a minute |
+//! | `console,hours` | begun by `./test --full`, and must not fail within the first seconds |
+//! | `console,not-run` | for another machine or another test: [`super::NOT_RUN`] says which |
+//! | `…,needs=WHAT` | skipped where that is not there, and says so |
+//! | `text,output` | lines that the block before says; `…` is anything, within a line or for lines |
+//! | `LANGUAGE,file=PATH` | written to that file, for the commands that follow |
+//! | `python` | run as a program, or by the tests of the Python package where it needs the package |
+//! | `rust` | a documentation test of this package; `no_run`: it is compiled |
+//! | `text` | to be read |
+
+use hemicube_tests::scenes::workspace;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::read_to_string;
+use std::path::{Component, Path, PathBuf};
+
+/// A page: its path from the repository's root, and what stands in it.
+#[derive(Clone, Debug)]
+pub(crate) struct Page {
+    /// `docs/tour.md`.
+    pub(crate) name: String,
+    /// Its Markdown.
+    pub(crate) text: String,
+}
+
+/// A fenced block.
+#[derive(Clone, Debug)]
+pub(crate) struct Block {
+    /// The line that it begins at, from 1.
+    pub(crate) line: usize,
+    /// The first word after the fence.
+    pub(crate) language: String,
+    /// The words after it.
+    pub(crate) tags: Vec<String>,
+    /// What is in it.
+    pub(crate) text: String,
+}
+
+impl Block {
+    /// Whether it has a tag.
+    pub(crate) fn is(&self, tag: &str) -> bool {
+        self.tags.iter().any(|other| other == tag)
+    }
+
+    /// What follows `NAME=`.
+    pub(crate) fn value(&self, name: &str) -> Option<&str> {
+        self.tags
+            .iter()
+            .find_map(|tag| tag.strip_prefix(name)?.strip_prefix('='))
+    }
+
+    /// The first line.
+    pub(crate) fn first_line(&self) -> &str {
+        self.text.lines().next().unwrap_or_default()
+    }
+
+    /// Python that needs our package.
+    pub(crate) fn needs_package(&self) -> bool {
+        self.text.contains(">>> ") || self.text.contains("import hemicube")
+    }
+}
+
+impl Page {
+    /// A page of the repository.
+    pub(crate) fn read(name: &str) -> Self {
+        let path = workspace().join(name);
+        let text = read_to_string(&path).unwrap_or_else(|error| panic!("`{}`: {error}", path.display()));
+        let name = name.to_owned();
+        Self { name, text }
+    }
+
+    /// Each line, and whether it is outside of blocks.
+    fn lines(&self) -> impl Iterator<Item = (usize, &str, bool)> {
+        let mut is_inside = false;
+        self.text.lines().zip(1..).map(move |(line, number)| {
+            let is_fence = line.trim_start().starts_with("```");
+            let is_prose = !is_inside && !is_fence;
+            is_inside ^= is_fence;
+            (number, line, is_prose)
+        })
+    }
+
+    /// The blocks in their order.
+    pub(crate) fn blocks(&self) -> Vec<Block> {
+        let mut blocks = Vec::new();
+        let mut open: Option<Block> = None;
+        for (line, text, is_prose) in self.lines() {
+            let fence = text.trim_start().strip_prefix("```");
+            match (&mut open, fence) {
+                (Some(_), Some(_)) => blocks.extend(open.take()),
+                (Some(block), None) => block.text += &format!("{text}\n"),
+                (None, Some(words)) => {
+                    let mut words = words.trim().split(',').map(|word| word.trim().to_owned());
+                    open = Some(Block {
+                        line,
+                        language: words.next().unwrap_or_default(),
+                        tags: words.collect(),
+                        text: String::new(),
+                    });
+                }
+                (None, None) => assert!(is_prose, "{}:{line}: neither in a block nor out of it", self.name),
+            }
+        }
+        assert!(open.is_none(), "{}: a block does not end", self.name);
+        blocks
+    }
+
+    /// The names of its headings in addresses, as mdBook and GitHub make them.
+    fn anchors(&self) -> BTreeSet<String> {
+        let headings = self
+            .lines()
+            .filter(|&(_, line, is_prose)| is_prose && line.starts_with('#'));
+        headings
+            .map(|(_, line, _)| anchor(line.trim_start_matches('#').trim()))
+            .collect()
+    }
+
+    /// Each link: its line, where it points, and whether it is a picture.
+    pub(crate) fn links(&self) -> Vec<(usize, String, bool)> {
+        let mut links = Vec::new();
+        for (number, line, _) in self.lines().filter(|&(.., is_prose)| is_prose) {
+            // What is between backticks is code.
+            let prose: String = line.split('`').step_by(2).collect::<Vec<_>>().join("``");
+            for (place, _) in prose.match_indices("](") {
+                let target = prose[place + 2..].split(')').next().unwrap_or_default();
+                let opening = prose[..place].rfind('[').unwrap_or(0);
+                let is_picture = prose[..opening].ends_with('!');
+                links.push((number, target.to_owned(), is_picture));
+            }
+        }
+        links
+    }
+
+    /// The pictures that its own commands make: those beneath `pictures/NAME OF THE PAGE/`.
+    pub(crate) fn own_pictures(&self) -> Vec<String> {
+        let stem = Path::new(&self.name)
+            .file_stem()
+            .map(|stem| stem.to_string_lossy().into_owned());
+        let folder = format!("pictures/{}/", stem.unwrap_or_default());
+        let links = self.links().into_iter().filter(|(.., is_picture)| *is_picture);
+        links
+            .filter_map(|(_, target, _)| Some(target.strip_prefix(&folder)?.to_owned()))
+            .collect()
+    }
+}
+
+/// The name of a heading in an address.
+fn anchor(heading: &str) -> String {
+    let kept = heading.chars().filter_map(|c| match c {
+        c if c.is_alphanumeric() || c == '_' || c == '-' => Some(c.to_lowercase().next().unwrap_or(c)),
+        c if c.is_whitespace() => Some('-'),
+        _ => None,
+    });
+    kept.collect()
+}
+
+/// The Markdown files beneath `docs`, from the repository's root.
+pub(crate) fn files() -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    let mut folders = vec![workspace().join("docs")];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "md") {
+                let name = path.strip_prefix(workspace()).expect("beneath it");
+                found.insert(name.to_string_lossy().into_owned());
+            }
+        }
+    }
+    found
+}
+
+/// The chapters that a table of contents names, from the repository's root.
+pub(crate) fn chapters(summary: &Page) -> Vec<String> {
+    let links = summary.links().into_iter();
+    links.map(|(_, target, _)| format!("docs/{target}")).collect()
+}
+
+/// A path without `.` and `..`.
+fn plain(path: &Path) -> PathBuf {
+    let mut plain = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::ParentDir => {
+                plain.pop();
+            }
+            Component::CurDir => {}
+            part => plain.push(part),
+        }
+    }
+    plain
+}
+
+/// What is wrong with a table of contents: chapters that are not there, and pages that are not in it.
+pub(crate) fn faults_of_contents(summary: &Page, files: &BTreeSet<String>) -> Vec<String> {
+    let chapters = chapters(summary);
+    let missing = chapters.iter().filter(|chapter| !files.contains(*chapter));
+    let left_out = files
+        .iter()
+        .filter(|file| **file != summary.name && !chapters.contains(file));
+    let mut faults: Vec<String> = missing.map(|name| format!("chapter `{name}` is not there")).collect();
+    faults.extend(left_out.map(|name| format!("`{name}` is in no chapter")));
+    faults
+}
+
+/// Links that lead nowhere, in the repository or in the book.
+pub(crate) fn faults_of_links(pages: &[Page]) -> Vec<String> {
+    let anchors: BTreeMap<&str, BTreeSet<String>> =
+        pages.iter().map(|page| (page.name.as_str(), page.anchors())).collect();
+    let mut faults = Vec::new();
+    for page in pages {
+        let folder = Path::new(&page.name).parent().unwrap_or(Path::new(""));
+        for (line, target, _) in page.links() {
+            if target.starts_with("https://") {
+                continue;
+            }
+            let mut fault = |what: String| faults.push(format!("{}:{line}: `{target}`: {what}", page.name));
+            let (path, part) = target.split_once('#').unwrap_or((&target, ""));
+            let name = if path.is_empty() {
+                page.name.clone()
+            } else {
+                plain(&folder.join(path)).to_string_lossy().into_owned()
+            };
+            let of_page = anchors.get(name.as_str());
+            if of_page.is_none() && !workspace().join(&name).exists() {
+                fault("there is no such file".to_owned());
+                continue;
+            }
+            // mdBook makes `.html` of it, and there is none outside of the book.
+            if name.ends_with(".md") && of_page.is_none() && folder.starts_with("docs") {
+                fault("is no chapter, and the book has no such page".to_owned());
+            }
+            if !part.is_empty() && !of_page.is_some_and(|anchors| anchors.contains(part)) {
+                fault("no heading of that name".to_owned());
+            }
+        }
+    }
+    faults
+}
+
+/// Packages of the workspace, by the name that Cargo knows them by.
+fn packages() -> BTreeMap<String, PathBuf> {
+    let mut found = BTreeMap::new();
+    let folders = ["", "crates", "crates/backends", "tests/plugins"].map(|folder| workspace().join(folder));
+    for folder in folders {
+        for entry in std::fs::read_dir(folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            let Ok(manifest) = read_to_string(path.join("Cargo.toml")) else {
+                continue;
+            };
+            let name = manifest
+                .lines()
+                .find_map(|line| line.strip_prefix("name = \"")?.strip_suffix('"'));
+            found.extend(name.map(|name| (name.to_owned(), path.clone())));
+        }
+    }
+    found
+}
+
+/// What a line that runs Cargo says that is not there: packages, examples, benches.
+fn faults_of_cargo(line: &str) -> Vec<String> {
+    let packages = packages();
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let after = |option: &'static str| {
+        let pairs = words.windows(2).filter(move |pair| pair[0] == option);
+        pairs.map(|pair| pair[1])
+    };
+    let mut faults = Vec::new();
+    for package in after("-p") {
+        let Some(folder) = packages.get(package) else {
+            faults.push(format!("there is no package `{package}`"));
+            continue;
+        };
+        for (option, place) in [("--example", "examples"), ("--bench", "benches")] {
+            for name in after(option).filter(|name| !folder.join(place).join(format!("{name}.rs")).is_file()) {
+                faults.push(format!("package `{package}` has no `{place}/{name}.rs`"));
+            }
+        }
+    }
+    faults
+}
+
+/// What is wrong with the blocks of a page before any is run: none may be of a kind that nothing runs.
+///
+/// `not_run` are page, first line and reason of the blocks that are run elsewhere or nowhere; `doctested` and `packaged` the
+/// texts in which Rust's and Python's documentation tests name their pages.
+pub(crate) fn faults_of_blocks(
+    page: &Page,
+    not_run: &[(&str, &str, &str)],
+    doctested: &str,
+    packaged: &str,
+) -> Vec<String> {
+    let blocks = page.blocks();
+    let mut faults = Vec::new();
+    for (k, block) in blocks.iter().enumerate() {
+        let mut fault = |what: &str| faults.push(format!("{}:{}: {what}", page.name, block.line));
+        let allowed: &[&str] = match block.language.as_str() {
+            "console" => &["full", "hours", "not-run", "needs="],
+            "text" => &["output", "file="],
+            "rust" => &["no_run", "file="],
+            "c" | "toml" | "json" => &["file="],
+            "python" => &[],
+            "" => {
+                fault("a block without a language: is it run, or read?");
+                continue;
+            }
+            _ => {
+                fault("nothing runs this language");
+                continue;
+            }
+        };
+        for tag in &block.tags {
+            let is_known = allowed.iter().any(|known| match known.strip_suffix('=') {
+                Some(name) => tag
+                    .strip_prefix(name)
+                    .is_some_and(|value| value.len() > 1 && value.starts_with('=')),
+                None => tag == known,
+            });
+            if !is_known {
+                fault(&format!("unknown tag `{tag}`"));
+            }
+        }
+        let is_listed = not_run
+            .iter()
+            .any(|&(name, line, _)| name == page.name && line == block.first_line());
+        if block.language == "console" && block.is("not-run") != is_listed {
+            fault("`not-run` and the list of such blocks do not agree");
+        }
+        let said_before = k.checked_sub(1).and_then(|before| blocks.get(before));
+        if block.is("output") && said_before.is_none_or(|before| before.language != "console") {
+            fault("output of no command: no `console` block is before it");
+        }
+        if block.is("output") && block.text.lines().all(|line| line.replace('…', "").trim().is_empty()) {
+            fault("output that claims nothing");
+        }
+        let file = block.value("file");
+        let is_used = |name: &str| {
+            let stem = Path::new(name)
+                .components()
+                .next()
+                .map(|first| first.as_os_str().to_string_lossy());
+            let stem = stem.unwrap_or_default();
+            blocks[k..]
+                .iter()
+                .any(|later| later.language == "console" && later.text.contains(&*stem))
+        };
+        match (block.language.as_str(), file) {
+            ("c" | "toml" | "json", None) => fault("no `file=`: no command reads it"),
+            (_, Some(name)) if !is_used(name) => fault("no command after it reads its file"),
+            _ => {}
+        }
+        let named = format!("{}\"", page.name);
+        if block.language == "rust" && !doctested.contains(&named) {
+            fault("no documentation test includes the page: tests/src/lib.rs");
+        }
+        if block.language == "python" && block.needs_package() && !packaged.contains(&named) {
+            fault("no test of the Python package runs the page: crates/python/tests");
+        }
+        if block.language == "console" {
+            for line in block.text.lines().filter(|line| line.contains("cargo ")) {
+                faults_of_cargo(line).iter().for_each(|what| fault(what));
+            }
+        }
+    }
+    faults
+}
+
+/// Rows of the list of blocks that are not run which no page has.
+pub(crate) fn stale(pages: &[Page], not_run: &[(&str, &str, &str)]) -> Vec<String> {
+    let has = |&&(name, line, _): &&(&str, &str, &str)| {
+        let page = pages.iter().find(|page| page.name == name);
+        page.is_some_and(|page| {
+            page.blocks()
+                .iter()
+                .any(|block| block.is("not-run") && block.first_line() == line)
+        })
+    };
+    let stale = not_run.iter().filter(|row| !has(row));
+    stale
+        .map(|(name, line, _)| format!("{name} has no block `{line}` that is not run"))
+        .collect()
+}
