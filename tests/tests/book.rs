@@ -10,9 +10,12 @@ mod page;
 #[path = "book/run.rs"]
 mod run;
 
-use hemicube_tests::scenes::workspace;
+use hemicube_tests::scenes::{skip, workspace};
 use page::{Page, chapters, faults_of_blocks, faults_of_contents, faults_of_links, files, stale};
 use run::{Extent, Folder, same_picture, says};
+use std::fs::read_to_string;
+use std::path::Path;
+use std::process::{Command, Output};
 
 /// Blocks that are not run here: page, first line, and who runs it instead or why nobody can.
 const NOT_RUN: &[(&str, &str, &str)] = &[
@@ -221,6 +224,84 @@ fn every_block_is_run_or_said_not_to_be() {
     assert!(faults.is_empty(), "{faults:#?}");
 }
 
+/// What mdbook makes of a folder of pages.
+fn made_of(docs: &Path, book: &Path) -> Option<Output> {
+    let Some(mdbook) = std::env::var_os("HEMICUBE_MDBOOK").filter(|path| !path.is_empty()) else {
+        skip("book", "no mdbook in `HEMICUBE_MDBOOK`", "HEMICUBE_REQUIRE_MDBOOK");
+        return None;
+    };
+    let mut command = Command::new(mdbook);
+    command.arg("build").arg(docs).arg("--dest-dir").arg(book);
+    Some(command.output().expect("`HEMICUBE_MDBOOK` runs"))
+}
+
+/// Links and pictures of a web page that lead nowhere: in the book, or, as if it were `book` beside `docs`, out of it.
+fn dead(page: &Path, book: &Path) -> Vec<String> {
+    let text = read_to_string(page).unwrap_or_else(|error| panic!("`{}`: {error}", page.display()));
+    let folder = page.parent().expect("a folder");
+    let targets = ["href=\"", "src=\""]
+        .into_iter()
+        .flat_map(|start| text.split(start).skip(1));
+    let targets = targets.filter_map(|rest| Some(rest.split_once('"')?.0));
+    let leads_somewhere = |target: &&str| {
+        let (path, part) = target.split_once('#').unwrap_or((target, ""));
+        let is_elsewhere = ["https://", "http://", "data:", "mailto:"]
+            .iter()
+            .any(|start| path.starts_with(start));
+        let place = if path.is_empty() {
+            page.to_owned()
+        } else {
+            folder.join(path)
+        };
+        let there = match path.strip_prefix("../").map(|rest| (rest, workspace().join(rest))) {
+            Some((_, outside)) if folder == book => outside.exists(),
+            _ => place.exists(),
+        };
+        let has_part = |text: &str| part.is_empty() || text.contains(&format!("id=\"{part}\""));
+        is_elsewhere || there && (part.is_empty() || read_to_string(place).is_ok_and(|text| has_part(&text)))
+    };
+    targets
+        .filter(|target| !leads_somewhere(target))
+        .map(str::to_owned)
+        .collect()
+}
+
+#[test]
+fn mdbook_makes_web_pages_of_it_whose_links_hold() {
+    let place = tempfile::tempdir().expect("a folder");
+    let book = place.path().join("book");
+    let Some(output) = made_of(&workspace().join("docs"), &book) else {
+        return;
+    };
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        output.status.success() && !said.contains("WARN") && !said.contains("ERROR"),
+        "{said}"
+    );
+    for chapter in chapters(&summary()) {
+        let chapter = chapter.trim_start_matches("docs/").replace(".md", ".html");
+        let dead = dead(&book.join(&chapter), &book);
+        assert!(dead.is_empty(), "{chapter}: {dead:?}");
+    }
+    let tour = read_to_string(book.join("tour.html")).expect("a page");
+    assert_eq!(tour.matches("<img ").count(), 4);
+
+    // A link that leads nowhere is found, as is a chapter that is not there.
+    let doctored = book.join("doctored.html");
+    std::fs::write(
+        &doctored,
+        "<a href=\"tour.html#light\"></a><a href=\"tour.html#dark\"></a><img src=\"no.png\">",
+    )
+    .expect("a page");
+    assert_eq!(dead(&doctored, &book), ["tour.html#dark", "no.png"]);
+    let docs = place.path().join("docs");
+    std::fs::create_dir(&docs).expect("a folder");
+    std::fs::copy(workspace().join("docs/book.toml"), docs.join("book.toml")).expect("copied");
+    std::fs::write(docs.join("SUMMARY.md"), "- [x](nowhere.md)\n").expect("a table of contents");
+    let output = made_of(&docs, &place.path().join("other")).expect("mdbook is there");
+    assert!(!output.status.success(), "a chapter that is not there was not noticed");
+}
+
 /// A page of these lines.
 fn doctored(text: &str) -> Page {
     Page {
@@ -328,9 +409,9 @@ fn must_fail_blocks_of_unknown_kinds_and_stale_reasons() {
     let listed = [("docs/doctored.md", "sleep forever", "it does not end")];
     let faults = |text: &str| faults_of_blocks(&doctored(text), &listed, "", "");
     for right in [
-        "```console,full,needs=scenes\ntrue\n```\n```text,output\nx\n```",
+        "```console,full,needs:scenes\ntrue\n```\n```text,output\nx\n```",
         "```console,not-run\nsleep forever\n```",
-        "```toml,file=a.toml\n```\n```console\ncat a.toml\n```",
+        "```toml,file:a.toml\n```\n```console\ncat a.toml\n```",
         "```python\nprint(1)\n```\n```text\nanything\n```",
         "```console\ncargo run --release -p hemicube-tests --example accuracy\n```",
     ] {
@@ -340,14 +421,14 @@ fn must_fail_blocks_of_unknown_kinds_and_stale_reasons() {
         ("```\nls\n```", "without a language"),
         ("```fortran\nend\n```", "nothing runs this language"),
         ("```console,fulll\ntrue\n```", "unknown tag `fulll`"),
-        ("```console,needs=\ntrue\n```", "unknown tag `needs=`"),
+        ("```console,needs:\ntrue\n```", "unknown tag `needs:`"),
         ("```console,not-run\ntrue\n```", "do not agree"),
         ("```console\nsleep forever\n```", "do not agree"),
         ("```text,output\nx\n```", "output of no command"),
         ("```console\ntrue\n```\n```text,output\n…\n```", "claims nothing"),
         ("```c\nint x;\n```", "no command reads it"),
         (
-            "```c,file=a.c\nint x;\n```\n```console\ncc b.c\n```",
+            "```c,file:a.c\nint x;\n```\n```console\ncc b.c\n```",
             "no command after it",
         ),
         ("```rust\nfn main() {}\n```", "no documentation test"),

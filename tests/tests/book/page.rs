@@ -8,12 +8,14 @@
 //! | `console,full` | run by `./test --full`: it takes more than half a minute |
 //! | `console,hours` | begun by `./test --full`, and must not fail within the first seconds |
 //! | `console,not-run` | for another machine or another test: [`super::NOT_RUN`] says which |
-//! | `…,needs=WHAT` | skipped where that is not there, and says so |
+//! | `…,needs:WHAT` | skipped where that is not there, and says so |
 //! | `text,output` | lines that the block before says; `…` is anything, within a line or for lines |
-//! | `LANGUAGE,file=PATH` | written to that file, for the commands that follow |
+//! | `LANGUAGE,file:PATH` | written to that file, for the commands that follow |
 //! | `python` | run as a program, or by the tests of the Python package where it needs the package |
 //! | `rust` | a documentation test of this package; `no_run`: it is compiled |
 //! | `text` | to be read |
+//!
+//! (`:` and not `=`, since rustdoc takes a block with `=` for none of Rust's.)
 
 use hemicube_tests::scenes::workspace;
 use std::collections::{BTreeMap, BTreeSet};
@@ -48,11 +50,11 @@ impl Block {
         self.tags.iter().any(|other| other == tag)
     }
 
-    /// What follows `NAME=`.
+    /// What follows `NAME:`.
     pub(crate) fn value(&self, name: &str) -> Option<&str> {
         self.tags
             .iter()
-            .find_map(|tag| tag.strip_prefix(name)?.strip_prefix('='))
+            .find_map(|tag| tag.strip_prefix(name)?.strip_prefix(':'))
     }
 
     /// The first line.
@@ -303,10 +305,10 @@ pub(crate) fn faults_of_blocks(
     for (k, block) in blocks.iter().enumerate() {
         let mut fault = |what: &str| faults.push(format!("{}:{}: {what}", page.name, block.line));
         let allowed: &[&str] = match block.language.as_str() {
-            "console" => &["full", "hours", "not-run", "needs="],
-            "text" => &["output", "file="],
-            "rust" => &["no_run", "file="],
-            "c" | "toml" | "json" => &["file="],
+            "console" => &["full", "hours", "not-run", "needs:"],
+            "text" => &["output", "file:"],
+            "rust" => &["no_run", "file:"],
+            "c" | "toml" | "json" => &["file:"],
             "python" => &[],
             "" => {
                 fault("a block without a language: is it run, or read?");
@@ -318,10 +320,10 @@ pub(crate) fn faults_of_blocks(
             }
         };
         for tag in &block.tags {
-            let is_known = allowed.iter().any(|known| match known.strip_suffix('=') {
+            let is_known = allowed.iter().any(|known| match known.strip_suffix(':') {
                 Some(name) => tag
                     .strip_prefix(name)
-                    .is_some_and(|value| value.len() > 1 && value.starts_with('=')),
+                    .is_some_and(|value| value.len() > 1 && value.starts_with(':')),
                 None => tag == known,
             });
             if !is_known {
@@ -353,7 +355,7 @@ pub(crate) fn faults_of_blocks(
                 .any(|later| later.language == "console" && later.text.contains(&*stem))
         };
         match (block.language.as_str(), file) {
-            ("c" | "toml" | "json", None) => fault("no `file=`: no command reads it"),
+            ("c" | "toml" | "json", None) => fault("no `file:`: no command reads it"),
             (_, Some(name)) if !is_used(name) => fault("no command after it reads its file"),
             _ => {}
         }
