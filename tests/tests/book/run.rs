@@ -32,7 +32,7 @@ const BEGINNING: Duration = Duration::from_secs(20);
 const CARGO: &str = r#"#!/usr/bin/env bash
 set -euo pipefail
 words=("$@")
-case " $* " in *" --manifest-path "*) exec "$REAL_CARGO" "${words[@]}" ;; esac
+case " $* " in *" --manifest-path "*) exec env PATH="$PATH_OF_CARGO" cargo "${words[@]}" ;; esac
 [ "$1" = build ] && exit 0
 [ "$1" = run ] || { echo "nothing stands for \`cargo $1\`" >&2; exit 2; }
 shift
@@ -122,7 +122,7 @@ impl Folder {
             .env("PATH", path)
             .env("HEMICUBE_THREADS", "2")
             .env("BUILT", profile_folder())
-            .env("REAL_CARGO", std::env::var_os("CARGO").unwrap_or("cargo".into()))
+            .env("PATH_OF_CARGO", std::env::var_os("PATH").unwrap_or_default())
             .env("CARGO_HOME", or_beneath_home("CARGO_HOME", ".cargo"))
             .env("RUSTUP_HOME", or_beneath_home("RUSTUP_HOME", ".rustup"))
             .env("CARGO_NET_OFFLINE", "true")
