@@ -33,7 +33,7 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
     (
         "docs/peers.md",
         "cargo build --release -p hemicube-cli",
-        "minutes of other people's packages from PyPI: tests/tests/bench.rs reads what they make",
+        "takes long, and wants other people's packages from PyPI",
     ),
     (
         "docs/python.md",
@@ -134,7 +134,7 @@ fn holds(name: &str, extent: Extent) {
         .iter()
         .find(|(page, _)| *page == name)
         .map_or("", |(_, given)| given);
-    let folder = Folder::new(&format!("book::{name}"));
+    let folder = Folder::new(&format!("book::{name}"), &page);
     folder
         .page(&page, given, extent)
         .unwrap_or_else(|what| panic!("{what}"));
@@ -326,7 +326,7 @@ fn tour_with(from: &str, to: &str) -> Page {
 
 #[test]
 fn must_fail_a_wrong_command_or_other_output() {
-    let run = |page: &Page| Folder::new("book::must_fail").page(page, "", Extent::Quick);
+    let run = |page: &Page| Folder::new("book::must_fail", page).page(page, "", Extent::Quick);
     let generate = "```console\nhemicube generate room --patches 200 -o room.obj\n```\n";
     run(&doctored(generate)).expect("a page that is right");
     let right = format!("{generate}\n```text,output\n`room.obj`: … patches (room)\n```\n");

@@ -86,9 +86,10 @@ fn distance(found: &RowBlock, wanted: &RowBlock, patch_count: u32) -> f64 {
 /// The block of that language on the page about plugins.
 fn block(language: &str) -> String {
     let page = std::fs::read_to_string(workspace().join("docs/plugins.md")).expect("the page on plugins");
-    let (_, rest) = page.split_once(&format!("```{language}")).expect("a block");
-    let (_, code) = rest.split_once('\n').expect("what follows the tags");
-    code.split_once("```").expect("its end").0.to_owned()
+    let mut blocks = page.split("\n```").filter_map(|block| block.split_once('\n'));
+    let is_wanted = |words: &str| words.split(',').next() == Some(language);
+    let (_, code) = blocks.find(|(words, _)| is_wanted(words)).expect("a block");
+    format!("{code}\n")
 }
 
 #[test]

@@ -65,8 +65,8 @@ pub(crate) struct Folder {
 type Said = (String, Option<ExitStatus>);
 
 impl Folder {
-    /// For a test, which is named where it skips something.
-    pub(crate) fn new(test: &str) -> Self {
+    /// For a page; a test of that name says what it skips.
+    pub(crate) fn new(test: &str, page: &Page) -> Self {
         let place = Place::new();
         for name in ["crates", "examples", "scripts"] {
             symlink(workspace().join(name), place.path(name)).expect("a link");
@@ -76,7 +76,15 @@ impl Folder {
         symlink(program(), place.path("run")).expect("a link");
         std::fs::create_dir(place.path("bin")).expect("a folder");
         symlink(program(), place.path("bin/hemicube")).expect("a link");
-        let python = python(test, &["numpy", "scipy.sparse"]);
+        let wants_python = |block: &Block| {
+            block.language == "python" && !block.needs_package() || block.value("needs") == Some("scipy")
+        };
+        let python = page
+            .blocks()
+            .iter()
+            .any(wants_python)
+            .then(|| python(test, &["numpy", "scipy.sparse"]));
+        let python = python.flatten();
         let folder = Self {
             place,
             test: test.to_owned(),
