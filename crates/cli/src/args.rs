@@ -173,6 +173,9 @@ pub(crate) enum Command {
     /// Write one HTML page about a matrix, to be opened from the disk: what it is, whether it holds, the model in 3-D
     #[command(after_long_help = examples("  hemicube report room.hemicube room.obj -o room.html\n  hemicube report city.hemicube city.obj -o city.html --entries 64", false))]
     Report(Box<crate::commands::report::Arguments>),
+    /// Ask what to do, and run it: choose a scene, compute, compare, change settings. On a terminal, `hemicube` alone does this
+    #[command(after_long_help = examples("  hemicube\n  hemicube interactive --scenes ~/scenes\n  hemicube interactive --plain      # numbered lines, for screen readers and scripts", false))]
+    Interactive(crate::commands::interactive::Arguments),
     /// Generate a scene: room, city, block-city, maze, spheres, field or soup
     #[command(after_long_help = examples("  hemicube generate city --patches 100000 --seed 3 -o city.obj", false))]
     Generate(Generate),

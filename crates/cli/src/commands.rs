@@ -9,6 +9,7 @@ pub(crate) mod compute;
 pub(crate) mod export;
 pub(crate) mod generate;
 pub(crate) mod inspect;
+pub(crate) mod interactive;
 pub(crate) mod manual;
 pub(crate) mod merge;
 pub(crate) mod report;

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// The flags that are settings: they may stand in a file and in the environment.
-const SETTINGS: [&str; 29] = [
+const SETTINGS: [&str; 30] = [
     "backend",
     "backend-dir",
     "backend-option",
@@ -46,10 +46,11 @@ const SETTINGS: [&str; 29] = [
     "min-factor",
     "threads",
     "batch",
+    "scenes",
 ];
 
 /// Settings of which one at most can hold. The one from the strongest layer does.
-const EXCLUSIVE: [&[&str]; 4] = [
+pub(crate) const EXCLUSIVE: [&[&str]; 4] = [
     &["subdivide", "split", "patch-size"],
     &["rows", "sample-rows"],
     &["correction", "tolerance"],
@@ -105,6 +106,17 @@ struct Layered {
     origin: Origin,
 }
 
+/// A setting as it holds for a command line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Setting {
+    /// Its long name.
+    pub(crate) name: &'static str,
+    /// Its value; several where it may be given several times, none where it is not set.
+    pub(crate) values: Vec<String>,
+    /// Where that came from; `None`: it is built in.
+    pub(crate) origin: Option<String>,
+}
+
 /// The values of all layers below the command line, the strongest of each setting.
 #[derive(Debug, Default)]
 pub(crate) struct Layers(BTreeMap<&'static str, Layered>);
@@ -113,10 +125,12 @@ impl Layers {
     /// Gathers the layers for a subcommand, of which `matches` says what the command line holds.
     pub(crate) fn gather(command: &Command, matches: &ArgMatches) -> Result<Self> {
         let mut layers = Self::default();
-        let chosen = matches.get_one::<PathBuf>("config");
+        // `interactive` has neither flag.
+        let chosen = matches.try_get_one::<PathBuf>("config").ok().flatten();
+        let no_file = matches.try_get_one::<bool>("no_config").ok().flatten();
         if let Some(path) = chosen {
             layers.read(path, Origin::Project)?;
-        } else if !matches.get_flag("no_config") {
+        } else if no_file != Some(&true) {
             // Weakest first: what comes later replaces it.
             if let Some(path) = user_file()
                 && path.exists()
@@ -204,7 +218,11 @@ impl Layers {
     }
 
     fn read(&mut self, path: &Path, origin: fn(PathBuf, usize) -> Origin) -> Result<()> {
-        let text = read_text(path)?;
+        self.take(&read_text(path)?, path, origin)
+    }
+
+    /// Takes the settings of a file's text.
+    fn take(&mut self, text: &str, path: &Path, origin: fn(PathBuf, usize) -> Origin) -> Result<()> {
         let line = |offset: usize| {
             1 + text
                 .as_bytes()
@@ -214,7 +232,7 @@ impl Layers {
                 .count()
         };
         let place = |offset: usize| format!("{}:{}", path.display(), line(offset));
-        let table = DeTable::parse(&text).map_err(|error| {
+        let table = DeTable::parse(text).map_err(|error| {
             let place = error
                 .span()
                 .map_or_else(|| path.display().to_string(), |span| place(span.start));
@@ -256,23 +274,34 @@ impl Layers {
         })
     }
 
-    /// Every setting of a subcommand with its value and where it came from, as a file of settings.
-    pub(crate) fn print(&self, command: &Command, matches: &ArgMatches) -> String {
-        let mut lines = Vec::new();
+    /// Every setting of a subcommand, as these layers and a command line have it.
+    pub(crate) fn settings(&self, command: &Command, matches: &ArgMatches) -> Vec<Setting> {
+        let mut settings = Vec::new();
         for name in SETTINGS {
             if argument(command, name).is_none_or(|arg| arg.is_hide_set()) {
                 continue;
             }
             let given = is_given(matches, name).then(|| Origin::CommandLine.to_string());
-            let origin = given
-                .or_else(|| self.0.get(name).map(|layered| layered.origin.to_string()))
-                .unwrap_or_else(|| "built-in".to_owned());
-            let values: Vec<String> = matches
-                .get_raw(&id(name))
-                .into_iter()
-                .flatten()
-                .map(|value| toml_value(&value.to_string_lossy()))
-                .collect();
+            settings.push(Setting {
+                name,
+                values: matches
+                    .get_raw(&id(name))
+                    .into_iter()
+                    .flatten()
+                    .map(|value| value.to_string_lossy().into_owned())
+                    .collect(),
+                origin: given.or_else(|| self.0.get(name).map(|layered| layered.origin.to_string())),
+            });
+        }
+        settings
+    }
+
+    /// The same as a file of settings.
+    pub(crate) fn print(&self, command: &Command, matches: &ArgMatches) -> String {
+        let mut lines = Vec::new();
+        for Setting { name, values, origin } in self.settings(command, matches) {
+            let origin = origin.unwrap_or_else(|| "built-in".to_owned());
+            let values: Vec<String> = values.iter().map(|value| toml_value(value)).collect();
             lines.push(match &values[..] {
                 [] => (format!("# {name} ="), "not set".to_owned()),
                 _ if matches!(name, "backend-option" | "emitters" | "receivers" | "occluders") => {
@@ -296,33 +325,94 @@ impl Layers {
 impl Layered {
     /// Parses the value with its flag alone, so that an error can name the place that it came from.
     fn check(&self, command: &Command, name: &str) -> Result<()> {
-        let Some(arg) = argument(command, name) else {
-            return Ok(());
-        };
-        let mut line: Vec<OsString> = vec!["hemicube".into()];
-        line.extend(self.words.iter().map(|word| format!("--{name}={word}").into()));
-        let alone = Command::new("hemicube").arg(arg.clone());
-        match alone.try_get_matches_from(line) {
-            Ok(_) => Ok(()),
-            Err(error) => {
-                let text = error.render().to_string();
-                let first = text
-                    .lines()
-                    .find(|line| !line.trim().is_empty())
-                    .unwrap_or("it is wrong");
-                let possible = text
-                    .lines()
-                    .map(str::trim)
-                    .find(|line| line.starts_with("[possible values"));
-                let first = first.strip_prefix("error: ").unwrap_or(first);
-                bail!(
-                    "{}: {first}{}",
-                    self.origin,
-                    possible.map(|p| format!(" {p}")).unwrap_or_default()
-                )
+        match refusal(command, name, &self.words) {
+            None => Ok(()),
+            Some(reason) => bail!("{}: {reason}", self.origin),
+        }
+    }
+}
+
+/// What the parser of a flag says against the words that would follow it, if it does.
+pub(crate) fn refusal(command: &Command, name: &str, words: &[String]) -> Option<String> {
+    let arg = argument(command, name)?;
+    let mut line: Vec<OsString> = vec!["hemicube".into()];
+    line.extend(words.iter().map(|word| format!("--{name}={word}").into()));
+    let error = Command::new("hemicube")
+        .arg(arg.clone())
+        .try_get_matches_from(line)
+        .err()?;
+    let text = error.render().to_string();
+    let first = text
+        .lines()
+        .find(|line| !line.trim().is_empty())
+        .unwrap_or("it is wrong");
+    let possible = text
+        .lines()
+        .map(str::trim)
+        .find(|line| line.starts_with("[possible values"));
+    let first = first.strip_prefix("error: ").unwrap_or(first);
+    Some(format!(
+        "{first}{}",
+        possible.map(|p| format!(" {p}")).unwrap_or_default()
+    ))
+}
+
+/// The file that settings are written to for who asks for that: the one in the working directory, or else the user's, or
+/// where there is neither, a new one in the working directory.
+pub(crate) fn file_to_write() -> PathBuf {
+    let project = PathBuf::from(FILE);
+    match user_file() {
+        Some(user) if user.exists() && !project.exists() => user,
+        _ => project,
+    }
+}
+
+/// The text of a file of settings with some of them changed, everything else as it was. What excludes a changed one becomes
+/// a comment.
+///
+/// # Errors
+/// When the text is not as the program would read it, before or after.
+pub(crate) fn changed(text: &str, path: &Path, changes: &[(&str, &str)], command: &Command) -> Result<String> {
+    let table = DeTable::parse(text)
+        .map_err(|error| anyhow!("`{}`: {}", path.display(), error.message().trim().replace('\n', ", ")))?;
+    // By place in the text: what is to stand in place of a range of it.
+    let mut edits: BTreeMap<usize, (usize, String)> = BTreeMap::new();
+    let mut added = String::new();
+    for (name, value) in changes {
+        let entry = table.get_ref().iter().find(|(key, _)| key.get_ref() == name);
+        if let Some((_, old)) = entry {
+            edits.insert(old.span().start, (old.span().end, toml_value(value)));
+        } else {
+            let _ = writeln!(added, "{name} = {}", toml_value(value));
+        }
+        let excluding = EXCLUSIVE.iter().filter(|group| group.contains(name)).copied().flatten();
+        for other in excluding.filter(|other| *other != name && !changes.iter().any(|(name, _)| name == *other)) {
+            let key = table
+                .get_ref()
+                .iter()
+                .map(|(key, _)| key)
+                .find(|key| key.get_ref() == other);
+            if let Some(key) = key {
+                edits.insert(key.span().start, (key.span().start, "# ".to_owned()));
             }
         }
     }
+    let mut changed = text.to_owned();
+    for (start, (end, new)) in edits.into_iter().rev() {
+        changed.replace_range(start..end, &new);
+    }
+    if !added.is_empty() && !changed.is_empty() && !changed.ends_with('\n') {
+        changed.push('\n');
+    }
+    changed.push_str(&added);
+    let mut layers = Layers::default();
+    layers.take(&changed, path, Origin::Project)?;
+    for (name, layered) in &layers.0 {
+        layered.check(command, name)?;
+    }
+    // As for a command line that says nothing of its own.
+    layers.exclude(&ArgMatches::default())?;
+    Ok(changed)
 }
 
 fn read_text(path: &Path) -> Result<String> {
@@ -446,7 +536,8 @@ mod tests {
     #[test]
     fn every_setting_is_a_flag_of_compute() {
         let command = compute();
-        for name in SETTINGS {
+        // That of `interactive` only.
+        for name in SETTINGS.into_iter().filter(|name| *name != "scenes") {
             assert!(argument(&command, name).is_some(), "{name}");
         }
     }
@@ -533,6 +624,32 @@ mod tests {
         let wrong = layered("sometimes", Origin::Project("f".into(), 3)).check(&command, "culling");
         let text = wrong.unwrap_err().to_string();
         assert!(text.starts_with("f:3: ") && text.contains("auto, on, off"), "{text}");
+    }
+
+    #[test]
+    fn a_file_is_changed_where_it_must_be_and_nowhere_else() {
+        let command = compute();
+        let changed = |text: &str, changes: &[(&str, &str)]| changed(text, Path::new("f"), changes, &command);
+        let text = "# mine\nresolution = 512 # fine\ntolerance = '1%'\n\nthreads=2";
+        assert_eq!(
+            changed(text, &[("resolution", "64"), ("store", "compact")]).unwrap(),
+            "# mine\nresolution = 64 # fine\ntolerance = '1%'\n\nthreads=2\nstore = \"compact\"\n"
+        );
+        // A tolerance and the pixel rung exclude each other, the area rung and a tolerance do not.
+        assert_eq!(
+            changed(text, &[("correction", "pixel")]).unwrap(),
+            "# mine\nresolution = 512 # fine\n# tolerance = '1%'\n\nthreads=2\ncorrection = \"pixel\"\n"
+        );
+        assert_eq!(changed("", &[("tolerance", "0.3%")]).unwrap(), "tolerance = \"0.3%\"\n");
+        for (text, changes, words) in [
+            ("x = = 3", [("threads", "1")], "f"),
+            ("resolution = 3", [("threads", "1")], "multiple of 16"),
+            ("", [("resolution", "3")], "multiple of 16"),
+            ("subdivide = 1\nsplit = 2", [("threads", "1")], "exclude each other"),
+        ] {
+            let error = changed(text, &changes).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
     }
 
     #[test]

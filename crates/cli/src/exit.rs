@@ -19,7 +19,7 @@ pub(crate) enum Exit {
 
 /// Wrong usage, unreadable input, or something that could not be written.
 const FAILED: u8 = 2;
-const INTERRUPTED: u8 = 130;
+pub(crate) const INTERRUPTED: u8 = 130;
 
 impl From<Exit> for ExitCode {
     fn from(exit: Exit) -> Self {

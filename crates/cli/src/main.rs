@@ -34,12 +34,15 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
-    let arguments = args::join_json(arguments);
+    let mut arguments = args::join_json(arguments);
+    if arguments.len() == 1 && commands::interactive::is_wanted() {
+        arguments.push("interactive".into());
+    }
     // Help and wrong usage end the program here, before anything is read.
     let definition = Cli::command();
     let first = definition.clone().get_matches_from(&arguments);
     let (subcommand, matches) = match first.subcommand() {
-        Some((name @ ("compute" | "inspect" | "tradeoff"), matches)) => (name, matches),
+        Some((name @ ("compute" | "inspect" | "tradeoff" | "interactive"), matches)) => (name, matches),
         _ => return dispatch(Cli::from_arg_matches(&first)?, None),
     };
     let known = definition.find_subcommand(subcommand).cloned().unwrap_or_default();
@@ -73,6 +76,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
     }
     talk.detail(settings.trim_end());
     match cli.command {
+        Command::Interactive(arguments) => commands::interactive::run(&arguments, talk),
         Command::Compute(arguments) => commands::compute::run(*arguments, talk),
         Command::Inspect(arguments) => commands::inspect::run(*arguments, talk),
         Command::Tradeoff(arguments) => commands::tradeoff::run(*arguments, talk),

@@ -1,0 +1,252 @@
+//! `hemicube interactive`, which `hemicube` alone is on a terminal: asks what to do, shows the command line that does it, and
+//! runs that.
+//!
+//! Every command is a process of its own, of this program with the words that were shown: nothing can come of the dialogue
+//! that would not come of the command line. What is asked is in `dialogue`, how in `menus` and `lines`.
+
+mod ask;
+mod dialogue;
+mod found;
+mod line;
+mod lines;
+#[cfg(feature = "menus")]
+mod menus;
+mod settings;
+
+use crate::args::{LogFormat, Talk};
+use crate::exit::{Exit, hinted};
+use crate::report;
+use anyhow::{Context, Result, anyhow};
+use ask::{Ask, Left};
+use clap::Args;
+use dialogue::{Dialogue, Ended, Run};
+use line::Line;
+use lines::Lines;
+use settings::Settings;
+use std::ffi::{OsStr, OsString};
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// `hemicube interactive`
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// Look for scenes in DIR, too; as `scenes = "DIR"` in a file of settings, always
+    #[arg(long, value_name = "DIR")]
+    pub(crate) scenes: Option<PathBuf>,
+    /// Ask by numbered lines in place of menus: for screen readers, and for scripts that answer
+    #[arg(long)]
+    pub(crate) plain: bool,
+}
+
+/// Whether somebody is there who could be asked: a program without arguments is then a question.
+pub(crate) fn is_wanted() -> bool {
+    std::io::stdin().is_terminal() && std::io::stdout().is_terminal() && std::io::stderr().is_terminal()
+}
+
+/// Whether the terminal can do no more than lines.
+fn is_dumb(term: Option<&OsStr>) -> bool {
+    match term {
+        Some(term) => term.is_empty() || term == "dumb",
+        // Windows has none.
+        None => !cfg!(windows),
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    if !arguments.plain && !(std::io::stdin().is_terminal() && std::io::stderr().is_terminal()) {
+        return Err(hinted(
+            anyhow!("`hemicube interactive` asks questions, and standard input and error are no terminal"),
+            "`--plain` reads answers from any input, a line each; `hemicube --help` lists the commands",
+        ));
+    }
+    let session = Arc::new(Session {
+        program: std::env::current_exe().context("the program does not find itself")?,
+        called: called(std::env::args_os().next()),
+        ..Session::default()
+    });
+    session.watch()?;
+    let mut front = front(arguments.plain || is_dumb(std::env::var_os("TERM").as_deref()));
+    let mut runner = Runner {
+        session: Arc::clone(&session),
+    };
+    let left = Dialogue {
+        ask: front.as_mut(),
+        run: &mut runner,
+        program: session.called.clone(),
+        common: common(talk),
+        settings: Settings::read()?,
+        here: PathBuf::from("."),
+        scenes: arguments.scenes.clone(),
+        scenes_are_chosen: false,
+        computed: Vec::new(),
+    }
+    .main();
+    drop(front);
+    session.tell_lines()?;
+    match left {
+        Ok(()) | Err(Left::Ended) => Ok(Exit::Done),
+        Err(Left::Interrupted) => Ok(Exit::Interrupted),
+        Err(Left::Failed(error)) => Err(error),
+    }
+}
+
+#[cfg(feature = "menus")]
+fn front(is_plain: bool) -> Box<dyn Ask> {
+    if is_plain {
+        lines_front()
+    } else {
+        Box::new(menus::Menus)
+    }
+}
+
+#[cfg(not(feature = "menus"))]
+fn front(_: bool) -> Box<dyn Ask> {
+    lines_front()
+}
+
+fn lines_front() -> Box<dyn Ask> {
+    Box::new(Lines::new(std::io::stdin().lock(), std::io::stderr()))
+}
+
+/// What of the dialogue's own options every command is to have, too.
+fn common(talk: Talk) -> Vec<OsString> {
+    // What a variable says reaches commands by itself.
+    let by_variable = std::env::var_os("HEMICUBE_NO_PROGRESS").is_some();
+    let flags = [
+        (talk.quiet, "--quiet"),
+        (talk.verbose, "--verbose"),
+        (talk.no_progress && !by_variable, "--no-progress"),
+        (talk.log_format == LogFormat::Json, "--log-format=json"),
+    ];
+    flags
+        .iter()
+        .filter(|(is_set, _)| *is_set)
+        .map(|(_, flag)| flag.into())
+        .collect()
+}
+
+/// The program as it was called: by its name, or by a path that leads to it.
+fn called(first: Option<OsString>) -> OsString {
+    first
+        .filter(|name| Path::new(name).components().count() > 1)
+        .unwrap_or_else(|| "hemicube".into())
+}
+
+/// What the thread that waits for signals shares with the dialogue.
+#[derive(Debug, Default)]
+struct Session {
+    /// Where the program is.
+    program: PathBuf,
+    /// How it is called.
+    called: OsString,
+    /// The command lines that were run, with how they ended where that was not well.
+    lines: Mutex<Vec<String>>,
+    /// Whether a command is running, which gets the signals of the terminal as well.
+    is_running: AtomicBool,
+    was_signalled: AtomicBool,
+}
+
+impl Session {
+    /// From now on a signal while a command runs is the command's, and ends the dialogue otherwise.
+    fn watch(self: &Arc<Self>) -> Result<()> {
+        let session = Arc::clone(self);
+        ctrlc::set_handler(move || {
+            session.was_signalled.store(true, Ordering::SeqCst);
+            if session.is_running.load(Ordering::SeqCst) {
+                return;
+            }
+            #[cfg(feature = "menus")]
+            menus::restore();
+            // A terminal has shown `^C` on the line.
+            let _ = writeln!(std::io::stderr());
+            // Whoever has gone cannot be told.
+            let _ = session.tell_lines();
+            std::process::exit(crate::exit::INTERRUPTED.into());
+        })
+        .context("Ctrl-C cannot be watched")
+    }
+
+    /// Prints what was run, to be copied.
+    fn tell_lines(&self) -> Result<()> {
+        let lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        if lines.is_empty() {
+            return Ok(());
+        }
+        report::print(&format!("\n# What was run:\n{}\n", lines.join("\n")))
+    }
+}
+
+/// Runs this program.
+#[derive(Debug)]
+struct Runner {
+    session: Arc<Session>,
+}
+
+impl Run for Runner {
+    fn run(&mut self, line: &Line) -> Result<Ended, Left> {
+        let session = &self.session;
+        session.was_signalled.store(false, Ordering::SeqCst);
+        session.is_running.store(true, Ordering::SeqCst);
+        // No command reads standard input; keys that are hit meanwhile are for the next question.
+        let status = Command::new(&session.program)
+            .args(&line.words)
+            .stdin(Stdio::null())
+            .status();
+        session.is_running.store(false, Ordering::SeqCst);
+        let was_signalled = session.was_signalled.load(Ordering::SeqCst);
+        let status = status.context("the program cannot be started").map_err(Left::Failed)?;
+        let ended = status.code().map_or(Ended::Not, Ended::By);
+        let shown = line.shown(&session.called);
+        let shown = match ended {
+            Ended::By(0) => shown,
+            Ended::By(status) => format!("{shown}  # exit status {status}"),
+            Ended::Not => format!("{shown}  # ended by a signal"),
+        };
+        session.lines.lock().unwrap_or_else(PoisonError::into_inner).push(shown);
+        match ended {
+            // A signal that the command did not get, or had no use for, was meant for the dialogue.
+            Ended::By(status) if was_signalled && status != i32::from(crate::exit::INTERRUPTED) => {
+                Err(Left::Interrupted)
+            }
+            ended => Ok(ended),
+        }
+    }
+
+    fn output(&mut self, line: &Line) -> Result<Vec<u8>, String> {
+        let output = Command::new(&self.session.program)
+            .args(&line.words)
+            .stdin(Stdio::null())
+            .output();
+        let output = output.map_err(|error| error.to_string())?;
+        if output.status.success() {
+            Ok(output.stdout)
+        } else {
+            Err(String::from_utf8_lossy(&output.stderr).trim().to_owned())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn terminals_that_can_do_lines_only() {
+        assert!(is_dumb(Some("dumb".as_ref())) && is_dumb(Some("".as_ref())));
+        assert!(!is_dumb(Some("xterm-256color".as_ref())));
+        assert_eq!(is_dumb(None), cfg!(unix));
+    }
+
+    #[test]
+    fn the_program_is_called_as_it_was() {
+        let called = |name: &str| called(Some(name.into())).to_string_lossy().into_owned();
+        assert_eq!(called("hemicube"), "hemicube");
+        assert_eq!(called("-hemicube"), "hemicube");
+        assert_eq!(called("./hemicube"), "./hemicube");
+        assert_eq!(called("/opt/hemicube 2/bin/hemicube"), "/opt/hemicube 2/bin/hemicube");
+        assert_eq!(super::called(None), "hemicube");
+    }
+}

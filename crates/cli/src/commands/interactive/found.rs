@@ -1,0 +1,305 @@
+//! What there is to choose from: scenes and matrices in a folder.
+
+use crate::report::{count, percent};
+use hemicube::store::{Form, Manifest, Store};
+use hemicube_scene::Format;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// A file that a reader takes by its name.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct SceneFile {
+    pub(super) path: PathBuf,
+    pub(super) bytes: u64,
+}
+
+/// How much of a JSON file is looked at.
+const JSON_LOOKED_AT: u64 = 64 << 10;
+
+/// The scenes of a folder, by name. Those of the current folder, `.`, go by their bare names.
+///
+/// # Errors
+/// When the folder cannot be read.
+pub(super) fn scenes(folder: &Path) -> std::io::Result<Vec<SceneFile>> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let name = entry?.file_name();
+        let path = in_folder(folder, Path::new(&name));
+        // Through links; one that leads nowhere is no scene.
+        let Ok(metadata) = std::fs::metadata(&path) else {
+            continue;
+        };
+        if metadata.is_file() && is_scene(&path) {
+            found.push(SceneFile {
+                path,
+                bytes: metadata.len(),
+            });
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// Whether a reader takes the file. JSON may be anything, and is looked into.
+fn is_scene(path: &Path) -> bool {
+    let is_json = path.extension().is_some_and(|extension| {
+        ["json", "jsonl"]
+            .iter()
+            .any(|json| extension.eq_ignore_ascii_case(json))
+    });
+    match Format::from_path(path) {
+        Some(Format::CityJson) if is_json => {
+            let mut begin = Vec::new();
+            let read = std::fs::File::open(path).and_then(|file| file.take(JSON_LOOKED_AT).read_to_end(&mut begin));
+            read.is_ok() && begin.windows(9).any(|window| window == b"\"CityJSON")
+        }
+        format => format.is_some(),
+    }
+}
+
+/// A folder with a matrix in it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Found {
+    pub(super) path: PathBuf,
+    /// The file that it was computed from.
+    pub(super) scene: String,
+    /// What says that two are of the same scene, cut alike.
+    pub(super) scene_hash: String,
+    /// A few words about it.
+    pub(super) about: String,
+}
+
+impl Found {
+    /// The matrix in a folder, if there is one.
+    pub(super) fn at(path: &Path) -> Option<Self> {
+        // Checksums of parts are for the commands: here the manifest is enough.
+        let store = Store::open_trusting(path).ok()?;
+        let manifest = store.manifest();
+        Some(Self {
+            path: path.to_owned(),
+            scene: manifest.scene.file.clone(),
+            scene_hash: manifest.scene.blake3.clone(),
+            about: about(manifest),
+        })
+    }
+}
+
+/// The matrices in the folders of a folder, by name.
+///
+/// # Errors
+/// When the folder cannot be read.
+pub(super) fn stores(folder: &Path) -> std::io::Result<Vec<Found>> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let name = entry?.file_name();
+        found.extend(Found::at(&in_folder(folder, Path::new(&name))));
+    }
+    found.sort_by(|one, other| one.path.cmp(&other.path));
+    Ok(found)
+}
+
+pub(super) fn in_folder(folder: &Path, name: &Path) -> PathBuf {
+    if folder == Path::new(".") {
+        name.to_owned()
+    } else {
+        folder.join(name)
+    }
+}
+
+/// A path as it was typed, which no shell has looked at.
+pub(super) fn at_home(typed: &str) -> PathBuf {
+    let home = std::env::var_os("HOME").filter(|home| !home.is_empty());
+    match (typed.strip_prefix("~/"), home) {
+        (Some(rest), Some(home)) => Path::new(&home).join(rest),
+        _ => PathBuf::from(typed),
+    }
+}
+
+/// More suggestions are of no use.
+const SUGGESTED_MAX: usize = 100;
+
+/// What the beginning of a path may become: files and folders, which end in `/`.
+pub(super) fn completions(typed: &str) -> Vec<String> {
+    let (folder, begin) = typed.rfind('/').map_or(("", typed), |at| typed.split_at(at + 1));
+    let directory = if folder.is_empty() {
+        PathBuf::from(".")
+    } else {
+        at_home(folder)
+    };
+    let Ok(entries) = std::fs::read_dir(directory) else {
+        return Vec::new();
+    };
+    let mut found: Vec<String> = entries
+        .flatten()
+        .filter_map(|entry| {
+            let name = entry.file_name().into_string().ok()?;
+            // Hidden ones are for who asks for them.
+            let fits = name.starts_with(begin) && (begin.starts_with('.') || !name.starts_with('.'));
+            let end = if entry.path().is_dir() { "/" } else { "" };
+            fits.then(|| format!("{folder}{name}{end}"))
+        })
+        .collect();
+    found.sort();
+    found.truncate(SUGGESTED_MAX);
+    found
+}
+
+/// The longest beginning that some texts have in common.
+pub(super) fn common_beginning(texts: &[String]) -> Option<&str> {
+    let (first, others) = texts.split_first()?;
+    let mut end = first.len();
+    for other in others {
+        let same = first.char_indices().zip(other.chars()).find(|((_, a), b)| a != b);
+        end = end.min(same.map_or(other.len(), |((at, _), _)| at));
+    }
+    first.get(..end)
+}
+
+/// What tells matrices of one scene apart.
+fn about(manifest: &Manifest) -> String {
+    let settings = &manifest.settings;
+    let mut words = Vec::new();
+    if !manifest.complete {
+        words.push(format!("{} of {} parts", manifest.parts.len(), manifest.part_count));
+    }
+    match settings["tolerance"].as_f64() {
+        Some(tolerance) => words.push(format!("tolerance {}", percent(tolerance))),
+        None => words.push(manifest.correction.clone()),
+    }
+    if let Some(resolution) = settings["resolution"].as_u64() {
+        words.push(format!("{resolution} px"));
+    }
+    match settings["samples"].as_u64() {
+        Some(samples) if samples > 1 => words.push(format!("{samples} hemicubes")),
+        _ => {}
+    }
+    words.push(manifest.backend.name.clone());
+    if manifest.form == Form::Compact {
+        words.push("compact".to_owned());
+    }
+    if manifest.balance.is_some() {
+        words.push("balanced".to_owned());
+    }
+    words.push(format!(
+        "{} patches of {}",
+        count(manifest.patch_count.into()),
+        manifest.scene.file
+    ));
+    words.join(", ")
+}
+
+/// What lies where a matrix is to be written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Place {
+    /// Nothing that would be in the way.
+    Free,
+    /// A matrix, or what a killed run left of one.
+    Matrix(Option<Found>),
+    /// Something else.
+    Taken,
+}
+
+impl Place {
+    pub(super) fn of(path: &Path) -> Self {
+        if let Some(found) = Found::at(path) {
+            return Self::Matrix(Some(found));
+        }
+        match std::fs::read_dir(path).map(|mut entries| entries.next().is_none()) {
+            Ok(true) => Self::Free,
+            Ok(false) if path.join("manifest.json").exists() || path.join("parts").is_dir() => Self::Matrix(None),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Self::Free,
+            _ => Self::Taken,
+        }
+    }
+}
+
+/// `room.hemicube` where that is free, otherwise `room-2.hemicube` and so on.
+pub(super) fn free_name(path: &Path) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default();
+    let numbered = (2_u32..).map(|number| {
+        let mut name = stem.to_owned();
+        name.push(format!("-{number}"));
+        if let Some(extension) = path.extension() {
+            name.push(".");
+            name.push(extension);
+        }
+        path.with_file_name(name)
+    });
+    let mut names = std::iter::once(path.to_owned()).chain(numbered);
+    names.find(|name| !name.exists()).unwrap_or_else(|| path.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn place() -> tempfile::TempDir {
+        tempfile::tempdir().expect("a temporary directory")
+    }
+
+    #[test]
+    fn scenes_are_what_readers_take() {
+        let place = place();
+        let write = |name: &str, text: &str| std::fs::write(place.path().join(name), text).unwrap();
+        for name in ["b.OBJ", "a.ac", "c.txt", "d.rar", "e.glb", "noextension"] {
+            write(name, "1234");
+        }
+        write("package.json", "{\"name\": \"viewer\"}");
+        write("city.json", "{\"type\":\"CityJSON\"}");
+        write("city.jsonl", "{ \"type\": \"CityJSONFeature\"}");
+        std::fs::create_dir(place.path().join("folder.obj")).unwrap();
+        let found = scenes(place.path()).unwrap();
+        let names: Vec<_> = found
+            .iter()
+            .map(|scene| scene.path.file_name().unwrap().to_str().unwrap())
+            .collect();
+        assert_eq!(names, ["a.ac", "b.OBJ", "city.json", "city.jsonl", "e.glb"]);
+        assert_eq!(found[0].bytes, 4);
+        assert!(scenes(&place.path().join("missing")).is_err());
+    }
+
+    #[test]
+    fn a_place_is_free_or_says_why_not() {
+        let place = place();
+        let path = |name: &str| place.path().join(name);
+        assert_eq!(Place::of(&path("new")), Place::Free);
+        std::fs::create_dir(path("empty")).unwrap();
+        assert_eq!(Place::of(&path("empty")), Place::Free);
+        std::fs::create_dir_all(path("killed/parts")).unwrap();
+        assert_eq!(Place::of(&path("killed")), Place::Matrix(None));
+        std::fs::write(path("file"), "").unwrap();
+        assert_eq!(Place::of(&path("file")), Place::Taken);
+        assert_eq!(Place::of(place.path()), Place::Taken);
+    }
+
+    #[test]
+    fn paths_are_completed() {
+        let place = place();
+        let path = |name: &str| place.path().join(name).to_string_lossy().into_owned();
+        for name in ["high.ac", "high_x16.ac", ".hidden"] {
+            std::fs::write(path(name), "").unwrap();
+        }
+        std::fs::create_dir(path("houses")).unwrap();
+        let found = completions(&path("h"));
+        assert_eq!(found, [path("high.ac"), path("high_x16.ac"), path("houses/")]);
+        assert_eq!(common_beginning(&found), Some(path("h").as_str()));
+        assert_eq!(common_beginning(&found[..2]), Some(path("high").as_str()));
+        assert_eq!(completions(&path(".")), [path(".hidden")]);
+        assert_eq!(completions(&path("houses/")), [""; 0]);
+        assert_eq!(completions(&path("missing/x")), [""; 0]);
+        assert_eq!(common_beginning(&[]), None);
+        assert_eq!(common_beginning(&["aé".into(), "aè".into()]), Some("a"));
+        assert_eq!(common_beginning(&["ab".into(), "a".into()]), Some("a"));
+    }
+
+    #[test]
+    fn names_are_counted_up() {
+        let place = place();
+        let path = place.path().join("a.b.hemicube");
+        assert_eq!(free_name(&path), path);
+        std::fs::create_dir(&path).unwrap();
+        assert_eq!(free_name(&path), place.path().join("a.b-2.hemicube"));
+        std::fs::create_dir(place.path().join("a.b-2.hemicube")).unwrap();
+        assert_eq!(free_name(&path), place.path().join("a.b-3.hemicube"));
+    }
+}

@@ -1,0 +1,384 @@
+//! The configuration of a dialogue: what was changed in it, above what the environment and files of settings say. The
+//! definition of the command line is the only rule of what a value may be.
+
+use crate::args::Cli;
+use crate::config::{self, Layers, Setting};
+use crate::report::PendingFile;
+use anyhow::{Context, Result};
+use clap::{Command, CommandFactory};
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// A setting that the dialogue offers. What it means is said by the command line's definition.
+#[derive(Debug)]
+pub(super) struct Offered {
+    pub(super) name: &'static str,
+    /// A few words for the menu.
+    pub(super) note: &'static str,
+    /// What it costs.
+    pub(super) cost: &'static str,
+}
+
+/// In the order of the menu. Figures are those of `docs/accuracy.md` and `docs/store.md`.
+pub(super) const OFFERED: [Offered; 11] = [
+    Offered {
+        name: "tolerance",
+        note: "the error to aim at: 1%, 0.3%",
+        cost: "What keeps it is found out on a sample of the rows. 1% took 1.6 to 2.9 times the time of the default, 0.3% 7 to 10 \
+               times.",
+    },
+    Offered {
+        name: "correction",
+        note: "what form factors are made of",
+        cost: "pixel is the plain hemicube, as in the thesis; area takes about the same time, with half the pixels along an \
+               edge, and was off by 4 to 35 times less.",
+    },
+    Offered {
+        name: "resolution",
+        note: "pixels along an edge",
+        cost: "More of them show small and distant patches, and take longer. auto: 256 for pixel, 128 for point and area.",
+    },
+    Offered {
+        name: "samples",
+        note: "hemicubes on a patch",
+        cost: "4 take two to four times as long as 1, and see what the middle of a patch does not.",
+    },
+    Offered {
+        name: "subdivide",
+        note: "halve edges: 4 times the patches",
+        cost: "Each level is 4 times the rows and up to 16 times the entries: time, and room on the disk.",
+    },
+    Offered {
+        name: "backend",
+        note: "what renders",
+        cost: "cpu is built in; others are plugins, for graphics cards.",
+    },
+    Offered {
+        name: "octree-levels",
+        note: "deepest level of the octree",
+        cost: "A parameter of the thesis, for culling on graphics cards: it changes the time, not the matrix.",
+    },
+    Offered {
+        name: "min-patches",
+        note: "patches that a node is not divided for",
+        cost: "The thesis's MinParches: it changes the time, not the matrix.",
+    },
+    Offered {
+        name: "culling",
+        note: "skip what cannot be seen",
+        cost: "It changes the time, not the matrix. auto tries it out on a few hemicubes.",
+    },
+    Offered {
+        name: "threads",
+        note: "0: one for each core",
+        cost: "More take less time and more memory; the matrix is the same.",
+    },
+    Offered {
+        name: "store",
+        note: "how the matrix is written",
+        cost: "compact takes a third to a quarter of the disk, and other programs need ten lines to read it.",
+    },
+];
+
+/// How a value is asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// One of these.
+    OneOf(Vec<String>),
+    /// Of this form, as the help of the command line has it.
+    Typed(String),
+}
+
+/// The settings that hold.
+#[derive(Debug)]
+pub(super) struct Settings {
+    /// Whether files of settings hold.
+    files: bool,
+    /// What was chosen, by long names.
+    chosen: BTreeMap<&'static str, String>,
+    /// What comes of it and of the layers below.
+    present: Vec<Setting>,
+}
+
+impl Settings {
+    /// What holds where nothing was chosen yet.
+    ///
+    /// # Errors
+    /// When a file of settings or a variable is wrong.
+    pub(super) fn read() -> Result<Self> {
+        Self::with(true)
+    }
+
+    /// The same, with files of settings or without.
+    pub(super) fn with(files: bool) -> Result<Self> {
+        let chosen = BTreeMap::new();
+        Ok(Self {
+            files,
+            present: present(&chosen, files)?,
+            chosen,
+        })
+    }
+
+    /// The value of a setting; `None` where it is not set.
+    pub(super) fn value(&self, name: &str) -> Option<&str> {
+        self.setting(name)?.values.first().map(String::as_str)
+    }
+
+    /// Where it came from, unless it is built in or was chosen here.
+    pub(super) fn origin(&self, name: &str) -> Option<&str> {
+        if self.is_chosen(name) {
+            return None;
+        }
+        self.setting(name)?.origin.as_deref()
+    }
+
+    fn setting(&self, name: &str) -> Option<&Setting> {
+        self.present.iter().find(|setting| setting.name == name)
+    }
+
+    /// Whether it was chosen here.
+    pub(super) fn is_chosen(&self, name: &str) -> bool {
+        self.chosen.contains_key(name)
+    }
+
+    /// What was chosen, with the values.
+    pub(super) fn chosen(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.chosen.iter().map(|(name, value)| (*name, value.as_str()))
+    }
+
+    /// What the parser of the command line says against a value.
+    pub(super) fn refusal(name: &str, value: &str) -> Option<String> {
+        config::refusal(&definition("compute"), name, &[value.to_owned()])
+    }
+
+    /// Chooses a value. What excludes it is no longer chosen, and what holds anyway needs no choice.
+    ///
+    /// # Errors
+    /// When the parser refuses it, or what is below has become wrong.
+    pub(super) fn choose(&mut self, name: &'static str, value: &str) -> Result<()> {
+        if let Some(reason) = Self::refusal(name, value) {
+            anyhow::bail!(reason);
+        }
+        let mut chosen = self.chosen.clone();
+        for group in config::EXCLUSIVE.iter().filter(|group| group.contains(&name)) {
+            chosen.retain(|other, _| !group.contains(other));
+        }
+        chosen.insert(name, value.to_owned());
+        self.settle(chosen)
+    }
+
+    /// Takes back what was chosen.
+    ///
+    /// # Errors
+    /// When what is below has become wrong.
+    pub(super) fn unset(&mut self, name: &str) -> Result<()> {
+        let mut chosen = self.chosen.clone();
+        chosen.remove(name);
+        self.settle(chosen)
+    }
+
+    /// Takes back everything.
+    ///
+    /// # Errors
+    /// When what is below has become wrong.
+    pub(super) fn clear(&mut self) -> Result<()> {
+        self.settle(BTreeMap::new())
+    }
+
+    /// Drops of the choices those without which all settings are the same.
+    fn settle(&mut self, mut chosen: BTreeMap<&'static str, String>) -> Result<()> {
+        let values = |settings: &[Setting]| -> Vec<Vec<String>> {
+            settings.iter().map(|setting| setting.values.clone()).collect()
+        };
+        let wanted = values(&present(&chosen, self.files)?);
+        for name in chosen.keys().copied().collect::<Vec<_>>() {
+            let mut without = chosen.clone();
+            without.remove(name);
+            if values(&present(&without, self.files)?) == wanted {
+                chosen = without;
+            }
+        }
+        self.present = present(&chosen, self.files)?;
+        self.chosen = chosen;
+        Ok(())
+    }
+
+    /// The options that a subcommand needs for what was chosen, of those that it has.
+    pub(super) fn words(&self, subcommand: &str) -> Vec<OsString> {
+        words(&self.chosen, &definition(subcommand))
+    }
+
+    /// Writes what was chosen, and more, into a file of settings.
+    ///
+    /// # Errors
+    /// When it cannot be read or written, or would not be one that the program reads.
+    pub(super) fn write(&mut self, path: &Path, more: &[(&str, &str)]) -> Result<()> {
+        let text = match std::fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
+            Err(error) => return Err(error).with_context(|| format!("`{}` cannot be read", path.display())),
+        };
+        let changes: Vec<(&str, &str)> = self.chosen().chain(more.iter().copied()).collect();
+        let text = config::changed(&text, path, &changes, &definition("compute"))?;
+        // A link stays one: what it leads to is replaced.
+        let path = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        let mut file = PendingFile::create(&path)?;
+        file.write_all(text.as_bytes())
+            .with_context(|| format!("`{}` cannot be written", path.display()))?;
+        file.commit()?;
+        // What a variable says otherwise must still be said.
+        self.settle(self.chosen.clone())
+    }
+
+    /// The file that [`Self::write`] is meant for.
+    pub(super) fn file() -> PathBuf {
+        config::file_to_write()
+    }
+
+    /// What the command line's help says of a setting.
+    pub(super) fn help(name: &str) -> String {
+        let command = definition("compute");
+        let arg = command.get_arguments().find(|arg| arg.get_long() == Some(name));
+        arg.and_then(clap::Arg::get_help)
+            .map(ToString::to_string)
+            .unwrap_or_default()
+    }
+
+    /// The form of a value, as the command line's help has it.
+    pub(super) fn form(name: &str) -> String {
+        let command = definition("compute");
+        let arg = command.get_arguments().find(|arg| arg.get_long() == Some(name));
+        let form = arg.and_then(clap::Arg::get_value_names).and_then(|names| names.first());
+        form.map(ToString::to_string).unwrap_or_default()
+    }
+
+    /// How a value of a setting is asked for.
+    pub(super) fn kind(name: &str) -> Kind {
+        let form = Self::form(name);
+        let words: Vec<String> = form.split('|').map(str::to_owned).collect();
+        if words.len() > 1 && words.iter().all(|word| word.chars().all(|c| c.is_ascii_lowercase())) {
+            Kind::OneOf(words)
+        } else {
+            Kind::Typed(form)
+        }
+    }
+}
+
+fn definition(subcommand: &str) -> Command {
+    Cli::command().find_subcommand(subcommand).cloned().unwrap_or_default()
+}
+
+fn words(chosen: &BTreeMap<&'static str, String>, command: &Command) -> Vec<OsString> {
+    let mut words = Vec::new();
+    for (name, value) in chosen {
+        let Some(arg) = command.get_arguments().find(|arg| arg.get_long() == Some(name)) else {
+            continue;
+        };
+        if arg.is_require_equals_set() || value.starts_with('-') {
+            words.push(format!("--{name}={value}").into());
+        } else {
+            words.extend([OsString::from(format!("--{name}")), value.into()]);
+        }
+    }
+    words
+}
+
+/// The settings of `compute` with these on its command line.
+fn present(chosen: &BTreeMap<&'static str, String>, files: bool) -> Result<Vec<Setting>> {
+    let definition = Cli::command();
+    let command = definition.find_subcommand("compute").cloned().unwrap_or_default();
+    let mut line: Vec<OsString> = ["hemicube", "compute", "--print-config"].map(OsString::from).into();
+    if !files {
+        line.push("--no-config".into());
+    }
+    line.extend(words(chosen, &command));
+    let first = definition.clone().try_get_matches_from(&line)?;
+    let matches = first
+        .subcommand_matches("compute")
+        .context("`compute` is a subcommand")?;
+    let layers = Layers::gather(&command, matches)?;
+    let second = layers.apply(definition, "compute").try_get_matches_from(&line)?;
+    let matches = second
+        .subcommand_matches("compute")
+        .context("`compute` is a subcommand")?;
+    Ok(layers.settings(&command, matches))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_offered_is_a_setting_with_help_and_values_that_parse() {
+        for Offered { name, .. } in &OFFERED {
+            assert!(!Settings::help(name).is_empty(), "{name}");
+            match Settings::kind(name) {
+                Kind::OneOf(values) => {
+                    for value in values {
+                        assert_eq!(Settings::refusal(name, &value), None, "{name} {value}");
+                    }
+                }
+                Kind::Typed(form) => assert!(!form.is_empty(), "{name}"),
+            }
+        }
+        assert_eq!(
+            Settings::kind("correction"),
+            Kind::OneOf(vec!["pixel".into(), "point".into(), "area".into()])
+        );
+        assert_eq!(Settings::kind("resolution"), Kind::Typed("auto|N".into()));
+    }
+
+    #[test]
+    fn a_wrong_value_is_refused_in_the_parsers_words() {
+        let reason = Settings::refusal("resolution", "100").expect("it is refused");
+        assert!(
+            reason.starts_with("invalid value '100' for '--resolution <auto|N>'") && reason.contains("multiple of 16"),
+            "{reason}"
+        );
+        assert!(Settings::refusal("threads", "-1").is_some());
+        assert!(Settings::refusal("tolerance", "").is_some());
+        assert_eq!(Settings::refusal("tolerance", "0.3%"), None);
+    }
+
+    fn line(settings: &Settings, subcommand: &str) -> String {
+        let words: Vec<String> = settings
+            .words(subcommand)
+            .iter()
+            .map(|word| word.to_string_lossy().into_owned())
+            .collect();
+        words.join(" ")
+    }
+
+    #[test]
+    fn only_what_differs_becomes_an_option() {
+        let mut settings = Settings::with(false).expect("settings");
+        assert_eq!(settings.value("correction"), Some("area"));
+        assert_eq!(settings.value("tolerance"), None);
+        settings.choose("correction", "area").expect("it is a value");
+        assert_eq!(line(&settings, "compute"), "");
+        settings.choose("correction", "pixel").expect("it is a value");
+        settings.choose("resolution", "64").expect("it is a value");
+        assert_eq!(line(&settings, "compute"), "--correction pixel --resolution 64");
+        settings.choose("tolerance", "1%").expect("it is a value");
+        assert_eq!(line(&settings, "compute"), "--resolution 64 --tolerance 1%");
+        assert_eq!(settings.value("correction"), Some("area"));
+        settings.choose("store", "compact").expect("it is a value");
+        assert_eq!(
+            line(&settings, "inspect"),
+            "--resolution 64 --tolerance 1%",
+            "`inspect` has no `--store`"
+        );
+        settings.unset("resolution").expect("it goes");
+        settings.choose("store", "plain").expect("it is a value");
+        assert_eq!(line(&settings, "compute"), "--tolerance 1%");
+        settings.clear().expect("all go");
+        assert_eq!(line(&settings, "compute"), "");
+        assert!(
+            settings
+                .choose("samples", "3")
+                .is_err_and(|error| error.to_string().contains("perfect square"))
+        );
+    }
+}
