@@ -262,6 +262,10 @@ fn the_dialogue_of_the_thesis() {
         scene = "cornell-measured-closed.ac";
     }
     let stem = scene.rsplit_once('.').expect("an extension").0;
+    // The same file cut otherwise is another scene.
+    place
+        .line(&format!("compute {scene} -o other.hemicube --split 2"))
+        .is(0);
     let terminal = Terminal::hemicube(&place);
 
     terminal.asked(MAIN);
@@ -305,7 +309,17 @@ fn the_dialogue_of_the_thesis() {
     terminal.pick(&format!("What next with {stem}-2.hemicube:"), "Back");
 
     terminal.pick(MAIN, "Compare results");
+    terminal.asked("Compare which result:");
+    terminal.number("other.hemicube");
     terminal.pick("Compare which result:", &format!("{stem}-2.hemicube"));
+    terminal.asked("With which reference:");
+    let screen = terminal.screen();
+    let (_, rows) = open_question(&screen).expect("a menu");
+    assert!(
+        rows[0].starts_with(&format!("> 1 - {stem}.hemicube  area, 128 px")),
+        "{screen}"
+    );
+    assert!(rows[1].starts_with("  2 - Another…"), "{screen}");
     terminal.pick("With which reference:", &format!("{stem}.hemicube"));
     terminal.asked(MAIN);
     let compared = place
@@ -479,7 +493,7 @@ fn a_request_to_terminate_leaves_the_terminal_as_it_was() {
 #[test]
 fn control_c_while_rows_are_computed_keeps_them_and_comes_back() {
     let place = Place::new();
-    place.line("generate room --patches 2000 -o room.obj").is(0);
+    place.line("generate room --patches 1000 -o room.obj").is(0);
     place.line("compute room.obj -o straight.hemicube --samples 16").is(0);
     std::fs::write(place.path("hemicube.toml"), "samples = 16\n").unwrap();
     let terminal = Terminal::hemicube(&place);

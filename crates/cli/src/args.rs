@@ -34,6 +34,27 @@ Exit status:
   130  interrupted; OUT is not there or says that it is incomplete, and `--overwrite` starts again
 ";
 
+/// The same for `interactive`, which has keys.
+const AFTER_INTERACTIVE_HELP: &str = "\
+Examples:
+  hemicube
+  hemicube interactive --scenes ~/scenes
+  hemicube interactive --plain <answers     # a line for each question
+Keys:
+  arrow keys, Enter  choose; or type the number, or a part of the name
+  Tab                complete a path
+  Esc, Ctrl-D        back; at the first menu, exit
+  Ctrl-C             exit; while a command runs, end that, and come back
+Environment:
+  TERM                  dumb, or nothing: numbered lines in place of menus
+  NO_COLOR              no colours
+  HEMICUBE_SCENES       as `--scenes`
+  HEMICUBE_NAME         as in `hemicube compute --help`, of which the dialogue shows the values
+Exit status, whatever that of the commands was:
+  0    left by the exit, by Esc, or at the end of the input
+  2    no terminal, or a wrong file of settings
+  130  left by Ctrl-C or a request to terminate";
+
 const SETTINGS_HELP: &str = "\
 Settings, strongest first:
   1. the command line
@@ -173,8 +194,8 @@ pub(crate) enum Command {
     /// Write one HTML page about a matrix, to be opened from the disk: what it is, whether it holds, the model in 3-D
     #[command(after_long_help = examples("  hemicube report room.hemicube room.obj -o room.html\n  hemicube report city.hemicube city.obj -o city.html --entries 64", false))]
     Report(Box<crate::commands::report::Arguments>),
-    /// Ask what to do, and run it: choose a scene, compute, compare, change settings. On a terminal, `hemicube` alone does this
-    #[command(after_long_help = examples("  hemicube\n  hemicube interactive --scenes ~/scenes\n  hemicube interactive --plain      # numbered lines, for screen readers and scripts", false))]
+    /// Choose from menus, which show the command lines that they run; on a terminal, `hemicube` alone is this
+    #[command(after_long_help = AFTER_INTERACTIVE_HELP)]
     Interactive(crate::commands::interactive::Arguments),
     /// Generate a scene: room, city, block-city, maze, spheres, field or soup
     #[command(after_long_help = examples("  hemicube generate city --patches 100000 --seed 3 -o city.obj", false))]

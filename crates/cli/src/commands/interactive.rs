@@ -56,7 +56,8 @@ fn is_dumb(term: Option<&OsStr>) -> bool {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    if !arguments.plain && !(std::io::stdin().is_terminal() && std::io::stderr().is_terminal()) {
+    let has_terminal = std::io::stdin().is_terminal() && std::io::stderr().is_terminal();
+    if !arguments.plain && !has_terminal {
         return Err(hinted(
             anyhow!("`hemicube interactive` asks questions, and standard input and error are no terminal"),
             "`--plain` reads answers from any input, a line each; `hemicube --help` lists the commands",

@@ -52,6 +52,7 @@ pub(super) struct Text<'a> {
     /// Says what is wrong with an answer.
     pub(super) check: &'a dyn Fn(&str) -> Result<(), String>,
     /// Whether it is the path of a file, which can be completed.
+    #[cfg_attr(not(feature = "menus"), allow(dead_code, reason = "lines complete nothing"))]
     pub(super) is_path: bool,
 }
 

@@ -116,9 +116,11 @@ pub(super) fn at_home(typed: &str) -> PathBuf {
 }
 
 /// More suggestions are of no use.
+#[cfg(any(feature = "menus", test))]
 const SUGGESTED_MAX: usize = 100;
 
 /// What the beginning of a path may become: files and folders, which end in `/`.
+#[cfg(any(feature = "menus", test))]
 pub(super) fn completions(typed: &str) -> Vec<String> {
     let (folder, begin) = typed.rfind('/').map_or(("", typed), |at| typed.split_at(at + 1));
     let directory = if folder.is_empty() {
@@ -145,6 +147,7 @@ pub(super) fn completions(typed: &str) -> Vec<String> {
 }
 
 /// The longest beginning that some texts have in common.
+#[cfg(any(feature = "menus", test))]
 pub(super) fn common_beginning(texts: &[String]) -> Option<&str> {
     let (first, others) = texts.split_first()?;
     let mut end = first.len();

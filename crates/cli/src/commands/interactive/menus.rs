@@ -8,6 +8,7 @@ use inquire::validator::Validation;
 use inquire::{Autocomplete, CustomUserError, InquireError, Select};
 use std::cmp::Reverse;
 use std::io::Write;
+use unicode_width::UnicodeWidthStr;
 
 /// Lines of a menu that are no items: the question, the keys, and one to end on.
 const OTHER_LINES: usize = 3;
@@ -101,7 +102,7 @@ impl Ask for Menus {
         let names: Vec<String> = names
             .map(|(place, item)| format!("{} - {}", place + 1, item.name))
             .collect();
-        let left = room.map(|room| room.saturating_sub(question.chars().count() + 1));
+        let left = room.map(|room| room.saturating_sub(question.width() + 1));
         let formatter = |option: inquire::list_option::ListOption<&String>| {
             let name = names.get(option.index).cloned().unwrap_or_default();
             left.map_or(name.clone(), |left| fitted(&name, left))
