@@ -8,6 +8,7 @@ use hemicube::compute::Progress;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde::Serialize;
 use std::cell::{Cell, RefCell};
+use std::ffi::OsStr;
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -23,7 +24,17 @@ pub(crate) struct Bar {
 }
 
 fn is_watched(talk: Talk) -> bool {
-    !talk.quiet && !talk.no_progress && std::io::stderr().is_terminal()
+    let is_dumb = is_dumb(std::env::var_os("TERM").as_deref());
+    !talk.quiet && !talk.no_progress && !is_dumb && std::io::stderr().is_terminal()
+}
+
+/// Whether a terminal of that kind can write lines and nothing else: no cursor moves there.
+pub(crate) fn is_dumb(term: Option<&OsStr>) -> bool {
+    match term {
+        Some(term) => term.is_empty() || term == "dumb",
+        // Windows has none.
+        None => !cfg!(windows),
+    }
 }
 
 impl Bar {
@@ -238,5 +249,17 @@ impl Stage<'_> {
         if is_due || progress.rows == progress.row_count {
             self.status.tell();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn terminals_that_can_write_lines_only() {
+        assert!(is_dumb(Some("dumb".as_ref())) && is_dumb(Some("".as_ref())));
+        assert!(!is_dumb(Some("xterm-256color".as_ref())));
+        assert_eq!(is_dumb(None), !cfg!(windows));
     }
 }

@@ -15,7 +15,7 @@ mod settings;
 
 use crate::args::{LogFormat, Talk};
 use crate::exit::{Exit, hinted};
-use crate::report;
+use crate::{progress, report};
 use anyhow::{Context, Result, anyhow};
 use ask::{Ask, Left};
 use clap::Args;
@@ -23,7 +23,7 @@ use dialogue::{Dialogue, Ended, Run};
 use line::Line;
 use lines::Lines;
 use settings::Settings;
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -46,15 +46,6 @@ pub(crate) fn is_wanted() -> bool {
     std::io::stdin().is_terminal() && std::io::stdout().is_terminal() && std::io::stderr().is_terminal()
 }
 
-/// Whether the terminal can do no more than lines.
-fn is_dumb(term: Option<&OsStr>) -> bool {
-    match term {
-        Some(term) => term.is_empty() || term == "dumb",
-        // Windows has none.
-        None => !cfg!(windows),
-    }
-}
-
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let has_terminal = std::io::stdin().is_terminal() && std::io::stderr().is_terminal();
     if !arguments.plain && !has_terminal {
@@ -69,7 +60,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         ..Session::default()
     });
     session.watch()?;
-    let mut front = front(arguments.plain || is_dumb(std::env::var_os("TERM").as_deref()));
+    let mut front = front(arguments.plain || progress::is_dumb(std::env::var_os("TERM").as_deref()));
     let mut runner = Runner {
         session: Arc::clone(&session),
     };
@@ -233,13 +224,6 @@ impl Run for Runner {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn terminals_that_can_do_lines_only() {
-        assert!(is_dumb(Some("dumb".as_ref())) && is_dumb(Some("".as_ref())));
-        assert!(!is_dumb(Some("xterm-256color".as_ref())));
-        assert_eq!(is_dumb(None), cfg!(unix));
-    }
 
     #[test]
     fn the_program_is_called_as_it_was() {
