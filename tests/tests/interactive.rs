@@ -702,6 +702,9 @@ fn where_no_scene_is_one_is_named_or_generated() {
     terminal.waits("that it is not there", |screen| {
         screen.contains("cornell-box.objx` does not exist")
     });
+    let file = "cornell-box.objx".len();
+    terminal.type_in(&format!("{}{ENTER}", BACKSPACE.repeat(file)));
+    terminal.waits("that it is no file", |screen| screen.contains("/data/` is a directory"));
     terminal.answer(ESCAPE);
     terminal.pick(SCENE, "Generate a room");
     terminal.pick(SCENE, "room.obj");

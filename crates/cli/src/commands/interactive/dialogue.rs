@@ -72,6 +72,14 @@ enum Look {
     Picture,
 }
 
+/// What a path that is asked for must lead to.
+#[derive(Clone, Copy)]
+enum Existing {
+    File,
+    Folder,
+    Any,
+}
+
 /// What can be done before a matrix is computed.
 #[derive(Clone, Copy)]
 enum Before {
@@ -335,7 +343,7 @@ impl Dialogue<'_> {
                 None => return Ok(None),
                 Some(Pick::File(k)) => return Ok(scenes.get(k).map(|scene| scene.path.clone())),
                 Some(Pick::Other) => {
-                    if let Some(path) = self.existing("File of the scene")? {
+                    if let Some(path) = self.existing("File of the scene", Existing::File)? {
                         return Ok(Some(path));
                     }
                 }
@@ -402,15 +410,23 @@ impl Dialogue<'_> {
         match self.choose(question, 0, &options, "Back")? {
             None => Ok(None),
             Some(Some(k)) => Ok(results.get(k).map(|result| result.path.clone())),
-            Some(None) => self.existing("Path of the result"),
+            Some(None) => self.existing("Path of the result", Existing::Any),
         }
     }
 
     /// Asks for the path of something that is there.
-    fn existing(&mut self, question: &str) -> Answer<PathBuf> {
-        let check = |typed: &str| match typed {
-            "" => Err("the path of a file is needed".to_owned()),
-            typed => crate::report::require(&found::at_home(typed)).map_err(|error| error.to_string()),
+    fn existing(&mut self, question: &str, kind: Existing) -> Answer<PathBuf> {
+        let check = |typed: &str| {
+            if typed.is_empty() {
+                return Err("a path is needed".to_owned());
+            }
+            let path = found::at_home(typed);
+            crate::report::require(&path).map_err(|error| error.to_string())?;
+            match kind {
+                Existing::File if path.is_dir() => Err(format!("`{typed}` is a directory; name the file in it")),
+                Existing::Folder if !path.is_dir() => Err(format!("`{typed}` is no directory")),
+                _ => Ok(()),
+            }
         };
         let typed = self.ask.text(&Text {
             question,
@@ -509,7 +525,7 @@ impl Dialogue<'_> {
                 }
                 Some(Pick::Scenes) => {
                     start = OFFERED.len();
-                    if let Some(folder) = self.existing("Folder with scenes")? {
+                    if let Some(folder) = self.existing("Folder with scenes", Existing::Folder)? {
                         (self.scenes, self.scenes_are_chosen) = (Some(folder), true);
                     }
                 }
@@ -641,7 +657,7 @@ impl Dialogue<'_> {
             None => Ok(None),
             Some(Some(k)) => Ok(names.get(k).map(|(name, _)| name.clone())),
             Some(None) => {
-                let path = self.existing("File of the plugin")?;
+                let path = self.existing("File of the plugin", Existing::File)?;
                 Ok(path.map(|path| path.to_string_lossy().into_owned()))
             }
         }
@@ -990,6 +1006,7 @@ mod tests {
         let answers = [
             Pick("Change configuration"),
             Pick("scenes"),
+            Type("Cargo.toml"),
             Type(path),
             Esc,
             Pick("Compute form factors"),
