@@ -589,9 +589,11 @@ fn settings_are_written_to_the_file_only_when_that_is_said() {
     cornell(&place);
     std::fs::write(
         place.path("hemicube.toml"),
-        "# ours\nresolution = 128 # enough\ntolerance = 0.02\n",
+        "# ours\nresolution = 128 # enough\ntolerance = 0.02\nscenes = \"more\"\n",
     )
     .unwrap();
+    std::fs::create_dir(place.path("more")).unwrap();
+    std::fs::write(place.path("more/other.ac"), "").unwrap();
     let file = || std::fs::read_to_string(place.path("hemicube.toml")).expect("the file");
     let before = file();
     let terminal = Terminal::hemicube(&place);
@@ -615,11 +617,13 @@ fn settings_are_written_to_the_file_only_when_that_is_said() {
     terminal.asked(CHANGE);
     assert_eq!(
         file(),
-        "# ours\nresolution = 64 # enough\n# tolerance = 0.02\ncorrection = \"pixel\"\n"
+        "# ours\nresolution = 64 # enough\n# tolerance = 0.02\nscenes = \"more\"\ncorrection = \"pixel\"\n"
     );
     // Options are not needed for them any more.
     terminal.pick(CHANGE, "Back");
     terminal.pick(MAIN, "Compute form factors");
+    terminal.asked(SCENE);
+    assert_eq!(terminal.number("more/other.ac"), 2);
     terminal.pick(SCENE, "cornell-box.obj");
     terminal.asked(RUN);
     let line = "compute cornell-box.obj -o cornell-box.hemicube\n";

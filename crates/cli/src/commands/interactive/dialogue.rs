@@ -881,13 +881,13 @@ mod tests {
             "2 - Compare results ",
             "3 - Change configuration ",
             "6 - Exit",
-            "Select the scene to process?\n1 - cubitos.ac  6 B\n2 - high.ac     6 B\n3 - it's.obj    6 B\n\
+            "Select the scene to process\n1 - cubitos.ac  6 B\n2 - high.ac     6 B\n3 - it's.obj    6 B\n\
              4 - Another file…\n5 - Back",
             "`missing.npz` does not exist",
             "high.npz is there already",
             "--octree-levels <auto|N>\nDeepest level of the octree, up to 21. A parameter of the thesis",
             "invalid value '22' for '--octree-levels <auto|N>'",
-            "correction     pixel*",
+            "correction      pixel*",
             // Shown before it is run, and again when the configuration changes it.
             r"$ hemicube compute 'it'\''s.obj' -o 'it'\''s.hemicube' --correction pixel --octree-levels 5",
         ] {
