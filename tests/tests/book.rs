@@ -21,6 +21,11 @@ use std::process::{Command, Output};
 const NOT_RUN: &[(&str, &str, &str)] = &[
     ("README.md", "./test", "it is what runs this"),
     (
+        "docs/interactive.md",
+        "hemicube",
+        "wants a terminal: tests/tests/interactive.rs gives it one",
+    ),
+    (
         "docs/light.md",
         "hemicube view hemicube room.obj --live --count 20",
         "needs a display: tests/tests/live.rs shows it on one that is made for it",
@@ -67,6 +72,10 @@ const GIVEN: &[(&str, &str)] = &[
     (
         "docs/choosing-accuracy.md",
         "hemicube generate city --patches 3000 -o city.obj",
+    ),
+    (
+        "docs/interactive.md",
+        "hemicube generate city --patches 400 -o city.obj",
     ),
     (
         "docs/light.md",
@@ -169,6 +178,7 @@ macro_rules! page_tests {
 page_tests! {
     readme: "README.md",
     tour: "docs/tour.md",
+    interactive: "docs/interactive.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
     light: "docs/light.md",
     report: "docs/report.md",
