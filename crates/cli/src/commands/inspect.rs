@@ -194,6 +194,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     let mut backend = arguments.render.open_backend(talk)?;
     let prepared = prepare(path, &arguments.patches, &arguments.render)?;
+    let reading = report::peak_memory_bytes();
     let mut surveyed = survey(&prepared.scene, &prepared.repaired);
     if arguments.patches.up.is_some() {
         "`--up` says so".clone_into(&mut surveyed.up_reason);
@@ -213,6 +214,8 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         arguments.seed,
     )?;
     let mut forecast = forecast(&prepared.model, &arguments, backend.as_mut())?;
+    // In vast scenes, reading and cutting them takes more than the rows do.
+    forecast.memory_bytes = forecast.memory_bytes.max(reading);
     if arguments.report.no_timings {
         forecast.seconds = None;
         forecast.memory_bytes = None;

@@ -104,6 +104,18 @@ enum Entries {
     },
 }
 
+/// Asks the system to read a whole file ahead, where it can be asked. Arrays of a part are read by turns in pieces, which no
+/// system takes for one file read in order.
+fn will_read(file: &File) {
+    #[cfg(target_os = "linux")]
+    {
+        // Advice: where it is not taken, reads only wait longer.
+        let _ = rustix::fs::fadvise(file, 0, None, rustix::fs::Advice::WillNeed);
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = file;
+}
+
 /// Where a row begins, and how many it has; none where there is no such row.
 fn bounds(bounds: &[u64], row: u64) -> (u64, u64) {
     let bound = |row: u64| usize::try_from(row).ok().and_then(|row| bounds.get(row)).copied();
@@ -265,6 +277,7 @@ impl CsrFile {
         buffers: &mut Buffers,
         each: &mut dyn FnMut(u64, EncodedRow<'_>) -> Option<()>,
     ) -> Result<()> {
+        will_read(file);
         let [first, second, third] = &mut buffers.0;
         // Each array by a file of its own: systems read ahead of what goes through a file in order, and these take turns.
         let open = || File::open(&self.path).map_err(|error| Error::io(&self.path, "opened", error));
