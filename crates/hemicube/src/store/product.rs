@@ -29,9 +29,10 @@ impl Store {
         self.for_each_part(threads, self.manifest().parts.len(), &|place, buffers| {
             let (csr, rows, file) = self.matrix_of_part(place)?;
             let mut sums = vec![0.0; rows.len()];
+            let mut of_row = Vec::new();
             csr.visit(&file, buffers, &mut |row, encoded| {
                 let sum = sums.get_mut(usize::try_from(row).ok()?)?;
-                *sum = dot(encoded, x)?;
+                *sum = dot(encoded, x, &mut of_row)?;
                 Some(())
             })?;
             let mut y = y.lock().unwrap_or_else(PoisonError::into_inner);
@@ -137,8 +138,8 @@ fn run(columns: &[[u8; 4]; RUN]) -> Option<usize> {
     (differs == 0 && first >= 0).then_some(first.cast_unsigned() as usize)
 }
 
-/// Σ F x of a row; `None` when a column is none.
-fn dot(row: EncodedRow<'_>, x: &[f64]) -> Option<f64> {
+/// Σ F x of a row, with room for what it takes of x; `None` when a column is none.
+fn dot(row: EncodedRow<'_>, x: &[f64], of_row: &mut Vec<f64>) -> Option<f64> {
     let mut sums = [0.0; LANES];
     match row {
         EncodedRow::Plain { columns, values } => {
@@ -167,15 +168,37 @@ fn dot(row: EncodedRow<'_>, x: &[f64]) -> Option<f64> {
                 *sum += f64::from(f32::from_le_bytes(values)) * x.get(column(columns))?;
             }
         }
-        EncodedRow::Compact { .. } => for_each_run(row, x.len(), |first, codes| {
-            let x = x.get(first..first + codes.len())?;
-            for (codes, x) in codes.chunks(LANES).zip(x.chunks(LANES)) {
-                for ((&code, x), sum) in codes.iter().zip(x).zip(&mut sums) {
-                    *sum += f64::from(compact::factor(u16::from_le_bytes(code))) * x;
+        EncodedRow::Compact { codes, .. } => {
+            // Runs are short. So what they take of x is put together first, LANES at a time: what a run does not have of these is
+            // written over by the next.
+            let codes = codes.as_chunks::<2>().0;
+            of_row.resize(of_row.len().max(codes.len() + LANES), 0.0);
+            let mut at = 0;
+            for_each_run(row, x.len(), |first, codes| {
+                let (mut column, end) = (first, first + codes.len());
+                let last = at + codes.len();
+                while column < end {
+                    if let Some(several) = x.get(column..column + LANES) {
+                        of_row.get_mut(at..at + LANES)?.copy_from_slice(several);
+                    } else {
+                        of_row.get_mut(at..last)?.copy_from_slice(x.get(column..end)?);
+                    }
+                    (column, at) = (column + LANES, at + LANES);
+                }
+                at = last;
+                Some(())
+            })?;
+            let (whole, rest) = codes.as_chunks::<LANES>();
+            let (of_whole, of_rest) = of_row.get(..codes.len())?.as_chunks::<LANES>();
+            for (codes, x) in whole.iter().zip(of_whole) {
+                for lane in 0..LANES {
+                    sums[lane] += f64::from(compact::factor(u16::from_le_bytes(codes[lane]))) * x[lane];
                 }
             }
-            Some(())
-        })?,
+            for ((&code, x), sum) in rest.iter().zip(of_rest).zip(&mut sums) {
+                *sum += f64::from(compact::factor(u16::from_le_bytes(code))) * x;
+            }
+        }
     }
     Some(sums.iter().sum())
 }

@@ -222,6 +222,9 @@ fn heat(share: f64) -> RGBColor {
     faded(RGBColor(0, 90, 150), 1.0 - 0.9 * share.clamp(0.0, 1.0))
 }
 
+/// What a line of heat maps takes beside its levels.
+const TITLES: f64 = 94.0;
+
 /// The octree's parameters as heat maps side by side: dark is fast, each panel on its own scale.
 ///
 /// # Errors
@@ -231,14 +234,20 @@ pub(super) fn heat_map(title: &str, subtitle: &str, panels: &[Panel], format: Fo
     let mut sheet = Sheet::default();
     sheet.heading(title, subtitle, &letters);
     let columns = panels.len().clamp(1, 3);
-    let lines = panels.len().div_ceil(columns).max(1);
-    let (wide, high) = ((RIGHT - 24.0) / columns as f64, (BOTTOM + 50.0 - 84.0) / lines as f64);
-    for (place, panel) in panels.iter().enumerate() {
-        let (left, top) = (
-            24.0 + (place % columns) as f64 * wide,
-            84.0 + (place / columns) as f64 * high,
-        );
-        draw_panel(&mut sheet, panel, (left, top), (wide - 18.0, high - 16.0), &letters);
+    let wide = (RIGHT - 24.0) / columns as f64;
+    // The rest of the sheet is for levels, as many as a line's panels have at most.
+    let levels_of = |line: &[Panel]| line.iter().map(|panel| panel.levels.len()).max().unwrap_or(0).max(1) as f64;
+    let lines = panels.chunks(columns);
+    let all: f64 = lines.clone().map(levels_of).sum();
+    let level = (BOTTOM + 50.0 - 84.0 - TITLES * lines.len() as f64) / all.max(1.0);
+    let mut top = 84.0;
+    for line in lines {
+        let high = TITLES + level * levels_of(line);
+        for (column, panel) in line.iter().enumerate() {
+            let left = 24.0 + column as f64 * wide;
+            draw_panel(&mut sheet, panel, (left, top), (wide - 18.0, high - 16.0), &letters);
+        }
+        top += high;
     }
     sheet.bytes(format, &letters)
 }
