@@ -62,6 +62,18 @@ use std::path::Path;
 /// # Errors
 /// When the header is missing, a number cannot be read, a surface names a vertex that is not there, or the file ends
 /// where it cannot; the error names the line.
+///
+/// ```
+/// use hemicube_scene::{ReadOptions, ac3d};
+///
+/// let text = b"AC3Db\nMATERIAL \"tin\" rgb 1 1 1 amb 0 0 0 emis 0 0 0 spec 0 0 0 shi 0 trans 0\n\
+///     OBJECT world\nkids 1\nOBJECT poly\nname \"wing\"\nnumvert 3\n0 0 0\n1 0 0\n0 1 0\nnumsurf 1\n\
+///     SURF 0x20\nmat 0\nrefs 3\n0 0 0\n1 0 0\n2 0 0\nkids 0\n";
+/// let scene = ac3d::read(text, None, ReadOptions::default())?;
+/// assert_eq!((&*scene.objects[scene.triangles[0].object as usize], &*scene.materials[0].name), ("wing", "tin"));
+/// assert!(scene.triangles[0].two_sided, "0x20 says so");
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let text = text_of(bytes);
     let mut reader = Reader::new(&text, options);

@@ -32,6 +32,21 @@ use std::path::Path;
 /// # Errors
 /// When the text is not JSON or not CityJSON, or a boundary names a vertex that is not there; the error names the line
 /// where JSON ends to make sense, or the city object.
+///
+/// ```
+/// use hemicube_scene::{Axis, ReadOptions, cityjson};
+///
+/// let text = br#"{ "type": "CityJSON", "version": "2.0",
+///     "transform": { "scale": [0.5, 0.5, 0.5], "translate": [100.0, 0.0, 0.0] },
+///     "vertices": [[0, 0, 6], [8, 0, 6], [8, 8, 6], [0, 8, 6]],
+///     "CityObjects": { "hut": { "type": "Building", "geometry": [{ "type": "MultiSurface", "lod": "2",
+///         "boundaries": [[[0, 1, 2, 3]]],
+///         "semantics": { "surfaces": [{ "type": "RoofSurface" }], "values": [0] } }] } } }"#;
+/// let scene = cityjson::read(text, None, ReadOptions::default())?;
+/// assert_eq!((scene.triangles.len(), &*scene.objects[0], scene.up), (2, "hut/RoofSurface", Some(Axis::Z)));
+/// assert!(scene.triangles.iter().all(|triangle| triangle.corners.iter().all(|corner| corner.z == 3.0)));
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let mut city = City::default();

@@ -123,6 +123,23 @@ pub struct Generate {
 ///
 /// # Errors
 /// When the target is 0, is more than [`MAX_PATCHES`], or needs more memory than there is.
+///
+/// ```
+/// use hemicube_scene::generate::{Generate, Kind, generate};
+///
+/// let city = |seed| generate(Generate { kind: Kind::City, target_patches: 1000, seed });
+/// let scene = city(1)?;
+/// assert_eq!(scene.triangles.len(), 1000);
+/// assert_eq!(scene, city(1)?, "the same on every machine");
+/// assert_ne!(scene, city(2)?);
+///
+/// // A room has 40·k² triangles: where the target is out of reach, the scene says what it has.
+/// let room = generate(Generate { kind: Kind::Room, target_patches: 1000, seed: 1 })?;
+/// assert_eq!((room.triangles.len(), room.findings.warnings.len()), (1000, 0));
+/// let room = generate(Generate { kind: "room".parse()?, target_patches: 1100, seed: 1 })?;
+/// assert_eq!((room.triangles.len(), room.findings.warnings.len()), (1000, 1));
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn generate(spec: Generate) -> Result<Scene, Error> {
     let Generate {
         kind,

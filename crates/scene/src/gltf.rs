@@ -58,6 +58,23 @@ const NAME_BYTES_MAX: usize = 1024;
 /// # Errors
 /// When the bytes are not glTF 2, when nodes, meshes, accessors or buffers contradict one another or are not there, or
 /// when the geometry needs an extension that is not read. The message names the place in the file.
+///
+/// ```
+/// use hemicube_scene::{Axis, ReadOptions, gltf};
+///
+/// // A triangle, whose nine coordinates are within the file.
+/// let text = br#"{ "asset": { "version": "2.0" }, "scenes": [{ "nodes": [0] }], "scene": 0,
+///     "nodes": [{ "name": "roof", "mesh": 0, "scale": [2, 2, 2] }],
+///     "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
+///     "accessors": [{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3" }],
+///     "bufferViews": [{ "buffer": 0, "byteLength": 36 }],
+///     "buffers": [{ "byteLength": 36, "uri":
+///         "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA" }] }"#;
+/// let scene = gltf::read(text, None, ReadOptions::default())?;
+/// assert_eq!(scene.triangles[0].corners[1], glam::DVec3::X * 2.0, "nodes have moved it to its place");
+/// assert_eq!((&*scene.objects[0], scene.up, scene.metres_per_unit), ("roof", Some(Axis::Y), Some(1.0)));
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let mut findings = Findings::default();
     let container = glb::open(bytes, &mut findings)?;

@@ -127,6 +127,27 @@ impl Findings {
 }
 
 /// A scene: triangles in the file's face order, with the names they refer to.
+///
+/// A reader makes one of a file, [`generate`] makes some by rule, and an embedder makes it of triangles:
+///
+/// ```
+/// use hemicube_scene::{Material, Patches, Scene, Side, Subdivision, Triangle};
+/// use glam::DVec3;
+///
+/// let corners = [DVec3::ZERO, DVec3::X, DVec3::Y]; // counter-clockwise seen from the front
+/// let scene = Scene {
+///     triangles: vec![Triangle { corners, object: 0, material: 0, face: 0, two_sided: true }],
+///     objects: vec!["leaf".to_owned()],
+///     materials: vec![Material::default()],
+///     ..Scene::default()
+/// };
+/// // Both sides of it radiate: two patches on one surface.
+/// let patches = Patches::new(&scene, Subdivision::None)?;
+/// let [front, back] = patches.iter().collect::<Vec<_>>()[..] else { unreachable!("two sides") };
+/// assert_eq!((patches.side(front), patches.side(back)), (Side::Front, Side::Back));
+/// assert_eq!((patches.normal(front), patches.normal(back)), (DVec3::Z, DVec3::NEG_Z));
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
     /// The triangles, in the file's face order.

@@ -44,6 +44,22 @@ impl Format {
 /// # Errors
 /// When the file cannot be read, its extension names no known format, the format's reader is not compiled in, or the
 /// reader refuses it. The error names the file and, for text formats, the line.
+///
+/// ```
+/// use hemicube_scene::{ReadOptions, load};
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("wall.obj");
+///
+/// std::fs::write(&path, "o wall\nv 0 0 0\nv 4 0 0\nv 4 0 3\nv 0 0 3\nf 1 2 3 4\n")?;
+/// let scene = load(&path, ReadOptions::default())?;
+/// assert_eq!((scene.triangles.len(), &scene.objects[..]), (2, &["wall".to_owned()][..]));
+///
+/// // An error names the file, the line and the thing.
+/// std::fs::write(&path, "v 0 0 0\nv 4 0 0\nf 1 2 9\n")?;
+/// let error = load(&path, ReadOptions::default()).expect_err("a face with a vertex that is not there");
+/// assert_eq!((error.line, error.path.as_deref()), (Some(3), Some(&*path)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
     let format = Format::from_path(path).ok_or_else(|| {
         Error::unsupported("the extension names no scene format; .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json and .jsonl (CityJSON) are read")

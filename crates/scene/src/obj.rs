@@ -41,6 +41,18 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// When a vertex has fewer than three numbers, a number or a face corner cannot be read, or a face names a vertex that
 /// does not come before it; the error names the line. A file without faces is no error: the scene has no triangles.
+///
+/// ```
+/// use hemicube_scene::{ReadOptions, obj};
+///
+/// // A polygon that is not convex, and a line.
+/// let text = b"v 0 0 0\nv 4 0 0\nv 4 4 0\nv 1 1 0\ng step\nusemtl brick\nf 1 2 3 4\nl 1 2\n";
+/// let scene = obj::read(text, None, ReadOptions::default())?;
+/// assert_eq!((scene.triangles.len(), &*scene.objects[0], &*scene.materials[0].name), (2, "step", "brick"));
+/// assert!(scene.triangles.iter().all(|triangle| triangle.face == 0));
+/// assert_eq!(scene.findings.counts.values().sum::<u64>(), 1, "what is no surface is counted");
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let text = match bytes {
         [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => {

@@ -21,6 +21,21 @@ pub enum Side {
 ///
 /// A *surface* is a triangle after subdivision. A one-sided surface carries one patch, a two-sided one two: front and
 /// back, with the same corners and opposite normals.
+///
+/// ```
+/// use hemicube_scene::{InputPatch, Patches, Subdivision, generate};
+///
+/// let scene = generate::cornell_box();
+/// let whole = Patches::new(&scene, Subdivision::None)?;
+/// let cut = Patches::new(&scene, Subdivision::Split(3))?;
+/// assert_eq!(cut.len(), 9 * whole.len());
+///
+/// // Patch 20 is one of the nine that triangle 2 was cut into, and no area is lost on the way.
+/// assert_eq!(cut.triangle(InputPatch(20)), 2);
+/// let area = |patches: &Patches| patches.iter().map(|patch| patches.area(patch)).sum::<f64>();
+/// assert!((area(&cut) / area(&whole) - 1.0).abs() < 1e-12);
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Patches {
     surfaces: Vec<[DVec3; 3]>,

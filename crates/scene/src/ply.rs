@@ -92,6 +92,18 @@ fn indices(value: &Property) -> Option<Vec<u32>> {
 /// # Errors
 /// When the header is not PLY, the file ends before what the header announces, or a face names a vertex that is not
 /// there.
+///
+/// ```
+/// use hemicube_scene::{ReadOptions, ply};
+///
+/// let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+///             element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+///             0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n";
+/// let scene = ply::read(text.as_bytes(), None, ReadOptions::default())?;
+/// assert_eq!(scene.triangles.len(), 2);
+/// assert!(scene.triangles.iter().all(|triangle| triangle.face == 0));
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
     let located = |error: ply_rs_bw::parser::ParseError| {
         let line = error.line();

@@ -50,6 +50,20 @@ pub struct RepairReport {
 }
 
 /// Drops what can be no patch; see the [rules](self).
+///
+/// ```
+/// use hemicube_scene::ReadOptions;
+/// use hemicube_scene::obj;
+/// use hemicube_scene::repair::{RepairOptions, repair};
+///
+/// // A triangle, the same again from another corner, its back, and one without area.
+/// let text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nf 1 2 3\nf 2 3 1\nf 1 3 2\nf 1 2 4\n";
+/// let mut scene = obj::read(text, None, ReadOptions::default())?;
+/// let report = repair(&mut scene, RepairOptions::default());
+/// assert_eq!((report.duplicates_dropped, report.reversed_duplicates, report.degenerate), (1, 1, 1));
+/// assert_eq!(scene.triangles.iter().map(|triangle| triangle.face).collect::<Vec<_>>(), [0, 2]);
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn repair(scene: &mut Scene, options: RepairOptions) -> RepairReport {
     let mut report = RepairReport::default();
     scene.triangles.retain(|triangle| {

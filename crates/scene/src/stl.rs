@@ -33,6 +33,17 @@ const RECORD: usize = 50;
 ///
 /// # Errors
 /// When a binary file is cut short, or a line of a text file is not what is due there; the error names the line.
+///
+/// ```
+/// use hemicube_scene::{ReadOptions, stl};
+///
+/// let text = b"solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n\
+///     endfacet\nendsolid s\n";
+/// let scene = stl::read(text, None, ReadOptions::default())?;
+/// assert_eq!((scene.triangles.len(), &*scene.objects[0]), (1, "s"));
+/// assert!(stl::read(&text[..90], None, ReadOptions::default()).is_err(), "cut short");
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
     let mut scene = Scene {
         materials: vec![Material::default()],

@@ -4,6 +4,20 @@
 use glam::DVec3;
 
 /// How finely triangles are cut into patches.
+///
+/// ```
+/// use glam::DVec3;
+/// use hemicube_scene::Subdivision;
+///
+/// let triangle = [DVec3::ZERO, DVec3::X * 4.0, DVec3::Y * 3.0]; // its longest edge is 5
+/// assert_eq!(Subdivision::Levels(2).count(&triangle), 16);
+/// assert_eq!(Subdivision::Split(3).count(&triangle), 9);
+/// assert_eq!(Subdivision::PatchSize(2.0).pieces(&triangle), 3);
+///
+/// let mut pieces = Vec::new();
+/// Subdivision::PatchSize(2.0).cut(&triangle, &mut pieces);
+/// assert!(pieces.iter().all(|[a, b, c]| a.distance(*b).max(b.distance(*c)).max(c.distance(*a)) <= 2.0));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Subdivision {
     /// One patch a triangle.

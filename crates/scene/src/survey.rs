@@ -102,6 +102,22 @@ pub struct WorstTriangle {
 }
 
 /// Surveys a scene that [`crate::repair::repair`] has been through, with the report it gave.
+///
+/// ```
+/// use hemicube_scene::repair::{RepairOptions, repair};
+/// use hemicube_scene::survey::survey;
+/// use hemicube_scene::{Axis, obj};
+///
+/// // A tetrahedron with a face missing.
+/// let text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\n";
+/// let mut scene = obj::read(text, None, Default::default())?;
+/// let report = repair(&mut scene, RepairOptions::default());
+/// let found = survey(&scene, &report);
+/// assert_eq!((found.edges.count, found.edges.boundary), (6, 3));
+/// assert!(!found.edges.are_closed() && found.area == 1.5);
+/// assert!(found.up == Axis::Y && found.up_guessed, "OBJ does not say: {}", found.up_reason);
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn survey(scene: &Scene, report: &RepairReport) -> Survey {
     let bounds = bounds(&scene.triangles);
     let extent = bounds.map_or(DVec3::ZERO, |[low, high]| high - low);

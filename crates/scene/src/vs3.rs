@@ -31,6 +31,16 @@ use std::path::Path;
 ///
 /// # Errors
 /// When a line is not what View3D's manual asks for; the error names it.
+///
+/// ```
+/// use hemicube_scene::{ReadOptions, vs3};
+///
+/// let text = b"T a wall\nF 3\nV 1 0 0 0\nV 2 1 0 0\nV 3 1 0 1\nV 4 0 0 1\nS 1 1 2 3 4 0 0 0.9 wall\nEnd of data\n";
+/// let scene = vs3::read(text, None, ReadOptions::default())?;
+/// assert_eq!((scene.triangles.len(), &*scene.objects[0]), (2, "wall"));
+/// assert_eq!(scene.materials[0].name, "emissivity 0.9");
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
     let text = String::from_utf8_lossy(bytes);
     let mut reader = Reader {

@@ -22,6 +22,21 @@ pub const CHANGED_NAME: &str = "name changed for OBJ";
 /// # Errors
 /// When `out` fails; of kind [`io::ErrorKind::InvalidInput`] when a coordinate is not finite or a triangle names an
 /// object or a material that the scene does not have. `out` may then hold part of the scene.
+///
+/// ```
+/// use hemicube_scene::{ReadOptions, generate, obj, write};
+///
+/// let scene = generate::cornell_box();
+/// let mut text = Vec::new();
+/// let lost = write::obj(&scene, &mut text)?;
+/// assert_eq!(lost.get(write::TWO_SIDED), 0);
+///
+/// // The same triangles and names come back, bit for bit.
+/// let read = obj::read(&text, None, ReadOptions::default())?;
+/// assert!(read.triangles.iter().map(|t| t.corners).eq(scene.triangles.iter().map(|t| t.corners)));
+/// assert_eq!(read.objects, scene.objects);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn obj(scene: &Scene, out: &mut impl Write) -> io::Result<Findings> {
     write_obj(scene, None, out)
 }
