@@ -9,6 +9,66 @@
 //! 4. Where two surfaces are at the same depth, the smaller patch id wins; the back of a one-sided patch loses to any
 //!    patch.
 //! 5. The emitter's own surface is never seen, whichever side emits.
+//!
+//! All that a backend must do, for a scene in which there is nothing to render: two patches that see nothing but each
+//! other.
+//!
+//! ```
+//! use hemicube_contract::InputPatch;
+//! use hemicube_contract::backend::*;
+//! use hemicube_contract::row::RowBlock;
+//! use hemicube_spatial::{Aabb, Octree, OctreeOptions, glam::DVec3};
+//! use std::sync::Arc;
+//!
+//! struct Vis(BackendInfo, u32);
+//!
+//! impl HemicubeBackend for Vis {
+//!     fn info(&self) -> &BackendInfo {
+//!         &self.0
+//!     }
+//!
+//!     fn load(&mut self, geometry: &Arc<Geometry>, _settings: RenderSettings) -> Result<(), BackendError> {
+//!         self.1 = geometry.patch_count;
+//!         if self.1 == 2 { Ok(()) } else { Err(BackendError::Unsupported(format!("{} patches", self.1))) }
+//!     }
+//!
+//!     fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
+//!         Ok(Box::new(Self(self.0.clone(), self.1)))
+//!     }
+//!
+//!     fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
+//!         for hemicube in hemicubes {
+//!             let Some(InputPatch(emitter @ 0..2)) = hemicube.emitter else {
+//!                 return Err(BackendError::InvalidArgument("no such patch".to_owned()));
+//!             };
+//!             out.push(InputPatch(1 - emitter), WHOLE, 0);
+//!             out.end_row(0, 0);
+//!         }
+//!         Ok(Counters { hemicubes: hemicubes.len() as u64, ..Counters::default() })
+//!     }
+//! }
+//! # let corners = [[DVec3::ZERO, DVec3::X, DVec3::Y], [DVec3::Z, DVec3::Y + DVec3::Z, DVec3::X + DVec3::Z]];
+//! # let boxes = corners.map(Aabb::from_points);
+//! # let octree = Octree::build(&boxes, OctreeOptions { max_level: 4, min_items: 4 })?;
+//! # let surface = |&place: &u32| Surface { corners: corners[place as usize], front: InputPatch(place), back: None };
+//! # let surfaces = octree.order().iter().map(surface).collect();
+//! # let geometry = Arc::new(Geometry::new(surfaces, octree, 2, 1e-10));
+//! # let settings = RenderSettings { resolution: 64, culling: Culling::Off, covered: false };
+//! # let (name, version, device) = ("vis".to_owned(), "1".to_owned(), "none".to_owned());
+//! # let info = BackendInfo { name, version, device, capabilities: Capabilities::default(), preferred_rows: 1 };
+//! # let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+//! # let hemicube = |patch| Hemicube { emitter: Some(InputPatch(patch)), origin: DVec3::ZERO, axes };
+//!
+//! // What the driver does with it:
+//! let mut backend = Vis(info, 0);
+//! backend.load(&geometry, settings)?;
+//! let mut rows = RowBlock::default();
+//! backend.rows(&[hemicube(0), hemicube(1)], &mut rows)?;
+//! rows.check(2, geometry.patch_count, settings.covered)?;
+//! assert_eq!((rows.row(0).patches, rows.row(1).patches), (&[1][..], &[0][..]));
+//! assert!(backend.rows(&[hemicube(2)], &mut rows).is_err());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use crate::row::RowBlock;
 use glam::DVec3;
@@ -82,6 +142,21 @@ impl Geometry {
 
     /// What someone makes of the scene and wants to make only once, whatever the number of sessions: one value of each
     /// type, made when first asked for and shared from then on.
+    ///
+    /// ```
+    /// # use hemicube_contract::backend::Geometry;
+    /// # use hemicube_spatial::{Octree, OctreeOptions};
+    /// # let octree = Octree::build(&[], OctreeOptions { max_level: 4, min_items: 4 })?;
+    /// # let geometry = Geometry::new(Vec::new(), octree, 7, 1e-10);
+    /// struct Colors(Vec<u32>);
+    ///
+    /// let mut made = 0;
+    /// let mut session = || geometry.kept(|geometry| { made += 1; Colors((0..geometry.patch_count).collect()) });
+    /// let (one, other) = (session(), session());
+    /// assert!(std::sync::Arc::ptr_eq(&one, &other) && one.0.len() == 7);
+    /// assert_eq!(made, 1);
+    /// # Ok::<(), hemicube_spatial::OctreeError>(())
+    /// ```
     pub fn kept<T: Any + Send + Sync>(&self, make: impl FnOnce(&Self) -> T) -> Arc<T> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let cell = Arc::clone(kept.entry(TypeId::of::<T>()).or_default());

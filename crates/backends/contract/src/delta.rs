@@ -17,6 +17,21 @@ use crate::backend::{RESOLUTIONS, WHOLE};
 use crate::face::Face;
 
 /// The weights of a hemicube's pixels, as running sums: the weight of pixels `x0..x1` of a row is a difference.
+///
+/// ```
+/// use hemicube_contract::backend::WHOLE;
+/// use hemicube_contract::delta::DeltaTable;
+/// use hemicube_contract::face::Face;
+///
+/// let table = DeltaTable::new(64);
+/// assert_eq!(table.weights().iter().sum::<u32>(), WHOLE, "a hemicube's form factors sum to 1, exactly");
+///
+/// // The top has (4 / π√2) atan(1/√2) of it, and its middle more than its corner.
+/// let top = f64::from(table.running(Face::Top)[64 * 64]) / f64::from(WHOLE);
+/// assert!((top - 0.554_126).abs() < 1e-6, "{top}");
+/// assert!(table.weight(Face::Top, 32, 32) > 2 * table.weight(Face::Top, 0, 0));
+/// assert_eq!(table.span(Face::NegY, 9, 0, 64), (0..64).map(|x| table.weight(Face::NegY, x, 9)).sum::<u32>());
+/// ```
 #[derive(Clone, Debug)]
 pub struct DeltaTable {
     resolution: u32,

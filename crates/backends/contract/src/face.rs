@@ -9,6 +9,19 @@ use crate::delta::DeltaTable;
 use hemicube_scene::InputPatch;
 
 /// A face of a hemicube, named by the axis of the patch frame (x tangent, y bitangent, z normal) that it looks along.
+///
+/// ```
+/// use hemicube_contract::face::{Face, pixel_count};
+///
+/// // The atlas of a hemicube of 64 pixels: the top's 64 rows, then 32 of each side.
+/// let rows = Face::ALL.map(|face| (face.first_row(64), face.rows(64)));
+/// assert_eq!(rows, [(0, 64), (64, 32), (96, 32), (128, 32), (160, 32)]);
+/// assert_eq!(pixel_count(64), 64 * (160 + 32));
+///
+/// // Every face looks along its third axis: here −bitangent.
+/// let ([_u, v, w], [_su, sv, sw]) = Face::NegY.axes();
+/// assert_eq!((w, sw, v, sv), (1, -1.0, 2, 1.0));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Face {
@@ -70,6 +83,20 @@ pub const fn pixel_count(resolution: u32) -> usize {
 }
 
 /// The item buffer of a hemicube: what each pixel of the atlas sees, row by row.
+///
+/// ```
+/// use hemicube_contract::InputPatch;
+/// use hemicube_contract::delta::DeltaTable;
+/// use hemicube_contract::face::{Face, Items, pixel_count};
+///
+/// // Patch 3 fills the top, and nothing is at the sides.
+/// let mut items = Items { resolution: 32, seen: vec![Items::ESCAPED; pixel_count(32)] };
+/// items.seen[..32 * Face::Top.rows(32) as usize].fill(3);
+/// let (entries, escaped, blocked) = items.reduce(&DeltaTable::new(32));
+/// let [(InputPatch(3), top)] = entries[..] else { panic!("{entries:?}") };
+/// assert_eq!((top + escaped, blocked), (hemicube_contract::backend::WHOLE, 0));
+/// assert!(top > escaped);
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Items {
     /// Pixels along the edge of the top face.

@@ -20,6 +20,31 @@ const SNAPPED: f64 = 1.0 / 16.0;
 struct PatchCorners(Vec<Option<[DVec3; 3]>>);
 
 /// Counts what patches cover.
+///
+/// ```
+/// use hemicube_contract::InputPatch;
+/// use hemicube_contract::backend::{Geometry, Hemicube, Surface, WHOLE};
+/// use hemicube_contract::outline::Outlines;
+/// use hemicube_contract::row::RowBlock;
+/// # use hemicube_spatial::{Aabb, Octree, OctreeOptions, glam::DVec3};
+/// # let corners = [DVec3::new(-1.0, -1.0, 1.0), DVec3::new(-1.0, 1.0, 1.0), DVec3::new(1.0, -1.0, 1.0)];
+/// # let octree = Octree::build(&[Aabb::from_points(corners)], OctreeOptions { max_level: 4, min_items: 4 })?;
+/// # let surface = Surface { corners, front: InputPatch(0), back: None };
+/// # let geometry = Geometry::new(vec![surface], octree, 1, 1e-10);
+/// # let hemicube = Hemicube { emitter: None, origin: DVec3::ZERO, axes: [DVec3::X, DVec3::Y, DVec3::Z] };
+///
+/// // The scene's one patch is half of the top of the hemicube, 0.277; a third of that is seen.
+/// let mut rows = RowBlock::default();
+/// let seen = WHOLE / 11;
+/// rows.push(InputPatch(0), seen, 0);
+/// rows.end_row(WHOLE - seen, 0);
+/// let rows = Outlines::new(&geometry, 256).complete(&[hemicube], &rows);
+/// let covered = f64::from(rows.covered[0]) / f64::from(WHOLE);
+/// assert!((covered - 0.277).abs() < 0.003, "{covered}");
+/// assert_eq!(rows.visible[0], seen);
+/// assert_eq!(rows.check(1, 1, true), Ok(()));
+/// # Ok::<(), hemicube_spatial::OctreeError>(())
+/// ```
 #[derive(Debug)]
 pub struct Outlines {
     corners: Arc<PatchCorners>,

@@ -9,6 +9,24 @@ use hemicube_scene::InputPatch;
 /// rasteriser, and is at least *visible*; it is 0 throughout when covered weights were not asked for. With covered
 /// weights asked for, an entry whose two weights are both 0 and whose pixel count is 0 is a *tiny* patch: its whole
 /// triangle covers no pixel centre, but it is nearest at its centroid.
+///
+/// ```
+/// use hemicube_contract::InputPatch;
+/// use hemicube_contract::backend::WHOLE;
+/// use hemicube_contract::row::{RowBlock, RowError};
+///
+/// let mut rows = RowBlock::default();
+/// rows.push(InputPatch(2), WHOLE / 2, 0);
+/// rows.push(InputPatch(5), WHOLE / 4, 0);
+/// rows.end_row(WHOLE / 4, 0); // a quarter escapes, nothing is blocked
+/// assert_eq!(rows.check(1, 6, false), Ok(()));
+/// assert_eq!(rows.row(0).visible, [WHOLE / 2, WHOLE / 4]);
+///
+/// // The driver takes no row that loses light, or names a patch that is not there.
+/// assert_eq!(rows.check(1, 5, false), Err(RowError::OutOfRange { row: 0, patch: 5, patch_count: 5 }));
+/// rows.escaped[0] -= 1;
+/// assert!(matches!(rows.check(1, 6, false), Err(RowError::Sum { row: 0, .. })));
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RowBlock {
     /// One past the last entry of each row.
