@@ -15,6 +15,14 @@ pub const PATH_VARIABLE: &str = "HEMICUBE_BACKEND_PATH";
 const FILE_STEM: &str = "hemicube_backend_";
 
 /// The file that holds the backend of a name, on this platform.
+///
+/// ```
+/// use hemicube_host::{file_name, name_of_file};
+/// assert_eq!(name_of_file(&file_name("my-backend")).as_deref(), Some("my-backend"));
+/// assert_eq!(name_of_file("README.md"), None);
+/// # #[cfg(target_os = "linux")]
+/// assert_eq!(file_name("my-backend"), "libhemicube_backend_my_backend.so");
+/// ```
 pub fn file_name(name: &str) -> String {
     format!("{DLL_PREFIX}{FILE_STEM}{}{DLL_SUFFIX}", name.replace('-', "_"))
 }
@@ -125,6 +133,22 @@ fn is_raised() -> bool {
 }
 
 /// The folders that backends are looked for in.
+///
+/// ```
+/// use hemicube_host::{Environment, Origin, Search};
+/// use std::path::PathBuf;
+///
+/// let environment = Environment { program: Some("/opt/bin/hemicube".into()), ..Environment::default() };
+/// let origins = |environment| -> Vec<Origin> {
+///     let search = Search::new(&[PathBuf::from("/home/ann/backends")], environment);
+///     search.folders().iter().map(|folder| folder.origin).collect()
+/// };
+/// assert_eq!(origins(&environment), [Origin::Flag, Origin::Program, Origin::Program]);
+///
+/// // Whoever has raised privileges loads nothing that another may have put there.
+/// let raised = Environment { raised: true, ..environment.clone() };
+/// assert_eq!(origins(&raised), [Origin::Program, Origin::Program]);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Search {
     folders: Vec<Folder>,

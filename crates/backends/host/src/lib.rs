@@ -6,6 +6,31 @@
 //! What cannot be caught in one process (a crash, a hang) is what `hemicube backends check` runs child processes for.
 //!
 //! Libraries are never unloaded: drivers leave threads and thread-local destructors behind.
+//!
+//! A program asks for a backend by name, by path, or for the best that there is, and is told why where there is none:
+//!
+//! ```
+//! use hemicube_host::{Environment, OpenError, Options, Registry, Search};
+//! # let folder = tempfile::tempdir()?;
+//! # let given = folder.path().join("backends");
+//! # std::fs::create_dir(&given)?;
+//!
+//! // `Environment::of_process()` in a program; an empty one here, so that nothing but the folder given is looked into.
+//! let search = Search::new(&[given.clone()], &Environment::default());
+//! let registry = Registry::new(search, &["cpu"]);
+//! let options = Options::parse(&["device=0"])?;
+//!
+//! let error = registry.open("vulkan", &options).expect_err("the folder is empty");
+//! let OpenError::NotFound { name, tried } = error else { panic!("{error}") };
+//! assert_eq!((&*name, tried.len(), &*tried[0].reason), ("vulkan", 1, "no such file"));
+//! assert!(tried[0].path.starts_with(&given));
+//!
+//! // `auto` goes on without: what is built in is what is left.
+//! let auto = registry.auto(&options);
+//! assert!(auto.taken.is_none());
+//! assert!(auto.passed_over.iter().all(|over| !over.installed && over.reason == "not installed"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod discover;
 mod load;

@@ -62,6 +62,19 @@ pub enum LoadError {
 }
 
 /// A library with a table that was found good. Stays loaded until the process ends.
+///
+/// ```
+/// use hemicube_host::{Library, LoadError, file_name};
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join(file_name("mine"));
+///
+/// assert_eq!(Library::load(&path).err(), Some(LoadError::Missing));
+///
+/// // A file of the right name is not yet a library; the system's loader says why.
+/// std::fs::write(&path, "not a library")?;
+/// assert!(matches!(Library::load(&path), Err(LoadError::Refused(_))));
+/// # Ok::<(), std::io::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct Library {
     table: &'static HcBackend,

@@ -112,6 +112,14 @@ impl Options {
     ///
     /// # Errors
     /// [`OpenError::Option`] for one that is not of that form, or is there twice.
+    ///
+    /// ```
+    /// use hemicube_host::Options;
+    /// assert!(!Options::parse(&["device=1", "validation=on"])?.is_empty());
+    /// assert!(Options::parse(&["device"]).is_err(), "a key and a value are needed");
+    /// assert!(Options::parse(&["device=1", "device=2"]).is_err(), "and each key once");
+    /// # Ok::<(), hemicube_host::OpenError>(())
+    /// ```
     pub fn parse<T: AsRef<str>>(given: &[T]) -> Result<Self, OpenError> {
         let mut options = BTreeMap::new();
         for option in given {
@@ -344,6 +352,20 @@ impl Registry {
 
     /// All files in the folders that look like backends, in the order in which they would be found. Nothing is opened but
     /// the libraries, and nothing asked of them but their devices.
+    ///
+    /// ```
+    /// use hemicube_host::{Environment, LoadError, Registry, Search, State, file_name};
+    /// # let folder = tempfile::tempdir()?;
+    ///
+    /// for name in ["cpu", "mine"] {
+    ///     std::fs::write(folder.path().join(file_name(name)), "not a library")?;
+    /// }
+    /// let registry = Registry::new(Search::new(&[folder.path().to_owned()], &Environment::default()), &["cpu"]);
+    /// let [cpu, mine] = &registry.list()[..] else { panic!("two files") };
+    /// assert!(cpu.name == "cpu" && matches!(cpu.state, State::Shadowed { by: None }), "the program has its own");
+    /// assert!(mine.name == "mine" && matches!(mine.state, State::Unusable(LoadError::Refused(_))));
+    /// # Ok::<(), std::io::Error>(())
+    /// ```
     pub fn list(&self) -> Vec<Listed> {
         let mut listed: Vec<Listed> = Vec::new();
         for folder in self.search.folders() {
