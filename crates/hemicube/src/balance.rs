@@ -217,6 +217,26 @@ pub struct BalanceReport {
 /// without a row or a column for every patch, or with patches without area. [`Error::Refused`] for options that make no
 /// sense. [`Error::DiskTooSmall`] before anything is written, [`Error::NoSpace`] after; otherwise what reading and writing
 /// give. After an error the result is not there or, by its manifest, not complete.
+///
+/// ```
+/// use hemicube::balance::{BalanceOptions, balance};
+/// use hemicube::store::Store;
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let output = folder.path().join("balanced.hemicube");
+/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+///
+/// // Two hemicubes see each other's patches from two points: Aᵢ Fᵢⱼ and Aⱼ Fⱼᵢ differ until they are made equal.
+/// let options = BalanceOptions { reciprocity: true, ..BalanceOptions::default() };
+/// let done = balance(&store, &output, &options)?.balance;
+/// assert!(done.before.reciprocity > 0.01 && done.after.reciprocity < 1e-6);
+///
+/// // The copy says what it is; the original is as it was.
+/// assert_eq!(Store::open(&output)?.manifest().balance, Some(done));
+/// assert_eq!(store.manifest().balance, None);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn balance(store: &Store, output: &Path, options: &BalanceOptions) -> Result<BalanceReport> {
     if let Some(reason) = options.reason_against() {
         return Err(Error::refused(output, reason));

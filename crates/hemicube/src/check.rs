@@ -193,6 +193,29 @@ pub struct CheckReport {
 ///
 /// # Errors
 /// [`Error::Io`] when a file cannot be read at all.
+///
+/// ```
+/// use hemicube::check::{Check, CheckOptions, check};
+/// use hemicube::store::Store;
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let directory = folder.path().join("room.hemicube");
+/// # let store = room::stored(&directory, Correction::Pixel)?;
+///
+/// let report = check(&store, &CheckOptions::default())?;
+/// assert!(report.ok && report.closure.max < 1e-6, "{:?}", report.failures);
+///
+/// // One bit of the matrix, on a disk that forgets.
+/// let part = directory.join(&store.manifest().parts[0].file);
+/// let mut bytes = std::fs::read(&part)?;
+/// let middle = bytes.len() / 2;
+/// bytes[middle] ^= 1;
+/// std::fs::write(&part, bytes)?;
+/// let report = check(&Store::open(&directory)?, &CheckOptions::default())?;
+/// assert!(!report.ok && report.failures.iter().any(|failure| failure.check == Check::Files));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     let manifest = store.manifest();
     let is_pixel = manifest.correction == "pixel";

@@ -125,6 +125,25 @@ fn over(part: f64, whole: f64) -> f64 {
 /// # Errors
 /// [`Error::Incomparable`] when they are not of the same size, or have no row in common; otherwise what reading them
 /// gives.
+///
+/// ```
+/// use hemicube::compare::{CompareOptions, compare};
+/// use hemicube::store::Matrix;
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let (pixel, area) = (folder.path().join("pixel"), folder.path().join("area"));
+/// # room::stored(&pixel, Correction::Pixel)?;
+/// # room::stored(&area, Correction::area())?;
+///
+/// // Stores here; files of SciPy, Matrix Market and NumPy are opened as well.
+/// let (pixel, area) = (Matrix::open(&pixel)?, Matrix::open(&area)?);
+/// let comparison = compare(&pixel, &area, &CompareOptions::default())?;
+/// assert_eq!(comparison.rows_compared, 160);
+/// assert!(comparison.relative_frobenius > 0.0 && comparison.missed_mass < comparison.relative_frobenius);
+/// assert!(compare(&area, &area, &CompareOptions::default())?.is_equal());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn compare(matrix: &Matrix, reference: &Matrix, options: &CompareOptions) -> Result<Comparison> {
     compare_rows(matrix, reference, options, |_| ())
 }
@@ -133,6 +152,31 @@ pub fn compare(matrix: &Matrix, reference: &Matrix, options: &CompareOptions) ->
 ///
 /// # Errors
 /// As [`compare`].
+///
+/// ```
+/// use hemicube::compare::{CompareOptions, compare_rows};
+/// # use hemicube::correct::Correction;
+/// # use hemicube::store::Matrix;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let (pixel, area) = (folder.path().join("pixel"), folder.path().join("area"));
+/// # room::stored(&pixel, Correction::Pixel)?;
+/// # room::stored(&area, Correction::area())?;
+/// # let (pixel, area) = (Matrix::open(&pixel)?, Matrix::open(&area)?);
+///
+/// // Of the first 40 rows, the one that is farthest off.
+/// let (mut rows, mut worst) = (0, None);
+/// let options = CompareOptions { rows: Some(0..40) };
+/// let comparison = compare_rows(&pixel, &area, &options, |row| {
+///     rows += 1;
+///     if worst.is_none_or(|(_, error)| row.relative() > error) {
+///         worst = Some((row.row, row.relative()));
+///     }
+/// })?;
+/// assert_eq!(rows, 40);
+/// assert!(worst.is_some_and(|(row, error)| row < 40 && error == comparison.row_error.max));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn compare_rows(
     matrix: &Matrix,
     reference: &Matrix,

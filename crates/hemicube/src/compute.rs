@@ -60,6 +60,23 @@ pub enum RowChoice {
 }
 
 /// What is to be computed: the rows in the order of work, cut into parts.
+///
+/// ```
+/// use hemicube::compute::{Plan, RowChoice, Selection};
+/// use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+///
+/// // All rows of the room's 160 patches, four hemicubes each, corrected for area.
+/// let plan = Plan::new(&model, RowChoice::All, Selection::default(), 2, true).with_correction(Correction::area());
+/// assert_eq!((plan.rows.len(), plan.hemicubes_per_row(), plan.part_count()), (160, 4, 3));
+///
+/// // Ten rows of them: the same ten whenever the seed is the same.
+/// let ten = |seed| Plan::new(&model, RowChoice::Sample { count: 10, seed }, Selection::default(), 1, true).rows;
+/// assert_eq!(ten(1).len(), 10);
+/// assert!(ten(1) == ten(1) && ten(1) != ten(2));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// The emitting patch of each row, in the order of work.
@@ -188,6 +205,40 @@ pub(crate) fn sample(rows: &[InputPatch], count: usize, seed: u64) -> Vec<InputP
 }
 
 /// Takes finished parts, in order, on a thread of its own, so that rows are computed while a part is written.
+///
+/// What is done with rows is the sink's own business; none need be kept:
+///
+/// ```
+/// use hemicube::compute::{Execution, PartSink, compute};
+/// use hemicube::store::{Error, Part};
+/// # use hemicube::correct::Correction;
+/// # use hemicube_backend_cpu::CpuBackend;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+/// # let (plan, settings) = (room::plan(&model, Correction::Pixel), room::RENDER);
+///
+/// /// The patch that sees the most others, and how many.
+/// #[derive(Default)]
+/// struct MostSeeing(u32, usize);
+///
+/// impl PartSink for MostSeeing {
+///     fn take(&mut self, part: Part) -> Result<(), Error> {
+///         for (row, &patch) in part.rows.iter().enumerate() {
+///             let (columns, _factors) = part.row(row);
+///             if columns.len() > self.1 {
+///                 *self = Self(patch, columns.len());
+///             }
+///         }
+///         Ok(())
+///     }
+/// }
+///
+/// let (mut most, backend) = (MostSeeing::default(), Box::new(CpuBackend::new()));
+/// let summary = compute(&model, &plan, settings, backend, Execution::default(), &mut most, &mut |_| {})?;
+/// assert!(most.1 < 160, "no patch sees itself");
+/// assert!(most.1 as u64 * summary.rows > summary.entries, "nor do all see as many");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait PartSink: Send {
     /// Takes the next part.
     ///
@@ -386,6 +437,33 @@ impl Drop for StopOnPanic<'_> {
 ///
 /// # Errors
 /// When the backend fails or breaks the contract, or the sink cannot keep a part. Parts already kept stay.
+///
+/// Threads and batches change no bit of the rows:
+///
+/// ```
+/// use hemicube::compute::{ComputeError, Execution, compute};
+/// use hemicube::store::{HEMICUBE_WEIGHT, Part};
+/// use hemicube_backend_cpu::CpuBackend;
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+/// # let (plan, settings) = (room::plan(&model, Correction::Pixel), room::RENDER);
+///
+/// let rows_by = |threads, batch| {
+///     let execution = Execution { threads, batch, cancel: None };
+///     let (backend, mut parts) = (Box::new(CpuBackend::new()), Vec::<Part>::new());
+///     let summary = compute(&model, &plan, settings, backend, execution, &mut parts, &mut |progress| {
+///         assert!(progress.rows <= progress.row_count);
+///     })?;
+///     Ok::<_, ComputeError>((summary, parts))
+/// };
+/// let (summary, parts) = rows_by(1, 1)?;
+/// assert_eq!(parts, rows_by(3, 7)?.1);
+///
+/// // No light is lost or invented, to the last of 2³¹ parts of each hemicube.
+/// assert_eq!(summary.sums.total(), Some(summary.hemicubes * HEMICUBE_WEIGHT));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn compute(
     model: &Model,
     plan: &Plan,

@@ -20,6 +20,36 @@ use crate::store::RowSums;
 use hemicube_scene::InputPatch;
 
 /// A rung of the accuracy ladder.
+///
+/// Two unit squares that face each other at unit distance exchange 0.19982 of what leaves them:
+///
+/// ```
+/// # use hemicube::compute::{Execution, compute};
+/// # use hemicube::store::Part;
+/// # use hemicube::InputPatch;
+/// # use hemicube_backend_cpu::CpuBackend;
+/// use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model_of(&room::squares())?;
+/// # let exchanged = |correction: Correction| -> room::Result<f64> {
+/// #     let (plan, mut parts) = (room::plan(&model, correction), Vec::<Part>::new());
+/// #     let backend = Box::new(CpuBackend::new());
+/// #     compute(&model, &plan, room::RENDER, backend, Execution::default(), &mut parts, &mut |_| {})?;
+/// #     let rows_of = |part: &Part| (0..part.rows.len()).map(|row| (part.rows[row], part.row(row).1.to_vec())).collect();
+/// #     let rows = parts.iter().flat_map::<Vec<_>, _>(rows_of);
+/// #     let of = |(patch, factors): (u32, Vec<f32>)| {
+/// #         model.patches().area(InputPatch(patch)) * factors.iter().map(|&f| f64::from(f)).sum::<f64>()
+/// #     };
+/// #     Ok(0.5 * rows.map(of).sum::<f64>())
+/// # };
+///
+/// // `exchanged` computes the squares' rows, eight patches each, and adds them up.
+/// let error = |found: f64| (found / 0.199_825 - 1.0).abs();
+/// let (pixel, area) = (error(exchanged(Correction::Pixel)?), error(exchanged(Correction::area())?));
+/// assert!(area < 1e-3, "where nothing is hidden, only the closed form is left: {area}");
+/// assert!(pixel > 5.0 * area, "from one point of a patch, another is seen larger or smaller: {pixel}");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Correction {
     /// Sums of pixels.

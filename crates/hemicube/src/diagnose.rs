@@ -339,6 +339,28 @@ impl Examined {
 }
 
 /// Examines a scene.
+///
+/// ```
+/// use hemicube::diagnose::{DiagnoseOptions, FindingKind, diagnose};
+/// use hemicube::{HierarchyOptions, Model};
+/// use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
+/// use hemicube_spatial::glam::DVec3;
+///
+/// // Two triangles that pass through each other.
+/// let p = DVec3::new;
+/// let level = [p(0.0, 0.0, 0.0), p(4.0, 0.0, 0.0), p(0.0, 4.0, 0.0)];
+/// let upright = [p(1.0, 1.0, -1.0), p(1.0, 1.0, 2.0), p(3.0, 1.0, 2.0)];
+/// let triangle = |(face, corners)| Triangle { corners, object: 0, material: 0, face, two_sided: true };
+/// let scene = Scene { triangles: (0..).zip([level, upright]).map(triangle).collect(), ..Scene::default() };
+/// let model = Model::new(Patches::new(&scene, Subdivision::None)?.into(), HierarchyOptions::default())?;
+///
+/// let diagnosis = diagnose(&model, DiagnoseOptions::default());
+/// let finding = diagnosis.of(FindingKind::Crossing).ok_or("nothing crosses")?;
+/// assert!(finding.count > 0 && !finding.is_estimate());
+/// assert!(!finding.next.is_empty(), "each finding says what to try next");
+/// assert_eq!(diagnosis.of(FindingKind::Sliver), None);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn diagnose(model: &Model, options: DiagnoseOptions) -> Diagnosis {
     let order = sample::order(model, options.seed);
     let precision = precision::measure(model, &order);

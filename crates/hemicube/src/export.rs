@@ -91,6 +91,28 @@ pub struct ExportReport {
 /// [`Error::Exists`] without [`ExportOptions::overwrite`]; [`Error::Incomplete`] without
 /// [`ExportOptions::allow_incomplete`]; [`Error::DiskTooSmall`] before anything is written, [`Error::NoSpace`] after;
 /// otherwise what reading and writing give.
+///
+/// ```
+/// use hemicube::export::{ExportFormat, ExportOptions, export};
+/// use hemicube::store::Matrix;
+/// # use hemicube::InputPatch;
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+/// # let path = folder.path().join("room.mtx");
+///
+/// let report = export(&store, &path, ExportFormat::of(&path)?, ExportOptions::default())?;
+/// let text = std::fs::read_to_string(&path)?;
+/// let size = text.lines().find(|line| !line.starts_with('%'));
+/// assert_eq!(size, Some(&*format!("160 160 {}", report.entries)));
+///
+/// // What was written is what was computed, to the bit.
+/// let (row, exported) = (store.row(InputPatch(9))?.ok_or("no row")?, Matrix::open(&path)?.row(9)?.ok_or("no row")?);
+/// assert_eq!(exported.columns, row.indices);
+/// assert!(exported.values.iter().eq(row.data.iter().map(|&factor| f64::from(factor)).collect::<Vec<_>>().iter()));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn export(store: &Store, path: &Path, format: ExportFormat, options: ExportOptions) -> Result<ExportReport> {
     write(&Source { store, sky: None }, path, format, options)
 }

@@ -62,6 +62,18 @@ impl FactorRule {
 }
 
 /// The form factor from an element at `point` with unit normal `normal` to the front of a triangle, nothing in between.
+///
+/// ```
+/// use hemicube::factor::point_to_triangle;
+/// use hemicube_spatial::glam::DVec3;
+///
+/// // The top of a hemicube, from its centre: fronts are where corners run counter-clockwise.
+/// let [a, b, c, d] = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)].map(|(x, y)| DVec3::new(x, y, 1.0));
+/// let top: f64 = [[a, b, c], [a, c, d]].iter().map(|half| point_to_triangle(DVec3::ZERO, DVec3::Z, half)).sum();
+/// let root = 2.0_f64.sqrt();
+/// assert!((top - 4.0 / (std::f64::consts::PI * root) * (1.0 / root).atan()).abs() < 1e-12);
+/// assert_eq!(point_to_triangle(DVec3::ZERO, DVec3::Z, &[a, c, b]), 0.0, "the back is not seen");
+/// ```
 pub fn point_to_triangle(point: DVec3, normal: DVec3, triangle: &[DVec3; 3]) -> f64 {
     let mut elements = Elements::new();
     set_target(&mut elements, normal, triangle);
@@ -82,6 +94,18 @@ pub(crate) fn point_to_polygon(point: DVec3, normal: DVec3, polygon: &[DVec3]) -
 }
 
 /// Form factors from several elements to one triangle, eight at a time.
+///
+/// ```
+/// use hemicube::factor::{PointFactors, point_to_triangle};
+/// use hemicube_spatial::glam::DVec3;
+///
+/// let triangle = [DVec3::Z, DVec3::new(0.0, 1.0, 1.0), DVec3::new(1.0, 0.0, 1.0)];
+/// let points: Vec<DVec3> = (0..20).map(|k| DVec3::X * (0.2 * f64::from(k))).collect();
+/// let mut factors = PointFactors::new();
+/// let along = factors.evaluate(points.iter().map(|&point| (point, DVec3::Z)), &triangle);
+/// assert!(along[3..].is_sorted_by(|near, far| near > far), "less with every step away");
+/// assert_eq!(along[5], point_to_triangle(points[5], DVec3::Z, &triangle), "one at a time or eight: the same bits");
+/// ```
 #[derive(Debug)]
 pub struct PointFactors {
     elements: Elements,
@@ -134,6 +158,21 @@ impl PointFactors {
 }
 
 /// A_i F_ij of two triangles that face each other with nothing in between, in squared units: symmetric to the bit.
+///
+/// ```
+/// use hemicube::factor::{FactorRule, exchange};
+/// use hemicube_spatial::glam::DVec3;
+///
+/// // A unit square and another one that stands on an edge of it, in two triangles each: F = 0.20004.
+/// let square = |a, b, c, d| [[a, b, c], [a, c, d]];
+/// let floor = square(DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y, DVec3::Y);
+/// let wall = square(DVec3::ZERO, DVec3::Z, DVec3::X + DVec3::Z, DVec3::X);
+/// let rule = FactorRule::for_tolerance(1e-4);
+/// let pairs = floor.iter().flat_map(|i| wall.iter().map(move |j| (i, j)));
+/// let factor: f64 = pairs.clone().map(|(i, j)| exchange(j, i, &rule)).sum();
+/// assert!((factor - 0.200_044).abs() < 1e-5, "{factor}");
+/// assert_eq!(factor, pairs.map(|(i, j)| exchange(i, j, &rule)).sum::<f64>(), "reciprocal to the bit");
+/// ```
 pub fn exchange(i: &[DVec3; 3], j: &[DVec3; 3], rule: &FactorRule) -> f64 {
     let mut out = [0.0];
     let mut exchanges = Exchanges::new(*rule);
@@ -145,6 +184,23 @@ pub fn exchange(i: &[DVec3; 3], j: &[DVec3; 3], rule: &FactorRule) -> f64 {
 
 /// A_i F_ij of one triangle and many others: those far away are evaluated several at a time. The same bits as
 /// [`exchange`].
+///
+/// ```
+/// use hemicube::factor::{Exchanges, FactorRule, exchange};
+/// use hemicube_spatial::glam::DVec3;
+///
+/// let own = [DVec3::ZERO, DVec3::X, DVec3::Y];
+/// let above = |z: f64| [DVec3::new(0.0, 0.0, z), DVec3::new(0.0, 1.0, z), DVec3::new(1.0, 0.0, z)];
+/// let rule = FactorRule::for_tolerance(1e-3);
+/// let (mut exchanges, mut found) = (Exchanges::new(rule), [0.0; 30]);
+/// exchanges.begin(&own);
+/// for place in 0..30 {
+///     exchanges.add(place, &above(0.5 + place as f64), &mut found);
+/// }
+/// exchanges.finish(&mut found); // before this, some still wait for others to be evaluated with
+/// assert!(found.is_sorted_by(|near, far| near > far));
+/// assert_eq!(found[29], exchange(&own, &above(29.5), &rule));
+/// ```
 #[derive(Debug)]
 pub struct Exchanges {
     rule: FactorRule,

@@ -10,6 +10,22 @@ use hemicube_scene::InputPatch;
 ///
 /// The turn is the rational parametrisation of the circle, cos = (1−t²)/(1+t²), sin = 2t/(1+t²), so that frames are the
 /// same bits on every platform. Returns `None` for a triangle without area.
+///
+/// ```
+/// use hemicube::InputPatch;
+/// use hemicube::frame::{axes, turn};
+/// use hemicube_spatial::glam::DVec3;
+///
+/// let triangle = [DVec3::ZERO, DVec3::X, DVec3::Y];
+/// assert_eq!(axes(triangle, 0.0), Some([DVec3::X, DVec3::Y, DVec3::Z]));
+///
+/// // A patch's own turn leaves the normal where it is, and the frame right-handed.
+/// let [tangent, bitangent, normal] = axes(triangle, turn(InputPatch(7))).ok_or("no area")?;
+/// assert!(normal == DVec3::Z && tangent != DVec3::X);
+/// assert!(tangent.cross(bitangent).distance(normal) < 1e-15);
+/// assert_eq!(axes([DVec3::ZERO, DVec3::X, DVec3::X * 2.0], 0.0), None);
+/// # Ok::<(), &str>(())
+/// ```
 pub fn axes([a, b, c]: [DVec3; 3], turn: f64) -> Option<[DVec3; 3]> {
     // Edges first brought to unit length: the square of a tiny edge must not underflow.
     let (e, f) = ((b - a).try_normalize()?, (c - a).try_normalize()?);

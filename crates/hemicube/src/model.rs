@@ -46,6 +46,28 @@ pub enum ModelError {
 }
 
 /// A scene made ready for hemicubes.
+///
+/// ```
+/// use hemicube::{HierarchyOptions, InputPatch, Model};
+/// use hemicube_scene::{Patches, Subdivision, generate};
+/// use hemicube_spatial::glam::DVec3;
+///
+/// let patches = Patches::new(&generate::cornell_box(), Subdivision::Split(2))?;
+/// let model = Model::new(patches.into(), HierarchyOptions::default())?;
+///
+/// // The order of work is an order of all patches; what is near in it sees much the same.
+/// let mut patches: Vec<InputPatch> = model.order().collect();
+/// assert_ne!(patches[0], InputPatch(0));
+/// patches.sort();
+/// assert!(patches.into_iter().eq(model.patches().iter()));
+///
+/// // Four hemicubes stand evenly on a patch, and look along its normal.
+/// let hemicubes = model.hemicubes(InputPatch(7), 2, true);
+/// let middle = hemicubes.iter().map(|hemicube| hemicube.origin).sum::<DVec3>() / 4.0;
+/// assert!(middle.distance(model.normalise(model.patches().centroid(InputPatch(7)))) < 1e-12);
+/// assert!(hemicubes.iter().all(|h| h.axes[2].distance(model.patches().normal(InputPatch(7))) < 1e-12));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Model {
     patches: Arc<Patches>,

@@ -16,6 +16,23 @@ const ENTRY_PROBES: usize = 256;
 const CULLING_PAYS_BELOW: f64 = 0.97;
 
 /// What a few hemicubes say.
+///
+/// How large a matrix will be is known well enough before it is computed:
+///
+/// ```
+/// use hemicube::probe::Probe;
+/// use hemicube_backend_cpu::CpuBackend;
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+/// # let (plan, settings) = (room::plan(&model, Correction::Pixel), room::RENDER);
+///
+/// let probe = Probe::render(&model, &plan, settings, &mut CpuBackend::new())?;
+/// let forecast = probe.entries_per_row * plan.rows.len() as f64;
+/// let entries: usize = room::parts(&model, Correction::Pixel)?.iter().map(|part| part.data.len()).sum();
+/// assert!((forecast / entries as f64 - 1.0).abs() < 0.2, "{forecast} forecast, {entries} computed");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probe {
     /// Hemicubes of which `left` is.

@@ -151,6 +151,30 @@ pub fn noise_of(rows: &[ReferenceRow]) -> f64 {
 }
 
 /// A scene made ready for reference rows.
+///
+/// What rows of hemicubes are worth, without a closed form for the scene:
+///
+/// ```
+/// use hemicube::InputPatch;
+/// use hemicube::correct::Correction;
+/// use hemicube::reference::{EstimatedRow, Reference, ReferenceSettings, errors_against};
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+///
+/// let settings = ReferenceSettings { target: 0.02, ..ReferenceSettings::default() };
+/// let emitters = [4, 32, 90].map(InputPatch);
+/// let reference = Reference::new(&model, settings)?.rows(&emitters, 0, &mut |_| ())?;
+/// assert!(reference.iter().all(|row| row.noise() < 0.03 && (row.closure() - 1.0).abs() < 0.02));
+///
+/// // `parts` computes the rows of the room, here by each rung of the ladder.
+/// let error = |correction: Correction| -> room::Result<f64> {
+///     let parts = room::parts(&model, correction)?;
+///     let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
+///     Ok(errors_against(&reference, &estimated).relative_frobenius)
+/// };
+/// assert!(error(Correction::area())? < error(Correction::Pixel)?);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Reference<'m> {
     model: &'m Model,

@@ -29,6 +29,28 @@ pub enum Asked {
 }
 
 /// A rung with everything settled that its rows depend on.
+///
+/// ```
+/// use hemicube::compute::{Execution, Selection};
+/// use hemicube::rung::{Asked, Rung, RungError};
+/// use hemicube::store::Form;
+/// use hemicube_backend_cpu::CpuBackend;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+///
+/// let settle = |asked, form| {
+///     let (selection, mut backend) = (Selection::default(), CpuBackend::new());
+///     Rung::settle(asked, &model, &selection, true, form, &mut backend, Execution::default())
+/// };
+/// let rung = settle(Asked::Tolerance(0.001), Form::Plain)?;
+/// assert_eq!((rung.correction.name(), rung.resolution), ("tolerance", 128));
+/// assert!(rung.reason.is_some_and(|reason| reason.starts_with("tolerance 0.1%: every pair")));
+///
+/// // What a store rounds must leave something of the tolerance.
+/// let refused = settle(Asked::Tolerance(0.0005), Form::Compact);
+/// assert!(matches!(refused, Err(RungError::Rounding { .. })));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rung {
     /// What form factors are made of.
@@ -137,6 +159,10 @@ impl Rung {
 }
 
 /// 0.003 as `0.3%`, as a person types it.
+///
+/// ```
+/// assert_eq!(hemicube::rung::percentage(0.003), "0.3%");
+/// ```
 pub fn percentage(share: f64) -> String {
     // Nine digits: enough for what anybody types, and few enough to hide the rounding of the multiplication.
     let text = format!("{:.9}", 100.0 * share);

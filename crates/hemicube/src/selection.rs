@@ -9,6 +9,30 @@ use std::collections::BTreeSet;
 const NAMES_SHOWN: usize = 5;
 
 /// Globs for the names of objects and materials. An empty list chooses nothing, and so leaves everything chosen.
+///
+/// ```
+/// use hemicube::compute::Selection;
+/// use hemicube::selection::Names;
+/// use hemicube_scene::{Patches, Subdivision, generate};
+///
+/// let scene = generate::cornell_box();
+/// let patches = Patches::new(&scene, Subdivision::Split(2))?;
+/// let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+///
+/// // What the light sends to all but the blocks, which only stand in the way.
+/// let (emitters, occluders) = (names(&["light"]), names(&["*_block"]));
+/// let chosen = Names { emitters: &emitters, occluders: &occluders, ..Names::default() };
+/// let selection = Selection::by_name(&scene, &patches, chosen)?;
+/// let count = |chosen: Option<Vec<bool>>| chosen.map(|chosen| chosen.iter().filter(|&&is| is).count());
+/// assert_eq!(count(selection.emitters), Some(8));
+/// assert_eq!(count(selection.receivers), Some(80));
+///
+/// // A name that nothing has is a mistake, and the error says what there is.
+/// let emitters = names(&["lamp"]);
+/// let error = Selection::by_name(&scene, &patches, Names { emitters: &emitters, ..Names::default() });
+/// assert!(error.is_err_and(|error| error.list == "emitters" && error.there.contains("`ceiling`")));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Names<'a> {
     /// Patches that have rows; empty: all.
@@ -33,6 +57,12 @@ pub struct NoMatch {
 
 /// Whether `name` matches `glob`, character by character, case and all. Going back to the last star is enough, so the
 /// time is at most the product of the lengths.
+///
+/// ```
+/// use hemicube::selection::matches_glob;
+/// assert!(matches_glob("*_wall", "left_wall") && matches_glob("roof ?", "roof 7"));
+/// assert!(!matches_glob("wall", "left_wall") && !matches_glob("Wall", "wall"));
+/// ```
 pub fn matches_glob(glob: &str, name: &str) -> bool {
     let (glob, name): (Vec<char>, Vec<char>) = (glob.chars().collect(), name.chars().collect());
     let (mut at, mut place) = (0, 0);

@@ -9,6 +9,31 @@ use serde::Serialize;
 use std::path::Path;
 
 /// Everything that a row depends on but the scene's triangles, resolved: nothing in it is still to be chosen.
+///
+/// ```
+/// use hemicube::settings::RowSettings;
+/// # use hemicube::backend::HemicubeBackend;
+/// # use hemicube::correct::Correction;
+/// # use hemicube_backend_cpu::CpuBackend;
+/// # use hemicube_scene::{Subdivision, generate};
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let (scene, model) = (generate::cornell_box(), room::model()?);
+/// # let (plan, backend) = (room::plan(&model, Correction::Pixel), CpuBackend::new());
+/// # let settings = room::settings(&plan.correction);
+///
+/// let header = |settings: &RowSettings, file: &str| {
+///     settings.header(&scene, model.patches(), file.as_ref(), &plan, backend.info())
+/// };
+/// let (one, other) = (header(&settings, "rooms/a.obj")?, header(&settings, "b.obj")?);
+/// assert_eq!((&*one.scene.file, &*other.scene.file), ("a.obj", "b.obj"));
+/// assert_eq!(one.scene.blake3, other.scene.blake3, "the scene is its triangles, not its name");
+///
+/// // Whatever a row depends on makes another store.
+/// let finer = RowSettings { resolution: 128, ..settings.clone() };
+/// assert_ne!(header(&finer, "b.obj")?.settings, other.settings);
+/// assert_eq!(other.settings["resolution"], 64);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RowSettings {
     /// Pixels along an edge of the hemicube.

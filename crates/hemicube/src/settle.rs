@@ -17,6 +17,23 @@ use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What to compute with so that a tolerance is kept.
+///
+/// ```
+/// use hemicube::InputPatch;
+/// use hemicube::compute::Execution;
+/// use hemicube::settle::settle;
+/// use hemicube_backend_cpu::CpuBackend;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+///
+/// // Over all rows and columns of the room.
+/// let emitters: Vec<InputPatch> = model.order().collect();
+/// let mut backend = CpuBackend::new();
+/// let settled = settle(&model, &emitters, &|_| true, true, 0.01, &mut backend, Execution::default())?;
+/// assert!(settled.keeps(0.01) && !settled.keeps(0.001), "enough for what was asked, and no more");
+/// assert!(settled.rows > 0 && settled.expected <= settled.at_most, "{}", settled.reason);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settled {
     /// How to refine rows, with what was learnt of the scene.

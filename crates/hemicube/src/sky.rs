@@ -109,6 +109,22 @@ fn diamond(east: f64, north: f64) -> f64 {
 }
 
 /// A division of the sky.
+///
+/// ```
+/// use hemicube::sky::SkyDivision;
+/// use hemicube_spatial::glam::DVec3;
+///
+/// // Tregenza's 145 patches after the ground; parts are along east, north and up.
+/// let sky = SkyDivision::new(1).ok_or("out of range")?;
+/// assert_eq!((sky.columns(), sky.column(DVec3::new(3.0, 4.0, -0.1)), sky.column(DVec3::Z)), (146, 0, 145));
+/// assert_eq!(sky.column(sky.middle(17)), 17);
+///
+/// // A level plane that looks up sees all of it, and the cap better than what is near the horizon.
+/// let share = |column| sky.share_of_a_level_plane(column);
+/// assert!(((1..146).map(share).sum::<f64>() - 1.0).abs() < 1e-12);
+/// assert!((1..145).all(|column| share(column) / sky.solid_angle(column) < share(145) / sky.solid_angle(145)));
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct SkyDivision {
     parts: u32,
@@ -508,6 +524,26 @@ fn threads_of(options: SkyOptions) -> usize {
 ///
 /// # Errors
 /// When the backend hands out no item buffers, or fails.
+///
+/// ```
+/// use hemicube::InputPatch;
+/// use hemicube::sky::{Horizon, SkyDivision, SkyOptions, sky_of_patches};
+/// use hemicube_backend_cpu::CpuBackend;
+/// use hemicube_scene::Axis;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model_of(&room::squares())?;
+///
+/// // A floor with a roof above it: patches 0 to 7 are the floor, the others the roof's underside.
+/// let options = SkyOptions { render: room::RENDER, samples_per_edge: 2, tolerance: None, rotate: true, threads: 0 };
+/// let (sky, horizon) = (SkyDivision::new(1).ok_or("out of range")?, Horizon::new(Axis::Z, 0.0));
+/// let rows = [(InputPatch(0), 2), (InputPatch(8), 2)];
+/// let seen = sky_of_patches(&model, &rows, &sky, horizon, options, Box::new(CpuBackend::new()), &mut |_| true)?;
+/// let [floor, roof] = &seen.ok_or("told to stop")?[..] else { unreachable!("a row for each") };
+/// assert!(floor.sky_view_factor() > 0.5 && floor.sky_view_factor() < 1.0);
+/// assert_eq!(roof.sky_view_factor(), 0.0, "what escapes downwards is the ground's");
+/// assert!(roof.columns.iter().all(|&(column, _weight)| column == 0) && roof.escaped > 0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn sky_of_patches(
     model: &Model,
     rows: &[(InputPatch, u32)],
@@ -544,6 +580,26 @@ pub fn sky_of_patches(
 ///
 /// # Errors
 /// As for patches.
+///
+/// ```
+/// use hemicube::sky::{Horizon, SensorPoint, SkyDivision, SkyOptions, rows_of_points};
+/// # use hemicube_backend_cpu::CpuBackend;
+/// # use hemicube_scene::Axis;
+/// # use hemicube_spatial::glam::DVec3;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model_of(&room::squares())?;
+/// # let options = SkyOptions { render: room::RENDER, samples_per_edge: 1, tolerance: None, rotate: true, threads: 0 };
+/// # let (sky, horizon) = (SkyDivision::new(1).ok_or("out of range")?, Horizon::new(Axis::Z, 0.0));
+///
+/// // Halfway between floor and roof, and far above both.
+/// let points = [0.5, 100.0].map(|z| SensorPoint { position: DVec3::new(0.5, 0.5, z), normal: DVec3::Z });
+/// let sessions = vec![Box::new(CpuBackend::new()) as _];
+/// let rows = rows_of_points(&model, &points, &sky, horizon, options, sessions, &mut |_| true)?.ok_or("told to stop")?;
+/// let under: u64 = rows[0].patches.iter().map(|&(_patch, weight)| weight).sum();
+/// assert!((under as f64 / rows[0].sky.whole() as f64 - 0.554).abs() < 0.005, "the roof is the top of a hemicube");
+/// assert!(rows[1].patches.is_empty() && rows[1].sky.sky_view_factor() == 1.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn rows_of_points(
     model: &Model,
     points: &[SensorPoint],

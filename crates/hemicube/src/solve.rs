@@ -256,6 +256,27 @@ impl Work<'_> {
 /// # Errors
 /// [`SolveError::Problem`] for one that is not of this matrix or out of range, [`SolveError::Store`] when the matrix
 /// cannot be read, [`SolveError::Interrupted`] when `progress` said no.
+///
+/// ```
+/// use hemicube::solve::{Block, InMemory, Problem, STEFAN_BOLTZMANN, SolveOptions, solve};
+///
+/// // Two endless plates at 400 K and 300 K, of emissivity 0.8 and 0.5, see nothing but each other.
+/// let (emissivity, kelvin) = ([0.8, 0.5], [400.0_f64, 300.0]);
+/// let plates = InMemory::dense(&[vec![0.0, 1.0], vec![1.0, 0.0]]);
+/// let problem = Problem {
+///     reflectance: Block::from_fn(2, 1, |plate, _| 1.0 - emissivity[plate]),
+///     bands: vec![0],
+///     emission: Block::from_fn(2, 1, |plate, _| emissivity[plate] * STEFAN_BOLTZMANN * kelvin[plate].powi(4)),
+///     outside: None,
+/// };
+/// let options = SolveOptions { tolerance: 1e-12, ..SolveOptions::default() };
+/// let solution = solve(&plates, &problem, options, &mut |_| true)?;
+///
+/// let net = solution.radiosity.of(0)[0] - solution.irradiance.of(0)[0];
+/// let textbook = STEFAN_BOLTZMANN * (400.0_f64.powi(4) - 300.0_f64.powi(4)) / (1.0 / 0.8 + 1.0 / 0.5 - 1.0);
+/// assert!(solution.converged && (net / textbook - 1.0).abs() < 1e-9, "{net} W/m²");
+/// # Ok::<(), hemicube::solve::SolveError>(())
+/// ```
 pub fn solve(
     factors: &dyn Factors,
     problem: &Problem,
@@ -352,6 +373,30 @@ impl EnergyBalance {
 
 /// The balance of each right-hand side. `areas` and `rows` are of the matrix; a row whose hemicubes are not known (NaN) is
 /// taken to have lost nothing.
+///
+/// ```
+/// use hemicube::solve::{Block, OutOfCore, Problem, SolveOptions, energy_balance, solve};
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+///
+/// // The first patch alone shines, in a grey room whose matrix stays on the disk.
+/// let count = store.patch_count() as usize;
+/// let problem = Problem {
+///     reflectance: Block::from_fn(count, 1, |_, _| 0.5),
+///     bands: vec![0],
+///     emission: Block::from_fn(count, 1, |patch, _| if patch == 0 { 1.0 } else { 0.0 }),
+///     outside: None,
+/// };
+/// let solution = solve(&OutOfCore::new(&store, 0)?, &problem, SolveOptions::default(), &mut |_| true)?;
+/// let areas = store.patches()?.area;
+/// let power = energy_balance(&problem, &solution, &areas, &store.row_table()?)[0];
+/// assert!((power.emitted / areas[0] - 1.0).abs() < 1e-12);
+/// let gone = power.absorbed + power.escaped + power.blocked + power.closure + power.reciprocity + power.residual;
+/// assert!((gone / power.emitted - 1.0).abs() < 1e-9, "each watt is in one of these");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn energy_balance(problem: &Problem, solution: &Solution, areas: &[f64], rows: &RowTable) -> Vec<EnergyBalance> {
     let known = |share: f64| if share.is_nan() { 0.0 } else { share };
     let mut balances = vec![EnergyBalance::default(); problem.emission.columns()];

@@ -72,6 +72,14 @@ use serde::{Deserialize, Serialize};
 pub const HEMICUBE_WEIGHT: u64 = 1 << 31;
 
 /// How parts are written.
+///
+/// ```
+/// use hemicube::store::Form;
+/// let kept = Form::Compact.round(0.1);
+/// assert!(kept != 0.1 && f64::from((kept - 0.1).abs() / 0.1) <= Form::Compact.value_error());
+/// assert_eq!(Form::Compact.round(kept), kept);
+/// assert_eq!((Form::Plain.round(0.1), Form::Plain.value_error()), (0.1, 0.0));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Form {

@@ -113,6 +113,21 @@ pub struct Node {
 pub const INNER: u32 = u32::MAX;
 
 /// A scene's surfaces in blocks under a tree; node 0 is the root.
+///
+/// ```
+/// use hemicube::tree::{LANES, Tree, sorted_corners};
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+///
+/// let (geometry, tree) = (model.geometry(), Tree::of(model.geometry()));
+/// assert!(tree.blocks.len() * LANES >= geometry.surfaces.len());
+/// for surface in &geometry.surfaces {
+///     let slot = tree.slot_of_patch[surface.front.0 as usize] as usize;
+///     let (corners, _turned) = sorted_corners(surface.corners);
+///     assert_eq!(tree.blocks[slot / LANES].triangle(slot % LANES), corners);
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Tree {
     /// The nodes; children are neighbours.

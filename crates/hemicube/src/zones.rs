@@ -102,6 +102,27 @@ fn name_in(names: &[String], index: u32) -> &str {
 /// [`Error::Incomplete`] when parts are missing; [`Error::Unsupported`] when a zone has rows that were computed and others
 /// that were not, which leaves nothing to divide by; otherwise what reading gives. A zone without any computed row has no
 /// factors.
+///
+/// ```
+/// use hemicube::zones::{GroupBy, ZoneFormat, write_zones, zones};
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+/// # let path = folder.path().join("zones.csv");
+///
+/// let zones = zones(&store, GroupBy::Object)?;
+/// let number = |name: &str| (0..).zip(&zones).find_map(|(number, zone)| (zone.name == name).then_some(number));
+/// let (light, floor) = (number("light").ok_or("no light")?, number("floor").ok_or("no floor")?);
+/// let (to, from) = (&zones[light as usize], &zones[floor as usize]);
+/// let (there, back) = (to.area * to.factor_to(floor), from.area * from.factor_to(light));
+/// assert!((there / back - 1.0).abs() < 0.1, "reciprocal as far as the patches are: {there} and {back}");
+/// assert_eq!(to.factor_to(light), 0.0, "a flat zone does not see itself");
+///
+/// write_zones(&zones, &store.manifest().materials, &path, ZoneFormat::of(&path)?, false)?;
+/// assert_eq!(std::fs::read_to_string(&path)?.lines().count(), 1 + zones.len());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
     store.require_complete()?;
     let table = store.patches()?;

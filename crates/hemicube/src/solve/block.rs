@@ -2,6 +2,14 @@
 
 /// Several right-hand sides, or bands, of one number a patch. Patch by patch, so that an entry of the matrix is read once
 /// for all of them.
+///
+/// ```
+/// use hemicube::solve::Block;
+/// // Three patches, two right-hand sides.
+/// let block = Block::from_fn(3, 2, |patch, side| (10 * side + patch) as f64);
+/// assert_eq!(block.of(1), [1.0, 11.0]);
+/// assert!(block.column(1).eq([10.0, 11.0, 12.0]));
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Block {
     columns: usize,

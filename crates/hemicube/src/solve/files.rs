@@ -51,6 +51,25 @@ fn check_name(store: &Store, name: &str) -> Result<PathBuf> {
 }
 
 /// Writes a solution, right-hand side by right-hand side.
+///
+/// ```
+/// use hemicube::solve::{Block, SolutionWriter, StoredSolution};
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+///
+/// let radiosity = Block::from_fn(160, 1, |patch, _| 0.5 * patch as f64);
+/// let mut writer = SolutionWriter::create(&store, "lamp", &["radiosity"], 1)?;
+/// writer.append(0, &radiosity)?;
+/// assert!(StoredSolution::names(&store).is_empty(), "nothing is there before it is whole");
+/// writer.finish(&serde_json::json!({ "bands": ["grey"] }))?;
+///
+/// assert_eq!(StoredSolution::names(&store), ["lamp"]);
+/// let solution = StoredSolution::open(&store, "lamp")?;
+/// assert!(radiosity.column(0).eq(solution.quantity("radiosity")?.row(0)?));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct SolutionWriter {
     directory: PathBuf,
     identity: String,

@@ -13,6 +13,28 @@ impl Index for i64 {}
 ///
 /// Memory is only touched where a part is placed, so that parts which are dropped one after the other make room for what is
 /// made of them.
+///
+/// ```
+/// use hemicube::InputPatch;
+/// use hemicube::store::Assembly;
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+///
+/// // How long rows are is read without reading them; parts then come one by one.
+/// let lengths = (0..store.patch_count()).map(|patch| Ok(store.entries_of_row(InputPatch(patch))?.unwrap_or(0)));
+/// let mut matrix = Assembly::<i32>::new(&lengths.collect::<hemicube::store::Result<Vec<u64>>>()?).ok_or("too large")?;
+/// for place in 0..store.manifest().parts.len() {
+///     let part = store.part(place)?.ok_or("no such part")?;
+///     matrix.place(&part).map_err(|patch| format!("row {patch} has another length"))?;
+/// }
+/// let (indptr, indices, data) = matrix.into_arrays();
+/// let row = indptr[9] as usize..indptr[10] as usize;
+/// assert_eq!(data[row.clone()], store.row(InputPatch(9))?.ok_or("no row")?.data);
+/// assert!(indices[row].is_sorted() && data.len() as u64 == store.manifest().entries);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assembly<I> {
     indptr: Vec<I>,

@@ -27,6 +27,20 @@ fn tell(step: &'static str, path: &Path) {
 }
 
 /// A file that appears under its name when it is committed, and leaves nothing behind when it is dropped before.
+///
+/// ```
+/// use hemicube::store::DurableFile;
+/// use std::io::Write;
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("result.txt");
+///
+/// let mut file = DurableFile::create(&path)?;
+/// file.write_all(b"0.19982")?;
+/// assert!(!path.exists(), "whoever looks now sees no half of it");
+/// file.commit()?;
+/// assert_eq!(std::fs::read(&path)?, b"0.19982");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct DurableFile {
     path: PathBuf,
     temporary: PathBuf,

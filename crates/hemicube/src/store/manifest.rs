@@ -528,6 +528,19 @@ impl PatchTable {
 
 /// BLAKE3 of the resolved patches, in hexadecimal: the corners of every surface, and for every patch its surface, side,
 /// object and material. Equal geometry under another file name has the same hash; one bit of one corner changes it.
+///
+/// ```
+/// use hemicube::store::scene_hash;
+/// use hemicube_scene::{Patches, Subdivision, generate};
+///
+/// let mut scene = generate::cornell_box();
+/// let hash = |scene: &_| Ok::<_, hemicube_scene::Error>(scene_hash(scene, &Patches::new(scene, Subdivision::None)?));
+/// let before = hash(&scene)?;
+/// assert_eq!((before.len(), hash(&scene)?), (64, before.clone()));
+/// scene.triangles[0].corners[0].x += 1e-9;
+/// assert_ne!(hash(&scene)?, before);
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
 pub fn scene_hash(scene: &Scene, patches: &Patches) -> String {
     let mut hasher = blake3::Hasher::new();
     // Gathered first: the hash runs on several kilobytes at once, many times as fast as on eight bytes.

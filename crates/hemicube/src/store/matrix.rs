@@ -45,6 +45,18 @@ enum Source {
 }
 
 /// A square matrix that rows can be read of.
+///
+/// ```
+/// use hemicube::store::Matrix;
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("plates.mtx");
+///
+/// std::fs::write(&path, "%%MatrixMarket matrix coordinate real general\n2 2 2\n1 2 0.25\n2 1 0.75\n")?;
+/// let matrix = Matrix::open(&path)?;
+/// let row = matrix.row(1)?.ok_or("no such row")?;
+/// assert_eq!((matrix.patch_count(), row.columns, row.values), (2, vec![0], vec![0.75]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Matrix {
     path: PathBuf,

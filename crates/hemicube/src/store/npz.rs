@@ -22,6 +22,21 @@ const DEFLATE_RATIO_MAX: u64 = 1032;
 const CHUNK: usize = 1 << 14;
 
 /// Writes arrays into an archive, one after another: what `numpy.load` opens. Equal arrays give equal bytes.
+///
+/// ```
+/// use hemicube::store::NpzWriter;
+/// use std::io::Cursor;
+///
+/// let write = |values: &[f64]| -> std::io::Result<Vec<u8>> {
+///     let mut npz = NpzWriter::new(Cursor::new(Vec::new()));
+///     npz.array("radiosity", &[2, 1], values)?;
+///     Ok(npz.finish()?.into_inner())
+/// };
+/// let bytes = write(&[0.5, 0.25])?;
+/// assert_eq!(bytes, write(&[0.5, 0.25])?, "no clock in the file");
+/// assert!(bytes.windows(8).any(|number| number == 0.25_f64.to_le_bytes()), "nothing is compressed");
+/// # Ok::<(), std::io::Error>(())
+/// ```
 pub struct NpzWriter<W: Write + Seek> {
     zip: ZipWriter<W>,
 }

@@ -94,6 +94,35 @@ struct PartHead {
 type Location = Option<(u32, u32)>;
 
 /// A store that is open for reading. Every method may be called from several threads.
+///
+/// ```
+/// use hemicube::InputPatch;
+/// use hemicube::store::Store;
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let directory = folder.path().join("room.hemicube");
+/// # room::stored(&directory, Correction::Pixel)?;
+///
+/// let store = Store::open(&directory)?;
+/// let row = store.row(InputPatch(32))?.ok_or("row 32 was not computed")?;
+/// assert!(row.indices.is_sorted() && row.indices.len() == row.data.len());
+/// assert_eq!(store.row(InputPatch(160))?, None, "the room has patches 0 to 159");
+///
+/// // All rows, one at a time in memory.
+/// let mut entries = 0;
+/// for row in store.rows()? {
+///     let (_patch, row) = row?;
+///     entries += row.data.len() as u64;
+/// }
+/// assert_eq!(entries, store.manifest().entries);
+///
+/// // F·x without the matrix in memory: ones give the row sums.
+/// let sums = store.multiply(&vec![1.0; store.patch_count() as usize], 0)?;
+/// let table = store.row_table()?;
+/// assert!(sums.iter().zip(&table.row_sum).all(|(sum, kept)| (sum - kept).abs() < 1e-6));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Store {
     directory: PathBuf,

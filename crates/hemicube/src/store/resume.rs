@@ -316,6 +316,38 @@ impl Merged {
 /// # Errors
 /// [`Error::OtherRun`] when a directory is of another run; [`Error::Refused`] when two of them have one part in two
 /// versions; [`Error::Locked`] while somebody is writing; [`Error::Malformed`] when a directory is no store.
+///
+/// Two processes with nothing in common but a directory; here one after the other:
+///
+/// ```
+/// use hemicube::compute::{Execution, compute};
+/// use hemicube::store::{PatchTable, Shard, StoreWriter, merge};
+/// # use hemicube::correct::Correction;
+/// # use hemicube_backend_cpu::CpuBackend;
+/// # use hemicube_scene::generate;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let (directory, whole) = (folder.path().join("room"), folder.path().join("whole"));
+/// # let whole = room::stored(&whole, Correction::Pixel)?;
+/// # let (scene, model) = (generate::cornell_box(), room::model()?);
+/// # let plan = room::plan(&model, Correction::Pixel);
+/// # let (header, table) = (room::header(&scene, &model, &plan)?, PatchTable::new(&scene, model.patches()));
+///
+/// for shard in ["1/2", "2/2"] {
+///     let shard: Shard = shard.parse()?;
+///     let (mut writer, _kept) =
+///         StoreWriter::resume(&directory, header.clone(), &table, Some(shard), 0, &mut |_| ())?;
+///     let missing = writer.missing_parts();
+///     let plan = plan.clone().with_parts(|part| missing.contains(&part));
+///     let backend = Box::new(CpuBackend::new());
+///     compute(&model, &plan, room::RENDER, backend, Execution::default(), &mut writer, &mut |_| {})?;
+///     writer.finish()?;
+/// }
+/// let merged = merge(&directory, &[], 0)?;
+/// assert!(merged.missing.is_empty() && merged.manifest.complete);
+/// assert_eq!(&merged.manifest, whole.manifest(), "the same to the bit as by one process");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Merged> {
     let home = if Manifest::is_in(directory) {
         directory

@@ -7,6 +7,15 @@ use std::str::FromStr;
 ///
 /// Shard I of N has every N-th part from the I-th on: parts that follow each other look at the same region of the scene
 /// and take about as long, so that shards end at about the same time.
+///
+/// ```
+/// use hemicube::store::Shard;
+/// let shard: Shard = "2/3".parse()?;
+/// assert_eq!((0..8).filter(|&part| shard.has(part)).collect::<Vec<u32>>(), [1, 4, 7]);
+/// assert_eq!(Shard::new(1, 3), Some(shard));
+/// assert!("0/3".parse::<Shard>().is_err(), "shards are counted from 1 where people read them");
+/// # Ok::<(), String>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     /// From 0.
