@@ -13,6 +13,29 @@
 //!
 //! The writers are our own: crates for VTK and PLY want all of a file in memory as their own values, and both formats are
 //! a header before plain arrays. What they write is opened by VTK, meshio, trimesh and Khronos's validator in the tests.
+//!
+//! ```
+//! use hemicube_export::{PatchFormat, PatchResults, WriteOptions, write_patches};
+//! use hemicube_scene::{Axis, Patches, Subdivision, generate};
+//! use std::sync::atomic::AtomicBool;
+//! # use hemicube::correct::Correction;
+//! # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../hemicube/doc/room.rs")); }
+//! # let folder = tempfile::tempdir()?;
+//! # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+//! # let path = folder.path().join("room.vtp");
+//!
+//! // What a store knows of its patches, a result of your own, and where the patches are.
+//! let mut results = PatchResults::read(&store, &[])?;
+//! results.push("temperature", vec![293.15; results.patch_count()])?;
+//! results.place(&Patches::new(&generate::cornell_box(), Subdivision::Split(2))?, Axis::Y)?;
+//!
+//! let format = PatchFormat::of(&path).ok_or("no format of patches")?;
+//! let options = WriteOptions { overwrite: false, cancel: &AtomicBool::new(false) };
+//! let bytes = write_patches(&results, &path, format, options)?;
+//! assert_eq!(std::fs::metadata(&path)?.len(), bytes);
+//! assert!(write_patches(&results, &path, format, options).is_err(), "what is there stays");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod ascii;
 mod gltf;

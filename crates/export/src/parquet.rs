@@ -64,6 +64,22 @@ fn column<T: DataType, W: Write + Send>(
 /// # Errors
 /// When the store is incomplete and `allow_incomplete` is not set, or cannot be read; when the file exists and is not to be
 /// replaced, cannot be written, or was cancelled.
+///
+/// ```
+/// use hemicube_export::{WriteOptions, write_parquet};
+/// use std::sync::atomic::AtomicBool;
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../hemicube/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+/// # let path = folder.path().join("room.parquet");
+///
+/// let options = WriteOptions { overwrite: false, cancel: &AtomicBool::new(false) };
+/// let bytes = write_parquet(&store, &path, false, options)?;
+/// assert_eq!(std::fs::read(&path)?.len() as u64, bytes);
+/// assert!(std::fs::read(&path)?.starts_with(b"PAR1"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_parquet(store: &Store, path: &Path, allow_incomplete: bool, options: WriteOptions<'_>) -> Result<u64> {
     if !allow_incomplete {
         store.require_complete()?;

@@ -88,6 +88,22 @@ pub struct Colors {
 }
 
 /// What is known of the patches of a matrix, ready to be written.
+///
+/// ```
+/// use hemicube_export::{PatchResults, Values};
+/// # use hemicube::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../hemicube/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+///
+/// let mut results = PatchResults::read(&store, &[])?;
+/// let Some(Values::Real(areas)) = results.column("area").map(|column| &column.values) else {
+///     return Err("no areas".into());
+/// };
+/// assert_eq!(*areas, store.patches()?.area);
+/// assert!(results.push("temperature", vec![293.15]).is_err(), "one number for each patch");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct PatchResults {
     /// The columns; the first is the patch's id, its position in the matrix.

@@ -74,6 +74,15 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 /// A file format for what is known of each patch.
+///
+/// ```
+/// use hemicube_export::PatchFormat;
+///
+/// assert_eq!(PatchFormat::of("room.GLB".as_ref()), Some(PatchFormat::Glb));
+/// assert_eq!(PatchFormat::of("room.mtx".as_ref()), None, "a matrix is exported by `hemicube::export`");
+/// assert!(PatchFormat::Glb.needs_corners() && PatchFormat::Glb.has_colors());
+/// assert!(!PatchFormat::Csv.needs_corners());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
