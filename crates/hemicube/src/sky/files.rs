@@ -100,6 +100,28 @@ pub fn sky_beside(store: &Store) -> PathBuf {
 }
 
 /// Sky rows from the disk, each array held against the others.
+///
+/// ```
+/// use hemicube::backend::WHOLE;
+/// use hemicube::sky::{SkyRow, StoredSky, read_sky_view_factors, sky_product, write_sky};
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("sky.npz");
+///
+/// // A row that loses a quarter to the ground, column 0, and an eighth to a patch of the sky.
+/// let (quarter, eighth) = (u64::from(WHOLE) / 4, u64::from(WHOLE) / 8);
+/// let columns = vec![(0, quarter), (7, eighth)];
+/// let row = SkyRow { columns, escaped: quarter + eighth, hemicubes: 1, change: f64::NAN, ..SkyRow::default() };
+/// write_sky(&path, 146, &[row], None)?;
+///
+/// let sky = StoredSky::open(&path)?;
+/// assert_eq!(sky.row(0), (&[0, 7][..], &[0.25, 0.125][..]));
+/// assert_eq!(read_sky_view_factors(&path)?, [0.125], "the ground is no sky");
+///
+/// // Under a sky that is twice as bright as the ground:
+/// let radiance = (0..146).map(|column| if column == 0 { 1.0 } else { 2.0 }).collect();
+/// assert_eq!(sky_product(&path, &[radiance])?.of(0), [0.5]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct StoredSky {
     columns: u32,
