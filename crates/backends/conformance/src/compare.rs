@@ -18,6 +18,27 @@ const BYTES_PER_ENTRY: u64 = 16;
 ///
 /// # Errors
 /// The first row and entry that differ.
+///
+/// ```
+/// use hemicube::InputPatch;
+/// use hemicube::backend::WHOLE;
+/// use hemicube::row::RowBlock;
+/// use hemicube_conformance::compare::same_rows;
+///
+/// let rows = |weights: &[u32]| {
+///     let mut block = RowBlock::default();
+///     for &weight in weights {
+///         block.push(InputPatch(4), weight, 0);
+///         block.end_row(WHOLE - weight, 0);
+///     }
+///     block
+/// };
+/// // What one batch gave, against the second and third row of what all together gave.
+/// let wanted = rows(&[100, 200, 300]);
+/// assert_eq!(same_rows(&rows(&[200, 300]), &wanted, &[1, 2]), Ok("2 rows to the bit".to_owned()));
+/// let refused = same_rows(&rows(&[200, 301]), &wanted, &[1, 2]);
+/// assert!(refused.is_err_and(|what| what.starts_with("row 2: ")));
+/// ```
 pub fn same_rows(found: &RowBlock, wanted: &RowBlock, places: &[usize]) -> Verdict {
     if found.len() != places.len() {
         return Err(format!("{} rows where {} were asked for", found.len(), places.len()));

@@ -8,6 +8,15 @@ use hemicube_scene::generate::{Generate, Kind, cornell_box, generate, room};
 use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
 /// A scene of the suite.
+///
+/// ```
+/// use hemicube_conformance::scenes::TestScene;
+///
+/// let scene = TestScene::Plates;
+/// let model = scene.model();
+/// assert_eq!(scene.hemicubes(&model).len(), scene.hemicube_count());
+/// assert!(model.patches().len() > model.patches().surfaces().len(), "plates emit on both sides");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TestScene {
     /// The closed Cornell box.

@@ -104,6 +104,32 @@ pub enum EngineChoice {
 }
 
 /// A session of the built-in backend.
+///
+/// Rows are the same bits on every instruction set:
+///
+/// ```
+/// use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
+/// use hemicube::row::RowBlock;
+/// use hemicube_backend_cpu::{CpuBackend, EngineChoice, Isa};
+/// # use hemicube::{HierarchyOptions, Model};
+/// # use hemicube_scene::{Patches, Subdivision, generate};
+/// # let patches = Patches::new(&generate::cornell_box(), Subdivision::Levels(1))?;
+/// # let model = Model::new(patches.into(), HierarchyOptions::default())?;
+/// # let hemicubes: Vec<_> = model.order().take(8).flat_map(|p| model.hemicubes(p, 1, true)).collect();
+///
+/// let settings = RenderSettings { resolution: 64, culling: Culling::On, covered: true };
+/// let mut found = Vec::new();
+/// for isa in Isa::available() {
+///     let mut backend = CpuBackend::with_isa(isa).ok_or("this machine has it")?.with_engine(EngineChoice::Depth);
+///     assert_eq!(backend.engine(), None, "an engine is chosen for a scene");
+///     backend.load(model.geometry(), settings)?;
+///     let mut rows = RowBlock::default();
+///     backend.rows(&hemicubes, &mut rows)?;
+///     found.push(rows);
+/// }
+/// assert!(found[0].len() == 8 && found.iter().all(|rows| *rows == found[0]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct CpuBackend {
     info: BackendInfo,
