@@ -838,6 +838,8 @@ fn a_terminal_that_can_do_lines_only_gets_lines() {
     terminal.type_in("1\n");
     says("6 - Back\nNumber:");
     terminal.type_in(CTRL_C);
+    // The last that it writes.
+    terminal.waits("what was run", |screen| lines_run(screen).len() == 1);
     let bytes = terminal.bytes();
     let ran = terminal.ends().is(130);
     assert_eq!(lines_run(&ran.out).len(), 1, "{}", ran.out);

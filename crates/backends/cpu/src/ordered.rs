@@ -189,8 +189,9 @@ impl<K: Kernel> OrderedEngine<K> {
         let counts = self.alone.count(shared, &frame, &self.patches);
         for (&place, &(pixels, weight)) in self.uncounted.iter().zip(counts) {
             let entry = &mut self.row[place as usize];
-            // Of a tiny one, only whether it covers a pixel.
-            entry.covered = if entry.tiny { pixels } else { weight };
+            // Of a tiny one, only whether it covers a pixel. Pieces of a cut patch may show more than it covers whole, where the eye
+            // lies in its plane but for rounding: what shows of a patch, it covers.
+            entry.covered = if entry.tiny { pixels } else { weight.max(entry.visible) };
         }
         for entry in &self.row {
             if !(entry.tiny && entry.covered != 0) {

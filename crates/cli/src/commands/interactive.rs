@@ -59,8 +59,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         called: called(std::env::args_os().next()),
         ..Session::default()
     });
-    session.watch()?;
-    let mut front = front(arguments.plain || progress::is_dumb(std::env::var_os("TERM").as_deref()));
+    let is_plain = arguments.plain || progress::is_dumb(std::env::var_os("TERM").as_deref());
+    session.watch(is_plain)?;
+    let mut front = front(is_plain);
     let mut runner = Runner {
         session: Arc::clone(&session),
     };
@@ -143,7 +144,13 @@ struct Session {
 
 impl Session {
     /// From now on a signal while a command runs is the command's, and ends the dialogue otherwise.
-    fn watch(self: &Arc<Self>) -> Result<()> {
+    ///
+    /// A terminal that can do lines only was not changed, and would show what undoes that.
+    #[cfg_attr(
+        not(feature = "menus"),
+        expect(unused_variables, reason = "lines change no terminal")
+    )]
+    fn watch(self: &Arc<Self>, is_plain: bool) -> Result<()> {
         let session = Arc::clone(self);
         ctrlc::set_handler(move || {
             session.was_signalled.store(true, Ordering::SeqCst);
@@ -151,7 +158,9 @@ impl Session {
                 return;
             }
             #[cfg(feature = "menus")]
-            menus::restore();
+            if !is_plain {
+                menus::restore();
+            }
             // A terminal has shown `^C` on the line.
             let _ = writeln!(std::io::stderr());
             // Whoever has gone cannot be told.
