@@ -2,7 +2,9 @@
 
 use crate::Shared;
 use crate::alone::Alone;
-use crate::kernel::{Chunk, Frame, GROUP, Kernel, Reduction, Sums, Target, Transformed, is_small, three};
+use crate::kernel::{
+    Centroids, Chunk, Frame, GROUP, Kernel, OnFaces, Reduction, Sums, Target, Transformed, is_small, three,
+};
 use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Counters, Culling, Hemicube, WHOLE};
@@ -23,7 +25,9 @@ pub(crate) struct Engine<K> {
     /// For each block: which hemicube drew it last, and what its lanes covered.
     drawn: Vec<DrawnBlock>,
     hemicube: u32,
-    tiny_candidates: Vec<u32>,
+    tiny_candidates: Vec<TinyCandidate>,
+    on_faces: OnFaces,
+    centroids: Box<Centroids>,
     tiny: Vec<u32>,
     row: Vec<(u32, u32, u32)>,
     /// Patches of which it is to be counted what they cover alone.
@@ -52,10 +56,18 @@ struct DrawnBlock {
     pixels: [u32; LANES],
 }
 
-/// A box of a node in a hemicube's frame.
-pub(crate) struct FrameBox {
-    pub(crate) low: [f64; 3],
-    pub(crate) high: [f64; 3],
+/// A patch that was drawn and covered no pixel centre.
+#[derive(Clone, Copy, Debug)]
+struct TinyCandidate {
+    patch: u32,
+    block: u32,
+    lane: u8,
+    /// The pixel of its centroid: a chunk of the target, and a place in it.
+    chunk: u32,
+    place: u8,
+    /// 1/w of the centroid, and its direction there, whose w is 1.
+    depth: f64,
+    direction: [f64; 3],
 }
 
 impl<K: Kernel> Engine<K> {
@@ -86,6 +98,8 @@ impl<K: Kernel> Engine<K> {
             ],
             hemicube: 0,
             tiny_candidates: Vec::new(),
+            on_faces: OnFaces::new(),
+            centroids: Box::new(Centroids::new()),
             tiny: Vec::new(),
             row: Vec::new(),
             uncounted: Vec::new(),
@@ -279,25 +293,83 @@ impl<K: Kernel> Engine<K> {
                 pixels,
             };
             let mut candidates = live;
-            while candidates != 0 {
-                let lane = candidates.trailing_zeros() as usize;
-                candidates &= candidates - 1;
-                let seen = self.triangles.seen[lane];
-                if pixels[lane] == 0 && seen < tree.patch_count {
-                    self.tiny_candidates.push(seen);
+            for (lane, &pixels) in pixels.iter().enumerate() {
+                if pixels != 0 || self.triangles.seen[lane] >= tree.patch_count {
+                    candidates &= !(1 << lane);
                 }
             }
+            if candidates != 0 {
+                self.list_tiny(frame, block, candidates);
+            }
         }
+    }
+
+    /// Lists patches of a block that covered no pixel centre, but for those whose centroid is behind what was drawn already.
+    fn list_tiny(&mut self, frame: &Frame, block: usize, candidates: u16) {
+        let resolution = self.target.resolution;
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe { K::centroids(&self.triangles, frame.tolerance, resolution, &mut self.centroids) };
+        let centroids = &*self.centroids;
+        let mut candidates = candidates & centroids.above;
+        while candidates != 0 {
+            let lane = candidates.trailing_zeros() as usize;
+            candidates &= candidates - 1;
+            let (row, x) = (centroids.row[lane] as usize, centroids.x[lane] as usize);
+            let chunk = row * self.target.chunks_per_row() + x / LANES;
+            let depth = centroids.depth[lane];
+            if depth < self.about(chunk, x % LANES) {
+                // Depths only grow.
+                continue;
+            }
+            #[allow(clippy::cast_possible_truncation, reason = "blocks and chunks are fewer than ids; places are below 16")]
+            self.tiny_candidates.push(TinyCandidate {
+                patch: self.triangles.seen[lane],
+                block: block as u32,
+                lane: lane as u8,
+                chunk: chunk as u32,
+                place: (x % LANES) as u8,
+                depth,
+                direction: three(|c| centroids.direction[c][lane]),
+            });
+        }
+    }
+
+    /// The 1/w that a centroid must have at least to be about as near as what is seen at a pixel.
+    #[inline(always)]
+    fn about(&self, chunk: usize, place: usize) -> f64 {
+        f64::from(self.target.depth[chunk].0[place]) / (1.0 + self.tiny_slack())
     }
 
     /// On which faces a node may be seen, and on which of the others it is hidden.
     #[inline]
     fn visible_faces<const COVERED: bool>(&mut self, node: &Node, frame: &Frame, faces: u8) -> (u8, u8) {
-        let b = frame_box(node.center, node.half, frame);
-        let resolution = self.target.resolution;
-        faces_of::<COVERED>(&b, frame, resolution, faces, |face, pixels, nearest| {
-            self.is_hidden::<COVERED>(face, pixels, nearest)
-        })
+        let (center, half) = (node.center.to_array(), node.half.to_array());
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe {
+            K::on_faces(
+                &center,
+                &half,
+                frame,
+                self.target.resolution,
+                faces,
+                COVERED,
+                &mut self.on_faces,
+            );
+        }
+        let (mut visible, mut hidden) = (self.on_faces.at_eye, 0);
+        let mut boxed = self.on_faces.boxed;
+        while boxed != 0 {
+            let face = boxed.trailing_zeros() as usize;
+            boxed &= boxed - 1;
+            let b = &self.on_faces;
+            let pixels = [b.x0[face], b.x1[face], b.y0[face], b.y1[face]].map(pixel);
+            if self.is_hidden::<COVERED>(Face::ALL[face], pixels, b.near[face]) {
+                hidden |= 1 << face;
+            } else {
+                visible |= 1 << face;
+            }
+        }
+        (visible, hidden)
     }
 
     /// Whether all of a rectangle of pixels (inclusive) is nearer than `nearest`, in 1/w.
@@ -354,32 +426,18 @@ impl<K: Kernel> Engine<K> {
         let tree = &shared.tree;
         let mut candidates = std::mem::take(&mut self.tiny_candidates);
         self.uncounted.clear();
-        for &patch in &candidates {
-            let slot = tree.slot_of_patch[patch as usize] as usize;
-            let (block, lane) = (slot / LANES, slot % LANES);
-            let Some((face, direction, depth)) = centroid_on_face(&tree.blocks[block], lane, frame) else {
+        for candidate in &candidates {
+            let &TinyCandidate { patch, depth, .. } = candidate;
+            let (block, lane) = (candidate.block as usize, usize::from(candidate.lane));
+            let (chunk, place) = (candidate.chunk as usize, usize::from(candidate.place));
+            if depth < self.about(chunk, place) {
                 continue;
-            };
-            let pixel = self.pixel(face, direction);
-            let (row, x) = pixel;
-            let column = x / LANES;
-            let chunks = self.target.chunks_per_row();
-            let chunk = row * chunks + column;
-            let id = self.target.items[chunk].0[x % LANES];
-            let in_front = if id > tree.patch_count {
-                true
-            } else {
-                let at_pixel = f64::from(self.target.depth[chunk].0[x % LANES]);
-                let about = at_pixel / (1.0 + self.tiny_slack());
-                // Where the seen patch reaches the centroid, its depth there decides; where it does not, as beyond a
-                // silhouette, being about as near as the pixel does.
-                let there = if id < tree.patch_count {
-                    depth_there(tree, id, frame, face, direction)
-                } else {
-                    None
-                };
-                depth >= about && there.is_none_or(|there| depth >= there * (1.0 - 1e-6))
-            };
+            }
+            let id = self.target.items[chunk].0[place];
+            // Where the seen patch reaches the centroid, its depth there decides; where it does not, as beyond a
+            // silhouette, being about as near as the pixel does.
+            let in_front = id >= tree.patch_count
+                || depth_there(tree, id, frame, candidate.direction).is_none_or(|there| depth >= there * (1.0 - 1e-6));
             if !in_front {
                 continue;
             }
@@ -401,139 +459,23 @@ impl<K: Kernel> Engine<K> {
         self.tiny_candidates = candidates;
         self.tiny.sort_unstable();
     }
-
-    /// The atlas row and the column of the pixel that a direction of a face falls in.
-    fn pixel(&self, face: Face, [u, v]: [f64; 2]) -> (usize, usize) {
-        let resolution = self.target.resolution;
-        let half = resolution as f64 * 0.5;
-        let rows = if face.is_top() { resolution } else { resolution / 2 };
-        let shift = if face.is_top() { half } else { 0.0 };
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "saturates, then clamped"
-        )]
-        let (x, y) = ((u * half + half) as usize, (v * half + shift) as usize);
-        #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
-        let first_row = face.first_row(resolution as u32) as usize;
-        (first_row + y.min(rows - 1), x.min(resolution - 1))
-    }
 }
 
-/// A node whose nearest point is closer than this part of its farthest is not tested against depths.
-const NEAREST: f64 = 1e-6;
-
-trait FloorNonNegative {
-    fn floor_non_negative(self) -> usize;
-}
-
-impl FloorNonNegative for f64 {
-    /// ⌊x⌋, or 0 for negative x and NaN.
-    #[inline(always)]
-    fn floor_non_negative(self) -> usize {
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "saturation is wanted"
-        )]
-        let i = self as usize;
-        i
-    }
+/// A pixel's place: none is negative.
+#[inline(always)]
+pub(crate) fn pixel(x: i32) -> usize {
+    #[allow(clippy::cast_sign_loss, reason = "boxes lie within their face")]
+    let place = x as u32;
+    place as usize
 }
 
 pub(crate) fn frame(tree: &Tree, hemicube: &Hemicube) -> Frame {
-    Frame {
-        origin: hemicube.origin.to_array(),
-        axes: hemicube.axes.map(|a| a.to_array()),
-        tolerance: tree.plane_tolerance,
-        emitter: hemicube.emitter.map_or(UNUSED, |p| p.0),
-    }
-}
-
-/// On which faces a box may be seen, and on which of the others it is hidden: `is_hidden(face, pixels, nearest)` is asked
-/// for the pixels of a face that the box touches (inclusive) and the 1/w of its nearest point.
-#[inline(always)]
-pub(crate) fn faces_of<const COVERED: bool>(
-    b: &FrameBox,
-    frame: &Frame,
-    resolution: usize,
-    faces: u8,
-    mut is_hidden: impl FnMut(Face, [usize; 4], f64) -> bool,
-) -> (u8, u8) {
-    if b.high[2] <= frame.tolerance {
-        return (0, 0);
-    }
-    let (mut visible, mut hidden) = (0, 0);
-    let resolution = resolution as f64;
-    let half = resolution * 0.5;
-    for face in Face::ALL {
-        let bit = 1 << face as u8;
-        if faces & bit == 0 {
-            continue;
-        }
-        let (axis, sign) = face.axes();
-        let range = |c: usize| {
-            if sign[c] > 0.0 {
-                (b.low[axis[c]], b.high[axis[c]])
-            } else {
-                (-b.high[axis[c]], -b.low[axis[c]])
-            }
-        };
-        let ((u0, u1), (v0, v1), (w0, w1)) = (range(0), range(1), range(2));
-        let bottom = if face.is_top() { -w1 } else { 0.0 };
-        if w1 <= 0.0 || u0 > w1 || u1 < -w1 || v0 > w1 || v1 < bottom {
-            continue;
-        }
-        if w0 <= NEAREST * w1 {
-            visible |= bit;
-            continue;
-        }
-        let (near, far) = (1.0 / w0, 1.0 / w1);
-        let x0 = u0 * if u0 > 0.0 { far } else { near } * half + half;
-        let x1 = u1 * if u1 > 0.0 { near } else { far } * half + half;
-        let shift = if face.is_top() { half } else { 0.0 };
-        let y0 = v0 * if v0 > 0.0 { far } else { near } * half + shift;
-        let y1 = v1 * if v1 > 0.0 { near } else { far } * half + shift;
-        let rows = if face.is_top() { resolution } else { half };
-        // Pixels whose centres can be covered; with tiny patches, all pixels that the box touches.
-        let centre = if COVERED { 0.0 } else { 0.5 };
-        let slack = 1e-6;
-        // A box that only touches the right or upper edge belongs to the last pixel, as a centroid on the edge does.
-        let x0 = (x0 + (centre - slack)).min(resolution - 1.0).floor_non_negative();
-        let x1 = (x1 - (centre - slack)).min(resolution - 1.0);
-        let y0 = (y0 + (centre - slack)).min(rows - 1.0).floor_non_negative();
-        let y1 = (y1 - (centre - slack)).min(rows - 1.0);
-        if x0 as f64 > x1 || y0 as f64 > y1 {
-            continue;
-        }
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the face")]
-        let (x1, y1) = (x1 as usize, y1 as usize);
-        if is_hidden(face, [x0, x1, y0, y1], near) {
-            hidden |= bit;
-        } else {
-            visible |= bit;
-        }
-    }
-    (visible, hidden)
-}
-
-#[inline(always)]
-pub(crate) fn frame_box(center: DVec3, half_sides: DVec3, frame: &Frame) -> FrameBox {
-    let d = three(|c| center[c] - frame.origin[c]);
-    let mut b = FrameBox {
-        low: [0.0; 3],
-        high: [0.0; 3],
-    };
-    for a in 0..3 {
-        let m = &frame.axes[a];
-        let center = m[0] * d[0] + m[1] * d[1] + m[2] * d[2];
-        let half = m[0].abs() * half_sides.x + m[1].abs() * half_sides.y + m[2].abs() * half_sides.z;
-        // Rounding of the sums, far above what it can be and far below what matters.
-        let half = half + 1e-14;
-        b.low[a] = center - half;
-        b.high[a] = center + half;
-    }
-    b
+    Frame::new(
+        hemicube.origin.to_array(),
+        hemicube.axes.map(|a| a.to_array()),
+        tree.plane_tolerance,
+        hemicube.emitter.map_or(UNUSED, |p| p.0),
+    )
 }
 
 /// The two children of a node, the nearer first.
@@ -567,39 +509,11 @@ fn corners_in_frame(block: &Block, lane: usize, frame: &Frame) -> [[f64; 3]; 3] 
     })
 }
 
-/// The face that a triangle's centroid is seen on, where (u, v), and 1/w there. `None` at or below the horizon.
-fn centroid_on_face(block: &Block, lane: usize, frame: &Frame) -> Option<(Face, [f64; 2], f64)> {
-    let corners = corners_in_frame(block, lane, frame);
-    let centroid = three(|c| (corners[0][c] + corners[1][c] + corners[2][c]) / 3.0);
-    if centroid[2] <= frame.tolerance {
-        return None;
-    }
-    let size = centroid.map(f64::abs);
-    let face = if size[2] >= size[0] && size[2] >= size[1] {
-        Face::Top
-    } else if size[0] >= size[1] {
-        if centroid[0] > 0.0 { Face::PosX } else { Face::NegX }
-    } else if centroid[1] > 0.0 {
-        Face::PosY
-    } else {
-        Face::NegY
-    };
-    let (axis, sign) = face.axes();
-    let along = |c: usize| sign[c] * centroid[axis[c]];
-    let inverse = 1.0 / along(2);
-    Some((face, [along(0) * inverse, along(1) * inverse], inverse))
-}
-
-/// 1/w of a patch in a direction, or `None` where the direction misses it.
-fn depth_there(tree: &Tree, patch: u32, frame: &Frame, face: Face, [u, v]: [f64; 2]) -> Option<f64> {
+/// 1/w of a patch in a direction, by the axis along which that is 1, or `None` where the direction misses it.
+fn depth_there(tree: &Tree, patch: u32, frame: &Frame, direction: [f64; 3]) -> Option<f64> {
     let slot = tree.slot_of_patch[patch as usize] as usize;
-    let [a, b, c] = corners_in_frame(&tree.blocks[slot / LANES], slot % LANES, frame).map(glam::DVec3::from_array);
-    let (axis, sign) = face.axes();
-    let mut direction = [0.0; 3];
-    for (c, value) in [u, v, 1.0].into_iter().enumerate() {
-        direction[axis[c]] = sign[c] * value;
-    }
-    let direction = glam::DVec3::from_array(direction);
+    let [a, b, c] = corners_in_frame(&tree.blocks[slot / LANES], slot % LANES, frame).map(DVec3::from_array);
+    let direction = DVec3::from_array(direction);
     let edges = [b.cross(c), c.cross(a), a.cross(b)].map(|e| e.dot(direction));
     let determinant = b.cross(c).dot(a);
     let inside = edges.iter().all(|e| e * determinant >= 0.0);

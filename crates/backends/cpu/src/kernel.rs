@@ -11,8 +11,10 @@
 //! tests compare them.
 
 mod bits;
+mod boxes;
 
 pub(crate) use bits::{Coverage, Shown};
+pub(crate) use boxes::OnFaces;
 use hemicube::face::Face;
 use hemicube::tree::{Block, LANES, UNUSED};
 
@@ -30,10 +32,24 @@ pub(crate) struct Frame {
     pub(crate) origin: [f64; 3],
     /// Tangent, bitangent, normal.
     pub(crate) axes: [[f64; 3]; 3],
+    /// The same, by component: what each adds along tangent, bitangent and normal, and 0.
+    pub(crate) columns: [[f64; 4]; 3],
     /// Heights above the emitter's plane up to this count as 0.
     pub(crate) tolerance: f64,
     /// The emitting patch, or `UNUSED`.
     pub(crate) emitter: u32,
+}
+
+impl Frame {
+    pub(crate) fn new(origin: [f64; 3], axes: [[f64; 3]; 3], tolerance: f64, emitter: u32) -> Self {
+        Self {
+            origin,
+            axes,
+            columns: three(|c| [axes[0][c], axes[1][c], axes[2][c], 0.0]),
+            tolerance,
+            emitter,
+        }
+    }
 }
 
 /// Sixteen triangles in a hemicube's frame.
@@ -66,6 +82,34 @@ impl Transformed {
             determinant: [0.0; LANES],
             seen: [UNUSED; LANES],
             live: 0,
+        }
+    }
+}
+
+/// Where the centroids of sixteen triangles are seen.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Centroids {
+    /// The pixel's column.
+    pub(crate) x: [u32; LANES],
+    /// The pixel's row of the atlas.
+    pub(crate) row: [u32; LANES],
+    /// 1/w.
+    pub(crate) depth: [f64; LANES],
+    /// The direction whose w is 1.
+    pub(crate) direction: [[f64; LANES]; 3],
+    /// Lanes whose centroid lies above the horizon.
+    pub(crate) above: u16,
+}
+
+impl Centroids {
+    pub(crate) fn new() -> Self {
+        Self {
+            x: [0; LANES],
+            row: [0; LANES],
+            depth: [0.0; LANES],
+            direction: [[0.0; LANES]; 3],
+            above: 0,
         }
     }
 }
@@ -195,6 +239,26 @@ pub(crate) trait Kernel: Send + 'static {
     /// The machine has the instruction set.
     unsafe fn transform(block: &Block, frame: &Frame, out: &mut Transformed);
 
+    /// Finds where centroids are seen; heights up to `tolerance` are below the horizon.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn centroids(triangles: &Transformed, tolerance: f64, resolution: usize, out: &mut Centroids);
+
+    /// The pixels that a box of the scene touches on each of `faces`; without `touched`, those whose centres it may cover.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn on_faces(
+        center: &[f64; 3],
+        half: &[f64; 3],
+        frame: &Frame,
+        resolution: usize,
+        faces: u8,
+        touched: bool,
+        out: &mut OnFaces,
+    );
+
     /// Rasterises lanes of a block on one face. With `COUNT`, adds the pixels that each lane covers to `pixels`.
     ///
     /// # Safety
@@ -323,6 +387,24 @@ pub(crate) trait Lanes {
     {
         // SAFETY: the caller's promise.
         unsafe { bits::draw_lane::<Self, COVERED>(triangles, face, lane, left, right, low, high, coverage, running) }
+    }
+
+    /// See [`Kernel::on_faces`].
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "the arguments of `Kernel::on_faces`")]
+    unsafe fn on_faces(
+        center: &[f64; 3],
+        half: &[f64; 3],
+        frame: &Frame,
+        resolution: usize,
+        faces: u8,
+        touched: bool,
+        out: &mut OnFaces,
+    ) {
+        boxes::on_faces(center, half, frame, resolution, faces, touched, out);
     }
 
     /// Which of eight words lack one of the bits of `mask`.
@@ -461,6 +543,74 @@ pub(crate) unsafe fn transform<L: Lanes>(block: &Block, frame: &Frame, out: &mut
     }
     // SAFETY: the caller's promise.
     out.live = unsafe { L::mask(&live) };
+}
+
+/// Finds where centroids are seen. A corner within `tolerance` of the horizon lies in it, as `transform` has put it there.
+#[inline(always)]
+pub(crate) unsafe fn centroids<L: Lanes>(t: &Transformed, tolerance: f64, resolution: usize, out: &mut Centroids) {
+    let half = resolution as f64 * 0.5;
+    let edge = resolution as f64 - 1.0;
+    let mut above = Flags([0; LANES]);
+    for l in 0..LANES {
+        let [x, y, z] = three(|c| (t.corners[c][l] + t.corners[3 + c][l] + t.corners[6 + c][l]) / 3.0);
+        let (ax, ay, az) = (x.abs(), y.abs(), z.abs());
+        let on_top = (az >= ax) & (az >= ay);
+        let on_x = ax >= ay;
+        // The frames of the faces, as `Face::axes` gives them.
+        let w = if on_top {
+            z
+        } else if on_x {
+            ax
+        } else {
+            ay
+        };
+        let u = if on_top {
+            x
+        } else if on_x {
+            if x > 0.0 { y } else { -y }
+        } else if y > 0.0 {
+            -x
+        } else {
+            x
+        };
+        let v = if on_top { y } else { z };
+        let side = match (on_x, x > 0.0, y > 0.0) {
+            (true, true, _) => 0.0,
+            (true, false, _) => 1.0,
+            (false, _, true) => 2.0,
+            (false, _, false) => 3.0,
+        };
+        let inverse = 1.0 / w;
+        let (shift, first, last) = if on_top {
+            (half, 0.0, edge)
+        } else {
+            (0.0, (2.0 + side) * half, half - 1.0)
+        };
+        let column = clamped(u * inverse * half + half, edge);
+        let row = clamped(v * inverse * half + shift, last);
+        // SAFETY: both are clamped to the face, by comparisons that NaN does not pass, and the face lies in the atlas.
+        unsafe {
+            let column: i32 = column.to_int_unchecked();
+            let row: i32 = row.to_int_unchecked();
+            let first: i32 = first.to_int_unchecked();
+            out.x[l] = column.cast_unsigned();
+            out.row[l] = (row + first).cast_unsigned();
+        }
+        out.depth[l] = inverse;
+        out.direction[0][l] = x * inverse;
+        out.direction[1][l] = y * inverse;
+        out.direction[2][l] = z * inverse;
+        above.0[l] = u32::from(z > tolerance);
+    }
+    // SAFETY: the caller's promise.
+    out.above = unsafe { L::mask(&above) };
+}
+
+/// x, between 0 and `most`; NaN is 0.
+#[inline(always)]
+fn clamped(x: f64, most: f64) -> f64 {
+    let x = if x > 0.0 { x } else { 0.0 };
+    if x < most { x } else { most }
 }
 
 /// Bounding boxes of sixteen triangles on a face. Aligned, so that what was stored by the register is soon read by the lane.
@@ -1064,6 +1214,23 @@ impl Kernel for Portable {
         unsafe { transform::<Self>(block, frame, out) };
     }
 
+    unsafe fn centroids(triangles: &Transformed, tolerance: f64, resolution: usize, out: &mut Centroids) {
+        // SAFETY: the portable path needs no instruction set.
+        unsafe { centroids::<Self>(triangles, tolerance, resolution, out) };
+    }
+
+    unsafe fn on_faces(
+        center: &[f64; 3],
+        half: &[f64; 3],
+        frame: &Frame,
+        resolution: usize,
+        faces: u8,
+        touched: bool,
+        out: &mut OnFaces,
+    ) {
+        boxes::on_faces(center, half, frame, resolution, faces, touched, out);
+    }
+
     unsafe fn draw<const COUNT: bool>(
         triangles: &Transformed,
         face: Face,
@@ -1137,6 +1304,20 @@ pub(crate) mod x86 {
     pub(crate) struct Avx2;
 
     impl Lanes for Avx512 {
+        #[inline(always)]
+        unsafe fn on_faces(
+            center: &[f64; 3],
+            half: &[f64; 3],
+            frame: &Frame,
+            resolution: usize,
+            faces: u8,
+            touched: bool,
+            out: &mut OnFaces,
+        ) {
+            // SAFETY: the caller's promise of the instruction set.
+            unsafe { boxes::on_faces_avx512(center, half, frame, resolution, faces, touched, out) };
+        }
+
         #[inline(always)]
         unsafe fn lacking(rows: &[u64; GROUP], mask: u64) -> u8 {
             // SAFETY: the caller's promise of the instruction set.
@@ -1420,6 +1601,45 @@ pub(crate) mod x86 {
                     }
                     // SAFETY: the caller's promise of the instruction set.
                     unsafe { inner(block, frame, out) }
+                }
+
+                unsafe fn centroids(triangles: &Transformed, tolerance: f64, resolution: usize, out: &mut Centroids) {
+                    #[target_feature(enable = $features)]
+                    fn inner(triangles: &Transformed, tolerance: f64, resolution: usize, out: &mut Centroids) {
+                        // SAFETY: this function has the instruction set.
+                        unsafe { centroids::<$name>(triangles, tolerance, resolution, out) };
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(triangles, tolerance, resolution, out) }
+                }
+
+                unsafe fn on_faces(
+                    center: &[f64; 3],
+                    half: &[f64; 3],
+                    frame: &Frame,
+                    resolution: usize,
+                    faces: u8,
+                    touched: bool,
+                    out: &mut OnFaces,
+                ) {
+                    #[target_feature(enable = $features)]
+                    #[allow(clippy::too_many_arguments, reason = "the arguments of `Kernel::on_faces`")]
+                    fn inner(
+                        center: &[f64; 3],
+                        half: &[f64; 3],
+                        frame: &Frame,
+                        resolution: usize,
+                        faces: u8,
+                        touched: bool,
+                        out: &mut OnFaces,
+                    ) {
+                        // SAFETY: this function has the instruction set.
+                        unsafe {
+                            <$name as Lanes>::on_faces(center, half, frame, resolution, faces, touched, out);
+                        }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(center, half, frame, resolution, faces, touched, out) }
                 }
 
                 unsafe fn draw<const COUNT: bool>(

@@ -449,7 +449,7 @@ impl HemicubeBackend for CpuBackend {
                 reason = format!("engine depth, everything drawn: {open}");
             }
         }
-        self.info.version = if order.is_some() { "order-1" } else { "depth-1" }.to_owned();
+        self.info.version = if order.is_some() { "order-1" } else { "depth-2" }.to_owned();
         self.reason = reason;
         let shared = Arc::new(Shared {
             order,

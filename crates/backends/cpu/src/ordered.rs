@@ -2,8 +2,8 @@
 
 use crate::Shared;
 use crate::alone::Alone;
-use crate::engine::{ALL_FACES, faces_of, frame, frame_box};
-use crate::kernel::{Coverage, Frame, Kernel, Shown, Sums, Transformed};
+use crate::engine::{ALL_FACES, frame, pixel};
+use crate::kernel::{Coverage, Frame, Kernel, OnFaces, Shown, Sums, Transformed};
 use crate::order::{NO_PLANE, NONE, Order, PlaneNode};
 use glam::DVec3;
 use hemicube::InputPatch;
@@ -21,6 +21,7 @@ pub(crate) struct OrderedEngine<K> {
     triangles: Box<Transformed>,
     lines: Box<[Transformed; 2]>,
     pending: Vec<Pending>,
+    on_faces: OnFaces,
     /// Patches that cover no pixel centre and whose centroid was seen, and whether that they cover none is still to be
     /// proved.
     tiny: Vec<(u32, bool)>,
@@ -88,6 +89,7 @@ impl<K: Kernel> OrderedEngine<K> {
             triangles: Box::new(Transformed::new()),
             lines: Box::new([Transformed::new(), Transformed::new()]),
             pending: Vec::new(),
+            on_faces: OnFaces::new(),
             tiny: Vec::new(),
             row: Vec::new(),
             uncounted: Vec::new(),
@@ -309,21 +311,31 @@ impl<K: Kernel> OrderedEngine<K> {
         faces: u8,
         memory: Memory,
     ) -> (u8, u8) {
-        let b = frame_box(center, half, frame);
         let resolution = self.coverage.resolution;
-        let mut remembered = 0;
-        let (visible, hidden) = faces_of::<COVERED>(&b, frame, resolution, faces, |face, [x0, x1, y0, y1], _| {
+        let (center, half) = (center.to_array(), half.to_array());
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe { K::on_faces(&center, &half, frame, resolution, faces, COVERED, &mut self.on_faces) };
+        let (mut visible, mut hidden) = (self.on_faces.at_eye, 0);
+        let (mut boxed, mut remembered) = (self.on_faces.boxed, 0);
+        while boxed != 0 {
+            let face = boxed.trailing_zeros() as usize;
+            boxed &= boxed - 1;
             #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
-            let first_row = face.first_row(resolution as u32) as usize;
+            let first_row = Face::ALL[face].first_row(resolution as u32) as usize;
+            let b = &self.on_faces;
+            let [x0, x1, y0, y1] = [b.x0[face], b.x1[face], b.y0[face], b.y1[face]].map(pixel);
             let pixels = [x0, x1, first_row + y0, first_row + y1];
-            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-            let is_hidden = unsafe { K::all_covered(&self.coverage, pixels, memory == Memory::Ask) };
-            if memory == Memory::Keep && !is_hidden {
-                self.coverage.remember(pixels);
-                remembered |= 1 << face as u8;
+            // SAFETY: as above.
+            if unsafe { K::all_covered(&self.coverage, pixels, memory == Memory::Ask) } {
+                hidden |= 1 << face;
+                continue;
             }
-            is_hidden
-        });
+            visible |= 1 << face;
+            if memory == Memory::Keep {
+                self.coverage.remember(pixels);
+                remembered |= 1 << face;
+            }
+        }
         if memory == Memory::Keep && visible & !remembered != 0 {
             // So near that its pixels were not asked for.
             self.coverage.remember(self.coverage.all());

@@ -1,0 +1,336 @@
+//! Where boxes of the scene lie on the five faces: what both engines ask of every node they meet.
+
+use super::{Frame, three};
+use hemicube::face::Face;
+
+/// A lane for each face, and three that are not used.
+const FACES: usize = 8;
+
+/// A node whose nearest point is closer than this part of its farthest is not tested against what was drawn.
+const NEAREST: f64 = 1e-6;
+
+/// Positions on a face that boxes are widened by, in pixels.
+const SLACK: f64 = 1e-6;
+
+/// The pixels of a box, by face.
+#[derive(Clone, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub(crate) struct OnFaces {
+    /// 1/w of the nearest point.
+    pub(crate) near: [f64; FACES],
+    /// The first column.
+    pub(crate) x0: [i32; FACES],
+    /// The last column.
+    pub(crate) x1: [i32; FACES],
+    /// The first row of the face.
+    pub(crate) y0: [i32; FACES],
+    /// The last row of the face.
+    pub(crate) y1: [i32; FACES],
+    /// Faces of which the above says something.
+    pub(crate) boxed: u8,
+    /// Faces on which the box is so near that it has no pixels to speak of.
+    pub(crate) at_eye: u8,
+}
+
+impl OnFaces {
+    pub(crate) fn new() -> Self {
+        Self {
+            near: [0.0; FACES],
+            x0: [0; FACES],
+            x1: [0; FACES],
+            y0: [0; FACES],
+            y1: [0; FACES],
+            boxed: 0,
+            at_eye: 0,
+        }
+    }
+}
+
+/// Between a position and the pixel it counts for: with tiny patches all pixels that a box touches, else those whose
+/// centres it may cover.
+#[inline(always)]
+fn inset(touched: bool) -> f64 {
+    if touched { 0.0 - SLACK } else { 0.5 - SLACK }
+}
+
+#[inline(always)]
+pub(super) fn on_faces(
+    center: &[f64; 3],
+    half_sides: &[f64; 3],
+    frame: &Frame,
+    resolution: usize,
+    faces: u8,
+    touched: bool,
+    out: &mut OnFaces,
+) {
+    (out.boxed, out.at_eye) = (0, 0);
+    let d = three(|c| center[c] - frame.origin[c]);
+    let (mut low, mut high) = ([0.0; 3], [0.0; 3]);
+    for a in 0..3 {
+        let m = &frame.axes[a];
+        let center = m[0] * d[0] + m[1] * d[1] + m[2] * d[2];
+        let half = m[0].abs() * half_sides[0] + m[1].abs() * half_sides[1] + m[2].abs() * half_sides[2];
+        // Rounding of the sums, far above what it can be and far below what matters.
+        let half = half + 1e-14;
+        low[a] = center - half;
+        high[a] = center + half;
+    }
+    if high[2] <= frame.tolerance {
+        return;
+    }
+    let resolution = resolution as f64;
+    let half = resolution * 0.5;
+    let inset = inset(touched);
+    for face in Face::ALL {
+        let lane = face as usize;
+        if faces >> lane & 1 == 0 {
+            continue;
+        }
+        let (axis, sign) = face.axes();
+        let range = |c: usize| {
+            if sign[c] > 0.0 {
+                (low[axis[c]], high[axis[c]])
+            } else {
+                (-high[axis[c]], -low[axis[c]])
+            }
+        };
+        let ((u0, u1), (v0, v1), (w0, w1)) = (range(0), range(1), range(2));
+        let bottom = if face.is_top() { -w1 } else { 0.0 };
+        if w1 <= 0.0 || u0 > w1 || u1 < -w1 || v0 > w1 || v1 < bottom {
+            continue;
+        }
+        if w0 <= NEAREST * w1 {
+            out.at_eye |= 1 << lane;
+            continue;
+        }
+        let (near, far) = (1.0 / w0, 1.0 / w1);
+        let x0 = u0 * if u0 > 0.0 { far } else { near } * half + half;
+        let x1 = u1 * if u1 > 0.0 { near } else { far } * half + half;
+        let shift = if face.is_top() { half } else { 0.0 };
+        let y0 = v0 * if v0 > 0.0 { far } else { near } * half + shift;
+        let y1 = v1 * if v1 > 0.0 { near } else { far } * half + shift;
+        let rows = if face.is_top() { resolution } else { half };
+        // A box that only touches the right or upper edge belongs to the last pixel, as a centroid on the edge does.
+        let x0 = (x0 + inset).min(resolution - 1.0).max(0.0);
+        let x1 = (x1 - inset).min(resolution - 1.0);
+        let y0 = (y0 + inset).min(rows - 1.0).max(0.0);
+        let y1 = (y1 - inset).min(rows - 1.0);
+        if x0.trunc() > x1 || y0.trunc() > y1 {
+            continue;
+        }
+        out.near[lane] = near;
+        #[allow(clippy::cast_possible_truncation, reason = "within the face")]
+        {
+            out.x0[lane] = x0 as i32;
+            out.x1[lane] = x1 as i32;
+            out.y0[lane] = y0 as i32;
+            out.y1[lane] = y1 as i32;
+        }
+        out.boxed |= 1 << lane;
+    }
+}
+
+/// For each face, which of the lower bounds of x, y, z, a gap, the upper bounds and a gap, and of their negatives from 8 on,
+/// is the lower bound along its axis `c`; in the second half, the upper.
+#[cfg(target_arch = "x86_64")]
+const fn bounds_along(c: usize) -> [[i64; FACES]; 2] {
+    let mut lanes = [[0; FACES]; 2];
+    let mut f = 0;
+    while f < Face::ALL.len() {
+        let (axis, sign) = Face::ALL[f].axes();
+        #[allow(clippy::cast_possible_wrap, reason = "below 3")]
+        let axis = axis[c] as i64;
+        (lanes[0][f], lanes[1][f]) = if sign[c] > 0.0 {
+            (axis, 4 + axis)
+        } else {
+            (8 + 4 + axis, 8 + axis)
+        };
+        f += 1;
+    }
+    lanes
+}
+
+#[cfg(target_arch = "x86_64")]
+const BOUNDS: [[[i64; FACES]; 2]; 3] = [bounds_along(0), bounds_along(1), bounds_along(2)];
+
+/// [`on_faces`] with a face in each lane.
+///
+/// # Safety
+/// The machine has AVX-512 F, DQ and VL.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[inline]
+pub(super) unsafe fn on_faces_avx512(
+    center: &[f64; 3],
+    half_sides: &[f64; 3],
+    frame: &Frame,
+    resolution: usize,
+    faces: u8,
+    touched: bool,
+    out: &mut OnFaces,
+) {
+    use std::arch::x86_64::*;
+    const TOP: u8 = 1 << Face::Top as u8;
+    (out.boxed, out.at_eye) = (0, 0);
+    // SAFETY: the caller's promise of the instruction set; loads and stores are as long as their arrays.
+    unsafe {
+        let column = |c: usize| _mm256_loadu_pd(frame.columns[c].as_ptr());
+        let along = |c: usize| _mm256_set1_pd(center[c] - frame.origin[c]);
+        let middle = _mm256_add_pd(
+            _mm256_add_pd(_mm256_mul_pd(column(0), along(0)), _mm256_mul_pd(column(1), along(1))),
+            _mm256_mul_pd(column(2), along(2)),
+        );
+        let sign = _mm256_set1_pd(-0.0);
+        let reach = |c: usize| _mm256_mul_pd(_mm256_andnot_pd(sign, column(c)), _mm256_set1_pd(half_sides[c]));
+        let half = _mm256_add_pd(_mm256_add_pd(reach(0), reach(1)), reach(2));
+        let half = _mm256_add_pd(half, _mm256_set1_pd(1e-14));
+        let (low, high) = (_mm256_sub_pd(middle, half), _mm256_add_pd(middle, half));
+        let above = _mm256_cmp_pd_mask::<_CMP_NLE_UQ>(high, _mm256_set1_pd(frame.tolerance));
+        if above & 0b100 == 0 {
+            return;
+        }
+        let bounds = _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(low), high);
+        let negative = _mm512_xor_pd(bounds, _mm512_set1_pd(-0.0));
+        let along = |c: usize, end: usize| {
+            let lanes = _mm512_loadu_epi64(BOUNDS[c][end].as_ptr());
+            _mm512_permutex2var_pd(bounds, lanes, negative)
+        };
+        let (u0, u1, v0, v1, w0, w1) = (
+            along(0, 0),
+            along(0, 1),
+            along(1, 0),
+            along(1, 1),
+            along(2, 0),
+            along(2, 1),
+        );
+        let zero = _mm512_setzero_pd();
+        let back = _mm512_xor_pd(w1, _mm512_set1_pd(-0.0));
+        let bottom = _mm512_maskz_mov_pd(TOP, back);
+        let outside = _mm512_cmp_pd_mask::<_CMP_LE_OQ>(w1, zero)
+            | _mm512_cmp_pd_mask::<_CMP_GT_OQ>(u0, w1)
+            | _mm512_cmp_pd_mask::<_CMP_LT_OQ>(u1, back)
+            | _mm512_cmp_pd_mask::<_CMP_GT_OQ>(v0, w1)
+            | _mm512_cmp_pd_mask::<_CMP_LT_OQ>(v1, bottom);
+        let inside = faces & !outside;
+        let at_eye = inside & _mm512_cmp_pd_mask::<_CMP_LE_OQ>(w0, _mm512_mul_pd(_mm512_set1_pd(NEAREST), w1));
+        out.at_eye = at_eye;
+        let inside = inside & !at_eye;
+        if inside == 0 {
+            return;
+        }
+        let one = _mm512_set1_pd(1.0);
+        let (near, far) = (_mm512_div_pd(one, w0), _mm512_div_pd(one, w1));
+        #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
+        let width = resolution as f64;
+        let half = _mm512_set1_pd(width * 0.5);
+        let shift = _mm512_maskz_mov_pd(TOP, half);
+        let last_column = _mm512_set1_pd(width - 1.0);
+        let last_row = _mm512_mask_mov_pd(_mm512_set1_pd(width * 0.5 - 1.0), TOP, last_column);
+        let inset = _mm512_set1_pd(inset(touched));
+        let positive = |x| _mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, zero);
+        let place = |x, scale, shift| _mm512_add_pd(_mm512_mul_pd(_mm512_mul_pd(x, scale), half), shift);
+        let first = |x, shift, last| {
+            let scale = _mm512_mask_mov_pd(near, positive(x), far);
+            let x = _mm512_add_pd(place(x, scale, shift), inset);
+            _mm512_cvttpd_epi32(_mm512_max_pd(_mm512_min_pd(x, last), zero))
+        };
+        let end = |x, shift, last| {
+            let scale = _mm512_mask_mov_pd(far, positive(x), near);
+            _mm512_min_pd(_mm512_sub_pd(place(x, scale, shift), inset), last)
+        };
+        let (x0, y0) = (first(u0, half, last_column), first(v0, shift, last_row));
+        let (x1, y1) = (end(u1, half, last_column), end(v1, shift, last_row));
+        let empty = _mm512_cmp_pd_mask::<_CMP_GT_OQ>(_mm512_cvtepi32_pd(x0), x1)
+            | _mm512_cmp_pd_mask::<_CMP_GT_OQ>(_mm512_cvtepi32_pd(y0), y1);
+        out.boxed = inside & !empty;
+        _mm512_storeu_pd(out.near.as_mut_ptr(), near);
+        _mm256_storeu_si256(out.x0.as_mut_ptr().cast(), x0);
+        _mm256_storeu_si256(out.x1.as_mut_ptr().cast(), _mm512_cvttpd_epi32(x1));
+        _mm256_storeu_si256(out.y0.as_mut_ptr().cast(), y0);
+        _mm256_storeu_si256(out.y1.as_mut_ptr().cast(), _mm512_cvttpd_epi32(y1));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A frame that looks along a direction and is turned about it.
+    fn frame() -> impl Strategy<Value = Frame> {
+        let angle = prop_oneof![4 => -7.0..7.0f64, 1 => Just(0.0)];
+        (prop::array::uniform3(-1.0..1.0f64), angle.clone(), angle.clone(), angle).prop_map(|(origin, a, b, c)| {
+            let turn = glam::DMat3::from_euler(glam::EulerRot::ZYX, a, b, c);
+            Frame::new(origin, turn.to_cols_array_2d(), 1e-9, 0)
+        })
+    }
+
+    /// Boxes beside, around and far from the eye, some of them flat.
+    fn scene_box() -> impl Strategy<Value = ([f64; 3], [f64; 3])> {
+        let side = prop_oneof![1 => Just(0.0), 2 => 0.0..1e-3f64, 4 => 0.0..2.0f64];
+        (prop::array::uniform3(-2.0..2.0f64), prop::array::uniform3(side))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4000))]
+
+        #[cfg(target_arch = "x86_64")]
+        #[test]
+        fn boxes_are_the_same_on_every_path(
+            frame in frame(),
+            (center, half) in scene_box(),
+            resolution in prop::sample::select(vec![16usize, 128, 256, 1024]),
+            faces in 0u8..32,
+            touched in any::<bool>(),
+        ) {
+            let (mut portable, mut wide) = (OnFaces::new(), OnFaces::new());
+            on_faces(&center, &half, &frame, resolution, faces, touched, &mut portable);
+            if crate::Isa::available().contains(&crate::Isa::Avx512) {
+                // SAFETY: the machine has the instruction set.
+                unsafe { on_faces_avx512(&center, &half, &frame, resolution, faces, touched, &mut wide) };
+                prop_assert_eq!((portable.boxed, portable.at_eye), (wide.boxed, wide.at_eye));
+                for f in (0..FACES).filter(|f| portable.boxed >> f & 1 != 0) {
+                    let of = |b: &OnFaces| (b.near[f].to_bits(), b.x0[f], b.x1[f], b.y0[f], b.y1[f]);
+                    prop_assert_eq!(of(&portable), of(&wide));
+                }
+            }
+        }
+
+        #[test]
+        fn what_lies_in_a_box_lies_in_its_pixels(
+            frame in frame(),
+            (center, half) in scene_box(),
+            place in prop::array::uniform3(-1.0..=1.0f64),
+            resolution in prop::sample::select(vec![16usize, 128, 256, 1024]),
+        ) {
+            let mut boxes = OnFaces::new();
+            on_faces(&center, &half, &frame, resolution, 0b1_1111, true, &mut boxes);
+            let d = three(|c| center[c] + half[c] * place[c] - frame.origin[c]);
+            let [x, y, z] = three(|a| frame.axes[a][0] * d[0] + frame.axes[a][1] * d[1] + frame.axes[a][2] * d[2]);
+            if z <= 1e-6 {
+                return Ok(());
+            }
+            for face in Face::ALL {
+                let (axis, sign) = face.axes();
+                let [u, v, w] = three(|c| sign[c] * [x, y, z][axis[c]]);
+                let lowest = if face.is_top() { -w } else { 0.0 };
+                if w <= 0.0 || u.abs() > w || v > w || v < lowest {
+                    continue;
+                }
+                let lane = face as usize;
+                if boxes.at_eye >> lane & 1 != 0 {
+                    continue;
+                }
+                prop_assert!(boxes.boxed >> lane & 1 != 0, "{:?}", face);
+                prop_assert!(1.0 / w <= boxes.near[lane] * (1.0 + 1e-12));
+                let half = resolution as f64 * 0.5;
+                let rows = if face.is_top() { resolution as f64 } else { half };
+                let shift = if face.is_top() { half } else { 0.0 };
+                let column = (u / w * half + half).min(resolution as f64 - 1.0).floor();
+                let row = (v / w * half + shift).min(rows - 1.0).floor();
+                prop_assert!((f64::from(boxes.x0[lane])..=f64::from(boxes.x1[lane])).contains(&column));
+                prop_assert!((f64::from(boxes.y0[lane])..=f64::from(boxes.y1[lane])).contains(&row));
+            }
+        }
+    }
+}
