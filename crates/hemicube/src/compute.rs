@@ -668,9 +668,14 @@ fn compute_batch(
         let of_row = samples.clone().map(|row| rows.row(row));
         let mut converted = converter.convert(model, emitter, &hemicubes[samples], of_row, receives, columns, data);
         let mut hemicubes_of_row = count;
-        if converted.is_odd {
+        // A promise is not put on the fewer.
+        let promised = matches!(plan.correction, Correction::Tolerance(_));
+        for more_samples in MORE_SAMPLES.into_iter().skip(usize::from(promised)) {
+            if !converted.is_odd {
+                break;
+            }
             // The points do not stand for the emitter: a centroid inside a solid, say, of a patch that reaches out of it.
-            let more = model.hemicubes(emitter, MORE_SAMPLES * plan.samples_per_edge, plan.rotate);
+            let more = model.hemicubes(emitter, more_samples * plan.samples_per_edge, plan.rotate);
             let mut odd = RowBlock::default();
             batch.counters += render(model, settings, backend, emitter, &more, &mut odd)?;
             let of_row = (0..more.len()).map(|row| odd.row(row));
@@ -696,8 +701,9 @@ fn compute_batch(
     Ok(batch)
 }
 
-/// A row whose hemicubes do not stand for its emitter gets this many times as many along an edge.
-const MORE_SAMPLES: u32 = 4;
+/// A row whose hemicubes do not stand for its emitter gets this many times as many along an edge; and if those do not, this
+/// many.
+const MORE_SAMPLES: [u32; 2] = [2, 4];
 
 /// Renders and checks rows; `first` is the emitter to name where something is wrong.
 pub(crate) fn render(
