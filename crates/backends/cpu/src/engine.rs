@@ -321,7 +321,10 @@ impl<K: Kernel> Engine<K> {
                 // Depths only grow.
                 continue;
             }
-            #[allow(clippy::cast_possible_truncation, reason = "blocks and chunks are fewer than ids; places are below 16")]
+            #[allow(
+                clippy::cast_possible_truncation,
+                reason = "blocks and chunks are fewer than ids; places are below 16"
+            )]
             self.tiny_candidates.push(TinyCandidate {
                 patch: self.triangles.seen[lane],
                 block: block as u32,

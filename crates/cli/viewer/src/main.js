@@ -222,7 +222,7 @@ try {
   window.hemicube = {
     head, columns, select, row: (patch) => row(patch, head.rows.per_block),
     pick: (x, y) => model.pick(x, y), placeOf: (patch) => model.placeOf(patch),
-    frames: () => model.frames, drawNow: () => model.drawNow(),
+    frames: () => model.frames, drawNow: () => model.drawNow(), model,
     milliseconds: performance.now() - started, sinceNavigation: performance.now(),
   };
   document.documentElement.dataset.ready = "yes";

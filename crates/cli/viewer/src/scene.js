@@ -8,6 +8,9 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
 const TEXTURE_WIDTH = 2048;
 
+/** Milliseconds between two pictures from which on turning stutters. */
+const PATIENCE = 50;
+
 // Three corners a patch and no index, so that the corner's number says which patch it is of.
 const VERTEX = `
 precision highp float;
@@ -112,6 +115,16 @@ export class Model {
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.listenToKeyEvents(canvas);
     this.controls.addEventListener("change", () => this.draw());
+    // Where pictures come too slowly while it is turned, as without a GPU, they get a quarter of the pixels until it rests.
+    this.patience = PATIENCE;
+    this.ratio = 1;
+    this.turning = false;
+    this.coarse = false;
+    this.controls.addEventListener("start", () => { this.turning = true; });
+    this.controls.addEventListener("end", () => {
+      this.turning = false;
+      this.draw();
+    });
     this.frames = 0;
     this.pending = false;
     this.fit();
@@ -164,6 +177,8 @@ export class Model {
   }
 
   resize(width, height, ratio) {
+    this.ratio = ratio;
+    this.coarse = false;
     this.renderer.setPixelRatio(ratio);
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
@@ -175,11 +190,23 @@ export class Model {
   draw() {
     if (this.pending) return;
     this.pending = true;
-    requestAnimationFrame(() => this.drawNow());
+    const asked = performance.now();
+    // A browser that is still at the last picture calls late.
+    requestAnimationFrame(() => this.drawNow(performance.now() - asked));
   }
 
-  drawNow() {
+  /** Draws with half as many pixels along each edge, or with all. */
+  coarsen(coarse) {
+    if (this.coarse === coarse) return;
+    this.coarse = coarse;
+    this.renderer.setPixelRatio(coarse ? this.ratio / 2 : this.ratio);
+  }
+
+  /** Draws; `late` is how many milliseconds it had to wait for its turn. */
+  drawNow(late = 0) {
     this.pending = false;
+    if (!this.turning) this.coarsen(false);
+    else if (late > this.patience) this.coarsen(true);
     // Near and far follow the camera, so that walls a thousandth of the scene apart keep their order.
     const distance = this.camera.position.length();
     this.camera.near = Math.max(distance - 1.1, 0.002 * Math.max(distance, 0.25));
