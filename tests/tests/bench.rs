@@ -105,8 +105,20 @@ fn a_study_has_every_table_and_goes_on_where_it_was() {
     assert!(rates >= 10, "{rates} ways");
     assert_eq!(missing_cells(&first), Vec::<String>::new());
 
+    let (choices, said) = choices(&first);
+    assert_eq!(choices, ["city/cpu/found culling", "room/cpu/found culling"], "{said}");
+    assert!(report.contains("| city | cpu | engine, culling | "), "{report}");
+
     measured(place.line(LINE), "0 cells");
     assert_eq!(study(&place), first);
+
+    // A study of before choices were measured anew is read, and they are measured.
+    let mut before = first.clone();
+    let cells = before["cells"].as_object_mut().expect("cells");
+    cells.retain(|_, cell| cell.get("choice").is_none());
+    std::fs::write(place.path("study/study.json"), before.to_string()).expect("written");
+    measured(place.line(LINE), "2 cells");
+    assert_eq!(keys(&study(&place)), keys(&first));
 
     // A cell that is gone is measured again, and no other; other settings have cells of their own.
     let mut less = first.clone();
@@ -120,6 +132,28 @@ fn a_study_has_every_table_and_goes_on_where_it_was() {
     std::fs::write(place.path("study/study.json"), less.to_string()).expect("written");
     measured(place.line(LINE), "1 cell");
     assert_eq!(keys(&study(&place)), keys(&first));
+}
+
+/// Choices that were held against others, each with times of both over the same rows, and what they are.
+fn choices(study: &Value) -> (Vec<String>, String) {
+    let mut found = Vec::new();
+    let mut said = String::new();
+    for (key, cell) in study["cells"].as_object().expect("cells") {
+        let Some(choice) = cell.get("choice") else { continue };
+        said.push_str(&format!("{key}: {choice}\n"));
+        let others = choice["others"].as_array().expect("others");
+        let is_time = |value: &Value| value.as_f64().is_some_and(|milliseconds| milliseconds > 0.0);
+        let is_whole = (1..=4).contains(&others.len())
+            && others.iter().all(|other| is_time(&other[1]))
+            && is_time(&choice["found_milliseconds"])
+            && choice["rows"].as_u64() >= choice["neighbours"].as_u64()
+            && choice["neighbours"].as_u64() >= Some(16);
+        if is_whole {
+            let place = key.split_once('/').map_or(key.as_str(), |(_, place)| place);
+            found.push(place.to_owned());
+        }
+    }
+    (found, said)
 }
 
 /// Ways that every backend has, and are not there.

@@ -2,9 +2,9 @@
 
 use crate::args::{Cli, Command, Talk};
 use crate::clock::{process_seconds, thread_seconds, wall_seconds};
-use crate::commands::bench::results::{Accuracy, Cell, Course, Point, Rate, Results};
+use crate::commands::bench::results::{Accuracy, Cell, Choice, Course, Point, Rate, Results};
 use crate::commands::bench::scenes::{Ready, StudyScene};
-use crate::commands::bench::ways::{ORIGINAL, OURS, Target, Way, engine_of, ways};
+use crate::commands::bench::ways::{Finding, ORIGINAL, OURS, Target, Way, engine_of, ways};
 use crate::commands::tradeoff;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Parser;
@@ -27,6 +27,19 @@ const MANY_PATCHES: usize = 400_000;
 /// Hemicubes that a plugin which chooses for itself renders before it is measured: the choice falls after the first 32 to 48, of
 /// the thousands that a run has.
 const BEFORE: usize = 64;
+
+/// Of a table, so many of the fastest are measured anew beside what is found by itself, of large scenes fewer; none that took
+/// more than `IN_QUESTION` times as long as the fastest, which no drift of the machine explains.
+const FASTEST: usize = 4;
+const FASTEST_OF_MANY: usize = 2;
+const IN_QUESTION: f64 = 1.5;
+/// They have so many times the turns of a cell, and all of them together take so many times what the slowest way of one may.
+const TURNS_OF_CHOICE: u32 = 2;
+const TIME_OF_CHOICE: f64 = 4.0;
+/// Rows of a choice come from so many places, and are up to so many neighbours at each: a run goes from neighbour to
+/// neighbour, and an engine that finds its data in the cache there must find it here.
+const PLACES: usize = 16;
+const NEIGHBOURS: usize = 256;
 
 /// A turn takes at least this long: a kernel may count processor time by ticks of 4 ms.
 const LEAST_SECONDS: f64 = 0.12;
@@ -55,10 +68,10 @@ fn spread(index: usize) -> f64 {
 }
 
 /// Rows to measure: runs of neighbours in the order of work, spread over it. Fewer rows are the first of more.
-pub(super) fn sample(model: &Model, rows: usize) -> Vec<Hemicube> {
+pub(super) fn sample(model: &Model, rows: usize, run: usize) -> Vec<Hemicube> {
     let order: Vec<InputPatch> = model.order().collect();
     let rows = rows.min(order.len());
-    if order.len() <= RUN {
+    if order.len() <= run {
         return order.iter().flat_map(|&p| model.hemicubes(p, 1, true)).collect();
     }
     #[allow(
@@ -66,12 +79,24 @@ pub(super) fn sample(model: &Model, rows: usize) -> Vec<Hemicube> {
         clippy::cast_sign_loss,
         reason = "below the number of patches"
     )]
-    let start = |run: usize| (spread(run) * (order.len() - RUN) as f64) as usize;
-    (0..rows.div_ceil(RUN))
-        .flat_map(|run| order[start(run)..].iter().take(RUN))
+    let start = |place: usize| (spread(place) * (order.len() - run) as f64) as usize;
+    (0..rows.div_ceil(run))
+        .flat_map(|place| order[start(place)..].iter().take(run))
         .flat_map(|&p| model.hemicubes(p, 1, true))
         .take(rows)
         .collect()
+}
+
+/// How many rows of a choice there is time for, and how many of them are neighbours.
+fn rows_of_choice(affordable: f64) -> (usize, usize) {
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturation is wanted"
+    )]
+    let rows = (affordable as usize).clamp(RUN, PLACES * NEIGHBOURS);
+    let neighbours = (rows / PLACES).max(RUN);
+    (rows / neighbours * neighbours, neighbours)
 }
 
 /// ‖a − b‖ / ‖b‖ of rows of the same hemicubes.
@@ -114,6 +139,16 @@ struct Live {
 }
 
 impl Live {
+    /// Renders as many rows as a plugin's choice takes to fall.
+    fn decide(&mut self, hemicubes: &[Hemicube], block: &mut RowBlock) -> Result<(), BackendError> {
+        let few = &hemicubes[..hemicubes.len().min(BEFORE)];
+        for _ in 0..BEFORE.div_ceil(few.len().max(1)) {
+            block.clear();
+            self.session.rows(few, block)?;
+        }
+        Ok(())
+    }
+
     /// Renders the rows, again and again until the clock can tell, and keeps the time of once if it is the best so far.
     fn turn(&mut self, target: &Target, hemicubes: &[Hemicube], block: &mut RowBlock) -> Result<(), BackendError> {
         let processor = |target: &Target| {
@@ -232,12 +267,8 @@ impl Bench<'_> {
                 if target.is_built_in() || one.way.name != OURS {
                     continue;
                 }
-                for _ in 0..BEFORE.div_ceil(hemicubes.len().max(1)) {
-                    block.clear();
-                    one.session
-                        .rows(&hemicubes, &mut block)
-                        .with_context(|| format!("`{}` by {} of `{}`", scene.key, one.way.key(), target.name))?;
-                }
+                one.decide(&hemicubes, &mut block)
+                    .with_context(|| format!("`{}` by {} of `{}`", scene.key, one.way.key(), target.name))?;
             }
             for turn in 0..self.results.settings.turns {
                 for one in &mut live {
@@ -282,13 +313,89 @@ impl Bench<'_> {
         Ok(None)
     }
 
+    /// The fastest of what `finding` is held against, by their cells, and what a row took by all that is to be measured; nothing
+    /// where it was measured already, or its cells are not there.
+    pub(super) fn fastest(&self, scene: &StudyScene, target: &Target, finding: &Finding) -> Option<(Vec<Way>, f64)> {
+        if self.results.get(&[&scene.key, &target.name, finding.key]).is_some() {
+            return None;
+        }
+        let rate = |way: &Way| self.results.rate(&scene.key, &target.name, &way.key());
+        let found = rate(&finding.found)?;
+        let mut tried: Vec<(f64, &Way)> = finding
+            .others
+            .iter()
+            .filter_map(|way| Some((rate(way)?.milliseconds, way)))
+            .collect();
+        tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let &(best, _) = tried.first()?;
+        tried.retain(|(milliseconds, _)| *milliseconds <= IN_QUESTION * best);
+        tried.truncate(if found.patches > MANY_PATCHES as u64 {
+            FASTEST_OF_MANY
+        } else {
+            FASTEST
+        });
+        let together = found.milliseconds + tried.iter().map(|(milliseconds, _)| milliseconds).sum::<f64>();
+        Some((tried.into_iter().map(|(_, way)| way.clone()).collect(), together))
+    }
+
+    /// Measures what is found by itself beside `others`, in the same turns over the same rows.
+    ///
+    /// # Errors
+    /// When a way fails, or what was measured cannot be kept.
+    pub(super) fn choice(
+        &mut self,
+        scene: &StudyScene,
+        ready: &Ready,
+        target: &Target,
+        finding: &Finding,
+        (others, together): (Vec<Way>, f64),
+    ) -> Result<Option<Stopped>> {
+        let settings = self.results.settings;
+        let turns = TURNS_OF_CHOICE * settings.turns;
+        let affordable = TIME_OF_CHOICE * settings.seconds / (f64::from(turns) * 1e-3 * together.max(1e-6));
+        let (rows, neighbours) = rows_of_choice(affordable);
+        let hemicubes = sample(&ready.model, rows, neighbours);
+        let by = |way: &Way| format!("`{}` by {} of `{}`", scene.key, way.key(), target.name);
+        let mut block = RowBlock::default();
+        let mut live: Vec<Live> = Vec::new();
+        for way in std::iter::once(&finding.found).chain(&others) {
+            let mut one = self.live(target, way, ready).with_context(|| by(way))?;
+            one.decide(&hemicubes, &mut block).with_context(|| by(way))?;
+            live.push(one);
+        }
+        for _ in 0..turns {
+            for one in &mut live {
+                if self.is_stopped() {
+                    return Ok(Some(Stopped));
+                }
+                one.turn(target, &hemicubes, &mut block).with_context(|| by(&one.way))?;
+                block.check(hemicubes.len(), ready.model.geometry().patch_count, false)?;
+            }
+        }
+        let milliseconds = |one: &Live| 1e3 * one.seconds / hemicubes.len() as f64;
+        let (found, others) = live.split_first().context("what is found by itself was measured")?;
+        let cell = Choice {
+            what: finding.what.to_owned(),
+            patches: ready.patches.len() as u64,
+            rows: hemicubes.len() as u64,
+            neighbours: neighbours as u64,
+            found_milliseconds: milliseconds(found),
+            others: others.iter().map(|one| (one.way.key(), milliseconds(one))).collect(),
+            choices: found.session.choices(),
+        };
+        self.results
+            .put(&[&scene.key, &target.name, finding.key], Cell::Choice(cell));
+        self.results.save()?;
+        Ok(None)
+    }
+
     /// As many rows as *original* takes its time for, and not more than asked for; the same as an earlier run's.
     fn choose(&self, scene: &StudyScene, ready: &Ready, target: &Target, original: &mut Live) -> Result<Vec<Hemicube>> {
         let settings = self.results.settings;
         if let Some(before) = self.results.rate(&scene.key, &target.name, ORIGINAL) {
-            return Ok(sample(&ready.model, usize::try_from(before.rows)?));
+            return Ok(sample(&ready.model, usize::try_from(before.rows)?, RUN));
         }
-        let few = sample(&ready.model, RUN);
+        let few = sample(&ready.model, RUN, RUN);
         if few.is_empty() {
             bail!("scene `{}` has no patch with an area", scene.key);
         }
@@ -306,7 +413,7 @@ impl Bench<'_> {
         )]
         let runs = (affordable / RUN as f64) as usize;
         let rows = (runs.max(1) * RUN).min(settings.rows as usize);
-        Ok(sample(&ready.model, rows))
+        Ok(sample(&ready.model, rows, RUN))
     }
 
     /// The same rows by the built-in backend, by depth.
@@ -554,6 +661,14 @@ mod tests {
         let off = block(&[&[(1, 3), (5, 4)], &[(2, 5)]]);
         assert!((distance(&off, &a) - (32.0f64 / 50.0).sqrt()).abs() < 1e-12);
         assert_eq!(distance(&block(&[&[], &[]]), &a), 1.0);
+    }
+
+    #[test]
+    fn rows_of_a_choice_are_from_many_places_and_then_neighbours() {
+        assert_eq!(rows_of_choice(0.0), (16, 16));
+        assert_eq!(rows_of_choice(100.0), (96, 16));
+        assert_eq!(rows_of_choice(3300.0), (3296, 206));
+        assert_eq!(rows_of_choice(f64::INFINITY), (4096, 256));
     }
 
     #[test]

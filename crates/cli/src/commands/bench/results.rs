@@ -76,6 +76,31 @@ pub(super) struct Rate {
     pub(super) choices: Vec<String>,
 }
 
+/// What a backend finds by itself, measured anew beside the fastest of what was tried: all in the same turns over the same
+/// rows, so that a machine that slows down between two cells says nothing of the choice.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Choice {
+    /// What is found.
+    pub(super) what: String,
+    pub(super) patches: u64,
+    pub(super) rows: u64,
+    /// Rows that are neighbours in the order of work.
+    pub(super) neighbours: u64,
+    pub(super) found_milliseconds: f64,
+    /// The fastest of the table, by their keys.
+    pub(super) others: Vec<(String, f64)>,
+    /// What the backend said that it chose.
+    pub(super) choices: Vec<String>,
+}
+
+impl Choice {
+    /// The best of the others.
+    pub(super) fn best(&self) -> Option<(&str, f64)> {
+        let others = self.others.iter().map(|(name, ms)| (name.as_str(), *ms));
+        others.min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+}
+
 /// A setting's error and time.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Point {
@@ -115,6 +140,7 @@ pub(super) struct Course {
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Cell {
     Rate(Rate),
+    Choice(Choice),
     Accuracy(Accuracy),
     Course(Course),
     /// Why there is nothing.
@@ -206,6 +232,14 @@ impl Results {
         }
     }
 
+    /// What was found by itself, beside the best of what was tried.
+    pub(super) fn choice(&self, scene: &str, target: &str, finding: &str) -> Option<&Choice> {
+        match self.get(&[scene, target, finding])? {
+            Cell::Choice(choice) => Some(choice),
+            _ => None,
+        }
+    }
+
     /// Puts a cell in its place.
     pub(super) fn put(&mut self, parts: &[&str], cell: Cell) {
         self.measured += 1;
@@ -238,6 +272,20 @@ impl Results {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_best_of_a_choice_is_the_fastest_of_the_others() {
+        let choice = Choice {
+            what: "culling".to_owned(),
+            patches: 100,
+            rows: 32,
+            neighbours: 16,
+            found_milliseconds: 1.0,
+            others: vec![("depth".to_owned(), 1.5), ("order".to_owned(), 1.25)],
+            choices: Vec::new(),
+        };
+        assert_eq!(choice.best(), Some(("order", 1.25)));
+    }
 
     #[test]
     fn what_was_measured_is_found_again_and_only_for_the_same_settings() {

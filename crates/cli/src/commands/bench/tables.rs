@@ -3,7 +3,7 @@
 use crate::commands::bench::plots::times;
 use crate::commands::bench::results::{Cell, Course, Rate, Results};
 use crate::commands::bench::scenes::StudyScene;
-use crate::commands::bench::ways::{FLAT, ORIGINAL, OURS, THESIS, Target, ways};
+use crate::commands::bench::ways::{FLAT, FOUND_CULLING, FOUND_PARAMETERS, ORIGINAL, OURS, THESIS, Target, ways};
 use crate::report::{about, count, duration, figures, percent, size};
 
 /// Ways, found and best, and parameters that were tried.
@@ -171,47 +171,25 @@ impl<'a> Study<'a> {
     pub(super) fn found(&self) -> String {
         let mut rows = Vec::new();
         for (scene, target, _) in self.pairs() {
-            let tried = self.tried(scene, target);
-            let best = tried
-                .iter()
-                .min_by(|a, b| a.2.milliseconds.total_cmp(&b.2.milliseconds));
-            if let (Some((l, m, best)), Some(found)) = (best, self.rate(scene, target, THESIS))
-                && !target.is_built_in()
-            {
+            for finding in [FOUND_PARAMETERS, FOUND_CULLING] {
+                let Some(choice) = self.results.choice(&scene.key, &target.name, finding) else {
+                    continue;
+                };
+                let Some((name, best)) = choice.best() else { continue };
                 rows.push(vec![
                     scene.title.clone(),
                     target.name.clone(),
-                    "octree levels, least patches".to_owned(),
-                    format!("{} ({l} / {m})", figures(best.milliseconds)),
-                    figures(found.milliseconds),
-                    times(found.milliseconds / best.milliseconds),
+                    choice.what.clone(),
+                    format!("{} ({name})", figures(best)),
+                    figures(choice.found_milliseconds),
+                    times(choice.found_milliseconds / best),
+                    choice.others.len().to_string(),
+                    format!("{} by {}", count(choice.rows), count(choice.neighbours)),
                 ]);
             }
-            let others: Vec<(String, &Rate)> = ways(target, true)
-                .into_iter()
-                .filter(|way| way.name != OURS && (way.name != THESIS || target.is_built_in()))
-                .filter_map(|way| Some((way.name.clone(), self.rate(scene, target, &way.name)?)))
-                .collect();
-            let best = others
-                .iter()
-                .min_by(|a, b| a.1.milliseconds.total_cmp(&b.1.milliseconds));
-            if let (Some((name, best)), Some(ours)) = (best, self.rate(scene, target, OURS))
-                && others.len() > 2
-            {
-                rows.push(vec![
-                    scene.title.clone(),
-                    target.name.clone(),
-                    if target.is_built_in() {
-                        "engine, culling"
-                    } else {
-                        "culling"
-                    }
-                    .to_owned(),
-                    format!("{} ({name})", figures(best.milliseconds)),
-                    figures(ours.milliseconds),
-                    times(ours.milliseconds / best.milliseconds),
-                ]);
-            }
+        }
+        if rows.is_empty() {
+            return String::new();
         }
         table(
             &[
@@ -221,6 +199,8 @@ impl<'a> Study<'a> {
                 "best of table, ms",
                 "found, ms",
                 "found / best",
+                "of table, measured anew",
+                "rows, neighbours",
             ],
             &rows,
         )
@@ -436,7 +416,8 @@ impl<'a> Study<'a> {
             for target in self.targets {
                 let plain = ways(target, true).into_iter().map(|way| way.key());
                 let runs = [ORIGINAL, THESIS, OURS].map(|way| format!("run {way}"));
-                for way in plain.chain(runs) {
+                let found = [FOUND_PARAMETERS, FOUND_CULLING].map(str::to_owned);
+                for way in plain.chain(runs).chain(found) {
                     if let Some(Cell::None(reason)) = self.results.get(&[&scene.key, &target.name, &way]) {
                         lines.push(format!("{}, `{}`, {way}: {reason}", scene.title, target.name));
                     }

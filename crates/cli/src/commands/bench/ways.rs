@@ -208,6 +208,53 @@ pub(super) fn with_parameters(target: &Target, levels: u32, least: u32) -> Way {
     }
 }
 
+/// Something that a backend finds by itself, and what it is held against.
+#[derive(Clone, Debug)]
+pub(super) struct Finding {
+    /// In keys.
+    pub(super) key: &'static str,
+    /// In tables.
+    pub(super) what: &'static str,
+    /// The way that finds it.
+    pub(super) found: Way,
+    /// The ways among which it could have been chosen by hand.
+    pub(super) others: Vec<Way>,
+}
+
+pub(super) const FOUND_PARAMETERS: &str = "found parameters";
+pub(super) const FOUND_CULLING: &str = "found culling";
+
+/// What `target` finds by itself. `parameters` are the thesis's way with those that are tried.
+pub(super) fn findings(target: &Target, parameters: Vec<Way>) -> Vec<Finding> {
+    let by_name = |name: &str| ways(target, false).into_iter().find(|way| way.name == name);
+    let mut findings = Vec::new();
+    // The built-in backend has the octree for comparison only.
+    if let Some(found) = by_name(THESIS).filter(|_| !target.is_built_in() && !parameters.is_empty()) {
+        findings.push(Finding {
+            key: FOUND_PARAMETERS,
+            what: "octree levels, least patches",
+            found,
+            others: parameters,
+        });
+    }
+    let mut others = ways(target, true);
+    others.retain(|way| way.name != OURS && (way.name != THESIS || target.is_built_in()));
+    // Two are no choice: *original*, and what the contract says.
+    if let Some(found) = by_name(OURS).filter(|_| others.len() > 2) {
+        findings.push(Finding {
+            key: FOUND_CULLING,
+            what: if target.is_built_in() {
+                "engine, culling"
+            } else {
+                "culling"
+            },
+            found,
+            others,
+        });
+    }
+    findings
+}
+
 /// The backends to measure: those named, of which each must open, or those known that do, and why the others do not.
 ///
 /// # Errors
