@@ -1,4 +1,4 @@
-//! A sheet that a diagram is laid out on, as SVG or PNG: axes, markers, letters. The pictures of `tradeoff` and of `bench`.
+//! A sheet that a diagram is laid out on, as SVG or PNG: axes, markers, letters. The pictures of `tradeoff`, `compare` and `bench`.
 //!
 //! Everything is laid out once, in units of which the sheet is [`WIDTH`] × [`HEIGHT`]; plotters draws the shapes of either
 //! format. Letters are text in the SVG. In the PNG they are set from a built-in font (DejaVu Sans) glyph by glyph, because
@@ -35,6 +35,30 @@ pub(crate) const GRID: RGBColor = RGBColor(226, 226, 226);
 pub(crate) const GRID_FINE: RGBColor = RGBColor(243, 243, 243);
 pub(crate) const RED: RGBColor = RGBColor(190, 30, 45);
 pub(crate) const WHITE: RGBColor = RGBColor(255, 255, 255);
+
+/// Colours that people with any colour vision tell apart (Okabe & Ito 2008).
+pub(crate) const BLUE: RGBColor = RGBColor(0, 114, 178);
+pub(crate) const VERMILION: RGBColor = RGBColor(213, 94, 0);
+pub(crate) const GREEN: RGBColor = RGBColor(0, 158, 115);
+pub(crate) const PURPLE: RGBColor = RGBColor(204, 121, 167);
+const ORANGE: RGBColor = RGBColor(230, 159, 0);
+const SKY: RGBColor = RGBColor(86, 180, 233);
+
+/// The colour of the `place`-th of several: theirs, a grey, and two for what comes eighth and ninth.
+pub(crate) fn color(place: usize) -> RGBColor {
+    const COLORS: [RGBColor; 9] = [
+        BLUE,
+        VERMILION,
+        GREEN,
+        PURPLE,
+        ORANGE,
+        SKY,
+        RGBColor(90, 90, 90),
+        RGBColor(127, 73, 30),
+        RGBColor(150, 150, 30),
+    ];
+    COLORS[place % COLORS.len()]
+}
 
 /// The formats, by the names' extensions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -308,6 +332,70 @@ impl Sheet {
         if hollow {
             filled(radius - 2.2, WHITE);
         }
+    }
+}
+
+/// What colours and markers mean, from left to right, in as many lines as it takes.
+#[derive(Debug)]
+pub(crate) struct Legend {
+    size: f64,
+    /// The radius of a marker, from its middle to the letters, and from their end to the next.
+    radius: f64,
+    before: f64,
+    after: f64,
+    x: f64,
+    /// The line on which it stands.
+    line: f64,
+}
+
+impl Legend {
+    const LEFT: f64 = 32.0;
+
+    /// One whose first line is at `line`.
+    pub(crate) fn at(line: f64) -> Self {
+        Self {
+            size: 13.0,
+            radius: 5.5,
+            before: 13.0,
+            after: 29.0,
+            x: Self::LEFT,
+            line,
+        }
+    }
+
+    /// The same with larger letters and markers.
+    pub(crate) fn large(line: f64) -> Self {
+        Self {
+            size: 13.5,
+            radius: 6.0,
+            before: 14.0,
+            after: 34.0,
+            ..Self::at(line)
+        }
+    }
+
+    /// Writes what the next sign means, and says where the sign goes.
+    pub(crate) fn says(&mut self, sheet: &mut Sheet, text: &str, letters: &Letters) -> (f64, f64) {
+        let width = letters.width(text, self.size);
+        if self.x + 14.0 + width > RIGHT {
+            (self.x, self.line) = (Self::LEFT, self.line + 19.0);
+        }
+        let at = (self.x, self.line - 0.36 * self.size);
+        sheet.write(text, (self.x + self.before, self.line), self.size, BLACK, Anchor::Start);
+        self.x += self.before + width + self.after;
+        at
+    }
+
+    /// What a marker means.
+    pub(crate) fn marker(
+        &mut self,
+        sheet: &mut Sheet,
+        text: &str,
+        (marker, color, hollow): (Marker, RGBColor, bool),
+        letters: &Letters,
+    ) {
+        let at = self.says(sheet, text, letters);
+        sheet.marker(marker, at, self.radius, color, hollow);
     }
 }
 

@@ -3,28 +3,10 @@
 use crate::commands::bench::results::{Accuracy, Course};
 use crate::report::{count, figures};
 use crate::sheet::{
-    Anchor, Area, Axis, BLACK, BOTTOM, Format, GREY, GRID, LEFT, Letters, Marker, RGBColor, RIGHT, Shape, Sheet, TOP,
-    WHITE, faded, free_place,
+    Anchor, Area, Axis, BLACK, BOTTOM, Format, GREY, GRID, LEFT, Legend, Letters, Marker, RGBColor, RIGHT, Shape,
+    Sheet, TOP, WHITE, color, faded, free_place,
 };
 use anyhow::Result;
-
-/// Colours that people with any colour vision tell apart (Okabe & Ito 2008), and two for what comes eighth and ninth.
-const COLORS: [RGBColor; 9] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(230, 159, 0),
-    RGBColor(86, 180, 233),
-    RGBColor(90, 90, 90),
-    RGBColor(127, 73, 30),
-    RGBColor(150, 150, 30),
-];
-
-/// The colour of the `place`-th of several.
-pub(super) fn color(place: usize) -> RGBColor {
-    COLORS[place % COLORS.len()]
-}
 
 /// What is drawn alike.
 #[derive(Clone, Debug)]
@@ -54,17 +36,11 @@ pub(super) struct Diagram {
 
 const SMALL: f64 = 13.0;
 
-/// What the colours and markers mean, in as many lines as it takes (two fit).
+/// What the colours and markers mean (two lines fit).
 fn legend(sheet: &mut Sheet, entries: &[(&str, Marker, RGBColor)], letters: &Letters) {
-    let (mut x, mut line) = (32.0, 84.0);
+    let mut legend = Legend::at(84.0);
     for &(name, marker, color) in entries {
-        let width = letters.width(name, SMALL);
-        if x + 14.0 + width > RIGHT {
-            (x, line) = (32.0, line + 19.0);
-        }
-        sheet.marker(marker, (x, line - 0.36 * SMALL), 5.5, color, false);
-        sheet.write(name, (x + 13.0, line), SMALL, BLACK, Anchor::Start);
-        x += width + 42.0;
+        legend.marker(sheet, name, (marker, color, false), letters);
     }
 }
 

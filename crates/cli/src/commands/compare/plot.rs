@@ -1,14 +1,10 @@
 //! The picture of a comparison: how many rows have which relative error, measured and as it was expected.
 
 use crate::sheet::{
-    Anchor, Area, Axis, BLACK, BOTTOM, Format, GREY, GRID, LEFT, Letters, Marker, RED, RGBColor, RIGHT, Shape, Sheet,
-    TOP, WHITE,
+    Anchor, Area, Axis, BLACK, BLUE, BOTTOM, Format, GREY, GRID, LEFT, Legend, Letters, Marker, RED, RIGHT, Shape,
+    Sheet, TOP, VERMILION, WHITE,
 };
 use anyhow::Result;
-
-/// Colours that people with any colour vision tell apart (Okabe & Ito 2008).
-const MEASURED: RGBColor = RGBColor(0, 114, 178);
-const EXPECTED: RGBColor = RGBColor(213, 94, 0);
 
 const SMALL: f64 = 13.0;
 
@@ -43,16 +39,11 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
     let mut sheet = Sheet::default();
     sheet.heading(&picture.title, &picture.subtitle, letters);
     let curves = [
-        (
-            "measured against the reference",
-            Marker::Disc,
-            MEASURED,
-            &picture.measured,
-        ),
+        ("measured against the reference", Marker::Disc, BLUE, &picture.measured),
         (
             "expected by `compute --tolerance`",
             Marker::Triangle,
-            EXPECTED,
+            VERMILION,
             &picture.expected,
         ),
     ];
@@ -79,14 +70,12 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
         "rows with no more",
     );
 
-    let mut legend = 32.0;
+    let mut legend = Legend::at(92.0);
     for (name, marker, color, errors) in curves {
         if errors.is_empty() {
             continue;
         }
-        sheet.marker(marker, (legend, 92.0 - 0.36 * SMALL), 5.5, color, false);
-        sheet.write(name, (legend + 13.0, 92.0), SMALL, BLACK, Anchor::Start);
-        legend += letters.width(name, SMALL) + 42.0;
+        legend.marker(&mut sheet, name, (marker, color, false), letters);
         let mut sorted = errors.clone();
         sorted.sort_unstable_by(f64::total_cmp);
         let curve = cumulative(&sorted);

@@ -2,8 +2,8 @@
 
 use crate::rung::percentage;
 use crate::sheet::{
-    Anchor, Area, Axis, BLACK, BOTTOM, Format, GREY, LEFT, Letters, Marker, RED, RGBColor, RIGHT, Shape, Sheet, TOP,
-    WHITE, faded, free_place,
+    Anchor, Area, Axis, BLACK, BLUE, BOTTOM, Format, GREEN, GREY, LEFT, Legend, Letters, Marker, PURPLE, RED, RGBColor,
+    RIGHT, Shape, Sheet, TOP, VERMILION, WHITE, faded, free_place,
 };
 use anyhow::Result;
 
@@ -28,13 +28,12 @@ impl Family {
         }
     }
 
-    /// Colours that people with any colour vision tell apart (Okabe & Ito 2008).
     fn color(self) -> RGBColor {
         match self {
-            Self::Pixel => RGBColor(213, 94, 0),
-            Self::Point => RGBColor(204, 121, 167),
-            Self::Area => RGBColor(0, 114, 178),
-            Self::Tolerance => RGBColor(0, 158, 115),
+            Self::Pixel => VERMILION,
+            Self::Point => PURPLE,
+            Self::Area => BLUE,
+            Self::Tolerance => GREEN,
         }
     }
 
@@ -175,33 +174,22 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
 
 /// What the markers mean.
 fn legend(sheet: &mut Sheet, picture: &Picture, letters: &Letters) {
-    const SIZE: f64 = 13.5;
-    let line = 92.0;
-    let middle = line - 0.36 * SIZE;
-    let mut x = 32.0;
-    let mut says = |sheet: &mut Sheet, text: &str| {
-        sheet.write(text, (x + 14.0, line), SIZE, BLACK, Anchor::Start);
-        let at = (x, middle);
-        x += letters.width(text, SIZE) + 48.0;
-        at
-    };
+    let mut legend = Legend::large(92.0);
     for family in Family::ALL {
         if picture.marks.iter().any(|mark| mark.family == family) {
-            let at = says(sheet, family.name());
-            sheet.marker(family.marker(), at, 6.0, family.color(), false);
+            legend.marker(sheet, family.name(), (family.marker(), family.color(), false), letters);
         }
     }
-    let (x, y) = says(sheet, "no cheaper one is as good");
+    let (x, y) = legend.says(sheet, "no cheaper one is as good", letters);
     sheet
         .shapes
         .push(Shape::Line(vec![(x - 12.0, y), (x + 8.0, y)], GREY, 1.4));
     if picture.marks.iter().any(|mark| mark.recommended) {
-        let at = says(sheet, "recommended");
+        let at = legend.says(sheet, "recommended", letters);
         sheet.shapes.push(Shape::Ring(at, 8.0, BLACK, 1.8));
     }
     if picture.marks.iter().any(Mark::is_bound) {
-        let at = says(sheet, "hollow: at most");
-        sheet.marker(Marker::Square, at, 6.0, GREY, true);
+        legend.marker(sheet, "hollow: at most", (Marker::Square, GREY, true), letters);
     }
 }
 
