@@ -36,6 +36,8 @@ pub(crate) struct Device {
     pub(crate) raw: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     limits: Limits,
+    /// Whether it is a program on the processor.
+    pub(crate) is_software: bool,
     /// Whether the number of indirect draws may come from a buffer.
     pub(crate) counts_draws: bool,
     faults: Arc<Faults>,
@@ -156,6 +158,7 @@ impl Device {
                 group: wanted.group.unwrap_or(group).min(batch),
                 batch,
             },
+            is_software,
             counts_draws,
             faults,
         })

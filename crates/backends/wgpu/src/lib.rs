@@ -100,15 +100,7 @@ pub fn devices() -> Result<Vec<hemicube_abi::Device>, BackendError> {
 /// # Errors
 /// When there is no such device or option, or the device does not open.
 pub fn open(device: u32, options: &str) -> Result<Session, BackendError> {
-    let choice = Choice::parse(options)?;
-    let adapters = device::adapters(choice.wanted.validation);
-    let Some(adapter) = adapters.get(device as usize) else {
-        return Err(BackendError::Unsupported(match adapters.len() {
-            0 => "wgpu finds no device; install a driver (Debian: libvulkan1 and mesa-vulkan-drivers)".to_owned(),
-            n => format!("device {device} of {n} that wgpu finds; they are numbered from 0"),
-        }));
-    };
-    Session::new(adapter.clone(), choice)
+    Session::open(device, Choice::parse(options)?)
 }
 
 /// What the options say.
@@ -162,6 +154,8 @@ const MOST_BATCH: u32 = 1024;
 pub struct Session {
     info: BackendInfo,
     choice: Choice,
+    /// Its place in [`devices`].
+    number: u32,
     adapter: Adapter,
     device: Device,
     view_layout: BindGroupLayout,
@@ -195,7 +189,19 @@ struct Loaded {
 }
 
 impl Session {
-    fn new(adapter: Adapter, choice: Choice) -> Result<Self, BackendError> {
+    /// A session on an adapter of an instance of its own.
+    fn open(number: u32, choice: Choice) -> Result<Self, BackendError> {
+        let adapters = device::adapters(choice.wanted.validation);
+        let Some(adapter) = adapters.get(number as usize) else {
+            return Err(BackendError::Unsupported(match adapters.len() {
+                0 => "wgpu finds no device; install a driver (Debian: libvulkan1 and mesa-vulkan-drivers)".to_owned(),
+                n => format!("device {number} of {n} that wgpu finds; they are numbered from 0"),
+            }));
+        };
+        Self::new(number, adapter.clone(), choice)
+    }
+
+    fn new(number: u32, adapter: Adapter, choice: Choice) -> Result<Self, BackendError> {
         let device = Device::open(&adapter, choice.wanted)?;
         let view_layout = device.raw.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("view"),
@@ -216,6 +222,7 @@ impl Session {
         Ok(Self {
             info,
             choice,
+            number,
             adapter,
             view_layout,
             culling,
@@ -517,7 +524,12 @@ impl HemicubeBackend for Session {
                 "no scene is loaded; call `load` first".to_owned(),
             ));
         };
-        let mut session = Self::new(self.adapter.clone(), self.choice)?;
+        // Devices of one instance of lavapipe draw by turns: what rasterises is one of the instance.
+        let mut session = if self.device.is_software {
+            Self::open(self.number, self.choice)?
+        } else {
+            Self::new(self.number, self.adapter.clone(), self.choice)?
+        };
         session.load(&loaded.geometry, loaded.settings)?;
         Ok(Box::new(session))
     }
