@@ -1,19 +1,23 @@
 //! Devices and contexts: EGL without a window, and the functions of OpenGL that glow lacks.
 //!
-//! Displays are opened by the device platform (`EGL_EXT_platform_device`), and only where that gives none by Mesa's
-//! surfaceless one: a display of the latter kind is one for the whole process, and whoever else terminates it takes our
-//! contexts with it. For the same reason displays are never terminated here; they live as long as the process.
+//! Displays are opened by the device platform (`EGL_EXT_platform_device`); by Mesa's surfaceless one only where that gives
+//! none, or for a second session at once (below): a display of the latter kind is one for the whole process, and whoever
+//! else terminates it takes our contexts with it. For the same reason displays are never terminated here; they live as long
+//! as the process.
 //!
 //! A context is made current when a call of the backend begins and released when it ends, so that the next call may come
 //! from any thread.
 //!
-//! Contexts of Mesa's llvmpipe share what it rasterises with, and not soundly (22.3.6: about one run in thirty of two
-//! sessions at once ended in a segmentation fault inside the driver). So where a device is a program on the processor, its
-//! contexts take turns; little is lost, as the driver has threads of its own.
+//! Contexts of one display of Mesa's llvmpipe share what it rasterises with, and not soundly (22.3.6: about one run in
+//! thirty of two sessions at once ended in a segmentation fault inside the driver). So where a device is a program on the
+//! processor, contexts of a display take turns. Another display has a rasteriser of its own: a software device's contexts are
+//! spread over its display and the surfaceless one, where that leads to the same driver, so that two go on at once. There
+//! is no third: a platform gives the same display whenever it is asked.
 
 use glow::HasContext;
 use hemicube_contract::backend::BackendError;
 use std::ffi::{CStr, c_char, c_void};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 type Pointer = *mut c_void;
@@ -131,7 +135,7 @@ impl Egl {
             for (number, (device, extensions)) in described.into_iter().enumerate() {
                 let software = extensions.contains("EGL_MESA_device_software");
                 match self.open_display(EGL_PLATFORM_DEVICE_EXT, device) {
-                    Ok(handle) => found.push(Display { handle, software }),
+                    Ok(handle) => found.push(Display::new(handle, software)),
                     Err(reason) => reasons.push(format!("EGL device {number}: {reason}")),
                 }
             }
@@ -140,10 +144,7 @@ impl Egl {
         }
         if found.is_empty() {
             match self.open_display(EGL_PLATFORM_SURFACELESS_MESA, std::ptr::null_mut()) {
-                Ok(handle) => found.push(Display {
-                    handle,
-                    software: false,
-                }),
+                Ok(handle) => found.push(Display::new(handle, false)),
                 Err(reason) => reasons.push(format!("surfaceless display: {reason}")),
             }
         }
@@ -224,6 +225,30 @@ unsafe fn text(string: *const c_char) -> String {
 struct Display {
     handle: Pointer,
     software: bool,
+    /// Name of the GPU and its driver, once asked for; `None` where that did not open.
+    driver: OnceLock<Option<String>>,
+    /// How many contexts it has.
+    contexts: AtomicUsize,
+    /// Held while a context of it is in use, where it is a software device's, and while one is made.
+    turn: Mutex<()>,
+}
+
+impl Display {
+    fn new(handle: Pointer, software: bool) -> Self {
+        Self {
+            handle,
+            software,
+            driver: OnceLock::new(),
+            contexts: AtomicUsize::new(0),
+            turn: Mutex::new(()),
+        }
+    }
+
+    /// The right to use a context of it, until what is returned is dropped.
+    fn turn(&self) -> MutexGuard<'_, ()> {
+        // The lock guards no data, so none can be left half changed.
+        self.turn.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// EGL as loaded, with the displays that were found; one for the process.
@@ -231,6 +256,65 @@ struct System {
     egl: Egl,
     displays: Vec<Display>,
     reasons: Vec<String>,
+    /// Another display of the software device, opened when first wanted; `None` where there is none.
+    another: OnceLock<Option<Display>>,
+    choosing: Mutex<()>,
+}
+
+impl System {
+    /// The display that a context is to be of: `display`, or the other one of the same driver where that has fewer.
+    fn place(&'static self, display: &'static Display) -> Place {
+        // Whoever comes next has to find this one counted.
+        let _choosing = self.choosing.lock().unwrap_or_else(PoisonError::into_inner);
+        let busy = display.contexts.load(Ordering::Relaxed);
+        let another = if busy > 0 { self.another(display) } else { None };
+        Place::on(
+            another
+                .filter(|another| another.contexts.load(Ordering::Relaxed) < busy)
+                .unwrap_or(display),
+        )
+    }
+
+    /// Another display of the driver that a software device's display leads to.
+    fn another(&'static self, display: &'static Display) -> Option<&'static Display> {
+        if !display.software {
+            return None;
+        }
+        let another = self.another.get_or_init(|| {
+            let (platform, native) = (EGL_PLATFORM_SURFACELESS_MESA, std::ptr::null_mut());
+            let handle = self.egl.open_display(platform, native).ok()?;
+            let is_new = self.displays.iter().all(|known| known.handle != handle);
+            is_new.then(|| Display::new(handle, true))
+        });
+        // Where there is a GPU, it may lead to that.
+        let driver = |display: &'static Display| {
+            let driver = || {
+                Device::open_on(self, Place::on(display), 0, false)
+                    .ok()
+                    .map(|device| device.name.clone())
+            };
+            display.driver.get_or_init(driver).as_deref()
+        };
+        another
+            .as_ref()
+            .filter(|another| driver(another).is_some() && driver(another) == driver(display))
+    }
+}
+
+/// A context's place on its display, counted until it is dropped.
+struct Place(&'static Display);
+
+impl Place {
+    fn on(display: &'static Display) -> Self {
+        display.contexts.fetch_add(1, Ordering::Relaxed);
+        Self(display)
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.0.contexts.fetch_sub(1, Ordering::Relaxed);
+    }
 }
 
 // SAFETY: EGL's functions may be called from any thread, and its displays are not bound to one.
@@ -244,7 +328,13 @@ fn system() -> Result<&'static System, String> {
     let system = SYSTEM.get_or_init(|| {
         let egl = Egl::load()?;
         let (displays, reasons) = egl.displays();
-        Ok(System { egl, displays, reasons })
+        Ok(System {
+            egl,
+            displays,
+            reasons,
+            another: OnceLock::new(),
+            choosing: Mutex::new(()),
+        })
     });
     system.as_ref().map_err(Clone::clone)
 }
@@ -313,7 +403,7 @@ pub(crate) struct More {
 /// A device with a context of its own.
 pub(crate) struct Device {
     system: &'static System,
-    display: Pointer,
+    place: Place,
     context: Pointer,
     gl: glow::Context,
     more: More,
@@ -327,15 +417,6 @@ pub(crate) struct Device {
 // SAFETY: a context may be used from any thread, one at a time; it is current in a thread only between `enter` and the
 // drop of what that returns, which borrows the device and cannot leave the thread.
 unsafe impl Send for Device {}
-
-/// Held while a context of a software device is in use.
-static TURN: Mutex<()> = Mutex::new(());
-
-/// The right to use a context of a software device, until it is dropped.
-fn turn() -> MutexGuard<'static, ()> {
-    // The lock guards no data, so none can be left half changed.
-    TURN.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 /// A device whose context is current in this thread, until this is dropped.
 pub(crate) struct Entered<'a> {
@@ -351,16 +432,17 @@ impl Drop for Entered<'_> {
     fn drop(&mut self) {
         let none = std::ptr::null_mut();
         // SAFETY: the display is open; releasing a thread's context has no other precondition.
-        unsafe { (self.device.system.egl.make_current)(self.device.display, none, none, none) };
+        unsafe { (self.device.system.egl.make_current)(self.device.place.0.handle, none, none, none) };
     }
 }
 
 impl Drop for Device {
     fn drop(&mut self) {
-        let _turn = self.software.then(turn);
+        let display = self.place.0;
+        let _turn = self.software.then(|| display.turn());
         // SAFETY: the context is this device's own and, as nothing borrows the device, current in no thread. What it holds
         // of buffers and textures goes with it, as it shares with no other.
-        unsafe { (self.system.egl.destroy_context)(self.display, self.context) };
+        unsafe { (self.system.egl.destroy_context)(display.handle, self.context) };
     }
 }
 
@@ -377,10 +459,14 @@ impl Device {
                 }
             });
         };
+        Self::open_on(system, system.place(display), number, debug)
+    }
+
+    fn open_on(system: &'static System, place: Place, number: u32, debug: bool) -> Result<Self, BackendError> {
         let unusable = |reason: String| BackendError::Unsupported(format!("device {number}: {reason}"));
-        let egl = &system.egl;
+        let (egl, display) = (&system.egl, place.0);
         // Whether it is a software device is known only at the end.
-        let _turn = turn();
+        let _turn = display.turn();
         let context = egl.create_context(display.handle, debug).map_err(unusable)?;
         // From here on the context is destroyed with `Owned` on every way out.
         struct Owned(&'static Egl, Pointer, Pointer);
@@ -486,7 +572,7 @@ impl Device {
         std::mem::forget(owned);
         Ok(Self {
             system,
-            display: display.handle,
+            place,
             context,
             gl,
             more,
@@ -506,12 +592,13 @@ impl Device {
     /// Makes the context current in this thread until what is returned is dropped.
     pub(crate) fn enter(&self) -> Result<Entered<'_>, BackendError> {
         let egl = &self.system.egl;
-        let turn = self.software.then(turn);
+        let display = self.place.0;
+        let turn = self.software.then(|| display.turn());
         let none = std::ptr::null_mut();
         // SAFETY: the context belongs to the display, and is current in no other thread (see `Send`). The interface is
         // bound anew because EGL keeps it by thread.
         let current = unsafe {
-            (egl.bind_api)(EGL_OPENGL_API) != 0 && (egl.make_current)(self.display, none, none, self.context) != 0
+            (egl.bind_api)(EGL_OPENGL_API) != 0 && (egl.make_current)(display.handle, none, none, self.context) != 0
         };
         if !current {
             return Err(BackendError::DeviceLost(format!(
@@ -676,24 +763,50 @@ mod tests {
         entered.check("after it").expect("a mistake is told once");
     }
 
-    #[test]
-    fn contexts_of_a_software_device_take_turns() {
-        let Some(device) = some_device() else { return };
-        let entered = device.enter().expect("a context of our own");
+    /// Whether a thread can use a context, given up after that, while another thread uses `used`.
+    fn can_be_used_beside(used: &Device, other: Device) -> bool {
+        let entered = used.enter().expect("a context of our own");
         let (sender, receiver) = std::sync::mpsc::channel();
         std::thread::scope(|scope| {
-            scope.spawn(|| {
-                let other = Device::open(0, false).expect("there was one before");
+            scope.spawn(move || {
                 drop(other.enter().expect("entered"));
                 sender.send(()).expect("the receiver is there");
             });
-            if device.software {
-                let early = receiver.recv_timeout(std::time::Duration::from_millis(200));
-                assert!(early.is_err(), "another context was used at the same time");
-            }
+            let is_early = receiver.recv_timeout(std::time::Duration::from_millis(200)).is_ok();
             drop(entered);
-            receiver.recv().expect("now it is the other's turn");
-        });
+            if !is_early {
+                receiver.recv().expect("now it is the other's turn");
+            }
+            is_early
+        })
+    }
+
+    #[test]
+    fn contexts_of_a_display_of_a_software_device_take_turns() {
+        let Some(device) = some_device() else { return };
+        let open =
+            |display| Device::open_on(device.system, Place::on(display), 0, false).expect("there was one before");
+        assert_ne!(can_be_used_beside(&device, open(device.place.0)), device.software);
+        if let Some(another) = device.system.another(device.place.0) {
+            let there = open(another);
+            assert_eq!(there.name, device.name);
+            assert!(!can_be_used_beside(&there, open(another)), "its own contexts at once");
+            assert!(can_be_used_beside(&device, there), "two displays take turns");
+        }
+    }
+
+    #[test]
+    fn two_sessions_are_on_two_displays_where_there_are() {
+        let Some(device) = some_device() else { return };
+        // Other tests of this process may open and close contexts of their own in between.
+        let is_apart = || {
+            let two = [0, 1].map(|_| Device::open(0, false).expect("there was one before"));
+            !std::ptr::eq(two[0].place.0, two[1].place.0)
+        };
+        assert_eq!(
+            (0..100).any(|_| is_apart()),
+            device.system.another(device.place.0).is_some()
+        );
     }
 
     #[test]
