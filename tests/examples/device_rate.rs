@@ -4,7 +4,8 @@
 //! triangles in 16), `denhaag169` (in 169) or `block-city`; a way is a backend and its options, `gl:baseline=thesis`.
 //! Without scenes the first three, without ways those that the page compares. Plugins are those of
 //! `cargo build --release --workspace`; one without a device is said and left out. Variables: `COVERED=1`, with covered
-//! weights; `TWO=1`, two sessions on two threads against one, by the clock on the wall, so only on an idle machine.
+//! weights; `TWO=1`, two sessions on two threads against one, by the clock on the wall, so only on an idle machine or
+//! ahead of all else (`chrt -r 1`); with it, how many processors they kept busy.
 //!
 //! Time is processor time of all threads, the less of three turns, so that other programs count little: on software the GPU
 //! is the processor. On a GPU the clock on the wall is the one that tells.
@@ -136,30 +137,65 @@ fn measure(
     })
 }
 
+/// Hemicubes a second.
+#[derive(Clone, Copy, Default)]
+struct Rate {
+    by_the_clock: f64,
+    /// Of one processor.
+    by_the_processor: f64,
+}
+
+impl Rate {
+    fn max(self, other: Self) -> Self {
+        Self {
+            by_the_clock: self.by_the_clock.max(other.by_the_clock),
+            by_the_processor: self.by_the_processor.max(other.by_the_processor),
+        }
+    }
+
+    /// Processors that were busy.
+    fn busy(self) -> f64 {
+        self.by_the_clock / self.by_the_processor
+    }
+}
+
 /// Hemicubes a second of one session, and of two on two threads.
 fn one_and_two(
     way: &str,
     model: &Model,
     hemicubes: &[Hemicube],
     settings: RenderSettings,
-) -> Result<(f64, f64), Box<dyn Error>> {
+) -> Result<(Rate, Rate), Box<dyn Error>> {
     let mut one = open(way, &[])?;
     one.load(model.geometry(), settings)?;
     let mut two = one.fork()?;
     let timed = |sessions: &mut [&mut dyn HemicubeBackend]| {
-        let began = Instant::now();
+        let (start, began) = (processor_seconds(), Instant::now());
         std::thread::scope(|scope| {
-            for session in sessions.iter_mut() {
-                scope.spawn(|| session.rows(hemicubes, &mut RowBlock::default()));
-            }
-        });
-        hemicubes.len() as f64 * sessions.len() as f64 / began.elapsed().as_secs_f64()
+            let made: Vec<_> = sessions
+                .iter_mut()
+                .map(|session| scope.spawn(|| session.rows(hemicubes, &mut RowBlock::default())))
+                .collect();
+            made.into_iter().try_for_each(|thread| {
+                thread
+                    .join()
+                    .map_err(|_| "a thread panicked".to_owned())?
+                    .map(|_| ())
+                    .map_err(|error| error.to_string())
+            })
+        })?;
+        let rows = hemicubes.len() as f64 * sessions.len() as f64;
+        let made = Rate {
+            by_the_clock: rows / began.elapsed().as_secs_f64(),
+            by_the_processor: rows / (processor_seconds() - start),
+        };
+        Ok::<_, Box<dyn Error>>(made)
     };
     // In turns; drivers compile shaders in the first.
-    let (mut alone, mut both) = (0.0f64, 0.0f64);
+    let (mut alone, mut both) = (Rate::default(), Rate::default());
     for _ in 0..4 {
-        alone = alone.max(timed(&mut [&mut *one]));
-        both = both.max(timed(&mut [&mut *one, &mut *two]));
+        alone = alone.max(timed(&mut [&mut *one])?);
+        both = both.max(timed(&mut [&mut *one, &mut *two])?);
     }
     Ok((alone, both))
 }
@@ -195,7 +231,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         if covered { "with" } else { "without" }
     );
     if two {
-        println!("| scene | way | one session, hemicubes/s | two | times |\n|---|---|---|---|---|");
+        println!(
+            "| scene | way | one session, hemicubes/s | two | times | processors, one | two |\n|{}",
+            "---|".repeat(7)
+        );
     } else {
         println!(
             "| scene | way | processor, ms | times the first | wall, ms | cull | render | reduce | cover | back | chunks hidden | triangles (ids + depths) | queries | bytes back | entries | bits |"
@@ -215,7 +254,14 @@ fn main() -> Result<(), Box<dyn Error>> {
             };
             if two {
                 let (alone, both) = one_and_two(way, &model, &hemicubes, settings)?;
-                println!("| {name} | {way} | {alone:.0} | {both:.0} | {:.2} |", both / alone);
+                println!(
+                    "| {name} | {way} | {:.0} | {:.0} | {:.2} | {:.2} | {:.2} |",
+                    alone.by_the_clock,
+                    both.by_the_clock,
+                    both.by_the_clock / alone.by_the_clock,
+                    alone.busy(),
+                    both.busy()
+                );
                 continue;
             }
             let made = measure(way, &model, &hemicubes, settings)?;
