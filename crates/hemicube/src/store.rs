@@ -42,6 +42,7 @@ mod npz;
 mod product;
 mod read;
 mod resume;
+mod row_product;
 mod shard;
 mod write;
 

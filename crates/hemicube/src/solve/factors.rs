@@ -85,6 +85,9 @@ struct Kept {
     parts: Vec<Option<Arc<Part>>>,
 }
 
+/// Parts that the system is asked to read while one is worked on.
+const PARTS_AHEAD: usize = 4;
+
 impl<'s> OutOfCore<'s> {
     /// The matrix of a store, with at most `budget` bytes of it kept in memory.
     ///
@@ -133,6 +136,7 @@ impl Factors for OutOfCore<'_> {
             return Ok(Arc::clone(part));
         }
         let missing = || Error::malformed(self.store.directory(), format!("has no part at place {index}"));
+        self.store.read_ahead(index.saturating_add(PARTS_AHEAD));
         let part = self.store.part(index)?.ok_or_else(missing)?;
         let count = self.store.patch_count();
         if part

@@ -49,6 +49,18 @@ pub(crate) fn factor(code: u16) -> f32 {
     }
 }
 
+/// The same as an f64: those bits moved to where an f64 has its exponent and mantissa, which vectors do faster than
+/// conversions.
+#[inline(always)]
+pub(crate) fn factor_f64(code: u16) -> f64 {
+    // Both exponents count from their own middle.
+    const BASE: u64 = (1023 - 127 + 64) << 52;
+    match code {
+        0 => 0.0,
+        code => f64::from_bits((u64::from(code) << (DROPPED + 29)) + BASE),
+    }
+}
+
 /// The form factor that is kept of one; what is none stays as it is.
 pub(crate) fn round(value: f32) -> f32 {
     code(value).map_or(value, factor)
@@ -142,6 +154,7 @@ mod tests {
     fn every_code_is_its_own() {
         for all in 0..=u16::MAX {
             assert_eq!(code(factor(all)), Some(all));
+            assert_eq!(factor_f64(all).to_bits(), f64::from(factor(all)).to_bits());
             assert_eq!(round(factor(all)).to_bits(), factor(all).to_bits());
         }
         assert!((1..=u16::MAX).all(|all| factor(all) > factor(all - 1)));

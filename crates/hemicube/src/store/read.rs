@@ -403,6 +403,16 @@ impl Store {
         Ok((path, npz))
     }
 
+    /// Asks the system to read a part into its cache while others are worked on; nothing where there is none of this place.
+    pub(crate) fn read_ahead(&self, place: usize) {
+        // Advice: a file that cannot be opened is found out when it is read.
+        if let Some(entry) = self.manifest.parts.get(place)
+            && let Ok(file) = File::open(self.directory.join(&entry.file))
+        {
+            super::csr::will_read(&file);
+        }
+    }
+
     fn open_part(&self, place: usize) -> Result<(PathBuf, Npz, CsrFile)> {
         let entry = self
             .manifest

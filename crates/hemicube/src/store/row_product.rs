@@ -1,0 +1,415 @@
+//! What one row of a store adds to F·x and Fᵀ·x, from the bytes of its file.
+//!
+//! A row of F·x is [`LANES`] sums, entry k to sum k mod [`LANES`], that are added from the first to the last at the end: in
+//! either form, on every instruction set. Multiplications and additions are rounded one by one, never fused; the same source
+//! is compiled for each instruction set, so that all give the same bits.
+#![allow(
+    unsafe_code,
+    reason = "functions compiled for an instruction set are called after it was found"
+)]
+
+use super::compact;
+use super::csr::EncodedRow;
+
+/// Sums of a row that do not wait for each other.
+const LANES: usize = 8;
+/// Columns that are looked at together: seven follow each other on average in a city of 1.5 million patches.
+const RUN: usize = 4;
+
+/// What rows of the compact form are decoded into.
+#[derive(Debug, Default)]
+pub(super) struct Scratch {
+    /// What the columns of a row take of x.
+    of_row: Vec<f64>,
+    /// The columns of a row.
+    columns: Vec<u32>,
+    long: Vec<Long>,
+}
+
+/// Compiles a function for each instruction set, and calls the one for this machine.
+macro_rules! dispatched {
+    ($(#[$doc:meta])* $name:ident as $source:ident, ($($argument:ident: $type:ty),*) -> $result:ty) => {
+        $(#[$doc])*
+        fn $name($($argument: $type),*) -> $result {
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2")]
+                fn avx2($($argument: $type),*) -> $result {
+                    $source($($argument),*)
+                }
+                if is_x86_feature_detected!("avx2") {
+                    // SAFETY: the processor has AVX2.
+                    return unsafe { avx2($($argument),*) };
+                }
+            }
+            $source($($argument),*)
+        }
+    };
+}
+
+/// Σ F x of a row; `None` when a column is none.
+pub(super) fn dot(row: EncodedRow<'_>, x: &[f64], scratch: &mut Scratch) -> Option<f64> {
+    match row {
+        EncodedRow::Plain { columns, values } => dot_plain(columns, values, x),
+        EncodedRow::Compact { gaps, lengths, codes } => {
+            dot_compact(gaps, lengths, codes, x, &mut scratch.of_row, &mut scratch.long)
+        }
+    }
+}
+
+/// Adds F x to what arrives at the patches that a row sees; `None` when a column is none.
+pub(super) fn scatter(row: EncodedRow<'_>, x: f64, y: &mut [f64], scratch: &mut Scratch) -> Option<()> {
+    match row {
+        EncodedRow::Plain { columns, values } => scatter_plain(columns, values, x, y),
+        EncodedRow::Compact { gaps, lengths, codes } => {
+            scatter_compact(gaps, lengths, codes, x, y, &mut scratch.columns, &mut scratch.long)
+        }
+    }
+}
+
+dispatched!(dot_plain as dot_plain_portable, (columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64>);
+dispatched!(
+    dot_compact as dot_compact_portable,
+    (gaps: &[u8], lengths: &[u8], codes: &[u8], x: &[f64], of_row: &mut Vec<f64>, long: &mut Vec<Long>) -> Option<f64>
+);
+dispatched!(
+    scatter_compact as scatter_compact_portable,
+    (gaps: &[u8], lengths: &[u8], codes: &[u8], x: f64, y: &mut [f64], columns: &mut Vec<u32>, long: &mut Vec<Long>) -> Option<()>
+);
+
+fn column(bytes: [u8; 4]) -> usize {
+    // A negative column is beyond every vector.
+    i32::from_le_bytes(bytes).cast_unsigned() as usize
+}
+
+/// The first of columns that follow each other without a gap.
+fn run(columns: &[[u8; 4]; RUN]) -> Option<usize> {
+    let first = i32::from_le_bytes(columns[0]);
+    let mut differs = 0;
+    let mut wanted = first;
+    for &column in columns {
+        differs |= i32::from_le_bytes(column) ^ wanted;
+        wanted = wanted.wrapping_add(1);
+    }
+    (differs == 0 && first >= 0).then_some(first.cast_unsigned() as usize)
+}
+
+#[inline(always)]
+fn dot_plain_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64> {
+    let mut sums = [0.0; LANES];
+    let (columns, values) = (columns.as_chunks::<4>().0, values.as_chunks::<4>().0);
+    let (whole, rest) = columns.as_chunks::<LANES>();
+    let (of_whole, of_rest) = values.as_chunks::<LANES>();
+    for (columns, values) in whole.iter().zip(of_whole) {
+        let mut of_row = [0.0; LANES];
+        for (x_of, &bytes) in of_row.iter_mut().zip(columns) {
+            *x_of = *x.get(column(bytes))?;
+        }
+        for lane in 0..LANES {
+            sums[lane] += f64::from(f32::from_le_bytes(values[lane])) * of_row[lane];
+        }
+    }
+    for ((&columns, &values), sum) in rest.iter().zip(of_rest).zip(&mut sums) {
+        *sum += f64::from(f32::from_le_bytes(values)) * x.get(column(columns))?;
+    }
+    Some(sums.iter().sum())
+}
+
+/// A run that is longer than [`LANES`]: its first column, where it begins in its row, and its length.
+type Long = (usize, usize, usize);
+
+#[inline(always)]
+fn dot_compact_portable(
+    gaps: &[u8],
+    lengths: &[u8],
+    codes: &[u8],
+    x: &[f64],
+    of_row: &mut Vec<f64>,
+    long: &mut Vec<Long>,
+) -> Option<f64> {
+    let codes = codes.as_chunks::<2>().0;
+    of_row.resize(of_row.len().max(codes.len() + LANES), 0.0);
+    let room = of_row.get_mut(..codes.len() + LANES)?;
+    long.resize(long.len().max(lengths.len() + 1), Long::default());
+    let (mut next, mut at, mut long_count) = (0usize, 0usize, 0usize);
+    for (&gap, &length) in gaps.as_chunks::<2>().0.iter().zip(lengths) {
+        let length = usize::from(length);
+        let first = next + usize::from(u16::from_le_bytes(gap));
+        next = first + length;
+        // Nineteen runs of twenty are no longer than LANES. So many are copied of each, whatever its length: what is too much
+        // is written over by the next run, and what is missing comes below. A branch on lengths would be mispredicted.
+        if let Some(from) = x.get(first..first + LANES) {
+            room.get_mut(at..at + LANES)?.copy_from_slice(from);
+        } else {
+            room.get_mut(at..at + length)?.copy_from_slice(x.get(first..next)?);
+        }
+        *long.get_mut(long_count)? = (first, at, length);
+        long_count += usize::from(length > LANES);
+        at += length;
+    }
+    if at != codes.len() {
+        return None;
+    }
+    for &(first, at, length) in long.get(..long_count)? {
+        room.get_mut(at..at + length)?
+            .copy_from_slice(x.get(first..first + length)?);
+    }
+    let mut sums = [0.0; LANES];
+    let (whole, rest) = codes.as_chunks::<LANES>();
+    let (of_whole, of_rest) = room.split_at_checked(codes.len() - rest.len())?;
+    for (codes, x) in whole.iter().zip(of_whole.as_chunks::<LANES>().0) {
+        for lane in 0..LANES {
+            sums[lane] += compact::factor_f64(u16::from_le_bytes(codes[lane])) * x[lane];
+        }
+    }
+    for ((&code, x), sum) in rest.iter().zip(of_rest).zip(&mut sums) {
+        *sum += compact::factor_f64(u16::from_le_bytes(code)) * x;
+    }
+    Some(sums.iter().sum())
+}
+
+fn scatter_plain(columns: &[u8], values: &[u8], x: f64, y: &mut [f64]) -> Option<()> {
+    let (columns, values) = (columns.as_chunks::<4>().0, values.as_chunks::<4>().0);
+    let (whole, rest) = columns.as_chunks::<RUN>();
+    let (of_whole, of_rest) = values.as_chunks::<RUN>();
+    for (columns, values) in whole.iter().zip(of_whole) {
+        if let Some(first) = run(columns) {
+            let y: &mut [f64; RUN] = y.get_mut(first..first + RUN)?.try_into().ok()?;
+            for lane in 0..RUN {
+                y[lane] += f64::from(f32::from_le_bytes(values[lane])) * x;
+            }
+        } else {
+            for lane in 0..RUN {
+                *y.get_mut(column(columns[lane]))? += f64::from(f32::from_le_bytes(values[lane])) * x;
+            }
+        }
+    }
+    for (&columns, &values) in rest.iter().zip(of_rest) {
+        *y.get_mut(column(columns))? += f64::from(f32::from_le_bytes(values)) * x;
+    }
+    Some(())
+}
+
+/// The columns of a run.
+#[inline(always)]
+fn count_up(columns: &mut [u32], first: usize) {
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "what is no column is refused by who calls"
+    )]
+    let first = first as u32;
+    for (column, k) in columns.iter_mut().zip(0u32..) {
+        *column = first.wrapping_add(k);
+    }
+}
+
+#[inline(always)]
+fn scatter_compact_portable(
+    gaps: &[u8],
+    lengths: &[u8],
+    codes: &[u8],
+    x: f64,
+    y: &mut [f64],
+    columns: &mut Vec<u32>,
+    long: &mut Vec<Long>,
+) -> Option<()> {
+    let codes = codes.as_chunks::<2>().0;
+    columns.resize(columns.len().max(codes.len() + LANES), 0);
+    let room = columns.get_mut(..codes.len() + LANES)?;
+    long.resize(long.len().max(lengths.len() + 1), Long::default());
+    let (mut next, mut at, mut long_count) = (0usize, 0usize, 0usize);
+    for (&gap, &length) in gaps.as_chunks::<2>().0.iter().zip(lengths) {
+        let length = usize::from(length);
+        let first = next + usize::from(u16::from_le_bytes(gap));
+        next = first + length;
+        // As above.
+        count_up(room.get_mut(at..at + LANES)?, first);
+        *long.get_mut(long_count)? = (first, at, length);
+        long_count += usize::from(length > LANES);
+        at += length;
+    }
+    if at != codes.len() || next > y.len() {
+        return None;
+    }
+    for &(first, at, length) in long.get(..long_count)? {
+        count_up(room.get_mut(at..at + length)?, first);
+    }
+    let (whole, rest) = codes.as_chunks::<LANES>();
+    let (of_whole, of_rest) = room.split_at_checked(codes.len() - rest.len())?;
+    for (codes, columns) in whole.iter().zip(of_whole.as_chunks::<LANES>().0) {
+        let mut products = [0.0; LANES];
+        for lane in 0..LANES {
+            products[lane] = compact::factor_f64(u16::from_le_bytes(codes[lane])) * x;
+        }
+        for (&column, product) in columns.iter().zip(products) {
+            *y.get_mut(column as usize)? += product;
+        }
+    }
+    for (&code, &column) in rest.iter().zip(of_rest) {
+        *y.get_mut(column as usize)? += compact::factor_f64(u16::from_le_bytes(code)) * x;
+    }
+    Some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::compact::{Runs, code, factor};
+
+    /// Columns with runs of all lengths and gaps of all widths, the last at the matrix' end.
+    fn columns(seed: u64, patch_count: i32) -> Vec<i32> {
+        let mut state = seed;
+        let mut next = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            i32::try_from(state >> 40).unwrap()
+        };
+        let mut columns = Vec::new();
+        let mut column = next() % 3;
+        while column < patch_count {
+            let length = [1, 1, 2, 3, 7, 8, 9, 16, 17, 300][usize::try_from(next()).unwrap() % 10];
+            columns.extend(column..(column + length).min(patch_count));
+            column += length + 1 + [0, 1, 3, 70_000][usize::try_from(next()).unwrap() % 4];
+        }
+        columns
+    }
+
+    struct Sample {
+        columns: Vec<u8>,
+        values: Vec<u8>,
+        gaps: Vec<u8>,
+        lengths: Vec<u8>,
+        codes: Vec<u8>,
+    }
+
+    impl Sample {
+        fn new(columns: &[i32]) -> Self {
+            let codes: Vec<u16> = (0u16..).zip(columns).map(|(k, _)| k.wrapping_mul(5113)).collect();
+            let runs = Runs::new(&[0, i64::try_from(columns.len()).unwrap()], columns);
+            Self {
+                columns: columns.iter().flat_map(|column| column.to_le_bytes()).collect(),
+                values: codes.iter().flat_map(|&code| factor(code).to_le_bytes()).collect(),
+                gaps: runs.gaps.iter().flat_map(|gap| gap.to_le_bytes()).collect(),
+                lengths: runs.lengths,
+                codes: codes.iter().flat_map(|code| code.to_le_bytes()).collect(),
+            }
+        }
+
+        fn plain(&self) -> EncodedRow<'_> {
+            EncodedRow::Plain {
+                columns: &self.columns,
+                values: &self.values,
+            }
+        }
+
+        fn compact(&self) -> EncodedRow<'_> {
+            EncodedRow::Compact {
+                gaps: &self.gaps,
+                lengths: &self.lengths,
+                codes: &self.codes,
+            }
+        }
+    }
+
+    #[test]
+    fn forms_and_instruction_sets_give_the_bits_of_the_sums_as_they_are_written_down() {
+        let patch_count = 200_003;
+        let x: Vec<f64> = (0..patch_count)
+            .map(|k| f64::from(k * 37 % 1019) / 7.0 - 50.0)
+            .collect();
+        let mut scratch = Scratch::default();
+        for seed in 0..40 {
+            let mut columns = columns(seed, patch_count);
+            if seed % 4 == 0 {
+                columns.truncate(usize::try_from(seed).unwrap());
+            }
+            let sample = Sample::new(&columns);
+            let mut lanes = [0.0; LANES];
+            let mut sent: Vec<f64> = x.clone();
+            for (k, &column) in columns.iter().enumerate() {
+                let code = u16::from_le_bytes([sample.codes[2 * k], sample.codes[2 * k + 1]]);
+                let column = usize::try_from(column).unwrap();
+                lanes[k % LANES] += f64::from(factor(code)) * x[column];
+                sent[column] += f64::from(factor(code)) * 0.7;
+            }
+            let wanted: f64 = lanes.iter().sum();
+            let Sample {
+                columns,
+                values,
+                gaps,
+                lengths,
+                codes,
+            } = &sample;
+            for (name, found) in [
+                ("plain", dot(sample.plain(), &x, &mut scratch)),
+                ("compact", dot(sample.compact(), &x, &mut scratch)),
+                ("plain, portable", dot_plain_portable(columns, values, &x)),
+                (
+                    "compact, portable",
+                    dot_compact_portable(gaps, lengths, codes, &x, &mut Vec::new(), &mut Vec::new()),
+                ),
+            ] {
+                assert_eq!(found.map(f64::to_bits), Some(wanted.to_bits()), "{seed}, {name}");
+            }
+            let mut found = [x.clone(), x.clone(), x.clone()];
+            scatter(sample.plain(), 0.7, &mut found[0], &mut scratch).unwrap();
+            scatter(sample.compact(), 0.7, &mut found[1], &mut scratch).unwrap();
+            scatter_compact_portable(
+                gaps,
+                lengths,
+                codes,
+                0.7,
+                &mut found[2],
+                &mut Vec::new(),
+                &mut Vec::new(),
+            )
+            .unwrap();
+            assert!(found.iter().all(|found| found == &sent), "{seed}");
+        }
+    }
+
+    #[test]
+    fn columns_beyond_the_matrix_and_runs_of_other_entries_are_none() {
+        let mut scratch = Scratch::default();
+        let (x, mut y) = (vec![1.0; 30], vec![0.0; 30]);
+        for columns in [
+            vec![30],
+            vec![29, 30],
+            (0..31).collect(),
+            (20..31).collect(),
+            vec![90_000],
+        ] {
+            let sample = Sample::new(&columns);
+            for row in [sample.plain(), sample.compact()] {
+                assert_eq!(dot(row, &x, &mut scratch), None, "{columns:?}");
+                assert_eq!(scatter(row, 1.0, &mut y, &mut scratch), None, "{columns:?}");
+            }
+        }
+        assert_eq!(code(1.0).map(factor), Some(1.0));
+        let one = code(1.0).unwrap().to_le_bytes();
+        for (lengths, entries, fits) in [
+            ([3, 9], 12, true),
+            ([3, 9], 11, false),
+            ([3, 9], 13, false),
+            ([20, 9], 3, false),
+        ] {
+            let codes: Vec<u8> = one.repeat(entries);
+            let row = EncodedRow::Compact {
+                gaps: &[0, 0, 1, 0],
+                lengths: &lengths,
+                codes: &codes,
+            };
+            assert_eq!(
+                dot(row, &x, &mut scratch),
+                fits.then_some(12.0),
+                "{lengths:?} {entries}"
+            );
+            assert_eq!(
+                scatter(row, 1.0, &mut y, &mut scratch).is_some(),
+                fits,
+                "{lengths:?} {entries}"
+            );
+        }
+    }
+}
