@@ -353,7 +353,7 @@ impl Bench<'_> {
         let settings = self.results.settings;
         let turns = TURNS_OF_CHOICE * settings.turns;
         let affordable = TIME_OF_CHOICE * settings.seconds / (f64::from(turns) * 1e-3 * together.max(1e-6));
-        let (rows, neighbours) = rows_of_choice(affordable);
+        let (rows, neighbours) = rows_of_choice(affordable.min(ready.patches.len() as f64));
         let hemicubes = sample(&ready.model, rows, neighbours);
         let by = |way: &Way| format!("`{}` by {} of `{}`", scene.key, way.key(), target.name);
         let mut block = RowBlock::default();
