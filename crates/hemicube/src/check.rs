@@ -147,6 +147,7 @@ pub struct WorstRow {
 
 /// What a check found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct CheckReport {
     /// The store.
     pub store: PathBuf,

@@ -66,6 +66,7 @@ pub struct ExportOptions {
 
 /// What was exported.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
 pub struct ExportReport {
     /// The file.
     pub path: PathBuf,
