@@ -33,9 +33,14 @@ const BEFORE: usize = 64;
 const FASTEST: usize = 4;
 const FASTEST_OF_MANY: usize = 2;
 const IN_QUESTION: f64 = 1.5;
-/// They have so many times the turns of a cell, and all of them together take so many times what the slowest way of one may.
+/// They have at least so many times the turns of a cell, which together take so many times what the slowest way of one may.
 const TURNS_OF_CHOICE: u32 = 2;
 const TIME_OF_CHOICE: f64 = 4.0;
+/// Turns go on until so many of them have made no way's least time less by more than a hundredth, whoever is ahead: how
+/// threads meet on a core is luck, and as much as what is compared. But there are not more than so many times the least.
+const QUIET_TURNS: u32 = 4;
+const MOST_TURNS: u32 = 5;
+const SETTLED: f64 = 0.99;
 /// Rows of a choice come from so many places, and are up to so many neighbours at each: a run goes from neighbour to
 /// neighbour, and an engine that finds its data in the cache there must find it here.
 const PLACES: usize = 16;
@@ -363,13 +368,19 @@ impl Bench<'_> {
             one.decide(&hemicubes, &mut block).with_context(|| by(way))?;
             live.push(one);
         }
-        for _ in 0..turns {
+        let (mut turn, mut quiet) = (0, 0);
+        while turn < turns || (quiet < QUIET_TURNS && turn < MOST_TURNS * turns) {
+            (turn, quiet) = (turn + 1, quiet + 1);
             for one in &mut live {
                 if self.is_stopped() {
                     return Ok(Some(Stopped));
                 }
+                let before = one.seconds;
                 one.turn(target, &hemicubes, &mut block).with_context(|| by(&one.way))?;
                 block.check(hemicubes.len(), ready.model.geometry().patch_count, false)?;
+                if one.seconds < SETTLED * before {
+                    quiet = 0;
+                }
             }
         }
         let milliseconds = |one: &Live| 1e3 * one.seconds / hemicubes.len() as f64;
