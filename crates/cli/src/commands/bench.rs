@@ -188,7 +188,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         city: arguments.patches,
         resolution: arguments.resolution.or(RESOLUTION),
         rows: arguments.rows.unwrap_or(if arguments.quick { 128 } else { 512 }),
-        turns: if arguments.quick { 2 } else { 3 },
+        turns: if arguments.quick { Settings::QUICK_TURNS } else { 3 },
         seconds: arguments.seconds.unwrap_or(if arguments.quick { 1.5 } else { 6.0 }),
         sample_rows: if arguments.quick { 6 } else { 24 },
     };
@@ -496,7 +496,7 @@ fn report(study: &Study<'_>, without: &[String], peers: &Peers, pictures: &[Stri
         "What a backend comes to without being told, beside the best of everything that was tried on that scene. The fastest of \
          those tables (four, or two in scenes of more than 400,000 patches, and none that took half as long again as the first) \
          are measured anew with what is found, all in the same turns over the same rows: as many as there is time for, in \
-         twice as many turns and more, until four have made no way's least time less by a hundredth, sixteen neighbours at a place and, from sixteen places on, up to 256, as a run goes through them. \
+         twice as many turns and, but for a quick study, more, until four have made no way's least time less by a hundredth, sixteen neighbours at a place and, from sixteen places on, up to 256, as a run goes through them. \
          Such times can be compared with each other, and not with those of the tables. The built-in backend has the octree for \
          comparison only, so that nothing is to be found for it.",
         &study.found(),

@@ -41,6 +41,8 @@ const TIME_OF_CHOICE: f64 = 4.0;
 const QUIET_TURNS: u32 = 4;
 const MOST_TURNS: u32 = 5;
 const SETTLED: f64 = 0.99;
+/// A quick study has no time for more turns than the least, nor for long ones.
+const TIME_OF_QUICK_CHOICE: f64 = 1.0;
 /// Rows of a choice come from so many places, and are up to so many neighbours at each: a run goes from neighbour to
 /// neighbour, and an engine that finds its data in the cache there must find it here.
 const PLACES: usize = 16;
@@ -357,7 +359,12 @@ impl Bench<'_> {
     ) -> Result<Option<Stopped>> {
         let settings = self.results.settings;
         let turns = TURNS_OF_CHOICE * settings.turns;
-        let affordable = TIME_OF_CHOICE * settings.seconds / (f64::from(turns) * 1e-3 * together.max(1e-6));
+        let (time, most) = if settings.is_quick() {
+            (TIME_OF_QUICK_CHOICE, turns)
+        } else {
+            (TIME_OF_CHOICE, MOST_TURNS * turns)
+        };
+        let affordable = time * settings.seconds / (f64::from(turns) * 1e-3 * together.max(1e-6));
         let (rows, neighbours) = rows_of_choice(affordable.min(ready.patches.len() as f64));
         let hemicubes = sample(&ready.model, rows, neighbours);
         let by = |way: &Way| format!("`{}` by {} of `{}`", scene.key, way.key(), target.name);
@@ -369,7 +376,7 @@ impl Bench<'_> {
             live.push(one);
         }
         let (mut turn, mut quiet) = (0, 0);
-        while turn < turns || (quiet < QUIET_TURNS && turn < MOST_TURNS * turns) {
+        while turn < turns || (quiet < QUIET_TURNS && turn < most) {
             (turn, quiet) = (turn + 1, quiet + 1);
             for one in &mut live {
                 if self.is_stopped() {

@@ -50,6 +50,15 @@ pub(super) struct Settings {
     pub(super) sample_rows: u32,
 }
 
+impl Settings {
+    /// The turns of a quick study; a whole one has more.
+    pub(super) const QUICK_TURNS: u32 = 2;
+
+    pub(super) fn is_quick(&self) -> bool {
+        self.turns <= Self::QUICK_TURNS
+    }
+}
+
 /// How fast a way is on a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Rate {
