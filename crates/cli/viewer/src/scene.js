@@ -63,6 +63,16 @@ void main() {
   color = vec4(n & 255, (n >> 8) & 255, (n >> 16) & 255, (n >> 24) & 255) / 255.0;
 }`;
 
+/** Whether this browser draws without a GPU, where several samples a pixel take twice the time. */
+function isSoftware() {
+  const context = document.createElement("canvas").getContext("webgl2");
+  if (!context) return false;
+  const info = context.getExtension("WEBGL_debug_renderer_info");
+  const name = context.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : context.RENDERER);
+  context.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
 export class Model {
   /**
    * @param canvas where it is drawn
@@ -74,7 +84,8 @@ export class Model {
     this.canvas = canvas;
     this.count = triangles.length / 3;
     this.corners = corners;
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
+    const software = isSoftware();
+    this.renderer = new WebGLRenderer({ canvas, antialias: !software, alpha: true });
     this.renderer.setClearColor(0, 0);
     this.scene = new Scene();
     this.camera = new PerspectiveCamera(40, 1, 0.001, 100);
@@ -115,11 +126,13 @@ export class Model {
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.listenToKeyEvents(canvas);
     this.controls.addEventListener("change", () => this.draw());
-    // Where pictures come too slowly while it is turned, as without a GPU, they get a quarter of the pixels until it rests.
+    // Where pictures come too slowly while it is turned, as without a GPU, they get a quarter of the pixels until it rests, and
+    // a quarter of those. Without a GPU a model at rest has four pixels for each of the screen's: edges are smooth all the same.
     this.patience = PATIENCE;
     this.ratio = 1;
+    this.finest = software ? 2 : 1;
+    this.halvings = 0;
     this.turning = false;
-    this.coarse = false;
     this.controls.addEventListener("start", () => { this.turning = true; });
     this.controls.addEventListener("end", () => {
       this.turning = false;
@@ -178,8 +191,8 @@ export class Model {
 
   resize(width, height, ratio) {
     this.ratio = ratio;
-    this.coarse = false;
-    this.renderer.setPixelRatio(ratio);
+    this.halvings = 0;
+    this.renderer.setPixelRatio(this.finest * ratio);
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
@@ -195,18 +208,18 @@ export class Model {
     requestAnimationFrame(() => this.drawNow(performance.now() - asked));
   }
 
-  /** Draws with half as many pixels along each edge, or with all. */
-  coarsen(coarse) {
-    if (this.coarse === coarse) return;
-    this.coarse = coarse;
-    this.renderer.setPixelRatio(coarse ? this.ratio / 2 : this.ratio);
+  /** Draws with all pixels along each edge, halved so often. */
+  coarsen(halvings) {
+    if (this.halvings === halvings) return;
+    this.halvings = halvings;
+    this.renderer.setPixelRatio((this.finest * this.ratio) / 2 ** halvings);
   }
 
   /** Draws; `late` is how many milliseconds it had to wait for its turn. */
   drawNow(late = 0) {
     this.pending = false;
-    if (!this.turning) this.coarsen(false);
-    else if (late > this.patience) this.coarsen(true);
+    if (!this.turning) this.coarsen(0);
+    else if (late > this.patience) this.coarsen(Math.min(this.halvings + 1, this.finest));
     // Near and far follow the camera, so that walls a thousandth of the scene apart keep their order.
     const distance = this.camera.position.length();
     this.camera.near = Math.max(distance - 1.1, 0.002 * Math.max(distance, 0.25));
