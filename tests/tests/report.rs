@@ -169,7 +169,12 @@ fn a_slow_browser_turns_the_model_with_fewer_pixels_and_rests_with_all() {
         browser.script(&format!(
             "hemicube.model.patience = {patience}; window.widths.length = 0"
         ));
-        browser.drag(&[[x, y], [x + 40.0, y + 10.0], [x + 80.0, y + 20.0], [x + 120.0, y + 30.0]]);
+        browser.drag(&[
+            [x, y],
+            [x + 40.0, y + 10.0],
+            [x + 80.0, y + 20.0],
+            [x + 120.0, y + 30.0],
+        ]);
         browser.wait("!hemicube.model.turning && !hemicube.model.pending");
         let widths = browser.script("return window.widths");
         let widths: Vec<u64> = widths

@@ -14,7 +14,7 @@
 use crate::factor::contour::{self, Care, in_front};
 use crate::factor::{SIX, point_to_polygon, quarters};
 use crate::shaft::{Shaft, Sighting};
-use crate::tree::Tree;
+use crate::walls::Walls;
 use glam::DVec3;
 
 /// Pieces that a polygon is cut into from one point, at most: beyond, rays are cheaper.
@@ -204,13 +204,13 @@ impl Clipper {
     pub(crate) fn measure(
         &mut self,
         shaft: &Shaft,
-        tree: &Tree,
+        walls: &Walls,
         sighting: &Sighting,
         enough: f64,
         most_points: usize,
     ) -> Option<Clipped> {
         let (emitter, receiver) = (&sighting.emitter, &sighting.receiver);
-        let tolerance = tree.plane_tolerance;
+        let tolerance = walls.tree.plane_tolerance;
         let unit = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).try_normalize();
         let (emitter_normal, receiver_normal) = (unit(emitter)?, unit(receiver)?);
         self.occluders.clear();
@@ -223,7 +223,7 @@ impl Clipper {
             .fold(0.0, f64::max)
             .sqrt();
         self.slack = ROUNDING * size.powi(3);
-        for triangle in shaft.triangles(tree, sighting) {
+        for triangle in shaft.triangles(walls, sighting) {
             let Some(above) = in_front(&triangle, emitter[0], emitter_normal, tolerance) else {
                 continue;
             };
@@ -577,19 +577,19 @@ mod tests {
             };
             let patches = Patches::new(&scene, Subdivision::None).expect("patches");
             let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
-            let tree = &*Tree::of(model.geometry());
+            let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(&model));
             for (from, to) in [([0, 1], [2, 3]), ([2, 3], [0, 1])] {
                 let mut sum = 0.0;
                 for i in from {
                     for j in to {
                         let (own, other) = (model.normalised_corners(i), model.normalised_corners(j));
                         let mut shaft = Shaft::default();
-                        let sighting = shaft.sight(tree, (i, &own), (j, &other));
+                        let sighting = shaft.sight(surfaces, walls, (i, &own), (j, &other));
                         let rule = crate::factor::FactorRule::for_tolerance(1e-4);
                         let open = 2.0 * crate::factor::exchange(&own, &other, &rule)
                             / (own[1] - own[0]).cross(own[2] - own[0]).length();
                         let clipped = Clipper::default()
-                            .measure(&shaft, tree, &sighting, 1e-3, 20_000)
+                            .measure(&shaft, walls, &sighting, 1e-3, 20_000)
                             .expect("a fraction");
                         sum += 0.5 * open * clipped.fraction;
                         let mut rays = (0.0, 0.0);

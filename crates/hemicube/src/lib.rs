@@ -65,6 +65,7 @@ pub mod sky;
 pub mod solve;
 pub mod store;
 pub mod tree;
+mod walls;
 pub mod zones;
 
 pub use hemicube_contract::{backend, delta, face, outline, row};

@@ -24,6 +24,7 @@ use crate::factor::{self, Exchanges, FactorRule};
 use crate::random;
 use crate::shaft::{RAYS, Shaft};
 use crate::tree::Tree;
+use crate::walls::Walls;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 
@@ -542,7 +543,7 @@ impl Refiner {
     ) -> f64 {
         let own = model.normalised_corners(emitter.0);
         self.begin(model, emitter, &own, seen, receives);
-        let tree = &*Tree::of(model.geometry());
+        let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(model));
         for class in 0..CLASSES {
             let of_class = |pair: &&Pair| usize::from(pair.kind.class) == class;
             let total: f64 = self.pairs.iter().filter(of_class).map(|pair| pair.open).sum();
@@ -554,7 +555,9 @@ impl Refiner {
                 }
                 let corners = model.normalised_corners(pair.patch);
                 self.shaft.clear();
-                let sighting = self.shaft.sight(tree, (emitter.0, &own), (pair.patch, &corners));
+                let sighting = self
+                    .shaft
+                    .sight(surfaces, walls, (emitter.0, &own), (pair.patch, &corners));
                 let fraction = if sighting.hidden {
                     0.0
                 } else if sighting.is_open() {
@@ -600,12 +603,14 @@ impl Refiner {
 
     /// Measures the fraction of every pair to the tolerance.
     fn measure_each(&mut self, model: &Model, emitter: InputPatch, own: &[DVec3; 3]) -> Refined {
-        let tree = &*Tree::of(model.geometry());
+        let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(model));
         let mut refined = Refined::default();
         for pair in self.pairs.iter_mut().filter(|pair| pair.open > 0.0) {
             self.shaft.clear();
             let corners = model.normalised_corners(pair.patch);
-            let sighting = self.shaft.sight(tree, (emitter.0, own), (pair.patch, &corners));
+            let sighting = self
+                .shaft
+                .sight(surfaces, walls, (emitter.0, own), (pair.patch, &corners));
             refined.shafts += 1;
             if sighting.hidden || sighting.is_open() {
                 pair.fraction = f64::from(u8::from(!sighting.hidden));
@@ -615,7 +620,7 @@ impl Refiner {
             let enough = EACH_SHARE * self.refinement.tolerance * (SMALL_FACTOR / pair.open).max(1.0);
             let measured = self
                 .clipper
-                .measure(&self.shaft, tree, &sighting, enough, MOST_POINTS_EACH);
+                .measure(&self.shaft, walls, &sighting, enough, MOST_POINTS_EACH);
             if let Some(clipped) = measured {
                 pair.fraction = clipped.fraction;
                 refined.points += clipped.points as u64;
@@ -718,11 +723,13 @@ impl Refiner {
         price: f64,
         refined: &mut Refined,
     ) {
-        let tree = &*Tree::of(model.geometry());
+        let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(model));
         let pair = &mut self.pairs[place];
         let corners = model.normalised_corners(pair.patch);
         self.shaft.clear();
-        let sighting = self.shaft.sight(tree, (emitter.0, own), (pair.patch, &corners));
+        let sighting = self
+            .shaft
+            .sight(surfaces, walls, (emitter.0, own), (pair.patch, &corners));
         refined.shafts += 1;
         if sighting.hidden {
             pair.fraction = 0.0;
@@ -765,7 +772,7 @@ impl Refiner {
         if wanted > MANY_RAYS || is_poor {
             // What so many rays would leave.
             let enough = spread / (QUASI_GAIN * wanted.max(1.0)).sqrt();
-            let clipped = self.clipper.measure(&self.shaft, tree, &sighting, enough, MOST_POINTS);
+            let clipped = self.clipper.measure(&self.shaft, walls, &sighting, enough, MOST_POINTS);
             if let Some(clipped) = clipped {
                 pair.fraction = clipped.fraction;
                 refined.points += clipped.points as u64;

@@ -13,8 +13,10 @@
     reason = "functions compiled for an instruction set are called after it was found"
 )]
 
+use crate::backend::Surface;
 use crate::random;
 use crate::tree::{INNER, LANES, Tree, UNUSED, overlap};
+use crate::walls::Walls;
 use glam::DVec3;
 use std::ops::Range;
 
@@ -167,25 +169,35 @@ impl Sighting {
         }
     }
 
-    /// Points of the smaller one and of the other as points of the emitter and of the receiver.
-    fn ends(&self, x: DVec3, y: DVec3) -> (DVec3, DVec3) {
-        if self.receiver_is_smaller { (y, x) } else { (x, y) }
+    /// Lists a surface that lies in the receiver's plane if it hides part of it: of patches there the smaller id is seen.
+    fn lay_over(&mut self, surface: &Surface, receiver: u32, plane: (DVec3, f64), tolerance: f64, side: f64) {
+        let triangle = surface.corners.map(|p| p - self.origin);
+        let [a, b, c] = triangle;
+        let faces = (b - a).cross(c - a).dot(plane.0) > 0.0;
+        let Some(id) = (if faces { Some(surface.front) } else { surface.back }) else {
+            return;
+        };
+        if id.0 < receiver
+            && triangle.iter().all(|&p| (plane.0.dot(p) - plane.1).abs() <= tolerance)
+            && overlap(&triangle, &self.receiver, plane.0, side)
+            && !self.over.contains(&triangle)
+        {
+            self.over.push(triangle);
+        }
     }
 
-    /// Whether something beside stops the segment from `x` to `y`, or something over the receiver is seen at its end.
-    fn is_stopped(&self, x: DVec3, y: DVec3) -> bool {
-        let within = |[a, b, c]: &[DVec3; 3], n: DVec3, p: DVec3| {
-            [(a, b), (b, c), (c, a)]
-                .iter()
-                .all(|&(s, t)| (*t - *s).cross(p - *s).dot(n) >= 0.0)
+    /// Which of the segments drawn something beside stops, or something over the receiver is seen at the end of.
+    fn stopped(&self, drawn: &Drawn, out: &mut [u64; RAYS]) {
+        *out = [0; RAYS];
+        if self.beside.is_empty() && self.over.is_empty() {
+            return;
+        }
+        let (from, to) = if self.receiver_is_smaller {
+            (&drawn.end, &drawn.start)
+        } else {
+            (&drawn.start, &drawn.end)
         };
-        let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
-        self.over.iter().any(|t| within(t, normal(t), y))
-            || self.beside.iter().any(|t| {
-                let n = normal(t);
-                let (hx, hy) = (n.dot(x - t[0]), n.dot(y - t[0]));
-                hx * hy < 0.0 && within(t, n, x + (y - x) * (hx / (hx - hy)))
-            })
+        dispatch_stop(&self.beside, &self.over, from, to, out);
     }
 }
 
@@ -198,7 +210,8 @@ impl Shaft {
     /// Lists what may come in between an emitting patch and a receiving one.
     pub(crate) fn sight(
         &mut self,
-        tree: &Tree,
+        surfaces: &[Surface],
+        walls: &Walls,
         (i, emitter): (u32, &[DVec3; 3]),
         (j, receiver): (u32, &[DVec3; 3]),
     ) -> Sighting {
@@ -230,7 +243,7 @@ impl Shaft {
         }
         let slack = DVec3::splat(OUTSIDE * size);
         (self.sides.low, self.sides.high) = ((low - slack).to_array(), (high + slack).to_array());
-        let planes = self.make_planes(&points, size, tree.plane_tolerance);
+        let planes = self.make_planes(&points, size, walls.tree.plane_tolerance);
         let start = self.occluders.len();
         let area = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).length_squared();
         // Of two of one size, the same one whichever of them emits.
@@ -254,7 +267,7 @@ impl Shaft {
             over: Vec::new(),
             hidden: false,
         };
-        self.list_occluders(tree, [i, j], planes, size, &mut sighting);
+        self.list_occluders(surfaces, walls, [i, j], planes, size, &mut sighting);
         sighting
     }
 
@@ -304,7 +317,8 @@ impl Shaft {
 
     fn list_occluders(
         &mut self,
-        tree: &Tree,
+        surfaces: &[Surface],
+        walls: &Walls,
         own: [u32; 2],
         [emitter_plane, receiver_plane]: [(DVec3, f64); 2],
         size: f64,
@@ -312,9 +326,10 @@ impl Shaft {
     ) {
         let origin = sighting.origin;
         let side = OUTSIDE * size;
+        let tree = &walls.tree;
         let tolerance = tree.plane_tolerance;
         dispatch_reached(tree, &self.sides, origin, &mut self.pending, &mut self.reached);
-        let own_slots = own.map(|p| tree.slot_of_patch[p as usize]);
+        let own_walls = own.map(|p| walls.of_patch[p as usize]);
         let start = self.occluders.len();
         for &(index, kept) in &self.reached {
             let block = &tree.blocks[index as usize];
@@ -324,7 +339,8 @@ impl Shaft {
                 kept &= kept - 1;
                 #[allow(clippy::cast_possible_truncation, reason = "slots are u32")]
                 let slot = (index as usize * LANES + l) as u32;
-                if block.negative[l] == UNUSED || own_slots.contains(&slot) {
+                let wall = block.negative[l];
+                if wall == UNUSED || own_walls.contains(&wall) {
                     continue;
                 }
                 let [a, b, c] = block.triangle(l).map(|p| p - origin);
@@ -338,17 +354,11 @@ impl Shaft {
                 };
                 let (lowest, highest) = height(&receiver_plane);
                 if highest <= tolerance {
-                    // In the receiver's plane, or below it at one end: of patches there the smaller id is seen.
-                    let n = (b - a).cross(c - a);
-                    let faces = n.dot(receiver_plane.0) > 0.0;
-                    let id = if faces { block.negative[l] } else { block.positive[l] };
-                    let triangle = [a, b, c];
-                    if lowest >= -tolerance
-                        && id < own[1]
-                        && id < tree.patch_count
-                        && overlap(&triangle, &sighting.receiver, receiver_plane.0, side)
-                    {
-                        sighting.over.push(triangle);
+                    // In the receiver's plane, or below it at one end.
+                    if lowest >= -tolerance && overlap(&[a, b, c], &sighting.receiver, receiver_plane.0, side) {
+                        for &piece in walls.pieces(wall) {
+                            sighting.lay_over(&surfaces[piece as usize], own[1], receiver_plane, tolerance, side);
+                        }
                     }
                     continue;
                 }
@@ -357,12 +367,17 @@ impl Shaft {
                     reason = "relative to the pair, f32 is enough for rays"
                 )]
                 let single = |p: DVec3| p.to_array().map(|x| x as f32);
-                let (e, f) = (b - a, c - a);
-                let normal = e.cross(f);
+                let normal = (b - a).cross(c - a);
+                // From its nearest corner on, as f32 has the fewest digits behind the point for what is far.
+                let [p, q, r] = match [a, b, c].map(DVec3::length_squared) {
+                    [x, y, z] if x <= y && x <= z => [a, b, c],
+                    [_, y, z] if y <= z => [b, c, a],
+                    _ => [c, a, b],
+                };
                 #[allow(clippy::cast_possible_truncation, reason = "only to sort by")]
                 let occluder = Occluder {
-                    corner: single(a),
-                    edges: [single(e), single(f)],
+                    corner: single(p),
+                    edges: [single(q - p), single(r - p)],
                     normal: single(normal),
                     slot,
                     size: normal.length_squared() as f32,
@@ -370,7 +385,7 @@ impl Shaft {
                 if highest <= BESIDE * size || height(&emitter_plane).1 <= BESIDE * size {
                     sighting.beside.push([a, b, c]);
                 } else {
-                    if hides([a, b, c], normal, sighting) {
+                    if hides(walls.corners(wall), sighting) {
                         sighting.hidden = true;
                         self.occluders.truncate(start);
                         return;
@@ -387,12 +402,12 @@ impl Shaft {
     /// The corners of what may come in between, relative to the sighting's origin, without what is in the receiver's plane.
     pub(crate) fn triangles<'a>(
         &'a self,
-        tree: &'a Tree,
+        walls: &'a Walls,
         sighting: &'a Sighting,
     ) -> impl Iterator<Item = [DVec3; 3]> + 'a {
         let between = self.occluders[sighting.between.clone()].iter().map(move |occluder| {
             let slot = occluder.slot as usize;
-            tree.blocks[slot / LANES]
+            walls.tree.blocks[slot / LANES]
                 .triangle(slot % LANES)
                 .map(|p| p - sighting.origin)
         });
@@ -411,19 +426,14 @@ impl Shaft {
             normals: [normal(small), normal(large)].map(|p| p.to_array()),
             shift: shifts(seed),
         };
-        let all_by_lanes = sighting.beside.is_empty() && sighting.over.is_empty();
         let mut group = Group::new();
         let mut drawn = Drawn::new();
+        let mut stopped = [0; RAYS];
         let mut at = start;
         while at < end {
             dispatch_draw_spans(&pair, at, &mut drawn, &mut group);
-            if !all_by_lanes {
-                for l in 0..RAYS {
-                    let (x, y) = drawn.segment(l);
-                    let (x, y) = sighting.ends(x, y);
-                    group.stopped[l] = u32::from(sighting.is_stopped(x, y));
-                }
-            }
+            sighting.stopped(&drawn, &mut stopped);
+            group.stopped = stopped.map(|s| u32::from(s != 0));
             group.hit = [0; RAYS];
             self.hit(sighting, &mut group);
             let (mut seen, mut whole) = (0.0, 0.0);
@@ -467,28 +477,28 @@ impl Shaft {
             axes: [tangent, bitangent, normal].map(|p| p.to_array()),
             other: large.map(|p| p.to_array()),
             above: std::array::from_fn(|k| above[k.min(above.len() - 1)].to_array()),
+            above_count: above.len().min(4),
             // Towards the inside of the other one.
             sides: [0, 1, 2].map(|e| across.cross(large[(e + 1) % 3] - large[e]).to_array()),
             across: across.to_array(),
             shift: shifts(seed),
         };
-        let all_by_lanes = sighting.beside.is_empty() && sighting.over.is_empty();
         let mut group = Group::new();
         let mut drawn = Drawn::new();
+        let mut stopped = [0; RAYS];
         let (mut filled, mut sum, mut squares) = (0, 0.0, 0.0);
         let mut at = 0;
         loop {
             let mut mask = dispatch_draw_fan(&fan, at, &mut drawn);
             at += RAYS;
+            if mask != 0 {
+                sighting.stopped(&drawn, &mut stopped);
+            }
             while mask != 0 {
                 let l = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
                 let (x, y) = drawn.segment(l);
-                let is_stopped = !all_by_lanes && {
-                    let (from, to) = sighting.ends(x, y);
-                    sighting.is_stopped(from, to)
-                };
-                group.set(filled, x, y - x, is_stopped);
+                group.set(filled, x, y - x, stopped[l] != 0);
                 let weight = drawn.weight[l];
                 #[allow(clippy::cast_possible_truncation, reason = "at most 4")]
                 let single = weight as f32;
@@ -536,22 +546,30 @@ impl Shaft {
     }
 }
 
-/// Whether all nine segments between corners pass through the inside of a triangle: then so does every segment between the
-/// two, as where they pass its plane is the convex hull of where those do.
-fn hides([a, b, c]: [DVec3; 3], normal: DVec3, sighting: &Sighting) -> bool {
-    let edges = [(a, b), (b, c), (c, a)];
-    let d = normal.dot(a);
-    sighting.emitter.iter().all(|&p| {
-        let hp = normal.dot(p) - d;
-        hp != 0.0
-            && sighting.receiver.iter().all(|&q| {
-                let hq = normal.dot(q) - d;
-                if hp * hq >= 0.0 {
-                    return false;
-                }
-                let at = p + (q - p) * (hp / (hp - hq));
-                edges.iter().all(|&(s, t)| (t - s).cross(at - s).dot(normal) > 0.0)
-            })
+/// Whether all nine segments between corners pass through the inside of a convex polygon, whose corners are in the scene's
+/// coordinates: then so does every segment between the two, as where they pass its plane is the convex hull of where those do.
+fn hides(polygon: &[DVec3], sighting: &Sighting) -> bool {
+    let first = polygon[0] - sighting.origin;
+    let normal = (polygon[1] - polygon[0]).cross(polygon[2] - polygon[0]);
+    let height = |p: &DVec3| normal.dot(*p - first);
+    let of_emitter = sighting.emitter.each_ref().map(height);
+    let of_receiver = sighting.receiver.each_ref().map(height);
+    let are_above = |heights: &[f64; 3], sign: f64| heights.iter().all(|h| h * sign > 0.0);
+    if !(are_above(&of_emitter, of_emitter[0]) && are_above(&of_receiver, -of_emitter[0])) {
+        return false;
+    }
+    let places: [DVec3; 9] = std::array::from_fn(|k| {
+        let (p, q) = (sighting.emitter[k / 3], sighting.receiver[k % 3]);
+        let (hp, hq) = (of_emitter[k / 3], of_receiver[k % 3]);
+        p + (q - p) * (hp / (hp - hq))
+    });
+    (0..polygon.len()).all(|k| {
+        let (s, t) = (
+            polygon[k] - sighting.origin,
+            polygon[(k + 1) % polygon.len()] - sighting.origin,
+        );
+        let inwards = normal.cross(t - s);
+        places.iter().all(|&at| inwards.dot(at - s) > 0.0)
     })
 }
 
@@ -571,8 +589,9 @@ struct Fan {
     corners: [[f64; 3]; 3],
     axes: [[f64; 3]; 3],
     other: [[f64; 3]; 3],
-    /// What of it is above the horizon; the last corner twice where there are three.
+    /// What of it is above the horizon: three corners or four.
     above: [[f64; 3]; 4],
+    above_count: usize,
     sides: [[f64; 3]; 3],
     across: [f64; 3],
     shift: [f64; 4],
@@ -670,9 +689,19 @@ fn draw_spans(pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group) {
     }
 }
 
-/// Draws the directions `at + 1..= at + 16` of a sequence; the mask says which meet the other triangle from its front.
+/// Draws the directions of a fan over three corners or four.
 #[inline(always)]
 fn draw_fan(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
+    if fan.above_count == 3 {
+        draw_fan_of::<3>(fan, at, drawn)
+    } else {
+        draw_fan_of::<4>(fan, at, drawn)
+    }
+}
+
+/// Draws the directions `at + 1..= at + 16` of a sequence; the mask says which meet the other triangle from its front.
+#[inline(always)]
+fn draw_fan_of<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
     let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
     let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
     let (least, most) = (
@@ -686,7 +715,7 @@ fn draw_fan(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
     );
     let mut on_disc = [[0.0; RAYS]; 2];
     // The other triangle from each point.
-    let mut towards = [[[0.0; RAYS]; 3]; 4];
+    let mut towards = [[[0.0; RAYS]; 3]; CORNERS];
     for l in 0..RAYS {
         let u = sequence(&fan.shift, start + LANE[l]);
         let (s, t) = fold(u[0], u[1]);
@@ -700,7 +729,7 @@ fn draw_fan(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
         for a in 0..3 {
             drawn.start[a][l] = x[a];
         }
-        for k in 0..4 {
+        for k in 0..CORNERS {
             let v = minus(fan.above[k], x);
             for a in 0..3 {
                 towards[k][a][l] = dot(fan.axes[a], v);
@@ -711,8 +740,12 @@ fn draw_fan(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
     // whose extremes may lie between their ends.
     let mut low = [[1.0f64; RAYS]; 2];
     let mut high = [[-1.0f64; RAYS]; 2];
-    for k in 0..4 {
-        let (v, w) = (&towards[k], &towards[(k + 1) % 4]);
+    for k in 0..CORNERS {
+        let (v, w) = (&towards[k], &towards[(k + 1) % CORNERS]);
+        // Positive where the image rises to an extreme and falls again, negative the other way round.
+        let mut turns = [[0.0f64; RAYS]; 2];
+        let mut normals = [[0.0f64; RAYS]; 3];
+        let mut any = 0u64;
         for l in 0..RAYS {
             let (v, w) = ([v[0][l], v[1][l], v[2][l]], [w[0][l], w[1][l], w[2][l]]);
             let per_length = 1.0 / dot(v, v).sqrt();
@@ -721,19 +754,36 @@ fn draw_fan(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
                 v[2] * w[0] - v[0] * w[2],
                 v[0] * w[1] - v[1] * w[0],
             ];
-            let per_square = 1.0 / dot(n, n);
             let after = [n[1] * v[2] - n[2] * v[1], n[2] * v[0] - n[0] * v[2]];
             let before = [w[1] * n[2] - w[2] * n[1], w[2] * n[0] - w[0] * n[2]];
+            for a in 0..3 {
+                normals[a][l] = n[a];
+            }
             for a in 0..2 {
                 let end = v[a] * per_length;
-                let rest = 1.0 - n[a] * n[a] * per_square;
-                let extreme = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
+                high[a][l] = most(high[a][l], end);
+                low[a][l] = least(low[a][l], end);
                 let rises = (after[a] > 0.0) & (before[a] > 0.0);
                 let falls = (after[a] < 0.0) & (before[a] < 0.0);
-                let up = if rises { extreme } else { end };
-                let down = if falls { -extreme } else { end };
-                high[a][l] = most(high[a][l], most(up, end));
-                low[a][l] = least(low[a][l], least(down, end));
+                turns[a][l] = if rises { 1.0 } else { 0.0 } - if falls { 1.0 } else { 0.0 };
+                any |= u64::from(rises | falls);
+            }
+        }
+        if any == 0 {
+            continue;
+        }
+        for l in 0..RAYS {
+            let n = [normals[0][l], normals[1][l], normals[2][l]];
+            let per_square = 1.0 / dot(n, n);
+            for a in 0..2 {
+                let rest = 1.0 - n[a] * n[a] * per_square;
+                let extreme = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
+                let (up, down) = (
+                    if turns[a][l] > 0.0 { extreme } else { -1.0 },
+                    if turns[a][l] < 0.0 { -extreme } else { 1.0 },
+                );
+                high[a][l] = most(high[a][l], up);
+                low[a][l] = least(low[a][l], down);
             }
         }
     }
@@ -831,6 +881,44 @@ fn reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, re
         let kept = inside(&tree.blocks[node.block as usize].corners, origin.to_array(), sides);
         if kept != 0 {
             reached.push((node.block, kept));
+        }
+    }
+}
+
+/// Marks the segments that a triangle beside cuts, and those that end on a triangle over.
+#[inline(always)]
+fn stop(
+    beside: &[[DVec3; 3]],
+    over: &[[DVec3; 3]],
+    from: &[[f64; RAYS]; 3],
+    to: &[[f64; RAYS]; 3],
+    out: &mut [u64; RAYS],
+) {
+    let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+    let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
+    // Towards the inside of each side, and a point of it.
+    let sides =
+        |t: &[DVec3; 3], n: DVec3| [0, 1, 2].map(|k| (n.cross(t[(k + 1) % 3] - t[k]).to_array(), t[k].to_array()));
+    let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+    for t in over {
+        let sides = sides(t, normal(t));
+        for l in 0..RAYS {
+            let y = [to[0][l], to[1][l], to[2][l]];
+            let within = |(inwards, s): ([f64; 3], [f64; 3])| dot(inwards, minus(y, s)) >= 0.0;
+            out[l] |= u64::from(within(sides[0]) & within(sides[1]) & within(sides[2]));
+        }
+    }
+    for t in beside {
+        let n = normal(t);
+        let sides = sides(t, n);
+        let (n, first) = (n.to_array(), t[0].to_array());
+        for l in 0..RAYS {
+            let (x, y) = ([from[0][l], from[1][l], from[2][l]], [to[0][l], to[1][l], to[2][l]]);
+            let (hx, hy) = (dot(n, minus(x, first)), dot(n, minus(y, first)));
+            let (d, share) = (minus(y, x), hx / (hx - hy));
+            let p = [x[0] + d[0] * share, x[1] + d[1] * share, x[2] + d[2] * share];
+            let within = |(inwards, s): ([f64; 3], [f64; 3])| dot(inwards, minus(p, s)) >= 0.0;
+            out[l] |= u64::from((hx * hy < 0.0) & within(sides[0]) & within(sides[1]) & within(sides[2]));
         }
     }
 }
@@ -943,6 +1031,11 @@ dispatch!(
     draw_spans,
     (pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group)
 );
+dispatch!(
+    dispatch_stop,
+    stop,
+    (beside: &[[DVec3; 3]], over: &[[DVec3; 3]], from: &[[f64; RAYS]; 3], to: &[[f64; RAYS]; 3], out: &mut [u64; RAYS])
+);
 dispatch!(dispatch_draw_fan, draw_fan, (fan: &Fan, at: usize, drawn: &mut Drawn) -> u16);
 dispatch!(dispatch_hits, hits, (occluders: &[Occluder], group: &mut Group));
 
@@ -982,7 +1075,12 @@ mod tests {
     fn fraction(model: &Model, i: u32, j: u32, rays: usize) -> (usize, f64) {
         let corners = |p: u32| model.normalised_corners(p);
         let mut shaft = Shaft::default();
-        let sighting = shaft.sight(&Tree::of(model.geometry()), (i, &corners(i)), (j, &corners(j)));
+        let sighting = shaft.sight(
+            &model.geometry().surfaces,
+            &Walls::of(model),
+            (i, &corners(i)),
+            (j, &corners(j)),
+        );
         if sighting.hidden {
             return (1, 0.0);
         }
@@ -990,6 +1088,47 @@ mod tests {
         shaft.cast(&sighting, 0, rays, 1, &mut sums);
         let count = sighting.between.len() + sighting.beside.len() + sighting.over.len();
         (count, sums.0 / sums.1)
+    }
+
+    #[test]
+    fn walls_hide_what_their_pieces_hide() {
+        let city = hemicube_scene::generate::BlockCityParameters {
+            blocks: 5,
+            split: 5,
+            ..hemicube_scene::generate::BlockCityParameters::for_target(1000, 1)
+        };
+        let patches = Patches::new(&city.generate().expect("a city"), Subdivision::None).expect("patches");
+        let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+        let surfaces = &model.geometry().surfaces;
+        let (walls, pieces) = (Walls::of(&model), Walls::pieces_of(&model));
+        let count = u64::try_from(model.patches().len()).expect("a number");
+        let (mut state, mut partly, mut fewer, mut hidden) = (1, 0, [0, 0], [0, 0]);
+        for _ in 0..20_000 {
+            let pair = [0, 1].map(|_| u32::try_from(random::next(&mut state) % count).expect("a patch"));
+            let [emitter, receiver] = pair.map(|patch| model.normalised_corners(patch));
+            let fractions = [&*walls, &pieces].map(|walls| {
+                let mut shaft = Shaft::default();
+                let sighting = shaft.sight(surfaces, walls, (pair[0], &emitter), (pair[1], &receiver));
+                let at = usize::from(!std::ptr::eq(walls, &pieces));
+                hidden[at] += usize::from(sighting.hidden);
+                fewer[at] += sighting.between.len();
+                let mut sums = (0.0, 0.0);
+                shaft.cast(&sighting, 0, 256, 1, &mut sums);
+                if sighting.hidden {
+                    Some(0.0)
+                } else {
+                    (sums.1 > 0.0).then(|| sums.0 / sums.1)
+                }
+            });
+            let [Some(by_walls), Some(by_pieces)] = fractions else {
+                continue;
+            };
+            assert!((by_walls - by_pieces).abs() < 0.02, "{pair:?}: {by_walls} {by_pieces}");
+            partly += usize::from(by_walls > 0.0 && by_walls < 1.0);
+        }
+        assert!(partly > 200, "{partly} pairs partly visible");
+        assert!(hidden[1] > hidden[0], "{hidden:?} proved hidden by pieces and walls");
+        assert!(fewer[1] < fewer[0], "{fewer:?} occluders of pieces and walls");
     }
 
     #[test]
@@ -1043,7 +1182,12 @@ mod tests {
         let model = scene(&[[p(0.2, 0.1, 0.5), p(0.9, 0.3, 0.4), p(0.4, 0.8, 0.6)]]);
         let corners = |k: u32| model.normalised_corners(k);
         let mut shaft = Shaft::default();
-        let sighting = shaft.sight(&Tree::of(model.geometry()), (0, &corners(0)), (2, &corners(2)));
+        let sighting = shaft.sight(
+            &model.geometry().surfaces,
+            &Walls::of(&model),
+            (0, &corners(0)),
+            (2, &corners(2)),
+        );
         assert_eq!(sighting.between.len(), 1);
         let (small, large) = sighting.by_size();
         let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);

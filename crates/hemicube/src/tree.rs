@@ -206,9 +206,25 @@ impl Tree {
     /// Packs a scene's surfaces.
     pub fn new(geometry: &Geometry, hierarchy: Hierarchy) -> Self {
         let mut tree = match hierarchy {
-            Hierarchy::SurfaceArea => Self::by_surface_area(geometry),
+            Hierarchy::SurfaceArea => {
+                let Geometry {
+                    surfaces,
+                    patch_count,
+                    plane_tolerance,
+                    ..
+                } = geometry;
+                return Self::of_surfaces(surfaces, *patch_count, *plane_tolerance);
+            }
             Hierarchy::Octree => Self::by_octree(geometry),
         };
+        tree.measure();
+        tree
+    }
+
+    /// A tree of any surfaces with ids below `patch_count`, by the surface area heuristic.
+    pub(crate) fn of_surfaces(surfaces: &[Surface], patch_count: u32, plane_tolerance: f64) -> Self {
+        let mut tree = Self::empty(surfaces.len(), patch_count, plane_tolerance);
+        tree.cut_by_surface_area(surfaces);
         tree.measure();
         tree
     }
@@ -250,7 +266,7 @@ impl Tree {
     /// already in the order of its nodes.
     fn by_octree(geometry: &Geometry) -> Self {
         let surfaces = &geometry.surfaces;
-        let mut tree = Self::empty(geometry);
+        let mut tree = Self::empty(surfaces.len(), geometry.patch_count, geometry.plane_tolerance);
         let octree = geometry.octree.nodes();
         // Children come after their parents, so walking backwards has every child's node ready.
         let mut built: Vec<Option<Node>> = vec![None; octree.len()];
@@ -291,14 +307,14 @@ impl Tree {
         tree
     }
 
-    fn empty(geometry: &Geometry) -> Self {
-        let count = geometry.surfaces.len();
+    /// Room for a tree of so many surfaces, with a root that has nothing.
+    pub(crate) fn empty(count: usize, patch_count: u32, plane_tolerance: f64) -> Self {
         let mut tree = Self {
             nodes: Vec::with_capacity(count / 6 + 1),
             blocks: Vec::with_capacity(count / 12 + 1),
-            slot_of_patch: vec![u32::MAX; geometry.patch_count as usize],
-            patch_count: geometry.patch_count,
-            plane_tolerance: geometry.plane_tolerance,
+            slot_of_patch: vec![u32::MAX; patch_count as usize],
+            patch_count,
+            plane_tolerance,
         };
         tree.nodes.push(Node {
             center: DVec3::ZERO,
@@ -310,24 +326,21 @@ impl Tree {
         tree
     }
 
-    fn by_surface_area(geometry: &Geometry) -> Self {
-        let surfaces = &geometry.surfaces;
+    fn cut_by_surface_area(&mut self, surfaces: &[Surface]) {
         let count = surfaces.len();
         #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
         let mut order: Vec<u32> = (0..count as u32).collect();
-        let mut tree = Self::empty(geometry);
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let boxes: Vec<Bounds> = surfaces.iter().map(Bounds::of).collect();
         // Twice as many pieces as threads, as the halves of a scene are not equally dear.
         let id = |s: u32| surfaces[s as usize].front.0;
         let whole = cut(&boxes, &id, &mut order, 2 * threads.next_power_of_two());
-        tree.nodes = whole.nodes;
+        self.nodes = whole.nodes;
         let mut start = 0;
         for lanes in whole.leaves {
-            tree.push_block(surfaces, &order[start..start + lanes]);
+            self.push_block(surfaces, &order[start..start + lanes]);
             start += lanes;
         }
-        tree
     }
 
     fn push_block(&mut self, surfaces: &[Surface], lanes: &[u32]) {
