@@ -592,9 +592,9 @@ mod tests {
                             .measure(&shaft, walls, &sighting, 1e-3, 20_000)
                             .expect("a fraction");
                         sum += 0.5 * open * clipped.fraction;
-                        let mut rays = (0.0, 0.0);
-                        shaft.cast(&sighting, 0, 1 << 16, 1, &mut rays);
-                        let by_rays = rays.0 / rays.1;
+                        let mut cast = crate::shaft::Cast::default();
+                        shaft.cast(&sighting, 1 << 16, 1, &mut cast);
+                        let by_rays = cast.fraction().expect("a fraction");
                         assert!(
                             (clipped.fraction - by_rays).abs() < 5e-3,
                             "{turn} {i} to {j}: {clipped:?}, {by_rays} by rays"

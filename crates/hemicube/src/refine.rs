@@ -22,7 +22,7 @@ use crate::candidates::Candidates;
 use crate::clip::Clipper;
 use crate::factor::{self, Exchanges, FactorRule};
 use crate::random;
-use crate::shaft::{RAYS, Shaft};
+use crate::shaft::{Cast, RAYS, Shaft};
 use crate::tree::Tree;
 use crate::walls::Walls;
 use glam::DVec3;
@@ -326,6 +326,10 @@ const PAIRS_OF_A_SUM: f64 = 6.0;
 const REACH: f64 = 0.3;
 /// How much smaller the squared error of the additive sequence is than that of independent rays.
 const QUASI_GAIN: f64 = 4.0;
+/// Rays that are cast at a pair before it is asked again how many it takes, as a multiple of those it had.
+const GROWTH: usize = 4;
+/// So many rays say well enough how many more it would take.
+const KNOWN_RAYS: usize = 256;
 /// From this many rays on, points are cheaper.
 const MANY_RAYS: f64 = 65_536.0;
 /// Points at one pair, about, at most; and where each pair is to have the tolerance by itself.
@@ -563,15 +567,16 @@ impl Refiner {
                 } else if sighting.is_open() {
                     1.0
                 } else {
-                    let mut rays = (0.0, 0.0);
+                    let mut cast = Cast::default();
                     let seed = seed(emitter.0, pair.patch);
                     if sighting.near {
                         self.shaft
-                            .cast_near(&sighting, SURVEY_RAYS, MOST_DRAWN * SURVEY_RAYS, seed, &mut rays);
+                            .cast_near(&sighting, SURVEY_RAYS, MOST_DRAWN * SURVEY_RAYS, seed, &mut cast);
                     } else {
-                        self.shaft.cast(&sighting, 0, SURVEY_RAYS, seed, &mut rays);
+                        self.shaft.cast(&sighting, SURVEY_RAYS, seed, &mut cast);
                     }
-                    if rays.1 > 0.0 { rays.0 / rays.1 } else { continue }
+                    let Some(fraction) = cast.fraction() else { continue };
+                    fraction
                 };
                 let weight = pair.open * pair.open / chance;
                 let sum = &mut sums.0[class][usize::from(pair.kind.nearness)];
@@ -628,16 +633,16 @@ impl Refiner {
                 continue;
             }
             let seed = seed(emitter.0, pair.patch);
-            let mut sums = (0.0, 0.0);
+            let mut cast = Cast::default();
             if sighting.near {
                 self.shaft
-                    .cast_near(&sighting, EACH_RAYS, MOST_DRAWN * EACH_RAYS, seed, &mut sums);
+                    .cast_near(&sighting, EACH_RAYS, MOST_DRAWN * EACH_RAYS, seed, &mut cast);
             } else {
-                self.shaft.cast(&sighting, 0, EACH_RAYS, seed, &mut sums);
+                self.shaft.cast(&sighting, EACH_RAYS, seed, &mut cast);
             }
             refined.rays += EACH_RAYS as u64;
-            if sums.1 > 0.0 {
-                pair.fraction = sums.0 / sums.1;
+            if let Some(fraction) = cast.fraction() {
+                pair.fraction = fraction;
             }
             let variance = pair.fraction * (1.0 - pair.fraction) / (QUASI_GAIN * EACH_RAYS as f64);
             refined.squared_error += pair.open * pair.open * variance;
@@ -744,62 +749,59 @@ impl Refiner {
             return;
         }
         let seed = seed(emitter.0, pair.patch);
-        let mut sums = (0.0, 0.0);
-        let mut rays = if sighting.near {
-            let first = 2 * RAYS;
-            self.shaft
-                .cast_near(&sighting, first, MOST_DRAWN * first, seed, &mut sums)
-        } else {
-            self.shaft.cast(&sighting, 0, RAYS, seed, &mut sums);
-            RAYS
+        let exchanged = pair.exchange * pair.stake;
+        let mut cast = Cast::default();
+        let mut next = if sighting.near { 2 * RAYS } else { RAYS };
+        let (rays, spread) = loop {
+            let before = cast.drawn;
+            let rays = if sighting.near {
+                self.shaft
+                    .cast_near(&sighting, next, MOST_DRAWN * next, seed, &mut cast)
+            } else {
+                self.shaft.cast(&sighting, next, seed, &mut cast)
+            };
+            // A few rays that agree do not prove that all would (Laplace's rule of succession, for half a ray).
+            let count = rays as f64;
+            let seen = cast.fraction().unwrap_or(0.5);
+            let smooth = (seen * count + 0.5) / (count + 1.0);
+            let spread = (smooth * (1.0 - smooth)).sqrt();
+            let mut wanted = spread * exchanged * (price / QUASI_GAIN).sqrt();
+            if self.refinement.all {
+                // A row's sum may be off by what a few dozen such pairs leave, even where their first rays agree by chance. The
+                // larger factor of the two is at most √2 z.
+                let larger = std::f64::consts::SQRT_2 * exchanged;
+                let error = PAIRS_OF_A_SUM * larger * spread.max(LEAST_SPREAD) / (ROW_SUM * self.refinement.tolerance);
+                wanted = wanted.max(error * error / QUASI_GAIN);
+            }
+            let is_poor = cast.sums.1 <= 0.0 || (sighting.near && rays < RAYS);
+            if is_poor || (wanted > MANY_RAYS && rays >= KNOWN_RAYS) {
+                // What so many rays would leave.
+                let enough = spread / (QUASI_GAIN * wanted.max(1.0)).sqrt();
+                let clipped = self.clipper.measure(&self.shaft, walls, &sighting, enough, MOST_POINTS);
+                if let Some(clipped) = clipped {
+                    pair.fraction = clipped.fraction;
+                    refined.rays += rays as u64;
+                    refined.points += clipped.points as u64;
+                    refined.squared_error += (clipped.change * pair.open).powi(2);
+                    return;
+                }
+            }
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "clamped, then a number of rays"
+            )]
+            let wanted = (wanted.clamp(0.0, MOST_RAYS) as usize).next_multiple_of(RAYS);
+            // No more than a few times as many at once: most of those that the first are in doubt about, the next settle.
+            if wanted <= rays || next >= wanted || cast.drawn == before {
+                break (rays, spread);
+            }
+            next = wanted.min(GROWTH * next);
         };
         refined.rays += rays as u64;
-        // A few rays that agree do not prove that all would (Laplace's rule of succession, for half a ray).
-        let count = rays as f64;
-        let pilot = if sums.1 > 0.0 { sums.0 / sums.1 } else { 0.5 };
-        let smooth = (pilot * count + 0.5) / (count + 1.0);
-        let spread = (smooth * (1.0 - smooth)).sqrt();
-        let exchanged = pair.exchange * pair.stake;
-        let mut wanted = spread * exchanged * (price / QUASI_GAIN).sqrt();
-        if self.refinement.all {
-            // A row's sum may be off by what a few dozen such pairs leave, even where their first rays agree by chance. The
-            // larger factor of the two is at most √2 z.
-            let larger = std::f64::consts::SQRT_2 * exchanged;
-            let error = PAIRS_OF_A_SUM * larger * spread.max(LEAST_SPREAD) / (ROW_SUM * self.refinement.tolerance);
-            wanted = wanted.max(error * error / QUASI_GAIN);
-        }
-        let is_poor = sums.1 <= 0.0 || (sighting.near && rays < RAYS);
-        if wanted > MANY_RAYS || is_poor {
-            // What so many rays would leave.
-            let enough = spread / (QUASI_GAIN * wanted.max(1.0)).sqrt();
-            let clipped = self.clipper.measure(&self.shaft, walls, &sighting, enough, MOST_POINTS);
-            if let Some(clipped) = clipped {
-                pair.fraction = clipped.fraction;
-                refined.points += clipped.points as u64;
-                refined.squared_error += (clipped.change * pair.open).powi(2);
-                return;
-            }
-        }
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "clamped, then a number of rays"
-        )]
-        let wanted = (wanted.clamp(0.0, MOST_RAYS) as usize).next_multiple_of(RAYS);
-        if wanted > rays && sighting.near {
-            sums = (0.0, 0.0);
-            rays = self
-                .shaft
-                .cast_near(&sighting, wanted, MOST_DRAWN * wanted, seed, &mut sums);
-            refined.rays += rays as u64;
-        } else if wanted > rays {
-            self.shaft.cast(&sighting, rays, wanted, seed, &mut sums);
-            refined.rays += (wanted - rays) as u64;
-            rays = wanted;
-        }
         // Where no ray had weight, as between planes that all but coincide, the centroid's fraction is all there is.
-        if sums.1 > 0.0 {
-            pair.fraction = sums.0 / sums.1;
+        if let Some(fraction) = cast.fraction() {
+            pair.fraction = fraction;
         }
         refined.squared_error += (spread * pair.open).powi(2) / (QUASI_GAIN * rays.max(1) as f64);
     }

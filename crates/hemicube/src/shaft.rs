@@ -201,6 +201,24 @@ impl Sighting {
     }
 }
 
+/// Rays cast at a pair so far, of one sequence.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Cast {
+    /// How many were drawn.
+    pub(crate) drawn: usize,
+    /// Σ k V and Σ k.
+    pub(crate) sums: (f64, f64),
+    /// Σ of weights and of their squares.
+    weights: (f64, f64),
+}
+
+impl Cast {
+    /// The visible fraction; `None` where no ray had weight.
+    pub(crate) fn fraction(&self) -> Option<f64> {
+        (self.sums.1 > 0.0).then(|| self.sums.0 / self.sums.1)
+    }
+}
+
 impl Shaft {
     /// Forgets all sightings.
     pub(crate) fn clear(&mut self) {
@@ -414,9 +432,9 @@ impl Shaft {
         between.chain(sighting.beside.iter().copied())
     }
 
-    /// Casts the rays `start..end` of a sequence (multiples of 16) and adds (Σ k V, Σ k) to `sums`: the same ones in both
-    /// directions of a pair.
-    pub(crate) fn cast(&self, sighting: &Sighting, start: usize, end: usize, seed: u64, sums: &mut (f64, f64)) {
+    /// Casts rays of a sequence until there are `wanted` (a multiple of 16): the same ones in both directions of a pair. How many
+    /// there are.
+    pub(crate) fn cast(&self, sighting: &Sighting, wanted: usize, seed: u64, cast: &mut Cast) -> usize {
         let (small, large) = sighting.by_size();
         let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
         let span = |t: &[DVec3; 3]| [t[0], t[1] - t[0], t[2] - t[0]].map(|p| p.to_array());
@@ -429,9 +447,8 @@ impl Shaft {
         let mut group = Group::new();
         let mut drawn = Drawn::new();
         let mut stopped = [0; RAYS];
-        let mut at = start;
-        while at < end {
-            dispatch_draw_spans(&pair, at, &mut drawn, &mut group);
+        while cast.drawn < wanted {
+            dispatch_draw_spans(&pair, cast.drawn, &mut drawn, &mut group);
             sighting.stopped(&drawn, &mut stopped);
             group.stopped = stopped.map(|s| u32::from(s != 0));
             group.hit = [0; RAYS];
@@ -442,10 +459,11 @@ impl Shaft {
                 whole += weight;
                 seen += if group.hit[l] == 0 { weight } else { 0.0 };
             }
-            sums.0 += seen;
-            sums.1 += whole;
-            at += RAYS;
+            cast.sums.0 += seen;
+            cast.sums.1 += whole;
+            cast.drawn += RAYS;
         }
+        cast.drawn
     }
 }
 
@@ -453,15 +471,14 @@ impl Shaft {
     /// Casts rays between a pair so near that segments between evenly drawn points would hardly meet what carries the
     /// weight: cosine-distributed directions from points of the smaller triangle (Malley's method), drawn in the rectangle
     /// round what the other one fills of the unit disc and weighted with its area; those that meet the other one count.
-    /// Stops when they are worth `wanted` equal ones, or at `most` directions. Adds (seen, met) to `sums`; returns what
-    /// those that met are worth.
+    /// Stops when all so far are worth `wanted` equal ones, or at `most` directions. Returns what those that met are worth.
     pub(crate) fn cast_near(
         &self,
         sighting: &Sighting,
         wanted: usize,
         most: usize,
         seed: u64,
-        sums: &mut (f64, f64),
+        cast: &mut Cast,
     ) -> usize {
         let (small, large) = sighting.by_size();
         let Some([tangent, bitangent, normal]) = crate::frame::axes(*small, 0.0) else {
@@ -486,11 +503,10 @@ impl Shaft {
         let mut group = Group::new();
         let mut drawn = Drawn::new();
         let mut stopped = [0; RAYS];
-        let (mut filled, mut sum, mut squares) = (0, 0.0, 0.0);
-        let mut at = 0;
+        let mut filled = 0;
         loop {
-            let mut mask = dispatch_draw_fan(&fan, at, &mut drawn);
-            at += RAYS;
+            let mut mask = dispatch_draw_fan(&fan, cast.drawn, &mut drawn);
+            cast.drawn += RAYS;
             if mask != 0 {
                 sighting.stopped(&drawn, &mut stopped);
             }
@@ -503,28 +519,29 @@ impl Shaft {
                 #[allow(clippy::cast_possible_truncation, reason = "at most 4")]
                 let single = weight as f32;
                 group.weight[filled] = single;
-                sum += weight;
-                squares += weight * weight;
+                cast.weights.0 += weight;
+                cast.weights.1 += weight * weight;
                 filled += 1;
                 if filled == RAYS {
-                    self.count(sighting, &mut group, filled, sums);
+                    self.count(sighting, &mut group, filled, &mut cast.sums);
                     filled = 0;
                 }
             }
-            if at >= most || sum * sum >= wanted as f64 * squares && squares > 0.0 {
+            let (sum, squares) = cast.weights;
+            if cast.drawn >= most || sum * sum >= wanted as f64 * squares && squares > 0.0 {
                 break;
             }
         }
         if filled > 0 {
-            self.count(sighting, &mut group, filled, sums);
+            self.count(sighting, &mut group, filled, &mut cast.sums);
         }
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "a number of rays"
         )]
-        let worth = if squares > 0.0 {
-            (sum * sum / squares) as usize
+        let worth = if cast.weights.1 > 0.0 {
+            (cast.weights.0 * cast.weights.0 / cast.weights.1) as usize
         } else {
             0
         };
@@ -1084,10 +1101,10 @@ mod tests {
         if sighting.hidden {
             return (1, 0.0);
         }
-        let mut sums = (0.0, 0.0);
-        shaft.cast(&sighting, 0, rays, 1, &mut sums);
+        let mut cast = Cast::default();
+        shaft.cast(&sighting, rays, 1, &mut cast);
         let count = sighting.between.len() + sighting.beside.len() + sighting.over.len();
-        (count, sums.0 / sums.1)
+        (count, cast.sums.0 / cast.sums.1)
     }
 
     #[test]
@@ -1112,13 +1129,9 @@ mod tests {
                 let at = usize::from(!std::ptr::eq(walls, &pieces));
                 hidden[at] += usize::from(sighting.hidden);
                 fewer[at] += sighting.between.len();
-                let mut sums = (0.0, 0.0);
-                shaft.cast(&sighting, 0, 256, 1, &mut sums);
-                if sighting.hidden {
-                    Some(0.0)
-                } else {
-                    (sums.1 > 0.0).then(|| sums.0 / sums.1)
-                }
+                let mut cast = Cast::default();
+                shaft.cast(&sighting, 256, 1, &mut cast);
+                if sighting.hidden { Some(0.0) } else { cast.fraction() }
             });
             let [Some(by_walls), Some(by_pieces)] = fractions else {
                 continue;
