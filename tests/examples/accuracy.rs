@@ -29,6 +29,7 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
 use obvhs::ray::{Ray, RayHit};
 use obvhs::triangle::Triangle;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
 use std::time::Duration;
 
@@ -471,8 +472,10 @@ fn worst(exact: &[ReferenceRow], estimated: &[EstimatedRow]) {
 /// Reference rows of the sampled patches, from the cache where there is one.
 fn reference(name: &str, model: &Model, rows: u32) -> Result<Vec<ReferenceRow>, Box<dyn std::error::Error>> {
     let emitters: Vec<InputPatch> = plan(model, rows, 1).rows;
-    let cached = std::env::var_os("REFERENCE_CACHE")
-        .map(|folder| Path::new(&folder).join(format!("{}-{rows}.bin", name.replace('/', "-"))));
+    let cached = std::env::var_os("REFERENCE_CACHE").map(|folder| {
+        let key = what_a_reference_depends_on(model, &emitters);
+        Path::new(&folder).join(format!("{}-{rows}-{key:016x}.bin", name.replace('/', "-")))
+    });
     if let Some(path) = &cached
         && let Ok(bytes) = std::fs::read(path)
     {
@@ -493,6 +496,27 @@ fn reference(name: &str, model: &Model, rows: u32) -> Result<Vec<ReferenceRow>, 
         std::fs::write(path, pack(&exact))?;
     }
     Ok(exact)
+}
+
+/// The scene, the rows, and the arithmetic: rows that an older reference left are none of this one.
+fn what_a_reference_depends_on(model: &Model, emitters: &[InputPatch]) -> u64 {
+    const SOURCES: [&str; 8] = [
+        include_str!("../../crates/hemicube/src/reference.rs"),
+        include_str!("../../crates/hemicube/src/reference/hemisphere.rs"),
+        include_str!("../../crates/hemicube/src/reference/pair.rs"),
+        include_str!("../../crates/hemicube/src/reference/random.rs"),
+        include_str!("../../crates/hemicube/src/reference/visibility.rs"),
+        include_str!("../../crates/hemicube/src/factor.rs"),
+        include_str!("../../crates/hemicube/src/factor/contour.rs"),
+        include_str!("../../crates/hemicube/src/model.rs"),
+    ];
+    let mut hasher = DefaultHasher::new();
+    SOURCES.hash(&mut hasher);
+    emitters.hash(&mut hasher);
+    for corner in model.patches().surfaces().iter().flatten() {
+        corner.to_array().map(f64::to_bits).hash(&mut hasher);
+    }
+    hasher.finish()
 }
 
 fn pack(rows: &[ReferenceRow]) -> Vec<u8> {

@@ -331,7 +331,7 @@ const GROWTH: usize = 4;
 /// So many rays say well enough how many more it would take.
 const KNOWN_RAYS: usize = 256;
 /// From this many rays on, points are cheaper.
-const MANY_RAYS: f64 = 65_536.0;
+const MANY_RAYS: f64 = 131_072.0;
 /// Points at one pair, about, at most; and where each pair is to have the tolerance by itself.
 const MOST_POINTS: usize = 6_000;
 const MOST_POINTS_EACH: usize = 20_000;

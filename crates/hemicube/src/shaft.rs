@@ -503,9 +503,16 @@ impl Shaft {
         let mut group = Group::new();
         let mut drawn = Drawn::new();
         let mut stopped = [0; RAYS];
+        let mut aim = Aim {
+            low: [[0.0; RAYS]; 2],
+            extent: [[0.0; RAYS]; 2],
+        };
         let mut filled = 0;
         loop {
-            let mut mask = dispatch_draw_fan(&fan, cast.drawn, &mut drawn);
+            if cast.drawn.is_multiple_of(FROM_A_POINT * RAYS) {
+                dispatch_aim(&fan, cast.drawn / FROM_A_POINT, &mut drawn, &mut aim);
+            }
+            let mut mask = dispatch_shoot(&fan, cast.drawn, &aim, &mut drawn);
             cast.drawn += RAYS;
             if mask != 0 {
                 sighting.stopped(&drawn, &mut stopped);
@@ -528,7 +535,8 @@ impl Shaft {
                 }
             }
             let (sum, squares) = cast.weights;
-            if cast.drawn >= most || sum * sum >= wanted as f64 * squares && squares > 0.0 {
+            let is_round = cast.drawn.is_multiple_of(FROM_A_POINT * RAYS);
+            if is_round && (cast.drawn >= most || sum * sum >= wanted as f64 * squares && squares > 0.0) {
                 break;
             }
         }
@@ -568,26 +576,37 @@ impl Shaft {
 fn hides(polygon: &[DVec3], sighting: &Sighting) -> bool {
     let first = polygon[0] - sighting.origin;
     let normal = (polygon[1] - polygon[0]).cross(polygon[2] - polygon[0]);
-    let height = |p: &DVec3| normal.dot(*p - first);
-    let of_emitter = sighting.emitter.each_ref().map(height);
-    let of_receiver = sighting.receiver.each_ref().map(height);
-    let are_above = |heights: &[f64; 3], sign: f64| heights.iter().all(|h| h * sign > 0.0);
-    if !(are_above(&of_emitter, of_emitter[0]) && are_above(&of_receiver, -of_emitter[0])) {
+    let heights = |t: &[DVec3; 3]| {
+        [
+            normal.dot(t[0] - first),
+            normal.dot(t[1] - first),
+            normal.dot(t[2] - first),
+        ]
+    };
+    let (of_emitter, of_receiver) = (heights(&sighting.emitter), heights(&sighting.receiver));
+    let side = of_emitter[0];
+    if of_emitter.iter().any(|h| h * side <= 0.0) || of_receiver.iter().any(|h| h * side >= 0.0) {
         return false;
     }
-    let places: [DVec3; 9] = std::array::from_fn(|k| {
-        let (p, q) = (sighting.emitter[k / 3], sighting.receiver[k % 3]);
-        let (hp, hq) = (of_emitter[k / 3], of_receiver[k % 3]);
-        p + (q - p) * (hp / (hp - hq))
-    });
-    (0..polygon.len()).all(|k| {
-        let (s, t) = (
-            polygon[k] - sighting.origin,
-            polygon[(k + 1) % polygon.len()] - sighting.origin,
-        );
-        let inwards = normal.cross(t - s);
-        places.iter().all(|&at| inwards.dot(at - s) > 0.0)
-    })
+    let is_inside = |at: DVec3| {
+        let mut before = polygon[polygon.len() - 1] - sighting.origin;
+        for corner in polygon {
+            let corner = *corner - sighting.origin;
+            if (corner - before).cross(at - before).dot(normal) <= 0.0 {
+                return false;
+            }
+            before = corner;
+        }
+        true
+    };
+    for (&p, hp) in sighting.emitter.iter().zip(of_emitter) {
+        for (&q, hq) in sighting.receiver.iter().zip(of_receiver) {
+            if !is_inside(p + (q - p) * (hp / (hp - hq))) {
+                return false;
+            }
+        }
+    }
+    true
 }
 
 /// Sixteen rays from points of one triangle to points of the other; the other point at parameter 1.
@@ -612,6 +631,16 @@ struct Fan {
     sides: [[f64; 3]; 3],
     across: [f64; 3],
     shift: [f64; 4],
+}
+
+/// Directions from each point: what a point sees costs more to bound than a direction to draw.
+const FROM_A_POINT: usize = 4;
+
+/// The rectangle on the unit disc that directions are drawn in, for each of sixteen points.
+#[repr(C, align(64))]
+struct Aim {
+    low: [[f64; RAYS]; 2],
+    extent: [[f64; RAYS]; 2],
 }
 
 /// What segments between evenly drawn points of two triangles are drawn from.
@@ -706,19 +735,19 @@ fn draw_spans(pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group) {
     }
 }
 
-/// Draws the directions of a fan over three corners or four.
+/// Points of one triangle and the rectangles on the unit disc round what each of them sees of the other.
 #[inline(always)]
-fn draw_fan(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
+fn aim(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &mut Aim) {
     if fan.above_count == 3 {
-        draw_fan_of::<3>(fan, at, drawn)
+        aim_at::<3>(fan, at, drawn, aim);
     } else {
-        draw_fan_of::<4>(fan, at, drawn)
+        aim_at::<4>(fan, at, drawn, aim);
     }
 }
 
-/// Draws the directions `at + 1..= at + 16` of a sequence; the mask says which meet the other triangle from its front.
+/// Draws the points `at + 1..= at + 16` of a sequence, and looks from them at so many corners.
 #[inline(always)]
-fn draw_fan_of<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn) -> u16 {
+fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &mut Aim) {
     let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
     let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
     let (least, most) = (
@@ -730,14 +759,11 @@ fn draw_fan_of<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn) ->
         minus(fan.corners[1], fan.corners[0]),
         minus(fan.corners[2], fan.corners[0]),
     );
-    let mut on_disc = [[0.0; RAYS]; 2];
     // The other triangle from each point.
     let mut towards = [[[0.0; RAYS]; 3]; CORNERS];
     for l in 0..RAYS {
         let u = sequence(&fan.shift, start + LANE[l]);
         let (s, t) = fold(u[0], u[1]);
-        on_disc[0][l] = u[2];
-        on_disc[1][l] = u[3];
         let x = [
             fan.corners[0][0] + e[0] * s + f[0] * t,
             fan.corners[0][1] + e[1] * s + f[1] * t,
@@ -804,13 +830,27 @@ fn draw_fan_of<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn) ->
             }
         }
     }
+    for a in 0..2 {
+        for l in 0..RAYS {
+            let (from, to) = (most(low[a][l] - MARGIN, -1.0), least(high[a][l] + MARGIN, 1.0));
+            aim.low[a][l] = from;
+            aim.extent[a][l] = to - from;
+        }
+    }
+}
+
+/// Draws the directions `at + 1..= at + 16` of a sequence from points aimed from; the mask says which meet the other
+/// triangle from its front.
+#[inline(always)]
+fn shoot(fan: &Fan, at: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
+    let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+    let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
+    let start = at as f64 + 1.0;
     let mut met = [0u64; RAYS];
     for l in 0..RAYS {
-        let (from_p, to_p) = (most(low[0][l] - MARGIN, -1.0), least(high[0][l] + MARGIN, 1.0));
-        let (from_q, to_q) = (most(low[1][l] - MARGIN, -1.0), least(high[1][l] + MARGIN, 1.0));
-        let p = from_p + (to_p - from_p) * on_disc[0][l];
-        let q = from_q + (to_q - from_q) * on_disc[1][l];
-        let weight = (to_p - from_p) * (to_q - from_q);
+        let u = sequence(&fan.shift, start + LANE[l]);
+        let [p, q] = [0, 1].map(|a| aim.low[a][l] + aim.extent[a][l] * u[2 + a]);
+        let weight = aim.extent[0][l] * aim.extent[1][l];
         let rest = 1.0 - (p * p + q * q);
         let up = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
         let [tangent, bitangent, normal] = fan.axes;
@@ -1053,7 +1093,8 @@ dispatch!(
     stop,
     (beside: &[[DVec3; 3]], over: &[[DVec3; 3]], from: &[[f64; RAYS]; 3], to: &[[f64; RAYS]; 3], out: &mut [u64; RAYS])
 );
-dispatch!(dispatch_draw_fan, draw_fan, (fan: &Fan, at: usize, drawn: &mut Drawn) -> u16);
+dispatch!(dispatch_aim, aim, (fan: &Fan, at: usize, drawn: &mut Drawn, out: &mut Aim));
+dispatch!(dispatch_shoot, shoot, (fan: &Fan, at: usize, aim: &Aim, drawn: &mut Drawn) -> u16);
 dispatch!(dispatch_hits, hits, (occluders: &[Occluder], group: &mut Group));
 
 #[cfg(test)]
