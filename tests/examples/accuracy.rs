@@ -500,7 +500,7 @@ fn reference(name: &str, model: &Model, rows: u32) -> Result<Vec<ReferenceRow>, 
 
 /// The scene, the rows, and the arithmetic: rows that an older reference left are none of this one.
 fn what_a_reference_depends_on(model: &Model, emitters: &[InputPatch]) -> u64 {
-    const SOURCES: [&str; 8] = [
+    const SOURCES: [&str; 11] = [
         include_str!("../../crates/hemicube/src/reference.rs"),
         include_str!("../../crates/hemicube/src/reference/hemisphere.rs"),
         include_str!("../../crates/hemicube/src/reference/pair.rs"),
@@ -508,6 +508,9 @@ fn what_a_reference_depends_on(model: &Model, emitters: &[InputPatch]) -> u64 {
         include_str!("../../crates/hemicube/src/reference/visibility.rs"),
         include_str!("../../crates/hemicube/src/factor.rs"),
         include_str!("../../crates/hemicube/src/factor/contour.rs"),
+        include_str!("../../crates/hemicube/src/factor/coarse.rs"),
+        include_str!("../../crates/hemicube/src/factor/far.rs"),
+        include_str!("../../crates/hemicube/src/factor/lanes.rs"),
         include_str!("../../crates/hemicube/src/model.rs"),
     ];
     let mut hasher = DefaultHasher::new();

@@ -753,7 +753,6 @@ impl Refiner {
         let mut cast = Cast::default();
         let mut next = if sighting.near { 2 * RAYS } else { RAYS };
         let (rays, spread) = loop {
-            let before = cast.drawn;
             let rays = if sighting.near {
                 self.shaft
                     .cast_near(&sighting, next, MOST_DRAWN * next, seed, &mut cast)
@@ -793,7 +792,7 @@ impl Refiner {
             )]
             let wanted = (wanted.clamp(0.0, MOST_RAYS) as usize).next_multiple_of(RAYS);
             // No more than a few times as many at once: most of those that the first are in doubt about, the next settle.
-            if wanted <= rays || next >= wanted || cast.drawn == before {
+            if wanted <= rays || next >= wanted {
                 break (rays, spread);
             }
             next = wanted.min(GROWTH * next);

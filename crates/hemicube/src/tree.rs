@@ -205,20 +205,16 @@ impl Tree {
 
     /// Packs a scene's surfaces.
     pub fn new(geometry: &Geometry, hierarchy: Hierarchy) -> Self {
-        let mut tree = match hierarchy {
+        match hierarchy {
             Hierarchy::SurfaceArea => {
-                let Geometry {
-                    surfaces,
-                    patch_count,
-                    plane_tolerance,
-                    ..
-                } = geometry;
-                return Self::of_surfaces(surfaces, *patch_count, *plane_tolerance);
+                Self::of_surfaces(&geometry.surfaces, geometry.patch_count, geometry.plane_tolerance)
             }
-            Hierarchy::Octree => Self::by_octree(geometry),
-        };
-        tree.measure();
-        tree
+            Hierarchy::Octree => {
+                let mut tree = Self::by_octree(geometry);
+                tree.measure();
+                tree
+            }
+        }
     }
 
     /// A tree of any surfaces with ids below `patch_count`, by the surface area heuristic.

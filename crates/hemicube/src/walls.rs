@@ -1,8 +1,8 @@
 //! Walls: surfaces of one plane that make up a convex polygon together, as one thing that occludes.
 //!
 //! A patch is cut fine for what it radiates; what it hides is the same however it is cut. Between two patches of a finely
-//! cut city lie dozens of pieces of the same few façades: a shaft that lists façades has an eighth of the triangles to test
-//! and to send rays at, and a façade proves a pair hidden where none of its pieces does.
+//! cut city lie dozens of pieces of the same few façades: a shaft that lists façades has fewer triangles to test and to send
+//! rays at, and a façade proves a pair hidden where none of its pieces does.
 
 use crate::Model;
 use crate::backend::{Geometry, Surface};
@@ -47,14 +47,7 @@ impl Walls {
     pub(crate) fn new(geometry: &Geometry, triangle: impl Fn(&Surface) -> usize) -> Self {
         let surfaces = &geometry.surfaces;
         let mesh = Mesh::of(surfaces);
-        let mut walls = Self {
-            tree: Tree::empty(0, 0, geometry.plane_tolerance),
-            of_patch: vec![u32::MAX; geometry.patch_count as usize],
-            corners: Vec::new(),
-            corner_start: vec![0],
-            pieces: Vec::with_capacity(surfaces.len()),
-            piece_start: vec![0],
-        };
+        let mut walls = Self::none(geometry);
         let flat = FLAT * geometry.plane_tolerance;
         let mut regions = Regions {
             mesh: &mesh,
@@ -84,27 +77,41 @@ impl Walls {
                 }
             }
         }
+        walls.plant(surfaces);
+        walls
+    }
+
+    fn none(geometry: &Geometry) -> Self {
+        Self {
+            tree: Tree::empty(0, 0, geometry.plane_tolerance),
+            of_patch: vec![u32::MAX; geometry.patch_count as usize],
+            corners: Vec::new(),
+            corner_start: vec![0],
+            pieces: Vec::with_capacity(geometry.surfaces.len()),
+            piece_start: vec![0],
+        }
+    }
+
+    /// Puts a tree over the triangles that the walls fall into.
+    fn plant(&mut self, surfaces: &[Surface]) {
         let mut triangles = Vec::new();
-        for wall in 0..walls.len() {
-            let id = InputPatch(wall);
-            let fan = match *walls.pieces(wall) {
+        for wall in 0..self.len() {
+            let fan = match *self.pieces(wall) {
                 // Left as it is, so that its corners keep their order.
                 [piece] => vec![surfaces[piece as usize].corners],
-                _ => walls
-                    .corners(wall)
-                    .windows(2)
-                    .skip(1)
-                    .map(|pair| [walls.corners(wall)[0], pair[0], pair[1]])
-                    .collect(),
+                _ => {
+                    let corners = self.corners(wall);
+                    let sides = corners[1..].windows(2);
+                    sides.map(|side| [corners[0], side[0], side[1]]).collect()
+                }
             };
             triangles.extend(fan.into_iter().map(|corners| Surface {
                 corners,
-                front: id,
-                back: Some(id),
+                front: InputPatch(wall),
+                back: Some(InputPatch(wall)),
             }));
         }
-        walls.tree = Tree::of_surfaces(&triangles, walls.len(), geometry.plane_tolerance);
-        walls
+        self.tree = Tree::of_surfaces(&triangles, self.len(), self.tree.plane_tolerance);
     }
 
     fn push(&mut self, surfaces: &[Surface], pieces: &[u32], polygon: &[DVec3]) {
@@ -305,29 +312,12 @@ mod tests {
     impl Walls {
         /// Each surface by itself.
         pub(crate) fn pieces_of(model: &Model) -> Self {
-            let mut of_surface = (0..model.patches().surfaces().len()).collect::<Vec<_>>();
-            of_surface.reverse();
-            let mut geometry = model.geometry().as_ref().clone();
-            // Nothing hangs together that does not touch.
-            for (surface, k) in geometry.surfaces.iter_mut().zip(of_surface) {
-                surface.corners = surface.corners.map(|p| p + DVec3::splat(10.0 * k as f64));
+            let surfaces = &model.geometry().surfaces;
+            let mut walls = Self::none(model.geometry());
+            for (piece, surface) in (0u32..).zip(surfaces) {
+                walls.push(surfaces, &[piece], &surface.corners);
             }
-            let mut walls = Self::new(&geometry, |surface| surface.front.0 as usize);
-            assert_eq!(walls.len() as usize, geometry.surfaces.len());
-            walls.tree = Tree::of_surfaces(
-                &(0..walls.len())
-                    .map(|wall| Surface {
-                        front: InputPatch(wall),
-                        back: Some(InputPatch(wall)),
-                        ..model.geometry().surfaces[walls.pieces(wall)[0] as usize]
-                    })
-                    .collect::<Vec<_>>(),
-                walls.len(),
-                model.geometry().plane_tolerance,
-            );
-            walls.corners = (0..walls.len())
-                .flat_map(|wall| model.geometry().surfaces[walls.pieces(wall)[0] as usize].corners)
-                .collect();
+            walls.plant(surfaces);
             walls
         }
     }

@@ -63,7 +63,7 @@ void main() {
   color = vec4(n & 255, (n >> 8) & 255, (n >> 16) & 255, (n >> 24) & 255) / 255.0;
 }`;
 
-/** Whether this browser draws without a GPU, where several samples a pixel take twice the time. */
+/** Whether this browser draws without a GPU, where several samples a pixel take much longer than one. */
 function isSoftware() {
   const context = document.createElement("canvas").getContext("webgl2");
   if (!context) return false;
