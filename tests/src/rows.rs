@@ -122,6 +122,14 @@ impl Rung {
         resolution: 256,
     };
 
+    /// Visible fraction × closed form, both from one point.
+    pub fn point() -> Self {
+        Self {
+            correction: Correction::Point,
+            resolution: 128,
+        }
+    }
+
     /// Visible fraction × closed form.
     pub fn area() -> Self {
         Self {

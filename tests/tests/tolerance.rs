@@ -186,7 +186,7 @@ fn the_centroid_alone_breaks_what_the_tolerance_keeps() {
     };
     let mut far_off = 0;
     for pair in pairs.iter().filter(|pair| pair.exact[0] > 0.0) {
-        let found = both_ways(pair, ROTATED, WHOLE, |_| Rung::area());
+        let found = both_ways(pair, ROTATED, WHOLE, |_| Rung::point());
         let off = found.iter().zip(pair.exact).map(|(f, exact)| (f / exact - 1.0).abs());
         let worst = off.fold(0.0, f64::max);
         say(&format!(

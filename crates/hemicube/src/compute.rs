@@ -666,22 +666,31 @@ fn compute_batch(
         let (columns, data) = (&mut part.indices, &mut part.data);
         let start = data.len();
         let of_row = samples.clone().map(|row| rows.row(row));
-        let mut converted = converter.convert(model, emitter, &hemicubes[samples], of_row, receives, columns, data);
+        let mut converted = converter.convert(
+            model,
+            emitter,
+            &hemicubes[samples],
+            of_row,
+            receives,
+            false,
+            columns,
+            data,
+        );
         let mut hemicubes_of_row = count;
-        // A promise is not put on the fewer.
-        let promised = matches!(plan.correction, Correction::Tolerance(_));
-        for more_samples in MORE_SAMPLES.into_iter().skip(usize::from(promised)) {
+        let attempts = more_samples(&plan.correction);
+        for (place, more) in attempts.iter().enumerate() {
             if !converted.is_odd {
                 break;
             }
             // The points do not stand for the emitter: a centroid inside a solid, say, of a patch that reaches out of it.
-            let more = model.hemicubes(emitter, more_samples * plan.samples_per_edge, plan.rotate);
+            let more = model.hemicubes(emitter, more * plan.samples_per_edge, plan.rotate);
             let mut odd = RowBlock::default();
             batch.counters += render(model, settings, backend, emitter, &more, &mut odd)?;
             let of_row = (0..more.len()).map(|row| odd.row(row));
             columns.truncate(start);
             data.truncate(start);
-            converted = converter.convert(model, emitter, &more, of_row, receives, columns, data);
+            let is_last = place + 1 == attempts.len();
+            converted = converter.convert(model, emitter, &more, of_row, receives, is_last, columns, data);
             hemicubes_of_row = more.len();
         }
         if plan.min_factor > 0.0 || plan.form != Form::Plain {
@@ -701,9 +710,17 @@ fn compute_batch(
     Ok(batch)
 }
 
-/// A row whose hemicubes do not stand for its emitter gets this many times as many along an edge; and if those do not, this
-/// many.
-const MORE_SAMPLES: [u32; 2] = [2, 4];
+/// How many times as many hemicubes along an edge a row gets whose hemicubes do not stand for its emitter; and if those do
+/// not, how many then.
+fn more_samples(correction: &Correction) -> &'static [u32] {
+    match correction {
+        // What matters of such a row is looked at by rays, and more than four hemicubes make little of the rest better.
+        Correction::Area(_) => &[2],
+        // A promise is not put on the fewer.
+        Correction::Tolerance(_) => &[4],
+        Correction::Pixel | Correction::Point => &[2, 4],
+    }
+}
 
 /// Renders and checks rows; `first` is the emitter to name where something is wrong.
 pub(crate) fn render(

@@ -2,8 +2,10 @@
 //!
 //! - *pixel*: F_ij = Σ visible weight. Aliasing falls with the resolution; that the emitter is a point does not.
 //! - *point*: F_ij = visible fraction × the closed form from the hemicube's centre.
-//! - *area*: F_ij = visible fraction × the closed form from the whole emitter, as symmetric as visibility allows.
-//! - *tolerance*: the area rung, with the visible fraction of those pairs whose penumbra matters measured by rays in the
+//! - *area*: F_ij = visible fraction × the closed form from the whole emitter, as symmetric as visibility allows. The few
+//!   pairs that one point is most wrong about are looked at by rays: patches that all but touch, seen or not, and large
+//!   ones that are partly seen.
+//! - *tolerance*: the area rung, with the visible fraction of all pairs whose penumbra matters measured by rays in the
 //!   shaft between the two patches ([`Refinement`]).
 //!
 //! The *visible fraction* is what a patch shows over what it would cover alone, by the same rasteriser. With K hemicubes a
@@ -14,7 +16,7 @@ use crate::Model;
 use crate::backend::{Hemicube, WHOLE};
 use crate::factor::{Exchanges, FactorRule, PointFactors};
 pub use crate::refine::{Doubts, Refinement};
-use crate::refine::{Refined, Refiner};
+use crate::refine::{Mended, Refined, Refiner};
 use crate::row::RowView;
 use crate::store::RowSums;
 use hemicube_scene::InputPatch;
@@ -56,7 +58,7 @@ pub enum Correction {
     Pixel,
     /// Visible fraction × point-to-area closed form.
     Point,
-    /// Visible fraction × area-to-area closed form, integrated by this rule.
+    /// Visible fraction × area-to-area closed form, integrated by this rule; some fractions by rays.
     Area(FactorRule),
     /// The area rung with as many rays at partly visible pairs as the tolerance asks for.
     Tolerance(Refinement),
@@ -135,7 +137,8 @@ impl Converter {
             },
             refiner: match correction {
                 Correction::Tolerance(refinement) => Some(Refiner::new(refinement)),
-                Correction::Pixel | Correction::Point | Correction::Area(_) => None,
+                Correction::Area(rule) => Some(Refiner::new(Refinement::without_tolerance(rule))),
+                Correction::Pixel | Correction::Point => None,
             },
             patches: Vec::new(),
             fractions: Vec::new(),
@@ -146,7 +149,8 @@ impl Converter {
 
     /// Appends the columns and form factors of one row, and returns what it came to.
     ///
-    /// `hemicubes` and `rows` are the emitter's samples; `receives` says whether a patch has a column.
+    /// `hemicubes` and `rows` are the emitter's samples; `receives` says whether a patch has a column. A row that is odd is
+    /// left unfinished where another attempt follows, and is as good as this can be where it `is_last`.
     #[allow(clippy::too_many_arguments, reason = "called once, from the driver's inner loop")]
     pub(crate) fn convert<'r>(
         &mut self,
@@ -155,6 +159,7 @@ impl Converter {
         hemicubes: &[Hemicube],
         rows: impl Iterator<Item = RowView<'r>>,
         receives: impl Fn(u32) -> bool,
+        is_last: bool,
         columns: &mut Vec<i32>,
         data: &mut Vec<f32>,
     ) -> Converted {
@@ -170,6 +175,17 @@ impl Converter {
         if hemicubes.len() > 1 {
             self.entries.sort_unstable();
         }
+        let whole = f64::from(WHOLE) * hemicubes.len().max(1) as f64;
+        let escaped_all = u64::from(WHOLE) * hemicubes.len() as u64;
+        let lost = (sums.escaped + sums.blocked + sums.unselected) as f64 / whole;
+        let bound = match self.correction {
+            Correction::Pixel => f64::INFINITY,
+            _ if sums.escaped > 0 => ODD,
+            Correction::Point | Correction::Area(_) => ODD_IN_THE_CLOSED,
+            Correction::Tolerance(refinement) => refinement.tolerance.max(ODD_AT_LEAST),
+        };
+        let is_odd = |sum: f64| !hemicubes.is_empty() && (sum + lost - 1.0).abs() > bound;
+        let mut odd = None;
         match self.correction {
             Correction::Pixel => self.pixel(hemicubes.len(), columns, data),
             Correction::Point => self.point(model, hemicubes, columns, data),
@@ -177,7 +193,20 @@ impl Converter {
                 if !is_plain {
                     self.fractions(model, hemicubes);
                 }
-                self.area(model, emitter, columns, data);
+                let per_area = self.exchange(model, emitter);
+                let shown = self.shown(per_area);
+                // What the hemicubes say, before rays say better: they alone know what is lost.
+                let mut is_odd = is_odd(shown);
+                if (!is_odd || is_last) && sums.escaped < escaped_all {
+                    let mended = self.mend(model, emitter, hemicubes.len(), receives);
+                    rays = mended.rays + mended.points;
+                    // A centroid inside a solid, of a patch that reaches out of it: what rays find there is not all there is.
+                    is_odd |= self.shown(per_area) - shown > bound;
+                }
+                odd = Some(is_odd);
+                for ((&patch, &visible), &exchange) in self.patches.iter().zip(&self.fractions).zip(&self.values) {
+                    push(columns, data, patch, visible * exchange * per_area);
+                }
             }
             Correction::Tolerance(_) => {
                 let refined = self.tolerance(model, emitter, hemicubes.len(), receives, columns, data);
@@ -200,21 +229,12 @@ impl Converter {
                 refiner.pairs.iter().filter(|pair| is_partial(pair.fraction)).count()
             }),
         };
-        let whole = f64::from(WHOLE) * hemicubes.len().max(1) as f64;
-        let lost = (sums.escaped + sums.blocked + sums.unselected) as f64 / whole;
-        let sum = sum(&data[start..]);
-        let bound = match self.correction {
-            Correction::Pixel => f64::INFINITY,
-            _ if sums.escaped > 0 => ODD,
-            Correction::Point | Correction::Area(_) => ODD_IN_THE_CLOSED,
-            Correction::Tolerance(refinement) => refinement.tolerance.max(ODD_AT_LEAST),
-        };
         Converted {
             sums,
             error,
             rays,
             partial: partial as u64,
-            is_odd: !hemicubes.is_empty() && (sum + lost - 1.0).abs() > bound,
+            is_odd: odd.unwrap_or_else(|| is_odd(sum(&data[start..]))),
         }
     }
 
@@ -307,17 +327,33 @@ impl Converter {
         }
     }
 
-    fn area(&mut self, model: &Model, emitter: InputPatch, columns: &mut Vec<i32>, data: &mut Vec<f32>) {
-        let Some(exchanges) = &mut self.exchanges else { return };
+    /// A_i F_ij of the listed patches if all were visible; returns 1 / A_i.
+    fn exchange(&mut self, model: &Model, emitter: InputPatch) -> f64 {
         let own = model.normalised_corners(emitter.0);
-        let per_area = 2.0 / (own[1] - own[0]).cross(own[2] - own[0]).length();
         self.values.clear();
         self.values.resize(self.patches.len(), 0.0);
-        exchanges.begin(&own);
-        exchanges.row(model, &self.patches, &mut self.values);
-        for ((&patch, &visible), &exchange) in self.patches.iter().zip(&self.fractions).zip(&self.values) {
-            push(columns, data, patch, visible * exchange * per_area);
+        if let Some(exchanges) = &mut self.exchanges {
+            exchanges.begin(&own);
+            exchanges.row(model, &self.patches, &mut self.values);
         }
+        2.0 / (own[1] - own[0]).cross(own[2] - own[0]).length()
+    }
+
+    /// Σ F of the listed patches.
+    fn shown(&self, per_area: f64) -> f64 {
+        let shown = self.fractions.iter().zip(&self.values);
+        per_area * shown.map(|(visible, exchange)| visible * exchange).sum::<f64>()
+    }
+
+    fn mend(&mut self, model: &Model, emitter: InputPatch, samples: usize, receives: impl Fn(u32) -> bool) -> Refined {
+        let row = Mended {
+            patches: &mut self.patches,
+            fractions: &mut self.fractions,
+            exchanges: &mut self.values,
+            samples,
+        };
+        let refiner = self.refiner.as_mut();
+        refiner.map_or_else(Refined::default, |refiner| refiner.mend(model, emitter, row, receives))
     }
 
     fn tolerance(

@@ -13,6 +13,9 @@
 //! of them, and one whose doubt is d is left as it is where μ z² d is less than the shaft and its rays would cost. μ follows
 //! from the error that is asked for, over a sample of the scene's rows ([`Refinement::priced`]).
 //!
+//! Where no tolerance is asked for, the same is done for the few pairs that are most of what a row may be off by: those that
+//! touch or all but touch, and large ones that are partly seen ([`Refiner::mend`]).
+//!
 //! The stake is what the pair's visible fraction moves in both its rows: z² = (F_ij² + F_ji²) / 2. Spread, rays and points
 //! are the same in both directions, and so is the fraction that is measured, to the bit: what is not reciprocal is what one
 //! of the two rows leaves as its centroid has it.
@@ -64,6 +67,15 @@ impl Refinement {
             doubts: Doubts::default(),
             all: false,
             each: false,
+        }
+    }
+
+    /// For rows that are mended ([`Refiner::mend`]), nothing known of the scene.
+    pub(crate) fn without_tolerance(rule: FactorRule) -> Self {
+        Self {
+            rule,
+            doubts: Doubts::found(),
+            ..Self::for_tolerance(f64::INFINITY)
         }
     }
 
@@ -171,6 +183,27 @@ impl Default for Doubts {
 }
 
 impl Doubts {
+    /// What rooms and cities were found to have, by F²: where no sample of the scene's rows is held against rays.
+    pub(crate) fn found() -> Self {
+        Self([
+            [0.01, 0.008, 0.006, 0.005, 0.004, 0.004, 0.004, 0.004],
+            [0.0003, 0.0001, 0.00005, 0.00005, 0.00005, 0.00005, 0.00005, 0.00005],
+            [0.1, 0.0004, 0.0003, 0.0003, 0.0003, 0.0003, 0.0003, 0.0003],
+            [0.003, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002],
+            [0.02, 0.005, 0.004, 0.003, 0.003, 0.003, 0.003, 0.003],
+        ])
+    }
+
+    /// What several hemicubes say of a patch that they see is off by less.
+    fn lower(&mut self, samples: usize) {
+        let share = (samples as f32).powi(2).recip();
+        for (class, of) in self.0.iter_mut().enumerate() {
+            if class != UNSEEN {
+                of.iter_mut().for_each(|doubt| *doubt *= share);
+            }
+        }
+    }
+
     fn of(&self, kind: Kind) -> f64 {
         f64::from(self.0[kind.class as usize][kind.nearness as usize])
     }
@@ -271,6 +304,8 @@ pub(crate) struct Refiner {
     open: Vec<f64>,
     /// Unseen pairs far from each other.
     far: Vec<Pair>,
+    /// Where pairs lie in the row that is mended.
+    places: Vec<usize>,
     /// What is expected of each pair.
     stakes: Vec<Stake>,
     own_area: f64,
@@ -298,6 +333,26 @@ impl Found {
         }
     }
 }
+
+/// A row from one hemicube or several that is looked at again.
+pub(crate) struct Mended<'r> {
+    /// Ascending.
+    pub(crate) patches: &'r mut Vec<u32>,
+    pub(crate) fractions: &'r mut Vec<f64>,
+    /// A_i F_ij if all were visible.
+    pub(crate) exchanges: &'r mut Vec<f64>,
+    /// How many hemicubes.
+    pub(crate) samples: usize,
+}
+
+/// From what share of a row's √Σ F² on the expected error of a pair is worth a shaft where no tolerance is asked for.
+const MENDED: f64 = 0.004;
+/// A pair then gets this many rays for each time that its spread is as much as that.
+const MENDING_RAYS: f64 = 5.0;
+/// How much larger than usual the doubts of a row may prove there.
+const LARGER: f64 = 4.0;
+/// What a form factor is taken for in a row of which hemicubes saw nothing.
+const USUAL_FACTOR: f64 = 0.01;
 
 /// What a row's refinement came to.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -355,6 +410,7 @@ impl Refiner {
             exchanges: Exchanges::new(refinement.rule),
             open: Vec::new(),
             far: Vec::new(),
+            places: Vec::new(),
             stakes: Vec::new(),
             own_area: 0.0,
             is_measured: Vec::new(),
@@ -401,9 +457,123 @@ impl Refiner {
         self.find_stakes();
         let (price, least) = self.price(budget);
         let mut refined = Refined::default();
+        self.find_probes(emitter);
         self.measure(model, emitter, &own, price, least, &mut refined);
         self.pairs.sort_unstable_by_key(|pair| pair.patch);
         refined.squared_norm = self.squared_norm();
+        refined
+    }
+
+    /// Looks again at those pairs of a row that are a good part of what it may be off by, with the doubts that pairs were
+    /// found to have elsewhere, and adds those of them that no hemicube saw.
+    ///
+    /// A pair is worth it from a share of √Σ F² on: of a row that sees little, of what it would be if it saw as much as it
+    /// can, on half the way there (the geometric mean), for it has the smaller part in the matrix.
+    pub(crate) fn mend(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        row: Mended<'_>,
+        receives: impl Fn(u32) -> bool,
+    ) -> Refined {
+        let mut refined = Refined::default();
+        let own = model.normalised_corners(emitter.0);
+        self.own_area = area(&own);
+        let per_area = 1.0 / self.own_area;
+        let (mut squares, mut sum) = (0.0, 0.0);
+        for (fraction, exchange) in row.fractions.iter().zip(&*row.exchanges) {
+            let factor = fraction * exchange * per_area;
+            squares += factor * factor;
+            sum += factor;
+        }
+        // With what it says, as long as it says anything.
+        let usual = if squares > 0.0 {
+            squares / sum.min(1.0)
+        } else {
+            USUAL_FACTOR
+        };
+        let least = MENDED * usual.sqrt();
+        let mut doubts = self.refinement.doubts;
+        if row.samples > 1 {
+            doubts.lower(row.samples);
+        }
+        let most = doubts.0.map(|of| f64::from(of.into_iter().fold(0.0, f32::max)).sqrt());
+        self.pairs.clear();
+        self.places.clear();
+        let pairs = row.patches.iter().zip(&*row.fractions).zip(&*row.exchanges);
+        for (place, ((&patch, &fraction), &exchange)) in pairs.enumerate() {
+            let class = Kind::class(fraction);
+            let open = exchange * per_area;
+            if open * most[usize::from(class)] * LARGER.sqrt() <= least {
+                continue;
+            }
+            let corners = model.normalised_corners(patch);
+            self.places.push(place);
+            self.pairs.push(Pair {
+                patch,
+                open,
+                fraction,
+                exchange,
+                stake: stake(self.own_area, area(&corners)),
+                kind: Kind {
+                    class,
+                    nearness: Kind::nearness(&own, &corners),
+                },
+                is_rough: false,
+            });
+        }
+        let seen_count = self.pairs.len();
+        let tree = Tree::of(model.geometry());
+        self.candidates.find(&tree, emitter.0, &own, least / most[UNSEEN]);
+        for &patch in &self.candidates.patches {
+            if row.patches.binary_search(&patch).is_ok() || !receives(patch) {
+                continue;
+            }
+            let corners = model.normalised_corners(patch);
+            let kind = Kind {
+                class: Kind::class(0.0),
+                nearness: Kind::nearness(&own, &corners),
+            };
+            // Of those that all but touch, the middles tell nothing.
+            let is_rough = kind.nearness > 0;
+            let (open, exchange) = if is_rough {
+                (by_middles(&own, &corners), 0.0)
+            } else {
+                let exchange = factor::exchange(&own, &corners, &self.refinement.rule);
+                (exchange * per_area, exchange)
+            };
+            if open * doubts.of(kind).sqrt() > least {
+                self.pairs.push(Pair {
+                    patch,
+                    open,
+                    fraction: 0.0,
+                    exchange,
+                    stake: stake(self.own_area, area(&corners)),
+                    kind,
+                    is_rough,
+                });
+            }
+        }
+        // What a pair is worth to the other row is found there.
+        let stake = |pair: &Pair| {
+            let own = pair.open * doubts.of(pair.kind).sqrt();
+            Stake { both: own, own }
+        };
+        self.stakes.clear();
+        self.stakes.extend(self.pairs.iter().map(stake));
+        self.is_probe.clear();
+        self.is_probe.resize(self.pairs.len(), false);
+        let price = QUASI_GAIN * (MENDING_RAYS / least).powi(2);
+        self.measure(model, emitter, &own, price, least, &mut refined);
+        for (pair, &place) in self.pairs.iter().zip(&self.places) {
+            row.fractions[place] = pair.fraction;
+        }
+        for pair in self.pairs[seen_count..].iter().filter(|pair| pair.fraction > 0.0) {
+            let place = row.patches.partition_point(|&patch| patch < pair.patch);
+            row.patches.insert(place, pair.patch);
+            row.fractions.insert(place, pair.fraction);
+            row.exchanges.insert(place, pair.exchange);
+        }
         refined
     }
 
@@ -664,7 +834,6 @@ impl Refiner {
         // Doubts of the groups in this row: where one point stands badly for a patch, all that it says is off at once. So
         // some pairs of each group are tried in any case, and where they are off, so may be others.
         let mut found = [Found::default(); GROUPS];
-        self.find_probes(emitter);
         self.is_measured.clear();
         self.is_measured.resize(self.pairs.len(), false);
         for pass in 0..PASSES {

@@ -3,13 +3,14 @@
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::correct::{Correction, Refinement};
-use hemicube::factor::FactorRule;
+use hemicube::factor::{Exchanges, FactorRule};
 use hemicube::reference::{EstimatedRow, Reference, ReferenceSettings, errors_against};
 use hemicube::store::Part;
 use hemicube::{HierarchyOptions, InputPatch, Model};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box, generate};
 use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
+use hemicube_spatial::glam::DVec3;
 
 /// A unit cube seen from inside; faces 2k and 2k + 1 are opposite.
 fn cube() -> Scene {
@@ -128,6 +129,82 @@ fn more_samples_help_points_and_do_not_hurt_areas() {
     assert!(error(&area_four) < 2e-4);
 }
 
+/// A floor, a block on it that hides the middle of it, and a wall along one side: what sees the wall is what reaches out
+/// from under the block.
+fn under_a_block() -> Scene {
+    let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+    let quad = |a, b, c, d| [[a, b, c], [a, c, d]];
+    let (low, high) = (0.5, 3.5);
+    let [a, b, c, d] = [(low, low), (high, low), (high, high), (low, high)].map(|(x, y)| at(x, y, 0.0));
+    let up = DVec3::Z;
+    let quads = [
+        quad(
+            at(0.0, 0.0, 0.0),
+            at(4.0, 0.0, 0.0),
+            at(4.0, 4.0, 0.0),
+            at(0.0, 4.0, 0.0),
+        ),
+        quad(
+            at(4.0, 0.0, 0.0),
+            at(4.0, 0.0, 2.0),
+            at(4.0, 4.0, 2.0),
+            at(4.0, 4.0, 0.0),
+        ),
+        quad(a, b, b + up, a + up),
+        quad(b, c, c + up, b + up),
+        quad(c, d, d + up, c + up),
+        quad(d, a, a + up, d + up),
+        quad(a + up, b + up, c + up, d + up),
+    ];
+    let triangle = |corners| Triangle {
+        corners,
+        object: 0,
+        material: 0,
+        face: 0,
+        two_sided: false,
+    };
+    Scene {
+        objects: vec!["yard".to_owned()],
+        materials: vec![Default::default()],
+        triangles: quads.into_iter().flatten().map(triangle).collect(),
+        ..Scene::default()
+    }
+}
+
+#[test]
+fn a_floor_whose_middle_is_under_a_block_sees_what_its_border_sees() {
+    let patches = Patches::new(&under_a_block(), Subdivision::None).expect("patches");
+    let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+    let floor = RowChoice::Range { start: 0, end: 2 };
+    let plan = Plan::new(&model, floor, Selection::default(), 1, true);
+    let reference = Reference::new(&model, ReferenceSettings::default()).expect("a reference");
+    let exact = reference.rows(&plan.rows, 2, &mut |_| {}).expect("rows");
+    let rows = |correction| {
+        let settings = RenderSettings {
+            resolution: 128,
+            culling: Culling::On,
+            covered: false,
+        };
+        let mut parts: Vec<Part> = Vec::new();
+        let (backend, execution) = (Box::new(CpuBackend::new()), Execution::default());
+        let plan = plan.clone().with_correction(correction);
+        compute(&model, &plan, settings, backend, execution, &mut parts, &mut |_| {}).expect("rows");
+        let estimated: Vec<_> = parts.iter().flat_map(EstimatedRow::of_part).collect();
+        let hemicubes: Vec<u32> = parts.iter().flat_map(|part| part.hemicubes.clone()).collect();
+        (errors_against(&exact, &estimated).relative_frobenius, hemicubes)
+    };
+    let (point, one) = rows(Correction::Point);
+    let (area, more) = rows(Correction::area());
+    assert!(point > 0.99, "the middle sees nothing: {point}");
+    assert_eq!(one, [1, 1], "and no sum is amiss");
+    assert!(area < 0.05, "{area}");
+    assert_eq!(
+        more,
+        [4, 4],
+        "what rays find says that the middle does not stand for the floor"
+    );
+}
+
 #[test]
 fn a_tolerance_brings_a_city_nearer_to_the_reference() {
     let city = BlockCityParameters {
@@ -175,45 +252,39 @@ fn a_tolerance_brings_a_city_nearer_to_the_reference() {
     assert!(fine < 0.6 * one_percent, "{fine} {one_percent}");
 }
 
-/// √(Σ (F − exact F)² / Σ exact F²) of a rule for closed forms, over sampled rows of a scene.
+/// √(Σ (F − exact F)² / Σ exact F²) of a rule for closed forms over sampled rows of a scene, all with the same visibility.
 fn error_of_rule(scene: &Scene, subdivision: Subdivision, tolerance: f64) -> f64 {
     let patches = Patches::new(scene, subdivision).expect("patches");
     let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
     let choice = RowChoice::Sample { count: 64, seed: 5 };
-    let plan = Plan::new(&model, choice, Selection::default(), 1, true);
-    let rows = |tolerance| {
-        let settings = RenderSettings {
-            resolution: 64,
-            culling: Culling::On,
-            covered: false,
-        };
-        let mut parts: Vec<Part> = Vec::new();
-        let plan = plan
-            .clone()
-            .with_correction(Correction::Area(FactorRule::for_tolerance(tolerance)));
-        let backend = Box::new(CpuBackend::new());
-        let execution = Execution::default();
-        compute(&model, &plan, settings, backend, execution, &mut parts, &mut |_| {}).expect("rows");
-        parts
+    let exact = FactorRule::for_tolerance(1e-4);
+    let plan = Plan::new(&model, choice, Selection::default(), 1, true).with_correction(Correction::Area(exact));
+    let settings = RenderSettings {
+        resolution: 64,
+        culling: Culling::On,
+        covered: false,
     };
-    let (found, exact) = (rows(tolerance), rows(1e-4));
+    let mut parts: Vec<Part> = Vec::new();
+    let (backend, execution) = (Box::new(CpuBackend::new()), Execution::default());
+    compute(&model, &plan, settings, backend, execution, &mut parts, &mut |_| {}).expect("rows");
+    let corners = |patch: InputPatch| model.patches().corners(patch).map(|corner| model.normalise(corner));
     let (mut squared, mut norm) = (0.0, 0.0);
-    for (found, exact) in found.iter().zip(&exact) {
-        for row in 0..exact.rows.len() {
-            // What is odd may hang on the last digits of a sum: then the two have other fractions.
-            assert_eq!(found.hemicubes[row], exact.hemicubes[row], "patch {}", exact.rows[row]);
-            let dense = |part: &Part| {
-                let mut all = vec![0.0; model.patches().len()];
-                let (columns, data) = part.row(row);
-                for (&column, &value) in columns.iter().zip(data) {
-                    all[column.cast_unsigned() as usize] = f64::from(value);
-                }
-                all
-            };
-            for (f, e) in dense(found).iter().zip(dense(exact)) {
-                squared += (f - e) * (f - e);
-                norm += e * e;
+    for row in parts.iter().flat_map(EstimatedRow::of_part) {
+        let own = corners(row.emitter);
+        let open = |rule: FactorRule| {
+            let mut exchanges = Exchanges::new(rule);
+            let mut out = vec![0.0; row.columns.len()];
+            exchanges.begin(&own);
+            for (place, &column) in row.columns.iter().enumerate() {
+                exchanges.add(place, &corners(InputPatch(column)), &mut out);
             }
+            exchanges.finish(&mut out);
+            out
+        };
+        let (found, exact) = (open(FactorRule::for_tolerance(tolerance)), open(exact));
+        for ((f, e), value) in found.iter().zip(exact).zip(&row.values) {
+            squared += (value * (f / e - 1.0)).powi(2);
+            norm += value * value;
         }
     }
     (squared / norm).sqrt()
