@@ -29,6 +29,19 @@ struct Emitter {
     tolerance: f64,
 }
 
+/// From which form factor on patches are listed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Least {
+    /// Of those that all but touch the emitter: whose middle is nearer to its own than twice the root of the sum of squared
+    /// radii.
+    pub(crate) near: f64,
+    /// Of the others.
+    pub(crate) far: f64,
+}
+
+/// What separates the two, squared.
+const NEAR: f64 = 4.0;
+
 /// Lists patches by bounds of their form factor. Reused from row to row.
 #[derive(Debug, Default)]
 pub(crate) struct Candidates {
@@ -39,7 +52,7 @@ pub(crate) struct Candidates {
 
 impl Candidates {
     /// Finds the patches whose form factor from `emitter` may be `least` or more.
-    pub(crate) fn find(&mut self, tree: &Tree, patch: u32, corners: &[DVec3; 3], least: f64) {
+    pub(crate) fn find(&mut self, tree: &Tree, patch: u32, corners: &[DVec3; 3], least: Least) {
         self.patches.clear();
         let [a, b, c] = *corners;
         let cross = (b - a).cross(c - a);
@@ -69,7 +82,11 @@ impl Candidates {
             let largest = f64::from(node.largest);
             let square = distance * distance;
             let facing = (highest / distance).min(1.0);
-            if largest < least * emitter.area || largest * facing < least * std::f64::consts::PI * square {
+            // No triangle in the box has a corner farther from its middle than two thirds of the box's diagonal.
+            let radii = emitter.radius * emitter.radius + h.length_squared() * (16.0 / 9.0);
+            let is_far = outside.length_squared() >= NEAR * radii;
+            let least_here = if is_far { least.far } else { least.near.min(least.far) };
+            if largest < least_here * emitter.area || largest * facing < least_here * std::f64::consts::PI * square {
                 continue;
             }
             if node.block == INNER {
@@ -98,7 +115,7 @@ impl Candidates {
 /// Which of 16 triangles may reach `least`, by the side that the emitter sees: the one it sees where the determinant is
 /// negative, and the other.
 #[inline(always)]
-fn bounds(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
+fn bounds(block: &Block, emitter: &Emitter, least: Least) -> (u16, u16) {
     let mut front = [0u64; LANES];
     let mut back = [0u64; LANES];
     let at = |l: usize, k: usize| {
@@ -120,7 +137,10 @@ fn bounds(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
         let double_area = dot(cross, cross).sqrt();
         let radius = squared_radius.sqrt();
         let between = minus(center, emitter.center);
-        let distance = most(dot(between, between).sqrt() - radius - emitter.radius, 0.0);
+        let square = dot(between, between);
+        let distance = most(square.sqrt() - radius - emitter.radius, 0.0);
+        let is_far = square >= NEAR * (squared_radius + emitter.radius * emitter.radius);
+        let least = if is_far { least.far } else { least.near };
         let height = |p: [f64; 3]| dot(emitter.normal, p) - emitter.offset;
         let highest = most(height(a), most(height(b), height(c)));
         let area = 0.5 * double_area;
@@ -153,15 +173,15 @@ fn bounds(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
     masks
 }
 
-fn dispatch_bounds(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
+fn dispatch_bounds(block: &Block, emitter: &Emitter, least: Least) -> (u16, u16) {
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
-        fn avx512(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
+        fn avx512(block: &Block, emitter: &Emitter, least: Least) -> (u16, u16) {
             bounds(block, emitter, least)
         }
         #[target_feature(enable = "avx2")]
-        fn avx2(block: &Block, emitter: &Emitter, least: f64) -> (u16, u16) {
+        fn avx2(block: &Block, emitter: &Emitter, least: Least) -> (u16, u16) {
             bounds(block, emitter, least)
         }
         if is_x86_feature_detected!("avx512f")

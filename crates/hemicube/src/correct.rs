@@ -19,6 +19,8 @@ pub use crate::refine::{Doubts, Refinement};
 use crate::refine::{Mended, Refined, Refiner};
 use crate::row::RowView;
 use crate::store::RowSums;
+use crate::tree::Tree;
+use crate::walls::Walls;
 use hemicube_scene::InputPatch;
 
 /// A rung of the accuracy ladder.
@@ -78,6 +80,15 @@ impl Correction {
             Self::Point => "point",
             Self::Area(_) => "area",
             Self::Tolerance(_) => "tolerance",
+        }
+    }
+
+    /// Builds now, and not with the first row, what a row of this looks things up in: a tree over the scene's surfaces and
+    /// one over its walls. They are kept with the scene, so that asking again costs nothing.
+    pub fn prepare(&self, model: &Model) {
+        if matches!(self, Self::Area(_) | Self::Tolerance(_)) {
+            Tree::of(model.geometry());
+            Walls::of(model);
         }
     }
 

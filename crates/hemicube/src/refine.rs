@@ -21,7 +21,7 @@
 //! of the two rows leaves as its centroid has it.
 
 use crate::Model;
-use crate::candidates::Candidates;
+use crate::candidates::{Candidates, Least};
 use crate::clip::Clipper;
 use crate::factor::{self, Exchanges, FactorRule};
 use crate::random;
@@ -524,7 +524,18 @@ impl Refiner {
         }
         let seen_count = self.pairs.len();
         let tree = Tree::of(model.geometry());
-        self.candidates.find(&tree, emitter.0, &own, least / most[UNSEEN]);
+        let from = |nearness| {
+            let kind = Kind {
+                class: Kind::class(0.0),
+                nearness,
+            };
+            least / doubts.of(kind).sqrt()
+        };
+        let from = Least {
+            near: from(0),
+            far: from(1),
+        };
+        self.candidates.find(&tree, emitter.0, &own, from);
         for &patch in &self.candidates.patches {
             if row.patches.binary_search(&patch).is_ok() || !receives(patch) {
                 continue;
@@ -664,7 +675,8 @@ impl Refiner {
             REACH * budget.sqrt()
         };
         if least > 0.0 && least < 1.0 {
-            self.candidates.find(&Tree::of(model.geometry()), emitter.0, own, least);
+            let from = Least { near: least, far: least };
+            self.candidates.find(&Tree::of(model.geometry()), emitter.0, own, from);
             let mut known = 0;
             for &patch in &self.candidates.patches {
                 while known < seen_count && self.pairs[known].patch < patch {

@@ -344,6 +344,8 @@ fn compute_into(
     }
     // What it chooses by the scene is part of what the store is made with.
     backend.load(prepared.model.geometry(), render)?;
+    // Before memory is asked for: rows would build it.
+    plan.correction.prepare(&prepared.model);
     let device = backend.info().clone();
     talk.say(&format!(
         "backend {} {} ({}), {}, {}",

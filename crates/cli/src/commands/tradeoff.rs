@@ -519,6 +519,7 @@ impl Timed {
         };
         let backend = arguments.engine.open_backend(Talk::SILENT)?;
         self.parts.clear();
+        self.plan.correction.prepare(model);
         let summary = compute(
             model,
             &self.plan,
