@@ -1044,7 +1044,8 @@ fn real_scenes_from_start_to_end() {
         let report = place.run(line).is(0).json();
         assert_eq!(report["rows"], 10_240);
         assert_eq!(report["escaped"], 0.0, "the room is closed");
-        assert_eq!(report["rows_mostly_blocked"], 92, "the patches under the blocks");
+        // Of the 92 whose middles lie under the blocks, five see more than backs from the middles of their quarters.
+        assert_eq!(report["rows_mostly_blocked"], 87, "the patches under the blocks");
         place.line("check room").is(0);
     }
     if let Some(scene) = shared_scene("city/denhaag-8897.obj") {
