@@ -675,7 +675,10 @@ impl Refiner {
             REACH * budget.sqrt()
         };
         if least > 0.0 && least < 1.0 {
-            let from = Least { near: least, far: least };
+            let from = Least {
+                near: least,
+                far: least,
+            };
             self.candidates.find(&Tree::of(model.geometry()), emitter.0, own, from);
             let mut known = 0;
             for &patch in &self.candidates.patches {
