@@ -199,3 +199,50 @@ fn dispatch_bounds(block: &Block, emitter: &Emitter, least: Least) -> (u16, u16)
     }
     bounds(block, emitter, least)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{HierarchyOptions, Model};
+    use hemicube_scene::generate::BlockCityParameters;
+    use hemicube_scene::{InputPatch, Patches, Subdivision};
+
+    #[test]
+    fn none_is_lost_that_touches_or_is_above_the_threshold_of_far_ones() {
+        let city = BlockCityParameters::for_target(2_000, 1);
+        let patches = Patches::new(&city.generate().expect("a city"), Subdivision::None).expect("patches");
+        let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+        let tree = Tree::of(model.geometry());
+        let round = |patch: u32| {
+            let corners = model.normalised_corners(patch);
+            let center = (corners[0] + corners[1] + corners[2]) / 3.0;
+            let radius = corners.map(|p| p.distance_squared(center));
+            (center, radius.into_iter().fold(0.0, f64::max))
+        };
+        let (mut touching, mut others) = (0, 0);
+        for InputPatch(patch) in model.order().step_by(17) {
+            let found = |near, far| {
+                let mut candidates = Candidates::default();
+                candidates.find(&tree, patch, &model.normalised_corners(patch), Least { near, far });
+                candidates.patches
+            };
+            let (center, radius) = round(patch);
+            // In the grid of a city, many are just as near as that.
+            let touches = |other: u32| {
+                let (c, r) = round(other);
+                c.distance_squared(center) < NEAR * (radius + r) * (1.0 - 1e-9)
+            };
+            let (near, far) = (found(1e-4, 1e-4), found(5e-3, 5e-3));
+            let both = found(1e-4, 5e-3);
+            for other in near.iter().copied() {
+                if far.contains(&other) || touches(other) {
+                    assert!(both.contains(&other), "{patch} to {other}");
+                }
+            }
+            assert!(both.iter().all(|other| near.contains(other)), "{patch}");
+            touching += both.iter().filter(|&&other| touches(other)).count();
+            others += near.len() - both.len();
+        }
+        assert!(touching > 100 && others > 1_000, "{touching} near, {others} not listed");
+    }
+}
