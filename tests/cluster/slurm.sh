@@ -56,6 +56,7 @@ AccountingStorageType=accounting_storage/none
 MpiDefault=none
 SelectType=select/cons_tres
 SelectTypeParameters=CR_CPU
+MinJobAge=3600
 ReturnToService=2
 SchedulerParameters=sched_interval=1,batch_sched_delay=0,bf_interval=1
 KillWait=5
