@@ -39,7 +39,7 @@ pub(crate) struct Least {
     pub(crate) far: f64,
 }
 
-/// What separates the two, squared.
+/// What separates the two, squared: where the nearness of a pair (`refine.rs`) goes from 0 to 1.
 const NEAR: f64 = 4.0;
 
 /// Lists patches by bounds of their form factor. Reused from row to row.

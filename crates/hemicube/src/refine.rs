@@ -183,7 +183,8 @@ impl Default for Doubts {
 }
 
 impl Doubts {
-    /// What rooms and cities were found to have, by F²: where no sample of the scene's rows is held against rays.
+    /// What rows of a block city, uncut and cut, and of a real tile, uncut and cut, were found to have, by F² and rounded: where
+    /// no sample of the scene's rows is held against rays.
     pub(crate) fn found() -> Self {
         Self([
             [0.01, 0.008, 0.006, 0.005, 0.004, 0.004, 0.004, 0.004],
