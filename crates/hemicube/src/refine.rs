@@ -116,6 +116,7 @@ impl Refinement {
 pub(crate) struct Stake {
     both: f64,
     own: f64,
+    is_near: bool,
 }
 
 /// See [`Refinement::worth`]: with √d for the spread, a shaft, as dear as 400 rays, and the rays then
@@ -125,12 +126,11 @@ const WORTH_A_SHAFT: f64 = 20.5;
 impl Stake {
     /// The squared error that is expected at this price, where pairs worth less than `worth` are not measured.
     fn left(&self, price: f64, worth: f64) -> f64 {
-        let root = self.both * price.sqrt();
-        let square = self.own * self.own;
-        if root <= worth {
-            return square;
+        let (own, both) = (self.own * self.own, self.both * self.both * price);
+        if both <= worth * worth {
+            return own;
         }
-        square / (root * QUASI_GAIN.sqrt()).max(QUASI_GAIN * RAYS as f64)
+        own * left_by(rays_for(both, self.is_near).max(RAYS as f64), self.is_near)
     }
 }
 
@@ -348,8 +348,8 @@ pub(crate) struct Mended<'r> {
 
 /// From what share of a row's √Σ F² on the expected error of a pair is worth a shaft where no tolerance is asked for.
 const MENDED: f64 = 0.004;
-/// A pair then gets this many rays for each time that its spread is as much as that.
-const MENDING_RAYS: f64 = 5.0;
+/// So many rays the square of that is worth then.
+const MENDING: f64 = 60.0;
 /// How much larger than usual the doubts of a row may prove there.
 const LARGER: f64 = 4.0;
 /// What a form factor is taken for in a row of which hemicubes saw nothing.
@@ -376,12 +376,18 @@ const ROUGH_SHARE: f64 = 0.5;
 const ROW_SUM: f64 = 0.33;
 /// The spread that a pair is not believed to have less of where rows' sums depend on it.
 const LEAST_SPREAD: f64 = 0.25;
+/// How much better than independent rays those are taken to be.
+const SUM_GAIN: f64 = 4.0;
 /// The root of how many pairs have a part in that, with a margin.
 const PAIRS_OF_A_SUM: f64 = 6.0;
 /// Unseen pairs are looked for down to this share of the row's permitted error.
 const REACH: f64 = 0.3;
-/// How much smaller the squared error of the additive sequence is than that of independent rays.
-const QUASI_GAIN: f64 = 4.0;
+/// How n rays of a sequence do: independent ones would leave s²/n of a fraction with the spread s, these leave s²/(g n^(5/4)).
+/// Found between pairs of a real tile that matter to their rows, for 16 to 16,384 rays.
+const GAIN: f64 = 1.0;
+/// g between near patches, whose rays also cost more.
+const NEAR_GAIN: f64 = 0.75;
+const NEAR_RAY: f64 = 2.5;
 /// Rays that are cast at a pair before it is asked again how many it takes, as a multiple of those it had.
 const GROWTH: usize = 4;
 /// So many rays say well enough how many more it would take.
@@ -569,13 +575,17 @@ impl Refiner {
         // What a pair is worth to the other row is found there.
         let stake = |pair: &Pair| {
             let own = pair.open * doubts.of(pair.kind).sqrt();
-            Stake { both: own, own }
+            Stake {
+                both: own,
+                own,
+                is_near: pair.kind.nearness == 0,
+            }
         };
         self.stakes.clear();
         self.stakes.extend(self.pairs.iter().map(stake));
         self.is_probe.clear();
         self.is_probe.resize(self.pairs.len(), false);
-        let price = QUASI_GAIN * (MENDING_RAYS / least).powi(2);
+        let price = MENDING / (least * least);
         self.measure(model, emitter, &own, price, least, &mut refined);
         for (pair, &place) in self.pairs.iter().zip(&self.places) {
             row.fractions[place] = pair.fraction;
@@ -611,6 +621,7 @@ impl Refiner {
             Stake {
                 both: own * pair.stake * self.own_area,
                 own,
+                is_near: pair.kind.nearness == 0,
             }
         }));
     }
@@ -830,7 +841,7 @@ impl Refiner {
             if let Some(fraction) = cast.fraction() {
                 pair.fraction = fraction;
             }
-            let variance = pair.fraction * (1.0 - pair.fraction) / (QUASI_GAIN * EACH_RAYS as f64);
+            let variance = pair.fraction * (1.0 - pair.fraction) * left_by(EACH_RAYS as f64, sighting.near);
             refined.squared_error += pair.open * pair.open * variance;
         }
         refined.squared_norm = self.squared_norm();
@@ -949,18 +960,18 @@ impl Refiner {
             let seen = cast.fraction().unwrap_or(0.5);
             let smooth = (seen * count + 0.5) / (count + 1.0);
             let spread = (smooth * (1.0 - smooth)).sqrt();
-            let mut wanted = spread * exchanged * (price / QUASI_GAIN).sqrt();
+            let mut wanted = rays_for((spread * exchanged).powi(2) * price, sighting.near);
             if self.refinement.all {
                 // A row's sum may be off by what a few dozen such pairs leave, even where their first rays agree by chance. The
                 // larger factor of the two is at most √2 z.
                 let larger = std::f64::consts::SQRT_2 * exchanged;
                 let error = PAIRS_OF_A_SUM * larger * spread.max(LEAST_SPREAD) / (ROW_SUM * self.refinement.tolerance);
-                wanted = wanted.max(error * error / QUASI_GAIN);
+                wanted = wanted.max(error * error / SUM_GAIN);
             }
             let is_poor = cast.sums.1 <= 0.0 || (sighting.near && rays < RAYS);
             if is_poor || (wanted > MANY_RAYS && rays >= KNOWN_RAYS) {
                 // What so many rays would leave.
-                let enough = spread / (QUASI_GAIN * wanted.max(1.0)).sqrt();
+                let enough = spread * left_by(wanted.max(1.0), sighting.near).sqrt();
                 let clipped = self.clipper.measure(&self.shaft, walls, &sighting, enough, MOST_POINTS);
                 if let Some(clipped) = clipped {
                     pair.fraction = clipped.fraction;
@@ -987,7 +998,7 @@ impl Refiner {
         if let Some(fraction) = cast.fraction() {
             pair.fraction = fraction;
         }
-        refined.squared_error += (spread * pair.open).powi(2) / (QUASI_GAIN * rays.max(1) as f64);
+        refined.squared_error += (spread * pair.open).powi(2) * left_by(rays.max(1) as f64, sighting.near);
     }
 }
 
@@ -1021,6 +1032,21 @@ const EACH_RAYS: usize = 1 << 18;
 const SURVEYED: f64 = 16.0;
 /// Rays at each of them.
 const SURVEY_RAYS: usize = 512;
+
+/// What is left of a squared spread of 1 by so many rays.
+fn left_by(rays: f64, near: bool) -> f64 {
+    let gain = if near { NEAR_GAIN } else { GAIN };
+    1.0 / (gain * rays * rays.sqrt().sqrt())
+}
+
+/// So many rays, that what they cost and what they leave of a squared error, which is worth `worth` rays, come to the least.
+fn rays_for(worth: f64, near: bool) -> f64 {
+    let (gain, ray) = if near { (NEAR_GAIN, NEAR_RAY) } else { (GAIN, 1.0) };
+    // To the power of 7/16, for 4/9: roots have the same bits everywhere.
+    let fourth = (1.25 * worth / (gain * ray)).sqrt().sqrt();
+    let eighth = fourth.sqrt();
+    fourth * eighth * eighth.sqrt()
+}
 
 /// The same in both directions.
 fn seed(i: u32, j: u32) -> u64 {

@@ -442,7 +442,7 @@ impl Shaft {
             from: span(small),
             to: span(large),
             normals: [normal(small), normal(large)].map(|p| p.to_array()),
-            shift: shifts(seed),
+            sequence: Sequence::new(seed),
         };
         let mut group = Group::new();
         let mut drawn = Drawn::new();
@@ -498,7 +498,7 @@ impl Shaft {
             // Towards the inside of the other one.
             sides: [0, 1, 2].map(|e| across.cross(large[(e + 1) % 3] - large[e]).to_array()),
             across: across.to_array(),
-            shift: shifts(seed),
+            sequence: Sequence::new(seed),
         };
         let mut group = Group::new();
         let mut drawn = Drawn::new();
@@ -506,13 +506,14 @@ impl Shaft {
         let mut aim = Aim {
             low: [[0.0; RAYS]; 2],
             extent: [[0.0; RAYS]; 2],
+            within: [[0.0; RAYS]; 2],
         };
         let mut filled = 0;
         loop {
             if cast.drawn.is_multiple_of(FROM_A_POINT * RAYS) {
                 dispatch_aim(&fan, cast.drawn / FROM_A_POINT, &mut drawn, &mut aim);
             }
-            let mut mask = dispatch_shoot(&fan, cast.drawn, &aim, &mut drawn);
+            let mut mask = dispatch_shoot(&fan, cast.drawn / RAYS % FROM_A_POINT, &aim, &mut drawn);
             cast.drawn += RAYS;
             if mask != 0 {
                 sighting.stopped(&drawn, &mut stopped);
@@ -630,10 +631,11 @@ struct Fan {
     above_count: usize,
     sides: [[f64; 3]; 3],
     across: [f64; 3],
-    shift: [f64; 4],
+    sequence: Sequence,
 }
 
-/// Directions from each point: what a point sees costs more to bound than a direction to draw.
+/// Directions from each point, one in each quarter of the rectangle that it is bounded by: to bound what a point sees costs
+/// more than to draw a direction.
 const FROM_A_POINT: usize = 4;
 
 /// The rectangle on the unit disc that directions are drawn in, for each of sixteen points.
@@ -641,6 +643,8 @@ const FROM_A_POINT: usize = 4;
 struct Aim {
     low: [[f64; RAYS]; 2],
     extent: [[f64; RAYS]; 2],
+    /// Where in its quarters of the rectangle directions are drawn.
+    within: [[f64; RAYS]; 2],
 }
 
 /// What segments between evenly drawn points of two triangles are drawn from.
@@ -649,7 +653,7 @@ struct Spans {
     from: [[f64; 3]; 3],
     to: [[f64; 3]; 3],
     normals: [[f64; 3]; 2],
-    shift: [f64; 4],
+    sequence: Sequence,
 }
 
 /// Sixteen segments.
@@ -685,37 +689,116 @@ fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
     [p[0] - q[0], p[1] - q[1], p[2] - q[2]]
 }
 
-/// The points `k` of an additive sequence, each number a fraction.
-#[inline(always)]
-fn sequence(shift: &[f64; 4], k: f64) -> [f64; 4] {
-    // Positive and below 2³¹: adding and taking off 2⁵² leaves the nearest whole number.
-    let fraction = |x: f64| {
-        let nearest = (x + 4_503_599_627_370_496.0) - 4_503_599_627_370_496.0;
-        let rest = x - nearest;
-        rest + if rest < 0.0 { 1.0 } else { 0.0 }
-    };
-    [
-        fraction(shift[0] + STEPS_4[0] * k),
-        fraction(shift[1] + STEPS_4[1] * k),
-        fraction(shift[2] + STEPS_4[2] * k),
-        fraction(shift[3] + STEPS_4[3] * k),
-    ]
+/// Points of the unit cube in four dimensions that fill it evenly however many there are: Sobol's sequence (1967; direction
+/// numbers of Joe & Kuo 2008), each dimension's digits permuted in nested order (Owen 1995) by a hash of the seed (Laine &
+/// Karras 2011, Burley 2020).
+#[derive(Clone, Copy, Debug)]
+struct Sequence([u32; 4]);
+
+impl Sequence {
+    fn new(seed: u64) -> Self {
+        let mut state = seed;
+        Self(std::array::from_fn(|_| (random::next(&mut state) >> 32) as u32))
+    }
+
+    /// The points `at..at + 16`, where `at` is a multiple of 16; each dimension by itself.
+    #[inline(always)]
+    fn points(&self, at: usize) -> [[f64; RAYS]; 4] {
+        let mut out = [[0.0; RAYS]; 4];
+        for d in 0..4 {
+            let mut first = 0;
+            for bit in FIRST_BITS..u32::BITS as usize {
+                if at >> bit & 1 != 0 {
+                    first ^= DIRECTIONS[d][bit];
+                }
+            }
+            for l in 0..RAYS {
+                // With the last digit first, so that what carries over in products moves on to less significant ones.
+                let mut x = (first ^ FIRST[d][l]).wrapping_add(self.0[d]);
+                x ^= x.wrapping_mul(0x6c50_b47c);
+                x ^= x.wrapping_mul(0xb82f_1e52);
+                x ^= x.wrapping_mul(0xc7af_e638);
+                x ^= x.wrapping_mul(0x8d22_f6e6);
+                out[d][l] = (f64::from(x.reverse_bits()) + 0.5) * (1.0 / 4_294_967_296.0);
+            }
+        }
+        out
+    }
 }
 
-/// Folds the unit square into the half of it that a triangle is.
+/// The direction numbers of each bit of a point's index, the least significant digit first.
+const DIRECTIONS: [[u32; 32]; 4] = directions();
+
+/// What the last four bits of an index come to.
+const FIRST: [[u32; RAYS]; 4] = {
+    let mut first = [[0; RAYS]; 4];
+    let mut d = 0;
+    while d < 4 {
+        let mut index = 0;
+        while index < RAYS {
+            let mut bit = 0;
+            while bit < FIRST_BITS {
+                if index >> bit & 1 != 0 {
+                    first[d][index] ^= DIRECTIONS[d][bit];
+                }
+                bit += 1;
+            }
+            index += 1;
+        }
+        d += 1;
+    }
+    first
+};
+const FIRST_BITS: usize = RAYS.trailing_zeros() as usize;
+
+/// From primitive polynomials of degree 0 to 3 and their first numbers (Joe & Kuo 2008, table of the first dimensions).
+const fn directions() -> [[u32; 32]; 4] {
+    // The polynomial's inner coefficients, and the numbers, as many as its degree.
+    const INNER: [u32; 4] = [0, 0, 1, 1];
+    const NUMBERS: [&[u32]; 4] = [&[], &[1], &[1, 3], &[1, 3, 1]];
+    let mut directions = [[0u32; 32]; 4];
+    let mut d = 0;
+    while d < 4 {
+        let degree = NUMBERS[d].len();
+        let mut found = [0u32; 32];
+        let mut bit = 0;
+        while bit < 32 {
+            found[bit] = if degree == 0 {
+                1 << (31 - bit)
+            } else if bit < degree {
+                NUMBERS[d][bit] << (31 - bit)
+            } else {
+                let mut next = found[bit - degree] ^ (found[bit - degree] >> degree);
+                let mut k = 1;
+                while k < degree {
+                    if INNER[d] >> (degree - 1 - k) & 1 != 0 {
+                        next ^= found[bit - k];
+                    }
+                    k += 1;
+                }
+                next
+            };
+            directions[d][bit] = found[bit].reverse_bits();
+            bit += 1;
+        }
+        d += 1;
+    }
+    directions
+}
+
+/// Folds the unit square along its diagonal into the half of it that a triangle is: what is beside it stays beside it.
 #[inline(always)]
 fn fold(u: f64, v: f64) -> (f64, f64) {
     let outside = u + v > 1.0;
-    (if outside { 1.0 - u } else { u }, if outside { 1.0 - v } else { v })
+    (if outside { 1.0 - v } else { u }, if outside { 1.0 - u } else { v })
 }
 
-/// Draws the segments `at + 1..= at + 16` of a sequence.
+/// Draws the segments `at..at + 16` of a sequence.
 #[inline(always)]
 fn draw_spans(pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group) {
-    let start = at as f64 + 1.0;
+    let u = pair.sequence.points(at);
     for l in 0..RAYS {
-        let u = sequence(&pair.shift, start + LANE[l]);
-        let ((s, t), (p, q)) = (fold(u[0], u[1]), fold(u[2], u[3]));
+        let ((s, t), (p, q)) = (fold(u[0][l], u[1][l]), fold(u[2][l], u[3][l]));
         let (mut x, mut d) = ([0.0; 3], [0.0; 3]);
         for a in 0..3 {
             x[a] = pair.from[0][a] + pair.from[1][a] * s + pair.from[2][a] * t;
@@ -754,14 +837,15 @@ fn aim(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &mut Aim) {
     }
 }
 
-/// Draws the points `at + 1..= at + 16` of a sequence, and looks from them at so many corners.
+/// Draws the points `at..at + 16` of a sequence, and looks from them at so many corners.
 #[inline(always)]
 fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &mut Aim) {
     let (least, most) = (
         |p: f64, q: f64| if p < q { p } else { q },
         |p: f64, q: f64| if p > q { p } else { q },
     );
-    let start = at as f64 + 1.0;
+    let u = fan.sequence.points(at);
+    (aim.within[0], aim.within[1]) = (u[2], u[3]);
     let (e, f) = (
         minus(fan.corners[1], fan.corners[0]),
         minus(fan.corners[2], fan.corners[0]),
@@ -769,8 +853,7 @@ fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &m
     // The other triangle from each point.
     let mut towards = [[[0.0; RAYS]; 3]; CORNERS];
     for l in 0..RAYS {
-        let u = sequence(&fan.shift, start + LANE[l]);
-        let (s, t) = fold(u[0], u[1]);
+        let (s, t) = fold(u[0][l], u[1][l]);
         let x = [
             fan.corners[0][0] + e[0] * s + f[0] * t,
             fan.corners[0][1] + e[1] * s + f[1] * t,
@@ -846,15 +929,13 @@ fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &m
     }
 }
 
-/// Draws the directions `at + 1..= at + 16` of a sequence from points aimed from; the mask says which meet the other
-/// triangle from its front.
+/// Draws a direction in a quarter of each rectangle; the mask says which meet the other triangle from its front.
 #[inline(always)]
-fn shoot(fan: &Fan, at: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
-    let start = at as f64 + 1.0;
+fn shoot(fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
+    let corner = [quarter % 2, quarter / 2].map(|q| q as f64);
     let mut met = [0u64; RAYS];
     for l in 0..RAYS {
-        let u = sequence(&fan.shift, start + LANE[l]);
-        let [p, q] = [0, 1].map(|a| aim.low[a][l] + aim.extent[a][l] * u[2 + a]);
+        let [p, q] = [0, 1].map(|a| aim.low[a][l] + aim.extent[a][l] * (0.5 * (aim.within[a][l] + corner[a])));
         let weight = aim.extent[0][l] * aim.extent[1][l];
         let rest = 1.0 - (p * p + q * q);
         let up = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
@@ -885,23 +966,6 @@ fn shoot(fan: &Fan, at: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
 
 /// What rounding may take from the rectangle round an image on the unit disc.
 const MARGIN: f64 = 1e-9;
-
-const LANE: [f64; RAYS] = [
-    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
-];
-
-/// Steps of an additive sequence in four dimensions: powers of the root of x⁵ = x + 1 (Roberts 2018).
-const STEPS_4: [f64; 4] = [
-    0.856_674_883_854_502_9,
-    0.733_891_856_627_126,
-    0.628_706_721_037_808_7,
-    0.538_597_257_223_610_1,
-];
-
-fn shifts(seed: u64) -> [f64; 4] {
-    let mut state = seed;
-    std::array::from_fn(|_| random::unit(random::next(&mut state)))
-}
 
 impl Group {
     fn new() -> Self {
@@ -1097,7 +1161,7 @@ dispatch!(
     (beside: &[[DVec3; 3]], over: &[[DVec3; 3]], from: &[[f64; RAYS]; 3], to: &[[f64; RAYS]; 3], out: &mut [u64; RAYS])
 );
 dispatch!(dispatch_aim, aim, (fan: &Fan, at: usize, drawn: &mut Drawn, out: &mut Aim));
-dispatch!(dispatch_shoot, shoot, (fan: &Fan, at: usize, aim: &Aim, drawn: &mut Drawn) -> u16);
+dispatch!(dispatch_shoot, shoot, (fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16);
 dispatch!(dispatch_hits, hits, (occluders: &[Occluder], group: &mut Group));
 
 #[cfg(test)]
@@ -1257,7 +1321,7 @@ mod tests {
             from: span(small),
             to: span(large),
             normals: [normal(small), normal(large)].map(|p| p.to_array()),
-            shift: shifts(7),
+            sequence: Sequence::new(7),
         };
         for at in (0..512).step_by(RAYS) {
             let (mut a, mut b) = (Group::new(), Group::new());
