@@ -9,9 +9,10 @@
 //! ([`Clipper`]) where that is cheaper.
 //!
 //! Errors of different pairs are independent, so squares add up. Let one unit of squared error be worth μ rays, the same
-//! all over the scene. A pair with the stake z and the spread s, whose n rays leave z² s² / (g n), then has n = z s √(μ / g)
-//! of them, and one whose doubt is d is left as it is where μ z² d is less than the shaft and its rays would cost. μ follows
-//! from the error that is asked for, over a sample of the scene's rows ([`Refinement::priced`]).
+//! all over the scene. n rays of a sequence that fills four dimensions evenly leave z² s² n^(−5/4) of a pair with the stake z and
+//! the spread s, so that the pair gets n = (5/4 μ z² s²)^(4/9) of them; one whose doubt is d is left as it is where μ z² d is
+//! less than the shaft and its rays would cost. μ follows from the error that is asked for, over a sample of the scene's rows
+//! ([`Refinement::priced`]).
 //!
 //! Where no tolerance is asked for, the same is done for the few pairs that are most of what a row may be off by: those that
 //! touch or all but touch, and large ones that are partly seen ([`Refiner::mend`]).
@@ -119,9 +120,9 @@ pub(crate) struct Stake {
     is_near: bool,
 }
 
-/// See [`Refinement::worth`]: with √d for the spread, a shaft, as dear as 400 rays, and the rays then
+/// See [`Refinement::worth`]: with √d for the spread, a shaft, as dear as 800 rays, and the rays then
 /// cost what they save.
-const WORTH_A_SHAFT: f64 = 20.5;
+const WORTH_A_SHAFT: f64 = 30.0;
 
 impl Stake {
     /// The squared error that is expected at this price, where pairs worth less than `worth` are not measured.
@@ -130,7 +131,7 @@ impl Stake {
         if both <= worth * worth {
             return own;
         }
-        own * left_by(rays_for(both, self.is_near).max(RAYS as f64), self.is_near)
+        own * left_by(rays_for(both, self.is_near).max(RAYS as f64))
     }
 }
 
@@ -347,7 +348,7 @@ pub(crate) struct Mended<'r> {
 }
 
 /// From what share of a row's √Σ F² on the expected error of a pair is worth a shaft where no tolerance is asked for.
-const MENDED: f64 = 0.004;
+const MENDED: f64 = 0.0016;
 /// So many rays the square of that is worth then.
 const MENDING: f64 = 60.0;
 /// How much larger than usual the doubts of a row may prove there.
@@ -382,12 +383,8 @@ const SUM_GAIN: f64 = 4.0;
 const PAIRS_OF_A_SUM: f64 = 6.0;
 /// Unseen pairs are looked for down to this share of the row's permitted error.
 const REACH: f64 = 0.3;
-/// How n rays of a sequence do: independent ones would leave s²/n of a fraction with the spread s, these leave s²/(g n^(5/4)).
-/// Found between pairs of a real tile that matter to their rows, for 16 to 16,384 rays.
-const GAIN: f64 = 1.0;
-/// g between near patches, whose rays also cost more.
-const NEAR_GAIN: f64 = 0.75;
-const NEAR_RAY: f64 = 2.5;
+/// What a ray between near patches costs, in others.
+const NEAR_RAY: f64 = 2.0;
 /// Rays that are cast at a pair before it is asked again how many it takes, as a multiple of those it had.
 const GROWTH: usize = 4;
 /// So many rays say well enough how many more it would take.
@@ -841,7 +838,7 @@ impl Refiner {
             if let Some(fraction) = cast.fraction() {
                 pair.fraction = fraction;
             }
-            let variance = pair.fraction * (1.0 - pair.fraction) * left_by(EACH_RAYS as f64, sighting.near);
+            let variance = pair.fraction * (1.0 - pair.fraction) * left_by(EACH_RAYS as f64);
             refined.squared_error += pair.open * pair.open * variance;
         }
         refined.squared_norm = self.squared_norm();
@@ -971,7 +968,7 @@ impl Refiner {
             let is_poor = cast.sums.1 <= 0.0 || (sighting.near && rays < RAYS);
             if is_poor || (wanted > MANY_RAYS && rays >= KNOWN_RAYS) {
                 // What so many rays would leave.
-                let enough = spread * left_by(wanted.max(1.0), sighting.near).sqrt();
+                let enough = spread * left_by(wanted.max(1.0)).sqrt();
                 let clipped = self.clipper.measure(&self.shaft, walls, &sighting, enough, MOST_POINTS);
                 if let Some(clipped) = clipped {
                     pair.fraction = clipped.fraction;
@@ -998,7 +995,7 @@ impl Refiner {
         if let Some(fraction) = cast.fraction() {
             pair.fraction = fraction;
         }
-        refined.squared_error += (spread * pair.open).powi(2) * left_by(rays.max(1) as f64, sighting.near);
+        refined.squared_error += (spread * pair.open).powi(2) * left_by(rays.max(1) as f64);
     }
 }
 
@@ -1033,17 +1030,17 @@ const SURVEYED: f64 = 16.0;
 /// Rays at each of them.
 const SURVEY_RAYS: usize = 512;
 
-/// What is left of a squared spread of 1 by so many rays.
-fn left_by(rays: f64, near: bool) -> f64 {
-    let gain = if near { NEAR_GAIN } else { GAIN };
-    1.0 / (gain * rays * rays.sqrt().sqrt())
+/// What so many rays of a sequence leave of a squared spread of 1, where independent ones would leave 1/n: found between pairs
+/// of a real tile that matter to their rows, near and far, from 16 to 16,384 rays.
+fn left_by(rays: f64) -> f64 {
+    1.0 / (rays * rays.sqrt().sqrt())
 }
 
 /// So many rays, that what they cost and what they leave of a squared error, which is worth `worth` rays, come to the least.
 fn rays_for(worth: f64, near: bool) -> f64 {
-    let (gain, ray) = if near { (NEAR_GAIN, NEAR_RAY) } else { (GAIN, 1.0) };
+    let ray = if near { NEAR_RAY } else { 1.0 };
     // To the power of 7/16, for 4/9: roots have the same bits everywhere.
-    let fourth = (1.25 * worth / (gain * ray)).sqrt().sqrt();
+    let fourth = (1.25 * worth / ray).sqrt().sqrt();
     let eighth = fourth.sqrt();
     fourth * eighth * eighth.sqrt()
 }

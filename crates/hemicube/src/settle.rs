@@ -74,7 +74,7 @@ const SEED: u64 = 0x7E57_0F70;
 
 /// Effort and resolution, from the cheapest to the dearest. Even the cheapest looks for pairs that its hemicube missed: few
 /// rows of a scene have any, and a sample may have none of these.
-const RUNGS: [(f64, u32); 21] = [
+const RUNGS: [(f64, u32); 22] = [
     (8.0, 64),
     (4.0, 64),
     (2.5, 64),
@@ -82,6 +82,7 @@ const RUNGS: [(f64, u32); 21] = [
     (1.4, 128),
     (1.2, 128),
     (1.0, 128),
+    (0.95, 128),
     (0.9, 128),
     (0.85, 128),
     (0.8, 128),

@@ -469,8 +469,8 @@ impl Shaft {
 
 impl Shaft {
     /// Casts rays between a pair so near that segments between evenly drawn points would hardly meet what carries the
-    /// weight: cosine-distributed directions from points of the smaller triangle (Malley's method), drawn in the rectangle
-    /// round what the other one fills of the unit disc and weighted with its area; those that meet the other one count.
+    /// weight: cosine-distributed directions from points of the smaller triangle (Malley's method), drawn from about what the
+    /// other one fills of the unit disc and weighted with how much that is; those that meet the other one count.
     /// Stops when all so far are worth `wanted` equal ones, or at `most` directions. Returns what those that met are worth.
     pub(crate) fn cast_near(
         &self,
@@ -488,9 +488,17 @@ impl Shaft {
         let Some(above) = crate::factor::contour::in_front(large, small[0], normal, 0.0) else {
             return 0;
         };
-        let above = above.corners();
+        // Points behind the other one see nothing of it.
+        let Some(from) = crate::factor::contour::in_front(small, large[0], across.normalize_or_zero(), 0.0) else {
+            return 0;
+        };
+        let (above, from) = (above.corners(), from.corners());
+        let corners: [DVec3; 4] = std::array::from_fn(|k| from[k.min(from.len() - 1)]);
+        let half = |k: usize| (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]).length();
+        let (first, second) = (half(1), half(2));
         let fan = Fan {
-            corners: small.map(|p| p.to_array()),
+            corners: corners.map(|p| p.to_array()),
+            share: if second > 0.0 { first / (first + second) } else { 1.0 },
             axes: [tangent, bitangent, normal].map(|p| p.to_array()),
             other: large.map(|p| p.to_array()),
             above: std::array::from_fn(|k| above[k.min(above.len() - 1)].to_array()),
@@ -504,8 +512,9 @@ impl Shaft {
         let mut drawn = Drawn::new();
         let mut stopped = [0; RAYS];
         let mut aim = Aim {
-            low: [[0.0; RAYS]; 2],
-            extent: [[0.0; RAYS]; 2],
+            low: [0.0; RAYS],
+            extent: [0.0; RAYS],
+            edges: [[[0.0; RAYS]; 3]; 4],
             within: [[0.0; RAYS]; 2],
         };
         let mut filled = 0;
@@ -623,7 +632,9 @@ struct Group {
 
 /// What directions from points of one triangle to another are drawn from.
 struct Fan {
-    corners: [[f64; 3]; 3],
+    /// Of what sees the other one: a triangle, or two that share the first corner, and the first one's share of the area.
+    corners: [[f64; 3]; 4],
+    share: f64,
     axes: [[f64; 3]; 3],
     other: [[f64; 3]; 3],
     /// What of it is above the horizon: three corners or four.
@@ -634,16 +645,18 @@ struct Fan {
     sequence: Sequence,
 }
 
-/// Directions from each point, one in each quarter of the rectangle that it is bounded by: to bound what a point sees costs
-/// more than to draw a direction.
+/// Directions from each point, one in each quarter of what it sees: to bound that costs more than to draw a direction.
 const FROM_A_POINT: usize = 4;
 
-/// The rectangle on the unit disc that directions are drawn in, for each of sixteen points.
+/// What sixteen points see of the other triangle: between which p its image on the unit disc lies, and the planes through its
+/// edges, which bound q at each p.
 #[repr(C, align(64))]
 struct Aim {
-    low: [[f64; RAYS]; 2],
-    extent: [[f64; RAYS]; 2],
-    /// Where in its quarters of the rectangle directions are drawn.
+    low: [f64; RAYS],
+    extent: [f64; RAYS],
+    /// Normals in the frame, towards the inside.
+    edges: [[[f64; RAYS]; 3]; 4],
+    /// Where in their quarters of the image directions are drawn.
     within: [[f64; RAYS]; 2],
 }
 
@@ -827,7 +840,7 @@ fn draw_spans(pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group) {
     }
 }
 
-/// Points of one triangle and the rectangles on the unit disc round what each of them sees of the other.
+/// Points of one triangle, and what bounds the image of the other one on the unit disc as each of them sees it.
 #[inline(always)]
 fn aim(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &mut Aim) {
     if fan.above_count == 3 {
@@ -846,14 +859,23 @@ fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &m
     );
     let u = fan.sequence.points(at);
     (aim.within[0], aim.within[1]) = (u[2], u[3]);
-    let (e, f) = (
-        minus(fan.corners[1], fan.corners[0]),
-        minus(fan.corners[2], fan.corners[0]),
-    );
+    let [first, second, third] = [1, 2, 3].map(|k| minus(fan.corners[k], fan.corners[0]));
+    let scales = [fan.share, 1.0 - fan.share].map(|share| 1.0 / most(share, f64::MIN_POSITIVE));
     // The other triangle from each point.
     let mut towards = [[[0.0; RAYS]; 3]; CORNERS];
     for l in 0..RAYS {
-        let (s, t) = fold(u[0][l], u[1][l]);
+        let is_first = u[0][l] < fan.share;
+        let within = if is_first {
+            u[0][l] * scales[0]
+        } else {
+            (u[0][l] - fan.share) * scales[1]
+        };
+        let (s, t) = fold(within, u[1][l]);
+        let (mut e, mut f) = (first, second);
+        for a in 0..3 {
+            e[a] = if is_first { first[a] } else { second[a] };
+            f[a] = if is_first { second[a] } else { third[a] };
+        }
         let x = [
             fan.corners[0][0] + e[0] * s + f[0] * t,
             fan.corners[0][1] + e[1] * s + f[1] * t,
@@ -869,74 +891,88 @@ fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &m
             }
         }
     }
-    // The rectangle round its image on the unit disc: of its corners, and of its edges' images, which are parts of ellipses
-    // whose extremes may lie between their ends.
-    let mut low = [[1.0f64; RAYS]; 2];
-    let mut high = [[-1.0f64; RAYS]; 2];
+    // How far its image reaches along p: its corners' do, and its edges' images, which are parts of ellipses whose extremes may
+    // lie between their ends.
+    let mut low = [1.0f64; RAYS];
+    let mut high = [-1.0f64; RAYS];
     for k in 0..CORNERS {
         let (v, w) = (&towards[k], &towards[(k + 1) % CORNERS]);
+        let normal = &mut aim.edges[k];
         // Positive where the image rises to an extreme and falls again, negative the other way round.
-        let mut turns = [[0.0f64; RAYS]; 2];
-        let mut normals = [[0.0f64; RAYS]; 3];
+        let mut turns = [0.0f64; RAYS];
         let mut any = 0u64;
         for l in 0..RAYS {
             let (v, w) = ([v[0][l], v[1][l], v[2][l]], [w[0][l], w[1][l], w[2][l]]);
-            let per_length = 1.0 / dot(v, v).sqrt();
             let n = [
-                v[1] * w[2] - v[2] * w[1],
-                v[2] * w[0] - v[0] * w[2],
-                v[0] * w[1] - v[1] * w[0],
+                w[1] * v[2] - w[2] * v[1],
+                w[2] * v[0] - w[0] * v[2],
+                w[0] * v[1] - w[1] * v[0],
             ];
-            let after = [n[1] * v[2] - n[2] * v[1], n[2] * v[0] - n[0] * v[2]];
-            let before = [w[1] * n[2] - w[2] * n[1], w[2] * n[0] - w[0] * n[2]];
             for a in 0..3 {
-                normals[a][l] = n[a];
+                normal[a][l] = n[a];
             }
-            for a in 0..2 {
-                let end = v[a] * per_length;
-                high[a][l] = most(high[a][l], end);
-                low[a][l] = least(low[a][l], end);
-                let rises = (after[a] > 0.0) & (before[a] > 0.0);
-                let falls = (after[a] < 0.0) & (before[a] < 0.0);
-                turns[a][l] = if rises { 1.0 } else { 0.0 } - if falls { 1.0 } else { 0.0 };
-                any |= u64::from(rises | falls);
-            }
+            let end = v[0] / dot(v, v).sqrt();
+            high[l] = most(high[l], end);
+            low[l] = least(low[l], end);
+            let (after, before) = (n[2] * v[1] - n[1] * v[2], w[2] * n[1] - w[1] * n[2]);
+            let rises = (after > 0.0) & (before > 0.0);
+            let falls = (after < 0.0) & (before < 0.0);
+            turns[l] = if rises { 1.0 } else { 0.0 } - if falls { 1.0 } else { 0.0 };
+            any |= u64::from(rises | falls);
         }
         if any == 0 {
             continue;
         }
         for l in 0..RAYS {
-            let n = [normals[0][l], normals[1][l], normals[2][l]];
-            let per_square = 1.0 / dot(n, n);
-            for a in 0..2 {
-                let rest = 1.0 - n[a] * n[a] * per_square;
-                let extreme = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
-                let (up, down) = (
-                    if turns[a][l] > 0.0 { extreme } else { -1.0 },
-                    if turns[a][l] < 0.0 { -extreme } else { 1.0 },
-                );
-                high[a][l] = most(high[a][l], up);
-                low[a][l] = least(low[a][l], down);
-            }
+            let n = [normal[0][l], normal[1][l], normal[2][l]];
+            let rest = 1.0 - n[0] * n[0] / dot(n, n);
+            let extreme = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
+            high[l] = most(high[l], if turns[l] > 0.0 { extreme } else { -1.0 });
+            low[l] = least(low[l], if turns[l] < 0.0 { -extreme } else { 1.0 });
         }
     }
-    for a in 0..2 {
-        for l in 0..RAYS {
-            let (from, to) = (most(low[a][l] - MARGIN, -1.0), least(high[a][l] + MARGIN, 1.0));
-            aim.low[a][l] = from;
-            aim.extent[a][l] = to - from;
-        }
+    for l in 0..RAYS {
+        let (from, to) = (most(low[l] - MARGIN, -1.0), least(high[l] + MARGIN, 1.0));
+        aim.low[l] = from;
+        aim.extent[l] = to - from;
     }
 }
 
-/// Draws a direction in a quarter of each rectangle; the mask says which meet the other triangle from its front.
+/// Draws a direction in a quarter of what each point sees; the mask says which meet the other triangle from its front.
+///
+/// Where p is known, a direction lies on the half circle q² + up² = 1 − p², and an edge's plane cuts it where a quadratic
+/// equation in q is 0: which root bounds q on which side follows from where the plane has the ends of the half circle.
 #[inline(always)]
 fn shoot(fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
     let corner = [quarter % 2, quarter / 2].map(|q| q as f64);
+    let (least, most) = (
+        |p: f64, q: f64| if p < q { p } else { q },
+        |p: f64, q: f64| if p > q { p } else { q },
+    );
+    let (mut ps, mut ends) = ([0.0f64; RAYS], [0.0f64; RAYS]);
+    for l in 0..RAYS {
+        ps[l] = aim.low[l] + aim.extent[l] * (0.5 * (aim.within[0][l] + corner[0]));
+        ends[l] = most(1.0 - ps[l] * ps[l], 0.0).sqrt();
+    }
+    let (mut lows, mut highs) = (ends.map(|end| -end), ends);
+    for edge in &aim.edges[..fan.above_count] {
+        for l in 0..RAYS {
+            let (n, p, end) = ([edge[0][l], edge[1][l], edge[2][l]], ps[l], ends[l]);
+            let (along, across) = (n[0] * p, n[1] * n[1] + n[2] * n[2]);
+            let root = n[2] * most(end * end * across - along * along, 0.0).sqrt();
+            let inverse = 1.0 / most(across, f64::MIN_POSITIVE);
+            let (from, to) = ((-along * n[1] - root) * inverse, (-along * n[1] + root) * inverse);
+            lows[l] = most(lows[l], if along - n[1] * end >= 0.0 { -end } else { from });
+            highs[l] = least(highs[l], if along + n[1] * end >= 0.0 { end } else { to });
+        }
+    }
     let mut met = [0u64; RAYS];
     for l in 0..RAYS {
-        let [p, q] = [0, 1].map(|a| aim.low[a][l] + aim.extent[a][l] * (0.5 * (aim.within[a][l] + corner[a])));
-        let weight = aim.extent[0][l] * aim.extent[1][l];
+        let (p, end) = (ps[l], ends[l]);
+        let (low, high) = (most(lows[l] - MARGIN, -end), least(highs[l] + MARGIN, end));
+        let extent = most(high - low, 0.0);
+        let q = low + extent * (0.5 * (aim.within[1][l] + corner[1]));
+        let weight = aim.extent[l] * extent;
         let rest = 1.0 - (p * p + q * q);
         let up = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
         let [tangent, bitangent, normal] = fan.axes;
@@ -964,7 +1000,7 @@ fn shoot(fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
     mask
 }
 
-/// What rounding may take from the rectangle round an image on the unit disc.
+/// What rounding may take from what bounds an image on the unit disc.
 const MARGIN: f64 = 1e-9;
 
 impl Group {
@@ -1095,16 +1131,19 @@ fn hits(occluders: &[Occluder], group: &mut Group) {
                 group.origin[1][l] - t.corner[1],
                 group.origin[2][l] - t.corner[2],
             ];
-            let inverse = -1.0 / (d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
-            let at = (s[0] * n[0] + s[1] * n[1] + s[2] * n[2]) * inverse;
+            // Everything in terms of the determinant, made positive: no division.
+            let determinant = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
+            let (size, sign) = (determinant.abs(), 1.0f32.copysign(determinant));
+            let at = (s[0] * n[0] + s[1] * n[1] + s[2] * n[2]) * sign;
             let q = [
                 s[1] * d[2] - s[2] * d[1],
                 s[2] * d[0] - s[0] * d[2],
                 s[0] * d[1] - s[1] * d[0],
             ];
-            let u = (f[0] * q[0] + f[1] * q[1] + f[2] * q[2]) * inverse;
-            let v = -(e[0] * q[0] + e[1] * q[1] + e[2] * q[2]) * inverse;
-            hit[l] |= u32::from((at > 1e-6) & (at < 1.0 - 1e-6) & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0));
+            let u = (f[0] * q[0] + f[1] * q[1] + f[2] * q[2]) * sign;
+            let v = -(e[0] * q[0] + e[1] * q[1] + e[2] * q[2]) * sign;
+            let is_between = (at > 1e-6 * size) & (at < (1.0 - 1e-6) * size);
+            hit[l] |= u32::from(is_between & (u >= 0.0) & (v >= 0.0) & (u + v <= size));
         }
         // When every ray is stopped, the rest cannot change anything.
         if count % 4 == 3 && hit.iter().all(|&h| h != 0) {
@@ -1253,6 +1292,80 @@ mod tests {
         assert!(fewer[1] < fewer[0], "{fewer:?} occluders of pieces and walls");
         eprintln!(
             "{count} patches, 20,000 pairs: {fewer:?} pieces and walls in between, {hidden:?} pairs proved hidden by them"
+        );
+    }
+
+    #[test]
+    fn points_of_a_sequence_fill_every_part_alike() {
+        let sequence = Sequence::new(3);
+        let points: Vec<[f64; 4]> = (0..256)
+            .step_by(RAYS)
+            .flat_map(|at| {
+                let block = sequence.points(at);
+                (0..RAYS).map(move |l| block.map(|of| of[l]))
+            })
+            .collect();
+        // One in each of 256 parts of each dimension; and of the first two together, however the parts are shaped.
+        let parts = |count: usize, x: f64| {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a part")]
+            let part = (x * count as f64) as usize;
+            part
+        };
+        for d in 0..4 {
+            let found: std::collections::BTreeSet<usize> = points.iter().map(|p| parts(256, p[d])).collect();
+            assert_eq!(found.len(), 256, "dimension {d}");
+        }
+        for across in [2, 8, 16, 64] {
+            let found: std::collections::BTreeSet<(usize, usize)> = points
+                .iter()
+                .map(|p| (parts(across, p[0]), parts(256 / across, p[1])))
+                .collect();
+            assert_eq!(found.len(), 256, "{across} parts by {}", 256 / across);
+        }
+        assert_ne!(points[0], {
+            let block = Sequence::new(4).points(0);
+            block.map(|of| of[0])
+        });
+    }
+
+    /// What directions are drawn from must be all that a point sees: what they are worth together is the form factor.
+    #[test]
+    fn directions_between_near_patches_add_up_to_the_form_factor() {
+        let model = scene(&[]);
+        let rule = crate::factor::FactorRule::for_tolerance(1e-4);
+        let mut state = 11;
+        let mut unit = || random::unit(random::next(&mut state));
+        let mut triangle = |size: f64| -> [DVec3; 3] {
+            std::array::from_fn(|_| DVec3::new(unit(), unit(), unit()) * size - DVec3::splat(0.5 * size))
+        };
+        let area = |t: &[DVec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
+        let (mut tried, mut cut) = (0, 0);
+        while tried < 60 {
+            let (small, large) = (triangle(0.4), triangle(2.0));
+            let factor = crate::factor::exchange(&small, &large, &rule) / area(&small);
+            if area(&small) > area(&large) || factor < 0.02 {
+                continue;
+            }
+            tried += 1;
+            let mut shaft = Shaft::default();
+            let sighting = shaft.sight(&[], &Walls::of(&model), (0, &small), (1, &large));
+            let mut cast = Cast::default();
+            shaft.cast_near(&sighting, 1 << 13, 1 << 17, 5, &mut cast);
+            let across = (large[1] - large[0]).cross(large[2] - large[0]).normalize();
+            let from = crate::factor::contour::in_front(&small, large[0], across, 0.0).expect("it sees something");
+            let part: f64 = (1..from.corners().len() - 1)
+                .map(|k| area(&[from.corners()[0], from.corners()[k], from.corners()[k + 1]]))
+                .sum();
+            cut += usize::from(part < 0.999 * area(&small));
+            let found = cast.sums.1 / (cast.drawn as f64 * std::f64::consts::PI) * part / area(&small);
+            assert!(
+                (found / factor - 1.0).abs() < 0.01,
+                "{found} for {factor} from {small:?} to {large:?}"
+            );
+        }
+        assert!(
+            cut > 5,
+            "only {cut} of the smaller ones reach behind the larger one's plane"
         );
     }
 
