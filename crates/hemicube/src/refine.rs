@@ -196,9 +196,9 @@ impl Doubts {
         ])
     }
 
-    /// What several hemicubes say of a patch that they see is off by less.
+    /// What several hemicubes say of a patch that they see is off by less, as independent points would be.
     fn lower(&mut self, samples: usize) {
-        let share = (samples as f32).powi(2).recip();
+        let share = (samples as f32).recip();
         for (class, of) in self.0.iter_mut().enumerate() {
             if class != UNSEEN {
                 of.iter_mut().for_each(|doubt| *doubt *= share);
@@ -496,7 +496,7 @@ impl Refiner {
         } else {
             USUAL_FACTOR
         };
-        let least = MENDED * usual.sqrt();
+        let least = MENDED * (usual / row.samples as f64).sqrt();
         let mut doubts = self.refinement.doubts;
         if row.samples > 1 {
             doubts.lower(row.samples);
