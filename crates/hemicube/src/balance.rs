@@ -583,7 +583,7 @@ fn header(store: &Store, options: &BalanceOptions) -> Result<Header> {
     }
     fields.insert("balance".to_owned(), of_balance);
     Ok(Header {
-        program: env!("CARGO_PKG_VERSION").to_owned(),
+        program: crate::settings::PROGRAM.to_owned(),
         scene: manifest.scene.clone(),
         settings,
         // No longer visible weights alone, where it was `pixel`.

@@ -472,7 +472,8 @@ impl Refiner {
     /// found to have elsewhere, and adds those of them that no hemicube saw.
     ///
     /// A pair is worth it from a share of √Σ F² on: of a row that sees little, of what it would be if it saw as much as it
-    /// can, on half the way there (the geometric mean), for it has the smaller part in the matrix.
+    /// can, on half the way there (the geometric mean), for it has the smaller part in the matrix. Of n hemicubes less is
+    /// expected to be wrong: there the share is a √n-th of that.
     pub(crate) fn mend(
         &mut self,
         model: &Model,
@@ -1030,8 +1031,8 @@ const SURVEYED: f64 = 16.0;
 /// Rays at each of them.
 const SURVEY_RAYS: usize = 512;
 
-/// What so many rays of a sequence leave of a squared spread of 1, where independent ones would leave 1/n: found between pairs
-/// of a real tile that matter to their rows, near and far, from 16 to 16,384 rays.
+/// What so many rays of a sequence leave of a squared spread of 1, where independent ones would leave 1/n: about so between
+/// pairs that matter to their rows, near and far (`rays_leave_less_than_independent_ones`).
 fn left_by(rays: f64) -> f64 {
     1.0 / (rays * rays.sqrt().sqrt())
 }

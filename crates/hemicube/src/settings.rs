@@ -8,6 +8,10 @@ use hemicube_scene::{Axis, Patches, Scene, Subdivision};
 use serde::Serialize;
 use std::path::Path;
 
+/// What a manifest calls this program: its version, and behind the plus sign that of what follows the hemicubes, raised
+/// whenever the same settings and hemicubes come to other bits. A store is gone on with only by what began it.
+pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+3");
+
 /// Everything that a row depends on but the scene's triangles, resolved: nothing in it is still to be chosen.
 ///
 /// ```
@@ -154,7 +158,7 @@ impl RowSettings {
         let too_many = |what| Error::unsupported(file, format!("has more {what} than a matrix can have"));
         let name = file.file_name();
         Ok(Header {
-            program: env!("CARGO_PKG_VERSION").to_owned(),
+            program: PROGRAM.to_owned(),
             scene: SceneEntry {
                 file: name.map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
                 blake3: scene_hash(scene, patches),

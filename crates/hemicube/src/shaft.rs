@@ -1209,6 +1209,8 @@ mod tests {
     use crate::{HierarchyOptions, Model};
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
+    const MOST_DRAWN: usize = 32;
+
     /// A unit square at z = 0 facing up, one at z = 1 facing down, and whatever else.
     fn scene(more: &[[DVec3; 3]]) -> Model {
         let p = DVec3::new;
@@ -1367,6 +1369,82 @@ mod tests {
             cut > 5,
             "only {cut} of the smaller ones reach behind the larger one's plane"
         );
+    }
+
+    /// What rays are allotted by: n of them leave what n^(5/4) independent ones would, about.
+    #[test]
+    #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
+    fn rays_leave_less_than_independent_ones() {
+        let city = hemicube_scene::generate::BlockCityParameters {
+            blocks: 6,
+            split: 2,
+            ..hemicube_scene::generate::BlockCityParameters::for_target(1000, 1)
+        };
+        let patches = Patches::new(&city.generate().expect("a city"), Subdivision::None).expect("patches");
+        let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+        let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(&model));
+        let rule = crate::factor::FactorRule::for_tolerance(1e-2);
+        let count = u32::try_from(model.patches().len()).expect("few patches");
+        let area = |t: &[DVec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
+        let levels = [16, 64, 256, 1024];
+        // Σ F² (error)² and what independent rays would leave, of distant pairs and of near ones.
+        let mut sums = [[(0.0, 0.0); 4]; 2];
+        let (mut pairs, mut drawn, mut worth) = ([0, 0], 0, 0);
+        for i in (0..count).step_by(61) {
+            let emitter = model.normalised_corners(i);
+            for j in (0..count).filter(|&j| j != i) {
+                let receiver = model.normalised_corners(j);
+                let factor = crate::factor::exchange(&emitter, &receiver, &rule) / area(&emitter);
+                if factor < 0.004 {
+                    continue;
+                }
+                let mut shaft = Shaft::default();
+                let sighting = shaft.sight(surfaces, walls, (i, &emitter), (j, &receiver));
+                if sighting.hidden || sighting.is_open() {
+                    continue;
+                }
+                let cast = |rays: usize, seed: u64| {
+                    let mut cast = Cast::default();
+                    let rays = if sighting.near {
+                        shaft.cast_near(&sighting, rays, MOST_DRAWN * rays, seed, &mut cast)
+                    } else {
+                        shaft.cast(&sighting, rays, seed, &mut cast)
+                    };
+                    (rays, cast)
+                };
+                let exact: Option<f64> = (0..4).map(|k| cast(1 << 14, k).1.fraction()).sum();
+                let Some(exact) = exact.map(|sum| 0.25 * sum) else {
+                    continue;
+                };
+                if !(0.02..=0.98).contains(&exact) {
+                    continue;
+                }
+                let near = usize::from(sighting.near);
+                pairs[near] += 1;
+                for (level, rays) in levels.into_iter().enumerate() {
+                    for seed in 0..4 {
+                        let (rays, cast) = cast(rays, random::hash(u64::from(j) * 4 + seed));
+                        let Some(fraction) = cast.fraction() else { continue };
+                        let sum = &mut sums[near][level];
+                        sum.0 += (factor * (fraction - exact)).powi(2);
+                        sum.1 += factor * factor * exact * (1.0 - exact) / rays as f64;
+                        if sighting.near {
+                            (drawn, worth) = (drawn + cast.drawn, worth + rays);
+                        }
+                    }
+                }
+            }
+        }
+        let gains = sums.map(|of| of.map(|(squared, independent)| independent / squared));
+        eprintln!(
+            "16, 64, 256 and 1,024 rays do as well as {gains:.1?} times as many independent ones, over {pairs:?} distant and near \
+             pairs; {:.1} directions for a near ray's worth",
+            drawn as f64 / worth as f64
+        );
+        assert!(pairs[0] > 100 && pairs[1] > 40, "{pairs:?} pairs");
+        for of in gains {
+            assert!(of[0] > 0.8 && of[2] > 1.8 && of[3] > 2.5, "{gains:?}");
+        }
     }
 
     #[test]
