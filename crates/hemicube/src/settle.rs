@@ -70,6 +70,9 @@ const MARGIN: f64 = 0.82;
 const FINEST: u32 = 128;
 /// How much further an error may fall than in proportion to the effort.
 const SLACK: f64 = 1.15;
+/// No more than this is believed of rows that do so much better or worse than was expected of them.
+const LEAST_ESTIMATE: f64 = 0.05;
+const MOST_ESTIMATE: f64 = 4.0;
 const SEED: u64 = 0x7E57_0F70;
 
 /// Effort and resolution, from the cheapest to the dearest. Even the cheapest looks for pairs that its hemicube missed: few
@@ -193,14 +196,14 @@ pub fn settle(
         Ok(refinement.priced(&census))
     };
     let row_of = |refiner: &mut Refiner, block: &RowBlock, k: usize| {
-        refiner.row(model, rows[k], seen(block.row(k)), receives);
-        values(&refiner.pairs)
+        let refined = refiner.row(model, rows[k], seen(block.row(k)), receives);
+        (values(&refiner.pairs), refined.squared_error)
     };
     let finest = Refinement {
         rule: FactorRule::for_tolerance(tolerance * 0.1),
         ..priced(Refinement { effort: 0.25, ..known })?
     };
-    let exact: Vec<Row> = side_by_side(execution, finest, &tried, |refiner, k| row_of(refiner, &fine, k));
+    let exact: Vec<Row> = side_by_side(execution, finest, &tried, |refiner, k| row_of(refiner, &fine, k).0);
     go_on()?;
     let norm = mean_squared_norm.max(f64::MIN_POSITIVE);
     let numbered: Vec<usize> = (0..tried.len()).collect();
@@ -209,15 +212,23 @@ pub fn settle(
         // Where all pairs are measured, hemicubes only say what escapes and what is blocked, and no rung need save there.
         let resolution = if known.all { FINEST } else { resolution };
         let block = if resolution == 64 { &coarse } else { &fine };
-        let errors: Vec<f64> = side_by_side(execution, refinement, &numbered, |refiner, n| {
-            squared_difference(&row_of(refiner, block, tried[n]), &exact[n])
+        let found: Vec<(f64, f64)> = side_by_side(execution, refinement, &numbered, |refiner, n| {
+            let (row, expected) = row_of(refiner, block, tried[n]);
+            (squared_difference(&row, &exact[n]), expected)
         });
         go_on()?;
+        let (errors, expected): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
+        let (squared, expected): (f64, f64) = (errors.iter().sum(), expected.iter().sum());
+        let estimate = if expected > 0.0 {
+            (squared / expected).clamp(LEAST_ESTIMATE, MOST_ESTIMATE)
+        } else {
+            1.0
+        };
         let count = errors.len().max(1) as f64;
         let mean = errors.iter().sum::<f64>() / count;
         let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
         Ok(Settled {
-            refinement,
+            refinement: Refinement { estimate, ..refinement },
             resolution,
             expected: (mean / norm).sqrt(),
             at_most: ((mean + SURE * variance.sqrt()) / norm).sqrt(),

@@ -481,42 +481,13 @@ impl Shaft {
         cast: &mut Cast,
     ) -> usize {
         let (small, large) = sighting.by_size();
-        let Some([tangent, bitangent, normal]) = crate::frame::axes(*small, 0.0) else {
+        let Some(fan) = Fan::between(small, large, seed) else {
             return 0;
-        };
-        let across = (large[1] - large[0]).cross(large[2] - large[0]);
-        let Some(above) = crate::factor::contour::in_front(large, small[0], normal, 0.0) else {
-            return 0;
-        };
-        // Points behind the other one see nothing of it.
-        let Some(from) = crate::factor::contour::in_front(small, large[0], across.normalize_or_zero(), 0.0) else {
-            return 0;
-        };
-        let (above, from) = (above.corners(), from.corners());
-        let corners: [DVec3; 4] = std::array::from_fn(|k| from[k.min(from.len() - 1)]);
-        let half = |k: usize| (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]).length();
-        let (first, second) = (half(1), half(2));
-        let fan = Fan {
-            corners: corners.map(|p| p.to_array()),
-            share: if second > 0.0 { first / (first + second) } else { 1.0 },
-            axes: [tangent, bitangent, normal].map(|p| p.to_array()),
-            other: large.map(|p| p.to_array()),
-            above: std::array::from_fn(|k| above[k.min(above.len() - 1)].to_array()),
-            above_count: above.len().min(4),
-            // Towards the inside of the other one.
-            sides: [0, 1, 2].map(|e| across.cross(large[(e + 1) % 3] - large[e]).to_array()),
-            across: across.to_array(),
-            sequence: Sequence::new(seed),
         };
         let mut group = Group::new();
         let mut drawn = Drawn::new();
         let mut stopped = [0; RAYS];
-        let mut aim = Aim {
-            low: [0.0; RAYS],
-            extent: [0.0; RAYS],
-            edges: [[[0.0; RAYS]; 3]; 4],
-            within: [[0.0; RAYS]; 2],
-        };
+        let mut aim = Aim::new();
         let mut filled = 0;
         loop {
             if cast.drawn.is_multiple_of(FROM_A_POINT * RAYS) {
@@ -645,6 +616,33 @@ struct Fan {
     sequence: Sequence,
 }
 
+impl Fan {
+    /// Nothing where one of the two is behind the other one's plane, or has no area.
+    fn between(small: &[DVec3; 3], large: &[DVec3; 3], seed: u64) -> Option<Self> {
+        let [tangent, bitangent, normal] = crate::frame::axes(*small, 0.0)?;
+        let across = (large[1] - large[0]).cross(large[2] - large[0]);
+        let above = crate::factor::contour::in_front(large, small[0], normal, 0.0)?;
+        // Points behind the other one see nothing of it.
+        let from = crate::factor::contour::in_front(small, large[0], across.normalize_or_zero(), 0.0)?;
+        let (above, from) = (above.corners(), from.corners());
+        let corners: [DVec3; 4] = std::array::from_fn(|k| from[k.min(from.len() - 1)]);
+        let half = |k: usize| (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]).length();
+        let (first, second) = (half(1), half(2));
+        Some(Self {
+            corners: corners.map(|p| p.to_array()),
+            share: if second > 0.0 { first / (first + second) } else { 1.0 },
+            axes: [tangent, bitangent, normal].map(|p| p.to_array()),
+            other: large.map(|p| p.to_array()),
+            above: std::array::from_fn(|k| above[k.min(above.len() - 1)].to_array()),
+            above_count: above.len().min(4),
+            // Towards the inside of the other one.
+            sides: [0, 1, 2].map(|e| across.cross(large[(e + 1) % 3] - large[e]).to_array()),
+            across: across.to_array(),
+            sequence: Sequence::new(seed),
+        })
+    }
+}
+
 /// Directions from each point, one in each quarter of what it sees: to bound that costs more than to draw a direction.
 const FROM_A_POINT: usize = 4;
 
@@ -658,6 +656,17 @@ struct Aim {
     edges: [[[f64; RAYS]; 3]; 4],
     /// Where in their quarters of the image directions are drawn.
     within: [[f64; RAYS]; 2],
+}
+
+impl Aim {
+    const fn new() -> Self {
+        Self {
+            low: [0.0; RAYS],
+            extent: [0.0; RAYS],
+            edges: [[[0.0; RAYS]; 3]; 4],
+            within: [[0.0; RAYS]; 2],
+        }
+    }
 }
 
 /// What segments between evenly drawn points of two triangles are drawn from.
@@ -1523,6 +1532,41 @@ mod tests {
             hits(&shaft.occluders, &mut a);
             dispatch_hits(&shaft.occluders, &mut b);
             assert_eq!(a.hit, b.hit);
+        }
+    }
+
+    #[test]
+    fn every_path_draws_the_same_directions() {
+        let p = DVec3::new;
+        let small = [p(0.4, 0.1, 0.0), p(0.9, 0.3, 0.0), p(0.5, 0.8, 0.0)];
+        // One that stands on the other's plane beside it, one that it cuts, and one whose plane cuts the smaller one.
+        let large = [
+            [p(1.0, -1.0, 0.0), p(1.0, 2.0, 0.0), p(1.0, 0.5, 2.0)],
+            [p(1.2, -1.0, -0.5), p(0.9, 2.0, -0.5), p(1.0, 0.5, 2.0)],
+            [p(0.6, 3.0, 2.0), p(0.6, -3.0, 2.0), p(0.7, -3.0, -1.0)],
+        ];
+        for large in large {
+            let fan = Fan::between(&small, &large, 7).expect("they see each other");
+            let mut met = 0;
+            for at in (0..256).step_by(RAYS) {
+                let (mut aims, mut drawn) = ([Aim::new(), Aim::new()], [Drawn::new(), Drawn::new()]);
+                aim(&fan, at, &mut drawn[0], &mut aims[0]);
+                dispatch_aim(&fan, at, &mut drawn[1], &mut aims[1]);
+                for quarter in 0..FROM_A_POINT {
+                    let masks = [
+                        shoot(&fan, quarter, &aims[0], &mut drawn[0]),
+                        dispatch_shoot(&fan, quarter, &aims[1], &mut drawn[1]),
+                    ];
+                    assert_eq!(masks[0], masks[1]);
+                    let bits = |of: &Drawn| {
+                        let all = of.start.iter().chain(&of.end).flatten().chain(&of.weight);
+                        all.map(|x| x.to_bits()).collect::<Vec<_>>()
+                    };
+                    assert_eq!(bits(&drawn[0]), bits(&drawn[1]));
+                    met += masks[0].count_ones();
+                }
+            }
+            assert!(met > 256, "{met} of 1024 directions met it");
         }
     }
 
