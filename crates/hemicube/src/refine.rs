@@ -51,7 +51,7 @@ pub struct Refinement {
     /// How far a fraction that one hemicube has may be off.
     pub doubts: Doubts,
     /// How large the squared error of rows is as a multiple of what doubts and rays let expect: found on rows that were tried.
-    pub estimate: f64,
+    pub estimate: f32,
     /// Whether all pairs are measured, and none stays as the centroid has it: for scenes so small that it takes no time.
     pub all: bool,
     /// Whether each pair is to have the tolerance by itself: for scenes so small that all pairs can be looked at.
@@ -466,7 +466,7 @@ impl Refiner {
         let mut refined = Refined::default();
         self.find_probes(emitter);
         self.measure(model, emitter, &own, price, least, &mut refined);
-        refined.squared_error *= self.refinement.estimate;
+        refined.squared_error *= f64::from(self.refinement.estimate);
         self.pairs.sort_unstable_by_key(|pair| pair.patch);
         refined.squared_norm = self.squared_norm();
         refined

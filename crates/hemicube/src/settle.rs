@@ -219,8 +219,9 @@ pub fn settle(
         go_on()?;
         let (errors, expected): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
         let (squared, expected): (f64, f64) = (errors.iter().sum(), expected.iter().sum());
+        #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
         let estimate = if expected > 0.0 {
-            (squared / expected).clamp(LEAST_ESTIMATE, MOST_ESTIMATE)
+            (squared / expected).clamp(LEAST_ESTIMATE, MOST_ESTIMATE) as f32
         } else {
             1.0
         };

@@ -1541,8 +1541,8 @@ mod tests {
         let small = [p(0.4, 0.1, 0.0), p(0.9, 0.3, 0.0), p(0.5, 0.8, 0.0)];
         // One that stands on the other's plane beside it, one that it cuts, and one whose plane cuts the smaller one.
         let large = [
-            [p(1.0, -1.0, 0.0), p(1.0, 2.0, 0.0), p(1.0, 0.5, 2.0)],
-            [p(1.2, -1.0, -0.5), p(0.9, 2.0, -0.5), p(1.0, 0.5, 2.0)],
+            [p(1.0, -1.0, 0.0), p(1.0, 0.5, 2.0), p(1.0, 2.0, 0.0)],
+            [p(1.2, -1.0, -0.5), p(1.0, 0.5, 2.0), p(0.9, 2.0, -0.5)],
             [p(0.6, 3.0, 2.0), p(0.6, -3.0, 2.0), p(0.7, -3.0, -1.0)],
         ];
         for large in large {
