@@ -404,7 +404,7 @@ const PASSES: usize = 4;
 /// From this nearness on, the middles of two patches tell their factor well enough to see whether it matters.
 const FAR: u8 = 3;
 /// Directions that are drawn for a ray between near patches, at most.
-const MOST_DRAWN: usize = 32;
+pub(crate) const MOST_DRAWN: usize = 32;
 /// Rays at one pair, at most.
 const MOST_RAYS: f64 = 262_144.0;
 

@@ -1215,10 +1215,9 @@ dispatch!(dispatch_hits, hits, (occluders: &[Occluder], group: &mut Group));
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::refine::MOST_DRAWN;
     use crate::{HierarchyOptions, Model};
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
-
-    const MOST_DRAWN: usize = 32;
 
     /// A unit square at z = 0 facing up, one at z = 1 facing down, and whatever else.
     fn scene(more: &[[DVec3; 3]]) -> Model {
@@ -1247,6 +1246,16 @@ mod tests {
         Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
     }
 
+    fn city(blocks: u32, split: u32) -> Model {
+        let parameters = hemicube_scene::generate::BlockCityParameters {
+            blocks,
+            split,
+            ..hemicube_scene::generate::BlockCityParameters::for_target(1000, 1)
+        };
+        let patches = Patches::new(&parameters.generate().expect("a city"), Subdivision::None).expect("patches");
+        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
+    }
+
     fn fraction(model: &Model, i: u32, j: u32, rays: usize) -> (usize, f64) {
         let corners = |p: u32| model.normalised_corners(p);
         let mut shaft = Shaft::default();
@@ -1268,13 +1277,7 @@ mod tests {
     #[test]
     #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
     fn walls_hide_what_their_pieces_hide() {
-        let city = hemicube_scene::generate::BlockCityParameters {
-            blocks: 5,
-            split: 5,
-            ..hemicube_scene::generate::BlockCityParameters::for_target(1000, 1)
-        };
-        let patches = Patches::new(&city.generate().expect("a city"), Subdivision::None).expect("patches");
-        let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+        let model = city(5, 5);
         let surfaces = &model.geometry().surfaces;
         let (walls, pieces) = (Walls::of(&model), Walls::pieces_of(&model));
         let count = u64::try_from(model.patches().len()).expect("a number");
@@ -1384,13 +1387,7 @@ mod tests {
     #[test]
     #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
     fn rays_leave_less_than_independent_ones() {
-        let city = hemicube_scene::generate::BlockCityParameters {
-            blocks: 6,
-            split: 2,
-            ..hemicube_scene::generate::BlockCityParameters::for_target(1000, 1)
-        };
-        let patches = Patches::new(&city.generate().expect("a city"), Subdivision::None).expect("patches");
-        let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+        let model = city(6, 2);
         let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(&model));
         let rule = crate::factor::FactorRule::for_tolerance(1e-2);
         let count = u32::try_from(model.patches().len()).expect("few patches");
