@@ -1447,6 +1447,44 @@ pub(crate) mod x86 {
 
     impl Lanes for Avx2 {
         #[inline(always)]
+        unsafe fn on_faces(
+            center: &[f64; 3],
+            half: &[f64; 3],
+            frame: &Frame,
+            resolution: usize,
+            faces: u8,
+            touched: bool,
+            out: &mut OnFaces,
+        ) {
+            // SAFETY: the caller's promise of the instruction set.
+            unsafe { boxes::on_faces_avx2(center, half, frame, resolution, faces, touched, out) };
+        }
+
+        #[inline(always)]
+        unsafe fn lacking(rows: &[u64; GROUP], mask: u64) -> u8 {
+            // SAFETY: the caller's promise of the instruction set.
+            unsafe { bits::lacking_avx2(rows, mask) }
+        }
+
+        #[inline(always)]
+        unsafe fn draw_lane<const COVERED: bool>(
+            triangles: &Transformed,
+            face: Face,
+            lane: usize,
+            left: i32,
+            right: i32,
+            low: i32,
+            high: i32,
+            coverage: &mut Coverage,
+            running: &[u32],
+        ) -> bits::DrawnLane {
+            // SAFETY: the caller's promise of the instruction set.
+            unsafe {
+                bits::draw_lane_avx2::<COVERED>(triangles, face, lane, left, right, low, high, coverage, running)
+            }
+        }
+
+        #[inline(always)]
         unsafe fn spans(
             lines: &EdgeLines,
             y: f64,

@@ -188,6 +188,26 @@ pub(super) unsafe fn lacking_avx512(rows: &[u64; GROUP], mask: u64) -> u8 {
     }
 }
 
+/// [`lacking`] with four rows in each register.
+///
+/// # Safety
+/// The machine has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+pub(super) unsafe fn lacking_avx2(rows: &[u64; GROUP], mask: u64) -> u8 {
+    use std::arch::x86_64::*;
+    // SAFETY: the caller's promise of the instruction set; the two loads are as long as the array.
+    unsafe {
+        let mask = _mm256_set1_epi64x(mask.cast_signed());
+        let half = |k: usize| {
+            let bits = _mm256_loadu_si256(rows.as_ptr().cast::<__m256i>().add(k));
+            let all = _mm256_cmpeq_epi64(_mm256_and_si256(bits, mask), mask);
+            _mm256_movemask_pd(_mm256_castsi256_pd(all))
+        };
+        !low_byte(half(0) | half(1) << 4)
+    }
+}
+
 /// Whether every pixel of a box of the atlas (inclusive) is covered, or was when that was remembered.
 #[inline(always)]
 pub(crate) unsafe fn all_covered<L: Lanes>(
@@ -665,17 +685,273 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
             }
             y += GROUP;
         }
-        let sum = |v: __m256i| {
-            let v = _mm_add_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256::<1>(v));
-            let v = _mm_add_epi32(v, _mm_shuffle_epi32::<0b00_00_11_10>(v));
-            let v = _mm_add_epi32(v, _mm_shuffle_epi32::<0b00_00_00_01>(v));
-            _mm_cvtsi128_si32(v).cast_unsigned()
-        };
         if COVERED {
-            drawn.pixels = sum(pixel_sum);
+            drawn.pixels = sum_of(pixel_sum);
         }
     }
     drawn
+}
+
+/// [`draw_lane`] with four rows in each register.
+///
+/// # Safety
+/// The machine has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[inline(never)]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "private, called once: numbers that stay in registers"
+)]
+pub(super) unsafe fn draw_lane_avx2<const COVERED: bool>(
+    t: &Transformed,
+    face: Face,
+    lane: usize,
+    left: i32,
+    right: i32,
+    low: i32,
+    high: i32,
+    coverage: &mut Coverage,
+    running: &[u32],
+) -> DrawnLane {
+    use std::arch::x86_64::*;
+    let resolution = coverage.resolution;
+    let (axis, sign) = face.axes();
+    let mut drawn = DrawnLane::default();
+    // SAFETY: the caller's promise of the instruction set. Groups and columns lie within the coverage, and places read
+    // within `running`, as spans are clamped to their pixel box and that to its face.
+    unsafe {
+        // The operations of `affine` and `edge_lines`, an edge in each lane.
+        let edge = |c: usize| {
+            let e = &t.edges;
+            let a = axis[c];
+            let e = _mm256_setr_pd(e[a][lane], e[3 + a][lane], e[6 + a][lane], 1.0);
+            _mm256_mul_pd(_mm256_set1_pd(sign[c]), e)
+        };
+        let (eu, ev, ew) = (edge(0), edge(1), edge(2));
+        let step = 2.0 / resolution as f64;
+        let u0 = 0.5 * step - 1.0;
+        let v0 = if face.is_top() { u0 } else { 0.5 * step };
+        let a = _mm256_mul_pd(eu, _mm256_set1_pd(step));
+        let b = _mm256_mul_pd(ev, _mm256_set1_pd(step));
+        let c = _mm256_add_pd(
+            _mm256_add_pd(ew, _mm256_mul_pd(eu, _mm256_set1_pd(u0))),
+            _mm256_mul_pd(ev, _mm256_set1_pd(v0)),
+        );
+        let zero = _mm256_setzero_pd();
+        let from_left = _mm256_cmp_pd::<_CMP_GT_OQ>(a, zero);
+        let from_right = _mm256_cmp_pd::<_CMP_LT_OQ>(a, zero);
+        let inverse = _mm256_div_pd(_mm256_set1_pd(-1.0), a);
+        let (slope, offset) = (_mm256_mul_pd(b, inverse), _mm256_mul_pd(c, inverse));
+        let is_flat = _mm256_movemask_pd(_mm256_or_pd(from_left, from_right)) & 0b111 != 0b111;
+        let flat_lines = if is_flat {
+            Some(edge_lines(t, face, lane, resolution).0)
+        } else {
+            None
+        };
+        // Edge k in all lanes.
+        macro_rules! each {
+            ($of:expr) => {
+                [
+                    _mm256_permute4x64_pd::<0b00_00_00_00>($of),
+                    _mm256_permute4x64_pd::<0b01_01_01_01>($of),
+                    _mm256_permute4x64_pd::<0b10_10_10_10>($of),
+                ]
+            };
+        }
+        let (slope, offset, from_left, from_right) = (each!(slope), each!(offset), each!(from_left), each!(from_right));
+
+        #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+        let first_row = face.first_row(resolution as u32) as usize;
+        let (x0, x1, y0, y1) = (at(left), at(right) - 1, at(low), at(high));
+        let (first, last) = (x0 / WIDTH, x1 / WIDTH);
+        let ones = _mm256_set1_epi64x(-1);
+        let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+        let (first_x, end_x) = (_mm256_set1_pd(f64::from(left)), _mm256_set1_pd(f64::from(right)));
+        let mut pixel_sum = _mm256_setzero_si256();
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_possible_wrap,
+            reason = "at most 1024"
+        )]
+        let row_steps = _mm256_mullo_epi32(
+            _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7),
+            _mm256_set1_epi32(resolution as i32),
+        );
+        // What shows of each column; written before it is read.
+        let mut visible = [const { std::mem::MaybeUninit::<Rows>::uninit() }; MOST_COLUMNS];
+        let mut y = y0 / GROUP * GROUP;
+        while y < y1 {
+            let spans = |ys: __m256d| {
+                let (mut least, mut most) = (first_x, end_x);
+                for k in 0..3 {
+                    let x = _mm256_add_pd(_mm256_mul_pd(slope[k], ys), offset[k]);
+                    // The second operand wins over NaN, as in the portable comparison.
+                    least = _mm256_blendv_pd(least, _mm256_max_pd(x, least), from_left[k]);
+                    most = _mm256_blendv_pd(most, _mm256_min_pd(x, most), from_right[k]);
+                }
+                let (least, most) = (_mm256_min_pd(least, end_x), _mm256_max_pd(most, first_x));
+                (
+                    _mm256_cvtpd_epi32(_mm256_ceil_pd(least)),
+                    _mm256_cvtpd_epi32(_mm256_ceil_pd(most)),
+                )
+            };
+            let first_y = _mm256_set1_pd(y as f64);
+            let (start_low, end_low) = spans(_mm256_add_pd(first_y, _mm256_setr_pd(0.0, 1.0, 2.0, 3.0)));
+            let (start_high, end_high) = spans(_mm256_add_pd(first_y, _mm256_setr_pd(4.0, 5.0, 6.0, 7.0)));
+            let (start, end) = (
+                _mm256_set_m128i(start_high, start_low),
+                _mm256_set_m128i(end_high, end_low),
+            );
+            let mut within = _mm256_cmpgt_epi32(end, start);
+            let mut wanted = u8::MAX;
+            if let Some(lines) = &flat_lines {
+                wanted = flat_rows(lines, y as f64, wanted);
+            }
+            if y < y0 {
+                wanted &= u8::MAX << (y0 - y);
+            }
+            if y + GROUP > y1 {
+                wanted &= u8::MAX >> (y + GROUP - y1);
+            }
+            let wanted = _mm256_and_si256(_mm256_set1_epi32(i32::from(wanted)), bits);
+            within = _mm256_and_si256(within, _mm256_cmpeq_epi32(wanted, bits));
+            let rows = low_byte(_mm256_movemask_ps(_mm256_castsi256_ps(within)));
+            if rows == 0 {
+                y += GROUP;
+                continue;
+            }
+            let (mut seen, mut unseen) = (0u8, 0u8);
+            let group = (first_row + y) / GROUP;
+            for column in first..=last {
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_possible_wrap,
+                    reason = "at most 1024 pixels"
+                )]
+                let offset = _mm256_set1_epi32((column * WIDTH) as i32);
+                let nothing = _mm256_setzero_si256();
+                // Shifts by 64 and more give 0.
+                let from = _mm256_max_epi32(_mm256_sub_epi32(start, offset), nothing);
+                let to = _mm256_max_epi32(_mm256_sub_epi32(end, offset), nothing);
+                let words: *mut __m256i = coverage
+                    .rows
+                    .get_unchecked_mut(column * coverage.groups + group)
+                    .0
+                    .as_mut_ptr()
+                    .cast();
+                let shown: *mut __m256i = visible.get_unchecked_mut(column - first).as_mut_ptr().cast();
+                let mut half = |k: usize, from: __m128i, to: __m128i, within: __m128i| {
+                    let (from, to) = (_mm256_cvtepi32_epi64(from), _mm256_cvtepi32_epi64(to));
+                    let mask = _mm256_andnot_si256(_mm256_sllv_epi64(ones, to), _mm256_sllv_epi64(ones, from));
+                    let mask = _mm256_and_si256(mask, _mm256_cvtepi32_epi64(within));
+                    let covered = _mm256_load_si256(words.add(k));
+                    let shows = _mm256_andnot_si256(covered, mask);
+                    _mm256_store_si256(words.add(k), _mm256_or_si256(covered, mask));
+                    _mm256_store_si256(shown.add(k), shows);
+                    let four = |equal: __m256i| _mm256_movemask_pd(_mm256_castsi256_pd(equal)) ^ 0b1111;
+                    seen |= low_byte(four(_mm256_cmpeq_epi64(shows, nothing)) << (4 * k));
+                    unseen |= low_byte(four(_mm256_cmpeq_epi64(shows, mask)) << (4 * k));
+                };
+                half(
+                    0,
+                    _mm256_castsi256_si128(from),
+                    _mm256_castsi256_si128(to),
+                    _mm256_castsi256_si128(within),
+                );
+                half(
+                    1,
+                    _mm256_extracti128_si256::<1>(from),
+                    _mm256_extracti128_si256::<1>(to),
+                    _mm256_extracti128_si256::<1>(within),
+                );
+            }
+            drawn.seen |= seen != 0;
+            let whole_rows = rows & !unseen;
+            let weighed = if COVERED { rows } else { whole_rows };
+            if weighed != 0 {
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_possible_wrap,
+                    reason = "at most 2^20 pixels"
+                )]
+                let base = _mm256_add_epi32(row_steps, _mm256_set1_epi32((y * resolution) as i32));
+                let mut before = [0u32; GROUP];
+                let mut after = [0u32; GROUP];
+                // Rows that are not weighed begin and end at 0.
+                let these = if COVERED {
+                    within
+                } else {
+                    _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(i32::from(weighed)), bits), bits)
+                };
+                let place = |x: __m256i| _mm256_and_si256(_mm256_add_epi32(base, x), these);
+                _mm256_storeu_si256(before.as_mut_ptr().cast(), place(start));
+                _mm256_storeu_si256(after.as_mut_ptr().cast(), place(end));
+                // In memory, or the compiler makes gathers of it, which are slower.
+                let (before, after) = (std::hint::black_box(&before), std::hint::black_box(&after));
+                let weight =
+                    |r: usize| running.get_unchecked(after[r] as usize) - running.get_unchecked(before[r] as usize);
+                let mut all = 0u32;
+                for r in 0..GROUP {
+                    all = all.wrapping_add(weight(r));
+                }
+                if COVERED {
+                    drawn.covered = drawn.covered.wrapping_add(all);
+                    let pixels = _mm256_and_si256(_mm256_sub_epi32(end, start), within);
+                    pixel_sum = _mm256_add_epi32(pixel_sum, pixels);
+                }
+                if weighed == whole_rows {
+                    drawn.visible = drawn.visible.wrapping_add(all);
+                } else {
+                    let mut whole = whole_rows;
+                    while whole != 0 {
+                        drawn.visible = drawn.visible.wrapping_add(weight(whole.trailing_zeros() as usize));
+                        whole &= whole - 1;
+                    }
+                }
+            }
+            let mut part = rows & seen & unseen;
+            while part != 0 {
+                let r = part.trailing_zeros() as usize;
+                part &= part - 1;
+                let row = &running[(y + r) * resolution..];
+                for column in first..=last {
+                    let bits = visible.get_unchecked(column - first).assume_init_ref().0[r];
+                    drawn.visible += weight_of(bits, &row[column * WIDTH..]);
+                }
+            }
+            y += GROUP;
+        }
+        if COVERED {
+            drawn.pixels = sum_of(pixel_sum);
+        }
+    }
+    drawn
+}
+
+/// The lowest eight bits.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn low_byte(bits: i32) -> u8 {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "eight bits")]
+    {
+        bits as u8
+    }
+}
+
+/// The sum of eight lanes.
+///
+/// # Safety
+/// The machine has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[inline]
+unsafe fn sum_of(v: std::arch::x86_64::__m256i) -> u32 {
+    use std::arch::x86_64::*;
+    let v = _mm_add_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256::<1>(v));
+    let v = _mm_add_epi32(v, _mm_shuffle_epi32::<0b00_00_11_10>(v));
+    let v = _mm_add_epi32(v, _mm_shuffle_epi32::<0b00_00_00_01>(v));
+    _mm_cvtsi128_si32(v).cast_unsigned()
 }
 
 /// Lanes whose centroid lies above the horizon at a pixel of one of the faces that nothing covers.

@@ -78,56 +78,61 @@ pub(super) fn on_faces(
     if high[2] <= frame.tolerance {
         return;
     }
+    for face in Face::ALL {
+        if faces >> face as u8 & 1 != 0 {
+            on_face(&low, &high, face, resolution, touched, out);
+        }
+    }
+}
+
+/// Where a box, given in the hemicube's frame, lies on a face.
+#[inline(always)]
+fn on_face(low: &[f64; 3], high: &[f64; 3], face: Face, resolution: usize, touched: bool, out: &mut OnFaces) {
     let resolution = resolution as f64;
     let half = resolution * 0.5;
     let inset = inset(touched);
-    for face in Face::ALL {
-        let lane = face as usize;
-        if faces >> lane & 1 == 0 {
-            continue;
+    let lane = face as usize;
+    let (axis, sign) = face.axes();
+    let range = |c: usize| {
+        if sign[c] > 0.0 {
+            (low[axis[c]], high[axis[c]])
+        } else {
+            (-high[axis[c]], -low[axis[c]])
         }
-        let (axis, sign) = face.axes();
-        let range = |c: usize| {
-            if sign[c] > 0.0 {
-                (low[axis[c]], high[axis[c]])
-            } else {
-                (-high[axis[c]], -low[axis[c]])
-            }
-        };
-        let ((u0, u1), (v0, v1), (w0, w1)) = (range(0), range(1), range(2));
-        let bottom = if face.is_top() { -w1 } else { 0.0 };
-        if w1 <= 0.0 || u0 > w1 || u1 < -w1 || v0 > w1 || v1 < bottom {
-            continue;
-        }
-        if w0 <= NEAREST * w1 {
-            out.at_eye |= 1 << lane;
-            continue;
-        }
-        let (near, far) = (1.0 / w0, 1.0 / w1);
-        let x0 = u0 * if u0 > 0.0 { far } else { near } * half + half;
-        let x1 = u1 * if u1 > 0.0 { near } else { far } * half + half;
-        let shift = if face.is_top() { half } else { 0.0 };
-        let y0 = v0 * if v0 > 0.0 { far } else { near } * half + shift;
-        let y1 = v1 * if v1 > 0.0 { near } else { far } * half + shift;
-        let rows = if face.is_top() { resolution } else { half };
-        // A box that only touches the right or upper edge belongs to the last pixel, as a centroid on the edge does.
-        let x0 = (x0 + inset).min(resolution - 1.0).max(0.0);
-        let x1 = (x1 - inset).min(resolution - 1.0);
-        let y0 = (y0 + inset).min(rows - 1.0).max(0.0);
-        let y1 = (y1 - inset).min(rows - 1.0);
-        if x0.trunc() > x1 || y0.trunc() > y1 {
-            continue;
-        }
-        out.near[lane] = near;
-        #[allow(clippy::cast_possible_truncation, reason = "within the face")]
-        {
-            out.x0[lane] = x0 as i32;
-            out.x1[lane] = x1 as i32;
-            out.y0[lane] = y0 as i32;
-            out.y1[lane] = y1 as i32;
-        }
-        out.boxed |= 1 << lane;
+    };
+    let ((u0, u1), (v0, v1), (w0, w1)) = (range(0), range(1), range(2));
+    let bottom = if face.is_top() { -w1 } else { 0.0 };
+    if w1 <= 0.0 || u0 > w1 || u1 < -w1 || v0 > w1 || v1 < bottom {
+        return;
     }
+    if w0 <= NEAREST * w1 {
+        out.at_eye |= 1 << lane;
+        return;
+    }
+    let (near, far) = (1.0 / w0, 1.0 / w1);
+    let x0 = u0 * if u0 > 0.0 { far } else { near } * half + half;
+    let x1 = u1 * if u1 > 0.0 { near } else { far } * half + half;
+    let shift = if face.is_top() { half } else { 0.0 };
+    let y0 = v0 * if v0 > 0.0 { far } else { near } * half + shift;
+    let y1 = v1 * if v1 > 0.0 { near } else { far } * half + shift;
+    let rows = if face.is_top() { resolution } else { half };
+    // A box that only touches the right or upper edge belongs to the last pixel, as a centroid on the edge does.
+    let x0 = (x0 + inset).min(resolution - 1.0).max(0.0);
+    let x1 = (x1 - inset).min(resolution - 1.0);
+    let y0 = (y0 + inset).min(rows - 1.0).max(0.0);
+    let y1 = (y1 - inset).min(rows - 1.0);
+    if x0.trunc() > x1 || y0.trunc() > y1 {
+        return;
+    }
+    out.near[lane] = near;
+    #[allow(clippy::cast_possible_truncation, reason = "within the face")]
+    {
+        out.x0[lane] = x0 as i32;
+        out.x1[lane] = x1 as i32;
+        out.y0[lane] = y0 as i32;
+        out.y1[lane] = y1 as i32;
+    }
+    out.boxed |= 1 << lane;
 }
 
 /// For each face, which of the lower bounds of x, y, z, a gap, the upper bounds and a gap, and of their negatives from 8 on,
@@ -251,6 +256,139 @@ pub(super) unsafe fn on_faces_avx512(
     }
 }
 
+/// [`on_faces`] with one of the four sides in each lane.
+///
+/// # Safety
+/// The machine has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[inline]
+pub(super) unsafe fn on_faces_avx2(
+    center: &[f64; 3],
+    half_sides: &[f64; 3],
+    frame: &Frame,
+    resolution: usize,
+    faces: u8,
+    touched: bool,
+    out: &mut OnFaces,
+) {
+    use std::arch::x86_64::*;
+    // The sides follow the top, in the order of the lanes below.
+    const FIRST: usize = Face::PosX as usize;
+    const _: () = assert!(
+        Face::Top as usize == 0
+            && FIRST == 1
+            && Face::NegX as usize == 2
+            && Face::PosY as usize == 3
+            && Face::NegY as usize == 4
+    );
+    (out.boxed, out.at_eye) = (0, 0);
+    // SAFETY: the caller's promise of the instruction set; loads are as long as their arrays, and stores begin at lane 1
+    // and end at 4 of the eight.
+    unsafe {
+        let column = |c: usize| _mm256_loadu_pd(frame.columns[c].as_ptr());
+        let along = |c: usize| _mm256_set1_pd(center[c] - frame.origin[c]);
+        let middle = _mm256_add_pd(
+            _mm256_add_pd(_mm256_mul_pd(column(0), along(0)), _mm256_mul_pd(column(1), along(1))),
+            _mm256_mul_pd(column(2), along(2)),
+        );
+        let sign = _mm256_set1_pd(-0.0);
+        let reach = |c: usize| _mm256_mul_pd(_mm256_andnot_pd(sign, column(c)), _mm256_set1_pd(half_sides[c]));
+        let half = _mm256_add_pd(_mm256_add_pd(reach(0), reach(1)), reach(2));
+        let half = _mm256_add_pd(half, _mm256_set1_pd(1e-14));
+        let (low, high) = (_mm256_sub_pd(middle, half), _mm256_add_pd(middle, half));
+        let above = _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_NLE_UQ>(high, _mm256_set1_pd(frame.tolerance)));
+        if above & 0b100 == 0 {
+            return;
+        }
+        if faces >> Face::Top as u8 & 1 != 0 {
+            let (mut low_of, mut high_of) = ([0.0; 4], [0.0; 4]);
+            _mm256_storeu_pd(low_of.as_mut_ptr(), low);
+            _mm256_storeu_pd(high_of.as_mut_ptr(), high);
+            on_face(
+                &three(|c| low_of[c]),
+                &three(|c| high_of[c]),
+                Face::Top,
+                resolution,
+                touched,
+                out,
+            );
+        }
+        let sides = i32::from(faces >> FIRST) & 0b1111;
+        if sides == 0 {
+            return;
+        }
+        // The frames of the faces, as `Face::axes` gives them: ±x and ±y along w; y, −y, −x and x along u; z along v.
+        let (back, front) = (_mm256_xor_pd(low, sign), _mm256_xor_pd(high, sign));
+        let along_w = |of| _mm256_permute4x64_pd::<0b01_01_00_00>(of);
+        let along_u = |of| _mm256_permute4x64_pd::<0b00_00_01_01>(of);
+        let w0 = _mm256_blend_pd::<0b1010>(along_w(low), along_w(front));
+        let w1 = _mm256_blend_pd::<0b1010>(along_w(high), along_w(back));
+        let u0 = _mm256_blend_pd::<0b0110>(along_u(low), along_u(front));
+        let u1 = _mm256_blend_pd::<0b0110>(along_u(high), along_u(back));
+        let v0 = _mm256_permute4x64_pd::<0b10_10_10_10>(low);
+        let v1 = _mm256_permute4x64_pd::<0b10_10_10_10>(high);
+        let zero = _mm256_setzero_pd();
+        let outside = _mm256_or_pd(
+            _mm256_or_pd(
+                _mm256_cmp_pd::<_CMP_LE_OQ>(w1, zero),
+                _mm256_cmp_pd::<_CMP_GT_OQ>(u0, w1),
+            ),
+            _mm256_or_pd(
+                _mm256_cmp_pd::<_CMP_LT_OQ>(u1, _mm256_xor_pd(w1, sign)),
+                _mm256_or_pd(
+                    _mm256_cmp_pd::<_CMP_GT_OQ>(v0, w1),
+                    _mm256_cmp_pd::<_CMP_LT_OQ>(v1, zero),
+                ),
+            ),
+        );
+        let inside = sides & !_mm256_movemask_pd(outside);
+        let nearest = _mm256_mul_pd(_mm256_set1_pd(NEAREST), w1);
+        let at_eye = inside & _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(w0, nearest));
+        let faces_of = |sides: i32| {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "four bits")]
+            let sides = sides as u8;
+            sides << FIRST
+        };
+        out.at_eye |= faces_of(at_eye);
+        let inside = inside & !at_eye;
+        if inside == 0 {
+            return;
+        }
+        let one = _mm256_set1_pd(1.0);
+        let (near, far) = (_mm256_div_pd(one, w0), _mm256_div_pd(one, w1));
+        #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
+        let width = resolution as f64;
+        let half = _mm256_set1_pd(width * 0.5);
+        let last_column = _mm256_set1_pd(width - 1.0);
+        let last_row = _mm256_set1_pd(width * 0.5 - 1.0);
+        let inset = _mm256_set1_pd(inset(touched));
+        let positive = |x| _mm256_cmp_pd::<_CMP_GT_OQ>(x, zero);
+        let place = |x, scale, shift| _mm256_add_pd(_mm256_mul_pd(_mm256_mul_pd(x, scale), half), shift);
+        let first = |x, shift, last| {
+            let scale = _mm256_blendv_pd(near, far, positive(x));
+            let x = _mm256_add_pd(place(x, scale, shift), inset);
+            _mm256_cvttpd_epi32(_mm256_max_pd(_mm256_min_pd(x, last), zero))
+        };
+        let end = |x, shift, last| {
+            let scale = _mm256_blendv_pd(far, near, positive(x));
+            _mm256_min_pd(_mm256_sub_pd(place(x, scale, shift), inset), last)
+        };
+        let (x0, y0) = (first(u0, half, last_column), first(v0, zero, last_row));
+        let (x1, y1) = (end(u1, half, last_column), end(v1, zero, last_row));
+        let empty = _mm256_or_pd(
+            _mm256_cmp_pd::<_CMP_GT_OQ>(_mm256_cvtepi32_pd(x0), x1),
+            _mm256_cmp_pd::<_CMP_GT_OQ>(_mm256_cvtepi32_pd(y0), y1),
+        );
+        out.boxed |= faces_of(inside & !_mm256_movemask_pd(empty));
+        _mm256_storeu_pd(out.near.as_mut_ptr().add(FIRST), near);
+        _mm_storeu_si128(out.x0.as_mut_ptr().add(FIRST).cast(), x0);
+        _mm_storeu_si128(out.x1.as_mut_ptr().add(FIRST).cast(), _mm256_cvttpd_epi32(x1));
+        _mm_storeu_si128(out.y0.as_mut_ptr().add(FIRST).cast(), y0);
+        _mm_storeu_si128(out.y1.as_mut_ptr().add(FIRST).cast(), _mm256_cvttpd_epi32(y1));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -283,11 +421,17 @@ mod tests {
             faces in 0u8..32,
             touched in any::<bool>(),
         ) {
+            type Path = unsafe fn(&[f64; 3], &[f64; 3], &Frame, usize, u8, bool, &mut OnFaces);
             let (mut portable, mut wide) = (OnFaces::new(), OnFaces::new());
             on_faces(&center, &half, &frame, resolution, faces, touched, &mut portable);
-            if crate::Isa::available().contains(&crate::Isa::Avx512) {
+            for isa in crate::Isa::available() {
+                let path: Path = match isa {
+                    crate::Isa::Avx512 => on_faces_avx512,
+                    crate::Isa::Avx2 => on_faces_avx2,
+                    crate::Isa::Portable => continue,
+                };
                 // SAFETY: the machine has the instruction set.
-                unsafe { on_faces_avx512(&center, &half, &frame, resolution, faces, touched, &mut wide) };
+                unsafe { path(&center, &half, &frame, resolution, faces, touched, &mut wide) };
                 prop_assert_eq!((portable.boxed, portable.at_eye), (wide.boxed, wide.at_eye));
                 for f in (0..FACES).filter(|f| portable.boxed >> f & 1 != 0) {
                     let of = |b: &OnFaces| (b.near[f].to_bits(), b.x0[f], b.x1[f], b.y0[f], b.y1[f]);
