@@ -493,52 +493,43 @@ fn greater(a: f32, b: f32) -> f32 {
 pub(crate) unsafe fn transform<L: Lanes>(block: &Block, frame: &Frame, out: &mut Transformed) {
     let [t, b, n] = &frame.axes;
     let o = &frame.origin;
-    for k in 0..3 {
-        for l in 0..LANES {
-            let x = block.corners[3 * k][l] - o[0];
-            let y = block.corners[3 * k + 1][l] - o[1];
-            let z = block.corners[3 * k + 2][l] - o[2];
-            let height = n[0] * x + n[1] * y + n[2] * z;
-            out.corners[3 * k][l] = t[0] * x + t[1] * y + t[2] * z;
-            out.corners[3 * k + 1][l] = b[0] * x + b[1] * y + b[2] * z;
-            out.corners[3 * k + 2][l] = if height.abs() <= frame.tolerance { 0.0 } else { height };
-        }
-    }
-    for k in 0..9 {
-        for l in 0..LANES {
-            #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
-            let rounded = out.corners[k][l] as f32;
-            out.near[k][l] = rounded;
-        }
-    }
-    for k in 0..3 {
-        let (i, j) = ((k + 1) % 3 * 3, (k + 2) % 3 * 3);
-        for l in 0..LANES {
-            let (ax, ay, az) = (out.corners[i][l], out.corners[i + 1][l], out.corners[i + 2][l]);
-            let (bx, by, bz) = (out.corners[j][l], out.corners[j + 1][l], out.corners[j + 2][l]);
-            out.edges[3 * k][l] = ay * bz - az * by;
-            out.edges[3 * k + 1][l] = az * bx - ax * bz;
-            out.edges[3 * k + 2][l] = ax * by - ay * bx;
-        }
-    }
     let mut live = Flags([0; LANES]);
     for l in 0..LANES {
-        let determinant = out.corners[0][l] * out.edges[0][l]
-            + out.corners[1][l] * out.edges[1][l]
-            + out.corners[2][l] * out.edges[2][l];
-        let (z0, z1, z2) = (out.corners[2][l], out.corners[5][l], out.corners[8][l]);
-        let above = (z0 > 0.0) | (z1 > 0.0) | (z2 > 0.0);
+        let corner = |k: usize| {
+            let [x, y, z] = three(|c| block.corners[3 * k + c][l] - o[c]);
+            let height = n[0] * x + n[1] * y + n[2] * z;
+            [
+                t[0] * x + t[1] * y + t[2] * z,
+                b[0] * x + b[1] * y + b[2] * z,
+                if height.abs() <= frame.tolerance { 0.0 } else { height },
+            ]
+        };
+        let corners = [corner(0), corner(1), corner(2)];
+        for k in 0..9 {
+            let x = corners[k / 3][k % 3];
+            out.corners[k][l] = x;
+            #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
+            {
+                out.near[k][l] = x as f32;
+            }
+        }
+        let edge = |k: usize| {
+            let ([ax, ay, az], [bx, by, bz]) = (corners[(k + 1) % 3], corners[(k + 2) % 3]);
+            [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
+        };
+        let edges = [edge(0), edge(1), edge(2)];
+        let determinant = corners[0][0] * edges[0][0] + corners[0][1] * edges[0][1] + corners[0][2] * edges[0][2];
+        let above = (corners[0][2] > 0.0) | (corners[1][2] > 0.0) | (corners[2][2] > 0.0);
         let (negative, positive) = (block.negative[l], block.positive[l]);
         let emitter = (negative == frame.emitter) | (positive == frame.emitter);
         let turned = determinant < 0.0;
         out.seen[l] = if turned { negative } else { positive };
         live.0[l] = u32::from(above & (determinant != 0.0) & !emitter & (negative != UNUSED));
-        out.sign[l] = if turned { -1.0 } else { 1.0 };
+        let sign = if turned { -1.0 } else { 1.0 };
+        out.sign[l] = sign;
         out.determinant[l] = determinant.abs();
-    }
-    for k in 0..9 {
-        for l in 0..LANES {
-            out.edges[k][l] *= out.sign[l];
+        for k in 0..9 {
+            out.edges[k][l] = edges[k / 3][k % 3] * sign;
         }
     }
     // SAFETY: the caller's promise.
