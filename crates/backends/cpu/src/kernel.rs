@@ -1470,9 +1470,7 @@ pub(crate) mod x86 {
             running: &[u32],
         ) -> bits::DrawnLane {
             // SAFETY: the caller's promise of the instruction set.
-            unsafe {
-                bits::draw_lane_avx2::<COVERED>(triangles, face, lane, left, right, low, high, coverage, running)
-            }
+            unsafe { bits::draw_lane_avx2::<COVERED>(triangles, face, lane, left, right, low, high, coverage, running) }
         }
 
         #[inline(always)]
