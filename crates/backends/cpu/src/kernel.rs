@@ -1486,6 +1486,7 @@ pub(crate) mod x86 {
             unsafe {
                 let mut mask = 0;
                 let (first, end) = (_mm256_set1_pd(x0), _mm256_set1_pd(x1));
+                let side = |bits: u8| _mm256_castsi256_pd(_mm256_set1_epi8(bits.cast_signed()));
                 for half in 0..2 {
                     let rows = _mm256_add_pd(
                         _mm256_set1_pd(y),
@@ -1501,11 +1502,9 @@ pub(crate) mod x86 {
                             _mm256_mul_pd(_mm256_set1_pd(lines.slope[k]), rows),
                             _mm256_set1_pd(lines.offset[k]),
                         );
-                        if lines.left[k] != 0 {
-                            low = _mm256_max_pd(x, low);
-                        } else if lines.right[k] != 0 {
-                            high = _mm256_min_pd(x, high);
-                        }
+                        // Which side an edge is on is as good as random: no branch.
+                        low = _mm256_blendv_pd(low, _mm256_max_pd(x, low), side(lines.left[k]));
+                        high = _mm256_blendv_pd(high, _mm256_min_pd(x, high), side(lines.right[k]));
                     }
                     low = _mm256_min_pd(low, end);
                     high = _mm256_max_pd(high, first);
