@@ -118,6 +118,43 @@ fn dot_plain_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64> {
 /// A run that is longer than [`LANES`]: its first column, where it begins in its row, and its length.
 type Long = (usize, usize, usize);
 
+/// Unrolls the runs of a row of so many entries: `place` puts what belongs to the columns from one on into a slice, or says that
+/// they are none. Returns what it made of all, and one past the last column.
+#[inline(always)]
+fn unroll<'r, T: Clone + Default>(
+    gaps: &[u8],
+    lengths: &[u8],
+    entries: usize,
+    room: &'r mut Vec<T>,
+    long: &mut Vec<Long>,
+    place: impl Fn(&mut [T], usize) -> Option<()>,
+) -> Option<(&'r [T], usize)> {
+    room.resize(room.len().max(entries + LANES), T::default());
+    let room = room.get_mut(..entries + LANES)?;
+    long.resize(long.len().max(lengths.len() + 1), Long::default());
+    let (mut next, mut at, mut long_count) = (0usize, 0usize, 0usize);
+    for (&gap, &length) in gaps.as_chunks::<2>().0.iter().zip(lengths) {
+        let length = usize::from(length);
+        let first = next + usize::from(u16::from_le_bytes(gap));
+        next = first + length;
+        // Nineteen runs of twenty are no longer than LANES. So many are placed of each, whatever its length: what is too much
+        // is written over by the next run, and what is missing comes below. A branch on lengths would be mispredicted.
+        if place(room.get_mut(at..at + LANES)?, first).is_none() {
+            place(room.get_mut(at..at + length)?, first)?;
+        }
+        *long.get_mut(long_count)? = (first, at, length);
+        long_count += usize::from(length > LANES);
+        at += length;
+    }
+    if at != entries {
+        return None;
+    }
+    for &(first, at, length) in long.get(..long_count)? {
+        place(room.get_mut(at..at + length)?, first)?;
+    }
+    Some((room.get(..entries)?, next))
+}
+
 #[inline(always)]
 fn dot_compact_portable(
     gaps: &[u8],
@@ -128,32 +165,10 @@ fn dot_compact_portable(
     long: &mut Vec<Long>,
 ) -> Option<f64> {
     let codes = codes.as_chunks::<2>().0;
-    of_row.resize(of_row.len().max(codes.len() + LANES), 0.0);
-    let room = of_row.get_mut(..codes.len() + LANES)?;
-    long.resize(long.len().max(lengths.len() + 1), Long::default());
-    let (mut next, mut at, mut long_count) = (0usize, 0usize, 0usize);
-    for (&gap, &length) in gaps.as_chunks::<2>().0.iter().zip(lengths) {
-        let length = usize::from(length);
-        let first = next + usize::from(u16::from_le_bytes(gap));
-        next = first + length;
-        // Nineteen runs of twenty are no longer than LANES. So many are copied of each, whatever its length: what is too much
-        // is written over by the next run, and what is missing comes below. A branch on lengths would be mispredicted.
-        if let Some(from) = x.get(first..first + LANES) {
-            room.get_mut(at..at + LANES)?.copy_from_slice(from);
-        } else {
-            room.get_mut(at..at + length)?.copy_from_slice(x.get(first..next)?);
-        }
-        *long.get_mut(long_count)? = (first, at, length);
-        long_count += usize::from(length > LANES);
-        at += length;
-    }
-    if at != codes.len() {
-        return None;
-    }
-    for &(first, at, length) in long.get(..long_count)? {
-        room.get_mut(at..at + length)?
-            .copy_from_slice(x.get(first..first + length)?);
-    }
+    let (room, _) = unroll(gaps, lengths, codes.len(), of_row, long, |of_row, first| {
+        of_row.copy_from_slice(x.get(first..first + of_row.len())?);
+        Some(())
+    })?;
     let mut sums = [0.0; LANES];
     let (whole, rest) = codes.as_chunks::<LANES>();
     let (of_whole, of_rest) = room.split_at_checked(codes.len() - rest.len())?;
@@ -214,25 +229,12 @@ fn scatter_compact_portable(
     long: &mut Vec<Long>,
 ) -> Option<()> {
     let codes = codes.as_chunks::<2>().0;
-    columns.resize(columns.len().max(codes.len() + LANES), 0);
-    let room = columns.get_mut(..codes.len() + LANES)?;
-    long.resize(long.len().max(lengths.len() + 1), Long::default());
-    let (mut next, mut at, mut long_count) = (0usize, 0usize, 0usize);
-    for (&gap, &length) in gaps.as_chunks::<2>().0.iter().zip(lengths) {
-        let length = usize::from(length);
-        let first = next + usize::from(u16::from_le_bytes(gap));
-        next = first + length;
-        // As above.
-        count_up(room.get_mut(at..at + LANES)?, first);
-        *long.get_mut(long_count)? = (first, at, length);
-        long_count += usize::from(length > LANES);
-        at += length;
-    }
-    if at != codes.len() || next > y.len() {
+    let (room, end) = unroll(gaps, lengths, codes.len(), columns, long, |columns, first| {
+        count_up(columns, first);
+        Some(())
+    })?;
+    if end > y.len() {
         return None;
-    }
-    for &(first, at, length) in long.get(..long_count)? {
-        count_up(room.get_mut(at..at + length)?, first);
     }
     let (whole, rest) = codes.as_chunks::<LANES>();
     let (of_whole, of_rest) = room.split_at_checked(codes.len() - rest.len())?;
