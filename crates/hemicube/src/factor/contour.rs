@@ -160,9 +160,9 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f6
     let sum = loop {
         let (mut sum, mut error) = (closed, 0.0);
         for Skew { p, q, cosine } in skew[..skew_count].iter().flatten() {
-            let (part, doubt) = along_skew(p, q, enough / (9.0 * cosine.abs()));
-            sum += cosine * part;
-            error += cosine.abs() * doubt;
+            let part = along_skew(p, q, enough / (9.0 * cosine.abs()));
+            sum += cosine * part.sum;
+            error += cosine.abs() * part.doubt;
         }
         // The doubts are those of a much rougher quadrature: that they are small enough proves more than is needed.
         if error <= care.relative * sum || enough <= least {
@@ -345,8 +345,18 @@ const PARALLEL: f64 = 1e-18;
 /// Edges shorter than this part of the other: the differences of the closed form would lose their digits.
 const COMPARABLE: f64 = 1e-3;
 
-/// ∫∫ ln r over two edges, to within `enough`, and the sum of the differences that the halvings made.
-fn along_skew(p: &Edge, q: &Edge, enough: f64) -> (f64, f64) {
+/// An integral over two edges.
+#[derive(Clone, Copy, Debug, Default)]
+struct Quadrature {
+    sum: f64,
+    /// The sum of the differences that the last halvings made.
+    doubt: f64,
+    /// How often a part of an edge was halved.
+    halvings: u32,
+}
+
+/// ∫∫ ln r over two edges, to within `enough` where rounding allows that.
+fn along_skew(p: &Edge, q: &Edge, enough: f64) -> Quadrature {
     let mut segments = Segments::new();
     for l in 0..LANES {
         segments.set(l, DVec3::ZERO, q);
@@ -365,29 +375,36 @@ fn along_skew(p: &Edge, q: &Edge, enough: f64) -> (f64, f64) {
         }
         sum * width * p.length
     };
-    // Below its own rounding a difference says nothing, and halving would go on for ever.
-    let enough = enough.max(ROUNDING * p.length * q.length);
+    // Below its own rounding a difference says nothing, and halving would go on for ever. The inner integral is a difference
+    // of two values at its edge's ends, as far as they are from where it is taken: however short the edge is, it is no surer.
+    let reach = [p.start, p.end]
+        .iter()
+        .flat_map(|a| [a.distance_squared(q.start), a.distance_squared(q.end)])
+        .fold(q.length * q.length, f64::max)
+        .sqrt();
+    let enough = enough.max(ROUNDING * p.length * reach);
     // Of each halving one half waits while the other is halved.
     let mut pending = [(0.0, 0.0, 0.0, 0u32); DEEPEST as usize + 2];
     pending[0] = (0.0, 1.0, over(0.0, 1.0), 0);
     let mut count = 1;
-    let (mut sum, mut error) = (0.0, 0.0);
+    let mut all = Quadrature::default();
     while count > 0 {
         count -= 1;
         let (start, width, whole, depth) = pending[count];
         let half = 0.5 * width;
         let (left, right) = (over(start, half), over(start + half, half));
         let difference = (left + right - whole).abs();
+        all.halvings += 1;
         if depth >= DEEPEST || difference <= enough {
-            sum += left + right;
-            error += difference;
+            all.sum += left + right;
+            all.doubt += difference;
         } else {
             pending[count] = (start, half, left, depth + 1);
             pending[count + 1] = (start + half, half, right, depth + 1);
             count += 2;
         }
     }
-    (sum, error)
+    all
 }
 
 /// Of an integral over two edges, in their lengths.
@@ -615,6 +632,32 @@ mod tests {
         }
     }
 
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        /// Asked for what rounding does not allow, a quadrature must stop there: it once halved short edges far from long
+        /// ones for minutes.
+        #[test]
+        fn quadratures_end_at_their_rounding(
+            lengths in prop::array::uniform2(-9.0..0.0f64),
+            apart in -9.0..0.0f64,
+            directions in prop::array::uniform3(prop::array::uniform3(-1.0..1.0f64)),
+        ) {
+            let unit = |d: [f64; 3]| DVec3::from_array(d).try_normalize().unwrap_or(DVec3::X);
+            let [along_p, along_q, away] = directions.map(unit);
+            let [p_length, q_length] = lengths.map(|e| 10f64.powf(e));
+            // Each goes through a point of its own, somewhere near its middle.
+            let edge = |middle: DVec3, along: DVec3, length: f64| {
+                Edge::new(middle - along * (0.4 * length), middle + along * (0.6 * length), along)
+            };
+            let p = edge(DVec3::ZERO, along_p, p_length);
+            let q = edge(away * 10f64.powf(apart), along_q, q_length);
+            let all = along_skew(&p, &q, 0.0);
+            prop_assert!(all.sum.is_finite());
+            prop_assert!(all.halvings < 1000, "{}", all.halvings);
+        }
+    }
+
     #[test]
     fn a_wall_through_the_floor_counts_above_it_only() {
         let floor = [p(-1., -1., 0.), p(2., -1., 0.), p(-1., 2., 0.)];
@@ -700,7 +743,7 @@ mod tests {
             let by_quadrature: f64 = [(s, within), (s + within, lengths[0] - within)]
                 .iter()
                 .filter(|(_, length)| *length > 0.0)
-                .map(|&(from, length)| along_skew(&edge(u, from, length), &q, 1e-13).0)
+                .map(|&(from, length)| along_skew(&edge(u, from, length), &q, 1e-13).sum)
                 .sum();
             prop_assert!((closed - by_quadrature).abs() < 1e-10, "{closed} {by_quadrature}");
         }
