@@ -499,6 +499,59 @@ fn mark(
     (seen, unseen)
 }
 
+/// Weighs eight spans that begin and end at these places of a running sum: those in `weighed`, and of them those in `whole`,
+/// which show all of theirs. The others begin and end at 0.
+///
+/// # Safety
+/// All places lie within `running`.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+unsafe fn weigh<const COVERED: bool>(
+    running: &[u32],
+    before: &[u32; GROUP],
+    after: &[u32; GROUP],
+    mut whole: u8,
+    weighed: u8,
+    drawn: &mut DrawnLane,
+) {
+    // In memory, or the compiler makes gathers of it, which are slower.
+    let (before, after) = (std::hint::black_box(before), std::hint::black_box(after));
+    // SAFETY: the caller's promise.
+    let weight =
+        |r: usize| unsafe { running.get_unchecked(after[r] as usize) - running.get_unchecked(before[r] as usize) };
+    let mut all = 0u32;
+    for r in 0..GROUP {
+        all = all.wrapping_add(weight(r));
+    }
+    if COVERED {
+        drawn.covered = drawn.covered.wrapping_add(all);
+    }
+    if weighed == whole {
+        drawn.visible = drawn.visible.wrapping_add(all);
+        return;
+    }
+    while whole != 0 {
+        drawn.visible = drawn.visible.wrapping_add(weight(whole.trailing_zeros() as usize));
+        whole &= whole - 1;
+    }
+}
+
+/// The weight of what shows of one of eight rows, whose running sum is `row`, in the columns from `first` on.
+///
+/// # Safety
+/// What shows of those columns was written.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+unsafe fn weight_of_row(row: &[u32], first: usize, shows: &[std::mem::MaybeUninit<Rows>], r: usize) -> u32 {
+    let mut weight = 0;
+    for (column, shows) in (first..).zip(shows) {
+        // SAFETY: the caller's promise.
+        let bits = unsafe { shows.assume_init_ref() }.0[r];
+        weight += weight_of(bits, &row[column * WIDTH..]);
+    }
+    weight
+}
+
 /// [`draw_lane`] with a row in each lane of the registers.
 ///
 /// # Safety
@@ -645,43 +698,22 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
                     reason = "at most 2^20 pixels"
                 )]
                 let base = _mm256_add_epi32(row_steps, _mm256_set1_epi32(y as i32 * width));
-                // Gather instructions are slower than this. Rows that are not weighed begin and end at 0.
+                // Rows that are not weighed begin and end at 0.
                 let mut before = [0u32; GROUP];
                 let mut after = [0u32; GROUP];
                 let place = |x: __m256i| _mm256_maskz_add_epi32(weighed, base, x);
                 _mm256_storeu_si256(before.as_mut_ptr().cast(), place(start));
                 _mm256_storeu_si256(after.as_mut_ptr().cast(), place(end));
-                // In memory, or the compiler makes a gather of it again.
-                let (before, after) = (std::hint::black_box(&before), std::hint::black_box(&after));
-                let weight =
-                    |r: usize| running.get_unchecked(after[r] as usize) - running.get_unchecked(before[r] as usize);
-                let mut all = 0u32;
-                for r in 0..GROUP {
-                    all = all.wrapping_add(weight(r));
-                }
+                weigh::<COVERED>(running, &before, &after, whole_rows, weighed, &mut drawn);
                 if COVERED {
-                    drawn.covered = drawn.covered.wrapping_add(all);
                     pixel_sum = _mm256_mask_add_epi32(pixel_sum, rows, pixel_sum, _mm256_sub_epi32(end, start));
-                }
-                if weighed == whole_rows {
-                    drawn.visible = drawn.visible.wrapping_add(all);
-                } else {
-                    let mut whole = whole_rows;
-                    while whole != 0 {
-                        drawn.visible = drawn.visible.wrapping_add(weight(whole.trailing_zeros() as usize));
-                        whole &= whole - 1;
-                    }
                 }
             }
             let mut part = rows & seen & unseen;
             while part != 0 {
                 let r = part.trailing_zeros() as usize;
                 part &= part - 1;
-                let row = &running[(y + r) * resolution..];
-                for column in first..=last {
-                    let bits = visible.get_unchecked(column - first).assume_init_ref().0[r];
-                    drawn.visible += weight_of(bits, &row[column * WIDTH..]);
-                }
+                drawn.visible += weight_of_row(&running[(y + r) * resolution..], first, &visible[..=last - first], r);
             }
             y += GROUP;
         }
@@ -887,38 +919,17 @@ pub(super) unsafe fn draw_lane_avx2<const COVERED: bool>(
                 let place = |x: __m256i| _mm256_and_si256(_mm256_add_epi32(base, x), these);
                 _mm256_storeu_si256(before.as_mut_ptr().cast(), place(start));
                 _mm256_storeu_si256(after.as_mut_ptr().cast(), place(end));
-                // In memory, or the compiler makes gathers of it, which are slower.
-                let (before, after) = (std::hint::black_box(&before), std::hint::black_box(&after));
-                let weight =
-                    |r: usize| running.get_unchecked(after[r] as usize) - running.get_unchecked(before[r] as usize);
-                let mut all = 0u32;
-                for r in 0..GROUP {
-                    all = all.wrapping_add(weight(r));
-                }
+                weigh::<COVERED>(running, &before, &after, whole_rows, weighed, &mut drawn);
                 if COVERED {
-                    drawn.covered = drawn.covered.wrapping_add(all);
                     let pixels = _mm256_and_si256(_mm256_sub_epi32(end, start), within);
                     pixel_sum = _mm256_add_epi32(pixel_sum, pixels);
-                }
-                if weighed == whole_rows {
-                    drawn.visible = drawn.visible.wrapping_add(all);
-                } else {
-                    let mut whole = whole_rows;
-                    while whole != 0 {
-                        drawn.visible = drawn.visible.wrapping_add(weight(whole.trailing_zeros() as usize));
-                        whole &= whole - 1;
-                    }
                 }
             }
             let mut part = rows & seen & unseen;
             while part != 0 {
                 let r = part.trailing_zeros() as usize;
                 part &= part - 1;
-                let row = &running[(y + r) * resolution..];
-                for column in first..=last {
-                    let bits = visible.get_unchecked(column - first).assume_init_ref().0[r];
-                    drawn.visible += weight_of(bits, &row[column * WIDTH..]);
-                }
+                drawn.visible += weight_of_row(&running[(y + r) * resolution..], first, &visible[..=last - first], r);
             }
             y += GROUP;
         }
