@@ -499,6 +499,36 @@ fn mark(
     (seen, unseen)
 }
 
+/// The values of a lane's edges over a face's pixels, a · x + b · y + c, an edge in each of three lanes: by the operations of
+/// `affine` and `edge_lines`.
+///
+/// # Safety
+/// The machine has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[inline]
+unsafe fn edge_values(t: &Transformed, face: Face, lane: usize, resolution: usize) -> [std::arch::x86_64::__m256d; 3] {
+    use std::arch::x86_64::*;
+    let (axis, sign) = face.axes();
+    let edge = |c: usize| {
+        let e = &t.edges;
+        let a = axis[c];
+        let e = _mm256_setr_pd(e[a][lane], e[3 + a][lane], e[6 + a][lane], 1.0);
+        _mm256_mul_pd(_mm256_set1_pd(sign[c]), e)
+    };
+    let (eu, ev, ew) = (edge(0), edge(1), edge(2));
+    let step = 2.0 / resolution as f64;
+    let u0 = 0.5 * step - 1.0;
+    let v0 = if face.is_top() { u0 } else { 0.5 * step };
+    let a = _mm256_mul_pd(eu, _mm256_set1_pd(step));
+    let b = _mm256_mul_pd(ev, _mm256_set1_pd(step));
+    let c = _mm256_add_pd(
+        _mm256_add_pd(ew, _mm256_mul_pd(eu, _mm256_set1_pd(u0))),
+        _mm256_mul_pd(ev, _mm256_set1_pd(v0)),
+    );
+    [a, b, c]
+}
+
 /// Weighs eight spans that begin and end at these places of a running sum: those in `weighed`, and of them those in `whole`,
 /// which show all of theirs. The others begin and end at 0.
 ///
@@ -576,28 +606,11 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
 ) -> DrawnLane {
     use std::arch::x86_64::*;
     let resolution = coverage.resolution;
-    let (axis, sign) = face.axes();
     let mut drawn = DrawnLane::default();
     // SAFETY: the caller's promise of the instruction set. Groups and columns lie within the coverage, and gathered
     // places within `running`, as spans are clamped to their pixel box and that to its face.
     unsafe {
-        // The operations of `affine` and `edge_lines`, an edge in each lane.
-        let edge = |c: usize| {
-            let e = &t.edges;
-            let a = axis[c];
-            let e = _mm256_setr_pd(e[a][lane], e[3 + a][lane], e[6 + a][lane], 1.0);
-            _mm256_mul_pd(_mm256_set1_pd(sign[c]), e)
-        };
-        let (eu, ev, ew) = (edge(0), edge(1), edge(2));
-        let step = 2.0 / resolution as f64;
-        let u0 = 0.5 * step - 1.0;
-        let v0 = if face.is_top() { u0 } else { 0.5 * step };
-        let a = _mm256_mul_pd(eu, _mm256_set1_pd(step));
-        let b = _mm256_mul_pd(ev, _mm256_set1_pd(step));
-        let c = _mm256_add_pd(
-            _mm256_add_pd(ew, _mm256_mul_pd(eu, _mm256_set1_pd(u0))),
-            _mm256_mul_pd(ev, _mm256_set1_pd(v0)),
-        );
+        let [a, b, c] = edge_values(t, face, lane, resolution);
         let zero = _mm256_setzero_pd();
         let from_left = _mm256_cmp_pd_mask::<_CMP_GT_OQ>(a, zero);
         let from_right = _mm256_cmp_pd_mask::<_CMP_LT_OQ>(a, zero);
@@ -748,28 +761,11 @@ pub(super) unsafe fn draw_lane_avx2<const COVERED: bool>(
 ) -> DrawnLane {
     use std::arch::x86_64::*;
     let resolution = coverage.resolution;
-    let (axis, sign) = face.axes();
     let mut drawn = DrawnLane::default();
     // SAFETY: the caller's promise of the instruction set. Groups and columns lie within the coverage, and places read
     // within `running`, as spans are clamped to their pixel box and that to its face.
     unsafe {
-        // The operations of `affine` and `edge_lines`, an edge in each lane.
-        let edge = |c: usize| {
-            let e = &t.edges;
-            let a = axis[c];
-            let e = _mm256_setr_pd(e[a][lane], e[3 + a][lane], e[6 + a][lane], 1.0);
-            _mm256_mul_pd(_mm256_set1_pd(sign[c]), e)
-        };
-        let (eu, ev, ew) = (edge(0), edge(1), edge(2));
-        let step = 2.0 / resolution as f64;
-        let u0 = 0.5 * step - 1.0;
-        let v0 = if face.is_top() { u0 } else { 0.5 * step };
-        let a = _mm256_mul_pd(eu, _mm256_set1_pd(step));
-        let b = _mm256_mul_pd(ev, _mm256_set1_pd(step));
-        let c = _mm256_add_pd(
-            _mm256_add_pd(ew, _mm256_mul_pd(eu, _mm256_set1_pd(u0))),
-            _mm256_mul_pd(ev, _mm256_set1_pd(v0)),
-        );
+        let [a, b, c] = edge_values(t, face, lane, resolution);
         let zero = _mm256_setzero_pd();
         let from_left = _mm256_cmp_pd::<_CMP_GT_OQ>(a, zero);
         let from_right = _mm256_cmp_pd::<_CMP_LT_OQ>(a, zero);

@@ -158,6 +158,35 @@ const fn bounds_along(c: usize) -> [[i64; FACES]; 2] {
 #[cfg(target_arch = "x86_64")]
 const BOUNDS: [[[i64; FACES]; 2]; 3] = [bounds_along(0), bounds_along(1), bounds_along(2)];
 
+/// The least and the greatest coordinate of a box along each of the frame's axes, by the operations of `on_faces`.
+///
+/// # Safety
+/// The machine has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[inline]
+unsafe fn bounds(
+    center: &[f64; 3],
+    half_sides: &[f64; 3],
+    frame: &Frame,
+) -> (std::arch::x86_64::__m256d, std::arch::x86_64::__m256d) {
+    use std::arch::x86_64::*;
+    // SAFETY: the caller's promise of the instruction set; loads are as long as their arrays.
+    unsafe {
+        let column = |c: usize| _mm256_loadu_pd(frame.columns[c].as_ptr());
+        let along = |c: usize| _mm256_set1_pd(center[c] - frame.origin[c]);
+        let middle = _mm256_add_pd(
+            _mm256_add_pd(_mm256_mul_pd(column(0), along(0)), _mm256_mul_pd(column(1), along(1))),
+            _mm256_mul_pd(column(2), along(2)),
+        );
+        let sign = _mm256_set1_pd(-0.0);
+        let reach = |c: usize| _mm256_mul_pd(_mm256_andnot_pd(sign, column(c)), _mm256_set1_pd(half_sides[c]));
+        let half = _mm256_add_pd(_mm256_add_pd(reach(0), reach(1)), reach(2));
+        let half = _mm256_add_pd(half, _mm256_set1_pd(1e-14));
+        (_mm256_sub_pd(middle, half), _mm256_add_pd(middle, half))
+    }
+}
+
 /// [`on_faces`] with a face in each lane.
 ///
 /// # Safety
@@ -179,17 +208,7 @@ pub(super) unsafe fn on_faces_avx512(
     (out.boxed, out.at_eye) = (0, 0);
     // SAFETY: the caller's promise of the instruction set; loads and stores are as long as their arrays.
     unsafe {
-        let column = |c: usize| _mm256_loadu_pd(frame.columns[c].as_ptr());
-        let along = |c: usize| _mm256_set1_pd(center[c] - frame.origin[c]);
-        let middle = _mm256_add_pd(
-            _mm256_add_pd(_mm256_mul_pd(column(0), along(0)), _mm256_mul_pd(column(1), along(1))),
-            _mm256_mul_pd(column(2), along(2)),
-        );
-        let sign = _mm256_set1_pd(-0.0);
-        let reach = |c: usize| _mm256_mul_pd(_mm256_andnot_pd(sign, column(c)), _mm256_set1_pd(half_sides[c]));
-        let half = _mm256_add_pd(_mm256_add_pd(reach(0), reach(1)), reach(2));
-        let half = _mm256_add_pd(half, _mm256_set1_pd(1e-14));
-        let (low, high) = (_mm256_sub_pd(middle, half), _mm256_add_pd(middle, half));
+        let (low, high) = bounds(center, half_sides, frame);
         let above = _mm256_cmp_pd_mask::<_CMP_NLE_UQ>(high, _mm256_set1_pd(frame.tolerance));
         if above & 0b100 == 0 {
             return;
@@ -286,17 +305,8 @@ pub(super) unsafe fn on_faces_avx2(
     // SAFETY: the caller's promise of the instruction set; loads are as long as their arrays, and stores begin at lane 1
     // and end at 4 of the eight.
     unsafe {
-        let column = |c: usize| _mm256_loadu_pd(frame.columns[c].as_ptr());
-        let along = |c: usize| _mm256_set1_pd(center[c] - frame.origin[c]);
-        let middle = _mm256_add_pd(
-            _mm256_add_pd(_mm256_mul_pd(column(0), along(0)), _mm256_mul_pd(column(1), along(1))),
-            _mm256_mul_pd(column(2), along(2)),
-        );
+        let (low, high) = bounds(center, half_sides, frame);
         let sign = _mm256_set1_pd(-0.0);
-        let reach = |c: usize| _mm256_mul_pd(_mm256_andnot_pd(sign, column(c)), _mm256_set1_pd(half_sides[c]));
-        let half = _mm256_add_pd(_mm256_add_pd(reach(0), reach(1)), reach(2));
-        let half = _mm256_add_pd(half, _mm256_set1_pd(1e-14));
-        let (low, high) = (_mm256_sub_pd(middle, half), _mm256_add_pd(middle, half));
         let above = _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_NLE_UQ>(high, _mm256_set1_pd(frame.tolerance)));
         if above & 0b100 == 0 {
             return;
