@@ -25,9 +25,11 @@ pub(crate) const RAYS: usize = 16;
 
 /// What lies within this part of the pair's extent of a side of the shaft counts as outside.
 const OUTSIDE: f64 = 4e-6;
+/// And no more than this part of what either triangle rises above that side.
+const OUTSIDE_OF_RISE: f64 = 0.01;
 
-/// What rises less than this part of the pair's extent above one of the planes is met in f64: rays in f32 are not sure on
-/// which side of it they begin and end.
+/// What rises less than this part of the pair's extent above one of the planes, and what has one of the two patches so near to
+/// its own plane, is met in f64: rays in f32 are not sure on which side of it they begin and end.
 const BESIDE: f64 = 1e-4;
 
 /// See [`Sighting::near`].
@@ -299,8 +301,6 @@ impl Shaft {
             self.sides.push(n, d + outside);
             (n, d)
         });
-        let side = OUTSIDE * size;
-        let flat = 2e-6 * size;
         let mut add = |a: usize, b: usize, c: usize| {
             let n = (points[b] - points[a]).cross(points[c] - points[a]);
             if n.length_squared() <= (1e-9 * size * size).powi(2) {
@@ -309,12 +309,15 @@ impl Shaft {
             let n = n.normalize();
             let d = n.dot(points[a]);
             let heights = points.map(|p| n.dot(p) - d);
-            // A plane of one of the triangles themselves, found again where they share a corner, would count as outside what
-            // lies a hair above it.
-            let lies_in = |t: &[f64]| t.iter().all(|h| h.abs() <= flat);
-            if lies_in(&heights[..3]) || lies_in(&heights[3..]) {
+            // A plane that all but coincides with one of the triangles, as where they share a corner, must not count as outside
+            // what lies a hair above that triangle and hides it.
+            let extent = |t: &[f64]| t.iter().fold(0.0f64, |most, h| most.max(h.abs()));
+            let rises = extent(&heights[..3]).min(extent(&heights[3..]));
+            let side = (OUTSIDE_OF_RISE * rises).min(OUTSIDE * size);
+            if side <= tolerance {
                 return;
             }
+            let flat = 0.5 * side;
             let (least, most) = heights.iter().fold((0.0f64, 0.0f64), |(l, m), &h| (l.min(h), m.max(h)));
             if least >= -flat && most > flat {
                 self.sides.push(n, d + side);
@@ -400,7 +403,14 @@ impl Shaft {
                     slot,
                     size: normal.length_squared() as f32,
                 };
-                if highest <= BESIDE * size || height(&emitter_plane).1 <= BESIDE * size {
+                // What rises slowly above a small patch is in front of it by less than what it rises to elsewhere.
+                let near = (BESIDE * size).powi(2) * normal.length_squared();
+                let all_but_touches = |t: &[DVec3; 3]| t.iter().all(|&p| normal.dot(p - a).powi(2) <= near);
+                if highest <= BESIDE * size
+                    || height(&emitter_plane).1 <= BESIDE * size
+                    || all_but_touches(&sighting.emitter)
+                    || all_but_touches(&sighting.receiver)
+                {
                     sighting.beside.push([a, b, c]);
                 } else {
                     if hides(walls.corners(wall), sighting) {
@@ -1229,6 +1239,9 @@ mod tests {
             [p(0., 0., 1.), p(0., 1., 1.), p(1., 1., 1.)],
         ];
         triangles.extend_from_slice(more);
+        made(triangles)
+    }
+    fn made(triangles: Vec<[DVec3; 3]>) -> Model {
         let scene = Scene {
             triangles: triangles
                 .into_iter()
@@ -1468,6 +1481,49 @@ mod tests {
             [p(0., 0., -0.5), p(1., 0., -0.5), p(0., 1., -0.5)],
         ]);
         assert_eq!(fraction(&model, 0, 2, 16).0, 0);
+    }
+
+    /// A thin plate whose two sides are cut along different diagonals and bent: the back of one is then a hair in front of the
+    /// other, and hides it. Found in a model of a ship, where planes through an edge of the emitter and a corner of the
+    /// receiver all but coincided with the receiver.
+    #[test]
+    fn a_crack_hides_what_is_behind_it_however_narrow() {
+        let corner = DVec3::new;
+        let (r, q, a) = (corner(1.0, 0.0, 0.0), corner(1.1, 1.0, 0.0), corner(0.0, 1.2, 0.0));
+        for height in [1e-8, 1e-7, 5e-7, 1e-6, 2e-6, 3e-6, 4e-6, 6e-6, 1e-5, 3e-5, 1e-4, 1e-3] {
+            let p = corner(0.0, 0.0, height);
+            let emitter = [corner(0.5, -0.3, 0.7), r, p];
+            let back = [[q, r, p], [a, q, p]];
+            let model = made(vec![emitter, [r, q, a], back[0], back[1]]);
+            for (i, j) in [(0, 1), (1, 0)] {
+                let (count, fraction) = fraction(&model, i, j, 512);
+                assert!(
+                    fraction < 0.02,
+                    "{height}, {i} to {j}: {fraction} behind {count} occluders"
+                );
+            }
+            // And without it, all is seen.
+            let bare = made(vec![emitter, [r, q, a]]);
+            assert_eq!(fraction(&bare, 0, 1, 512), (0, 1.0));
+        }
+    }
+
+    /// A wall that stands before a small patch by next to nothing, but rises to more beyond it, as the walls of two houses that
+    /// were measured apart. Found in the real tile.
+    #[test]
+    fn a_wall_that_rises_slowly_hides_the_small_patch_below_it() {
+        let p = DVec3::new;
+        let emitter = [p(0.0, 0.0, 0.0), p(0.03, 0.0, 0.0), p(0.0, 0.03, 0.0)];
+        let receiver = [p(-0.5, -0.5, 1.0), p(0.0, 0.6, 1.0), p(0.6, -0.4, 1.0)];
+        for slope in [1e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3] {
+            // It touches two of the corners, so that no proof by corners holds.
+            let wall = [p(0.0, -2.0, 0.0), p(6.0, 0.0, 6.0 * slope), p(0.0, 2.0, 0.0)];
+            let model = made(vec![emitter, receiver, wall]);
+            for (i, j) in [(0, 1), (1, 0)] {
+                let (count, fraction) = fraction(&model, i, j, 512);
+                assert!(fraction < 0.01, "slope {slope}, {i} to {j}: {fraction} behind {count}");
+            }
+        }
     }
 
     #[test]
