@@ -76,7 +76,8 @@ impl Hemisphere {
                 }
             }
             self.rays += ROUND;
-            if self.missed_squared() <= share * self.squared_norm() || self.rays + ROUND > max_rays {
+            let is_enough = self.found.is_empty() || self.missed_squared() <= share * self.squared_norm();
+            if is_enough || self.rays + ROUND > max_rays {
                 break;
             }
         }
@@ -106,6 +107,10 @@ impl Hemisphere {
 
     pub(super) fn missed_squared(&self) -> f64 {
         let rays = self.rays.max(1) as f64;
+        if self.found.is_empty() {
+            // That none met anything proves no more than that few would: a patch worth one of them is missed one time in three.
+            return 1.0 / (rays * rays);
+        }
         2.0 * self.found().filter(|&(_, hits)| hits == 2).count() as f64 / (rays * rays)
     }
 

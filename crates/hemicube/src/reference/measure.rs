@@ -106,11 +106,13 @@ pub fn errors_against(reference: &[ReferenceRow], estimated: &[EstimatedRow]) ->
             continue;
         };
         measured.rows += 1;
-        let mut sums = Sums {
-            noise: row.squared_error(),
-            norm: row.squared_norm(),
-            ..Sums::default()
-        };
+        let mut sums = Sums::default();
+        // Where both have nothing, they agree, and whatever both may have missed is no difference.
+        if !(row.values.is_empty() && estimate.values.is_empty()) {
+            sums.noise = row.squared_error();
+            sums.norm = row.squared_norm();
+            variance += 2.0 * row.missed_squared.powi(2);
+        }
         let mut l1 = 0.0;
         for (j, a, b, error) in merged(estimate, row) {
             let d = a - b;
@@ -252,6 +254,28 @@ mod tests {
                 ..ReferenceRow::default()
             },
         ]
+    }
+
+    #[test]
+    fn what_the_reference_cannot_see_is_not_held_against_a_row() {
+        // Nothing met in 65,536 rays: a factor of 10⁻⁶ may be there or not, one of a thousandth may not.
+        let reference = [ReferenceRow {
+            emitter: 3,
+            missed_squared: 65_536f64.powi(-2),
+            ..ReferenceRow::default()
+        }];
+        let of = |columns: &[u32], values: &[f64]| {
+            let row = EstimatedRow {
+                emitter: InputPatch(3),
+                columns: columns.to_vec(),
+                values: values.to_vec(),
+            };
+            errors_against(&reference, &[row]).interval_of_rows
+        };
+        let tiny = of(&[1], &[1e-6]);
+        assert!(tiny.low == 0.0 && tiny.high == f64::INFINITY, "{tiny:?}");
+        assert_eq!(of(&[1], &[1e-3]).low, f64::INFINITY);
+        assert_eq!(of(&[], &[]), Interval::default());
     }
 
     #[test]
