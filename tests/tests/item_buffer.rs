@@ -11,6 +11,7 @@ use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, Isa};
 use hemicube_scene::generate::{self, Kind};
 use hemicube_scene::{Patches, Subdivision};
+use hemicube_tests::devices::{compare_items, unexplained};
 use hemicube_tests::geometry::{irrational_rotation, moved};
 use hemicube_tests::rays::{Agreement, RayScene, compare};
 use hemicube_tests::rows::{hemicubes, rolled, settings, spread};
@@ -171,4 +172,26 @@ fn a_wrong_buffer_would_be_noticed() {
     assert!(wrong(&|items| items.seen.rotate_right(2)) > 100);
     let other = backend.items(&rolled(hemicube, 0.1)).expect("a legal hemicube");
     assert!(wrong(&|items| *items = other.clone()) > 100);
+}
+
+#[test]
+fn pixels_that_no_snapped_corner_explains_are_found_out() {
+    let room = generated(Kind::Room, 2_000);
+    let settings = RenderSettings {
+        resolution: 128,
+        culling: Culling::Off,
+        covered: false,
+    };
+    let mut backend = CpuBackend::new();
+    backend.load(room.geometry(), settings).expect("legal settings");
+    let hemicube = rolled(hemicubes(&room, &spread(&room, 1)).swap_remove(0), GOLDEN);
+    let items = backend.items(&hemicube).expect("a legal hemicube");
+    // As if the eye stood a thousandth of the room's half side away: edges move by more than a driver snaps.
+    let mut moved = hemicube;
+    moved.origin += moved.axes[0] * 1e-3;
+    let others = backend.items(&moved).expect("a legal hemicube");
+    let differing = compare_items(&items, &others);
+    let found = unexplained(&room, &hemicube, &items, &others);
+    assert!(differing > 50 && found * 2 > differing, "{found} of {differing}");
+    assert_eq!(unexplained(&room, &hemicube, &items, &items), 0);
 }
