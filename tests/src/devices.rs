@@ -4,6 +4,7 @@
 
 use crate::extremes;
 use crate::geometry::{box_inside, even, flipped, grid, irrational_rotation, moved, scene_of, scene_with_sides};
+use crate::rays::pixels;
 use crate::rows::{hemicubes, render_with, rolled, spread};
 use crate::scenes::{model, say};
 use glam::DVec3;
@@ -293,22 +294,18 @@ pub const MOST_UNEXPLAINED: f64 = 1e-5;
 /// Of the pixels that differ between two item buffers of a hemicube, those of which no edge passes within 1/256 of a pixel, so
 /// that corners snapped to that do not explain them. By every triangle of the scene in f64.
 pub fn unexplained(model: &Model, hemicube: &Hemicube, a: &Items, b: &Items) -> usize {
-    let n = a.resolution as usize;
-    let differing = (0..a.seen.len()).filter(|&at| a.seen[at] != b.seen[at]);
+    let differing = pixels(a.resolution)
+        .zip(a.seen.iter().zip(&b.seen))
+        .filter(|(_, (a, b))| a != b);
     differing
-        .filter(|&at| {
-            let is_within = |face: &Face| at / n >= face.first_row(a.resolution) as usize;
-            let face = Face::ALL.into_iter().rev().find(is_within).unwrap_or(Face::Top);
-            let row = at / n - face.first_row(a.resolution) as usize;
-            !edge_passes(model, hemicube, face, [at % n, row], n as f64)
-        })
+        .filter(|&((face, x, y), _)| !edge_passes(model, hemicube, face, [x, y], f64::from(a.resolution)))
         .count()
 }
 
 /// Whether an edge that nothing hides passes within 1/256 of a pixel of the pixel's centre.
-fn edge_passes(model: &Model, hemicube: &Hemicube, face: Face, [x, y]: [usize; 2], n: f64) -> bool {
+fn edge_passes(model: &Model, hemicube: &Hemicube, face: Face, [x, y]: [u32; 2], n: f64) -> bool {
     let (from, sign) = face.axes();
-    let centre = |k: usize| (2.0 * k as f64 + 1.0) / n;
+    let centre = |k: u32| (2.0 * f64::from(k) + 1.0) / n;
     let towards = DVec3::new(centre(x) - 1.0, centre(y) - if face.is_top() { 1.0 } else { 0.0 }, 1.0);
     // How far inside each triangle the centre lies, in pixels, and how far away the triangle's plane is met there.
     let others = model.geometry().surfaces.iter();

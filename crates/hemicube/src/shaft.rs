@@ -1241,6 +1241,8 @@ mod tests {
         triangles.extend_from_slice(more);
         made(triangles)
     }
+
+    /// One-sided triangles, in this order.
     fn made(triangles: Vec<[DVec3; 3]>) -> Model {
         let scene = Scene {
             triangles: triangles
