@@ -129,10 +129,10 @@ impl Options {
     }
 
     /// The culling of a scene.
-    pub(crate) fn cull_for(&self, culling: bool, software: bool, can_count_draws: bool, chunks: usize) -> Cull {
-        /// With fewer chunks, testing them against depths costs more than drawing them: for a GPU, and for software, of
-        /// which a trial tells whether it pays (`Scene::judge`).
-        const FEW: [usize; 2] = [64, 16];
+    pub(crate) fn cull_for(&self, culling: bool, software: bool, can_count_draws: bool, triangles: usize) -> Cull {
+        /// With fewer triangles, testing their chunks against depths costs more than drawing them. With more, a trial tells
+        /// whether it pays (`Scene::judge`).
+        const FEW: usize = 20_000;
         match (self.baseline, culling) {
             (Baseline::Original, _) | (_, false) => Cull::Off,
             (Baseline::Thesis, true) => Cull::Queries,
@@ -142,7 +142,7 @@ impl Options {
                 Some(cull) => cull,
                 // Software takes as long for a stage on the device as for drawing what it would leave out, and answers
                 // the host at once; a GPU the other way round.
-                None => match (software || !can_count_draws, chunks < FEW[usize::from(software)]) {
+                None => match (software || !can_count_draws, triangles < FEW) {
                     (true, true) => Cull::View,
                     (true, false) => Cull::Marks,
                     (false, true) => Cull::Frustum,
@@ -179,7 +179,14 @@ mod tests {
             (options.max_level, options.min_patches, options.batch),
             (5, Some(600), Some(3))
         );
-        assert_eq!(options.cull_for(true, true, true, 1000), Cull::Queries);
-        assert_eq!(options.cull_for(false, true, true, 1000), Cull::Off);
+        assert_eq!(options.cull_for(true, true, true, 100_000), Cull::Queries);
+        assert_eq!(options.cull_for(false, true, true, 100_000), Cull::Off);
+        let by_scene = Options::parse("").expect("nothing asked");
+        let chosen = |software, triangles| by_scene.cull_for(true, software, true, triangles);
+        assert_eq!([chosen(true, 8_860), chosen(true, 100_000)], [Cull::View, Cull::Marks]);
+        assert_eq!(
+            [chosen(false, 8_860), chosen(false, 100_000)],
+            [Cull::Frustum, Cull::Depth]
+        );
     }
 }

@@ -20,7 +20,7 @@ use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{ENTRY_WORDS, HEADER_WORDS, append_rows, entry_words};
 use hemicube_shaders::stage::{self, Stage, binding};
 use hemicube_shaders::upload::{VERTEX_BYTES, split};
-use hemicube_shaders::view::{FACES, VIEW_BYTES, settings_words, stands_on_emitter};
+use hemicube_shaders::view::{FACES, FIRST_STAMP, VIEW_BYTES, settings_words, stands_on_emitter};
 use hemicube_shaders::{Limits, Plan, Upload, View, views};
 use std::sync::Arc;
 use std::time::Instant;
@@ -206,7 +206,7 @@ impl Scene {
             settings.culling == Culling::On,
             device.software,
             device.can_count_draws(),
-            upload.chunks.len(),
+            upload.triangle_count(),
         );
         let mut objects = Objects::default();
         let hierarchy = Hierarchy::new(&geometry.octree, &runs(&upload), options.max_level);
@@ -249,7 +249,7 @@ impl Scene {
             asked: made.asked,
             marks: made.marks,
             hierarchy: Arc::new(hierarchy),
-            stamp: 1,
+            stamp: FIRST_STAMP,
             few: options.min_patches.unwrap_or(FEW),
             trial: Trial::default(),
             times: StageTimes::default(),
@@ -493,7 +493,7 @@ impl Scene {
             let at = View {
                 slot,
                 layer,
-                stamp: self.stamp + 1 + group,
+                stamp: self.stamp + group,
             };
             words.extend_from_slice(views(&self.geometry, hemicube, self.settings.resolution, at).as_flattened());
         }

@@ -30,8 +30,8 @@ struct Settings {
     float slack;
     float tiny_slack;
     uint output_entries;
-    uint unused_0_;
-    uint unused_1_;
+    uint looks_back;
+    uint unused;
 };
 struct Vertex {
     float high_x;

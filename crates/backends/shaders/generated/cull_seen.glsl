@@ -33,8 +33,8 @@ struct Settings {
     float slack;
     float tiny_slack;
     uint output_entries;
-    uint unused_0_;
-    uint unused_1_;
+    uint looks_back;
+    uint unused;
 };
 struct Vertex {
     float high_x;
@@ -56,11 +56,21 @@ struct Chunk {
 };
 struct Projected {
     bool outside;
+    float margin;
+    vec3 middle;
+    mat3x3 sides;
+    vec3 offset;
+    vec3 half_;
     float nearest;
-    vec2 low;
-    vec2 high;
+};
+struct Steps {
+    vec3 by_x;
+    vec3 by_y;
+    vec3 middle;
+    vec3 margin;
 };
 const float NEAR = 9.313226e-10;
+const float FAR_ERROR = 3.5527137e-15;
 const uint GROUP = 128u;
 const uint WORDS = 4u;
 const uint OUTSIDE = 0u;
@@ -115,187 +125,314 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     return vec4(_e5.x, _e5.y, NEAR, _e5.z);
 }
 
+float reach(mat3x3 sides, vec3 along) {
+    return dot(abs((along * sides)), vec3(1.0));
+}
+
 Projected project(View v_4, Chunk chunk) {
-    Projected p_1 = Projected(true, 0.0, vec2(3e38), vec2(-3e38));
-    uint out_[5] = uint[5](0u, 0u, 0u, 0u, 0u);
-    float nearest = 3e38;
-    vec2 low_2 = vec2(3e38);
-    vec2 high_2 = vec2(-3e38);
-    uint k = 0u;
     bool local_3 = false;
     bool local_4 = false;
     bool local_5 = false;
     bool local_6 = false;
-    vec3 _e12 = relative(v_4, chunk.center_high, chunk.center_low);
+    bool local_7 = false;
+    vec3 _e4 = relative(v_4, chunk.center_high, chunk.center_low);
     vec3 h = chunk.half_sides;
     mat3x3 columns = mat3x3((vec3(v_4.tangent.x, v_4.bitangent.x, v_4.normal.x) * h.x), (vec3(v_4.tangent.y, v_4.bitangent.y, v_4.normal.y) * h.y), (vec3(v_4.tangent.z, v_4.bitangent.z, v_4.normal.z) * h.z));
-    vec3 center = vec3(dot(v_4.tangent, _e12), dot(v_4.bitangent, _e12), dot(v_4.normal, _e12));
+    vec3 center = vec3(dot(v_4.tangent, _e4), dot(v_4.bitangent, _e4), dot(v_4.normal, _e4));
     vec3 extent = ((abs(columns[0]) + abs(columns[1])) + abs(columns[2]));
-    vec3 reach = (abs(center) + extent);
-    float margin = (v_4.tolerance + (((reach.x + reach.y) + reach.z) * 7.6293945e-6));
-    if (((center.z + extent.z) <= -(margin))) {
-        Projected _e73 = p_1;
-        return _e73;
-    }
-    vec3 _e74 = on_face(v_4, center);
-    vec3 _e76 = on_face(v_4, columns[0]);
-    vec3 _e78 = on_face(v_4, columns[1]);
-    vec3 _e80 = on_face(v_4, columns[2]);
-    bool loop_init = true;
-    while(true) {
-        if (!loop_init) {
-            uint _e216 = k;
-            k = (_e216 + 1u);
-        }
-        loop_init = false;
-        uint _e98 = k;
-        if ((_e98 < 8u)) {
-        } else {
-            break;
-        }
-        {
-            uint _e101 = k;
-            float sx = (((_e101 & 1u) != 0u) ? 1.0 : -1.0);
-            uint _e109 = k;
-            float sy = (((_e109 & 2u) != 0u) ? 1.0 : -1.0);
-            uint _e117 = k;
-            float sz = (((_e117 & 4u) != 0u) ? 1.0 : -1.0);
-            vec3 q = (((_e74 + (sx * _e76)) + (sy * _e78)) + (sz * _e80));
-            uint _e132 = out_[0];
-            out_[0] = (_e132 + uint((q.x < (-(q.z) - (4.0 * margin)))));
-            uint _e143 = out_[1];
-            out_[1] = (_e143 + uint((q.x > (q.z + (4.0 * margin)))));
-            uint _e153 = out_[2];
-            out_[2] = (_e153 + uint((q.y < (-(q.z) - (4.0 * margin)))));
-            uint _e164 = out_[3];
-            out_[3] = (_e164 + uint((q.y > (q.z + (4.0 * margin)))));
-            uint _e174 = out_[4];
-            out_[4] = (_e174 + uint((q.z < -(margin))));
-            float _e180 = nearest;
-            nearest = min(_e180, q.z);
-            float w_low = (q.z - margin);
-            float w_high = (q.z + margin);
-            vec2 a = (q.xy - vec2((3.0 * margin)));
-            vec2 b = (q.xy + vec2((3.0 * margin)));
-            vec2 _e197 = low_2;
-            low_2 = min(_e197, (a / mix(vec2(w_high), vec2(w_low), lessThan(a, vec2(0.0)))));
-            vec2 _e206 = high_2;
-            high_2 = max(_e206, (b / mix(vec2(w_low), vec2(w_high), lessThan(b, vec2(0.0)))));
-        }
-    }
-    uint _e219 = out_[0];
-    if (!((_e219 == 8u))) {
-        uint _e226 = out_[1];
-        local_3 = (_e226 == 8u);
+    vec3 far = (abs(center) + extent);
+    float margin = (v_4.tolerance + (((far.x + far.y) + far.z) * 7.6293945e-6));
+    vec3 _e60 = on_face(v_4, center);
+    vec3 _e62 = on_face(v_4, columns[0]);
+    vec3 _e64 = on_face(v_4, columns[1]);
+    vec3 _e66 = on_face(v_4, columns[2]);
+    mat3x3 sides_1 = mat3x3(_e62, _e64, _e66);
+    if (!(((center.z + extent.z) <= -(margin)))) {
+        float _e83 = reach(sides_1, vec3(1.0, 0.0, 1.0));
+        local_3 = (((_e60.x + _e60.z) + _e83) < (-4.0 * margin));
     } else {
         local_3 = true;
     }
-    bool _e230 = local_3;
-    if (!(_e230)) {
-        uint _e235 = out_[2];
-        local_4 = (_e235 == 8u);
+    bool _e89 = local_3;
+    if (!(_e89)) {
+        float _e100 = reach(sides_1, vec3(-1.0, 0.0, 1.0));
+        local_4 = (((_e60.z - _e60.x) + _e100) < (-4.0 * margin));
     } else {
         local_4 = true;
     }
-    bool _e239 = local_4;
-    if (!(_e239)) {
-        uint _e244 = out_[3];
-        local_5 = (_e244 == 8u);
+    bool _e106 = local_4;
+    if (!(_e106)) {
+        float _e117 = reach(sides_1, vec3(0.0, 1.0, 1.0));
+        local_5 = (((_e60.y + _e60.z) + _e117) < (-4.0 * margin));
     } else {
         local_5 = true;
     }
-    bool _e248 = local_5;
-    if (!(_e248)) {
-        uint _e253 = out_[4];
-        local_6 = (_e253 == 8u);
+    bool _e123 = local_5;
+    if (!(_e123)) {
+        float _e134 = reach(sides_1, vec3(0.0, -1.0, 1.0));
+        local_6 = (((_e60.z - _e60.y) + _e134) < (-4.0 * margin));
     } else {
         local_6 = true;
     }
-    bool _e257 = local_6;
-    if (_e257) {
-        Projected _e258 = p_1;
-        return _e258;
+    bool _e140 = local_6;
+    if (!(_e140)) {
+        float _e149 = reach(sides_1, vec3(0.0, 0.0, 1.0));
+        local_7 = ((_e60.z + _e149) < -(margin));
+    } else {
+        local_7 = true;
     }
-    p_1.outside = false;
-    float _e261 = nearest;
-    nearest = (_e261 - margin);
-    float _e263 = nearest;
-    if ((_e263 > (16.0 * margin))) {
-        float _e268 = nearest;
-        p_1.nearest = _e268;
-        vec2 _e270 = low_2;
-        p_1.low = _e270;
-        vec2 _e272 = high_2;
-        p_1.high = _e272;
-    }
-    Projected _e273 = p_1;
-    return _e273;
+    bool outside = local_7;
+    float _e160 = reach(sides_1, vec3(0.0, 0.0, 1.0));
+    float nearest = ((_e60.z - _e160) - margin);
+    return Projected(outside, margin, _e60, sides_1, _e4, (h + vec3(margin)), ((nearest > (16.0 * margin)) ? nearest : -1.0));
 }
 
-bool is_hidden(View v_5, Projected p_2) {
-    uint base = 0u;
-    uint shift = 2u;
-    uint pitch = 0u;
-    uint y = 0u;
-    uint x = 0u;
-    uint _e4 = _group_1_binding_1_cs.resolution;
-    vec2 size = vec2(float(_e4), float(v_5.rows));
-    uvec2 first = uvec2(clamp(((((p_2.low * 0.5) + vec2(0.5)) * size) - vec2(0.05)), vec2(0.0), (size - vec2(1.0))));
-    uvec2 last = uvec2(clamp(((((p_2.high * 0.5) + vec2(0.5)) * size) + vec2(0.05)), vec2(0.0), (size - vec2(1.0))));
-    float _e48 = _group_1_binding_1_cs.slack;
-    float bound = ((NEAR / p_2.nearest) * _e48);
-    uint _e52 = _group_1_binding_1_cs.resolution;
-    uint across = (_e52 / 4u);
-    uint _e58 = _group_1_binding_1_cs.pyramid_stride;
-    base = (v_5.layer * _e58);
-    pitch = across;
-    uvec2 extent_1 = (last - first);
-    if ((max(extent_1.x, extent_1.y) >= 24u)) {
-        uint _e70 = base;
-        base = (_e70 + ((3u * across) * across));
-        shift = 4u;
-        pitch = (across / 4u);
-    }
-    uvec2 row = uvec2(0u, v_5.first_row);
-    uint _e82 = shift;
-    uvec2 low_tile = ((first + row) >> uvec2(_e82));
-    uint _e86 = shift;
-    uvec2 high_tile = ((last + row) >> uvec2(_e86));
-    y = low_tile.y;
-    bool loop_init_1 = true;
+Steps steps(View v_5) {
+    vec3 for_x = cross(v_5.clip_y, v_5.clip_w);
+    vec3 for_y = cross(v_5.clip_w, v_5.clip_x);
+    vec3 for_w = cross(v_5.clip_x, v_5.clip_y);
+    float scale = (1.0 / dot(v_5.clip_x, for_x));
+    vec3 x_2 = (scale * (((for_x.x * v_5.tangent) + (for_x.y * v_5.bitangent)) + (for_x.z * v_5.normal)));
+    vec3 y_2 = (scale * (((for_y.x * v_5.tangent) + (for_y.y * v_5.bitangent)) + (for_y.z * v_5.normal)));
+    vec3 w_2 = (scale * (((for_w.x * v_5.tangent) + (for_w.y * v_5.bitangent)) + (for_w.z * v_5.normal)));
+    return Steps(x_2, y_2, w_2, (((abs(x_2) + abs(y_2)) + abs(w_2)) * 1.9073486e-6));
+}
+
+float bound_through(Steps s, Projected p_1, vec2 size, uvec2 first, uvec2 last) {
+    float enter = 0.0;
+    float leave = 3e38;
+    uint k = 0u;
+    vec2 low_3 = ((((vec2(first) - vec2(0.05)) / size) * 2.0) - vec2(1.0));
+    vec2 high_3 = ((((vec2(last) + vec2(1.05)) / size) * 2.0) - vec2(1.0));
+    vec2 middle = ((low_3 + high_3) * 0.5);
+    vec2 half_ = ((high_3 - low_3) * 0.5);
+    vec3 towards = mix(vec3(1.0), vec3(-1.0), lessThan(p_1.offset, vec3(0.0)));
+    vec3 step_ = (towards * ((s.middle + (middle.x * s.by_x)) + (middle.y * s.by_y)));
+    vec3 reach_1 = (((half_.x * abs(s.by_x)) + (half_.y * abs(s.by_y))) + s.margin);
+    vec3 longest = (step_ + reach_1);
+    vec3 shortest = (step_ - reach_1);
+    vec3 begin = (abs(p_1.offset) - p_1.half_);
+    vec3 end = (abs(p_1.offset) + p_1.half_);
+    enter = p_1.nearest;
+    bool loop_init = true;
     while(true) {
-        if (!loop_init_1) {
-            uint _e115 = y;
-            y = (_e115 + 1u);
+        if (!loop_init) {
+            uint _e119 = k;
+            k = (_e119 + 1u);
         }
-        loop_init_1 = false;
-        uint _e91 = y;
-        if ((_e91 <= high_tile.y)) {
+        loop_init = false;
+        uint _e77 = k;
+        if ((_e77 < 3u)) {
         } else {
             break;
         }
         {
-            x = low_tile.x;
+            uint _e80 = k;
+            if ((begin[_e80] > 0.0)) {
+                uint _e84 = k;
+                if ((longest[_e84] <= 0.0)) {
+                    return -1.0;
+                }
+                float _e89 = enter;
+                uint _e90 = k;
+                uint _e92 = k;
+                enter = max(_e89, (begin[_e90] / longest[_e92]));
+            } else {
+                uint _e96 = k;
+                if ((longest[_e96] < 0.0)) {
+                    float _e100 = leave;
+                    uint _e101 = k;
+                    uint _e103 = k;
+                    leave = min(_e100, (begin[_e101] / longest[_e103]));
+                }
+            }
+            uint _e107 = k;
+            if ((shortest[_e107] > 0.0)) {
+                float _e111 = leave;
+                uint _e112 = k;
+                uint _e114 = k;
+                leave = min(_e111, (end[_e112] / shortest[_e114]));
+            }
+        }
+    }
+    float _e121 = enter;
+    float _e122 = leave;
+    if ((_e121 > (_e122 * 1.0000019))) {
+        return -1.0;
+    }
+    float _e129 = _group_1_binding_1_cs.slack;
+    float _e132 = enter;
+    return (((_e129 * NEAR) / _e132) + (FAR_ERROR / p_1.nearest));
+}
+
+bool is_hidden(View v_6, Projected p_2) {
+    vec2 low_2 = vec2(3e38);
+    vec2 high_2 = vec2(-3e38);
+    uint k_1 = 0u;
+    float sz = 0.0;
+    uint y = 0u;
+    uint x = 0u;
+    bool local_8 = false;
+    uint ty = 0u;
+    uint tx = 0u;
+    uint _e4 = _group_1_binding_1_cs.resolution;
+    vec2 size_1 = vec2(float(_e4), float(v_6.rows));
+    bool loop_init_1 = true;
+    while(true) {
+        if (!loop_init_1) {
+            uint _e95 = k_1;
+            k_1 = (_e95 + 1u);
+        }
+        loop_init_1 = false;
+        uint _e17 = k_1;
+        if ((_e17 < 4u)) {
+        } else {
+            break;
+        }
+        {
+            uint _e20 = k_1;
+            float sx = (((_e20 & 1u) != 0u) ? 1.0 : -1.0);
+            uint _e28 = k_1;
+            float sy = (((_e28 & 2u) != 0u) ? 1.0 : -1.0);
+            vec3 edge = ((p_2.middle + (sx * p_2.sides[0])) + (sy * p_2.sides[1]));
+            sz = -1.0;
             bool loop_init_2 = true;
             while(true) {
                 if (!loop_init_2) {
-                    uint _e112 = x;
-                    x = (_e112 + 1u);
+                    float _e91 = sz;
+                    sz = (_e91 + 2.0);
                 }
                 loop_init_2 = false;
-                uint _e96 = x;
-                if ((_e96 <= high_tile.x)) {
+                float _e47 = sz;
+                if ((_e47 < 2.0)) {
                 } else {
                     break;
                 }
                 {
-                    uint _e100 = base;
-                    uint _e101 = y;
-                    uint _e102 = pitch;
-                    uint _e105 = x;
-                    float _e108 = _group_1_binding_5_cs[((_e100 + (_e101 * _e102)) + _e105)];
-                    if ((_e108 <= bound)) {
-                        return false;
+                    float _e50 = sz;
+                    vec3 q = (edge + (_e50 * p_2.sides[2]));
+                    float w_low = (q.z - p_2.margin);
+                    float w_high = (q.z + p_2.margin);
+                    vec2 a = (q.xy - vec2((3.0 * p_2.margin)));
+                    vec2 b = (q.xy + vec2((3.0 * p_2.margin)));
+                    vec2 _e73 = low_2;
+                    low_2 = min(_e73, (a / mix(vec2(w_high), vec2(w_low), lessThan(a, vec2(0.0)))));
+                    vec2 _e82 = high_2;
+                    high_2 = max(_e82, (b / mix(vec2(w_low), vec2(w_high), lessThan(b, vec2(0.0)))));
+                }
+            }
+        }
+    }
+    vec2 _e97 = low_2;
+    uvec2 first_2 = uvec2(clamp(((((_e97 * 0.5) + vec2(0.5)) * size_1) - vec2(0.05)), vec2(0.0), (size_1 - vec2(1.0))));
+    vec2 _e114 = high_2;
+    uvec2 last_1 = uvec2(clamp(((((_e114 * 0.5) + vec2(0.5)) * size_1) + vec2(0.05)), vec2(0.0), (size_1 - vec2(1.0))));
+    Steps _e131 = steps(v_6);
+    float _e134 = _group_1_binding_1_cs.slack;
+    float bound = ((_e134 * NEAR) / p_2.nearest);
+    uint _e141 = _group_1_binding_1_cs.resolution;
+    uint across = (_e141 / 4u);
+    uint _e147 = _group_1_binding_1_cs.pyramid_stride;
+    uint fine = (v_6.layer * _e147);
+    uint coarse = (fine + ((3u * across) * across));
+    uvec2 row = uvec2(0u, v_6.first_row);
+    uvec2 from_first = (first_2 + row);
+    uvec2 to_last = (last_1 + row);
+    uvec2 low_square = (from_first >> uvec2(4u));
+    uvec2 high_square = (to_last >> uvec2(4u));
+    y = low_square.y;
+    bool loop_init_3 = true;
+    while(true) {
+        if (!loop_init_3) {
+            uint _e256 = y;
+            y = (_e256 + 1u);
+        }
+        loop_init_3 = false;
+        uint _e166 = y;
+        if ((_e166 <= high_square.y)) {
+        } else {
+            break;
+        }
+        {
+            x = low_square.x;
+            bool loop_init_4 = true;
+            while(true) {
+                if (!loop_init_4) {
+                    uint _e253 = x;
+                    x = (_e253 + 1u);
+                }
+                loop_init_4 = false;
+                uint _e171 = x;
+                if ((_e171 <= high_square.x)) {
+                } else {
+                    break;
+                }
+                {
+                    uint _e174 = x;
+                    uint _e175 = y;
+                    uvec2 square = (uvec2(_e174, _e175) << uvec2(4u));
+                    uvec2 a_1 = max(square, from_first);
+                    uvec2 b_1 = min((square + uvec2(15u)), to_last);
+                    uint _e186 = y;
+                    uint _e191 = x;
+                    float behind = _group_1_binding_5_cs[((coarse + (_e186 * (across / 4u))) + _e191)];
+                    if (!((behind > bound))) {
+                        float _e201 = bound_through(_e131, p_2, size_1, (a_1 - row), (b_1 - row));
+                        local_8 = (behind > _e201);
+                    } else {
+                        local_8 = true;
+                    }
+                    bool _e204 = local_8;
+                    if (_e204) {
+                        continue;
+                    }
+                    uvec2 low_tile = (a_1 >> uvec2(2u));
+                    uvec2 high_tile = (b_1 >> uvec2(2u));
+                    ty = low_tile.y;
+                    bool loop_init_5 = true;
+                    while(true) {
+                        if (!loop_init_5) {
+                            uint _e250 = ty;
+                            ty = (_e250 + 1u);
+                        }
+                        loop_init_5 = false;
+                        uint _e213 = ty;
+                        if ((_e213 <= high_tile.y)) {
+                        } else {
+                            break;
+                        }
+                        {
+                            tx = low_tile.x;
+                            bool loop_init_6 = true;
+                            while(true) {
+                                if (!loop_init_6) {
+                                    uint _e247 = tx;
+                                    tx = (_e247 + 1u);
+                                }
+                                loop_init_6 = false;
+                                uint _e218 = tx;
+                                if ((_e218 <= high_tile.x)) {
+                                } else {
+                                    break;
+                                }
+                                {
+                                    uint _e222 = ty;
+                                    uint _e225 = tx;
+                                    float behind_1 = _group_1_binding_5_cs[((fine + (_e222 * across)) + _e225)];
+                                    if ((behind_1 <= bound)) {
+                                        uint _e230 = tx;
+                                        uint _e231 = ty;
+                                        uvec2 tile = (uvec2(_e230, _e231) << uvec2(2u));
+                                        uvec2 c = (max(tile, a_1) - row);
+                                        uvec2 d = (min((tile + uvec2(3u)), b_1) - row);
+                                        float _e243 = bound_through(_e131, p_2, size_1, c, d);
+                                        if ((behind_1 <= _e243)) {
+                                            return false;
+                                        }
+                                    }
+                                }
+                            }
+                        }
                     }
                 }
             }
@@ -304,51 +441,90 @@ bool is_hidden(View v_5, Projected p_2) {
     return true;
 }
 
-uint outcome(View v_6, uint index, bool against_depths) {
-    bool local_7 = false;
-    bool local_8 = false;
+uint outcome(View v_7, uint index, bool against_depths) {
+    bool local_9 = false;
+    bool local_10 = false;
     Chunk _e5 = _group_1_binding_3_cs[index];
-    Projected _e6 = project(v_6, _e5);
+    Projected _e6 = project(v_7, _e5);
     if (_e6.outside) {
         return OUTSIDE;
     }
     if (against_depths) {
-        local_7 = (_e6.nearest > 0.0);
+        local_9 = (_e6.nearest > 0.0);
     } else {
-        local_7 = false;
+        local_9 = false;
     }
-    bool _e15 = local_7;
+    bool _e15 = local_9;
     if (_e15) {
-        bool _e18 = is_hidden(v_6, _e6);
-        local_8 = _e18;
+        bool _e18 = is_hidden(v_7, _e6);
+        local_10 = _e18;
     } else {
-        local_8 = false;
+        local_10 = false;
     }
-    bool _e20 = local_8;
+    bool _e20 = local_10;
     if (_e20) {
         return HIDDEN;
     }
     return VISIBLE;
 }
 
-void list(uint local_9, View v_7, bool only_seen, bool against_depths_1) {
+bool is_chosen(uint place) {
+    uint _e5 = atomicOr(chosen[(place / 32u)], 0u);
+    return (((_e5 >> (place % 32u)) & 1u) != 0u);
+}
+
+uint end_of_run(uint place_1) {
+    uint first_1 = 0u;
+    uint w = 0u;
+    first_1 = (place_1 % 32u);
+    w = (place_1 / 32u);
+    bool loop_init_7 = true;
+    while(true) {
+        if (!loop_init_7) {
+            uint _e28 = w;
+            w = (_e28 + 1u);
+        }
+        loop_init_7 = false;
+        uint _e7 = w;
+        if ((_e7 < WORDS)) {
+        } else {
+            break;
+        }
+        {
+            uint _e11 = w;
+            uint _e13 = atomicOr(chosen[_e11], 0u);
+            uint _e16 = first_1;
+            uint without = (~(_e13) & (4294967295u << _e16));
+            if ((without != 0u)) {
+                uint _e21 = w;
+                return ((_e21 * 32u) + uint(findLSB(without)));
+            }
+            first_1 = 0u;
+        }
+    }
+    return GROUP;
+}
+
+void list(uint local_11, View v_8, bool only_seen, bool against_depths_1) {
     uint count = 0u;
     uint start = 0u;
     uint found = 0u;
-    bool local_10 = false;
+    bool local_12 = false;
     uint before = 0u;
-    uint w = 0u;
-    uint face = ((v_7.layer * 5u) + v_7.face);
-    if ((local_9 < 4u)) {
-        atomicExchange(sums[local_9], 0u);
+    uint carry = 0u;
+    uint w_1 = 0u;
+    bool local_13 = false;
+    uint face = ((v_8.layer * 5u) + v_8.face);
+    if ((local_11 < 4u)) {
+        atomicExchange(sums[local_11], 0u);
     }
-    bool loop_init_3 = true;
+    bool loop_init_8 = true;
     while(true) {
-        if (!loop_init_3) {
-            uint _e174 = start;
-            start = (_e174 + GROUP);
+        if (!loop_init_8) {
+            uint _e208 = start;
+            start = (_e208 + GROUP);
         }
-        loop_init_3 = false;
+        loop_init_8 = false;
         uint _e18 = start;
         uint _e21 = _group_1_binding_1_cs.chunk_count;
         if ((_e18 < _e21)) {
@@ -356,118 +532,136 @@ void list(uint local_9, View v_7, bool only_seen, bool against_depths_1) {
             break;
         }
         {
-            if ((local_9 < WORDS)) {
-                atomicExchange(chosen[local_9], 0u);
+            if ((local_11 < WORDS)) {
+                atomicExchange(chosen[local_11], 0u);
             }
             memoryBarrierShared();
             barrier();
             uint _e28 = start;
-            uint index_1 = (_e28 + local_9);
+            uint index_1 = (_e28 + local_11);
             found = OUTSIDE;
             uint _e34 = _group_1_binding_1_cs.chunk_count;
             if ((index_1 < _e34)) {
                 if (!(!(only_seen))) {
                     uint _e42 = _group_1_binding_8_cs[index_1];
-                    local_10 = ((_e42 + 1u) == v_7.stamp);
+                    uint _e45 = _group_1_binding_1_cs.looks_back;
+                    local_12 = ((_e42 + _e45) >= v_8.stamp);
                 } else {
-                    local_10 = true;
+                    local_12 = true;
                 }
-                bool _e48 = local_10;
-                if (_e48) {
-                    uint _e49 = outcome(v_7, index_1, against_depths_1);
-                    found = _e49;
+                bool _e50 = local_12;
+                if (_e50) {
+                    uint _e51 = outcome(v_8, index_1, against_depths_1);
+                    found = _e51;
                 }
                 if (!(only_seen)) {
-                    uint _e54 = _group_1_binding_1_cs.chunk_count;
-                    uint _e58 = found;
-                    _group_1_binding_9_cs[((face * _e54) + index_1)] = uint((_e58 == VISIBLE));
-                    uint _e62 = found;
-                    if ((_e62 == OUTSIDE)) {
-                        uint _e68 = atomicAdd(sums[0], 1u);
+                    uint _e56 = _group_1_binding_1_cs.chunk_count;
+                    uint _e60 = found;
+                    _group_1_binding_9_cs[((face * _e56) + index_1)] = uint((_e60 == VISIBLE));
+                    uint _e64 = found;
+                    if ((_e64 == OUTSIDE)) {
+                        uint _e70 = atomicAdd(sums[0], 1u);
                     } else {
-                        uint _e69 = found;
-                        if ((_e69 == HIDDEN)) {
-                            uint _e75 = atomicAdd(sums[1], 1u);
+                        uint _e71 = found;
+                        if ((_e71 == HIDDEN)) {
+                            uint _e77 = atomicAdd(sums[1], 1u);
                         }
                     }
                 }
-                uint _e76 = found;
-                if ((_e76 == VISIBLE)) {
-                    uint _e87 = atomicOr(chosen[(local_9 / 32u)], (1u << (local_9 % 32u)));
+                uint _e78 = found;
+                if ((_e78 == VISIBLE)) {
+                    uint _e89 = atomicOr(chosen[(local_11 / 32u)], (1u << (local_11 % 32u)));
                 }
             }
             memoryBarrierShared();
             barrier();
-            uint _e88 = count;
-            before = _e88;
-            w = 0u;
-            bool loop_init_4 = true;
+            uint _e90 = count;
+            before = _e90;
+            carry = 0u;
+            w_1 = 0u;
+            bool loop_init_9 = true;
             while(true) {
-                if (!loop_init_4) {
-                    uint _e123 = w;
-                    w = (_e123 + 1u);
+                if (!loop_init_9) {
+                    uint _e135 = w_1;
+                    w_1 = (_e135 + 1u);
                 }
-                loop_init_4 = false;
-                uint _e92 = w;
-                if ((_e92 < WORDS)) {
+                loop_init_9 = false;
+                uint _e96 = w_1;
+                if ((_e96 < WORDS)) {
                 } else {
                     break;
                 }
                 {
-                    uint _e96 = w;
-                    uint word = atomicOr(chosen[_e96], 0u);
-                    uint all_ = uint(bitCount(word));
-                    uint _e100 = w;
-                    if ((_e100 < (local_9 / 32u))) {
-                        uint _e104 = before;
-                        before = (_e104 + all_);
+                    uint _e100 = w_1;
+                    uint word = atomicOr(chosen[_e100], 0u);
+                    uint _e105 = carry;
+                    uint begins = (word & ~(((word << 1u) | _e105)));
+                    carry = (word >> 31u);
+                    uint all_ = uint(bitCount(begins));
+                    uint _e112 = w_1;
+                    if ((_e112 < (local_11 / 32u))) {
+                        uint _e116 = before;
+                        before = (_e116 + all_);
                     } else {
-                        uint _e106 = w;
-                        if ((_e106 == (local_9 / 32u))) {
-                            uint _e110 = before;
-                            before = (_e110 + uint(bitCount((word & ((1u << (local_9 % 32u)) - 1u)))));
+                        uint _e118 = w_1;
+                        if ((_e118 == (local_11 / 32u))) {
+                            uint _e122 = before;
+                            before = (_e122 + uint(bitCount((begins & ((1u << (local_11 % 32u)) - 1u)))));
                         }
                     }
-                    uint _e120 = count;
-                    count = (_e120 + all_);
+                    uint _e132 = count;
+                    count = (_e132 + all_);
                 }
             }
-            uint _e125 = found;
-            if ((_e125 == VISIBLE)) {
-                uint _e130 = _group_1_binding_1_cs.chunk_count;
-                uint _e132 = before;
-                uint at = (((face * _e130) + _e132) * 5u);
-                uint _e141 = _group_1_binding_3_cs[index_1].index_count;
-                _group_1_binding_6_cs[at] = _e141;
-                _group_1_binding_6_cs[(at + 1u)] = 1u;
-                uint _e154 = _group_1_binding_3_cs[index_1].first_index;
-                _group_1_binding_6_cs[(at + 2u)] = _e154;
-                _group_1_binding_6_cs[(at + 3u)] = 0u;
-                _group_1_binding_6_cs[(at + 4u)] = 0u;
-                uint _e170 = _group_1_binding_3_cs[index_1].index_count;
-                uint _e173 = atomicAdd(sums[2], (_e170 / 3u));
+            uint _e137 = found;
+            if ((_e137 == VISIBLE)) {
+                if (!((local_11 == 0u))) {
+                    bool _e147 = is_chosen((local_11 - 1u));
+                    local_13 = !(_e147);
+                } else {
+                    local_13 = true;
+                }
+                bool _e150 = local_13;
+                if (_e150) {
+                    uint _e151 = start;
+                    uint _e152 = end_of_run(local_11);
+                    uint last_2 = ((_e151 + _e152) - 1u);
+                    uint first_index = _group_1_binding_3_cs[index_1].first_index;
+                    uint _e162 = _group_1_binding_1_cs.chunk_count;
+                    uint _e164 = before;
+                    uint at = (((face * _e162) + _e164) * 5u);
+                    uint _e173 = _group_1_binding_3_cs[last_2].first_index;
+                    uint _e177 = _group_1_binding_3_cs[last_2].index_count;
+                    _group_1_binding_6_cs[at] = ((_e173 + _e177) - first_index);
+                    _group_1_binding_6_cs[(at + 1u)] = 1u;
+                    _group_1_binding_6_cs[(at + 2u)] = first_index;
+                    _group_1_binding_6_cs[(at + 3u)] = 0u;
+                    _group_1_binding_6_cs[(at + 4u)] = 0u;
+                }
+                uint _e204 = _group_1_binding_3_cs[index_1].index_count;
+                uint _e207 = atomicAdd(sums[2], (_e204 / 3u));
             }
             memoryBarrierShared();
             barrier();
         }
     }
-    if ((local_9 == 0u)) {
-        uint _e181 = count;
-        _group_1_binding_7_cs[face] = _e181;
-        uint tally = (v_7.layer * 8u);
+    if ((local_11 == 0u)) {
+        uint _e215 = count;
+        _group_1_binding_7_cs[face] = _e215;
+        uint tally = (v_8.layer * 8u);
         if (only_seen) {
-            uint _e191 = atomicOr(sums[2], 0u);
-            uint _e192 = atomicAdd(_group_1_binding_10_cs[(tally + 7u)], _e191);
+            uint _e225 = atomicOr(sums[2], 0u);
+            uint _e226 = atomicAdd(_group_1_binding_10_cs[(tally + 7u)], _e225);
             return;
         } else {
-            uint _e199 = _group_1_binding_1_cs.chunk_count;
-            uint _e200 = atomicAdd(_group_1_binding_10_cs[(tally + 3u)], _e199);
-            uint _e207 = atomicOr(sums[0], 0u);
-            uint _e208 = atomicAdd(_group_1_binding_10_cs[(tally + 4u)], _e207);
-            uint _e215 = atomicOr(sums[1], 0u);
-            uint _e216 = atomicAdd(_group_1_binding_10_cs[(tally + 5u)], _e215);
-            uint _e223 = atomicOr(sums[2], 0u);
-            uint _e224 = atomicAdd(_group_1_binding_10_cs[(tally + 6u)], _e223);
+            uint _e233 = _group_1_binding_1_cs.chunk_count;
+            uint _e234 = atomicAdd(_group_1_binding_10_cs[(tally + 3u)], _e233);
+            uint _e241 = atomicOr(sums[0], 0u);
+            uint _e242 = atomicAdd(_group_1_binding_10_cs[(tally + 4u)], _e241);
+            uint _e249 = atomicOr(sums[1], 0u);
+            uint _e250 = atomicAdd(_group_1_binding_10_cs[(tally + 5u)], _e249);
+            uint _e257 = atomicOr(sums[2], 0u);
+            uint _e258 = atomicAdd(_group_1_binding_10_cs[(tally + 6u)], _e257);
             return;
         }
     } else {

@@ -19,9 +19,16 @@ pub struct View {
     pub slot: u32,
     /// Its layer of the images.
     pub layer: u32,
-    /// The number of its group, from 2 and always rising: what the group before saw is taken to be in front.
+    /// The number of its group, from [`FIRST_STAMP`] and always rising: what groups shortly before saw is taken to be in front.
     pub stamp: u32,
 }
+
+/// What was seen from one of so many hemicubes before is drawn first. Neighbours are turned and see past different edges: with
+/// one, a fifth more triangles are left to draw in `denhaag-8897` ×16.
+const HEMICUBES_BACK: u32 = 8;
+
+/// The first [`View::stamp`]: a chunk that nobody saw has 0, which must lie further back than the shaders look.
+pub const FIRST_STAMP: u32 = HEMICUBES_BACK + 1;
 
 /// The five views of a hemicube, in the order of [`Face::ALL`].
 pub fn views(geometry: &Geometry, hemicube: &Hemicube, resolution: u32, at: View) -> [[u32; VIEW_WORDS]; 5] {
@@ -78,8 +85,7 @@ pub fn settings_words(plan: &Plan, upload: &Upload) -> [u32; 12] {
     let n = plan.resolution;
     #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
     let tiny_slack = 16.0 / n as f32;
-    // A 512th is far above what rounding does to depths: interpolated over a triangle that reaches from one part of a
-    // chunk to another, they are off by some 2⁻²⁰ of the nearest. Tiny patches may be seen although they are a little behind.
+    // A 512th is far above what rounding does to depths. Tiny patches may be seen although they are a little behind.
     let slack = (1.0 + if plan.covered { tiny_slack } else { 0.0 }) * (1.0 + 1.0 / 512.0);
     let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
     [
@@ -93,7 +99,7 @@ pub fn settings_words(plan: &Plan, upload: &Upload) -> [u32; 12] {
         slack.to_bits(),
         tiny_slack.to_bits(),
         plan.output_entries(),
-        0,
+        (HEMICUBES_BACK / plan.group).max(1),
         0,
     ]
 }

@@ -13,6 +13,9 @@
 // Eight words a layer, see `Tally` of src/output.rs.
 @group(1) @binding(10) var<storage, read_write> tallies: array<atomic<u32>>;
 
+// Depths are interpolated: over a triangle they are off by some 2⁻²⁰ of its nearest one, however far away the pixel. This is
+// 2⁻¹⁸ of NEAR.
+const FAR_ERROR: f32 = 3.552713678800501e-15;
 const GROUP: u32 = 128u;
 const WORDS: u32 = GROUP / 32u;
 const OUTSIDE: u32 = 0u;
@@ -22,17 +25,26 @@ const VISIBLE: u32 = 2u;
 var<workgroup> chosen: array<atomic<u32>, WORDS>;
 var<workgroup> sums: array<atomic<u32>, 4>;
 
-// Where a chunk's box is on a face: the pixels it may touch, and w of its nearest point. All bounds are widened by more than
-// the rounding of the corners' positions; `nearest` is 0 where the box comes too close to the eye to be projected.
+// A chunk's box on a face: its middle, and from there to its sides, with w last. All bounds are widened by `margin`, which is
+// more than the rounding of the corners' positions.
 struct Projected {
     outside: bool,
+    margin: f32,
+    middle: vec3<f32>,
+    sides: mat3x3<f32>,
+    // From the eye to its middle, and half its sides, along the axes of the scene.
+    offset: vec3<f32>,
+    half: vec3<f32>,
+    // Not more than w of its nearest point; below 0 where the box comes too close to the eye to be projected.
     nearest: f32,
-    low: vec2<f32>,
-    high: vec2<f32>,
+}
+
+// How far a box with these sides reaches along a direction of a face.
+fn reach(sides: mat3x3<f32>, along: vec3<f32>) -> f32 {
+    return dot(abs(along * sides), vec3<f32>(1.0));
 }
 
 fn project(v: View, chunk: Chunk) -> Projected {
-    var p = Projected(true, 0.0, vec2<f32>(3e38), vec2<f32>(-3e38));
     let r = relative(v, chunk.center_high, chunk.center_low);
     let h = chunk.half_sides;
     let columns = mat3x3<f32>(
@@ -43,76 +55,138 @@ fn project(v: View, chunk: Chunk) -> Projected {
     let center = vec3<f32>(dot(v.tangent, r), dot(v.bitangent, r), dot(v.normal, r));
     let extent = abs(columns[0]) + abs(columns[1]) + abs(columns[2]);
     // What is snapped to the emitter's plane moves by a part in a million: within the margin.
-    let reach = abs(center) + extent;
-    let margin = v.tolerance + (reach.x + reach.y + reach.z) * 7.62939453125e-6;
-    if (center.z + extent.z <= -margin) {
-        return p;
-    }
+    let far = abs(center) + extent;
+    let margin = v.tolerance + (far.x + far.y + far.z) * 7.62939453125e-6;
     let c = on_face(v, center);
-    let ex = on_face(v, columns[0]);
-    let ey = on_face(v, columns[1]);
-    let ez = on_face(v, columns[2]);
-    // On how many corners each of the five planes has the box outside.
-    var out = array<u32, 5>(0u, 0u, 0u, 0u, 0u);
-    var nearest = 3e38;
-    var low = vec2<f32>(3e38);
-    var high = vec2<f32>(-3e38);
-    for (var k = 0u; k < 8u; k++) {
-        let sx = select(-1.0, 1.0, (k & 1u) != 0u);
-        let sy = select(-1.0, 1.0, (k & 2u) != 0u);
-        let sz = select(-1.0, 1.0, (k & 4u) != 0u);
-        let q = c + sx * ex + sy * ey + sz * ez;
-        // Rows of the projection add at most three coordinates.
-        out[0] += u32(q.x < -q.z - 4.0 * margin);
-        out[1] += u32(q.x > q.z + 4.0 * margin);
-        out[2] += u32(q.y < -q.z - 4.0 * margin);
-        out[3] += u32(q.y > q.z + 4.0 * margin);
-        out[4] += u32(q.z < -margin);
-        nearest = min(nearest, q.z);
-        let w_low = q.z - margin;
-        let w_high = q.z + margin;
-        let a = q.xy - 3.0 * margin;
-        let b = q.xy + 3.0 * margin;
-        low = min(low, a / select(vec2<f32>(w_high), vec2<f32>(w_low), a < vec2<f32>(0.0)));
-        high = max(high, b / select(vec2<f32>(w_low), vec2<f32>(w_high), b < vec2<f32>(0.0)));
-    }
-    if (out[0] == 8u || out[1] == 8u || out[2] == 8u || out[3] == 8u || out[4] == 8u) {
-        return p;
-    }
-    p.outside = false;
-    nearest -= margin;
+    let sides = mat3x3<f32>(on_face(v, columns[0]), on_face(v, columns[1]), on_face(v, columns[2]));
+    // Rows of the projection add at most three coordinates.
+    let outside = center.z + extent.z <= -margin
+        || c.x + c.z + reach(sides, vec3<f32>(1.0, 0.0, 1.0)) < -4.0 * margin
+        || c.z - c.x + reach(sides, vec3<f32>(-1.0, 0.0, 1.0)) < -4.0 * margin
+        || c.y + c.z + reach(sides, vec3<f32>(0.0, 1.0, 1.0)) < -4.0 * margin
+        || c.z - c.y + reach(sides, vec3<f32>(0.0, -1.0, 1.0)) < -4.0 * margin
+        || c.z + reach(sides, vec3<f32>(0.0, 0.0, 1.0)) < -margin;
+    let nearest = c.z - reach(sides, vec3<f32>(0.0, 0.0, 1.0)) - margin;
     // Nearer than this, the margin would be more than a part in sixteen of w.
-    if (nearest > 16.0 * margin) {
-        p.nearest = nearest;
-        p.low = low;
-        p.high = high;
+    return Projected(outside, margin, c, sides, r, h + margin, select(-1.0, nearest, nearest > 16.0 * margin));
+}
+
+// A ray of a face at (x, y) of its square of ±1 has w = 1 in front of the eye after one step; of that step, how far it goes
+// along each axis of the scene is affine in x and y.
+struct Steps {
+    by_x: vec3<f32>,
+    by_y: vec3<f32>,
+    middle: vec3<f32>,
+    // More than the rounding of any of it.
+    margin: vec3<f32>,
+}
+
+fn steps(v: View) -> Steps {
+    // The inverse of the face's projection; its rows are powers of two, so that nothing rounds.
+    let for_x = cross(v.clip_y, v.clip_w);
+    let for_y = cross(v.clip_w, v.clip_x);
+    let for_w = cross(v.clip_x, v.clip_y);
+    let scale = 1.0 / dot(v.clip_x, for_x);
+    let x = scale * (for_x.x * v.tangent + for_x.y * v.bitangent + for_x.z * v.normal);
+    let y = scale * (for_y.x * v.tangent + for_y.y * v.bitangent + for_y.z * v.normal);
+    let w = scale * (for_w.x * v.tangent + for_w.y * v.bitangent + for_w.z * v.normal);
+    return Steps(x, y, w, (abs(x) + abs(y) + abs(w)) * 1.9073486328125e-6);
+}
+
+// A depth in front of all of a box that is seen through a square of pixels, rounding included; less than any where the box is
+// not seen there at all. The pixels are first to last, and as much more as snapped corners reach.
+fn bound_through(s: Steps, p: Projected, size: vec2<f32>, first: vec2<u32>, last: vec2<u32>) -> f32 {
+    let low = (vec2<f32>(first) - 0.05) / size * 2.0 - 1.0;
+    let high = (vec2<f32>(last) + 1.05) / size * 2.0 - 1.0;
+    let middle = (low + high) * 0.5;
+    let half = (high - low) * 0.5;
+    // Steps towards the box's middle, axis by axis.
+    let towards = select(vec3<f32>(1.0), vec3<f32>(-1.0), p.offset < vec3<f32>(0.0));
+    let step = towards * (s.middle + middle.x * s.by_x + middle.y * s.by_y);
+    let reach = half.x * abs(s.by_x) + half.y * abs(s.by_y) + s.margin;
+    let longest = step + reach;
+    let shortest = step - reach;
+    // Where the box begins and ends along the axis.
+    let begin = abs(p.offset) - p.half;
+    let end = abs(p.offset) + p.half;
+    var enter = p.nearest;
+    var leave = 3e38;
+    for (var k = 0u; k < 3u; k++) {
+        if (begin[k] > 0.0) {
+            if (longest[k] <= 0.0) {
+                return -1.0;
+            }
+            enter = max(enter, begin[k] / longest[k]);
+        } else if (longest[k] < 0.0) {
+            leave = min(leave, begin[k] / longest[k]);
+        }
+        if (shortest[k] > 0.0) {
+            leave = min(leave, end[k] / shortest[k]);
+        }
     }
-    return p;
+    if (enter > leave * 1.0000019) {
+        return -1.0;
+    }
+    // The slack is more than the rounding of the divisions.
+    return settings.slack * NEAR / enter + FAR_ERROR / p.nearest;
 }
 
 fn is_hidden(v: View, p: Projected) -> bool {
     let size = vec2<f32>(f32(settings.resolution), f32(v.rows));
-    // Pixels that the box touches, and a little more: corners are snapped to a fraction of a pixel.
-    let first = vec2<u32>(clamp((p.low * 0.5 + 0.5) * size - 0.05, vec2<f32>(0.0), size - 1.0));
-    let last = vec2<u32>(clamp((p.high * 0.5 + 0.5) * size + 0.05, vec2<f32>(0.0), size - 1.0));
-    let bound = NEAR / p.nearest * settings.slack;
-    let across = settings.resolution / 4u;
-    var base = v.layer * settings.pyramid_stride;
-    var shift = 2u;
-    var pitch = across;
-    let extent = last - first;
-    if (max(extent.x, extent.y) >= 24u) {
-        base += 3u * across * across;
-        shift = 4u;
-        pitch = across / 4u;
+    var low = vec2<f32>(3e38);
+    var high = vec2<f32>(-3e38);
+    for (var k = 0u; k < 4u; k++) {
+        let sx = select(-1.0, 1.0, (k & 1u) != 0u);
+        let sy = select(-1.0, 1.0, (k & 2u) != 0u);
+        let edge = p.middle + sx * p.sides[0] + sy * p.sides[1];
+        for (var sz = -1.0; sz < 2.0; sz += 2.0) {
+            let q = edge + sz * p.sides[2];
+            let w_low = q.z - p.margin;
+            let w_high = q.z + p.margin;
+            let a = q.xy - 3.0 * p.margin;
+            let b = q.xy + 3.0 * p.margin;
+            low = min(low, a / select(vec2<f32>(w_high), vec2<f32>(w_low), a < vec2<f32>(0.0)));
+            high = max(high, b / select(vec2<f32>(w_low), vec2<f32>(w_high), b < vec2<f32>(0.0)));
+        }
     }
+    // Pixels that the box touches, and a little more: corners are snapped to a fraction of a pixel.
+    let first = vec2<u32>(clamp((low * 0.5 + 0.5) * size - 0.05, vec2<f32>(0.0), size - 1.0));
+    let last = vec2<u32>(clamp((high * 0.5 + 0.5) * size + 0.05, vec2<f32>(0.0), size - 1.0));
+    let s = steps(v);
+    let bound = settings.slack * NEAR / p.nearest;
+    let across = settings.resolution / 4u;
+    let fine = v.layer * settings.pyramid_stride;
+    let coarse = fine + 3u * across * across;
+    // Faces begin at multiples of 8 rows: squares are those of the atlas, and reach into the next face where they have to.
     let row = vec2<u32>(0u, v.first_row);
-    let low_tile = (first + row) >> vec2<u32>(shift);
-    let high_tile = (last + row) >> vec2<u32>(shift);
-    for (var y = low_tile.y; y <= high_tile.y; y++) {
-        for (var x = low_tile.x; x <= high_tile.x; x++) {
-            if (pyramid[base + y * pitch + x] <= bound) {
-                return false;
+    let from_first = first + row;
+    let to_last = last + row;
+    let low_square = from_first >> vec2<u32>(4u);
+    let high_square = to_last >> vec2<u32>(4u);
+    for (var y = low_square.y; y <= high_square.y; y++) {
+        for (var x = low_square.x; x <= high_square.x; x++) {
+            let square = vec2<u32>(x, y) << vec2<u32>(4u);
+            let a = max(square, from_first);
+            let b = min(square + 15u, to_last);
+            // Most squares are decided by the box's nearest point alone.
+            let behind = pyramid[coarse + y * (across / 4u) + x];
+            if (behind > bound || behind > bound_through(s, p, size, a - row, b - row)) {
+                continue;
+            }
+            let low_tile = a >> vec2<u32>(2u);
+            let high_tile = b >> vec2<u32>(2u);
+            for (var ty = low_tile.y; ty <= high_tile.y; ty++) {
+                for (var tx = low_tile.x; tx <= high_tile.x; tx++) {
+                    let behind = pyramid[fine + ty * across + tx];
+                    if (behind <= bound) {
+                        let tile = vec2<u32>(tx, ty) << vec2<u32>(2u);
+                        let c = max(tile, a) - row;
+                        let d = min(tile + 3u, b) - row;
+                        if (behind <= bound_through(s, p, size, c, d)) {
+                            return false;
+                        }
+                    }
+                }
             }
         }
     }
@@ -130,7 +204,24 @@ fn outcome(v: View, index: u32, against_depths: bool) -> u32 {
     return VISIBLE;
 }
 
-// With `only_seen`, only chunks of which the group of hemicubes before saw something are asked.
+fn is_chosen(place: u32) -> bool {
+    return ((atomicLoad(&chosen[place / 32u]) >> (place % 32u)) & 1u) != 0u;
+}
+
+// One past the last chunk of a run of chosen ones that begins at a place, within the workgroup's.
+fn end_of_run(place: u32) -> u32 {
+    var first = place % 32u;
+    for (var w = place / 32u; w < WORDS; w++) {
+        let without = ~atomicLoad(&chosen[w]) & (0xffffffffu << first);
+        if (without != 0u) {
+            return w * 32u + firstTrailingBit(without);
+        }
+        first = 0u;
+    }
+    return GROUP;
+}
+
+// With `only_seen`, only chunks of which one of the groups of hemicubes before saw something are asked.
 fn list(local: u32, v: View, only_seen: bool, against_depths: bool) {
     let face = v.layer * 5u + v.face;
     var count = 0u;
@@ -145,7 +236,7 @@ fn list(local: u32, v: View, only_seen: bool, against_depths: bool) {
         let index = start + local;
         var found = OUTSIDE;
         if (index < settings.chunk_count) {
-            if (!only_seen || seen[index] + 1u == v.stamp) {
+            if (!only_seen || seen[index] + settings.looks_back >= v.stamp) {
                 found = outcome(v, index, against_depths);
             }
             if (!only_seen) {
@@ -161,24 +252,32 @@ fn list(local: u32, v: View, only_seen: bool, against_depths: bool) {
             }
         }
         workgroupBarrier();
+        // Chunks that follow one another are one draw. A draw begins at every chunk before which there is none.
         var before = count;
+        var carry = 0u;
         for (var w = 0u; w < WORDS; w++) {
             let word = atomicLoad(&chosen[w]);
-            let all = countOneBits(word);
+            let begins = word & ~((word << 1u) | carry);
+            carry = word >> 31u;
+            let all = countOneBits(begins);
             if (w < local / 32u) {
                 before += all;
             } else if (w == local / 32u) {
-                before += countOneBits(word & ((1u << (local % 32u)) - 1u));
+                before += countOneBits(begins & ((1u << (local % 32u)) - 1u));
             }
             count += all;
         }
         if (found == VISIBLE) {
-            let at = (face * settings.chunk_count + before) * 5u;
-            draws[at] = chunks[index].index_count;
-            draws[at + 1u] = 1u;
-            draws[at + 2u] = chunks[index].first_index;
-            draws[at + 3u] = 0u;
-            draws[at + 4u] = 0u;
+            if (local == 0u || !is_chosen(local - 1u)) {
+                let last = start + end_of_run(local) - 1u;
+                let first_index = chunks[index].first_index;
+                let at = (face * settings.chunk_count + before) * 5u;
+                draws[at] = chunks[last].first_index + chunks[last].index_count - first_index;
+                draws[at + 1u] = 1u;
+                draws[at + 2u] = first_index;
+                draws[at + 3u] = 0u;
+                draws[at + 4u] = 0u;
+            }
             atomicAdd(&sums[2], chunks[index].index_count / 3u);
         }
         workgroupBarrier();

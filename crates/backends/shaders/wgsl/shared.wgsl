@@ -40,8 +40,9 @@ struct Settings {
     // How far behind the depth at its pixel a tiny patch may be.
     tiny_slack: f32,
     output_entries: u32,
-    unused_0: u32,
-    unused_1: u32,
+    // How many groups of hemicubes back a chunk may have been seen last to be drawn first.
+    looks_back: u32,
+    unused: u32,
 }
 
 // A corner, and the patches of the triangle whose first corner it is: src/upload.rs.

@@ -33,7 +33,7 @@ use hemicube_contract::delta::is_resolution;
 use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
-use hemicube_shaders::view::{stands_on_emitter, views};
+use hemicube_shaders::view::{FIRST_STAMP, stands_on_emitter, views};
 use hemicube_shaders::{Limits, View};
 use reduce::{MARKS, Stages, Work};
 use std::ffi::CStr;
@@ -378,8 +378,7 @@ impl Loaded {
             geometry: Arc::clone(geometry),
             settings,
             judge,
-            // A chunk that nobody saw has stamp 0, and must not count as seen by the group before.
-            stamp: 2,
+            stamp: FIRST_STAMP,
             under_way: [None; FRAMES],
             times: StageTimes::default(),
             sync: Sync::new(gpu, marks)?,

@@ -35,9 +35,9 @@ impl Cull {
 /// Triangles above which chunks are tried at all: with fewer there is one.
 const FEWEST_TRIANGLES: usize = 257;
 /// Hemicubes after which it is decided whether what is hidden is left out.
-const TRIED: u64 = 48;
+const TRIED: u64 = 96;
 /// Hemicubes after which it is tried again: other parts of a scene may hide more.
-const AGAIN: u64 = 2048;
+const AGAIN: u64 = 512;
 /// What finding the hidden costs besides drawing, in triangles a pixel of the top face: the depths of what was seen are
 /// drawn and gone through for the pyramid. Measured on Mesa's software driver.
 const TRIANGLES_A_PIXEL: f64 = 0.3;

@@ -38,6 +38,7 @@ use hemicube_contract::delta::is_resolution;
 use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::stage::binding as b;
+use hemicube_shaders::view::FIRST_STAMP;
 use hemicube_shaders::{Plan, Upload};
 use reduce::{Reduction, Side};
 use render::{Recorder, Rendering, Scene, Views};
@@ -494,7 +495,7 @@ impl HemicubeBackend for Session {
             plan,
             store,
             sides,
-            stamp: 1,
+            stamp: FIRST_STAMP,
             all_marked: false,
             times: StageTimes::default(),
         });
