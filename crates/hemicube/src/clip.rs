@@ -24,6 +24,9 @@ const MOST_PIECES: usize = 200;
 /// miss much more than many do.
 const UNPROVED: [f64; 4] = [0.1, 0.015, 0.006, 0.002];
 
+/// Pieces that the outer triangle is cut into where occluders stand on it, at most.
+const MOST_CUT: usize = 64;
+
 /// Volumes, in cubes of the pair's extent, below which a point counts as on a plane.
 const ROUNDING: f64 = 1e-12;
 
@@ -199,8 +202,10 @@ struct View<'a> {
 
 impl Clipper {
     /// The visible fraction of a pair, refined until its cells' doubts add up to `enough` or there are `most_points`,
-    /// about. `None`
-    /// where a polygon falls in too many pieces, or nothing is left of one triangle in front of the other.
+    /// about. `None` where a polygon falls in too many pieces, or nothing is left of one triangle in front of the other.
+    ///
+    /// With `along_contacts`, no cell has an occluder stand on its inside. From one side of such a line to the other the visible
+    /// factor jumps, and where cells lie along the line, what their points miss adds up with one sign: doubts say too little.
     pub(crate) fn measure(
         &mut self,
         shaft: &Shaft,
@@ -208,6 +213,7 @@ impl Clipper {
         sighting: &Sighting,
         enough: f64,
         most_points: usize,
+        along_contacts: bool,
     ) -> Option<Clipped> {
         let (emitter, receiver) = (&sighting.emitter, &sighting.receiver);
         let tolerance = walls.tree.plane_tolerance;
@@ -256,6 +262,11 @@ impl Clipper {
         if sighting.receiver_is_smaller {
             for triangle in &sighting.over {
                 seen = without(&seen, triangle, receiver_normal, &mut covered);
+            }
+        }
+        if along_contacts {
+            for occluder in &self.occluders {
+                seen = cut_along(&seen, &occluder.outline, (outer[0], outer_normal), tolerance);
             }
         }
         let mut cells = Vec::new();
@@ -511,6 +522,54 @@ impl Occluder {
     }
 }
 
+/// Polygons in the plane through a point with a normal, each cut in two by the line on which `outline` stands on it.
+fn cut_along(polygons: &Pieces, outline: &Polygon, (origin, normal): (DVec3, DVec3), tolerance: f64) -> Pieces {
+    let mut parts = Pieces::default();
+    // Outlines end at the plane, but for rounding.
+    let mut contact = outline
+        .corners()
+        .iter()
+        .copied()
+        .filter(|&p| normal.dot(p - origin).abs() <= 4.0 * tolerance);
+    let line = match (contact.next(), contact.next()) {
+        (Some(a), Some(b)) => (b - a).try_normalize().map(|along| (a, b, normal.cross(along))),
+        _ => None,
+    };
+    for polygon in polygons.as_slice() {
+        let cut = line.and_then(|(a, b, across)| {
+            let (left, right) = polygon.split(across, across.dot(a), tolerance);
+            let is_cut = left.count >= 3 && right.count >= 3 && polygons.count < MOST_CUT;
+            (is_cut && meets(polygon, (a, b), normal, tolerance)).then_some([left, right])
+        });
+        match cut {
+            Some(halves) => halves.iter().for_each(|half| parts.keep(half)),
+            None => parts.push(polygon.corners().iter().copied()),
+        }
+    }
+    parts
+}
+
+/// Whether some of a segment lies inside a convex polygon of its plane, which goes around `normal` in either sense.
+fn meets(polygon: &Polygon, (a, b): (DVec3, DVec3), normal: DVec3, tolerance: f64) -> bool {
+    let corners = polygon.corners();
+    let middle = corners.iter().sum::<DVec3>() / corners.len().max(1) as f64;
+    let (mut from, mut to) = (0.0_f64, 1.0_f64);
+    for (k, &p) in corners.iter().enumerate() {
+        let inwards = normal.cross(corners[(k + 1) % corners.len()] - p);
+        let inwards = inwards * inwards.dot(middle - p).signum();
+        let (ha, hb) = (inwards.dot(a - p), inwards.dot(b - p));
+        if ha < 0.0 && hb < 0.0 {
+            return false;
+        }
+        if ha < 0.0 {
+            from = from.max(ha / (ha - hb));
+        } else if hb < 0.0 {
+            to = to.min(ha / (ha - hb));
+        }
+    }
+    (to - from) * (b - a).length() > tolerance
+}
+
 /// Polygons in one plane without what a triangle in it covers, which is added to `covered`.
 fn without(polygons: &Pieces, triangle: &[DVec3; 3], normal: DVec3, covered: &mut Pieces) -> Pieces {
     let mut rest = Pieces::default();
@@ -546,6 +605,76 @@ mod tests {
         [[a, b, c], [a, c, d]]
     }
 
+    /// Quads as patches, two triangles each; what comes after the first two quads has two sides.
+    fn model_of(quads: &[[[DVec3; 3]; 2]], turn: DQuat) -> Model {
+        let triangles = quads.concat().into_iter().enumerate().map(|(k, t)| Triangle {
+            corners: t.map(|q| turn * q),
+            object: 0,
+            material: 0,
+            face: 0,
+            two_sided: k >= 4,
+        });
+        let scene = Scene {
+            triangles: triangles.collect(),
+            ..Scene::default()
+        };
+        let patches = Patches::new(&scene, Subdivision::None).expect("patches");
+        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
+    }
+
+    /// From quad to quad: the factor, and the most by which a pair's fraction may be off by its own account.
+    fn factor_of(model: &Model, [from, to]: [[u32; 2]; 2], along_contacts: bool, enough: f64) -> (f64, f64) {
+        let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(model));
+        let (mut exchange, mut whole, mut change) = (0.0, 0.0, 0.0_f64);
+        for i in from {
+            let own = model.normalised_corners(i);
+            whole += 0.5 * (own[1] - own[0]).cross(own[2] - own[0]).length();
+            for j in to {
+                let other = model.normalised_corners(j);
+                let mut shaft = Shaft::default();
+                let sighting = shaft.sight(surfaces, walls, (i, &own), (j, &other));
+                let rule = crate::factor::FactorRule::for_tolerance(1e-5);
+                let clipped = Clipper::default()
+                    .measure(&shaft, walls, &sighting, enough, 20_000, along_contacts)
+                    .expect("a fraction");
+                exchange += crate::factor::exchange(&own, &other, &rule) * clipped.fraction;
+                change = change.max(clipped.change);
+            }
+        }
+        (exchange / whole, change)
+    }
+
+    /// A plate sticks through a leaning wall along a line that cells of the wall lie along, too. The factor is by adaptive quadrature
+    /// over points of the floor, from which all is cut exactly.
+    #[test]
+    fn cells_end_where_an_obstruction_sticks_through() {
+        let p = DVec3::new;
+        let (far, wide, top, high) = (2.854, 1.452, 1.108_888_878, 1.619_794_572);
+        let floor = quad([p(0., 0., 0.), p(far, 0., 0.), p(far, wide, 0.), p(0., wide, 0.)]);
+        let wall = quad([p(0., 0., 0.), p(0., wide, 0.), p(top, wide, high), p(top, 0., high)]);
+        let plate = |[x, u]: [f64; 2], [y, v]: [f64; 2], z| quad([p(x, y, z), p(u, y, z), p(u, v, z), p(x, v, z)]);
+        let through = plate([0.2731, 1.2191], [0.5547, 1.0327], 0.5508);
+        let above = plate([0.8544, 1.5454], [0.4203, 1.3843], 0.6887);
+        let exact = 0.203_167_01;
+        for turn in [
+            DQuat::IDENTITY,
+            DQuat::from_axis_angle(p(1., 2., 3.).normalize(), 2f64.sqrt()),
+        ] {
+            let model = model_of(&[floor, wall, through, above], turn);
+            let off = |along_contacts| {
+                let (factor, change) = factor_of(&model, [[0, 1], [2, 3]], along_contacts, 3e-4);
+                assert!(change <= 3e-4, "{turn}: {change}");
+                (factor / exact - 1.0).abs()
+            };
+            let (cut, whole) = (off(true), off(false));
+            assert!(cut < 3e-4, "{turn}: {cut}");
+            assert!(
+                whole > 3.0 * cut && whole > 6e-4,
+                "without, doubts are as small and wrong: {whole}, {cut}"
+            );
+        }
+    }
+
     /// A low wall between a floor and a wall, as is and turned: its foot lies in the floor's plane but for rounding. The
     /// factor was computed by 40-point Gauss–Legendre quadrature over each smooth piece.
     #[test]
@@ -560,23 +689,7 @@ mod tests {
             DQuat::from_axis_angle(p(1., 2., 3.).normalize(), 2f64.sqrt()),
             DQuat::from_axis_angle(p(-2., 1., 0.5).normalize(), 0.7),
         ] {
-            let triangles = [floor, wall, low].concat();
-            let scene = Scene {
-                triangles: triangles
-                    .into_iter()
-                    .enumerate()
-                    .map(|(k, t)| Triangle {
-                        corners: t.map(|q| turn * q),
-                        object: 0,
-                        material: 0,
-                        face: 0,
-                        two_sided: k >= 4,
-                    })
-                    .collect(),
-                ..Scene::default()
-            };
-            let patches = Patches::new(&scene, Subdivision::None).expect("patches");
-            let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+            let model = model_of(&[floor, wall, low], turn);
             let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(&model));
             for (from, to) in [([0, 1], [2, 3]), ([2, 3], [0, 1])] {
                 let mut sum = 0.0;
@@ -589,7 +702,7 @@ mod tests {
                         let open = 2.0 * crate::factor::exchange(&own, &other, &rule)
                             / (own[1] - own[0]).cross(own[2] - own[0]).length();
                         let clipped = Clipper::default()
-                            .measure(&shaft, walls, &sighting, 1e-3, 20_000)
+                            .measure(&shaft, walls, &sighting, 1e-3, 20_000, false)
                             .expect("a fraction");
                         sum += 0.5 * open * clipped.fraction;
                         let mut cast = crate::shaft::Cast::default();

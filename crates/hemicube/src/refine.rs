@@ -824,7 +824,7 @@ impl Refiner {
             let enough = EACH_SHARE * self.refinement.tolerance * (SMALL_FACTOR / pair.open).max(1.0);
             let measured = self
                 .clipper
-                .measure(&self.shaft, walls, &sighting, enough, MOST_POINTS_EACH);
+                .measure(&self.shaft, walls, &sighting, enough, MOST_POINTS_EACH, true);
             if let Some(clipped) = measured {
                 pair.fraction = clipped.fraction;
                 refined.points += clipped.points as u64;
@@ -974,7 +974,9 @@ impl Refiner {
             if is_poor || (wanted > MANY_RAYS && rays >= KNOWN_RAYS) {
                 // What so many rays would leave.
                 let enough = spread * left_by(wanted.max(1.0)).sqrt();
-                let clipped = self.clipper.measure(&self.shaft, walls, &sighting, enough, MOST_POINTS);
+                let clipped = self
+                    .clipper
+                    .measure(&self.shaft, walls, &sighting, enough, MOST_POINTS, false);
                 if let Some(clipped) = clipped {
                     pair.fraction = clipped.fraction;
                     refined.rays += rays as u64;
