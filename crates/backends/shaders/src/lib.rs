@@ -4,7 +4,7 @@
 //! committed; `tests/generated.rs` translates again and compares, `BLESS=1` writes):
 //!
 //! ```text
-//! cull_seen ▶ render (depths of what was seen last) ▶ pyramid_of ▶ cull_hidden ▶ render (ids) ▶ reduce ▶ tiny ▶ compact ▶ cover ▶ pack
+//! cull_seen ▶ render (depths of what was seen lately) ▶ pyramid_of ▶ cull_hidden ▶ render (ids) ▶ reduce ▶ tiny ▶ compact ▶ cover ▶ pack
 //! ```
 //!
 //! The first three only with occlusion culling, `tiny` and `cover` only with covered weights. The ids are drawn by one list
