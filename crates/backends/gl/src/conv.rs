@@ -10,6 +10,7 @@ use hemicube_contract::backend::{
 use hemicube_contract::delta::is_resolution;
 use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
+use hemicube_shaders::Edges;
 use std::ffi::CStr;
 use std::fmt;
 use std::sync::Arc;
@@ -20,6 +21,8 @@ pub struct Gl;
 
 /// Rows of the same version are the same on the same device.
 const VERSION: &CStr = c"gpu-1";
+/// The same with `edges=exact`, by which rows are others.
+const EXACT_VERSION: &CStr = c"gpu-1-exact";
 
 impl Plugin for Gl {
     const NAME: &'static CStr = c"gl";
@@ -95,13 +98,18 @@ impl Session {
         let device = Device::open(device, options.debug)?;
         let programs = {
             let entered = device.enter()?;
-            let programs = Programs::new(&entered)?;
+            let programs = Programs::new(&entered, options.edges)?;
             entered.check("compiling shaders")?;
             programs
         };
         let info = BackendInfo {
             name: "gl".to_owned(),
-            version: VERSION.to_string_lossy().into_owned(),
+            version: match options.edges {
+                Edges::Driver => VERSION,
+                Edges::Exact => EXACT_VERSION,
+            }
+            .to_string_lossy()
+            .into_owned(),
             device: device.name.clone(),
             capabilities: capabilities(options.dense()),
             preferred_rows: PREFERRED_ROWS,

@@ -376,7 +376,7 @@ pub(crate) fn devices() -> Vec<DeviceInfo> {
 }
 
 /// Binding points of storage buffers that the shaders number.
-pub(crate) const STORAGE_BINDINGS: i32 = 28;
+pub(crate) const STORAGE_BINDINGS: i32 = 32;
 
 /// What a driver allows.
 #[derive(Clone, Copy, Debug)]

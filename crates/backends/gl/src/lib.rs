@@ -5,8 +5,9 @@
 //! culling, one hemicube a call and whole rows read back, and *thesis*, the octree with occlusion queries and coherence of
 //! Vázquez and Guartes 2017.
 //!
-//! Options: `baseline=best|original|thesis`, `cull=auto|off|view|frustum|queries|marks|depth`, `max_level=N` and
-//! `min_patches=N` of the octree for queries and marks, `batch=N`, `group=N`, `memory=BYTES`, `timing=on`, `debug=on`.
+//! Options: `baseline=best|original|thesis`, `cull=auto|off|view|frustum|queries|marks|depth`,
+//! `edges=driver|exact` (who says on which side of an edge a pixel lies: docs/gpu.md), `max_level=N` and `min_patches=N` of the
+//! octree for queries and marks, `batch=N`, `group=N`, `memory=BYTES`, `timing=on`, `debug=on`.
 
 mod ask;
 mod conv;

@@ -1,6 +1,7 @@
 //! What `--backend-option` may say.
 
 use hemicube_contract::backend::BackendError;
+use hemicube_shaders::Edges;
 
 /// How hidden chunks are found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,6 +50,8 @@ pub(crate) struct Options {
     baseline: Baseline,
     /// `None` for the choice by scene.
     cull: Option<Cull>,
+    /// Who says on which side of an edge a pixel lies.
+    pub(crate) edges: Edges,
     /// Nodes of the octree at this level are not divided.
     pub(crate) max_level: u32,
     /// Nodes with no more triangles than this are drawn without a query. `None` for the choice by scene.
@@ -92,6 +95,10 @@ impl Options {
                 ));
             }
         };
+        let edges = match given.take("edges") {
+            None => Edges::default(),
+            Some(value) => Edges::parse(value).ok_or_else(|| wrong("edges", value, "`driver` or `exact`"))?,
+        };
         let memory = match given.take("memory") {
             None => None,
             Some(value) => Some(value.parse().map_err(|_| wrong("memory", value, "a number of bytes"))?),
@@ -106,6 +113,7 @@ impl Options {
         let options = Self {
             baseline,
             cull,
+            edges,
             max_level: number("max_level", 0)?.unwrap_or(16),
             min_patches: number("min_patches", 0)?,
             batch: number("batch", 1)?,
@@ -118,6 +126,11 @@ impl Options {
         if options.baseline != Baseline::Best && (options.cull.is_some() || options.batch.is_some()) {
             return Err(BackendError::InvalidArgument(
                 "a baseline has its own culling, one hemicube at a time: leave out `cull` and `batch`".to_owned(),
+            ));
+        }
+        if options.baseline != Baseline::Best && options.edges == Edges::Exact {
+            return Err(BackendError::InvalidArgument(
+                "a baseline has the driver's edges: leave out `edges=exact`, or `baseline`".to_owned(),
             ));
         }
         Ok(options)
@@ -169,6 +182,8 @@ mod tests {
             ("cull=yes", "yes"),
             ("batch=0", "batch"),
             ("baseline=thesis,batch=4", "baseline"),
+            ("edges=sharp", "sharp"),
+            ("baseline=original,edges=exact", "edges"),
             ("timing=perhaps", "perhaps"),
         ] {
             let error = Options::parse(text).expect_err(text).to_string();

@@ -4,6 +4,8 @@
 //! cull ▶ depths of what is thought to be in front ▶ cull ▶ ids ▶ reduce ▶ tiny ▶ compact ▶ cover ▶ pack
 //! ```
 //!
+//! With `edges=exact`, pixels near edges are settled after `reduce`: see `hemicube_shaders`.
+//!
 //! What is culled never shows in a row: culling looks at depths only, and then the ids of all that may be seen are drawn
 //! anew, in the fixed order of the chunks, into a cleared depth buffer.
 
@@ -17,11 +19,12 @@ use hemicube_contract::backend::{BackendError, Counters, Culling, Geometry, Hemi
 use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::face::{Face, Items};
 use hemicube_contract::row::RowBlock;
+use hemicube_shaders::limits::SETTLE_GROUPS;
 use hemicube_shaders::output::{ENTRY_WORDS, HEADER_WORDS, append_rows, entry_words};
 use hemicube_shaders::stage::{self, Stage, binding};
 use hemicube_shaders::upload::{VERTEX_BYTES, split};
 use hemicube_shaders::view::{FACES, FIRST_STAMP, VIEW_BYTES, settings_words, stands_on_emitter};
-use hemicube_shaders::{Limits, Plan, Upload, View, views};
+use hemicube_shaders::{Edges, Limits, Plan, Upload, View, views};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -43,10 +46,20 @@ pub(crate) struct Programs {
     tiny: glow::Program,
     compact: glow::Program,
     pack: glow::Program,
+    settling: Option<Settling>,
+}
+
+/// The programs that give pixels near edges to the triangle that their centre lies in.
+#[derive(Clone, Copy, Debug)]
+struct Settling {
+    near_edges: glow::Program,
+    settle: glow::Program,
+    put_settled: glow::Program,
+    take_back: glow::Program,
 }
 
 impl Programs {
-    pub(crate) fn new(entered: &Entered<'_>) -> Result<Self, BackendError> {
+    pub(crate) fn new(entered: &Entered<'_>, edges: Edges) -> Result<Self, BackendError> {
         let depth = include_str!("glsl/depth.frag");
         let compute = |stage: &Stage| program(entered, stage.entry, &[(glow::COMPUTE_SHADER, stage.glsl)]);
         let drawing = |name: &str, vertex: &str, fragment: &str| {
@@ -56,11 +69,28 @@ impl Programs {
                 &[(glow::VERTEX_SHADER, vertex), (glow::FRAGMENT_SHADER, fragment)],
             )
         };
+        let (ids, ids_of_others, reduce) = match edges {
+            Edges::Driver => (&stage::IDENTIFY, &stage::IDENTIFY_OTHERS, &stage::REDUCE),
+            Edges::Exact => (
+                &stage::IDENTIFY_SIDES,
+                &stage::IDENTIFY_OTHER_SIDES,
+                &stage::REDUCE_SIDES,
+            ),
+        };
+        let settling = match edges {
+            Edges::Driver => None,
+            Edges::Exact => Some(Settling {
+                near_edges: compute(&stage::NEAR_EDGES)?,
+                settle: compute(&stage::SETTLE)?,
+                put_settled: compute(&stage::PUT_SETTLED)?,
+                take_back: compute(&stage::TAKE_BACK)?,
+            }),
+        };
         Ok(Self {
             depths: drawing("depths", stage::RENDER.glsl, depth)?,
             depths_of_others: drawing("depths of others", stage::RENDER.glsl, stage::OCCLUDE_OTHERS.glsl)?,
-            ids: drawing("ids", stage::RENDER.glsl, stage::IDENTIFY.glsl)?,
-            ids_of_others: drawing("ids of others", stage::RENDER.glsl, stage::IDENTIFY_OTHERS.glsl)?,
+            ids: drawing("ids", stage::RENDER.glsl, ids.glsl)?,
+            ids_of_others: drawing("ids of others", stage::RENDER.glsl, ids_of_others.glsl)?,
             boxes: drawing("boxes", include_str!("glsl/box.vert"), depth)?,
             marks: drawing("marks", include_str!("glsl/box.vert"), include_str!("glsl/mark.frag"))?,
             cover: drawing("cover", stage::COVER.glsl, stage::ADD_HIDDEN.glsl)?,
@@ -68,10 +98,11 @@ impl Programs {
             cull_hidden: compute(&stage::CULL_HIDDEN)?,
             cull_outside: compute(&stage::CULL_OUTSIDE)?,
             pyramid: compute(&stage::PYRAMID_OF)?,
-            reduce: compute(&stage::REDUCE)?,
+            reduce: compute(reduce)?,
             tiny: compute(&stage::TINY)?,
             compact: compute(&stage::COMPACT)?,
             pack: compute(&stage::PACK)?,
+            settling,
         })
     }
 }
@@ -338,6 +369,9 @@ impl Scene {
             gl.bind_buffer_base(glow::UNIFORM_BUFFER, binding::SETTINGS, Some(uniforms));
             gl.bind_texture_unit(binding::ITEMS, Some(items));
             gl.bind_texture_unit(binding::DEPTHS, Some(depths));
+            if plan.edges == Edges::Exact {
+                gl.bind_image_texture(ITEMS_UNIT, Some(items), 0, true, 0, glow::WRITE_ONLY, glow::R32UI);
+            }
             gl.bind_vertex_array(Some(vertices));
             gl.bind_buffer(glow::ARRAY_BUFFER, Some(named(binding::VERTICES)?));
             gl.bind_buffer(glow::ELEMENT_ARRAY_BUFFER, Some(named(binding::INDICES)?));
@@ -997,6 +1031,16 @@ impl Scene {
         let layers = u32::try_from(group.len()).unwrap_or(u32::MAX);
         self.bind_view(entered, half, slot, 0);
         self.dispatch(entered, programs.reduce, [self.plan.reduce_groups(), layers, 1]);
+        if let Some(settling) = programs.settling {
+            self.dispatch(entered, settling.near_edges, [SETTLE_GROUPS, layers, 1]);
+            self.dispatch(entered, settling.settle, [SETTLE_GROUPS, layers, 1]);
+            // SAFETY: the context is current. The item buffer is written as an image after it was read as a texture, and
+            // read and drawn to after that.
+            unsafe { gl.memory_barrier(glow::SHADER_IMAGE_ACCESS_BARRIER_BIT) };
+            self.dispatch(entered, settling.put_settled, [SETTLE_GROUPS, layers, 1]);
+            // SAFETY: as above.
+            unsafe { gl.memory_barrier(glow::SHADER_IMAGE_ACCESS_BARRIER_BIT | glow::FRAMEBUFFER_BARRIER_BIT) };
+        }
         if self.options.dense() {
             self.timed(entered, Time::Reduce);
             return Ok(());
@@ -1025,6 +1069,9 @@ impl Scene {
                 }
             }
             self.bind_view(entered, half, slot, 0);
+            if let Some(settling) = programs.settling {
+                self.dispatch(entered, settling.take_back, [SETTLE_GROUPS, layers, 1]);
+            }
             self.timed(entered, Time::Cover);
         }
         self.dispatch(entered, programs.pack, [PACK_GROUPS, layers, 1]);
@@ -1178,6 +1225,10 @@ impl Scene {
             0,
             &mut Counters::default(),
         )?;
+        if programs.settling.is_some() {
+            // Ids are settled on the way to a row.
+            self.reduce_group(entered, programs, std::slice::from_ref(hemicube), 0, 0)?;
+        }
         let n = self.settings.resolution;
         let mut bytes = vec![0u8; 12 * n as usize * n as usize];
         let [width, height] = [n, 3 * n].map(|k| i32::try_from(k).unwrap_or(i32::MAX));
@@ -1200,8 +1251,8 @@ impl Scene {
         let count = self.upload.patch_count;
         let seen = words.iter().map(|&word| match u32::from_ne_bytes(word) {
             id if id < count => id,
-            id if id == count => Items::BLOCKED,
-            _ => Items::ESCAPED,
+            id if id == count + 1 => Items::ESCAPED,
+            _ => Items::BLOCKED,
         });
         Ok(Items {
             resolution: n,
@@ -1228,10 +1279,12 @@ struct Made {
 
 /// Bindings of what this backend has besides the shared shaders' (`glsl/`): boxes, nodes asked about, and the answers.
 const BOXES: u32 = 0;
+/// The image unit of `binding::SETTLED_ITEMS`.
+const ITEMS_UNIT: u32 = 0;
 const ASKED: u32 = binding::COUNT;
 const MARKS: u32 = binding::COUNT + 1;
 const _: () = assert!(
-    ASKED == 26 && MARKS == 27 && MARKS + 1 == crate::device::STORAGE_BINDINGS.unsigned_abs(),
+    ASKED == 30 && MARKS == 31 && MARKS + 1 == crate::device::STORAGE_BINDINGS.unsigned_abs(),
     "as `glsl/box.vert` and `glsl/mark.frag` say"
 );
 
@@ -1288,5 +1341,6 @@ fn limits(device: &Device, options: &Options) -> Limits {
         group: options.group.unwrap_or(group).min(batch),
         batch,
         copies_depths: false,
+        edges: options.edges,
     }
 }

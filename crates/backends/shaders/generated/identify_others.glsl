@@ -91,10 +91,18 @@ vec4 clip_position(View v_3, vec3 high_2, vec3 low_2) {
     return vec4(_e5.x, _e5.y, NEAR, _e5.z);
 }
 
-Seen seen(bool front_2, uvec2 patches_4, float depth) {
-    uint id = (front_2 ? patches_4.x : patches_4.y);
+Seen seen(bool front_4, uvec2 patches_6, float depth) {
+    uint id = (front_4 ? patches_6.x : patches_6.y);
     uint _e10 = _group_1_binding_1_fs.patch_count;
     return Seen(id, ((id == _e10) ? (depth * BACK) : depth));
+}
+
+Seen seen_side(bool front_5, uvec2 patches_7, float depth_1) {
+    Seen _e3 = seen(front_5, patches_7, depth_1);
+    uint _e6 = _group_1_binding_1_fs.patch_count;
+    uint side = ((_e6 + 2u) + patches_7.x);
+    uint _e15 = _group_1_binding_1_fs.patch_count;
+    return Seen(((_e3.id == _e15) ? side : _e3.id), _e3.depth);
 }
 
 void main() {

@@ -89,9 +89,9 @@ vec4 clip_position(View v_3, vec3 high_2, vec3 low_2) {
 }
 
 void main() {
-    uvec2 patches_3 = _vs2fs_location0;
+    uvec2 patches_5 = _vs2fs_location0;
     uint _e3 = _group_0_binding_0_fs.emitter;
-    if (any(equal(patches_3, uvec2(_e3)))) {
+    if (any(equal(patches_5, uvec2(_e3)))) {
         discard;
     } else {
         return;

@@ -7,6 +7,30 @@ use crate::view::{FACES, VIEW_BYTES};
 use hemicube_contract::backend::{BackendError, RenderSettings};
 use hemicube_contract::face::pixel_count;
 
+/// Groups of 64 threads that go through the lists of a layer: a thousand pixels and ten thousand edges at N = 256.
+pub const SETTLE_GROUPS: u32 = 16;
+
+/// Who says on which side of an edge a pixel's centre lies: the option `edges`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Edges {
+    /// The driver, which snaps corners to some fraction of a pixel, mostly 1/256.
+    #[default]
+    Driver,
+    /// The corners themselves, by a stage more (`wgsl/settle.wgsl`).
+    Exact,
+}
+
+impl Edges {
+    /// What the option's value means; `None` for what it cannot be.
+    pub fn parse(value: &str) -> Option<Self> {
+        match value {
+            "driver" => Some(Self::Driver),
+            "exact" => Some(Self::Exact),
+            _ => None,
+        }
+    }
+}
+
 /// What a device allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
@@ -26,6 +50,8 @@ pub struct Limits {
     /// Whether depths are copied to a buffer for the pyramid ([`crate::stage::PYRAMID_OF_COPY`]): for software, which reads
     /// buffers faster than textures.
     pub copies_depths: bool,
+    /// Who says where edges pass.
+    pub edges: Edges,
 }
 
 /// How the device is used for a scene.
@@ -45,6 +71,8 @@ pub struct Plan {
     pub covered: bool,
     /// Whether depths are copied to a buffer before they are read: [`Limits::copies_depths`].
     pub copies_depths: bool,
+    /// Who says where edges pass: [`Limits::edges`].
+    pub edges: Edges,
 }
 
 /// A buffer whose size depends on the scene or the plan.
@@ -74,6 +102,12 @@ impl Plan {
                 limits.image_edge
             )));
         }
+        if limits.edges == Edges::Exact && upload.patch_count > u32::MAX / 2 - 2 {
+            return Err(BackendError::Unsupported(format!(
+                "{} patches and their backs are more than 32-bit ids can tell apart; leave out `edges=exact`",
+                upload.patch_count
+            )));
+        }
         let mut plan = Self {
             resolution,
             group: limits.group.min(limits.layers).max(1),
@@ -88,6 +122,7 @@ impl Plan {
             word_count: upload.patch_count.div_ceil(32).max(1),
             covered: settings.covered,
             copies_depths: limits.copies_depths,
+            edges: limits.edges,
         };
         plan.batch = limits.batch.max(plan.group) / plan.group * plan.group;
         loop {
@@ -125,6 +160,8 @@ impl Plan {
         let chunks = upload.chunks.len().max(1) as u64;
         let patches = u64::from(upload.patch_count.max(1));
         let faces = u64::from(FACES);
+        let pixels = pixel_count(self.resolution) as u64;
+        let settled = |words: u64| if self.edges == Edges::Exact { group * words } else { 1 };
         let words = |name, binding, words: u64| Size {
             name,
             binding,
@@ -177,6 +214,9 @@ impl Plan {
                     1
                 },
             ),
+            words("marks of pixels near edges", b::NEAR, settled(pixels / 32 + 2)),
+            words("pixels near edges", b::LISTED, settled(4 * pixels)),
+            words("weights of sides", b::SIDES, settled(2 * patches + 2)),
         ]
     }
 

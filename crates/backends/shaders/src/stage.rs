@@ -65,6 +65,10 @@ stages! {
     IDENTIFY: "render" "identify" Fragment;
     /// As [`IDENTIFY`], without the emitter: see [`crate::view::stands_on_emitter`].
     IDENTIFY_OTHERS: "render" "identify_others" Fragment;
+    /// As [`IDENTIFY`], with backs that block told apart: for [`crate::Edges::Exact`].
+    IDENTIFY_SIDES: "render" "identify_sides" Fragment;
+    /// As [`IDENTIFY_SIDES`], without the emitter.
+    IDENTIFY_OTHER_SIDES: "render" "identify_other_sides" Fragment;
     /// For depths alone, without the emitter.
     OCCLUDE_OTHERS: "render" "occlude_others" Fragment;
     /// Groups: resolution / 16, 3 × resolution / 16, layers.
@@ -89,6 +93,16 @@ stages! {
     ADD_HIDDEN: "cover" "add_hidden" Fragment;
     /// Groups: any number (for bandwidth), layers.
     PACK: "pack" "pack" Compute;
+    /// In place of [`REDUCE`] where edges are exact, in as many groups.
+    REDUCE_SIDES: "settle" "reduce_sides" Compute;
+    /// Groups: [`crate::limits::SETTLE_GROUPS`], layers.
+    NEAR_EDGES: "settle" "near_edges" Compute;
+    /// Groups: [`crate::limits::SETTLE_GROUPS`], layers.
+    SETTLE: "settle" "settle" Compute;
+    /// Groups: [`crate::limits::SETTLE_GROUPS`], layers.
+    PUT_SETTLED: "settle" "put_settled" Compute;
+    /// After [`COVER`], where edges are exact. Groups: [`crate::limits::SETTLE_GROUPS`], layers.
+    TAKE_BACK: "settle" "take_back" Compute;
 }
 
 /// Binding numbers. [`VIEW`](binding::VIEW) is in group 0, with a dynamic offset; all others are in group 1.
@@ -145,8 +159,16 @@ pub mod binding {
     pub const CENTROIDS: u32 = 24;
     /// Storage: depths, `[layer][pixel]`, for [`PYRAMID_OF_COPY`](super::PYRAMID_OF_COPY).
     pub const DEPTH_COPY: u32 = 25;
+    /// Storage: a bit for each pixel that an edge passes near, and two counts, `[layer][pixels / 32 + 2]`. Zeroed once.
+    pub const NEAR: u32 = 26;
+    /// Storage: those pixels, three words each, and what is shown, a word each: `[layer][4 × pixels]`.
+    pub const LISTED: u32 = 27;
+    /// Storage: the weight that each id shows, `[layer][2 × patch_count + 2]`. Zeroed once.
+    pub const SIDES: u32 = 28;
+    /// Image that is written: the item buffer again. In GLSL image unit 0, as there are fewer of these.
+    pub const SETTLED_ITEMS: u32 = 29;
     /// One past the last.
-    pub const COUNT: u32 = 26;
-    /// The textures; all others but the uniforms are storage buffers.
+    pub const COUNT: u32 = 30;
+    /// The textures. All others are storage buffers, but for the uniforms and [`SETTLED_ITEMS`].
     pub const TEXTURES: [u32; 2] = [DEPTHS, ITEMS];
 }

@@ -54,7 +54,13 @@ fn to_glsl(stage: &Stage) -> String {
     let (module, info) = module(stage.file);
     let map = module.global_variables.iter().filter_map(|(_, variable)| {
         let at = variable.binding?;
-        Some((at, u8::try_from(at.binding).expect("few bindings")))
+        // Drivers have as few as eight image units, and there is one image.
+        let unit = if at.binding == binding::SETTLED_ITEMS {
+            0
+        } else {
+            at.binding
+        };
+        Some((at, u8::try_from(unit).expect("few bindings")))
     });
     let options = glsl::Options {
         version: glsl::Version::Desktop(450),

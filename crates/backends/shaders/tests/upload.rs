@@ -5,7 +5,7 @@ use hemicube::{HierarchyOptions, Model};
 use hemicube_contract::backend::{Culling, RenderSettings, Surface};
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, generate};
 use hemicube_scene::{Patches, Scene, Subdivision};
-use hemicube_shaders::{Limits, Plan, Upload};
+use hemicube_shaders::{Edges, Limits, Plan, Upload};
 
 fn model(scene: &Scene) -> Model {
     let patches = Patches::new(scene, Subdivision::None).expect("a scene that fits");
@@ -144,7 +144,7 @@ fn centroids_are_those_of_the_triangles() {
 #[test]
 fn what_does_not_fit_is_refused_and_named() {
     let model = made(Kind::City);
-    let upload = Upload::new(model.geometry()).expect("it fits");
+    let mut upload = Upload::new(model.geometry()).expect("it fits");
     let settings = RenderSettings {
         resolution: 256,
         culling: Culling::On,
@@ -158,6 +158,7 @@ fn what_does_not_fit_is_refused_and_named() {
         group: 4,
         batch: 32,
         copies_depths: true,
+        edges: Edges::Driver,
     };
     let plan = Plan::new(&upload, settings, limits).expect("plenty");
     assert_eq!((plan.group, plan.batch), (4, 32));
@@ -197,4 +198,15 @@ fn what_does_not_fit_is_refused_and_named() {
         })
         .contains("768 rows")
     );
+    // Backs need ids of their own where edges are exact.
+    let exact = Limits {
+        edges: Edges::Exact,
+        ..limits
+    };
+    assert!(Plan::new(&upload, settings, exact).expect("plenty").bytes(&upload) > plan.bytes(&upload));
+    upload.patch_count = u32::MAX / 2;
+    let refused = Plan::new(&upload, settings, exact)
+        .expect_err("too many ids")
+        .to_string();
+    assert!(refused.contains("edges=exact"), "{refused}");
 }

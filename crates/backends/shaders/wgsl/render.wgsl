@@ -50,6 +50,35 @@ fn identify_others(
     return seen(front, patches, position.z);
 }
 
+// For `edges=exact`: a back that blocks is told by the patch at its front, whose triangle the settle stage then knows. Until
+// rows are summed up, ids are patches, `patch_count + 1` for escaped, and `patch_count + 2` and more for backs.
+fn seen_side(front: bool, patches: vec2<u32>, depth: f32) -> Seen {
+    let shown = seen(front, patches, depth);
+    let side = settings.patch_count + 2u + patches.x;
+    return Seen(select(shown.id, side, shown.id == settings.patch_count), shown.depth);
+}
+
+@fragment
+fn identify_sides(
+    @builtin(position) position: vec4<f32>,
+    @builtin(front_facing) front: bool,
+    @location(0) @interpolate(flat) patches: vec2<u32>,
+) -> Seen {
+    return seen_side(front, patches, position.z);
+}
+
+@fragment
+fn identify_other_sides(
+    @builtin(position) position: vec4<f32>,
+    @builtin(front_facing) front: bool,
+    @location(0) @interpolate(flat) patches: vec2<u32>,
+) -> Seen {
+    if (any(patches == vec2<u32>(view.emitter))) {
+        discard;
+    }
+    return seen_side(front, patches, position.z);
+}
+
 @fragment
 fn occlude_others(@location(0) @interpolate(flat) patches: vec2<u32>) {
     if (any(patches == vec2<u32>(view.emitter))) {

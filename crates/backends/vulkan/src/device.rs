@@ -547,6 +547,7 @@ impl Image {
         format: vk::Format,
         extent: vk::Extent2D,
         layers: u32,
+        besides: vk::ImageUsageFlags,
     ) -> Result<Self, BackendError> {
         let is_depth = format == vk::Format::D32_SFLOAT;
         let (usage, aspect) = if is_depth {
@@ -565,7 +566,7 @@ impl Image {
             .array_layers(layers)
             .samples(vk::SampleCountFlags::TYPE_1)
             .tiling(vk::ImageTiling::OPTIMAL)
-            .usage(usage | vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_SRC);
+            .usage(usage | besides | vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_SRC);
         let failed = |r| conv::error(what, r);
         // SAFETY: an image of this device, bound to memory of its needs before anyone uses it; `drop` destroys what is there.
         unsafe {

@@ -7,6 +7,7 @@
 //!
 //! ```text
 //! cull        auto | off | frustum | occlusion     rows are the same with each
+//! edges       driver | exact                       who says on which side of an edge a pixel lies: docs/gpu.md
 //! timing      on | off                             fills `stage_times`, and slows down
 //! validation  on | off                             with Vulkan's validation layer; whatever it says is an error
 //! batch       hemicubes of a submission
@@ -34,7 +35,7 @@ use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
 use hemicube_shaders::view::{FIRST_STAMP, stands_on_emitter, views};
-use hemicube_shaders::{Limits, View};
+use hemicube_shaders::{Edges, Limits, View};
 use reduce::{MARKS, Stages, Work};
 use std::ffi::CStr;
 use std::sync::Arc;
@@ -58,6 +59,8 @@ impl Plugin for Session {
 
 /// Version of the arithmetic: it changes when any row could change by a bit on the same driver.
 const VERSION: &CStr = c"gpu-1";
+/// The same with `edges=exact`, by which rows are others.
+const EXACT_VERSION: &CStr = c"gpu-1-exact";
 
 const CAPABILITIES: Capabilities = Capabilities {
     covered: true,
@@ -96,6 +99,7 @@ pub fn open(device: u32, options: &str) -> Result<Session, BackendError> {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Options {
     cull: Choice,
+    edges: Edges,
     timing: bool,
     validation: bool,
     batch: Option<u32>,
@@ -129,6 +133,7 @@ impl Options {
                         _ => return Err(wrong("auto, off, frustum or occlusion")),
                     }
                 }
+                "edges" => options.edges = Edges::parse(value).ok_or_else(|| wrong("driver or exact"))?,
                 "timing" => options.timing = switch()?,
                 "validation" => options.validation = switch()?,
                 "batch" => options.batch = count()?,
@@ -136,7 +141,7 @@ impl Options {
                 "memory" => options.memory = Some(value.parse().map_err(|_| wrong("a number of bytes"))?),
                 _ => {
                     return Err(BackendError::InvalidArgument(format!(
-                        "there is no option `{key}`; there are cull, timing, validation, batch, group and memory"
+                        "there is no option `{key}`; there are cull, edges, timing, validation, batch, group and memory"
                     )));
                 }
             }
@@ -264,7 +269,12 @@ impl Session {
         Ok(Self {
             info: BackendInfo {
                 name: Self::NAME.to_string_lossy().into_owned(),
-                version: VERSION.to_string_lossy().into_owned(),
+                version: match options.edges {
+                    Edges::Driver => VERSION,
+                    Edges::Exact => EXACT_VERSION,
+                }
+                .to_string_lossy()
+                .into_owned(),
                 device: gpu.name.clone(),
                 capabilities: CAPABILITIES,
                 preferred_rows: preferred_rows(limits.batch),
@@ -350,6 +360,7 @@ fn limits(gpu: &Gpu, options: Options) -> Limits {
         group,
         batch: options.batch.unwrap_or(batch).max(group),
         copies_depths: gpu.is_software,
+        edges: options.edges,
     }
 }
 
@@ -559,8 +570,8 @@ impl Loaded {
             };
             barrier(
                 (
-                    vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT,
-                    vk::AccessFlags2::COLOR_ATTACHMENT_WRITE,
+                    vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT | vk::PipelineStageFlags2::COMPUTE_SHADER,
+                    vk::AccessFlags2::COLOR_ATTACHMENT_WRITE | vk::AccessFlags2::SHADER_STORAGE_WRITE,
                 ),
                 (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_READ),
             );
@@ -582,8 +593,8 @@ impl Loaded {
         let patch_count = self.geometry.patch_count;
         let seen = copy.read(0, pixel_count(n))?.iter().map(|&id| match id {
             id if id < patch_count => id,
-            id if id == patch_count => Items::BLOCKED,
-            _ => Items::ESCAPED,
+            id if id == patch_count + 1 => Items::ESCAPED,
+            _ => Items::BLOCKED,
         });
         Ok(Items {
             resolution: n,

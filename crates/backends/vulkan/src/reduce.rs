@@ -7,6 +7,8 @@ use crate::upload::{Frame, Scene};
 use ash::vk;
 use ash::vk::{AccessFlags2 as A, PipelineStageFlags2 as P};
 use hemicube_contract::backend::BackendError;
+use hemicube_shaders::Edges;
+use hemicube_shaders::limits::SETTLE_GROUPS;
 use hemicube_shaders::stage;
 use hemicube_shaders::view::FACES;
 use std::sync::Arc;
@@ -24,9 +26,19 @@ pub(crate) struct Stages {
     cull_hidden: Pipeline,
     cull_outside: Pipeline,
     reduce: Pipeline,
+    settling: Option<Settling>,
     tiny: Pipeline,
     compact: Pipeline,
     pack: Pipeline,
+}
+
+/// What gives pixels near edges to the triangle that their centre lies in.
+#[derive(Debug)]
+struct Settling {
+    near_edges: Pipeline,
+    settle: Pipeline,
+    put_settled: Pipeline,
+    take_back: Pipeline,
 }
 
 /// What a submission does.
@@ -74,9 +86,22 @@ impl Stages {
     pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Scene) -> Result<Self, BackendError> {
         let layout = scene.layout;
         let make = |stage| compute(gpu, layout, stage);
+        let edges = scene.plan.edges;
+        let (reduce, settling) = match edges {
+            Edges::Driver => (&stage::REDUCE, None),
+            Edges::Exact => {
+                let settling = Settling {
+                    near_edges: make(&stage::NEAR_EDGES)?,
+                    settle: make(&stage::SETTLE)?,
+                    put_settled: make(&stage::PUT_SETTLED)?,
+                    take_back: make(&stage::TAKE_BACK)?,
+                };
+                (&stage::REDUCE_SIDES, Some(settling))
+            }
+        };
         Ok(Self {
             gpu: Arc::clone(gpu),
-            render: Render::new(gpu, layout)?,
+            render: Render::new(gpu, layout, edges)?,
             pyramid_of: make(if scene.plan.copies_depths {
                 &stage::PYRAMID_OF_COPY
             } else {
@@ -85,7 +110,8 @@ impl Stages {
             cull_seen: make(&stage::CULL_SEEN)?,
             cull_hidden: make(&stage::CULL_HIDDEN)?,
             cull_outside: make(&stage::CULL_OUTSIDE)?,
-            reduce: make(&stage::REDUCE)?,
+            reduce: make(reduce)?,
+            settling,
             tiny: make(&stage::TINY)?,
             compact: make(&stage::COMPACT)?,
             pack: make(&stage::PACK)?,
@@ -205,6 +231,14 @@ impl Stages {
         mark(2);
         dispatch(&self.reduce, [scene.plan.reduce_groups(), layers, 1]);
         after(&[COMPUTE_USES], &[COMPUTE_USES]);
+        if let Some(settling) = &self.settling {
+            dispatch(&settling.near_edges, [SETTLE_GROUPS, layers, 1]);
+            after(&[COMPUTE_USES], &[COMPUTE_USES]);
+            dispatch(&settling.settle, [SETTLE_GROUPS, layers, 1]);
+            after(&[COMPUTE_USES], &[COMPUTE_USES]);
+            dispatch(&settling.put_settled, [SETTLE_GROUPS, layers, 1]);
+            after(&[COMPUTE_USES], &[COMPUTE_USES]);
+        }
         if work.covered {
             let (x, z) = scene.plan.tiny_groups(&scene.upload);
             dispatch(&self.tiny, [x, layers, z]);
@@ -218,6 +252,10 @@ impl Stages {
                 self.render.cover(scene, frame, commands, (slot + layer, layer));
             }
             after(&[COVER_WRITES, COVER_READS, DRAWS_READ], &[COMPUTE_USES]);
+            if let Some(settling) = &self.settling {
+                dispatch(&settling.take_back, [SETTLE_GROUPS, layers, 1]);
+                after(&[COMPUTE_USES], &[COMPUTE_USES]);
+            }
         }
         mark(4);
         dispatch(&self.pack, [4, layers, 1]);

@@ -6,6 +6,7 @@ use crate::upload::{Frame, Scene};
 use ash::vk;
 use hemicube_contract::backend::BackendError;
 use hemicube_contract::face::Face;
+use hemicube_shaders::Edges;
 use hemicube_shaders::stage::{self, Stage, binding};
 use hemicube_shaders::upload::VERTEX_BYTES;
 use hemicube_shaders::view::{FACES, VIEW_BYTES};
@@ -197,13 +198,17 @@ pub(crate) enum What {
 }
 
 impl Render {
-    pub(crate) fn new(gpu: &Arc<Gpu>, layout: vk::PipelineLayout) -> Result<Self, BackendError> {
+    pub(crate) fn new(gpu: &Arc<Gpu>, layout: vk::PipelineLayout, edges: Edges) -> Result<Self, BackendError> {
+        let ids = match edges {
+            Edges::Driver => [&stage::IDENTIFY, &stage::IDENTIFY_OTHERS],
+            Edges::Exact => [&stage::IDENTIFY_SIDES, &stage::IDENTIFY_OTHER_SIDES],
+        };
         let make = |vertex, fragment, target| graphics(gpu, layout, vertex, fragment, target);
         Ok(Self {
             gpu: Arc::clone(gpu),
             ids: [
-                make(&stage::RENDER, Some(&stage::IDENTIFY), Target::Ids)?,
-                make(&stage::RENDER, Some(&stage::IDENTIFY_OTHERS), Target::Ids)?,
+                make(&stage::RENDER, Some(ids[0]), Target::Ids)?,
+                make(&stage::RENDER, Some(ids[1]), Target::Ids)?,
             ],
             depths: [
                 make(&stage::RENDER, None, Target::Depths)?,

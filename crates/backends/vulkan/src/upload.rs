@@ -8,7 +8,7 @@ use hemicube_contract::backend::{BackendError, Geometry, RenderSettings};
 use hemicube_contract::delta::DeltaTable;
 use hemicube_shaders::stage::binding;
 use hemicube_shaders::view::{VIEW_BYTES, settings_words};
-use hemicube_shaders::{Limits, Plan, Upload};
+use hemicube_shaders::{Edges, Limits, Plan, Upload};
 use std::sync::Arc;
 
 /// Submissions under way at once.
@@ -99,8 +99,13 @@ impl Scene {
             width: settings.resolution,
             height: 3 * settings.resolution,
         };
-        let items = Image::new(gpu, "the item buffer", vk::Format::R32_UINT, extent, plan.group)?;
-        let depths = Image::new(gpu, "the depth buffer", vk::Format::D32_SFLOAT, extent, plan.group)?;
+        let written = match plan.edges {
+            Edges::Driver => vk::ImageUsageFlags::empty(),
+            Edges::Exact => vk::ImageUsageFlags::STORAGE,
+        };
+        let image = |what, format, besides| Image::new(gpu, what, format, extent, plan.group, besides);
+        let items = image("the item buffer", vk::Format::R32_UINT, written)?;
+        let depths = image("the depth buffer", vk::Format::D32_SFLOAT, vk::ImageUsageFlags::empty())?;
         let frame = || -> Result<Frame, BackendError> {
             let size = |wanted| {
                 let sizes = plan.sizes(&upload);
@@ -143,6 +148,7 @@ impl Scene {
         let everywhere = S::VERTEX | S::FRAGMENT | S::COMPUTE;
         let kind = |binding| match binding {
             binding::SETTINGS => T::UNIFORM_BUFFER,
+            binding::SETTLED_ITEMS => T::STORAGE_IMAGE,
             b if binding::TEXTURES.contains(&b) => T::SAMPLED_IMAGE,
             _ => T::STORAGE_BUFFER,
         };
@@ -169,6 +175,7 @@ impl Scene {
                 (T::UNIFORM_BUFFER_DYNAMIC, 1),
                 (T::UNIFORM_BUFFER, 1),
                 (T::SAMPLED_IMAGE, 2),
+                (T::STORAGE_IMAGE, 1),
                 (T::STORAGE_BUFFER, binding::COUNT),
             ]
             .map(|(kind, count)| vk::DescriptorPoolSize {
@@ -194,7 +201,10 @@ impl Scene {
                 offset: 0,
                 range: u64::from(VIEW_BYTES),
             }];
+            // What no pipeline uses need not be there.
+            let settles = self.plan.edges == Edges::Exact;
             let infos: Vec<_> = (binding::SETTINGS..binding::COUNT)
+                .filter(|&b| settles || b != binding::SETTLED_ITEMS)
                 .map(|b| {
                     let buffer = match b {
                         binding::VIEWS => frame.views.raw,
@@ -219,7 +229,7 @@ impl Scene {
                         .dst_set(frame.set)
                         .dst_binding(*b)
                         .descriptor_type(kind(*b));
-                    if binding::TEXTURES.contains(b) {
+                    if binding::TEXTURES.contains(b) || *b == binding::SETTLED_ITEMS {
                         write.image_info(image)
                     } else {
                         write.buffer_info(buffer)
@@ -290,6 +300,8 @@ impl Scene {
                 (binding::TALLIES, 0),
                 (binding::VISIBLE, 0),
                 (binding::TOUCHED, 0),
+                (binding::NEAR, 0),
+                (binding::SIDES, 0),
                 (binding::DRAWN, drawn),
             ] {
                 // SAFETY: as above.

@@ -66,6 +66,34 @@ pub(crate) mod uses {
         reads: &[b::SETTINGS, b::ITEMS, b::WEIGHTS],
         writes: &[b::VISIBLE, b::TOUCHED],
     };
+    pub(crate) const REDUCE_SIDES: Uses = Uses {
+        reads: &[b::SETTINGS, b::ITEMS, b::WEIGHTS],
+        writes: &[b::NEAR, b::LISTED, b::SIDES],
+    };
+    pub(crate) const NEAR_EDGES: Uses = Uses {
+        reads: &[b::SETTINGS, b::VIEWS, b::VERTICES, b::INDICES, b::TRIANGLE_OF_PATCH],
+        writes: &[b::VISIBLE, b::TOUCHED, b::NEAR, b::LISTED, b::SIDES],
+    };
+    pub(crate) const SETTLE: Uses = Uses {
+        reads: &[
+            b::SETTINGS,
+            b::VIEWS,
+            b::ITEMS,
+            b::WEIGHTS,
+            b::VERTICES,
+            b::INDICES,
+            b::TRIANGLE_OF_PATCH,
+        ],
+        writes: &[b::VISIBLE, b::TOUCHED, b::NEAR, b::LISTED],
+    };
+    pub(crate) const PUT_SETTLED: Uses = Uses {
+        reads: &[b::SETTINGS],
+        writes: &[b::VISIBLE, b::TOUCHED, b::NEAR, b::LISTED, b::SETTLED_ITEMS],
+    };
+    pub(crate) const TAKE_BACK: Uses = Uses {
+        reads: &[b::SETTINGS, b::WEIGHTS, b::ENTRIES, b::TOTALS],
+        writes: &[b::HIDDEN, b::NEAR, b::LISTED],
+    };
     pub(crate) const TINY: Uses = Uses {
         reads: &[
             b::SETTINGS,
@@ -145,6 +173,11 @@ fn binding_type(binding: u32, read_only: bool) -> BindingType {
     match binding {
         b::DEPTHS => texture(wgpu::TextureSampleType::Float { filterable: false }),
         b::ITEMS => texture(wgpu::TextureSampleType::Uint),
+        b::SETTLED_ITEMS => BindingType::StorageTexture {
+            access: wgpu::StorageTextureAccess::WriteOnly,
+            format: wgpu::TextureFormat::R32Uint,
+            view_dimension: wgpu::TextureViewDimension::D2Array,
+        },
         b::SETTINGS => buffer(BufferBindingType::Uniform, false),
         _ => buffer(BufferBindingType::Storage { read_only }, false),
     }
@@ -210,8 +243,25 @@ mod tests {
 
     #[test]
     fn no_stage_reads_and_writes_the_same_binding() {
-        use uses::{COMPACT, COVER, CULL, PACK, PYRAMID, REDUCE, RENDER, TINY};
-        for uses in [RENDER, CULL, PYRAMID, REDUCE, TINY, COMPACT, COVER, PACK] {
+        use uses::{
+            COMPACT, COVER, CULL, NEAR_EDGES, PACK, PUT_SETTLED, PYRAMID, REDUCE, REDUCE_SIDES, RENDER, SETTLE,
+            TAKE_BACK, TINY,
+        };
+        for uses in [
+            RENDER,
+            CULL,
+            PYRAMID,
+            REDUCE,
+            REDUCE_SIDES,
+            NEAR_EDGES,
+            SETTLE,
+            PUT_SETTLED,
+            TINY,
+            COMPACT,
+            COVER,
+            TAKE_BACK,
+            PACK,
+        ] {
             let mut all: Vec<u32> = uses.bindings().collect();
             all.sort_unstable();
             all.dedup();

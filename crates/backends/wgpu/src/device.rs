@@ -5,8 +5,8 @@
 
 use crate::conv::{self, Uses};
 use hemicube_contract::backend::{BackendError, RESOLUTIONS};
-use hemicube_shaders::Limits;
 use hemicube_shaders::stage::Stage;
+use hemicube_shaders::{Edges, Limits};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use wgpu::{
@@ -52,6 +52,8 @@ pub(crate) struct Wanted {
     pub(crate) group: Option<u32>,
     /// Bytes that may be taken, likewise.
     pub(crate) memory: Option<u64>,
+    /// Who says where edges pass.
+    pub(crate) edges: Edges,
     /// Timestamps.
     pub(crate) timing: bool,
     /// The driver's own validation, where it is installed.
@@ -155,6 +157,7 @@ impl Device {
                 layers: allowed.max_texture_array_layers,
                 image_edge: allowed.max_texture_dimension_2d,
                 copies_depths: is_software,
+                edges: wanted.edges,
                 group: wanted.group.unwrap_or(group).min(batch),
                 batch,
             },

@@ -11,6 +11,7 @@
 //! | key | value |
 //! |---|---|
 //! | `cull` | `auto` (default), `off`, `frustum` or `occlusion`: what is not drawn because it cannot be seen |
+//! | `edges` | `driver` (default) or `exact`: who says on which side of an edge a pixel lies, see docs/gpu.md |
 //! | `batch` | hemicubes of a submission |
 //! | `group` | hemicubes that go through the stages side by side |
 //! | `memory` | MiB that may be taken on the device |
@@ -39,7 +40,7 @@ use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::stage::binding as b;
 use hemicube_shaders::view::FIRST_STAMP;
-use hemicube_shaders::{Plan, Upload};
+use hemicube_shaders::{Edges, Plan, Upload};
 use reduce::{Reduction, Side};
 use render::{Recorder, Rendering, Scene, Views};
 use std::ffi::CStr;
@@ -50,6 +51,8 @@ use wgpu::{Adapter, BindGroupLayout};
 const NAME: &str = "wgpu";
 /// The arithmetic of the shared shaders.
 const VERSION: &str = "gpu-1";
+/// The same with `edges=exact`, by which rows are others.
+const EXACT_VERSION: &str = "gpu-1-exact";
 const CAPABILITIES: Capabilities = Capabilities {
     covered: true,
     tiny_patches: true,
@@ -125,6 +128,12 @@ impl Choice {
                 )));
             }
         };
+        let edges = match options.take("edges") {
+            None => Edges::default(),
+            Some(value) => Edges::parse(value).ok_or_else(|| {
+                BackendError::InvalidArgument(format!("option `edges` is `{value}`; it is `driver` or `exact`"))
+            })?,
+        };
         let mut number = |key, most| match options.take(key).map(|value| (value, value.parse())) {
             None => Ok(None),
             Some((_, Ok(number))) if (1..=most).contains(&number) => Ok(Some(number)),
@@ -139,6 +148,7 @@ impl Choice {
             batch,
             group,
             memory,
+            edges,
             timing: switch("timing")?.unwrap_or(false),
             validation: switch("validation")?.unwrap_or(false),
             fixed_draws: !switch("counts")?.unwrap_or(true),
@@ -210,12 +220,17 @@ impl Session {
         });
         let mut compiler = Compiler::new(&device, &view_layout);
         let culling = Culling::new(&mut compiler);
-        let rendering = Rendering::new(&mut compiler);
-        let reduction = Reduction::new(&mut compiler);
+        let edges = choice.wanted.edges;
+        let rendering = Rendering::new(&mut compiler, edges);
+        let reduction = Reduction::new(&mut compiler, edges);
         device.check()?;
         let info = BackendInfo {
             name: NAME.to_owned(),
-            version: VERSION.to_owned(),
+            version: match edges {
+                Edges::Driver => VERSION,
+                Edges::Exact => EXACT_VERSION,
+            }
+            .to_owned(),
             device: device::describe(&adapter.get_info()),
             capabilities: CAPABILITIES,
             preferred_rows: device.preferred_rows(),
@@ -417,9 +432,19 @@ impl Rest<'_> {
         Ok(counters)
     }
 
-    fn items(&mut self, scene: &Scene<'_>, hemicube: &Hemicube) -> Result<Items, BackendError> {
+    fn items(&mut self, scene: &Scene<'_>, reduction: &Reduction, hemicube: &Hemicube) -> Result<Items, BackendError> {
         let n = scene.plan.resolution;
-        let (mut encoder, _, _) = self.record(scene, 0, std::slice::from_ref(hemicube), |_, _, _| ());
+        let (mut encoder, _, _) =
+            self.record(
+                scene,
+                0,
+                std::slice::from_ref(hemicube),
+                |recorder, groups, group| match scene.plan.edges {
+                    Edges::Driver => {}
+                    // Ids are settled on the way to a row.
+                    Edges::Exact => reduction.reduce(scene, recorder, groups, group, false),
+                },
+            );
         // Nobody asks what this one counted, nor how long it took.
         encoder.clear_buffer(scene.store.buffer(b::TALLIES), 0, None);
         if let Some(clock) = &mut self.sides[0].clock {
@@ -455,8 +480,8 @@ impl Rest<'_> {
         for row in words.chunks_exact(pitch as usize / 4) {
             seen.extend(row[..n as usize].iter().map(|&id| match id {
                 id if id < scene.upload.patch_count => id,
-                id if id == scene.upload.patch_count => Items::BLOCKED,
-                _ => Items::ESCAPED,
+                id if id == scene.upload.patch_count + 1 => Items::ESCAPED,
+                _ => Items::BLOCKED,
             }));
         }
         Ok(Items { resolution: n, seen })
@@ -556,7 +581,7 @@ impl HemicubeBackend for Session {
             return Err(BackendError::Internal("the scene is gone".to_owned()));
         };
         let (scene, mut rest) = loaded.parts(&self.device, &self.culling, &self.rendering);
-        let items = rest.items(&scene, hemicube);
+        let items = rest.items(&scene, &self.reduction, hemicube);
         if items.is_err() {
             self.give_up();
         }

@@ -9,9 +9,10 @@ use crate::render::{
 use crate::upload::TWICE;
 use hemicube_contract::backend::{BackendError, Counters, StageTimes};
 use hemicube_contract::row::RowBlock;
-use hemicube_shaders::Plan;
+use hemicube_shaders::limits::SETTLE_GROUPS;
 use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
 use hemicube_shaders::stage::{self, binding as b};
+use hemicube_shaders::{Edges, Plan};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Instant;
 use wgpu::{
@@ -25,21 +26,48 @@ const PACK_GROUPS: u32 = 4;
 /// The stages after the ids are drawn.
 pub(crate) struct Reduction {
     reduce: (BindGroupLayout, ComputePipeline),
+    settling: Option<Settling>,
     tiny: (BindGroupLayout, ComputePipeline),
     compact: (BindGroupLayout, ComputePipeline),
     pack: (BindGroupLayout, ComputePipeline),
     cover: (BindGroupLayout, RenderPipeline),
 }
 
+/// What gives pixels near edges to the triangle that their centre lies in.
+struct Settling {
+    near_edges: (BindGroupLayout, ComputePipeline),
+    settle: (BindGroupLayout, ComputePipeline),
+    put_settled: (BindGroupLayout, ComputePipeline),
+    take_back: (BindGroupLayout, ComputePipeline),
+}
+
+/// What the reduction binds.
+fn uses_of(edges: Edges) -> &'static Uses {
+    match edges {
+        Edges::Driver => &uses::REDUCE,
+        Edges::Exact => &uses::REDUCE_SIDES,
+    }
+}
+
 impl Reduction {
-    pub(crate) fn new(compiler: &mut Compiler<'_>) -> Self {
+    pub(crate) fn new(compiler: &mut Compiler<'_>, edges: Edges) -> Self {
         let mut compute = |uses: &Uses, stage| {
             let layout = compiler.layout(uses, false);
             let pipeline = compiler.compute(stage, &layout);
             (layout, pipeline)
         };
+        let reduce = match edges {
+            Edges::Driver => &stage::REDUCE,
+            Edges::Exact => &stage::REDUCE_SIDES,
+        };
         Self {
-            reduce: compute(&uses::REDUCE, &stage::REDUCE),
+            reduce: compute(uses_of(edges), reduce),
+            settling: (edges == Edges::Exact).then(|| Settling {
+                near_edges: compute(&uses::NEAR_EDGES, &stage::NEAR_EDGES),
+                settle: compute(&uses::SETTLE, &stage::SETTLE),
+                put_settled: compute(&uses::PUT_SETTLED, &stage::PUT_SETTLED),
+                take_back: compute(&uses::TAKE_BACK, &stage::TAKE_BACK),
+            }),
             tiny: compute(&uses::TINY, &stage::TINY),
             compact: compute(&uses::COMPACT, &stage::COMPACT),
             pack: compute(&uses::PACK, &stage::PACK),
@@ -90,6 +118,17 @@ impl Reduction {
             pass.set_pipeline(&self.reduce.1);
             pass.set_bind_group(1, &groups.reduce, &[]);
             pass.dispatch_workgroups(plan.reduce_groups(), layers, 1);
+            if let (Some(settling), Some(groups)) = (&self.settling, &groups.settling) {
+                for (stage, group) in [
+                    (&settling.near_edges, &groups.near_edges),
+                    (&settling.settle, &groups.settle),
+                    (&settling.put_settled, &groups.put_settled),
+                ] {
+                    pass.set_pipeline(&stage.1);
+                    pass.set_bind_group(1, group, &[]);
+                    pass.dispatch_workgroups(SETTLE_GROUPS, layers, 1);
+                }
+            }
             if covered {
                 let (x, z) = plan.tiny_groups(scene.upload);
                 pass.set_pipeline(&self.tiny.1);
@@ -116,6 +155,13 @@ impl Reduction {
                 }
             });
         }
+        if let (Some(settling), Some(groups), true) = (&self.settling, &groups.settling, covered) {
+            recorder.compute(Stretch::Cover, |pass| {
+                pass.set_pipeline(&settling.take_back.1);
+                pass.set_bind_group(1, &groups.take_back, &[]);
+                pass.dispatch_workgroups(SETTLE_GROUPS, layers, 1);
+            });
+        }
         recorder.compute(Stretch::ReadBack, |pass| {
             pass.set_pipeline(&self.pack.1);
             pass.set_bind_group(1, &groups.pack, &[]);
@@ -124,10 +170,19 @@ impl Reduction {
     }
 }
 
+/// What the stages of [`Settling`] are bound to.
+struct SettlingGroups {
+    near_edges: BindGroup,
+    settle: BindGroup,
+    put_settled: BindGroup,
+    take_back: BindGroup,
+}
+
 /// What the stages are bound to.
 pub(crate) struct Groups {
     pub(crate) scene: SceneGroups,
     reduce: BindGroup,
+    settling: Option<SettlingGroups>,
     tiny: BindGroup,
     compact: BindGroup,
     pack: BindGroup,
@@ -223,7 +278,7 @@ impl Side {
                     binding,
                     resource: match binding {
                         b::DEPTHS => BindingResource::TextureView(&store.depths.all),
-                        b::ITEMS => BindingResource::TextureView(&store.items.all),
+                        b::ITEMS | b::SETTLED_ITEMS => BindingResource::TextureView(&store.items.all),
                         b::VIEWS => stored_views.as_entire_binding(),
                         b::OUTPUT => output.as_entire_binding(),
                         _ => store.buffer(binding).as_entire_binding(),
@@ -242,7 +297,13 @@ impl Side {
                 pyramid: bind(&uses::PYRAMID, &culling.pyramid_layout),
                 render: bind(&uses::RENDER, &rendering.layout),
             },
-            reduce: bind(&uses::REDUCE, &reduction.reduce.0),
+            reduce: bind(uses_of(plan.edges), &reduction.reduce.0),
+            settling: reduction.settling.as_ref().map(|settling| SettlingGroups {
+                near_edges: bind(&uses::NEAR_EDGES, &settling.near_edges.0),
+                settle: bind(&uses::SETTLE, &settling.settle.0),
+                put_settled: bind(&uses::PUT_SETTLED, &settling.put_settled.0),
+                take_back: bind(&uses::TAKE_BACK, &settling.take_back.0),
+            }),
             tiny: bind(&uses::TINY, &reduction.tiny.0),
             compact: bind(&uses::COMPACT, &reduction.compact.0),
             pack: bind(&uses::PACK, &reduction.pack.0),

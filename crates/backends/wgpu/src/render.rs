@@ -9,7 +9,7 @@ use hemicube_contract::face::Face;
 use hemicube_shaders::stage::{self, Stage, binding as b};
 use hemicube_shaders::upload::VERTEX_BYTES;
 use hemicube_shaders::view::{FACES, VIEW_BYTES, VIEW_WORDS, stands_on_emitter};
-use hemicube_shaders::{Plan, Upload, View, views};
+use hemicube_shaders::{Edges, Plan, Upload, View, views};
 use std::num::NonZeroU64;
 use wgpu::{
     BindGroup, BindGroupLayout, Buffer, CommandEncoder, ComputePass, LoadOp, Operations, QuerySet, RenderPass,
@@ -201,12 +201,16 @@ pub(crate) struct Rendering {
 }
 
 impl Rendering {
-    pub(crate) fn new(compiler: &mut Compiler<'_>) -> Self {
+    pub(crate) fn new(compiler: &mut Compiler<'_>, edges: Edges) -> Self {
         let layout = compiler.layout(&uses::RENDER, true);
+        let ids = match edges {
+            Edges::Driver => [&stage::IDENTIFY, &stage::IDENTIFY_OTHERS],
+            Edges::Exact => [&stage::IDENTIFY_SIDES, &stage::IDENTIFY_OTHER_SIDES],
+        };
         Self {
             depths: [None, Some((&stage::OCCLUDE_OTHERS, &[][..]))]
                 .map(|fragment| Self::pipeline(compiler, &layout, fragment)),
-            ids: [&stage::IDENTIFY, &stage::IDENTIFY_OTHERS].map(|fragment| {
+            ids: ids.map(|fragment| {
                 let target = Some(TextureFormat::R32Uint.into());
                 Self::pipeline(compiler, &layout, Some((fragment, &[target])))
             }),

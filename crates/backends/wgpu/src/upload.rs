@@ -5,7 +5,7 @@ use crate::device::Device;
 use hemicube_contract::backend::{BackendError, Geometry};
 use hemicube_contract::delta::DeltaTable;
 use hemicube_shaders::stage::binding as b;
-use hemicube_shaders::{Plan, Upload, view};
+use hemicube_shaders::{Edges, Plan, Upload, view};
 use std::sync::Arc;
 use wgpu::util::DeviceExt;
 use wgpu::{Buffer, BufferUsages, TextureFormat, TextureUsages, TextureView};
@@ -27,7 +27,7 @@ pub(crate) struct Image {
 }
 
 impl Image {
-    fn new(device: &Device, label: &str, format: TextureFormat, plan: &Plan) -> Self {
+    fn new(device: &Device, label: &str, format: TextureFormat, plan: &Plan, besides: TextureUsages) -> Self {
         let texture = device.raw.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
             size: wgpu::Extent3d {
@@ -39,7 +39,10 @@ impl Image {
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
             format,
-            usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC,
+            usage: TextureUsages::RENDER_ATTACHMENT
+                | TextureUsages::TEXTURE_BINDING
+                | TextureUsages::COPY_SRC
+                | besides,
             view_formats: &[],
         });
         let view = |dimension, first, count| {
@@ -104,10 +107,15 @@ impl Store {
             contents: &conv::to_bytes(settings),
             usage: BufferUsages::UNIFORM,
         }));
+        let written = match plan.edges {
+            Edges::Driver => TextureUsages::empty(),
+            Edges::Exact => TextureUsages::STORAGE_BINDING,
+        };
+        let nothing = TextureUsages::empty();
         let store = Self {
             buffers,
-            depths: Image::new(device, "depths", TextureFormat::Depth32Float, plan),
-            items: Image::new(device, "items", TextureFormat::R32Uint, plan),
+            depths: Image::new(device, "depths", TextureFormat::Depth32Float, plan, nothing),
+            items: Image::new(device, "items", TextureFormat::R32Uint, plan, written),
         };
         device.check()?;
         let write = |binding, bytes: &[u8]| device.queue.write_buffer(store.buffer(binding), 0, bytes);

@@ -16,7 +16,7 @@ layout(std140, binding = 0) uniform View {
 // The middle as high and low parts, and half the sides; `low.w` is by what part of its distance a box is made wider.
 struct Box { vec4 high; vec4 low; vec4 half_sides; };
 layout(std430, binding = 0) readonly buffer Boxes { Box boxes[]; };
-layout(std430, binding = 26) readonly buffer Asked { uint asked[]; };
+layout(std430, binding = 30) readonly buffer Asked { uint asked[]; };
 layout(location = 0) flat out uint place;
 
 const int CORNERS[36] = int[36](

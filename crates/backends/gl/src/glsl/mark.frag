@@ -2,7 +2,7 @@
 // Marks boxes that are in front of the depths: a bit each, in the order in which they were asked for.
 layout(early_fragment_tests) in;
 layout(location = 0) flat in uint place;
-layout(std430, binding = 27) coherent buffer Marks { uint marks[]; };
+layout(std430, binding = 31) coherent buffer Marks { uint marks[]; };
 
 void main() {
     uint bit = 1u << (place % 32u);

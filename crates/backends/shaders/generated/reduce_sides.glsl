@@ -1,0 +1,462 @@
+#version 450 core
+#extension GL_ARB_compute_shader : require
+#extension GL_ARB_shader_storage_buffer_object : require
+layout(local_size_x = 64, local_size_y = 1, local_size_z = 1) in;
+
+struct View {
+    vec3 eye_high;
+    float tolerance;
+    vec3 eye_low;
+    uint slot;
+    vec3 tangent;
+    uint layer;
+    vec3 bitangent;
+    uint face;
+    vec3 normal;
+    uint emitter;
+    vec3 clip_x;
+    uint first_row;
+    vec3 clip_y;
+    uint rows;
+    vec3 clip_w;
+    uint stamp;
+    uvec4 unused[8];
+};
+struct Settings {
+    uint resolution;
+    uint patch_count;
+    uint chunk_count;
+    uint word_count;
+    uint capacity;
+    uint triangle_count;
+    uint pyramid_stride;
+    float slack;
+    float tiny_slack;
+    uint output_entries;
+    uint looks_back;
+    uint unused;
+};
+struct Vertex {
+    float high_x;
+    float high_y;
+    float high_z;
+    float low_x;
+    float low_y;
+    float low_z;
+    uint front;
+    uint back;
+};
+struct Chunk {
+    vec3 center_high;
+    uint first_index;
+    vec3 center_low;
+    uint index_count;
+    vec3 half_sides;
+    uint unused;
+};
+struct Triangle {
+    vec3 places[3];
+    vec3 sides[3];
+};
+const float NEAR = 9.313226e-10;
+const uint RUN = 32u;
+const uint GROUP = 64u;
+const float NEAR_CENTRE = 0.0078125;
+const float IN_FRONT = 1.00001;
+const uint OUTSIDE = 2147483648u;
+
+layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
+
+layout(std140, binding = 1) uniform Settings_block_1Compute { Settings _group_1_binding_1_cs; };
+
+layout(binding = 11) uniform usampler2DArray _group_1_binding_11_cs;
+
+layout(std430, binding = 12) readonly buffer type_8_block_2Compute { uint _group_1_binding_12_cs[]; };
+
+layout(std430, binding = 26) buffer type_10_block_3Compute { uint _group_1_binding_26_cs[]; };
+
+layout(std430, binding = 27) buffer type_8_block_4Compute { uint _group_1_binding_27_cs[]; };
+
+layout(std430, binding = 28) buffer type_10_block_5Compute { uint _group_1_binding_28_cs[]; };
+
+
+vec3 relative(View v, vec3 high, vec3 low) {
+    return ((high - v.eye_high) + (low - v.eye_low));
+}
+
+vec3 in_frame(View v_1, vec3 r) {
+    float x_1 = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
+    float y_1 = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
+    float z = (((v_1.normal.x * r.x) + (v_1.normal.y * r.y)) + (v_1.normal.z * r.z));
+    float snap = (v_1.tolerance + ((abs(x_1) + abs(y_1)) * 9.536743e-7));
+    return vec3(x_1, y_1, ((abs(z) <= snap) ? 0.0 : z));
+}
+
+vec3 on_face(View v_2, vec3 p_1) {
+    return vec3((((v_2.clip_x.x * p_1.x) + (v_2.clip_x.y * p_1.y)) + (v_2.clip_x.z * p_1.z)), (((v_2.clip_y.x * p_1.x) + (v_2.clip_y.y * p_1.y)) + (v_2.clip_y.z * p_1.z)), (((v_2.clip_w.x * p_1.x) + (v_2.clip_w.y * p_1.y)) + (v_2.clip_w.z * p_1.z)));
+}
+
+vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
+    vec3 _e3 = relative(v_3, high_1, low_1);
+    vec3 _e4 = in_frame(v_3, _e3);
+    vec3 _e5 = on_face(v_3, _e4);
+    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+}
+
+uint pixel_count() {
+    uint _e3 = _group_1_binding_1_cs.resolution;
+    uint _e7 = _group_1_binding_1_cs.resolution;
+    return ((3u * _e3) * _e7);
+}
+
+uint near_base(uint layer) {
+    uint _e1 = pixel_count();
+    return (layer * ((_e1 / RUN) + 2u));
+}
+
+uint near_count(uint layer_1) {
+    uint _e1 = near_base(layer_1);
+    uint _e2 = pixel_count();
+    return (_e1 + (_e2 / RUN));
+}
+
+uint shown_count(uint layer_2) {
+    uint _e1 = near_count(layer_2);
+    return (_e1 + 1u);
+}
+
+uint listed_base(uint layer_3) {
+    uint _e3 = pixel_count();
+    return ((layer_3 * 4u) * _e3);
+}
+
+uint shown_base(uint layer_4) {
+    uint _e1 = listed_base(layer_4);
+    uint _e3 = pixel_count();
+    return (_e1 + (3u * _e3));
+}
+
+uint visible_at(uint layer_5, uint id) {
+    uint _e4 = _group_1_binding_1_cs.patch_count;
+    uint _e7 = _group_1_binding_1_cs.patch_count;
+    uint place = ((id > (_e7 + 1u)) ? _e4 : id);
+    uint _e14 = _group_1_binding_1_cs.patch_count;
+    return ((layer_5 * (_e14 + 2u)) + place);
+}
+
+void add_side(uint layer_7, uint id_2, uint weight) {
+    bool local_6 = false;
+    uint _e7 = _group_1_binding_1_cs.patch_count;
+    uint _e14 = atomicAdd(_group_1_binding_28_cs[((layer_7 * ((2u * _e7) + 2u)) + id_2)], weight);
+    if ((_e14 == 0u)) {
+        local_6 = (weight > 0u);
+    } else {
+        local_6 = false;
+    }
+    bool _e22 = local_6;
+    if (_e22) {
+        uint _e24 = shown_base(layer_7);
+        uint _e26 = shown_count(layer_7);
+        uint _e29 = atomicAdd(_group_1_binding_26_cs[_e26], 1u);
+        _group_1_binding_27_cs[(_e24 + _e29)] = id_2;
+        return;
+    } else {
+        return;
+    }
+}
+
+float dot_fused(vec3 a, vec3 b) {
+    return fma(a.x, b.x, fma(a.y, b.y, (a.z * b.z)));
+}
+
+vec3 cross_fused(vec3 a_1, vec3 b_1) {
+    return vec3(fma(a_1.y, b_1.z, -((a_1.z * b_1.y))), fma(a_1.z, b_1.x, -((a_1.x * b_1.z))), fma(a_1.x, b_1.y, -((a_1.y * b_1.x))));
+}
+
+vec3 turned(View v_4, vec3 d_1) {
+    float _e3 = dot_fused(v_4.tangent, d_1);
+    float _e5 = dot_fused(v_4.bitangent, d_1);
+    float _e7 = dot_fused(v_4.normal, d_1);
+    return vec3(_e3, _e5, _e7);
+}
+
+vec3 high_of(Vertex c) {
+    return vec3(c.high_x, c.high_y, c.high_z);
+}
+
+vec3 low_of(Vertex c_1) {
+    return vec3(c_1.low_x, c_1.low_y, c_1.low_z);
+}
+
+vec3 placed(View v_5, Vertex c_2) {
+    vec3 _e2 = high_of(c_2);
+    vec3 _e5 = low_of(c_2);
+    vec3 _e9 = turned(v_5, ((_e2 - v_5.eye_high) + (_e5 - v_5.eye_low)));
+    float snap_1 = fma((abs(_e9.x) + abs(_e9.y)), 9.536743e-7, v_5.tolerance);
+    return vec3(_e9.xy, ((abs(_e9.z) <= snap_1) ? 0.0 : _e9.z));
+}
+
+vec3 between(View v_6, Vertex from_corner, Vertex to_corner, vec3 from_place, vec3 to_place) {
+    bool local_7 = false;
+    vec3 _e5 = high_of(to_corner);
+    vec3 _e6 = high_of(from_corner);
+    vec3 _e8 = low_of(to_corner);
+    vec3 _e9 = low_of(from_corner);
+    vec3 _e12 = turned(v_6, ((_e5 - _e6) + (_e8 - _e9)));
+    if (!((from_place.z == 0.0))) {
+        local_7 = (to_place.z == 0.0);
+    } else {
+        local_7 = true;
+    }
+    bool _e28 = local_7;
+    return vec3(_e12.xy, (_e28 ? (to_place.z - from_place.z) : _e12.z));
+}
+
+vec3 to_face(uint face_1, vec3 p_2) {
+    switch(face_1) {
+        case 0u: {
+            return p_2;
+        }
+        case 1u: {
+            return p_2.yzx;
+        }
+        case 2u: {
+            return vec3(-(p_2.y), p_2.z, -(p_2.x));
+        }
+        case 3u: {
+            return vec3(-(p_2.x), p_2.z, p_2.y);
+        }
+        default: {
+            return vec3(p_2.x, p_2.z, -(p_2.y));
+        }
+    }
+}
+
+uint face_of_row(uint row) {
+    uint n = _group_1_binding_1_cs.resolution;
+    return ((row >= n) ? (1u + ((row - n) / (n / 2u))) : 0u);
+}
+
+vec3 centre(uint face_2, uvec2 at_1) {
+    uint n_1 = _group_1_binding_1_cs.resolution;
+    uint first_row = ((face_2 == 0u) ? 0u : (n_1 + ((face_2 - 1u) * (n_1 / 2u))));
+    uint up = ((2u * (at_1.y - first_row)) + 1u);
+    ivec2 from_middle = (ivec2(uvec2(((2u * at_1.x) + 1u), up)) - ivec2(uvec2(n_1, ((face_2 == 0u) ? n_1 : 0u))));
+    return vec3(vec2(from_middle), float(n_1));
+}
+
+float side_of(vec3 edge, vec3 direction) {
+    float _e2 = dot_fused(edge, direction);
+    float first_1 = ((edge.x != 0.0) ? edge.x : ((edge.y != 0.0) ? edge.y : edge.z));
+    return ((_e2 == 0.0) ? first_1 : _e2);
+}
+
+vec4 within(uint face_4, vec3 p_3) {
+    uint _e4 = _group_1_binding_1_cs.resolution;
+    float pixel = (2.0 / float(_e4));
+    float wide = ((1.0 + pixel) * p_3.z);
+    float below = (((face_4 == 0u) ? (1.0 + pixel) : pixel) * p_3.z);
+    return vec4((wide - p_3.x), (wide + p_3.x), (wide - p_3.y), (below + p_3.y));
+}
+
+bool is_outside(uint face_5, vec3 p_4, vec3 q) {
+    vec3 _e3 = to_face(face_5, p_4);
+    vec4 _e4 = within(face_5, _e3);
+    vec3 _e8 = to_face(face_5, q);
+    vec4 _e9 = within(face_5, _e8);
+    return any(bvec4(lessThan(_e4, vec4(0.0)).x && lessThan(_e9, vec4(0.0)).x, lessThan(_e4, vec4(0.0)).y && lessThan(_e9, vec4(0.0)).y, lessThan(_e4, vec4(0.0)).z && lessThan(_e9, vec4(0.0)).z, lessThan(_e4, vec4(0.0)).w && lessThan(_e9, vec4(0.0)).w));
+}
+
+void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
+    bool local_10 = false;
+    bool local_11 = false;
+    float major = 0.0;
+    float last = 0.0;
+    float minor = 0.0;
+    bool local_12 = false;
+    bool local_13 = false;
+    bool local_14 = false;
+    uint _e6 = _group_1_binding_1_cs.resolution;
+    float n_2 = float(_e6);
+    vec3 _e8 = to_face(face_6, from_frame);
+    vec3 _e9 = to_face(face_6, along_frame);
+    vec4 _e10 = within(face_6, _e8);
+    vec4 _e12 = within(face_6, (_e8 + _e9));
+    vec4 crossing = (_e10 / (_e10 - _e12));
+    vec4 begins = mix(vec4(0.0), crossing, lessThan(_e10, vec4(0.0)));
+    vec4 ends = mix(vec4(1.0), crossing, lessThan(_e12, vec4(0.0)));
+    float begin = max(max(begins.x, begins.y), max(begins.z, begins.w));
+    float end_1 = min(min(ends.x, ends.y), min(ends.z, ends.w));
+    vec3 a_2 = (_e8 + (begin * _e9));
+    vec3 b_2 = (_e8 + (end_1 * _e9));
+    if ((begin < end_1)) {
+        local_10 = (a_2.z > 0.0);
+    } else {
+        local_10 = false;
+    }
+    bool _e52 = local_10;
+    if (_e52) {
+        local_11 = (b_2.z > 0.0);
+    } else {
+        local_11 = false;
+    }
+    bool is_seen = local_11;
+    vec2 shift = ((vec2(n_2, ((face_6 == 0u) ? n_2 : 0.0)) * 0.5) - vec2(0.5));
+    vec2 from_pixel = (((a_2.xy / vec2(a_2.z)) * (0.5 * n_2)) + shift);
+    vec2 to_pixel = (((b_2.xy / vec2(b_2.z)) * (0.5 * n_2)) + shift);
+    vec2 reach = abs((to_pixel - from_pixel));
+    bool is_steep = (reach.y > reach.x);
+    vec3 e = cross(_e8, _e9);
+    vec2 size = vec2(n_2, ((face_6 == 0u) ? n_2 : (0.5 * n_2)));
+    vec2 line = (is_steep ? e.yx : e.xy);
+    vec2 shifts = (is_steep ? shift.yx : shift);
+    vec2 sizes = (is_steep ? size.yx : size);
+    vec2 ends_of = (is_steep ? vec2(from_pixel.y, to_pixel.y) : vec2(from_pixel.x, to_pixel.x));
+    float slope = (-(line.x) / line.y);
+    float offset = ((shifts.y - (slope * shifts.x)) - (((0.5 * n_2) * e.z) / line.y));
+    uint _e129 = _group_1_binding_1_cs.resolution;
+    uint _e134 = _group_1_binding_1_cs.resolution;
+    uint first_row_1 = ((face_6 == 0u) ? 0u : (_e129 + ((face_6 - 1u) * (_e134 / 2u))));
+    major = max(ceil((min(ends_of.x, ends_of.y) - NEAR_CENTRE)), 0.0);
+    last = min(floor((max(ends_of.x, ends_of.y) + NEAR_CENTRE)), (sizes.x - 1.0));
+    float _e163 = last;
+    last = (is_seen ? _e163 : -1.0);
+    while(true) {
+        float _e166 = major;
+        float _e167 = last;
+        if ((_e166 <= _e167)) {
+        } else {
+            break;
+        }
+        {
+            float _e169 = major;
+            minor = ((slope * _e169) + offset);
+            while(true) {
+                float _e173 = minor;
+                float _e174 = minor;
+                if ((abs((_e173 - roundEven(_e174))) > NEAR_CENTRE)) {
+                    float _e182 = major;
+                    float _e183 = last;
+                    local_12 = (_e182 < _e183);
+                } else {
+                    local_12 = false;
+                }
+                bool _e186 = local_12;
+                if (_e186) {
+                } else {
+                    break;
+                }
+                {
+                    float _e187 = major;
+                    major = (_e187 + 1.0);
+                    float _e190 = major;
+                    minor = ((slope * _e190) + offset);
+                }
+            }
+            float _e193 = minor;
+            float nearest = roundEven(_e193);
+            float _e195 = minor;
+            if ((abs((_e195 - nearest)) <= NEAR_CENTRE)) {
+                local_13 = (nearest >= 0.0);
+            } else {
+                local_13 = false;
+            }
+            bool _e205 = local_13;
+            if (_e205) {
+                local_14 = (nearest < sizes.y);
+            } else {
+                local_14 = false;
+            }
+            bool _e211 = local_14;
+            if (_e211) {
+                float _e212 = major;
+                float _e214 = major;
+                uvec2 at_2 = uvec2((is_steep ? vec2(nearest, _e214) : vec2(_e212, nearest)));
+                uint _e222 = _group_1_binding_1_cs.resolution;
+                uint pixel_1 = (((at_2.y + first_row_1) * _e222) + at_2.x);
+                uint bit = (1u << (pixel_1 % RUN));
+                uint _e231 = near_base(layer_8);
+                uint _e236 = atomicOr(_group_1_binding_26_cs[(_e231 + (pixel_1 / RUN))], bit);
+                if (((_e236 & bit) == 0u)) {
+                    uint _e241 = listed_base(layer_8);
+                    uint _e244 = near_count(layer_8);
+                    uint _e247 = atomicAdd(_group_1_binding_26_cs[_e244], 1u);
+                    _group_1_binding_27_cs[(_e241 + (3u * _e247))] = pixel_1;
+                }
+            }
+            float _e251 = major;
+            major = (_e251 + 1.0);
+        }
+    }
+    return;
+}
+
+void main() {
+    uvec3 run = gl_GlobalInvocationID;
+    ivec2 at = ivec2(0);
+    uint current = 0u;
+    uint sum = 0u;
+    uint i = 1u;
+    uint n_3 = _group_1_binding_1_cs.resolution;
+    uint first_2 = (run.x * RUN);
+    uint _e7 = pixel_count();
+    if ((first_2 >= _e7)) {
+        return;
+    }
+    uint _e11 = _group_0_binding_0_cs.layer;
+    uint layer_9 = (_e11 + run.y);
+    uint _e15 = near_base(layer_9);
+    atomicExchange(_group_1_binding_26_cs[(_e15 + run.x)], 0u);
+    if ((run.x == 0u)) {
+        uint _e24 = near_count(layer_9);
+        atomicExchange(_group_1_binding_26_cs[_e24], 0u);
+    }
+    at = ivec2(uvec2((first_2 % n_3), (first_2 / n_3)));
+    ivec2 _e33 = at;
+    uvec4 _e36 = texelFetch(_group_1_binding_11_cs, ivec3(_e33, int(layer_9)), 0);
+    current = _e36.x;
+    uint _e41 = _group_1_binding_12_cs[first_2];
+    sum = _e41;
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            uint _e81 = i;
+            i = (_e81 + 1u);
+        }
+        loop_init = false;
+        uint _e45 = i;
+        if ((_e45 < RUN)) {
+        } else {
+            break;
+        }
+        {
+            int _e49 = at.x;
+            at.x = (_e49 + 1);
+            int _e53 = at.x;
+            if ((_e53 == int(n_3))) {
+                int _e57 = at.y;
+                at = ivec2(0, (_e57 + 1));
+            }
+            ivec2 _e63 = at;
+            uvec4 _e66 = texelFetch(_group_1_binding_11_cs, ivec3(_e63, int(layer_9)), 0);
+            uint id_5 = _e66.x;
+            uint _e69 = i;
+            uint weight_1 = _group_1_binding_12_cs[(first_2 + _e69)];
+            uint _e73 = current;
+            if ((id_5 != _e73)) {
+                uint _e75 = current;
+                uint _e76 = sum;
+                add_side(layer_9, _e75, _e76);
+                current = id_5;
+                sum = 0u;
+            }
+            uint _e78 = sum;
+            sum = (_e78 + weight_1);
+        }
+    }
+    uint _e83 = current;
+    uint _e84 = sum;
+    add_side(layer_9, _e83, _e84);
+    return;
+}
+

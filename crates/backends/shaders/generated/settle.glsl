@@ -1,0 +1,516 @@
+#version 450 core
+#extension GL_ARB_compute_shader : require
+#extension GL_ARB_shader_storage_buffer_object : require
+layout(local_size_x = 64, local_size_y = 1, local_size_z = 1) in;
+
+struct View {
+    vec3 eye_high;
+    float tolerance;
+    vec3 eye_low;
+    uint slot;
+    vec3 tangent;
+    uint layer;
+    vec3 bitangent;
+    uint face;
+    vec3 normal;
+    uint emitter;
+    vec3 clip_x;
+    uint first_row;
+    vec3 clip_y;
+    uint rows;
+    vec3 clip_w;
+    uint stamp;
+    uvec4 unused[8];
+};
+struct Settings {
+    uint resolution;
+    uint patch_count;
+    uint chunk_count;
+    uint word_count;
+    uint capacity;
+    uint triangle_count;
+    uint pyramid_stride;
+    float slack;
+    float tiny_slack;
+    uint output_entries;
+    uint looks_back;
+    uint unused;
+};
+struct Vertex {
+    float high_x;
+    float high_y;
+    float high_z;
+    float low_x;
+    float low_y;
+    float low_z;
+    uint front;
+    uint back;
+};
+struct Chunk {
+    vec3 center_high;
+    uint first_index;
+    vec3 center_low;
+    uint index_count;
+    vec3 half_sides;
+    uint unused;
+};
+struct Triangle {
+    vec3 places[3];
+    vec3 sides[3];
+};
+const float NEAR = 9.313226e-10;
+const uint RUN = 32u;
+const uint GROUP = 64u;
+const float NEAR_CENTRE = 0.0078125;
+const float IN_FRONT = 1.00001;
+const uint OUTSIDE = 2147483648u;
+
+layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
+
+layout(std140, binding = 1) uniform Settings_block_1Compute { Settings _group_1_binding_1_cs; };
+
+layout(std430, binding = 2) readonly buffer type_5_block_2Compute { View _group_1_binding_2_cs[]; };
+
+layout(binding = 11) uniform usampler2DArray _group_1_binding_11_cs;
+
+layout(std430, binding = 12) readonly buffer type_8_block_3Compute { uint _group_1_binding_12_cs[]; };
+
+layout(std430, binding = 13) buffer type_10_block_4Compute { uint _group_1_binding_13_cs[]; };
+
+layout(std430, binding = 14) buffer type_10_block_5Compute { uint _group_1_binding_14_cs[]; };
+
+layout(std430, binding = 15) readonly buffer type_11_block_6Compute { Vertex _group_1_binding_15_cs[]; };
+
+layout(std430, binding = 16) readonly buffer type_8_block_7Compute { uint _group_1_binding_16_cs[]; };
+
+layout(std430, binding = 17) readonly buffer type_8_block_8Compute { uint _group_1_binding_17_cs[]; };
+
+layout(std430, binding = 26) buffer type_10_block_9Compute { uint _group_1_binding_26_cs[]; };
+
+layout(std430, binding = 27) buffer type_8_block_10Compute { uint _group_1_binding_27_cs[]; };
+
+
+vec3 relative(View v, vec3 high, vec3 low) {
+    return ((high - v.eye_high) + (low - v.eye_low));
+}
+
+vec3 in_frame(View v_1, vec3 r) {
+    float x_1 = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
+    float y_1 = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
+    float z = (((v_1.normal.x * r.x) + (v_1.normal.y * r.y)) + (v_1.normal.z * r.z));
+    float snap = (v_1.tolerance + ((abs(x_1) + abs(y_1)) * 9.536743e-7));
+    return vec3(x_1, y_1, ((abs(z) <= snap) ? 0.0 : z));
+}
+
+vec3 on_face(View v_2, vec3 p_1) {
+    return vec3((((v_2.clip_x.x * p_1.x) + (v_2.clip_x.y * p_1.y)) + (v_2.clip_x.z * p_1.z)), (((v_2.clip_y.x * p_1.x) + (v_2.clip_y.y * p_1.y)) + (v_2.clip_y.z * p_1.z)), (((v_2.clip_w.x * p_1.x) + (v_2.clip_w.y * p_1.y)) + (v_2.clip_w.z * p_1.z)));
+}
+
+vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
+    vec3 _e3 = relative(v_3, high_1, low_1);
+    vec3 _e4 = in_frame(v_3, _e3);
+    vec3 _e5 = on_face(v_3, _e4);
+    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+}
+
+uint pixel_count() {
+    uint _e3 = _group_1_binding_1_cs.resolution;
+    uint _e7 = _group_1_binding_1_cs.resolution;
+    return ((3u * _e3) * _e7);
+}
+
+uint near_base(uint layer) {
+    uint _e1 = pixel_count();
+    return (layer * ((_e1 / RUN) + 2u));
+}
+
+uint near_count(uint layer_1) {
+    uint _e1 = near_base(layer_1);
+    uint _e2 = pixel_count();
+    return (_e1 + (_e2 / RUN));
+}
+
+uint shown_count(uint layer_2) {
+    uint _e1 = near_count(layer_2);
+    return (_e1 + 1u);
+}
+
+uint listed_base(uint layer_3) {
+    uint _e3 = pixel_count();
+    return ((layer_3 * 4u) * _e3);
+}
+
+uint shown_base(uint layer_4) {
+    uint _e1 = listed_base(layer_4);
+    uint _e3 = pixel_count();
+    return (_e1 + (3u * _e3));
+}
+
+uint visible_at(uint layer_5, uint id) {
+    uint _e4 = _group_1_binding_1_cs.patch_count;
+    uint _e7 = _group_1_binding_1_cs.patch_count;
+    uint place = ((id > (_e7 + 1u)) ? _e4 : id);
+    uint _e14 = _group_1_binding_1_cs.patch_count;
+    return ((layer_5 * (_e14 + 2u)) + place);
+}
+
+void touch(uint layer_6, uint id_1) {
+    uint _e4 = _group_1_binding_1_cs.patch_count;
+    if ((id_1 < _e4)) {
+        uint _e9 = _group_1_binding_1_cs.word_count;
+        uint _e19 = atomicOr(_group_1_binding_14_cs[((layer_6 * _e9) + (id_1 / 32u))], (1u << (id_1 % 32u)));
+        return;
+    } else {
+        return;
+    }
+}
+
+float dot_fused(vec3 a, vec3 b) {
+    return fma(a.x, b.x, fma(a.y, b.y, (a.z * b.z)));
+}
+
+vec3 cross_fused(vec3 a_1, vec3 b_1) {
+    return vec3(fma(a_1.y, b_1.z, -((a_1.z * b_1.y))), fma(a_1.z, b_1.x, -((a_1.x * b_1.z))), fma(a_1.x, b_1.y, -((a_1.y * b_1.x))));
+}
+
+vec3 turned(View v_4, vec3 d_1) {
+    float _e3 = dot_fused(v_4.tangent, d_1);
+    float _e5 = dot_fused(v_4.bitangent, d_1);
+    float _e7 = dot_fused(v_4.normal, d_1);
+    return vec3(_e3, _e5, _e7);
+}
+
+vec3 high_of(Vertex c) {
+    return vec3(c.high_x, c.high_y, c.high_z);
+}
+
+vec3 low_of(Vertex c_1) {
+    return vec3(c_1.low_x, c_1.low_y, c_1.low_z);
+}
+
+vec3 placed(View v_5, Vertex c_2) {
+    vec3 _e2 = high_of(c_2);
+    vec3 _e5 = low_of(c_2);
+    vec3 _e9 = turned(v_5, ((_e2 - v_5.eye_high) + (_e5 - v_5.eye_low)));
+    float snap_1 = fma((abs(_e9.x) + abs(_e9.y)), 9.536743e-7, v_5.tolerance);
+    return vec3(_e9.xy, ((abs(_e9.z) <= snap_1) ? 0.0 : _e9.z));
+}
+
+vec3 between(View v_6, Vertex from_corner, Vertex to_corner, vec3 from_place, vec3 to_place) {
+    bool local_7 = false;
+    vec3 _e5 = high_of(to_corner);
+    vec3 _e6 = high_of(from_corner);
+    vec3 _e8 = low_of(to_corner);
+    vec3 _e9 = low_of(from_corner);
+    vec3 _e12 = turned(v_6, ((_e5 - _e6) + (_e8 - _e9)));
+    if (!((from_place.z == 0.0))) {
+        local_7 = (to_place.z == 0.0);
+    } else {
+        local_7 = true;
+    }
+    bool _e28 = local_7;
+    return vec3(_e12.xy, (_e28 ? (to_place.z - from_place.z) : _e12.z));
+}
+
+uint triangle_of(uint id_3) {
+    uint _e4 = _group_1_binding_1_cs.patch_count;
+    uint _e10 = _group_1_binding_1_cs.patch_count;
+    uint _e14 = _group_1_binding_17_cs[((id_3 > _e10) ? ((id_3 - _e4) - 2u) : id_3)];
+    return _e14;
+}
+
+Triangle triangle(View v_7, uint number) {
+    uint _e7 = _group_1_binding_16_cs[(3u * number)];
+    Vertex a_2 = _group_1_binding_15_cs[_e7];
+    uint _e17 = _group_1_binding_16_cs[((3u * number) + 1u)];
+    Vertex b_2 = _group_1_binding_15_cs[_e17];
+    uint _e27 = _group_1_binding_16_cs[((3u * number) + 2u)];
+    Vertex c_3 = _group_1_binding_15_cs[_e27];
+    vec3 _e30 = placed(v_7, a_2);
+    vec3 _e31 = placed(v_7, b_2);
+    vec3 _e32 = placed(v_7, c_3);
+    vec3 _e34 = between(v_7, a_2, b_2, _e30, _e31);
+    vec3 _e35 = between(v_7, b_2, c_3, _e31, _e32);
+    vec3 _e36 = between(v_7, c_3, a_2, _e32, _e30);
+    return Triangle(vec3[3](_e30, _e31, _e32), vec3[3](_e34, _e35, _e36));
+}
+
+vec3 to_face(uint face_1, vec3 p_2) {
+    switch(face_1) {
+        case 0u: {
+            return p_2;
+        }
+        case 1u: {
+            return p_2.yzx;
+        }
+        case 2u: {
+            return vec3(-(p_2.y), p_2.z, -(p_2.x));
+        }
+        case 3u: {
+            return vec3(-(p_2.x), p_2.z, p_2.y);
+        }
+        default: {
+            return vec3(p_2.x, p_2.z, -(p_2.y));
+        }
+    }
+}
+
+uint face_of_row(uint row) {
+    uint n = _group_1_binding_1_cs.resolution;
+    return ((row >= n) ? (1u + ((row - n) / (n / 2u))) : 0u);
+}
+
+vec3 centre(uint face_2, uvec2 at_1) {
+    uint n_1 = _group_1_binding_1_cs.resolution;
+    uint first_row = ((face_2 == 0u) ? 0u : (n_1 + ((face_2 - 1u) * (n_1 / 2u))));
+    uint up = ((2u * (at_1.y - first_row)) + 1u);
+    ivec2 from_middle = (ivec2(uvec2(((2u * at_1.x) + 1u), up)) - ivec2(uvec2(n_1, ((face_2 == 0u) ? n_1 : 0u))));
+    return vec3(vec2(from_middle), float(n_1));
+}
+
+float side_of(vec3 edge, vec3 direction) {
+    float _e2 = dot_fused(edge, direction);
+    float first_1 = ((edge.x != 0.0) ? edge.x : ((edge.y != 0.0) ? edge.y : edge.z));
+    return ((_e2 == 0.0) ? first_1 : _e2);
+}
+
+float nearness(View v_8, uint id_4, uint face_3, vec3 direction_1) {
+    bool local_8 = false;
+    bool local_9 = false;
+    uint _e4 = triangle_of(id_4);
+    Triangle _e5 = triangle(v_8, _e4);
+    vec3 _e8 = to_face(face_3, _e5.places[0]);
+    vec3 _e11 = to_face(face_3, _e5.places[1]);
+    vec3 _e14 = to_face(face_3, _e5.places[2]);
+    vec3 _e17 = to_face(face_3, _e5.sides[0]);
+    vec3 _e20 = to_face(face_3, _e5.sides[1]);
+    vec3 _e23 = to_face(face_3, _e5.sides[2]);
+    vec3 _e24 = cross_fused(_e17, _e20);
+    float _e25 = dot_fused(_e24, _e8);
+    float turn = ((_e25 > 0.0) ? 1.0 : -1.0);
+    vec3 _e32 = cross_fused((_e8 + _e11), _e17);
+    float _e34 = side_of((turn * _e32), direction_1);
+    if ((_e34 > 0.0)) {
+        vec3 _e40 = cross_fused((_e11 + _e14), _e20);
+        float _e42 = side_of((turn * _e40), direction_1);
+        local_8 = (_e42 > 0.0);
+    } else {
+        local_8 = false;
+    }
+    bool _e46 = local_8;
+    if (_e46) {
+        vec3 _e50 = cross_fused((_e14 + _e8), _e23);
+        float _e52 = side_of((turn * _e50), direction_1);
+        local_9 = (_e52 > 0.0);
+    } else {
+        local_9 = false;
+    }
+    bool inside = local_9;
+    float _e57 = dot_fused(_e24, direction_1);
+    return (inside ? (_e57 / _e25) : 0.0);
+}
+
+vec4 within(uint face_4, vec3 p_3) {
+    uint _e4 = _group_1_binding_1_cs.resolution;
+    float pixel = (2.0 / float(_e4));
+    float wide = ((1.0 + pixel) * p_3.z);
+    float below = (((face_4 == 0u) ? (1.0 + pixel) : pixel) * p_3.z);
+    return vec4((wide - p_3.x), (wide + p_3.x), (wide - p_3.y), (below + p_3.y));
+}
+
+bool is_outside(uint face_5, vec3 p_4, vec3 q) {
+    vec3 _e3 = to_face(face_5, p_4);
+    vec4 _e4 = within(face_5, _e3);
+    vec3 _e8 = to_face(face_5, q);
+    vec4 _e9 = within(face_5, _e8);
+    return any(bvec4(lessThan(_e4, vec4(0.0)).x && lessThan(_e9, vec4(0.0)).x, lessThan(_e4, vec4(0.0)).y && lessThan(_e9, vec4(0.0)).y, lessThan(_e4, vec4(0.0)).z && lessThan(_e9, vec4(0.0)).z, lessThan(_e4, vec4(0.0)).w && lessThan(_e9, vec4(0.0)).w));
+}
+
+void main() {
+    uvec3 thread_1 = gl_GlobalInvocationID;
+    uvec3 groups_1 = gl_NumWorkGroups;
+    uint i_3 = 0u;
+    uint others[8] = uint[8](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+    uint other_count = 0u;
+    bool is_beside_nothing = false;
+    uint y = 0u;
+    uint x = 0u;
+    bool local = false;
+    bool is_known = false;
+    uint k = 0u;
+    float best = 0.0;
+    uint chosen = 0u;
+    uint k_1 = 0u;
+    bool local_1 = false;
+    uint _e5 = _group_0_binding_0_cs.slot;
+    View v_9 = _group_1_binding_2_cs[((_e5 + thread_1.y) * 5u)];
+    uint layer_9 = v_9.layer;
+    uint n_2 = _group_1_binding_1_cs.resolution;
+    uint _e18 = _group_1_binding_1_cs.patch_count;
+    uint escaped = (_e18 + 1u);
+    uint _e22 = near_count(layer_9);
+    uint count = atomicOr(_group_1_binding_26_cs[_e22], 0u);
+    i_3 = thread_1.x;
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            uint _e212 = i_3;
+            i_3 = (_e212 + (groups_1.x * GROUP));
+        }
+        loop_init = false;
+        uint _e27 = i_3;
+        if ((_e27 < count)) {
+        } else {
+            break;
+        }
+        {
+            uint _e29 = listed_base(layer_9);
+            uint _e31 = i_3;
+            uint place_1 = (_e29 + (3u * _e31));
+            uint pixel_1 = _group_1_binding_27_cs[place_1];
+            uvec2 at_2 = uvec2((pixel_1 % n_2), (pixel_1 / n_2));
+            uint _e41 = face_of_row(at_2.y);
+            vec3 _e42 = centre(_e41, at_2);
+            uvec4 _e47 = texelFetch(_group_1_binding_11_cs, ivec3(ivec2(at_2), int(layer_9)), 0);
+            uint shown = _e47.x;
+            uint first_row_1 = ((_e41 == 0u) ? 0u : (n_2 + ((_e41 - 1u) * (n_2 / 2u))));
+            uvec2 low_2 = uvec2((max(at_2.x, 1u) - 1u), (max(at_2.y, (first_row_1 + 1u)) - 1u));
+            uvec2 high_2 = min((at_2 + uvec2(1u)), (uvec2(n_2, (first_row_1 + ((_e41 == 0u) ? n_2 : (n_2 / 2u)))) - uvec2(1u)));
+            others = uint[8](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+            other_count = 0u;
+            is_beside_nothing = false;
+            y = low_2.y;
+            bool loop_init_1 = true;
+            while(true) {
+                if (!loop_init_1) {
+                    uint _e146 = y;
+                    y = (_e146 + 1u);
+                }
+                loop_init_1 = false;
+                uint _e93 = y;
+                if ((_e93 <= high_2.y)) {
+                } else {
+                    break;
+                }
+                {
+                    x = low_2.x;
+                    bool loop_init_2 = true;
+                    while(true) {
+                        if (!loop_init_2) {
+                            uint _e143 = x;
+                            x = (_e143 + 1u);
+                        }
+                        loop_init_2 = false;
+                        uint _e98 = x;
+                        if ((_e98 <= high_2.x)) {
+                        } else {
+                            break;
+                        }
+                        {
+                            uint _e102 = x;
+                            uint _e103 = y;
+                            uvec4 _e108 = texelFetch(_group_1_binding_11_cs, ivec3(ivec2(uvec2(_e102, _e103)), int(layer_9)), 0);
+                            uint id_5 = _e108.x;
+                            bool _e110 = is_beside_nothing;
+                            is_beside_nothing = (_e110 || (id_5 == escaped));
+                            if (!((id_5 == shown))) {
+                                local = (id_5 == escaped);
+                            } else {
+                                local = true;
+                            }
+                            bool _e119 = local;
+                            is_known = _e119;
+                            k = 0u;
+                            bool loop_init_3 = true;
+                            while(true) {
+                                if (!loop_init_3) {
+                                    uint _e133 = k;
+                                    k = (_e133 + 1u);
+                                }
+                                loop_init_3 = false;
+                                uint _e123 = k;
+                                uint _e124 = other_count;
+                                if ((_e123 < _e124)) {
+                                } else {
+                                    break;
+                                }
+                                {
+                                    bool _e126 = is_known;
+                                    uint _e127 = k;
+                                    uint _e129 = others[_e127];
+                                    is_known = (_e126 || (_e129 == id_5));
+                                }
+                            }
+                            bool _e135 = is_known;
+                            if (!(_e135)) {
+                                uint _e137 = other_count;
+                                others[_e137] = id_5;
+                                uint _e139 = other_count;
+                                other_count = (_e139 + 1u);
+                            }
+                        }
+                    }
+                }
+            }
+            float _e148 = nearness(v_9, shown, _e41, _e42);
+            float kept = ((shown != escaped) ? _e148 : 0.0);
+            best = (IN_FRONT * kept);
+            chosen = shown;
+            k_1 = 0u;
+            bool loop_init_4 = true;
+            while(true) {
+                if (!loop_init_4) {
+                    uint _e171 = k_1;
+                    k_1 = (_e171 + 1u);
+                }
+                loop_init_4 = false;
+                uint _e158 = k_1;
+                uint _e159 = other_count;
+                if ((_e158 < _e159)) {
+                } else {
+                    break;
+                }
+                {
+                    uint _e161 = k_1;
+                    uint _e163 = others[_e161];
+                    float _e164 = nearness(v_9, _e163, _e41, _e42);
+                    float _e165 = best;
+                    if ((_e164 > _e165)) {
+                        best = _e164;
+                        uint _e167 = k_1;
+                        uint _e169 = others[_e167];
+                        chosen = _e169;
+                    }
+                }
+            }
+            float _e173 = best;
+            if ((_e173 == 0.0)) {
+                bool _e178 = is_beside_nothing;
+                local_1 = _e178;
+            } else {
+                local_1 = false;
+            }
+            bool _e180 = local_1;
+            if (_e180) {
+                chosen = escaped;
+            }
+            _group_1_binding_27_cs[place_1] = ((kept == 0.0) ? (pixel_1 | OUTSIDE) : pixel_1);
+            uint _e192 = chosen;
+            _group_1_binding_27_cs[(place_1 + 1u)] = _e192;
+            _group_1_binding_27_cs[(place_1 + 2u)] = shown;
+            uint _e197 = chosen;
+            if ((_e197 != shown)) {
+                uint weight_1 = _group_1_binding_12_cs[pixel_1];
+                uint _e203 = chosen;
+                uint _e204 = visible_at(layer_9, _e203);
+                uint _e206 = atomicAdd(_group_1_binding_13_cs[_e204], weight_1);
+                uint _e208 = visible_at(layer_9, shown);
+                uint _e210 = atomicAdd(_group_1_binding_13_cs[_e208], -weight_1);
+                uint _e211 = chosen;
+                touch(layer_9, _e211);
+            }
+        }
+    }
+    return;
+}
+

@@ -1,0 +1,342 @@
+#version 450 core
+#extension GL_ARB_compute_shader : require
+#extension GL_ARB_shader_storage_buffer_object : require
+layout(local_size_x = 64, local_size_y = 1, local_size_z = 1) in;
+
+struct View {
+    vec3 eye_high;
+    float tolerance;
+    vec3 eye_low;
+    uint slot;
+    vec3 tangent;
+    uint layer;
+    vec3 bitangent;
+    uint face;
+    vec3 normal;
+    uint emitter;
+    vec3 clip_x;
+    uint first_row;
+    vec3 clip_y;
+    uint rows;
+    vec3 clip_w;
+    uint stamp;
+    uvec4 unused[8];
+};
+struct Settings {
+    uint resolution;
+    uint patch_count;
+    uint chunk_count;
+    uint word_count;
+    uint capacity;
+    uint triangle_count;
+    uint pyramid_stride;
+    float slack;
+    float tiny_slack;
+    uint output_entries;
+    uint looks_back;
+    uint unused;
+};
+struct Vertex {
+    float high_x;
+    float high_y;
+    float high_z;
+    float low_x;
+    float low_y;
+    float low_z;
+    uint front;
+    uint back;
+};
+struct Chunk {
+    vec3 center_high;
+    uint first_index;
+    vec3 center_low;
+    uint index_count;
+    vec3 half_sides;
+    uint unused;
+};
+struct Triangle {
+    vec3 places[3];
+    vec3 sides[3];
+};
+const float NEAR = 9.313226e-10;
+const uint RUN = 32u;
+const uint GROUP = 64u;
+const float NEAR_CENTRE = 0.0078125;
+const float IN_FRONT = 1.00001;
+const uint OUTSIDE = 2147483648u;
+
+layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
+
+layout(std140, binding = 1) uniform Settings_block_1Compute { Settings _group_1_binding_1_cs; };
+
+layout(std430, binding = 12) readonly buffer type_8_block_2Compute { uint _group_1_binding_12_cs[]; };
+
+layout(std430, binding = 18) readonly buffer type_8_block_3Compute { uint _group_1_binding_18_cs[]; };
+
+layout(std430, binding = 21) readonly buffer type_8_block_4Compute { uint _group_1_binding_21_cs[]; };
+
+layout(std430, binding = 22) buffer type_10_block_5Compute { uint _group_1_binding_22_cs[]; };
+
+layout(std430, binding = 26) buffer type_10_block_6Compute { uint _group_1_binding_26_cs[]; };
+
+layout(std430, binding = 27) buffer type_8_block_7Compute { uint _group_1_binding_27_cs[]; };
+
+
+vec3 relative(View v, vec3 high, vec3 low) {
+    return ((high - v.eye_high) + (low - v.eye_low));
+}
+
+vec3 in_frame(View v_1, vec3 r) {
+    float x_1 = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
+    float y_1 = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
+    float z = (((v_1.normal.x * r.x) + (v_1.normal.y * r.y)) + (v_1.normal.z * r.z));
+    float snap = (v_1.tolerance + ((abs(x_1) + abs(y_1)) * 9.536743e-7));
+    return vec3(x_1, y_1, ((abs(z) <= snap) ? 0.0 : z));
+}
+
+vec3 on_face(View v_2, vec3 p_1) {
+    return vec3((((v_2.clip_x.x * p_1.x) + (v_2.clip_x.y * p_1.y)) + (v_2.clip_x.z * p_1.z)), (((v_2.clip_y.x * p_1.x) + (v_2.clip_y.y * p_1.y)) + (v_2.clip_y.z * p_1.z)), (((v_2.clip_w.x * p_1.x) + (v_2.clip_w.y * p_1.y)) + (v_2.clip_w.z * p_1.z)));
+}
+
+vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
+    vec3 _e3 = relative(v_3, high_1, low_1);
+    vec3 _e4 = in_frame(v_3, _e3);
+    vec3 _e5 = on_face(v_3, _e4);
+    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+}
+
+uint pixel_count() {
+    uint _e3 = _group_1_binding_1_cs.resolution;
+    uint _e7 = _group_1_binding_1_cs.resolution;
+    return ((3u * _e3) * _e7);
+}
+
+uint near_base(uint layer) {
+    uint _e1 = pixel_count();
+    return (layer * ((_e1 / RUN) + 2u));
+}
+
+uint near_count(uint layer_1) {
+    uint _e1 = near_base(layer_1);
+    uint _e2 = pixel_count();
+    return (_e1 + (_e2 / RUN));
+}
+
+uint shown_count(uint layer_2) {
+    uint _e1 = near_count(layer_2);
+    return (_e1 + 1u);
+}
+
+uint listed_base(uint layer_3) {
+    uint _e3 = pixel_count();
+    return ((layer_3 * 4u) * _e3);
+}
+
+uint shown_base(uint layer_4) {
+    uint _e1 = listed_base(layer_4);
+    uint _e3 = pixel_count();
+    return (_e1 + (3u * _e3));
+}
+
+uint visible_at(uint layer_5, uint id) {
+    uint _e4 = _group_1_binding_1_cs.patch_count;
+    uint _e7 = _group_1_binding_1_cs.patch_count;
+    uint place = ((id > (_e7 + 1u)) ? _e4 : id);
+    uint _e14 = _group_1_binding_1_cs.patch_count;
+    return ((layer_5 * (_e14 + 2u)) + place);
+}
+
+float dot_fused(vec3 a, vec3 b) {
+    return fma(a.x, b.x, fma(a.y, b.y, (a.z * b.z)));
+}
+
+vec3 cross_fused(vec3 a_1, vec3 b_1) {
+    return vec3(fma(a_1.y, b_1.z, -((a_1.z * b_1.y))), fma(a_1.z, b_1.x, -((a_1.x * b_1.z))), fma(a_1.x, b_1.y, -((a_1.y * b_1.x))));
+}
+
+vec3 turned(View v_4, vec3 d_1) {
+    float _e3 = dot_fused(v_4.tangent, d_1);
+    float _e5 = dot_fused(v_4.bitangent, d_1);
+    float _e7 = dot_fused(v_4.normal, d_1);
+    return vec3(_e3, _e5, _e7);
+}
+
+vec3 high_of(Vertex c) {
+    return vec3(c.high_x, c.high_y, c.high_z);
+}
+
+vec3 low_of(Vertex c_1) {
+    return vec3(c_1.low_x, c_1.low_y, c_1.low_z);
+}
+
+vec3 placed(View v_5, Vertex c_2) {
+    vec3 _e2 = high_of(c_2);
+    vec3 _e5 = low_of(c_2);
+    vec3 _e9 = turned(v_5, ((_e2 - v_5.eye_high) + (_e5 - v_5.eye_low)));
+    float snap_1 = fma((abs(_e9.x) + abs(_e9.y)), 9.536743e-7, v_5.tolerance);
+    return vec3(_e9.xy, ((abs(_e9.z) <= snap_1) ? 0.0 : _e9.z));
+}
+
+vec3 between(View v_6, Vertex from_corner, Vertex to_corner, vec3 from_place, vec3 to_place) {
+    bool local_7 = false;
+    vec3 _e5 = high_of(to_corner);
+    vec3 _e6 = high_of(from_corner);
+    vec3 _e8 = low_of(to_corner);
+    vec3 _e9 = low_of(from_corner);
+    vec3 _e12 = turned(v_6, ((_e5 - _e6) + (_e8 - _e9)));
+    if (!((from_place.z == 0.0))) {
+        local_7 = (to_place.z == 0.0);
+    } else {
+        local_7 = true;
+    }
+    bool _e28 = local_7;
+    return vec3(_e12.xy, (_e28 ? (to_place.z - from_place.z) : _e12.z));
+}
+
+vec3 to_face(uint face_1, vec3 p_2) {
+    switch(face_1) {
+        case 0u: {
+            return p_2;
+        }
+        case 1u: {
+            return p_2.yzx;
+        }
+        case 2u: {
+            return vec3(-(p_2.y), p_2.z, -(p_2.x));
+        }
+        case 3u: {
+            return vec3(-(p_2.x), p_2.z, p_2.y);
+        }
+        default: {
+            return vec3(p_2.x, p_2.z, -(p_2.y));
+        }
+    }
+}
+
+uint face_of_row(uint row) {
+    uint n = _group_1_binding_1_cs.resolution;
+    return ((row >= n) ? (1u + ((row - n) / (n / 2u))) : 0u);
+}
+
+vec3 centre(uint face_2, uvec2 at_1) {
+    uint n_1 = _group_1_binding_1_cs.resolution;
+    uint first_row = ((face_2 == 0u) ? 0u : (n_1 + ((face_2 - 1u) * (n_1 / 2u))));
+    uint up = ((2u * (at_1.y - first_row)) + 1u);
+    ivec2 from_middle = (ivec2(uvec2(((2u * at_1.x) + 1u), up)) - ivec2(uvec2(n_1, ((face_2 == 0u) ? n_1 : 0u))));
+    return vec3(vec2(from_middle), float(n_1));
+}
+
+float side_of(vec3 edge, vec3 direction) {
+    float _e2 = dot_fused(edge, direction);
+    float first_1 = ((edge.x != 0.0) ? edge.x : ((edge.y != 0.0) ? edge.y : edge.z));
+    return ((_e2 == 0.0) ? first_1 : _e2);
+}
+
+vec4 within(uint face_4, vec3 p_3) {
+    uint _e4 = _group_1_binding_1_cs.resolution;
+    float pixel = (2.0 / float(_e4));
+    float wide = ((1.0 + pixel) * p_3.z);
+    float below = (((face_4 == 0u) ? (1.0 + pixel) : pixel) * p_3.z);
+    return vec4((wide - p_3.x), (wide + p_3.x), (wide - p_3.y), (below + p_3.y));
+}
+
+bool is_outside(uint face_5, vec3 p_4, vec3 q) {
+    vec3 _e3 = to_face(face_5, p_4);
+    vec4 _e4 = within(face_5, _e3);
+    vec3 _e8 = to_face(face_5, q);
+    vec4 _e9 = within(face_5, _e8);
+    return any(bvec4(lessThan(_e4, vec4(0.0)).x && lessThan(_e9, vec4(0.0)).x, lessThan(_e4, vec4(0.0)).y && lessThan(_e9, vec4(0.0)).y, lessThan(_e4, vec4(0.0)).z && lessThan(_e9, vec4(0.0)).z, lessThan(_e4, vec4(0.0)).w && lessThan(_e9, vec4(0.0)).w));
+}
+
+void main() {
+    uvec3 thread_3 = gl_GlobalInvocationID;
+    uvec3 groups_3 = gl_NumWorkGroups;
+    uint i_5 = 0u;
+    bool local_3 = false;
+    bool local_4 = false;
+    uint first = 0u;
+    uint end = 0u;
+    bool local_5 = false;
+    uint _e4 = _group_0_binding_0_cs.layer;
+    uint layer_9 = (_e4 + thread_3.y);
+    uint _e9 = _group_1_binding_1_cs.capacity;
+    uint base = (layer_9 * _e9);
+    uint _e15 = _group_0_binding_0_cs.slot;
+    uint entry_count = _group_1_binding_21_cs[(4u * (_e15 + thread_3.y))];
+    uint _e22 = near_count(layer_9);
+    uint count = atomicOr(_group_1_binding_26_cs[_e22], 0u);
+    i_5 = thread_3.x;
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            uint _e110 = i_5;
+            i_5 = (_e110 + (groups_3.x * GROUP));
+        }
+        loop_init = false;
+        uint _e27 = i_5;
+        if ((_e27 < count)) {
+        } else {
+            break;
+        }
+        {
+            uint _e29 = listed_base(layer_9);
+            uint _e31 = i_5;
+            uint place_1 = (_e29 + (3u * _e31));
+            uint pixel_1 = _group_1_binding_27_cs[place_1];
+            uint shown = _group_1_binding_27_cs[(place_1 + 2u)];
+            if ((pixel_1 >= OUTSIDE)) {
+                uint _e50 = _group_1_binding_27_cs[(place_1 + 1u)];
+                local_3 = (_e50 != shown);
+            } else {
+                local_3 = false;
+            }
+            bool _e53 = local_3;
+            if (_e53) {
+                uint _e58 = _group_1_binding_1_cs.patch_count;
+                local_4 = (shown < _e58);
+            } else {
+                local_4 = false;
+            }
+            bool _e61 = local_4;
+            if (_e61) {
+                first = 0u;
+                end = entry_count;
+                while(true) {
+                    uint _e65 = first;
+                    uint _e66 = end;
+                    if ((_e65 < _e66)) {
+                    } else {
+                        break;
+                    }
+                    {
+                        uint _e68 = first;
+                        uint _e69 = end;
+                        uint middle = ((_e68 + _e69) / 2u);
+                        uint _e78 = _group_1_binding_18_cs[(2u * (base + middle))];
+                        bool is_before = (_e78 < shown);
+                        uint _e80 = first;
+                        first = (is_before ? (middle + 1u) : _e80);
+                        uint _e84 = end;
+                        end = (is_before ? _e84 : middle);
+                    }
+                }
+                uint _e86 = first;
+                if ((_e86 < entry_count)) {
+                    uint _e92 = first;
+                    uint _e96 = _group_1_binding_18_cs[(2u * (base + _e92))];
+                    local_5 = (_e96 == shown);
+                } else {
+                    local_5 = false;
+                }
+                bool _e99 = local_5;
+                if (_e99) {
+                    uint _e101 = first;
+                    uint _e108 = _group_1_binding_12_cs[(pixel_1 & 2147483647u)];
+                    uint _e109 = atomicAdd(_group_1_binding_22_cs[(base + _e101)], -_e108);
+                }
+            }
+        }
+    }
+    return;
+}
+

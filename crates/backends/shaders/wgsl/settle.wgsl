@@ -1,0 +1,459 @@
+// For `edges=exact`. Drivers snap corners to a fraction of a pixel before they rasterise, so that pixels whose centre an edge
+// all but passes through may show the wrong side of it. Here the edges of all that is shown are walked, pixels are listed
+// whose centre one passes, and each of these is given to the triangle that its centre lies in.
+//
+//   reduce_sides ▶ near_edges ▶ settle ▶ put_settled ▶ … ▶ cover ▶ take_back
+//
+// What is decided of a pixel depends on the ids that were drawn and on nothing else: ids are read from the images, listed, and
+// only then put back. Sums are moved from one patch to another as integers. So the order, which differs, does not matter.
+//
+// Software runs the longer branch for all where one thread takes it, and every loop once: hence lists, and loops that look for
+// what is rare before it is dealt with.
+
+@group(1) @binding(11) var items: texture_2d_array<u32>;
+@group(1) @binding(12) var<storage, read> weights: array<u32>;
+@group(1) @binding(13) var<storage, read_write> visible: array<atomic<u32>>;
+@group(1) @binding(14) var<storage, read_write> touched: array<atomic<u32>>;
+@group(1) @binding(15) var<storage, read> vertices: array<Vertex>;
+@group(1) @binding(16) var<storage, read> indices: array<u32>;
+@group(1) @binding(17) var<storage, read> triangle_of_patch: array<u32>;
+@group(1) @binding(18) var<storage, read> entries: array<u32>;
+@group(1) @binding(21) var<storage, read> totals: array<u32>;
+@group(1) @binding(22) var<storage, read_write> hidden: array<atomic<u32>>;
+// A bit for each pixel that an edge passes near, how many these are, and how many ids are shown: [layer][3 N² / 32 + 2].
+@group(1) @binding(26) var<storage, read_write> near: array<atomic<u32>>;
+// Those pixels in any order, three words each: the pixel, what it is given, what it showed. Then the ids shown, in any order.
+// [layer][4 · 3 N²].
+@group(1) @binding(27) var<storage, read_write> listed: array<u32>;
+// The weight that each id shows: [layer][2 patch_count + 2].
+@group(1) @binding(28) var<storage, read_write> sides: array<atomic<u32>>;
+@group(1) @binding(29) var settled_items: texture_storage_2d_array<r32uint, write>;
+
+const RUN: u32 = 32u;
+const GROUP: u32 = 64u;
+// How near to a pixel's centre an edge is looked at, in pixels along its shorter axis. Corners are off by half of 1/256 in x and in
+// y, edges by no more than 1/256 along that axis; the rest is for drivers that cut off, and for rounding.
+const NEAR_CENTRE: f32 = 0.0078125;
+// By how much a neighbour must be nearer to hide what its pixel shows, as a part of 1 / distance: above the rounding of two depths.
+const IN_FRONT: f32 = 1.00001;
+// With a listed pixel: it is not in the triangle that it showed.
+const OUTSIDE: u32 = 0x80000000u;
+
+fn pixel_count() -> u32 {
+    return 3u * settings.resolution * settings.resolution;
+}
+
+// Where the bits of a layer begin in `near`.
+fn near_base(layer: u32) -> u32 {
+    return layer * (pixel_count() / RUN + 2u);
+}
+
+// Where in `near` the pixels of a layer are counted.
+fn near_count(layer: u32) -> u32 {
+    return near_base(layer) + pixel_count() / RUN;
+}
+
+// Where in `near` the ids that a layer shows are counted.
+fn shown_count(layer: u32) -> u32 {
+    return near_count(layer) + 1u;
+}
+
+// Where the pixels of a layer begin in `listed`.
+fn listed_base(layer: u32) -> u32 {
+    return layer * 4u * pixel_count();
+}
+
+// Where the ids that a layer shows begin in `listed`.
+fn shown_base(layer: u32) -> u32 {
+    return listed_base(layer) + 3u * pixel_count();
+}
+
+// Where the weight of what is shown is added up in `visible`: backs are all blocked.
+fn visible_at(layer: u32, id: u32) -> u32 {
+    let place = select(id, settings.patch_count, id > settings.patch_count + 1u);
+    return layer * (settings.patch_count + 2u) + place;
+}
+
+// Notes that a patch is in the row; ids that are none are left out.
+fn touch(layer: u32, id: u32) {
+    if (id < settings.patch_count) {
+        atomicOr(&touched[layer * settings.word_count + id / 32u], 1u << (id % 32u));
+    }
+}
+
+fn add_side(layer: u32, id: u32, weight: u32) {
+    let before = atomicAdd(&sides[layer * (2u * settings.patch_count + 2u) + id], weight);
+    // Once for each id. What shows nothing but pixels without weight does not count.
+    if (before == 0u && weight > 0u) {
+        listed[shown_base(layer) + atomicAdd(&near[shown_count(layer)], 1u)] = id;
+    }
+}
+
+// As `reduce`, but with backs apart from one another, and with a list of what is shown.
+@compute @workgroup_size(GROUP)
+fn reduce_sides(@builtin(global_invocation_id) run: vec3<u32>) {
+    let n = settings.resolution;
+    let first = run.x * RUN;
+    if (first >= pixel_count()) {
+        return;
+    }
+    let layer = view.layer + run.y;
+    atomicStore(&near[near_base(layer) + run.x], 0u);
+    if (run.x == 0u) {
+        atomicStore(&near[near_count(layer)], 0u);
+    }
+    var at = vec2<i32>(vec2<u32>(first % n, first / n));
+    var current = textureLoad(items, at, i32(layer), 0).x;
+    var sum = weights[first];
+    for (var i = 1u; i < RUN; i++) {
+        at.x += 1;
+        if (at.x == i32(n)) {
+            at = vec2<i32>(0, at.y + 1);
+        }
+        let id = textureLoad(items, at, i32(layer), 0).x;
+        let weight = weights[first + i];
+        if (id != current) {
+            add_side(layer, current, sum);
+            current = id;
+            sum = 0u;
+        }
+        sum += weight;
+    }
+    add_side(layer, current, sum);
+}
+
+// The sum of three products. As fused as the device has it, but wherever it is written: what compilers fuse at their liking may not change
+// sign exactly where it must.
+fn dot_fused(a: vec3<f32>, b: vec3<f32>) -> f32 {
+    return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z));
+}
+
+// Turns over exactly when one of the two does.
+fn cross_fused(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(
+        fma(a.y, b.z, -(a.z * b.y)),
+        fma(a.z, b.x, -(a.x * b.z)),
+        fma(a.x, b.y, -(a.y * b.x)),
+    );
+}
+
+fn turned(v: View, d: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(dot_fused(v.tangent, d), dot_fused(v.bitangent, d), dot_fused(v.normal, d));
+}
+
+fn high_of(c: Vertex) -> vec3<f32> {
+    return vec3<f32>(c.high_x, c.high_y, c.high_z);
+}
+
+fn low_of(c: Vertex) -> vec3<f32> {
+    return vec3<f32>(c.low_x, c.low_y, c.low_z);
+}
+
+// A corner in the hemicube's frame, as `in_frame` has it.
+fn placed(v: View, c: Vertex) -> vec3<f32> {
+    let p = turned(v, (high_of(c) - v.eye_high) + (low_of(c) - v.eye_low));
+    let snap = fma(abs(p.x) + abs(p.y), 9.5367431640625e-7, v.tolerance);
+    return vec3<f32>(p.xy, select(p.z, 0.0, abs(p.z) <= snap));
+}
+
+// From one corner to another. The difference is taken before the eye is subtracted, so that short edges keep their digits, and
+// turns over exactly with its ends.
+fn between(v: View, from_corner: Vertex, to_corner: Vertex, from_place: vec3<f32>, to_place: vec3<f32>) -> vec3<f32> {
+    let d = turned(v, (high_of(to_corner) - high_of(from_corner)) + (low_of(to_corner) - low_of(from_corner)));
+    // Where the emitter's plane has one of them, that decides.
+    return vec3<f32>(d.xy, select(d.z, to_place.z - from_place.z, from_place.z == 0.0 || to_place.z == 0.0));
+}
+
+struct Triangle {
+    places: array<vec3<f32>, 3>,
+    // From each corner to the next.
+    sides: array<vec3<f32>, 3>,
+}
+
+fn triangle_of(id: u32) -> u32 {
+    return triangle_of_patch[select(id, id - settings.patch_count - 2u, id > settings.patch_count)];
+}
+
+fn triangle(v: View, number: u32) -> Triangle {
+    let a = vertices[indices[3u * number]];
+    let b = vertices[indices[3u * number + 1u]];
+    let c = vertices[indices[3u * number + 2u]];
+    let p = placed(v, a);
+    let q = placed(v, b);
+    let r = placed(v, c);
+    return Triangle(
+        array<vec3<f32>, 3>(p, q, r),
+        array<vec3<f32>, 3>(between(v, a, b, p, q), between(v, b, c, q, r), between(v, c, a, r, p)),
+    );
+}
+
+// A vector of the frame along a face's axes: right, up, forward. `Face::axes` of the contract.
+fn to_face(face: u32, p: vec3<f32>) -> vec3<f32> {
+    switch face {
+        case 0u: { return p; }
+        case 1u: { return p.yzx; }
+        case 2u: { return vec3<f32>(-p.y, p.z, -p.x); }
+        case 3u: { return vec3<f32>(-p.x, p.z, p.y); }
+        default: { return vec3<f32>(p.x, p.z, -p.y); }
+    }
+}
+
+fn face_of_row(row: u32) -> u32 {
+    let n = settings.resolution;
+    return select(0u, 1u + (row - n) / (n / 2u), row >= n);
+}
+
+// Which way a pixel's centre is, along the axes of its face. Whole numbers: N times the direction with 1 forward.
+fn centre(face: u32, at: vec2<u32>) -> vec3<f32> {
+    let n = settings.resolution;
+    let first_row = select(n + (face - 1u) * (n / 2u), 0u, face == 0u);
+    let up = 2u * (at.y - first_row) + 1u;
+    let from_middle = vec2<i32>(vec2<u32>(2u * at.x + 1u, up)) - vec2<i32>(vec2<u32>(n, select(0u, n, face == 0u)));
+    return vec3<f32>(vec2<f32>(from_middle), f32(n));
+}
+
+// An edge's side of a direction: above 0 inside, and on the edge itself above 0 for one of the two triangles that share it,
+// by its own direction.
+fn side_of(edge: vec3<f32>, direction: vec3<f32>) -> f32 {
+    let side = dot_fused(edge, direction);
+    let first = select(select(edge.z, edge.y, edge.y != 0.0), edge.x, edge.x != 0.0);
+    return select(side, first, side == 0.0);
+}
+
+// How near a triangle is in a direction in which it covers a pixel's centre, as 1 / distance but for a factor; 0 where it does
+// not.
+fn nearness(v: View, id: u32, face: u32, direction: vec3<f32>) -> f32 {
+    let t = triangle(v, triangle_of(id));
+    let p = to_face(face, t.places[0]);
+    let q = to_face(face, t.places[1]);
+    let r = to_face(face, t.places[2]);
+    let to_q = to_face(face, t.sides[0]);
+    let to_r = to_face(face, t.sides[1]);
+    let to_p = to_face(face, t.sides[2]);
+    let across = cross_fused(to_q, to_r);
+    let volume = dot_fused(across, p);
+    let turn = select(-1.0, 1.0, volume > 0.0);
+    // Twice the product of the ends, from what changes sign exactly when they change places.
+    let inside = side_of(turn * cross_fused(p + q, to_q), direction) > 0.0
+        && side_of(turn * cross_fused(q + r, to_r), direction) > 0.0
+        && side_of(turn * cross_fused(r + p, to_p), direction) > 0.0;
+    return select(0.0, dot_fused(across, direction) / volume, inside);
+}
+
+// The planes that bound a face, each as how far in front of it a point is: a pixel more is in view than the face has.
+fn within(face: u32, p: vec3<f32>) -> vec4<f32> {
+    let pixel = 2.0 / f32(settings.resolution);
+    let wide = (1.0 + pixel) * p.z;
+    let below = select(pixel, 1.0 + pixel, face == 0u) * p.z;
+    return vec4<f32>(wide - p.x, wide + p.x, wide - p.y, below + p.y);
+}
+
+fn is_outside(face: u32, p: vec3<f32>, q: vec3<f32>) -> bool {
+    return any((within(face, to_face(face, p)) < vec4<f32>(0.0)) & (within(face, to_face(face, q)) < vec4<f32>(0.0)));
+}
+
+// Lists the pixels of a face whose centres an edge passes.
+fn walk(layer: u32, face: u32, from_frame: vec3<f32>, along_frame: vec3<f32>) {
+    let n = f32(settings.resolution);
+    let p = to_face(face, from_frame);
+    let d = to_face(face, along_frame);
+    // What of it is in view.
+    let at_p = within(face, p);
+    let at_q = within(face, p + d);
+    let crossing = at_p / (at_p - at_q);
+    let begins = select(vec4<f32>(0.0), crossing, at_p < vec4<f32>(0.0));
+    let ends = select(vec4<f32>(1.0), crossing, at_q < vec4<f32>(0.0));
+    let begin = max(max(begins.x, begins.y), max(begins.z, begins.w));
+    let end = min(min(ends.x, ends.y), min(ends.z, ends.w));
+    let a = p + begin * d;
+    let b = p + end * d;
+    let is_seen = begin < end && a.z > 0.0 && b.z > 0.0;
+    // Its ends in pixels of the face, a centre at whole numbers.
+    let shift = vec2<f32>(n, select(0.0, n, face == 0u)) * 0.5 - 0.5;
+    let from_pixel = a.xy / a.z * (0.5 * n) + shift;
+    let to_pixel = b.xy / b.z * (0.5 * n) + shift;
+    let reach = abs(to_pixel - from_pixel);
+    let is_steep = reach.y > reach.x;
+    let e = cross(p, d);
+    let size = vec2<f32>(n, select(0.5 * n, n, face == 0u));
+    // x is the longer axis, along which it is walked, and on which where it is on the other is affine.
+    let line = select(e.xy, e.yx, is_steep);
+    let shifts = select(shift, shift.yx, is_steep);
+    let sizes = select(size, size.yx, is_steep);
+    let ends_of = select(vec2<f32>(from_pixel.x, to_pixel.x), vec2<f32>(from_pixel.y, to_pixel.y), is_steep);
+    let slope = -line.x / line.y;
+    let offset = shifts.y - slope * shifts.x - 0.5 * n * e.z / line.y;
+    let first_row = select(settings.resolution + (face - 1u) * (settings.resolution / 2u), 0u, face == 0u);
+    var major = max(ceil(min(ends_of.x, ends_of.y) - NEAR_CENTRE), 0.0);
+    var last = min(floor(max(ends_of.x, ends_of.y) + NEAR_CENTRE), sizes.x - 1.0);
+    last = select(-1.0, last, is_seen);
+    while (major <= last) {
+        var minor = slope * major + offset;
+        while (abs(minor - round(minor)) > NEAR_CENTRE && major < last) {
+            major += 1.0;
+            minor = slope * major + offset;
+        }
+        let nearest = round(minor);
+        if (abs(minor - nearest) <= NEAR_CENTRE && nearest >= 0.0 && nearest < sizes.y) {
+            let at = vec2<u32>(select(vec2<f32>(major, nearest), vec2<f32>(nearest, major), is_steep));
+            let pixel = (at.y + first_row) * settings.resolution + at.x;
+            let bit = 1u << (pixel % RUN);
+            if ((atomicOr(&near[near_base(layer) + pixel / RUN], bit) & bit) == 0u) {
+                listed[listed_base(layer) + 3u * atomicAdd(&near[near_count(layer)], 1u)] = pixel;
+            }
+        }
+        major += 1.0;
+    }
+}
+
+// Puts the sums of what is shown where they belong, and walks the edges of its triangles. One thread an edge; groups: any number,
+// layers.
+@compute @workgroup_size(GROUP)
+fn near_edges(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let v = views[(view.slot + thread.y) * 5u];
+    let layer = v.layer;
+    let count = atomicLoad(&near[shown_count(layer)]);
+    for (var i = thread.x; i < count; i += groups.x * GROUP) {
+        let id = listed[shown_base(layer) + i];
+        let sum = atomicExchange(&sides[layer * (2u * settings.patch_count + 2u) + id], 0u);
+        atomicAdd(&visible[visible_at(layer, id)], sum);
+        touch(layer, id);
+    }
+    for (var i = thread.x; i < 3u * count; i += groups.x * GROUP) {
+        let id = listed[shown_base(layer) + i / 3u];
+        let k = i % 3u;
+        var faces = 0u;
+        var p = vec3<f32>(0.0);
+        var d = vec3<f32>(0.0);
+        if (id != settings.patch_count + 1u) {
+            let corner = 3u * triangle_of(id);
+            let a = vertices[indices[corner + k]];
+            let b = vertices[indices[corner + (k + 1u) % 3u]];
+            p = placed(v, a);
+            let q = placed(v, b);
+            d = between(v, a, b, p, q);
+            for (var face = 0u; face < 5u; face++) {
+                faces |= select(1u << face, 0u, is_outside(face, p, q));
+            }
+        }
+        while (faces != 0u) {
+            walk(layer, firstTrailingBit(faces), p, d);
+            faces &= faces - 1u;
+        }
+    }
+}
+
+// Groups: any number, layers.
+@compute @workgroup_size(GROUP)
+fn settle(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let v = views[(view.slot + thread.y) * 5u];
+    let layer = v.layer;
+    let n = settings.resolution;
+    let escaped = settings.patch_count + 1u;
+    let count = atomicLoad(&near[near_count(layer)]);
+    for (var i = thread.x; i < count; i += groups.x * GROUP) {
+        let place = listed_base(layer) + 3u * i;
+        let pixel = listed[place];
+        let at = vec2<u32>(pixel % n, pixel / n);
+        let face = face_of_row(at.y);
+        let direction = centre(face, at);
+        let shown = textureLoad(items, vec2<i32>(at), i32(layer), 0).x;
+        // What the neighbours on the same face show besides.
+        let first_row = select(n + (face - 1u) * (n / 2u), 0u, face == 0u);
+        let low = vec2<u32>(max(at.x, 1u) - 1u, max(at.y, first_row + 1u) - 1u);
+        let high = min(at + 1u, vec2<u32>(n, first_row + select(n / 2u, n, face == 0u)) - 1u);
+        var others: array<u32, 8>;
+        var other_count = 0u;
+        var is_beside_nothing = false;
+        for (var y = low.y; y <= high.y; y++) {
+            for (var x = low.x; x <= high.x; x++) {
+                let id = textureLoad(items, vec2<i32>(vec2<u32>(x, y)), i32(layer), 0).x;
+                is_beside_nothing |= id == escaped;
+                var is_known = id == shown || id == escaped;
+                for (var k = 0u; k < other_count; k++) {
+                    is_known |= others[k] == id;
+                }
+                if (!is_known) {
+                    others[other_count] = id;
+                    other_count += 1u;
+                }
+            }
+        }
+        let kept = select(0.0, nearness(v, shown, face, direction), shown != escaped);
+        var best = IN_FRONT * kept;
+        var chosen = shown;
+        for (var k = 0u; k < other_count; k++) {
+            let there = nearness(v, others[k], face, direction);
+            if (there > best) {
+                best = there;
+                chosen = others[k];
+            }
+        }
+        // In no triangle that is known of here: what is beyond the silhouette.
+        if (best == 0.0 && is_beside_nothing) {
+            chosen = escaped;
+        }
+        listed[place] = select(pixel, pixel | OUTSIDE, kept == 0.0);
+        listed[place + 1u] = chosen;
+        listed[place + 2u] = shown;
+        if (chosen != shown) {
+            let weight = weights[pixel];
+            atomicAdd(&visible[visible_at(layer, chosen)], weight);
+            atomicSub(&visible[visible_at(layer, shown)], weight);
+            touch(layer, chosen);
+        }
+    }
+}
+
+// Puts settled ids into the item buffer, and takes patches off the row that lost their last pixel. Groups: any number, layers.
+@compute @workgroup_size(GROUP)
+fn put_settled(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let layer = view.layer + thread.y;
+    let n = settings.resolution;
+    let count = atomicLoad(&near[near_count(layer)]);
+    if (thread.x == 0u) {
+        atomicStore(&near[shown_count(layer)], 0u);
+    }
+    for (var i = thread.x; i < count; i += groups.x * GROUP) {
+        let place = listed_base(layer) + 3u * i;
+        let id = listed[place + 1u];
+        let shown = listed[place + 2u];
+        if (id != shown) {
+            let pixel = listed[place] & ~OUTSIDE;
+            let at = vec2<i32>(vec2<u32>(pixel % n, pixel / n));
+            textureStore(settled_items, at, i32(layer), vec4<u32>(id, 0u, 0u, 0u));
+            if (shown < settings.patch_count && atomicLoad(&visible[visible_at(layer, shown)]) == 0u) {
+                atomicAnd(&touched[layer * settings.word_count + shown / 32u], ~(1u << (shown % 32u)));
+            }
+        }
+    }
+}
+
+// The cover stage has the driver's edges, too: a pixel that was taken from a patch because it is not in it comes back there as
+// hidden. Here it is taken back again. Groups: any number, layers.
+@compute @workgroup_size(GROUP)
+fn take_back(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let layer = view.layer + thread.y;
+    let base = layer * settings.capacity;
+    let entry_count = totals[4u * (view.slot + thread.y)];
+    let count = atomicLoad(&near[near_count(layer)]);
+    for (var i = thread.x; i < count; i += groups.x * GROUP) {
+        let place = listed_base(layer) + 3u * i;
+        let pixel = listed[place];
+        let shown = listed[place + 2u];
+        if (pixel >= OUTSIDE && listed[place + 1u] != shown && shown < settings.patch_count) {
+            // Entries ascend.
+            var first = 0u;
+            var end = entry_count;
+            while (first < end) {
+                let middle = (first + end) / 2u;
+                let is_before = entries[2u * (base + middle)] < shown;
+                first = select(first, middle + 1u, is_before);
+                end = select(middle, end, is_before);
+            }
+            if (first < entry_count && entries[2u * (base + first)] == shown) {
+                atomicSub(&hidden[base + first], weights[pixel & ~OUTSIDE]);
+            }
+        }
+    }
+}
