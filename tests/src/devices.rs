@@ -11,7 +11,7 @@ use glam::DVec3;
 use hemicube::Model;
 use hemicube::backend::{BackendError, Counters, Culling, Hemicube, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::delta::DeltaTable;
-use hemicube::face::{Face, Items};
+use hemicube::face::{Face, Items, pixel_count};
 use hemicube::row::{RowBlock, RowView};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, generate};
@@ -280,6 +280,9 @@ pub fn rows_do_not_depend(
 /// that some of the pixels on edges differ: of scenes in which a patch has about 20 pixels, like these, 3 in 10,000.
 pub const MOST_PIXELS: f64 = 3e-4;
 
+/// How many may differ with `edges=exact`.
+pub const MOST_PIXELS_EXACT: f64 = 1e-4;
+
 fn settings(resolution: u32, culling: Culling, covered: bool) -> RenderSettings {
     RenderSettings {
         resolution,
@@ -334,42 +337,92 @@ fn edge_passes(model: &Model, hemicube: &Hemicube, face: Face, [x, y]: [u32; 2],
         .any(|(inside, depth)| inside.abs() <= 1.0 / 256.0 && *depth <= nearest * (1.0 + 1e-4))
 }
 
+/// How many pixels of two sessions' item buffers differ, how many of these without an edge ([`unexplained`]), and how many that
+/// are beside no pixel which the second shows so.
+fn pixels_apart(
+    one: &mut dyn HemicubeBackend,
+    other: &mut dyn HemicubeBackend,
+    model: &Model,
+    hemicubes: &[Hemicube],
+) -> [usize; 3] {
+    let mut counts = [0; 3];
+    for hemicube in hemicubes {
+        let (a, b) = (
+            one.items(hemicube).expect("legal"),
+            other.items(hemicube).expect("legal"),
+        );
+        let n = a.resolution as usize;
+        counts[0] += compare_items(&a, &b);
+        counts[1] += unexplained(model, hemicube, &a, &b);
+        for at in (0..a.seen.len()).filter(|&at| a.seen[at] != b.seen[at]) {
+            let (x, y) = (at % n, at / n);
+            let near = (y.saturating_sub(1)..=(y + 1).min(3 * n - 1))
+                .flat_map(|y| (x.saturating_sub(1)..=(x + 1).min(n - 1)).map(move |x| y * n + x))
+                .any(|near| b.seen[near] == a.seen[at]);
+            counts[2] += usize::from(!near);
+        }
+    }
+    counts
+}
+
+/// Pixels along an edge where sessions are held against the CPU backend's.
+const AGAINST_THE_CPU: u32 = 256;
+
+/// With the driver's edges, more pixels of the room differ than [`MOST_PIXELS_EXACT`] allows: that bound tells them from exact ones.
+///
+/// # Panics
+/// When it does not.
+pub fn the_drivers_edges_are_told_from_exact_ones(open: Open<'_>) {
+    let (_, room) = scenes().swap_remove(0);
+    let hemicubes = some(&room, 24);
+    let mut sessions = [open("edges=driver"), open("edges=exact")].map(|opened| opened.expect("it was there"));
+    let names = sessions.each_ref().map(|session| session.info().version.clone());
+    assert_ne!(names[0], names[1], "rows that differ are told apart by the version");
+    let mut cpu = CpuBackend::new();
+    let settings = settings(AGAINST_THE_CPU, Culling::On, false);
+    cpu.load(room.geometry(), settings).expect("a small scene");
+    let shares = sessions.each_mut().map(|session| {
+        session.load(room.geometry(), settings).expect("a small scene");
+        let [pixels, ..] = pixels_apart(&mut **session, &mut cpu, &room, &hemicubes);
+        pixels as f64 / (hemicubes.len() * pixel_count(AGAINST_THE_CPU)) as f64
+    });
+    assert!(
+        shares[0] > MOST_PIXELS_EXACT && shares[1] <= MOST_PIXELS_EXACT,
+        "of the driver's and of exact edges' pixels differ {shares:?}"
+    );
+}
+
 /// What a scene has in common with the CPU backend: the share of pixels that differ, and how far rows are apart. Of the
 /// pixels that differ, most are on an edge: next to one that the CPU backend sees so. (Not where patches are smaller than
 /// pixels, and not on shared walls.) `most_unexplained` is the share that may differ without
 /// an edge ([`unexplained`]).
 ///
 /// # Panics
-/// When more than [`MOST_PIXELS`] differ, more than that without an edge, a row by more than 5 · 10⁻³ of its weight, or all by
+/// When more than `most_pixels` differ, more than that without an edge, a row by more than 5 · 10⁻³ of its weight, or all by
 /// more than 10⁻³ in the mean.
-pub fn agrees_with_the_cpu(open: Open<'_>, options: &str, name: &str, model: &Model, most_unexplained: f64) -> Apart {
-    let (resolution, n) = (256, 256usize);
+pub fn agrees_with_the_cpu(
+    open: Open<'_>,
+    options: &str,
+    name: &str,
+    model: &Model,
+    most_pixels: f64,
+    most_unexplained: f64,
+) -> Apart {
+    let resolution = AGAINST_THE_CPU;
     let hemicubes = some(model, 24);
     let mut gpu = open(options).expect("it was there");
     let mut cpu = CpuBackend::new();
     let (a, _) = render_with(&mut *gpu, model, &hemicubes, settings(resolution, Culling::On, false));
     let (b, _) = render_with(&mut cpu, model, &hemicubes, settings(resolution, Culling::On, false));
     let apart = compare_rows(&a, &b);
-    let (mut pixels, mut off_edges, mut without) = (0, 0, 0);
-    for hemicube in &hemicubes {
-        let (a, b) = (gpu.items(hemicube).expect("legal"), cpu.items(hemicube).expect("legal"));
-        pixels += compare_items(&a, &b);
-        without += unexplained(model, hemicube, &a, &b);
-        for at in (0..a.seen.len()).filter(|&at| a.seen[at] != b.seen[at]) {
-            let (x, y) = (at % n, at / n);
-            let near = (y.saturating_sub(1)..=(y + 1).min(3 * n - 1))
-                .flat_map(|y| (x.saturating_sub(1)..=(x + 1).min(n - 1)).map(move |x| y * n + x))
-                .any(|near| b.seen[near] == a.seen[at]);
-            off_edges += usize::from(!near);
-        }
-    }
-    let all = (hemicubes.len() * 3 * n * n) as f64;
+    let [pixels, without, off_edges] = pixels_apart(&mut *gpu, &mut cpu, model, &hemicubes);
+    let all = (hemicubes.len() * pixel_count(resolution)) as f64;
     let (share, without) = (pixels as f64 / all, without as f64 / all);
     say(&format!(
-        "{name}: {share:.1e} of the pixels differ, {without:.1e} with no edge within 1/256 of a pixel, {off_edges} of {pixels} off edges; rows by {:.1e}, {:.1e} at most",
+        "{name}, `{options}`: {share:.1e} of the pixels differ, {without:.1e} with no edge within 1/256 of a pixel, {off_edges} of {pixels} off edges; rows by {:.1e}, {:.1e} at most",
         apart.mean, apart.worst
     ));
-    assert!(share <= MOST_PIXELS, "{name}: {share} of the pixels differ");
+    assert!(share <= most_pixels, "{name}: {share} of the pixels differ");
     assert!(
         without <= most_unexplained,
         "{name}: {without} of the pixels differ, and no edge is near"
@@ -415,15 +468,21 @@ pub fn rows_are_sums_and_little_comes_back(open: Open<'_>, options: &str) {
 ///
 /// # Panics
 /// When it is otherwise.
-pub fn all_that_nothing_hides_is_seen(open: Open<'_>) {
+pub fn all_that_nothing_hides_is_seen(open: Open<'_>, options: &str) {
     for (name, model) in unoccluded() {
         let hemicubes = some(&model, 40);
-        let (rows, _) = rows_with(open, "", &model, &hemicubes, settings(128, Culling::On, true));
+        let (rows, _) = rows_with(open, options, &model, &hemicubes, settings(128, Culling::On, true));
         assert_eq!(rows.covered, rows.visible, "{name}");
     }
     // And where something does, it is not so.
     let (name, model) = scenes().swap_remove(3);
-    let (rows, _) = rows_with(open, "", &model, &some(&model, 40), settings(128, Culling::On, true));
+    let (rows, _) = rows_with(
+        open,
+        options,
+        &model,
+        &some(&model, 40),
+        settings(128, Culling::On, true),
+    );
     assert_ne!(rows.covered, rows.visible, "{name}");
 }
 
@@ -431,11 +490,11 @@ pub fn all_that_nothing_hides_is_seen(open: Open<'_>) {
 ///
 /// # Panics
 /// When covered weights are a hundredth apart, or a third of the tiny patches are of one only.
-pub fn covered_and_tiny_agree_with_the_cpu(open: Open<'_>) {
+pub fn covered_and_tiny_agree_with_the_cpu(open: Open<'_>, options: &str) {
     for (name, model) in scenes() {
         let hemicubes = some(&model, 24);
         let settings = settings(64, Culling::On, true);
-        let (a, _) = rows_with(open, "", &model, &hemicubes, settings);
+        let (a, _) = rows_with(open, options, &model, &hemicubes, settings);
         let (b, _) = render_with(&mut CpuBackend::new(), &model, &hemicubes, settings);
         let (mut both, mut only) = (0, [0, 0]);
         let (mut apart, mut all) = (0u64, 0u64);
@@ -459,7 +518,7 @@ pub fn covered_and_tiny_agree_with_the_cpu(open: Open<'_>) {
         }
         let apart = apart as f64 / all as f64;
         say(&format!(
-            "{name}: {both} tiny patches of both, {only:?} of one; covered weights {apart:.1e} apart"
+            "{name}, `{options}`: {both} tiny patches of both, {only:?} of one; covered weights {apart:.1e} apart"
         ));
         assert!(apart < 1e-2, "{name}: covered weights are {apart} apart");
         // Where surfaces lie on one another, as houses on the ground, it is chance which of them is in front.

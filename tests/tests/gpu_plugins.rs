@@ -9,7 +9,7 @@ use hemicube::backend::{BackendError, HemicubeBackend};
 use hemicube::row::RowBlock;
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::generate::Kind;
-use hemicube_tests::devices::is_there;
+use hemicube_tests::devices::{MOST_PIXELS_EXACT, is_there};
 use hemicube_tests::plugins::{rust, try_session};
 use hemicube_tests::rows::{hemicubes, settings, spread};
 use hemicube_tests::scenes::{generated, program, say};
@@ -68,6 +68,59 @@ fn vulkan_keeps_the_conformance_suite() {
 #[test]
 fn wgpu_keeps_the_conformance_suite() {
     keeps_the_conformance_suite("wgpu");
+}
+
+/// The share of the pixels that differ from the built-in backend's, by the suite's own words, of each scene.
+fn shares_of_pixels(text: &str) -> Vec<(String, f64)> {
+    let of_line = |line: &str| {
+        let (before, _) = line.split_once(" of the pixels differ")?;
+        let scene = line.split('/').next()?.split_whitespace().last()?;
+        Some((scene.to_owned(), before.split_whitespace().last()?.parse().ok()?))
+    };
+    text.lines().filter_map(of_line).collect()
+}
+
+/// With `edges=exact`, no more than 1 in 10,000 pixels of any scene of the suite differs.
+fn has_exact_edges(name: &str) {
+    if !has_device(name) {
+        return;
+    }
+    let output = Command::new(program())
+        .args(["backends", "check", name, "--backend-dir", &folder()])
+        .args(["--backend-option", "edges=exact", "--only", "*/reference"])
+        .output()
+        .expect("the program starts");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        output.status.success(),
+        "{text}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(text.contains("gpu-1-exact"), "it is told from the driver's: {text}");
+    let shares = shares_of_pixels(&text);
+    assert_eq!(shares.len(), 8, "a share of each scene: {text}");
+    say(&format!("{name}, exact edges: {shares:?}"));
+    for (scene, share) in shares {
+        assert!(
+            share <= MOST_PIXELS_EXACT,
+            "{name}, {scene}: {share} of the pixels differ"
+        );
+    }
+}
+
+#[test]
+fn gl_has_exact_edges_on_the_conformance_scenes() {
+    has_exact_edges("gl");
+}
+
+#[test]
+fn vulkan_has_exact_edges_on_the_conformance_scenes() {
+    has_exact_edges("vulkan");
+}
+
+#[test]
+fn wgpu_has_exact_edges_on_the_conformance_scenes() {
+    has_exact_edges("wgpu");
 }
 
 /// The measured error of a run over a backend, by rays.

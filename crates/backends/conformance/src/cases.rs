@@ -20,7 +20,7 @@ const REFERENCE_RESOLUTION: u32 = 256;
 /// A resolution at which many patches are tiny.
 const COARSE: u32 = 16;
 /// Share of the pixels that may differ from the reference. Drivers snap corners to 1/256 of a pixel, so that pixels on edges
-/// differ: 2.3 · 10⁻⁴ of them where small triangles fill the view (docs/gpu.md).
+/// differ: 2.3 · 10⁻⁴ of them where small triangles fill the view (docs/gpu.md, which has a setting for less).
 const PIXELS: f64 = 3e-4;
 /// How far a row may be from the reference's, in L1.
 const ROW: f64 = 5e-3;

@@ -28,7 +28,19 @@ fn rows_agree_with_the_cpu_backend() {
         return;
     }
     for (name, model) in devices::scenes() {
-        devices::agrees_with_the_cpu(&gl, "cull=off", name, &model, devices::MOST_UNEXPLAINED);
+        for (options, most) in [
+            ("cull=off", devices::MOST_PIXELS),
+            ("cull=off,edges=exact", devices::MOST_PIXELS_EXACT),
+        ] {
+            devices::agrees_with_the_cpu(&gl, options, name, &model, most, devices::MOST_UNEXPLAINED);
+        }
+    }
+}
+
+#[test]
+fn exact_edges_are_told_from_the_drivers() {
+    if is_there("gl", &gl("")) {
+        devices::the_drivers_edges_are_told_from_exact_ones(&gl);
     }
 }
 
@@ -42,7 +54,16 @@ fn rows_of_a_real_tile_agree_with_the_cpu_backend_and_do_not_depend_on_culling()
     let scene = read(&folder, "city/denhaag-8897.obj").expect("a scene of the manifest");
     let tile = model(scene.clone(), Subdivision::None);
     // Houses share walls here, some of them but for 10⁻⁵ of their distance: there the pixels of a whole wall may differ.
-    devices::agrees_with_the_cpu(&gl, "cull=off", "denhaag-8897", &tile, devices::MOST_PIXELS);
+    for options in ["cull=off", "cull=off,edges=exact"] {
+        devices::agrees_with_the_cpu(
+            &gl,
+            options,
+            "denhaag-8897",
+            &tile,
+            devices::MOST_PIXELS,
+            devices::MOST_PIXELS,
+        );
+    }
     let options = ["cull=marks", "cull=queries", "cull=depth", "cull=view"];
     devices::rows_do_not_depend(&gl, &options, name, &tile, &neighbours(&tile, 32), true, 128);
 
@@ -95,7 +116,14 @@ const OPTIONS: &[&str] = &[
     "",
 ];
 
-fn do_not_depend(range: std::ops::Range<usize>) {
+const EXACT: &[&str] = &[
+    "edges=exact,cull=marks",
+    "edges=exact,cull=queries,min_patches=0,batch=1",
+    "edges=exact,cull=depth,group=5,batch=10",
+    "edges=exact,cull=off",
+];
+
+fn do_not_depend(options: &[&str], range: std::ops::Range<usize>) {
     if !is_there("gl", &gl("")) {
         return;
     }
@@ -104,44 +132,52 @@ fn do_not_depend(range: std::ops::Range<usize>) {
     for (name, model) in &scenes[range] {
         let hemicubes = some(model, 24);
         for (resolution, covered) in [(64, true), (176, false)] {
-            devices::rows_do_not_depend(&gl, OPTIONS, name, model, &hemicubes, covered, resolution);
+            devices::rows_do_not_depend(&gl, options, name, model, &hemicubes, covered, resolution);
         }
     }
 }
 
 #[test]
 fn rows_do_not_depend_on_culling_batches_or_the_run() {
-    do_not_depend(0..5);
+    do_not_depend(OPTIONS, 0..5);
 }
 
 #[test]
 fn rows_of_a_city_with_duplicates_do_not_depend_on_culling_batches_or_the_run() {
-    do_not_depend(5..6);
+    do_not_depend(OPTIONS, 5..6);
 }
 
 #[test]
 fn rows_of_extreme_scenes_do_not_depend_on_culling_batches_or_the_run() {
-    do_not_depend(6..13);
+    do_not_depend(OPTIONS, 6..13);
+}
+
+#[test]
+fn rows_with_exact_edges_do_not_depend_on_culling_batches_or_the_run() {
+    do_not_depend(EXACT, 0..13);
 }
 
 #[test]
 fn rows_are_the_sums_of_item_buffers_and_little_comes_back() {
     if is_there("gl", &gl("")) {
         devices::rows_are_sums_and_little_comes_back(&gl, "cull=marks");
+        devices::rows_are_sums_and_little_comes_back(&gl, "edges=exact");
     }
 }
 
 #[test]
 fn where_nothing_hides_anything_all_that_is_covered_is_seen() {
     if is_there("gl", &gl("")) {
-        devices::all_that_nothing_hides_is_seen(&gl);
+        devices::all_that_nothing_hides_is_seen(&gl, "");
+        devices::all_that_nothing_hides_is_seen(&gl, "edges=exact");
     }
 }
 
 #[test]
 fn covered_and_tiny_patches_agree_with_the_cpu_backend() {
     if is_there("gl", &gl("")) {
-        devices::covered_and_tiny_agree_with_the_cpu(&gl);
+        devices::covered_and_tiny_agree_with_the_cpu(&gl, "");
+        devices::covered_and_tiny_agree_with_the_cpu(&gl, "edges=exact");
     }
 }
 
@@ -149,6 +185,7 @@ fn covered_and_tiny_patches_agree_with_the_cpu_backend() {
 fn a_hemicube_off_its_emitter_does_not_see_it() {
     if is_there("gl", &gl("")) {
         devices::emitters_are_not_seen_from_off_their_planes(&gl, "cull=marks");
+        devices::emitters_are_not_seen_from_off_their_planes(&gl, "edges=exact");
     }
 }
 
@@ -159,6 +196,7 @@ fn what_cannot_be_is_refused_and_the_session_lives() {
     }
     assert!(!Gl::devices().expect("it was there").is_empty());
     for (options, word) in [
+        ("edges=sharp", "driver"),
         ("cull=perhaps", "queries"),
         ("speed=11", "speed"),
         ("batch=0", "batch"),

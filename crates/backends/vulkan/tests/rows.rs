@@ -26,7 +26,19 @@ fn rows_agree_with_the_cpu_backend() {
         return;
     }
     for (name, model) in devices::scenes() {
-        devices::agrees_with_the_cpu(&vulkan, "cull=off", name, &model, devices::MOST_UNEXPLAINED);
+        for (options, most) in [
+            ("cull=off", devices::MOST_PIXELS),
+            ("cull=off,edges=exact", devices::MOST_PIXELS_EXACT),
+        ] {
+            devices::agrees_with_the_cpu(&vulkan, options, name, &model, most, devices::MOST_UNEXPLAINED);
+        }
+    }
+}
+
+#[test]
+fn exact_edges_are_told_from_the_drivers() {
+    if is_there("vulkan", &vulkan("")) {
+        devices::the_drivers_edges_are_told_from_exact_ones(&vulkan);
     }
 }
 
@@ -40,7 +52,16 @@ fn rows_of_a_real_tile_agree_with_the_cpu_backend_and_do_not_depend_on_culling()
     let scene = read(&folder, "city/denhaag-8897.obj").expect("a scene of the manifest");
     let tile = model(scene.clone(), Subdivision::None);
     // Houses share walls here, some of them but for 10⁻⁵ of their distance: there the pixels of a whole wall may differ.
-    devices::agrees_with_the_cpu(&vulkan, "cull=off", "denhaag-8897", &tile, devices::MOST_PIXELS);
+    for options in ["cull=off", "cull=off,edges=exact"] {
+        devices::agrees_with_the_cpu(
+            &vulkan,
+            options,
+            "denhaag-8897",
+            &tile,
+            devices::MOST_PIXELS,
+            devices::MOST_PIXELS,
+        );
+    }
     let options = ["cull=occlusion", "cull=frustum", "cull=off"];
     devices::rows_do_not_depend(&vulkan, &options, name, &tile, &neighbours(&tile, 32), true, 128);
 
@@ -91,7 +112,14 @@ const OPTIONS: &[&str] = &[
     "cull=off",
 ];
 
-fn do_not_depend(range: std::ops::Range<usize>) {
+const EXACT: &[&str] = &[
+    "edges=exact,cull=occlusion",
+    "edges=exact,cull=occlusion,group=5,batch=10",
+    "edges=exact,cull=frustum,batch=1",
+    "edges=exact,cull=off",
+];
+
+fn do_not_depend(options: &[&str], range: std::ops::Range<usize>) {
     if !is_there("vulkan", &vulkan("")) {
         return;
     }
@@ -100,44 +128,52 @@ fn do_not_depend(range: std::ops::Range<usize>) {
     for (name, model) in &scenes[range] {
         let hemicubes = some(model, 24);
         for (resolution, covered) in [(64, true), (176, false)] {
-            devices::rows_do_not_depend(&vulkan, OPTIONS, name, model, &hemicubes, covered, resolution);
+            devices::rows_do_not_depend(&vulkan, options, name, model, &hemicubes, covered, resolution);
         }
     }
 }
 
 #[test]
 fn rows_do_not_depend_on_culling_batches_or_the_run() {
-    do_not_depend(0..5);
+    do_not_depend(OPTIONS, 0..5);
 }
 
 #[test]
 fn rows_of_a_city_with_duplicates_do_not_depend_on_culling_batches_or_the_run() {
-    do_not_depend(5..6);
+    do_not_depend(OPTIONS, 5..6);
 }
 
 #[test]
 fn rows_of_extreme_scenes_do_not_depend_on_culling_batches_or_the_run() {
-    do_not_depend(6..13);
+    do_not_depend(OPTIONS, 6..13);
+}
+
+#[test]
+fn rows_with_exact_edges_do_not_depend_on_culling_batches_or_the_run() {
+    do_not_depend(EXACT, 0..13);
 }
 
 #[test]
 fn rows_are_the_sums_of_item_buffers_and_little_comes_back() {
     if is_there("vulkan", &vulkan("")) {
         devices::rows_are_sums_and_little_comes_back(&vulkan, "cull=occlusion");
+        devices::rows_are_sums_and_little_comes_back(&vulkan, "edges=exact");
     }
 }
 
 #[test]
 fn where_nothing_hides_anything_all_that_is_covered_is_seen() {
     if is_there("vulkan", &vulkan("")) {
-        devices::all_that_nothing_hides_is_seen(&vulkan);
+        devices::all_that_nothing_hides_is_seen(&vulkan, "");
+        devices::all_that_nothing_hides_is_seen(&vulkan, "edges=exact");
     }
 }
 
 #[test]
 fn covered_and_tiny_patches_agree_with_the_cpu_backend() {
     if is_there("vulkan", &vulkan("")) {
-        devices::covered_and_tiny_agree_with_the_cpu(&vulkan);
+        devices::covered_and_tiny_agree_with_the_cpu(&vulkan, "");
+        devices::covered_and_tiny_agree_with_the_cpu(&vulkan, "edges=exact");
     }
 }
 
@@ -145,6 +181,7 @@ fn covered_and_tiny_patches_agree_with_the_cpu_backend() {
 fn a_hemicube_off_its_emitter_does_not_see_it() {
     if is_there("vulkan", &vulkan("")) {
         devices::emitters_are_not_seen_from_off_their_planes(&vulkan, "cull=occlusion");
+        devices::emitters_are_not_seen_from_off_their_planes(&vulkan, "edges=exact");
     }
 }
 
@@ -156,6 +193,7 @@ fn what_cannot_be_is_refused_and_the_session_lives() {
     let found = list().expect("it was there");
     assert!(!found.is_empty() && found[0].capabilities.covered);
     for (options, word) in [
+        ("edges=sharp", "driver"),
         ("cull=perhaps", "occlusion"),
         ("speed=11", "speed"),
         ("batch=0", "1024"),

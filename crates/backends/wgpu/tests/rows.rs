@@ -7,8 +7,9 @@ use hemicube::row::RowBlock;
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_backend_wgpu::{devices, open};
 use hemicube_tests::devices::{
-    Apart, MOST_PIXELS, MOST_UNEXPLAINED, Opened, agrees_with_the_cpu, city_with_duplicates, compare_rows,
-    extreme_scenes, is_sum_of, is_there, neighbours, rows_do_not_depend, rows_with, scenes, some, unoccluded,
+    Apart, MOST_PIXELS, MOST_PIXELS_EXACT, MOST_UNEXPLAINED, Opened, agrees_with_the_cpu, city_with_duplicates,
+    compare_rows, extreme_scenes, is_sum_of, is_there, neighbours, rows_do_not_depend, rows_with, scenes, some,
+    the_drivers_edges_are_told_from_exact_ones, unoccluded,
 };
 use hemicube_tests::rows::render_with;
 use hemicube_tests::scenes::{model, read, say, scenes_or_skip};
@@ -103,6 +104,13 @@ const OPTIONS: [&str; 7] = [
     "cull=off",
 ];
 
+const EXACT: [&str; 4] = [
+    "edges=exact,cull=occlusion",
+    "edges=exact,cull=occlusion,group=5,batch=10",
+    "edges=exact,cull=frustum,batch=1",
+    "edges=exact,cull=off",
+];
+
 #[test]
 fn rows_do_not_depend_on_culling_batches_or_the_run() {
     on_a_device(|| {
@@ -121,6 +129,7 @@ fn covered_rows_do_not_depend_on_culling_batches_or_the_run() {
             for resolution in [48, 64] {
                 rows_do_not_depend(&wgpu, &OPTIONS, name, &model, &some(&model, 15), true, resolution);
             }
+            rows_do_not_depend(&wgpu, &EXACT, name, &model, &some(&model, 15), true, 48);
         }
     });
 }
@@ -152,7 +161,7 @@ fn rows_are_the_sums_of_item_buffers_and_little_is_read_back() {
             let n = 128;
             let table = DeltaTable::new(n);
             let hemicubes = some(&model, 17);
-            for options in ["cull=occlusion", "cull=off,batch=4"] {
+            for options in ["cull=occlusion", "cull=off,batch=4", "edges=exact"] {
                 let mut session = wgpu(options).expect("it was there");
                 let (rows, counters) = render_with(&mut *session, &model, &hemicubes, settings(n, false));
                 for (k, hemicube) in hemicubes.iter().enumerate() {
@@ -194,11 +203,11 @@ fn rows_are_the_sums_of_item_buffers_and_little_is_read_back() {
 fn what_nothing_hides_is_covered_exactly() {
     on_a_device(|| {
         for (name, model) in unoccluded() {
-            for resolution in [16, 64, 256] {
+            for (resolution, options) in [(16, ""), (64, ""), (256, ""), (64, "edges=exact"), (256, "edges=exact")] {
                 let hemicubes = some(&model, 24);
-                let mut session = wgpu("").expect("it was there");
+                let mut session = wgpu(options).expect("it was there");
                 let (rows, _) = render_with(&mut *session, &model, &hemicubes, settings(resolution, true));
-                assert_eq!(rows.visible, rows.covered, "{name}, N = {resolution}");
+                assert_eq!(rows.visible, rows.covered, "{name}, N = {resolution}, `{options}`");
                 assert!(rows.visible.iter().any(|&v| v > 0), "{name}: something is seen");
             }
         }
@@ -221,12 +230,13 @@ fn rows_agree_with_the_cpu_backend() {
         }
         for (name, model) in all {
             // Of the tile's walls that all but coincide, depths tie.
-            let most = if name == "denhaag" {
-                MOST_PIXELS
+            let (most_exact, most) = if name == "denhaag" {
+                (MOST_PIXELS, MOST_PIXELS)
             } else {
-                MOST_UNEXPLAINED
+                (MOST_PIXELS_EXACT, MOST_UNEXPLAINED)
             };
-            agrees_with_the_cpu(&wgpu, "", name, &model, most);
+            agrees_with_the_cpu(&wgpu, "", name, &model, MOST_PIXELS, most);
+            agrees_with_the_cpu(&wgpu, "edges=exact", name, &model, most_exact, most);
             if name == "room" {
                 let (a, _) = rows_with(&wgpu, "", &model, &some(&model, 24), settings(256, false));
                 let others = &some(&model, 48)[24..];
@@ -238,6 +248,11 @@ fn rows_agree_with_the_cpu_backend() {
             }
         }
     });
+}
+
+#[test]
+fn exact_edges_are_told_from_the_drivers() {
+    on_a_device(|| the_drivers_edges_are_told_from_exact_ones(&wgpu));
 }
 
 #[test]
@@ -314,6 +329,7 @@ fn illegal_requests_are_refused_by_name() {
     on_a_device(|| {
         for (options, named) in [
             ("cull=sometimes", "`sometimes`"),
+            ("edges=sharp", "`sharp`"),
             ("batch=0", "`batch`"),
             ("group=many", "`group`"),
             ("colour=red", "`colour`"),
