@@ -35,6 +35,8 @@ pub mod devices;
 pub mod extremes;
 pub mod geometry;
 pub mod plugins;
+pub mod promise;
+pub mod quadrature;
 pub mod rays;
 pub mod readers;
 pub mod rows;

@@ -16,119 +16,18 @@ use hemicube_scene::{InputPatch, Scene, Subdivision};
 use hemicube_tests::cases::{Pair, case, cases, expected, number, pairs};
 use hemicube_tests::extremes::{room_with_a_block, tower_through_the_ground, walls_through_the_ground};
 use hemicube_tests::geometry::{
-    between_polygons, box_inside, even, grid, irrational_rotation, moved, parallel_rectangles_apart, polygon_area,
-    quad, scene_of, scene_with_sides, sphere,
+    between_polygons, box_inside, even, grid, moved, parallel_rectangles_apart, polygon_area, quad, scene_of, sphere,
 };
-use hemicube_tests::rows::{Factors, Rung, backend, factors};
+use hemicube_tests::promise::{
+    AS_IT_IS, FAR_AWAY, Motion, ROTATED, SCALED, Tally, WHOLE, between_groups, both_ways, bound, hold_pairs, matrix,
+};
+use hemicube_tests::rows::{Factors, Rung, backend};
 use hemicube_tests::scenes::{model, model_as_it_is, say};
 
 use std::sync::atomic::AtomicBool;
 
 type Triangle = [DVec3; 3];
-type Motion = (&'static str, fn(DVec3) -> DVec3);
 
-/// Factors between groups of triangles, area-weighted: `[from][to]`.
-fn between_groups(model: &Model, factors: &Factors, group_of_triangle: &[usize]) -> Vec<Vec<f64>> {
-    let count = group_of_triangle.iter().max().map_or(0, |g| g + 1);
-    let patches = model.patches();
-    let group = |patch: InputPatch| group_of_triangle[patches.triangle(patch)];
-    let (mut areas, mut found) = (vec![0.0; count], vec![vec![0.0; count]; count]);
-    for patch in patches.iter() {
-        areas[group(patch)] += patches.area(patch);
-        for &(to, factor) in &factors.rows[patch.0 as usize] {
-            found[group(patch)][group(InputPatch(to))] += patches.area(patch) * factor;
-        }
-    }
-    for (row, area) in found.iter_mut().zip(areas) {
-        row.iter_mut().for_each(|f| *f /= area);
-    }
-    found
-}
-
-/// What a tolerance promises of one factor.
-fn bound(exact: f64, tolerance: f64) -> f64 {
-    tolerance * if exact < 1e-2 { 1e-2 } else { exact }
-}
-
-/// Cases held against their bounds. All are tried before any fails, so that a failure shows the whole pattern.
-#[derive(Debug, Default)]
-struct Tally {
-    tried: usize,
-    worst: f64,
-    failures: Vec<String>,
-}
-
-impl Tally {
-    fn hold(&mut self, name: impl FnOnce() -> String, found: f64, exact: f64, bound: f64) {
-        let share = (found - exact).abs() / bound;
-        self.tried += 1;
-        self.worst = self.worst.max(share);
-        // Not a number is a failure too.
-        if share > 1.0 || share.is_nan() {
-            self.failures
-                .push(format!("{}: {found}, not {exact}: {share:.2} bounds off", name()));
-        }
-    }
-
-    fn finish(self, name: &str) {
-        let Self { tried, worst, failures } = self;
-        say(&format!("{name}: {tried} tried, the worst at {worst:.2} of its bound"));
-        assert!(tried > 0, "{name}: nothing was tried");
-        let list = failures.join("\n  ");
-        assert!(
-            failures.is_empty(),
-            "{name}: {} of {tried} fail\n  {list}",
-            failures.len()
-        );
-    }
-}
-
-const AS_IT_IS: Motion = ("as it is", |p| p);
-const FAR_AWAY: Motion = ("a million sizes away", |p| p + DVec3::new(1.2e6, -2.7e6, 1.9e6));
-const ROTATED: Motion = ("rotated", |p| irrational_rotation() * p);
-const SCALED: Motion = ("scaled", |p| p * 1e-6);
-
-fn matrix(model: &Model, rung: Rung) -> Factors {
-    factors(model, rung).expect("a backend that keeps its contract")
-}
-
-fn pair_scene(pair: &Pair) -> (Scene, Vec<usize>) {
-    let triangles = pair.triangles();
-    let groups = triangles
-        .iter()
-        .enumerate()
-        .flat_map(|(g, part)| vec![g; part.len()])
-        .collect();
-    let sided = |(g, part): (usize, Vec<Triangle>)| part.into_iter().map(move |t| (t, g == 2));
-    (
-        scene_with_sides(triangles.into_iter().enumerate().flat_map(sided)),
-        groups,
-    )
-}
-
-/// Both factors of a pair.
-fn both_ways(pair: &Pair, motion: Motion, cut: Subdivision, rung: impl Fn(&Model) -> Rung) -> [f64; 2] {
-    let (scene, groups) = pair_scene(pair);
-    let model = model_as_it_is(&moved(scene, motion.1), cut);
-    let found = between_groups(&model, &matrix(&model, rung(&model)), &groups);
-    [found[0][1], found[1][0]]
-}
-
-fn hold_pairs(name: &str, pairs: &[Pair], tolerance: f64, ways: &[(Motion, Subdivision)]) {
-    let mut tally = Tally::default();
-    for pair in pairs {
-        for &(motion, cut) in ways {
-            let found = both_ways(pair, motion, cut, |model| Rung::settled(model, tolerance));
-            for (way, (found, exact)) in ["there", "back"].into_iter().zip(found.into_iter().zip(pair.exact)) {
-                let name = || format!("{}, {}, {cut:?}, {way}", pair.name, motion.0);
-                tally.hold(name, found, exact, bound(exact, tolerance));
-            }
-        }
-    }
-    tally.finish(&format!("{name} at {tolerance}"));
-}
-
-const WHOLE: Subdivision = Subdivision::None;
 const THIRDS: Subdivision = Subdivision::Split(3);
 const HALVES: Subdivision = Subdivision::Split(2);
 
