@@ -92,6 +92,11 @@ impl Correction {
         }
     }
 
+    /// Whether much is known to escape from the scene, so that odd rows say little.
+    pub(crate) fn is_in_the_open(&self) -> bool {
+        matches!(self, Self::Tolerance(refinement) if refinement.open)
+    }
+
     /// Whether rows must carry covered weights.
     pub fn needs_covered(&self) -> bool {
         !matches!(self, Self::Pixel)
@@ -111,6 +116,8 @@ pub(crate) struct Converted {
     /// Whether the form factors and what was lost are so far from summing to 1 that the hemicubes cannot stand for the
     /// emitter.
     pub(crate) is_odd: bool,
+    /// The share of the hemicubes that showed no receiving patch.
+    pub(crate) lost: f64,
 }
 
 /// Rows that sum so badly are odd: in the open, what one hemicube says of the sky is that far off now and then.
@@ -192,6 +199,7 @@ impl Converter {
         let bound = match self.correction {
             Correction::Pixel => f64::INFINITY,
             _ if sums.escaped > 0 => ODD,
+            Correction::Tolerance(refinement) if refinement.open => ODD_IN_THE_CLOSED,
             Correction::Point | Correction::Area(_) => ODD_IN_THE_CLOSED,
             Correction::Tolerance(refinement) => refinement.tolerance.max(ODD_AT_LEAST),
         };
@@ -220,7 +228,8 @@ impl Converter {
                 }
             }
             Correction::Tolerance(_) => {
-                let refined = self.tolerance(model, emitter, hemicubes.len(), receives, columns, data);
+                let care = is_last && !self.correction.is_in_the_open();
+                let refined = self.tolerance(model, emitter, (hemicubes.len(), care), receives, columns, data);
                 #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
                 let estimate = refined.squared_error.sqrt() as f32;
                 (error, rays) = (estimate, refined.rays + refined.points);
@@ -246,6 +255,7 @@ impl Converter {
             rays,
             partial: partial as u64,
             is_odd: odd.unwrap_or_else(|| is_odd(sum(&data[start..]))),
+            lost,
         }
     }
 
@@ -371,7 +381,7 @@ impl Converter {
         &mut self,
         model: &Model,
         emitter: InputPatch,
-        samples: usize,
+        (samples, care): (usize, bool),
         receives: impl Fn(u32) -> bool,
         columns: &mut Vec<i32>,
         data: &mut Vec<f32>,
@@ -391,8 +401,7 @@ impl Converter {
                 },
             )
         });
-        // What was learnt of fractions is of those that one hemicube has.
-        let usual = refiner.with_care(samples > 1);
+        let usual = refiner.with_care(care);
         let refined = refiner.row(model, emitter, seen, receives);
         refiner.set(usual);
         for pair in &refiner.pairs {

@@ -56,6 +56,9 @@ pub struct Refinement {
     pub all: bool,
     /// Whether each pair is to have the tolerance by itself: for scenes so small that all pairs can be looked at.
     pub each: bool,
+    /// Whether much of what leaves the scene's patches meets nothing. Where little does, the sums of rows are known, and one that
+    /// is off by more than the tolerance is done again with care.
+    pub open: bool,
 }
 
 impl Refinement {
@@ -71,6 +74,7 @@ impl Refinement {
             estimate: 1.0,
             all: false,
             each: false,
+            open: false,
         }
     }
 
@@ -319,6 +323,20 @@ pub(crate) struct Refiner {
     is_probe: Vec<bool>,
     shaft: Shaft,
     clipper: Clipper,
+    /// What was measured of this emitter's pairs; ascending as far as it was measured for another row of it.
+    measured: Vec<Measured>,
+    measured_before: usize,
+    measured_of: Option<InputPatch>,
+}
+
+/// What was measured of a pair.
+#[derive(Clone, Copy, Debug)]
+struct Measured {
+    patch: u32,
+    fraction: f64,
+    open: f64,
+    exchange: f64,
+    cost: Refined,
 }
 
 /// How far the measured pairs of a group were off, and how far they were expected to be: Σ z² (error)² and Σ z² d.
@@ -369,6 +387,16 @@ pub(crate) struct Refined {
     pub(crate) rays: u64,
     pub(crate) points: u64,
     pub(crate) shafts: u64,
+}
+
+impl Refined {
+    /// Adds what a pair came to.
+    fn add(&mut self, pair: Self) {
+        self.squared_error += pair.squared_error;
+        self.rays += pair.rays;
+        self.points += pair.points;
+        self.shafts += pair.shafts;
+    }
 }
 
 /// The share of the squared error for visible fractions.
@@ -424,6 +452,9 @@ impl Refiner {
             is_probe: Vec::new(),
             shaft: Shaft::default(),
             clipper: Clipper::default(),
+            measured: Vec::new(),
+            measured_before: 0,
+            measured_of: None,
         }
     }
 
@@ -435,6 +466,7 @@ impl Refiner {
             self.refinement.doubts = Doubts::default();
             self.refinement.effort *= 0.5;
             self.refinement.price *= 16.0;
+            self.measured_of = None;
         }
         before
     }
@@ -445,7 +477,8 @@ impl Refiner {
     }
 
     /// Refines a row: `seen` are the patches that the centroid's hemicube saw, ascending, with their visible fractions.
-    /// Afterwards `pairs` is the row, ascending.
+    /// Afterwards `pairs` is the row, ascending. Where it is the row of the last emitter again, with more hemicubes, what was
+    /// measured of it is not measured again.
     pub(crate) fn row(
         &mut self,
         model: &Model,
@@ -461,6 +494,8 @@ impl Refiner {
             return refined;
         }
 
+        self.remember(self.measured_of == Some(emitter));
+        self.measured_of = Some(emitter);
         self.find_stakes();
         let (price, least) = self.price(budget);
         let mut refined = Refined::default();
@@ -470,6 +505,16 @@ impl Refiner {
         self.pairs.sort_unstable_by_key(|pair| pair.patch);
         refined.squared_norm = self.squared_norm();
         refined
+    }
+
+    /// Keeps what was measured for the row before, or forgets it.
+    fn remember(&mut self, keep: bool) {
+        if keep {
+            self.measured.sort_unstable_by_key(|measured| measured.patch);
+        } else {
+            self.measured.clear();
+        }
+        self.measured_before = self.measured.len();
     }
 
     /// Looks again at those pairs of a row that are a good part of what it may be off by, with the doubts that pairs were
@@ -486,6 +531,9 @@ impl Refiner {
         receives: impl Fn(u32) -> bool,
     ) -> Refined {
         let mut refined = Refined::default();
+        // What a row is worth depends on how many hemicubes it is from.
+        self.remember(false);
+        self.measured_of = None;
         let own = model.normalised_corners(emitter.0);
         self.own_area = area(&own);
         let per_area = 1.0 / self.own_area;
@@ -917,8 +965,40 @@ impl Refiner {
         }
     }
 
-    /// Measures the fraction of a pair.
+    /// Measures the fraction of a pair, or takes it from when that was done for this row before.
     fn measure_pair(
+        &mut self,
+        model: &Model,
+        (emitter, own): (InputPatch, &[DVec3; 3]),
+        place: usize,
+        price: f64,
+        refined: &mut Refined,
+    ) {
+        let patch = self.pairs[place].patch;
+        let before = self.measured[..self.measured_before].binary_search_by_key(&patch, |measured| measured.patch);
+        if let Ok(at) = before {
+            let (measured, pair) = (self.measured[at], &mut self.pairs[place]);
+            pair.fraction = measured.fraction;
+            if pair.is_rough {
+                (pair.open, pair.exchange, pair.is_rough) = (measured.open, measured.exchange, false);
+            }
+            refined.add(measured.cost);
+            return;
+        }
+        let mut cost = Refined::default();
+        self.measure_anew(model, (emitter, own), place, price, &mut cost);
+        refined.add(cost);
+        let pair = &self.pairs[place];
+        self.measured.push(Measured {
+            patch,
+            fraction: pair.fraction,
+            open: pair.open,
+            exchange: pair.exchange,
+            cost,
+        });
+    }
+
+    fn measure_anew(
         &mut self,
         model: &Model,
         (emitter, own): (InputPatch, &[DVec3; 3]),

@@ -7,7 +7,7 @@
 //! clock.
 
 use crate::Model;
-use crate::backend::{Culling, HemicubeBackend, RenderSettings};
+use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::compute::{ComputeError, Execution, render, sample};
 use crate::correct::fraction;
 use crate::factor::FactorRule;
@@ -77,13 +77,15 @@ const SEED: u64 = 0x7E57_0F70;
 
 /// Effort and resolution, from the cheapest to the dearest. Even the cheapest looks for pairs that its hemicube missed: few
 /// rows of a scene have any, and a sample may have none of these.
-const RUNGS: [(f64, u32); 22] = [
+const RUNGS: [(f64, u32); 24] = [
     (8.0, 64),
     (4.0, 64),
     (2.5, 64),
     (1.8, 128),
+    (1.6, 128),
     (1.4, 128),
     (1.2, 128),
+    (1.1, 128),
     (1.0, 128),
     (0.95, 128),
     (0.9, 128),
@@ -165,8 +167,10 @@ pub fn settle(
         norm += refiner.row(model, row, seen(fine.row(k)), receives).squared_norm;
     }
     let mean_squared_norm = norm / rows.len().max(1) as f64;
+    let escaped: u64 = (0..rows.len()).map(|k| u64::from(fine.row(k).escaped)).sum();
     let known = Refinement {
         mean_squared_norm,
+        open: escaped as f64 > tolerance * f64::from(WHOLE) * rows.len() as f64,
         all: model.patches().len() <= SMALL,
         ..Refinement::for_tolerance(tolerance)
     };

@@ -51,6 +51,7 @@ struct Occluder {
 #[derive(Debug, Default)]
 pub(crate) struct Shaft {
     sides: Sides,
+    found: EdgeSides,
     /// Of all sightings since [`Shaft::clear`].
     occluders: Vec<Occluder>,
     pending: Vec<u32>,
@@ -73,6 +74,42 @@ struct Sides {
     count: usize,
     low: [f64; 3],
     high: [f64; 3],
+}
+
+/// Planes through an edge of either triangle and a corner of the other one.
+const EDGE_SIDES: usize = 18;
+/// And so many lanes.
+const EDGE_LANES: usize = 24;
+
+/// Edge and corner of each: the edge's ends and the corner, of six.
+const EDGE_CORNERS: [[usize; 3]; EDGE_LANES] = {
+    let mut corners = [[0, 1, 3]; EDGE_LANES];
+    let mut l = 0;
+    while l < EDGE_SIDES {
+        let (side, k, e) = (l % 2, l / 6, l / 2 % 3);
+        corners[l] = [3 * side + k, 3 * side + (k + 1) % 3, 3 - 3 * side + e];
+        l += 1;
+    }
+    corners
+};
+
+/// Which of these planes have all of both triangles on one side, as n · p ≥ d less what is still out.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+struct EdgeSides {
+    normal: [[f64; EDGE_LANES]; 3],
+    least: [f64; EDGE_LANES],
+    is_side: [u64; EDGE_LANES],
+}
+
+impl Default for EdgeSides {
+    fn default() -> Self {
+        Self {
+            normal: [[0.0; EDGE_LANES]; 3],
+            least: [0.0; EDGE_LANES],
+            is_side: [0; EDGE_LANES],
+        }
+    }
 }
 
 impl Default for Sides {
@@ -301,36 +338,12 @@ impl Shaft {
             self.sides.push(n, d + outside);
             (n, d)
         });
-        let mut add = |a: usize, b: usize, c: usize| {
-            let n = (points[b] - points[a]).cross(points[c] - points[a]);
-            if n.length_squared() <= (1e-9 * size * size).powi(2) {
-                return;
-            }
-            let n = n.normalize();
-            let d = n.dot(points[a]);
-            let heights = points.map(|p| n.dot(p) - d);
-            // A plane that all but coincides with one of the triangles, as where they share a corner, must not count as outside
-            // what lies a hair above that triangle and hides it.
-            let extent = |t: &[f64]| t.iter().fold(0.0f64, |most, h| most.max(h.abs()));
-            let rises = extent(&heights[..3]).min(extent(&heights[3..]));
-            let side = (OUTSIDE_OF_RISE * rises).min(OUTSIDE * size);
-            if side <= tolerance {
-                return;
-            }
-            let flat = 0.5 * side;
-            let (least, most) = heights.iter().fold((0.0f64, 0.0f64), |(l, m), &h| (l.min(h), m.max(h)));
-            if least >= -flat && most > flat {
-                self.sides.push(n, d + side);
-            } else if most <= flat && least < -flat {
-                self.sides.push(-n, side - d);
-            }
-        };
-        for k in 0..3 {
-            let next = (k + 1) % 3;
-            for e in 0..3 {
-                add(k, next, 3 + e);
-                add(3 + k, 3 + next, e);
-            }
+        let corners = points.map(|p| p.to_array());
+        dispatch_find_sides(&corners, size, tolerance, &mut self.found);
+        let found = &self.found;
+        for l in (0..EDGE_SIDES).filter(|&l| found.is_side[l] != 0) {
+            let normal = DVec3::new(found.normal[0][l], found.normal[1][l], found.normal[2][l]);
+            self.sides.push(normal, found.least[l]);
         }
         self.sides.fill();
         own
@@ -1044,6 +1057,60 @@ impl Group {
     }
 }
 
+/// Finds which of the planes through an edge and an opposite corner bound the hull of two triangles of this extent.
+#[inline(always)]
+fn find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeSides) {
+    let (lesser, greater) = (
+        |p: f64, q: f64| if p < q { p } else { q },
+        |p: f64, q: f64| if p > q { p } else { q },
+    );
+    let mut from = [[0.0; EDGE_LANES]; 3];
+    let (mut along, mut across) = (from, from);
+    for (l, &[a, b, c]) in EDGE_CORNERS.iter().enumerate() {
+        for x in 0..3 {
+            from[x][l] = points[a][x];
+            along[x][l] = points[b][x] - points[a][x];
+            across[x][l] = points[c][x] - points[a][x];
+        }
+    }
+    let flattest = (1e-9 * size * size).powi(2);
+    for l in 0..EDGE_LANES {
+        let (u, v) = (
+            [along[0][l], along[1][l], along[2][l]],
+            [across[0][l], across[1][l], across[2][l]],
+        );
+        let n = [
+            u[1] * v[2] - v[1] * u[2],
+            u[2] * v[0] - v[2] * u[0],
+            u[0] * v[1] - v[0] * u[1],
+        ];
+        let squared = dot(n, n);
+        let inverse = 1.0 / squared.sqrt();
+        let n = [n[0] * inverse, n[1] * inverse, n[2] * inverse];
+        let d = dot(n, [from[0][l], from[1][l], from[2][l]]);
+        let (mut least, mut most, mut extents) = (0.0f64, 0.0f64, [0.0f64; 2]);
+        for (k, &p) in points.iter().enumerate() {
+            let height = dot(n, p) - d;
+            least = lesser(least, height);
+            most = greater(most, height);
+            extents[k / 3] = greater(extents[k / 3], height.abs());
+        }
+        // A plane that all but coincides with one of the triangles, as where they share a corner, must not count as outside
+        // what lies a hair above that triangle and hides it.
+        let rises = lesser(extents[0], extents[1]);
+        let side = lesser(OUTSIDE_OF_RISE * rises, OUTSIDE * size);
+        let flat = 0.5 * side;
+        let is_plane = (squared > flattest) & (side > tolerance);
+        let (above, below) = ((least >= -flat) & (most > flat), (most <= flat) & (least < -flat));
+        out.is_side[l] = u64::from(is_plane & (above | below));
+        let sign = if above { 1.0 } else { -1.0 };
+        for x in 0..3 {
+            out.normal[x][l] = n[x] * sign;
+        }
+        out.least[l] = side + d * sign;
+    }
+}
+
 /// Lists the blocks that reach into a shaft, with those of their triangles that may.
 #[inline(always)]
 fn reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, reached: &mut Vec<(u32, u16)>) {
@@ -1207,6 +1274,11 @@ dispatch!(
     dispatch_reached,
     reached,
     (tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, out: &mut Vec<(u32, u16)>)
+);
+dispatch!(
+    dispatch_find_sides,
+    find_sides,
+    (points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeSides)
 );
 dispatch!(
     dispatch_draw_spans,
