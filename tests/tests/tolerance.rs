@@ -9,8 +9,10 @@
 
 use glam::DVec3;
 use hemicube::Model;
-use hemicube::compute::{ComputeError, Execution};
+use hemicube::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
+use hemicube::correct::{Correction, Refinement};
 use hemicube::settle::settle;
+use hemicube::store::Part;
 use hemicube_scene::generate::{Generate, Kind, generate, room};
 use hemicube_scene::{InputPatch, Scene, Subdivision};
 use hemicube_tests::cases::{Pair, case, cases, expected, number, pairs};
@@ -21,8 +23,8 @@ use hemicube_tests::geometry::{
 use hemicube_tests::promise::{
     AS_IT_IS, FAR_AWAY, Motion, ROTATED, SCALED, Tally, WHOLE, between_groups, both_ways, bound, hold_pairs, matrix,
 };
-use hemicube_tests::rows::{Factors, Rung, backend};
-use hemicube_tests::scenes::{model, model_as_it_is, say};
+use hemicube_tests::rows::{Factors, Rung, backend, parts, settings};
+use hemicube_tests::scenes::{generated, model, model_as_it_is, read, say, scenes_or_skip};
 
 use std::sync::atomic::AtomicBool;
 
@@ -567,6 +569,86 @@ fn crossing_surfaces_and_their_split_twins() {
         );
     }
     tally.finish("crossing surfaces");
+}
+
+/// Of 96 rows: hemicubes, rays and factors of each.
+fn some_rows(model: &Model, refinement: Refinement, resolution: u32) -> Vec<(u32, u32, Vec<(i32, f32)>)> {
+    let sample = RowChoice::Sample { count: 96, seed: 3 };
+    let plan = Plan::new(model, sample, Selection::default(), 1, true);
+    let plan = plan.with_correction(Correction::Tolerance(refinement));
+    let (parts, _) = parts(model, &plan, settings(resolution), backend(), Execution::default()).expect("rows");
+    let of_part = |part: &Part| {
+        let row = |place: usize| {
+            let (columns, values) = part.row(place);
+            let entries = columns.iter().copied().zip(values.iter().copied()).collect();
+            (part.hemicubes[place], part.rays[place], entries)
+        };
+        (0..part.rows.len()).map(row).collect::<Vec<_>>()
+    };
+    parts.iter().flat_map(of_part).collect()
+}
+
+#[test]
+fn odd_rows_take_care_where_sums_are_known_and_no_more_where_they_are_not() {
+    let test = "tolerance::odd_rows_take_care_where_sums_are_known_and_no_more_where_they_are_not";
+    let Some(folder) = scenes_or_skip(test) else { return };
+    let tile = read(&folder, "city/denhaag-8897.obj").expect("a scene");
+    let tile = model(tile, WHOLE);
+    let settled = |model: &Model| match Rung::settled(model, 1e-2) {
+        Rung {
+            correction: Correction::Tolerance(refinement),
+            resolution,
+        } => (refinement, resolution),
+        other => panic!("{other:?}"),
+    };
+    let room = generated(Kind::Room, 1500);
+    assert!(!settled(&room).0.open, "nothing escapes from a room");
+    let (refinement, resolution) = settled(&tile);
+    assert!(refinement.open, "over a city there is the sky");
+    let open = some_rows(&tile, refinement, resolution);
+    let closed = some_rows(
+        &tile,
+        Refinement {
+            open: false,
+            ..refinement
+        },
+        resolution,
+    );
+    let with = |rows: &[(u32, u32, Vec<(i32, f32)>)], count: u32| rows.iter().filter(|row| row.0 == count).count();
+    let rays = |rows: &[(u32, u32, Vec<(i32, f32)>)]| rows.iter().map(|row| u64::from(row.1)).sum::<u64>();
+    let squares = |row: &[(i32, f32)]| row.iter().map(|e| f64::from(e.1).powi(2)).sum::<f64>();
+    let (mut apart, mut all) = (0.0, 0.0);
+    for (a, b) in open.iter().zip(&closed) {
+        let find = |row: &[(i32, f32)], column: i32| row.iter().find(|e| e.0 == column).map_or(0.0, |e| f64::from(e.1));
+        apart +=
+            a.2.iter()
+                .map(|e| (f64::from(e.1) - find(&b.2, e.0)).powi(2))
+                .sum::<f64>();
+        apart +=
+            b.2.iter()
+                .filter(|e| find(&a.2, e.0) == 0.0)
+                .map(|e| f64::from(e.1).powi(2))
+                .sum::<f64>();
+        all += squares(&b.2);
+    }
+    let apart = (apart / all).sqrt();
+    say(&format!(
+        "tile at 1 %, 96 rows: {} and {} of four hemicubes, {} and {} of sixteen; {} and {} rays; {apart:.1e} apart",
+        with(&open, 4),
+        with(&closed, 4),
+        with(&open, 16),
+        with(&closed, 16),
+        rays(&open),
+        rays(&closed)
+    ));
+    assert_eq!(with(&open, 1) + with(&open, 4), open.len(), "one hemicube or four");
+    assert!(with(&open, 4) > 0, "some rows are odd");
+    assert!(with(&closed, 16) > 0, "and would get more, were the sums of rows known");
+    assert!(rays(&open) < rays(&closed));
+    assert!(
+        apart < 1e-2,
+        "what that would change is less than was asked for: {apart}"
+    );
 }
 
 #[test]
