@@ -571,8 +571,11 @@ fn crossing_surfaces_and_their_split_twins() {
     tally.finish("crossing surfaces");
 }
 
-/// Of 96 rows: hemicubes, rays and factors of each.
-fn some_rows(model: &Model, refinement: Refinement, resolution: u32) -> Vec<(u32, u32, Vec<(i32, f32)>)> {
+/// A row: how many hemicubes and rays it took, and its columns and factors.
+type Counted = (u32, u32, Vec<(i32, f32)>);
+
+/// 96 rows of a scene.
+fn some_rows(model: &Model, refinement: Refinement, resolution: u32) -> Vec<Counted> {
     let sample = RowChoice::Sample { count: 96, seed: 3 };
     let plan = Plan::new(model, sample, Selection::default(), 1, true);
     let plan = plan.with_correction(Correction::Tolerance(refinement));
@@ -614,8 +617,8 @@ fn odd_rows_take_care_where_sums_are_known_and_no_more_where_they_are_not() {
         },
         resolution,
     );
-    let with = |rows: &[(u32, u32, Vec<(i32, f32)>)], count: u32| rows.iter().filter(|row| row.0 == count).count();
-    let rays = |rows: &[(u32, u32, Vec<(i32, f32)>)]| rows.iter().map(|row| u64::from(row.1)).sum::<u64>();
+    let with = |rows: &[Counted], count: u32| rows.iter().filter(|row| row.0 == count).count();
+    let rays = |rows: &[Counted]| rows.iter().map(|row| u64::from(row.1)).sum::<u64>();
     let squares = |row: &[(i32, f32)]| row.iter().map(|e| f64::from(e.1).powi(2)).sum::<f64>();
     let (mut apart, mut all) = (0.0, 0.0);
     for (a, b) in open.iter().zip(&closed) {
