@@ -998,6 +998,7 @@ impl Refiner {
         });
     }
 
+    /// Measures the fraction of a pair.
     fn measure_anew(
         &mut self,
         model: &Model,
