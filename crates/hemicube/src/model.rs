@@ -200,12 +200,13 @@ impl Model {
         })
     }
 
-    /// The hemicubes of a patch: `n`² of them at the centroids of its sub-triangles, each turned about the normal by a
-    /// hash of the patch when `rotate` is on. Empty for a patch without area.
+    /// The hemicubes of a patch: `n`² of them at the centroids of its sub-triangles, along the scene's axes as far as its normal
+    /// lets them ([`frame::axes_of`]), and turned a little about it by a hash of the patch when `rotate` is on ([`frame::turn`]).
+    /// Empty for a patch without area.
     pub fn hemicubes(&self, patch: InputPatch, n: u32, rotate: bool) -> Vec<Hemicube> {
         let corners = self.normalised_corners(patch.0);
         let turn = if rotate { frame::turn(patch) } else { 0.0 };
-        let Some(axes) = frame::axes(corners, turn) else {
+        let Some(axes) = frame::axes(corners, 0.0).and_then(|[_, _, normal]| frame::axes_of(normal, turn)) else {
             return Vec::new();
         };
         let hemicube = |origin| Hemicube {
