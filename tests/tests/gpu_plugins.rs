@@ -9,7 +9,7 @@ use hemicube::backend::{BackendError, HemicubeBackend};
 use hemicube::row::RowBlock;
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::generate::Kind;
-use hemicube_tests::devices::{MOST_PIXELS_EXACT, is_there};
+use hemicube_tests::devices::{EXACT_EDGES, is_there};
 use hemicube_tests::plugins::{rust, try_session};
 use hemicube_tests::rows::{hemicubes, settings, spread};
 use hemicube_tests::scenes::{generated, program, say};
@@ -102,7 +102,7 @@ fn has_exact_edges(name: &str) {
     say(&format!("{name}, exact edges: {shares:?}"));
     for (scene, share) in shares {
         assert!(
-            share <= MOST_PIXELS_EXACT,
+            share <= EXACT_EDGES.pixels,
             "{name}, {scene}: {share} of the pixels differ"
         );
     }

@@ -143,9 +143,8 @@ impl Options {
 
     /// The culling of a scene.
     pub(crate) fn cull_for(&self, culling: bool, software: bool, can_count_draws: bool, triangles: usize) -> Cull {
-        /// With fewer triangles, testing their chunks against depths costs more than drawing them. With more, a trial tells
-        /// whether it pays (`Scene::judge`).
-        const FEW: usize = 20_000;
+        // With more triangles, a trial tells whether it pays (`Scene::judge`).
+        let few = triangles < hemicube_shaders::chunks::FEWEST_FOR_OCCLUSION;
         match (self.baseline, culling) {
             (Baseline::Original, _) | (_, false) => Cull::Off,
             (Baseline::Thesis, true) => Cull::Queries,
@@ -155,7 +154,7 @@ impl Options {
                 Some(cull) => cull,
                 // Software takes as long for a stage on the device as for drawing what it would leave out, and answers
                 // the host at once; a GPU the other way round.
-                None => match (software || !can_count_draws, triangles < FEW) {
+                None => match (software || !can_count_draws, few) {
                     (true, true) => Cull::View,
                     (true, false) => Cull::Marks,
                     (false, true) => Cull::Frustum,

@@ -10,6 +10,9 @@ use std::ops::Range;
 /// (`docs/gpu.md`).
 pub const MOST_TRIANGLES: u32 = 256;
 
+/// With fewer triangles in a scene, drawing what is hidden costs less on a software driver than finding it out (`docs/gpu.md`).
+pub const FEWEST_FOR_OCCLUSION: usize = 20_000;
+
 /// A run of triangles in the order in which they are drawn, and its box. `Chunk` of `wgsl/shared.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chunk {

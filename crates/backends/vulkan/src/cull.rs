@@ -25,8 +25,6 @@ pub(crate) enum Mode {
 
 /// With no more triangles than a chunk has there is nothing to choose.
 const FEWEST_FOR_FRUSTUM: usize = hemicube_shaders::chunks::MOST_TRIANGLES as usize + 1;
-/// With fewer, drawing what is hidden costs less than finding out: see `docs/gpu.md`.
-const FEWEST_FOR_OCCLUSION: usize = 20_000;
 /// After how many hemicubes it is looked at whether culling what is hidden pays.
 const TRIAL: u64 = 32;
 /// What it costs to hold a chunk against the pyramid of a face, in triangles; measured on Mesa's software driver with a city of
@@ -53,7 +51,7 @@ impl Judge {
             (Culling::On, Choice::Auto) if triangles < FEWEST_FOR_FRUSTUM => {
                 (Mode::Off, format!("{triangles} triangles are drawn sooner than culled"))
             }
-            (Culling::On, Choice::Auto) if triangles < FEWEST_FOR_OCCLUSION => (
+            (Culling::On, Choice::Auto) if triangles < hemicube_shaders::chunks::FEWEST_FOR_OCCLUSION => (
                 Mode::Frustum,
                 format!("{triangles} triangles are drawn sooner than found hidden"),
             ),

@@ -27,10 +27,10 @@ fn rows_agree_with_the_cpu_backend() {
     }
     for (name, model) in devices::scenes() {
         for (options, most) in [
-            ("cull=off", devices::MOST_PIXELS),
-            ("cull=off,edges=exact", devices::MOST_PIXELS_EXACT),
+            ("cull=off", devices::DRIVERS_EDGES),
+            ("cull=off,edges=exact", devices::EXACT_EDGES),
         ] {
-            devices::agrees_with_the_cpu(&vulkan, options, name, &model, most, devices::MOST_UNEXPLAINED);
+            devices::agrees_with_the_cpu(&vulkan, options, name, &model, most);
         }
     }
 }
@@ -51,16 +51,8 @@ fn rows_of_a_real_tile_agree_with_the_cpu_backend_and_do_not_depend_on_culling()
     let Some(folder) = scenes_or_skip(name) else { return };
     let scene = read(&folder, "city/denhaag-8897.obj").expect("a scene of the manifest");
     let tile = model(scene.clone(), Subdivision::None);
-    // Houses share walls here, some of them but for 10⁻⁵ of their distance: there the pixels of a whole wall may differ.
     for options in ["cull=off", "cull=off,edges=exact"] {
-        devices::agrees_with_the_cpu(
-            &vulkan,
-            options,
-            "denhaag-8897",
-            &tile,
-            devices::MOST_PIXELS,
-            devices::MOST_PIXELS,
-        );
+        devices::agrees_with_the_cpu(&vulkan, options, "denhaag-8897", &tile, devices::SHARED_WALLS);
     }
     let options = ["cull=occlusion", "cull=frustum", "cull=off"];
     devices::rows_do_not_depend(&vulkan, &options, name, &tile, &neighbours(&tile, 32), true, 128);

@@ -7,7 +7,7 @@ use crate::upload::Store;
 use hemicube_contract::backend::Counters;
 use hemicube_shaders::stage;
 use hemicube_shaders::stage::binding as b;
-use hemicube_shaders::{Plan, Upload};
+use hemicube_shaders::{Plan, Upload, chunks};
 use wgpu::{BindGroup, BindGroupLayout, ComputePipeline};
 
 /// What is left out. Rows are the same bits whichever.
@@ -51,6 +51,8 @@ const IN_VIEW: f64 = 0.25;
 pub(crate) struct Policy {
     fixed: Option<Cull>,
     now: Cull,
+    /// Whether finding what is hidden is worth a trial.
+    may_pay: bool,
     all: u64,
     triangles: f64,
     overhead: f64,
@@ -66,15 +68,16 @@ impl Policy {
         let overhead = TRIANGLES_A_PIXEL * pixels;
         #[allow(clippy::cast_precision_loss, reason = "an estimate")]
         let all = 5.0 * triangles as f64;
-        let hides = IN_VIEW * all >= overhead;
+        let may_pay = triangles >= chunks::FEWEST_FOR_OCCLUSION && IN_VIEW * all >= overhead;
         let first = match triangles {
             0..FEWEST_TRIANGLES => Cull::Nothing,
-            _ if hides => Cull::Occlusion,
+            _ if may_pay => Cull::Occlusion,
             _ => Cull::Outside,
         };
         Self {
             fixed,
             now: fixed.unwrap_or(first),
+            may_pay,
             all: 5 * triangles as u64,
             triangles: all,
             overhead,
@@ -105,7 +108,7 @@ impl Policy {
                 }
                 self.since = Counters::default();
             }
-            Cull::Outside if self.since.hemicubes >= AGAIN && IN_VIEW * self.triangles >= self.overhead => {
+            Cull::Outside if self.may_pay && self.since.hemicubes >= AGAIN => {
                 self.now = Cull::Occlusion;
                 self.since = Counters::default();
             }
@@ -133,6 +136,7 @@ impl Policy {
         let why = match (self.fixed, self.now) {
             (Some(_), _) => "as asked for",
             (None, Cull::Nothing) => "the scene is small",
+            (None, Cull::Outside) if !self.may_pay => "its triangles are drawn sooner than found hidden",
             (None, Cull::Outside) => "too little is hidden for finding it to pay",
             (None, Cull::Occlusion) => "what is hidden is dear to draw",
         };
@@ -257,6 +261,7 @@ mod tests {
         Policy {
             fixed,
             now: fixed.unwrap_or(Cull::Occlusion),
+            may_pay: true,
             all: 0,
             triangles: 500_000.0,
             overhead: 10_000.0,
@@ -304,6 +309,9 @@ mod tests {
             },
         );
         assert_eq!(policy.now(), Cull::Outside, "the tests alone cost 150,000");
+        policy.may_pay = false;
+        policy.learn(Cull::Outside, done(AGAIN, 500, 250_000));
+        assert_eq!(policy.now(), Cull::Outside, "of so few triangles it is not tried again");
     }
 
     #[test]

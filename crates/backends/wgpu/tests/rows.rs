@@ -7,8 +7,8 @@ use hemicube::row::RowBlock;
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_backend_wgpu::{devices, open};
 use hemicube_tests::devices::{
-    Apart, MOST_PIXELS, MOST_PIXELS_EXACT, MOST_UNEXPLAINED, Opened, agrees_with_the_cpu, city_with_duplicates,
-    compare_rows, extreme_scenes, is_sum_of, is_there, neighbours, rows_do_not_depend, rows_with, scenes, some,
+    Apart, DRIVERS_EDGES, EXACT_EDGES, Opened, SHARED_WALLS, agrees_with_the_cpu, city_with_duplicates, compare_rows,
+    extreme_scenes, is_sum_of, is_there, neighbours, rows_do_not_depend, rows_with, scenes, some,
     the_drivers_edges_are_told_from_exact_ones, unoccluded,
 };
 use hemicube_tests::rows::render_with;
@@ -229,14 +229,13 @@ fn rows_agree_with_the_cpu_backend() {
             all.push(("denhaag", model(tile, hemicube_scene::Subdivision::None)));
         }
         for (name, model) in all {
-            // Of the tile's walls that all but coincide, depths tie.
-            let (most_exact, most) = if name == "denhaag" {
-                (MOST_PIXELS, MOST_PIXELS)
+            let (drivers, exact) = if name == "denhaag" {
+                (SHARED_WALLS, SHARED_WALLS)
             } else {
-                (MOST_PIXELS_EXACT, MOST_UNEXPLAINED)
+                (DRIVERS_EDGES, EXACT_EDGES)
             };
-            agrees_with_the_cpu(&wgpu, "", name, &model, MOST_PIXELS, most);
-            agrees_with_the_cpu(&wgpu, "edges=exact", name, &model, most_exact, most);
+            agrees_with_the_cpu(&wgpu, "", name, &model, drivers);
+            agrees_with_the_cpu(&wgpu, "edges=exact", name, &model, exact);
             if name == "room" {
                 let (a, _) = rows_with(&wgpu, "", &model, &some(&model, 24), settings(256, false));
                 let others = &some(&model, 48)[24..];
