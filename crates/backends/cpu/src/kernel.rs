@@ -13,7 +13,7 @@
 mod bits;
 mod boxes;
 
-pub(crate) use bits::{Coverage, Shown};
+pub(crate) use bits::{Coverage, Cut, Shown};
 pub(crate) use boxes::OnFaces;
 use hemicube::face::Face;
 use hemicube::tree::{Block, LANES, UNUSED};
@@ -219,6 +219,50 @@ impl Sums {
     }
 }
 
+/// A set of patches that hands them out in ascending order.
+#[derive(Debug)]
+pub(crate) struct PatchSet {
+    /// One bit for each patch.
+    bits: Vec<u64>,
+    /// One bit for each word of `bits` that is not zero.
+    words: Vec<u64>,
+}
+
+impl PatchSet {
+    pub(crate) fn new(count: usize) -> Self {
+        let words = count.div_ceil(64);
+        Self {
+            bits: vec![0; words],
+            words: vec![0; words.div_ceil(64)],
+        }
+    }
+
+    #[inline(always)]
+    pub(crate) fn insert(&mut self, patch: u32) {
+        let index = patch as usize;
+        self.bits[index >> 6] |= 1 << (index & 63);
+        self.words[index >> 12] |= 1 << (index >> 6 & 63);
+    }
+
+    /// Appends what is in the set to `out`, in ascending order, and empties it.
+    #[inline]
+    pub(crate) fn drain(&mut self, out: &mut Vec<u32>) {
+        for group in 0..self.words.len() {
+            let mut words = std::mem::take(&mut self.words[group]);
+            while words != 0 {
+                let word = group * 64 + words.trailing_zeros() as usize;
+                words &= words - 1;
+                let mut bits = std::mem::take(&mut self.bits[word]);
+                while bits != 0 {
+                    #[allow(clippy::cast_possible_truncation, reason = "a patch that was inserted")]
+                    out.push((word * 64) as u32 + bits.trailing_zeros());
+                    bits &= bits - 1;
+                }
+            }
+        }
+    }
+}
+
 /// What rasterising a block on a face did.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Drawn {
@@ -284,14 +328,16 @@ pub(crate) trait Kernel: Send + 'static {
         out: &mut [(u32, u32); LANES],
     );
 
-    /// Draws lanes of a block into the coverage, in the order given, nearest first. Whether centroids are seen is asked of
+    /// Draws lanes of a block into the coverage, in the order given, nearest first. With `cut`, lanes are pieces, whose edges are those
+    /// of what they were cut from. Whether centroids are seen is asked of
     /// what is covered, or of what was when that was `remembered`.
     ///
     /// # Safety
     /// The machine has the instruction set.
     #[allow(clippy::too_many_arguments, reason = "the pieces of one loop")]
     unsafe fn draw_bits<const COVERED: bool>(
-        triangles: &Transformed,
+        triangles: &mut Transformed,
+        cut: Option<Cut<'_>>,
         faces: u8,
         order: &[u8],
         remembered: bool,
@@ -489,21 +535,24 @@ fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
+/// A point in a hemicube's frame; what is in the emitter's plane but for the tolerance lies in it.
+#[inline(always)]
+fn in_frame(frame: &Frame, point: [f64; 3]) -> [f64; 3] {
+    let [t, b, n] = &frame.axes;
+    let [x, y, z] = three(|c| point[c] - frame.origin[c]);
+    let height = n[0] * x + n[1] * y + n[2] * z;
+    [
+        t[0] * x + t[1] * y + t[2] * z,
+        b[0] * x + b[1] * y + b[2] * z,
+        if height.abs() <= frame.tolerance { 0.0 } else { height },
+    ]
+}
+
 #[inline(always)]
 pub(crate) unsafe fn transform<L: Lanes>(block: &Block, frame: &Frame, out: &mut Transformed) {
-    let [t, b, n] = &frame.axes;
-    let o = &frame.origin;
     let mut live = Flags([0; LANES]);
     for l in 0..LANES {
-        let corner = |k: usize| {
-            let [x, y, z] = three(|c| block.corners[3 * k + c][l] - o[c]);
-            let height = n[0] * x + n[1] * y + n[2] * z;
-            [
-                t[0] * x + t[1] * y + t[2] * z,
-                b[0] * x + b[1] * y + b[2] * z,
-                if height.abs() <= frame.tolerance { 0.0 } else { height },
-            ]
-        };
+        let corner = |k: usize| in_frame(frame, three(|c| block.corners[3 * k + c][l]));
         let corners = [corner(0), corner(1), corner(2)];
         for k in 0..9 {
             let x = corners[k / 3][k % 3];
@@ -1246,7 +1295,8 @@ impl Kernel for Portable {
     }
 
     unsafe fn draw_bits<const COVERED: bool>(
-        triangles: &Transformed,
+        triangles: &mut Transformed,
+        cut: Option<Cut<'_>>,
         faces: u8,
         order: &[u8],
         remembered: bool,
@@ -1256,7 +1306,7 @@ impl Kernel for Portable {
         shown: &mut Shown,
     ) {
         // SAFETY: as above.
-        unsafe { bits::draw::<Self, COVERED>(triangles, faces, order, remembered, coverage, top, side, shown) };
+        unsafe { bits::draw::<Self, COVERED>(triangles, cut, faces, order, remembered, coverage, top, side, shown) };
     }
 
     unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4], remembered: bool) -> bool {
@@ -1715,7 +1765,8 @@ pub(crate) mod x86 {
                 }
 
                 unsafe fn draw_bits<const COVERED: bool>(
-                    triangles: &Transformed,
+                    triangles: &mut Transformed,
+                    cut: Option<Cut<'_>>,
                     faces: u8,
                     order: &[u8],
                     remembered: bool,
@@ -1727,7 +1778,8 @@ pub(crate) mod x86 {
                     #[target_feature(enable = $features)]
                     #[allow(clippy::too_many_arguments, reason = "the arguments of `Kernel::draw_bits`")]
                     fn inner<const COVERED: bool>(
-                        triangles: &Transformed,
+                        triangles: &mut Transformed,
+                        cut: Option<Cut<'_>>,
                         faces: u8,
                         order: &[u8],
                         remembered: bool,
@@ -1739,12 +1791,16 @@ pub(crate) mod x86 {
                         // SAFETY: this function has the instruction set.
                         unsafe {
                             bits::draw::<$name, COVERED>(
-                                triangles, faces, order, remembered, coverage, top, side, shown,
+                                triangles, cut, faces, order, remembered, coverage, top, side, shown,
                             );
                         }
                     }
                     // SAFETY: the caller's promise of the instruction set.
-                    unsafe { inner::<COVERED>(triangles, faces, order, remembered, coverage, top, side, shown) }
+                    unsafe {
+                        inner::<COVERED>(
+                            triangles, cut, faces, order, remembered, coverage, top, side, shown,
+                        )
+                    }
                 }
 
                 unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4], remembered: bool) -> bool {

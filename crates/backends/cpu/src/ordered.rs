@@ -3,7 +3,7 @@
 use crate::Shared;
 use crate::alone::Alone;
 use crate::engine::{ALL_FACES, frame, pixel};
-use crate::kernel::{Coverage, Frame, Kernel, OnFaces, Shown, Sums, Transformed};
+use crate::kernel::{Coverage, Cut, Frame, Kernel, OnFaces, PatchSet, Shown, Sums, Transformed};
 use crate::order::{NO_PLANE, NONE, Order, PlaneNode};
 use glam::DVec3;
 use hemicube::InputPatch;
@@ -19,12 +19,16 @@ pub(crate) struct OrderedEngine<K> {
     coverage: Coverage,
     sums: Sums,
     triangles: Box<Transformed>,
-    lines: Box<[Transformed; 2]>,
+    /// What the pieces of a block were cut from.
+    whole: Box<Transformed>,
     pending: Vec<Pending>,
     on_faces: OnFaces,
-    /// Patches that cover no pixel centre and whose centroid was seen, and whether that they cover none is still to be
-    /// proved.
-    tiny: Vec<(u32, bool)>,
+    /// Patches that cover no pixel centre and whose centroid was seen.
+    tiny: PatchSet,
+    /// Patches of which a part is like that, but that they cover no pixel centre is still to be proved.
+    perhaps_tiny: PatchSet,
+    /// What was in these sets, in ascending order.
+    tiny_patches: [Vec<u32>; 2],
     row: Vec<Entry>,
     /// Places in `row` whose covered weight is to be counted.
     uncounted: Vec<u32>,
@@ -87,10 +91,12 @@ impl<K: Kernel> OrderedEngine<K> {
             coverage: Coverage::new(shared.settings.resolution, shared.settings.culling == Culling::On),
             sums: Sums::new(shared.tree.patch_count as usize + 1),
             triangles: Box::new(Transformed::new()),
-            lines: Box::new([Transformed::new(), Transformed::new()]),
+            whole: Box::new(Transformed::new()),
             pending: Vec::new(),
             on_faces: OnFaces::new(),
-            tiny: Vec::new(),
+            tiny: PatchSet::new(shared.tree.patch_count as usize),
+            perhaps_tiny: PatchSet::new(shared.tree.patch_count as usize),
+            tiny_patches: [Vec::new(), Vec::new()],
             row: Vec::new(),
             uncounted: Vec::new(),
             patches: Vec::new(),
@@ -122,7 +128,6 @@ impl<K: Kernel> OrderedEngine<K> {
         let tree = &shared.tree;
         let frame = frame(tree, hemicube);
         self.coverage.clear();
-        self.tiny.clear();
         self.render::<COVERED>(shared, order, &frame);
         let table = &shared.table;
         let escaped = self
@@ -140,12 +145,18 @@ impl<K: Kernel> OrderedEngine<K> {
             out.end_row(escaped, blocked);
             return;
         }
-        self.tiny.sort_unstable();
-        self.tiny.dedup_by_key(|t| t.0);
+        let [tiny, perhaps_tiny] = &mut self.tiny_patches;
+        for (set, patches) in [
+            (&mut self.tiny, &mut *tiny),
+            (&mut self.perhaps_tiny, &mut *perhaps_tiny),
+        ] {
+            patches.clear();
+            set.drain(patches);
+        }
         self.row.clear();
         self.uncounted.clear();
         let (row, uncounted) = (&mut self.row, &mut self.uncounted);
-        let mut tiny = self.tiny.iter().copied().peekable();
+        let mut tiny = merged(tiny, perhaps_tiny).peekable();
         let mut push_tiny = |patch: u32, unproved: bool, row: &mut Vec<Entry>| {
             if unproved {
                 #[allow(clippy::cast_possible_truncation, reason = "fewer entries than patches")]
@@ -415,8 +426,16 @@ impl<K: Kernel> OrderedEngine<K> {
         unsafe { K::transform(&order.blocks[index], frame, &mut self.triangles) };
         self.counters.triangles_transformed += LANES as u64;
         let lines = order.lines_of_block[index];
-        if lines != NONE {
-            self.put_on_lines(order, lines, frame);
+        let cut = (lines != NONE).then(|| Cut {
+            lines: &order.lines[lines as usize],
+            frame,
+        });
+        if let Some(cut) = &cut {
+            // What is seen of a piece, and whether, is the whole surface's.
+            // SAFETY: as above.
+            unsafe { K::transform(&cut.lines.whole, frame, &mut self.whole) };
+            let (t, whole) = (&mut *self.triangles, &*self.whole);
+            (t.sign, t.seen, t.live) = (whole.sign, whole.seen, whole.live);
         }
         let live = self.triangles.live;
         if live == 0 {
@@ -427,7 +446,8 @@ impl<K: Kernel> OrderedEngine<K> {
         // SAFETY: as above.
         unsafe {
             K::draw_bits::<COVERED>(
-                &self.triangles,
+                &mut self.triangles,
+                cut,
                 faces,
                 lanes,
                 in_one_plane,
@@ -457,37 +477,31 @@ impl<K: Kernel> OrderedEngine<K> {
                 let patch = self.triangles.seen[lane];
                 if patch < shared.tree.patch_count {
                     let unproved = hidden != 0 || lines != NONE || shown.hidden >> lane & 1 != 0;
-                    self.tiny.push((patch, unproved));
+                    if unproved {
+                        self.perhaps_tiny.insert(patch);
+                    } else {
+                        self.tiny.insert(patch);
+                    }
                 }
             }
         }
     }
+}
 
-    /// Gives the pieces of a block the edges and the side of the surfaces they are part of.
-    fn put_on_lines(&mut self, order: &Order, lines: u32, frame: &Frame) {
-        let lines = &order.lines[lines as usize];
-        let [from, to] = &mut *self.lines;
-        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-        unsafe {
-            K::transform(&lines.whole, frame, from);
+/// Two lists in ascending order as one, and whether each patch is in the second alone.
+fn merged(first: &[u32], second: &[u32]) -> impl Iterator<Item = (u32, bool)> {
+    let (mut first, mut second) = (first.iter().copied().peekable(), second.iter().copied().peekable());
+    std::iter::from_fn(move || match (first.peek().copied(), second.peek().copied()) {
+        (Some(a), b) if b.is_none_or(|b| a <= b) => {
+            first.next();
+            second.next_if_eq(&a);
+            Some((a, false))
         }
-        let t = &mut *self.triangles;
-        (t.sign, t.seen, t.live) = (from.sign, from.seen, from.live);
-        // SAFETY: as above.
-        unsafe {
-            K::transform(&lines.from, frame, from);
-            K::transform(&lines.to, frame, to);
+        (_, b) => {
+            second.next();
+            b.map(|b| (b, true))
         }
-        for k in 0..3 {
-            for l in 0..LANES {
-                let [ax, ay, az] = [0, 1, 2].map(|c| from.corners[3 * k + c][l]);
-                let [bx, by, bz] = [0, 1, 2].map(|c| to.corners[3 * k + c][l]);
-                t.edges[3 * k][l] = (ay * bz - az * by) * t.sign[l];
-                t.edges[3 * k + 1][l] = (az * bx - ax * bz) * t.sign[l];
-                t.edges[3 * k + 2][l] = (ax * by - ay * bx) * t.sign[l];
-            }
-        }
-    }
+    })
 }
 
 /// The deepest that a leaf's planes can be stacked.

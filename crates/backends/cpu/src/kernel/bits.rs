@@ -3,9 +3,12 @@
 //!
 //! Spans are those of engine 1, to the bit.
 
-use super::{Boxes, GROUP, Lanes, PixelBox, Transformed, boxes, clipped_box, edge_lines, flat_rows, three, walk};
+use super::{
+    Boxes, Frame, GROUP, Lanes, PixelBox, Transformed, boxes, clipped_box, edge_lines, flat_rows, in_frame, three, walk,
+};
+use crate::order::Lines;
 use hemicube::face::Face;
-use hemicube::tree::LANES;
+use hemicube::tree::{Block, LANES};
 
 /// Pixels of a column of words: one bit each.
 const WIDTH: usize = u64::BITS as usize;
@@ -292,10 +295,34 @@ pub(crate) unsafe fn cover_lanes<L: Lanes>(
     }
 }
 
+/// What the pieces of a block were cut from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cut<'a> {
+    pub(crate) lines: &'a Lines,
+    pub(crate) frame: &'a Frame,
+}
+
+impl Cut<'_> {
+    /// Gives some pieces the edges of the surfaces they are part of, by the operations of `transform`.
+    #[inline(always)]
+    fn put_on_lines(&self, t: &mut Transformed, lanes: std::ops::Range<usize>) {
+        for k in 0..3 {
+            for l in lanes.clone() {
+                let at = |block: &Block| in_frame(self.frame, three(|c| block.corners[3 * k + c][l]));
+                let ([ax, ay, az], [bx, by, bz]) = (at(&self.lines.from), at(&self.lines.to));
+                t.edges[3 * k][l] = (ay * bz - az * by) * t.sign[l];
+                t.edges[3 * k + 1][l] = (az * bx - ax * bz) * t.sign[l];
+                t.edges[3 * k + 2][l] = (ax * by - ay * bx) * t.sign[l];
+            }
+        }
+    }
+}
+
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "the arguments of `Kernel::draw_bits`")]
 pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
-    t: &Transformed,
+    t: &mut Transformed,
+    cut: Option<Cut<'_>>,
     faces: u8,
     order: &[u8],
     remembered: bool,
@@ -306,6 +333,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
 ) {
     let resolution = coverage.resolution;
     let mut pixels = [0u32; LANES];
+    let mut on_lines = 0u16;
     let open = if COVERED {
         open_centroids(t, faces, coverage, remembered)
     } else {
@@ -351,6 +379,18 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
                 }
             }
             shown.drawn += 1;
+            if let Some(cut) = &cut
+                && on_lines >> lane & 1 == 0
+            {
+                // Of most blocks of pieces one is drawn, or none; where it is more, all of them take as long as two.
+                if on_lines == 0 {
+                    on_lines = 1 << lane;
+                    cut.put_on_lines(t, lane..lane + 1);
+                } else {
+                    on_lines = u16::MAX;
+                    cut.put_on_lines(t, 0..LANES);
+                }
+            }
             // SAFETY: the caller's promise.
             let drawn = unsafe { L::draw_lane::<COVERED>(t, face, lane, left, right, low, high, coverage, running) };
             shown.visible[lane] += drawn.visible;
