@@ -6,7 +6,7 @@
 //! Vázquez and Guartes 2017.
 //!
 //! Options: `baseline=best|original|thesis`, `cull=auto|off|view|frustum|queries|marks|depth`,
-//! `edges=driver|exact` (who says on which side of an edge a pixel lies: docs/gpu.md), `max_level=N` and `min_patches=N` of the
+//! `edges=exact|driver` (who says on which side of an edge a pixel lies: docs/gpu.md), `max_level=N` and `min_patches=N` of the
 //! octree for queries and marks, `batch=N`, `group=N`, `memory=BYTES`, `timing=on`, `debug=on`.
 
 mod ask;

@@ -96,6 +96,7 @@ impl Options {
             }
         };
         let edges = match given.take("edges") {
+            None if baseline != Baseline::Best => Edges::Driver,
             None => Edges::default(),
             Some(value) => Edges::parse(value).ok_or_else(|| wrong("edges", value, "`driver` or `exact`"))?,
         };

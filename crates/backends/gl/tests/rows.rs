@@ -29,7 +29,7 @@ fn rows_agree_with_the_cpu_backend() {
     }
     for (name, model) in devices::scenes() {
         for (options, most) in [
-            ("cull=off", devices::DRIVERS_EDGES),
+            ("cull=off,edges=driver", devices::DRIVERS_EDGES),
             ("cull=off,edges=exact", devices::EXACT_EDGES),
         ] {
             devices::agrees_with_the_cpu(&gl, options, name, &model, most);
@@ -53,7 +53,7 @@ fn rows_of_a_real_tile_agree_with_the_cpu_backend_and_do_not_depend_on_culling()
     let Some(folder) = scenes_or_skip(name) else { return };
     let scene = read(&folder, "city/denhaag-8897.obj").expect("a scene of the manifest");
     let tile = model(scene.clone(), Subdivision::None);
-    for options in ["cull=off", "cull=off,edges=exact"] {
+    for options in ["cull=off,edges=driver", "cull=off,edges=exact"] {
         devices::agrees_with_the_cpu(&gl, options, "denhaag-8897", &tile, devices::SHARED_WALLS);
     }
     let options = ["cull=marks", "cull=queries", "cull=depth", "cull=view"];
@@ -97,15 +97,15 @@ fn a_scene_that_was_not_culled_is_found_out() {
 }
 
 const OPTIONS: &[&str] = &[
-    "cull=marks",
-    "cull=marks,batch=1,min_patches=0",
-    "cull=queries,min_patches=0",
-    "cull=queries,min_patches=600,max_level=3,group=3,batch=6",
-    "cull=depth,group=5,batch=10",
-    "cull=frustum,batch=3",
-    "cull=view",
-    "cull=off",
-    "",
+    "edges=driver,cull=marks",
+    "edges=driver,cull=marks,batch=1,min_patches=0",
+    "edges=driver,cull=queries,min_patches=0",
+    "edges=driver,cull=queries,min_patches=600,max_level=3,group=3,batch=6",
+    "edges=driver,cull=depth,group=5,batch=10",
+    "edges=driver,cull=frustum,batch=3",
+    "edges=driver,cull=view",
+    "edges=driver,cull=off",
+    "edges=driver",
 ];
 
 const EXACT: &[&str] = &[
@@ -152,7 +152,7 @@ fn rows_with_exact_edges_do_not_depend_on_culling_batches_or_the_run() {
 #[test]
 fn rows_are_the_sums_of_item_buffers_and_little_comes_back() {
     if is_there("gl", &gl("")) {
-        devices::rows_are_sums_and_little_comes_back(&gl, "cull=marks");
+        devices::rows_are_sums_and_little_comes_back(&gl, "edges=driver,cull=marks");
         devices::rows_are_sums_and_little_comes_back(&gl, "edges=exact");
     }
 }
@@ -160,7 +160,7 @@ fn rows_are_the_sums_of_item_buffers_and_little_comes_back() {
 #[test]
 fn where_nothing_hides_anything_all_that_is_covered_is_seen() {
     if is_there("gl", &gl("")) {
-        devices::all_that_nothing_hides_is_seen(&gl, "");
+        devices::all_that_nothing_hides_is_seen(&gl, "edges=driver");
         devices::all_that_nothing_hides_is_seen(&gl, "edges=exact");
     }
 }
@@ -168,7 +168,7 @@ fn where_nothing_hides_anything_all_that_is_covered_is_seen() {
 #[test]
 fn covered_and_tiny_patches_agree_with_the_cpu_backend() {
     if is_there("gl", &gl("")) {
-        devices::covered_and_tiny_agree_with_the_cpu(&gl, "");
+        devices::covered_and_tiny_agree_with_the_cpu(&gl, "edges=driver");
         devices::covered_and_tiny_agree_with_the_cpu(&gl, "edges=exact");
     }
 }
@@ -176,7 +176,7 @@ fn covered_and_tiny_patches_agree_with_the_cpu_backend() {
 #[test]
 fn a_hemicube_off_its_emitter_does_not_see_it() {
     if is_there("gl", &gl("")) {
-        devices::emitters_are_not_seen_from_off_their_planes(&gl, "cull=marks");
+        devices::emitters_are_not_seen_from_off_their_planes(&gl, "edges=driver,cull=marks");
         devices::emitters_are_not_seen_from_off_their_planes(&gl, "edges=exact");
     }
 }
@@ -241,7 +241,7 @@ fn baselines_give_the_same_rows_and_read_them_whole() {
     for model in [room, devices::city_with_duplicates(12)] {
         let hemicubes = neighbours(&model, 32);
         let plain = settings(96, Culling::On, false);
-        let (best, counted) = devices::rows_with(&gl, "", &model, &hemicubes, plain);
+        let (best, counted) = devices::rows_with(&gl, "edges=driver", &model, &hemicubes, plain);
         let whole = hemicubes.len() as u64 * 4 * (u64::from(model.geometry().patch_count) + 2);
         for (baseline, queries) in [
             ("original", false),

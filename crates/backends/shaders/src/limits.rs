@@ -14,9 +14,9 @@ pub const SETTLE_GROUPS: u32 = 16;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Edges {
     /// The driver, which snaps corners to some fraction of a pixel, mostly 1/256.
-    #[default]
     Driver,
     /// The corners themselves, by a stage more (`wgsl/settle.wgsl`).
+    #[default]
     Exact,
 }
 

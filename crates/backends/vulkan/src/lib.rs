@@ -7,7 +7,7 @@
 //!
 //! ```text
 //! cull        auto | off | frustum | occlusion     rows are the same with each
-//! edges       driver | exact                       who says on which side of an edge a pixel lies: docs/gpu.md
+//! edges       exact | driver                       who says on which side of an edge a pixel lies: docs/gpu.md
 //! timing      on | off                             fills `stage_times`, and slows down
 //! validation  on | off                             with Vulkan's validation layer; whatever it says is an error
 //! batch       hemicubes of a submission

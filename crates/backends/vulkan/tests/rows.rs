@@ -27,7 +27,7 @@ fn rows_agree_with_the_cpu_backend() {
     }
     for (name, model) in devices::scenes() {
         for (options, most) in [
-            ("cull=off", devices::DRIVERS_EDGES),
+            ("cull=off,edges=driver", devices::DRIVERS_EDGES),
             ("cull=off,edges=exact", devices::EXACT_EDGES),
         ] {
             devices::agrees_with_the_cpu(&vulkan, options, name, &model, most);
@@ -51,7 +51,7 @@ fn rows_of_a_real_tile_agree_with_the_cpu_backend_and_do_not_depend_on_culling()
     let Some(folder) = scenes_or_skip(name) else { return };
     let scene = read(&folder, "city/denhaag-8897.obj").expect("a scene of the manifest");
     let tile = model(scene.clone(), Subdivision::None);
-    for options in ["cull=off", "cull=off,edges=exact"] {
+    for options in ["cull=off,edges=driver", "cull=off,edges=exact"] {
         devices::agrees_with_the_cpu(&vulkan, options, "denhaag-8897", &tile, devices::SHARED_WALLS);
     }
     let options = ["cull=occlusion", "cull=frustum", "cull=off"];
@@ -97,11 +97,11 @@ fn a_scene_that_was_not_culled_is_found_out() {
 }
 
 const OPTIONS: &[&str] = &[
-    "cull=occlusion",
-    "cull=occlusion,batch=1",
-    "cull=occlusion,group=5,batch=10",
-    "cull=frustum,batch=3",
-    "cull=off",
+    "edges=driver,cull=occlusion",
+    "edges=driver,cull=occlusion,batch=1",
+    "edges=driver,cull=occlusion,group=5,batch=10",
+    "edges=driver,cull=frustum,batch=3",
+    "edges=driver,cull=off",
 ];
 
 const EXACT: &[&str] = &[
@@ -148,7 +148,7 @@ fn rows_with_exact_edges_do_not_depend_on_culling_batches_or_the_run() {
 #[test]
 fn rows_are_the_sums_of_item_buffers_and_little_comes_back() {
     if is_there("vulkan", &vulkan("")) {
-        devices::rows_are_sums_and_little_comes_back(&vulkan, "cull=occlusion");
+        devices::rows_are_sums_and_little_comes_back(&vulkan, "edges=driver,cull=occlusion");
         devices::rows_are_sums_and_little_comes_back(&vulkan, "edges=exact");
     }
 }
@@ -156,7 +156,7 @@ fn rows_are_the_sums_of_item_buffers_and_little_comes_back() {
 #[test]
 fn where_nothing_hides_anything_all_that_is_covered_is_seen() {
     if is_there("vulkan", &vulkan("")) {
-        devices::all_that_nothing_hides_is_seen(&vulkan, "");
+        devices::all_that_nothing_hides_is_seen(&vulkan, "edges=driver");
         devices::all_that_nothing_hides_is_seen(&vulkan, "edges=exact");
     }
 }
@@ -164,7 +164,7 @@ fn where_nothing_hides_anything_all_that_is_covered_is_seen() {
 #[test]
 fn covered_and_tiny_patches_agree_with_the_cpu_backend() {
     if is_there("vulkan", &vulkan("")) {
-        devices::covered_and_tiny_agree_with_the_cpu(&vulkan, "");
+        devices::covered_and_tiny_agree_with_the_cpu(&vulkan, "edges=driver");
         devices::covered_and_tiny_agree_with_the_cpu(&vulkan, "edges=exact");
     }
 }
@@ -172,7 +172,7 @@ fn covered_and_tiny_patches_agree_with_the_cpu_backend() {
 #[test]
 fn a_hemicube_off_its_emitter_does_not_see_it() {
     if is_there("vulkan", &vulkan("")) {
-        devices::emitters_are_not_seen_from_off_their_planes(&vulkan, "cull=occlusion");
+        devices::emitters_are_not_seen_from_off_their_planes(&vulkan, "edges=driver,cull=occlusion");
         devices::emitters_are_not_seen_from_off_their_planes(&vulkan, "edges=exact");
     }
 }

@@ -11,7 +11,7 @@
 //! | key | value |
 //! |---|---|
 //! | `cull` | `auto` (default), `off`, `frustum` or `occlusion`: what is not drawn because it cannot be seen |
-//! | `edges` | `driver` (default) or `exact`: who says on which side of an edge a pixel lies, see docs/gpu.md |
+//! | `edges` | `exact` (default) or `driver`: who says on which side of an edge a pixel lies, see docs/gpu.md |
 //! | `batch` | hemicubes of a submission |
 //! | `group` | hemicubes that go through the stages side by side |
 //! | `memory` | MiB that may be taken on the device |

@@ -95,13 +95,13 @@ fn complaints_are_noticed() {
 }
 
 const OPTIONS: [&str; 7] = [
-    "cull=occlusion",
-    "cull=occlusion,batch=1",
-    "cull=occlusion,group=5,batch=10",
-    "cull=occlusion,counts=off",
-    "cull=frustum,batch=3,group=3",
-    "cull=auto",
-    "cull=off",
+    "edges=driver,cull=occlusion",
+    "edges=driver,cull=occlusion,batch=1",
+    "edges=driver,cull=occlusion,group=5,batch=10",
+    "edges=driver,cull=occlusion,counts=off",
+    "edges=driver,cull=frustum,batch=3,group=3",
+    "edges=driver,cull=auto",
+    "edges=driver,cull=off",
 ];
 
 const EXACT: [&str; 4] = [
@@ -161,7 +161,7 @@ fn rows_are_the_sums_of_item_buffers_and_little_is_read_back() {
             let n = 128;
             let table = DeltaTable::new(n);
             let hemicubes = some(&model, 17);
-            for options in ["cull=occlusion", "cull=off,batch=4", "edges=exact"] {
+            for options in ["cull=occlusion,edges=driver", "cull=off,batch=4", "edges=exact"] {
                 let mut session = wgpu(options).expect("it was there");
                 let (rows, counters) = render_with(&mut *session, &model, &hemicubes, settings(n, false));
                 for (k, hemicube) in hemicubes.iter().enumerate() {
@@ -203,7 +203,13 @@ fn rows_are_the_sums_of_item_buffers_and_little_is_read_back() {
 fn what_nothing_hides_is_covered_exactly() {
     on_a_device(|| {
         for (name, model) in unoccluded() {
-            for (resolution, options) in [(16, ""), (64, ""), (256, ""), (64, "edges=exact"), (256, "edges=exact")] {
+            for (resolution, options) in [
+                (16, "edges=driver"),
+                (64, "edges=driver"),
+                (256, "edges=driver"),
+                (64, "edges=exact"),
+                (256, "edges=exact"),
+            ] {
                 let hemicubes = some(&model, 24);
                 let mut session = wgpu(options).expect("it was there");
                 let (rows, _) = render_with(&mut *session, &model, &hemicubes, settings(resolution, true));
@@ -234,7 +240,7 @@ fn rows_agree_with_the_cpu_backend() {
             } else {
                 (DRIVERS_EDGES, EXACT_EDGES)
             };
-            agrees_with_the_cpu(&wgpu, "", name, &model, drivers);
+            agrees_with_the_cpu(&wgpu, "edges=driver", name, &model, drivers);
             agrees_with_the_cpu(&wgpu, "edges=exact", name, &model, exact);
             if name == "room" {
                 let (a, _) = rows_with(&wgpu, "", &model, &some(&model, 24), settings(256, false));
