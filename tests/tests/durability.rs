@@ -501,7 +501,8 @@ fn a_clock_that_jumps_changes_nothing() {
 #[test]
 fn how_far_it_is_can_be_read_from_outside() {
     let place = city(8_000);
-    let slow = "compute city.obj -q --correction pixel --resolution 512 --threads 1 --progress-file progress.json";
+    let slow =
+        "compute city.obj -q --correction pixel --resolution 512 --samples 4 --threads 1 --progress-file progress.json";
     let child = place.spawn(place.command(&format!("{slow} -o m")));
     let read = || {
         let text = std::fs::read_to_string(place.path("progress.json")).unwrap_or_default();
@@ -723,7 +724,7 @@ fn a_full_disk_is_foretold_and_a_run_goes_on_when_there_is_room() {
             .output();
         mount.is_ok_and(|output| output.status.success())
     };
-    if !resize("3m") {
+    if !resize("2m") {
         eprintln!("SKIP a full disk: this user cannot mount a small one; `a_file_that_cannot_grow` stands for it");
         return;
     }

@@ -375,7 +375,7 @@ pub(crate) struct RenderSettings {
     /// Hemicubes a patch: 1, 4, 9, 16…
     #[arg(long, value_name = "K", default_value = "1", value_parser = samples)]
     pub(crate) samples: Samples,
-    /// Turn each hemicube a little, by a hash of its patch
+    /// Turn each hemicube by a hash of its patch
     #[arg(long, value_name = "on|off", default_value = "on", hide_possible_values = true)]
     pub(crate) rotation: Switch,
     #[command(flatten)]
