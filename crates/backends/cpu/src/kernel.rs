@@ -164,19 +164,15 @@ pub(crate) struct Reduction<'a> {
 pub(crate) struct Sums {
     /// Pixels seen in the upper half, weight in the lower; with engine 2, covered and visible weight.
     pub(crate) of: Vec<u64>,
-    /// One bit for each sum that was touched.
-    touched: Vec<u64>,
-    /// One bit for each word of `touched` that is not zero.
-    touched_words: Vec<u64>,
+    /// Those that were touched.
+    touched: PatchSet,
 }
 
 impl Sums {
     pub(crate) fn new(count: usize) -> Self {
-        let words = count.div_ceil(64);
         Self {
             of: vec![0; count],
-            touched: vec![0; words],
-            touched_words: vec![0; words.div_ceil(64)],
+            touched: PatchSet::new(count),
         }
     }
 
@@ -185,8 +181,7 @@ impl Sums {
         let index = id as usize;
         let sum = self.of[index];
         if sum == 0 {
-            self.touched[index >> 6] |= 1 << (index & 63);
-            self.touched_words[index >> 12] |= 1 << (index >> 6 & 63);
+            self.touched.insert(id);
         }
         // The weights of a hemicube sum to 2³¹, so the lower half never carries into the upper.
         self.of[index] = sum + (u64::from(pixels) << 32 | u64::from(weight));
@@ -201,25 +196,16 @@ impl Sums {
     /// Hands out (id, pixels, weight) in ascending order of id and forgets them.
     #[inline]
     pub(crate) fn drain(&mut self, mut each: impl FnMut(u32, u32, u32)) {
-        for group in 0..self.touched_words.len() {
-            let mut words = std::mem::take(&mut self.touched_words[group]);
-            while words != 0 {
-                let word = group * 64 + words.trailing_zeros() as usize;
-                words &= words - 1;
-                let mut bits = std::mem::take(&mut self.touched[word]);
-                while bits != 0 {
-                    let index = word * 64 + bits.trailing_zeros() as usize;
-                    bits &= bits - 1;
-                    let sum = std::mem::take(&mut self.of[index]);
-                    #[allow(clippy::cast_possible_truncation, reason = "the halves of a u64; ids are u32")]
-                    each(index as u32, (sum >> 32) as u32, sum as u32);
-                }
-            }
-        }
+        let of = &mut self.of;
+        self.touched.drain(|id| {
+            let sum = std::mem::take(&mut of[id as usize]);
+            #[allow(clippy::cast_possible_truncation, reason = "the halves of a u64")]
+            each(id, (sum >> 32) as u32, sum as u32);
+        });
     }
 }
 
-/// A set of patches that hands them out in ascending order.
+/// A set of patches, or of ids of what is seen, that hands them out in ascending order.
 #[derive(Debug)]
 pub(crate) struct PatchSet {
     /// One bit for each patch.
@@ -244,9 +230,9 @@ impl PatchSet {
         self.words[index >> 12] |= 1 << (index >> 6 & 63);
     }
 
-    /// Appends what is in the set to `out`, in ascending order, and empties it.
+    /// Hands out what is in the set in ascending order, and empties it.
     #[inline]
-    pub(crate) fn drain(&mut self, out: &mut Vec<u32>) {
+    pub(crate) fn drain(&mut self, mut each: impl FnMut(u32)) {
         for group in 0..self.words.len() {
             let mut words = std::mem::take(&mut self.words[group]);
             while words != 0 {
@@ -254,9 +240,10 @@ impl PatchSet {
                 words &= words - 1;
                 let mut bits = std::mem::take(&mut self.bits[word]);
                 while bits != 0 {
-                    #[allow(clippy::cast_possible_truncation, reason = "a patch that was inserted")]
-                    out.push((word * 64) as u32 + bits.trailing_zeros());
+                    #[allow(clippy::cast_possible_truncation, reason = "an id that was inserted")]
+                    let id = (word * 64) as u32 + bits.trailing_zeros();
                     bits &= bits - 1;
+                    each(id);
                 }
             }
         }

@@ -151,7 +151,7 @@ impl<K: Kernel> OrderedEngine<K> {
             (&mut self.perhaps_tiny, &mut *perhaps_tiny),
         ] {
             patches.clear();
-            set.drain(patches);
+            set.drain(|patch| patches.push(patch));
         }
         self.row.clear();
         self.uncounted.clear();
