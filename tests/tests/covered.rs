@@ -112,13 +112,12 @@ fn holds(name: &str, model: &Model, engine: EngineChoice) -> usize {
     missed
 }
 
-/// Both engines find tiny patches, and engine 2 misses at most twice as many as engine 1.
+/// Both engines find tiny patches, and engine 2 misses at most half as many again as engine 1; in a soup, which it is not for,
+/// at most twice as many.
 fn both_hold(name: &str, model: &Model) {
     let [depth, order] = [EngineChoice::Depth, EngineChoice::Order].map(|engine| holds(name, model, engine));
-    assert!(
-        order <= 2 * depth + 10,
-        "{name}: {order} where {depth} are missed by depth"
-    );
+    let most = if name == "soup" { 2 * depth } else { 3 * depth / 2 };
+    assert!(order <= most + 10, "{name}: {order} where {depth} are missed by depth");
 }
 
 #[test]

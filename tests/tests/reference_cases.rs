@@ -308,7 +308,8 @@ fn enclosure(
         finest = Some(found);
     }
     // Of the tetrahedron the coarsest is within 10⁻⁴ already, not far above what pixels can tell.
-    falls(&format!("{name}, worst error by fineness"), &series, -0.8, last);
+    let power = if name == "tetrahedron" { -0.8 } else { -1.1 };
+    falls(&format!("{name}, worst error by fineness"), &series, power, last);
     finest.expect("three finenesses")
 }
 
