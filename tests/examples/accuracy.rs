@@ -5,7 +5,8 @@
 //! `accuracy calibration [ROWS [SCENE…]]`: whether what is asked for is what one gets, over real scenes and tolerances.
 //!
 //! With `REFERENCE_CACHE=DIR`, reference rows are kept there for the next run; with `RUNGS=WORD`, only the rungs whose name
-//! has the word are climbed; with `WORST=1`, the entries that are farthest off are listed.
+//! has the word are climbed; with `WORST=1`, the entries that are farthest off are listed; with `ENGINE=Depth|Order`, rungs without
+//! a tolerance have that engine of the CPU backend.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
 use glam::DVec3;
@@ -18,7 +19,7 @@ use hemicube::reference::{
 };
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
-use hemicube_backend_cpu::CpuBackend;
+use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, cornell_box, generate};
 use hemicube_tests::rows::settled;
@@ -424,7 +425,13 @@ fn measure(
             threads: 1,
             ..Execution::default()
         };
-        let backend = Box::new(CpuBackend::new());
+        let engine = match std::env::var("ENGINE").as_deref() {
+            Ok("Depth") => EngineChoice::Depth,
+            Ok("Order") => EngineChoice::Order,
+            Ok(other) => panic!("ENGINE is Depth or Order, not {other}"),
+            Err(_) => EngineChoice::Auto,
+        };
+        let backend = Box::new(CpuBackend::new().with_engine(engine));
         compute(model, &plan, settings, backend, execution, &mut parts, &mut |_| {})
     };
     // What is built once for a scene belongs to no row.
