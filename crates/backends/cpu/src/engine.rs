@@ -3,7 +3,7 @@
 use crate::Shared;
 use crate::alone::Alone;
 use crate::kernel::{
-    Centroids, Chunk, Frame, GROUP, Kernel, OnFaces, Reduction, Sums, Target, Transformed, is_small, three,
+    Centroids, Chunk, Frame, GROUP, Kernel, OnFaces, Reduction, Sums, Target, Transformed, is_small, prefetch, three,
 };
 use glam::DVec3;
 use hemicube::InputPatch;
@@ -255,6 +255,15 @@ impl<K: Kernel> Engine<K> {
                 continue;
             }
             let [near, far] = front_to_back(tree, node.child, frame);
+            for next in [near, far] {
+                let next = &tree.nodes[next as usize];
+                if next.block == INNER {
+                    prefetch(&tree.nodes[next.child as usize]);
+                    prefetch(&tree.nodes[next.child as usize + 1]);
+                } else {
+                    prefetch(&tree.blocks[next.block as usize]);
+                }
+            }
             self.pending.push(Pending {
                 node: far,
                 faces,

@@ -14,7 +14,7 @@ mod bits;
 mod boxes;
 
 pub(crate) use bits::{Coverage, Cut, Shown};
-pub(crate) use boxes::OnFaces;
+pub(crate) use boxes::{BOXES, BoxGroup, GroupOnFaces, OnFaces};
 use hemicube::face::Face;
 use hemicube::tree::{Block, LANES, UNUSED};
 
@@ -290,6 +290,20 @@ pub(crate) trait Kernel: Send + 'static {
         out: &mut OnFaces,
     );
 
+    /// On which faces the boxes in `used` of a group may be seen, and on which they are hidden by what is covered; with
+    /// `REMEMBER`, that is remembered of the pixels of those that may be seen. `touched`: see [`Self::on_faces`].
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn test_group<const REMEMBER: bool>(
+        group: &BoxGroup,
+        used: u8,
+        frame: &Frame,
+        coverage: &mut Coverage,
+        faces: u8,
+        touched: bool,
+    ) -> GroupOnFaces;
+
     /// Rasterises lanes of a block on one face. With `COUNT`, adds the pixels that each lane covers to `pixels`.
     ///
     /// # Safety
@@ -334,11 +348,11 @@ pub(crate) trait Kernel: Send + 'static {
         shown: &mut Shown,
     );
 
-    /// Whether every pixel of a box of the atlas (inclusive) is covered, or was when that was `remembered`.
+    /// Whether every pixel of a box of the atlas (inclusive) is covered.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4], remembered: bool) -> bool;
+    unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool;
 
     /// Whether every pixel of a box of the atlas (inclusive) is nearer than `bound`.
     ///
@@ -397,6 +411,33 @@ pub(crate) trait Lanes {
     /// The machine has the instruction set.
     unsafe fn nearer(depth: &Chunk<f32>, mask: u16, bound: f32) -> bool;
 
+    /// See [`Kernel::test_group`].
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn test_group<const REMEMBER: bool>(
+        group: &BoxGroup,
+        used: u8,
+        frame: &Frame,
+        coverage: &mut Coverage,
+        faces: u8,
+        touched: bool,
+    ) -> GroupOnFaces
+    where
+        Self: Sized,
+    {
+        // SAFETY: the caller's promise.
+        unsafe { boxes::test_group::<Self, REMEMBER>(group, used, frame, coverage, faces, touched) }
+    }
+
+    /// The lines of all lanes of a block, for a path whose `draw_lane` asks for them: it says which are ready.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn block_lines(_triangles: &Transformed, _face: Face, _resolution: usize, _out: &mut bits::BlockLines) {}
+
     /// Covers the pixels of a lane on a face, whose box is `left..right` by `low..high`, and weighs them and those that
     /// nothing covered before.
     ///
@@ -406,6 +447,7 @@ pub(crate) trait Lanes {
     #[allow(clippy::too_many_arguments, reason = "numbers that stay in registers")]
     unsafe fn draw_lane<const COVERED: bool>(
         triangles: &Transformed,
+        _lines: &bits::BlockLines,
         face: Face,
         lane: usize,
         left: i32,
@@ -504,6 +546,20 @@ pub(crate) struct PixelBox {
     x1: i32,
     y0: i32,
     y1: i32,
+}
+
+/// Asks for something that will be read soon.
+#[inline(always)]
+pub(crate) fn prefetch<T>(of: &T) {
+    #[cfg(target_arch = "x86_64")]
+    for line in 0..size_of::<T>().div_ceil(64) {
+        // SAFETY: a hint, of an address within what is referred to.
+        unsafe {
+            std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(
+                std::ptr::from_ref(of).cast::<i8>().add(line * 64),
+            );
+        }
+    }
 }
 
 /// `[f(0), f(1), f(2)]`: the library's `map` is left as a call in these kernels.
@@ -1258,6 +1314,18 @@ impl Kernel for Portable {
         boxes::on_faces(center, half, frame, resolution, faces, touched, out);
     }
 
+    unsafe fn test_group<const REMEMBER: bool>(
+        group: &BoxGroup,
+        used: u8,
+        frame: &Frame,
+        coverage: &mut Coverage,
+        faces: u8,
+        touched: bool,
+    ) -> GroupOnFaces {
+        // SAFETY: the portable path needs no instruction set.
+        unsafe { <Self as Lanes>::test_group::<REMEMBER>(group, used, frame, coverage, faces, touched) }
+    }
+
     unsafe fn draw<const COUNT: bool>(
         triangles: &Transformed,
         face: Face,
@@ -1296,9 +1364,9 @@ impl Kernel for Portable {
         unsafe { bits::draw::<Self, COVERED>(triangles, cut, faces, order, remembered, coverage, top, side, shown) };
     }
 
-    unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4], remembered: bool) -> bool {
+    unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {
         // SAFETY: as above.
-        unsafe { bits::all_covered::<Self>(coverage, pixels, remembered) }
+        unsafe { bits::all_covered::<Self>(coverage, pixels) }
     }
 
     unsafe fn all_nearer(depth: &[Chunk<f32>], chunks_per_row: usize, pixels: [usize; 4], bound: f32) -> bool {
@@ -1353,8 +1421,28 @@ pub(crate) mod x86 {
         }
 
         #[inline(always)]
+        unsafe fn test_group<const REMEMBER: bool>(
+            group: &BoxGroup,
+            used: u8,
+            frame: &Frame,
+            coverage: &mut Coverage,
+            faces: u8,
+            touched: bool,
+        ) -> GroupOnFaces {
+            // SAFETY: the caller's promise of the instruction set.
+            unsafe { boxes::test_group_avx512::<Self, REMEMBER>(group, used, frame, coverage, faces, touched) }
+        }
+
+        #[inline(always)]
+        unsafe fn block_lines(triangles: &Transformed, face: Face, resolution: usize, out: &mut bits::BlockLines) {
+            // SAFETY: the caller's promise of the instruction set.
+            unsafe { bits::block_lines_avx512(triangles, face, resolution, out) };
+        }
+
+        #[inline(always)]
         unsafe fn draw_lane<const COVERED: bool>(
             triangles: &Transformed,
+            lines: &bits::BlockLines,
             face: Face,
             lane: usize,
             left: i32,
@@ -1366,7 +1454,9 @@ pub(crate) mod x86 {
         ) -> bits::DrawnLane {
             // SAFETY: the caller's promise of the instruction set.
             unsafe {
-                bits::draw_lane_avx512::<COVERED>(triangles, face, lane, left, right, low, high, coverage, running)
+                bits::draw_lane_avx512::<COVERED>(
+                    triangles, lines, face, lane, left, right, low, high, coverage, running,
+                )
             }
         }
 
@@ -1497,6 +1587,7 @@ pub(crate) mod x86 {
         #[inline(always)]
         unsafe fn draw_lane<const COVERED: bool>(
             triangles: &Transformed,
+            _lines: &bits::BlockLines,
             face: Face,
             lane: usize,
             left: i32,
@@ -1705,6 +1796,32 @@ pub(crate) mod x86 {
                     unsafe { inner(center, half, frame, resolution, faces, touched, out) }
                 }
 
+                unsafe fn test_group<const REMEMBER: bool>(
+                    group: &BoxGroup,
+                    used: u8,
+                    frame: &Frame,
+                    coverage: &mut Coverage,
+                    faces: u8,
+                    touched: bool,
+                ) -> GroupOnFaces {
+                    #[target_feature(enable = $features)]
+                    fn inner<const REMEMBER: bool>(
+                        group: &BoxGroup,
+                        used: u8,
+                        frame: &Frame,
+                        coverage: &mut Coverage,
+                        faces: u8,
+                        touched: bool,
+                    ) -> GroupOnFaces {
+                        // SAFETY: this function has the instruction set.
+                        unsafe {
+                            <$name as Lanes>::test_group::<REMEMBER>(group, used, frame, coverage, faces, touched)
+                        }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner::<REMEMBER>(group, used, frame, coverage, faces, touched) }
+                }
+
                 unsafe fn draw<const COUNT: bool>(
                     triangles: &Transformed,
                     face: Face,
@@ -1790,14 +1907,14 @@ pub(crate) mod x86 {
                     }
                 }
 
-                unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4], remembered: bool) -> bool {
+                unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {
                     #[target_feature(enable = $features)]
-                    fn inner(coverage: &Coverage, pixels: [usize; 4], remembered: bool) -> bool {
+                    fn inner(coverage: &Coverage, pixels: [usize; 4]) -> bool {
                         // SAFETY: this function has the instruction set.
-                        unsafe { bits::all_covered::<$name>(coverage, pixels, remembered) }
+                        unsafe { bits::all_covered::<$name>(coverage, pixels) }
                     }
                     // SAFETY: the caller's promise of the instruction set.
-                    unsafe { inner(coverage, pixels, remembered) }
+                    unsafe { inner(coverage, pixels) }
                 }
 
                 unsafe fn all_nearer(

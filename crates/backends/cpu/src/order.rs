@@ -8,9 +8,10 @@
 //! A surface that a plane cuts becomes pieces. A piece's outer edges keep the line of the edge they are part of, and both
 //! sides of a cut share its two end points, so that pieces are as watertight as whole surfaces are, to the bit.
 
+use crate::kernel::{BOXES, BoxGroup};
 use glam::DVec3;
 use hemicube::backend::Geometry;
-use hemicube::tree::{Block, INNER, LANES, Node, sorted_corners};
+use hemicube::tree::{Block, LANES, sorted_corners};
 
 /// A node of the partition.
 #[derive(Clone, Copy, Debug)]
@@ -66,13 +67,25 @@ pub(crate) struct Lines {
     pub(crate) whole: Block,
 }
 
+/// A node of a layer's tree of boxes: its children.
+#[derive(Clone, Debug)]
+pub(crate) struct LayerNode {
+    pub(crate) boxes: BoxGroup,
+    /// What the boxes are around: blocks and nodes.
+    pub(crate) child: [u32; BOXES],
+    /// Boxes in use.
+    pub(crate) used: u8,
+    /// Boxes around a block.
+    pub(crate) leaves: u8,
+}
+
 /// A scene's surfaces in order.
 #[derive(Debug)]
 pub(crate) struct Order {
     pub(crate) nodes: Vec<PlaneNode>,
-    /// Roots of trees of boxes in `boxes`.
+    /// Roots of trees of boxes in `layer_nodes`.
     pub(crate) layers: Vec<u32>,
-    pub(crate) boxes: Vec<Node>,
+    pub(crate) layer_nodes: Vec<LayerNode>,
     pub(crate) planes: Vec<LeafPlane>,
     pub(crate) blocks: Vec<Block>,
     /// For each block, which of `lines` its pieces have, or `NONE` where all its surfaces are whole.
@@ -328,7 +341,7 @@ impl Order {
             order: Self {
                 nodes: Vec::new(),
                 layers: Vec::new(),
-                boxes: Vec::new(),
+                layer_nodes: Vec::new(),
                 planes: Vec::new(),
                 blocks: Vec::new(),
                 lines_of_block: Vec::new(),
@@ -633,55 +646,84 @@ impl Builder<'_> {
 
     /// Packs items that do not overlap into blocks under a tree of boxes; returns its root.
     fn pack(&mut self, mut items: Vec<u32>) -> u32 {
-        const EMPTY: Node = Node {
-            center: DVec3::ZERO,
-            half: DVec3::ZERO,
-            child: 0,
-            block: INNER,
-            largest: f32::INFINITY,
-        };
-        let root = self.order.boxes.len();
-        self.order.boxes.push(EMPTY);
-        let mut pending = vec![(root, 0, items.len())];
-        while let Some((node, start, end)) = pending.pop() {
-            let range = &mut items[start..end];
-            let mut bounds = Bounds::EMPTY;
-            let mut centers = Bounds::EMPTY;
-            for &item in range.iter() {
-                let b = Bounds::of(self.corners(item));
-                bounds = bounds.union(b);
-                let c = b.twice_center();
-                centers = centers.union(Bounds { low: c, high: c });
+        let root = self.layer_node();
+        let len = items.len();
+        let mut pending = vec![(root, 0..len)];
+        while let Some((node, range)) = pending.pop() {
+            // Parts of what the node is around, each with its box; the one of the largest surface is halved as long as there
+            // is room.
+            let mut parts = vec![(self.bounds_of(&items[range.clone()]), range)];
+            while parts.len() < BOXES {
+                let halved = parts
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, (_, range))| range.len() > LANES)
+                    .max_by(|(p, (a, _)), (q, (b, _))| a.area().total_cmp(&b.area()).then(q.cmp(p)));
+                let Some((place, (_, range))) = halved else {
+                    break;
+                };
+                let range = range.clone();
+                let middle = range.start + self.halve(&mut items[range.clone()]);
+                parts[place] = (self.bounds_of(&items[range.start..middle]), range.start..middle);
+                parts.push((self.bounds_of(&items[middle..range.end]), middle..range.end));
             }
-            let mut made = Node {
-                center: bounds.center(),
-                half: bounds.half(),
-                ..EMPTY
-            };
-            if range.len() <= LANES {
-                range.sort_unstable_by_key(|&i| (self.geometry.surfaces[self.surface_of(i) as usize].front.0, i));
-                let lanes = range.to_vec();
-                made.block = self.push_block(&lanes);
-                self.order.boxes[node] = made;
-                continue;
+            for (l, (bounds, range)) in parts.into_iter().enumerate() {
+                let child = if range.len() <= LANES {
+                    let lanes = &mut items[range];
+                    lanes.sort_unstable_by_key(|&i| (self.geometry.surfaces[self.surface_of(i) as usize].front.0, i));
+                    self.order.layer_nodes[node as usize].leaves |= 1 << l;
+                    self.push_block(lanes)
+                } else {
+                    let child = self.layer_node();
+                    pending.push((child, range));
+                    child
+                };
+                let (center, half) = (bounds.center(), bounds.half());
+                let node = &mut self.order.layer_nodes[node as usize];
+                node.used |= 1 << l;
+                node.child[l] = child;
+                for axis in 0..3 {
+                    node.boxes.center[axis][l] = center[axis];
+                    node.boxes.half[axis][l] = half[axis];
+                }
             }
-            let (axis, first) = self.halves(range, centers);
-            let center = |i: u32| Bounds::of(self.corners(i)).twice_center()[axis];
-            range.select_nth_unstable_by(first, |&p, &q| center(p).total_cmp(&center(q)).then(p.cmp(&q)));
-            let child = self.order.boxes.len();
-            #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than fragments")]
-            {
-                made.child = child as u32;
-            }
-            self.order.boxes[node] = made;
-            self.order.boxes.extend([EMPTY; 2]);
-            pending.push((child + 1, start + first, end));
-            pending.push((child, start, start + first));
         }
+        root
+    }
+
+    /// A new node without boxes.
+    fn layer_node(&mut self) -> u32 {
+        self.order.layer_nodes.push(LayerNode {
+            boxes: BoxGroup {
+                center: [[0.0; BOXES]; 3],
+                half: [[0.0; BOXES]; 3],
+            },
+            child: [NONE; BOXES],
+            used: 0,
+            leaves: 0,
+        });
         #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than fragments")]
         {
-            root as u32
+            self.order.layer_nodes.len() as u32 - 1
         }
+    }
+
+    fn bounds_of(&self, items: &[u32]) -> Bounds {
+        items
+            .iter()
+            .fold(Bounds::EMPTY, |b, &i| b.union(Bounds::of(self.corners(i))))
+    }
+
+    /// Sorts items so that the two halves lie apart; returns how many the first has.
+    fn halve(&self, items: &mut [u32]) -> usize {
+        let centers = items.iter().fold(Bounds::EMPTY, |b, &i| {
+            let c = Bounds::of(self.corners(i)).twice_center();
+            b.union(Bounds { low: c, high: c })
+        });
+        let (axis, first) = self.halves(items, centers);
+        let center = |i: u32| Bounds::of(self.corners(i)).twice_center()[axis];
+        items.select_nth_unstable_by(first, |&p, &q| center(p).total_cmp(&center(q)).then(p.cmp(&q)));
+        first
     }
 
     /// Along which axis to sort items, and how many of them make up the first half: so that the two halves' boxes, each as often as
@@ -1001,11 +1043,14 @@ mod tests {
             }
             let mut pending = order.layers[node.here[side].start as usize..node.here[side].end as usize].to_vec();
             while let Some(at) = pending.pop() {
-                let node = &order.boxes[at as usize];
-                if node.block == INNER {
-                    pending.extend([node.child, node.child + 1]);
-                } else {
-                    seen.push(node.block);
+                let node = &order.layer_nodes[at as usize];
+                for l in (0..BOXES).filter(|l| node.used >> l & 1 != 0) {
+                    let list = if node.leaves >> l & 1 != 0 {
+                        &mut seen
+                    } else {
+                        &mut pending
+                    };
+                    list.push(node.child[l]);
                 }
             }
         }

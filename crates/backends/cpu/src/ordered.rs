@@ -3,14 +3,16 @@
 use crate::Shared;
 use crate::alone::Alone;
 use crate::engine::{ALL_FACES, frame, pixel};
-use crate::kernel::{Coverage, Cut, Frame, Kernel, OnFaces, PatchSet, Shown, Sums, Transformed};
+use crate::kernel::{
+    BOXES, Coverage, Cut, Frame, GroupOnFaces, Kernel, OnFaces, PatchSet, Shown, Sums, Transformed, prefetch,
+};
 use crate::order::{NO_PLANE, NONE, Order, PlaneNode};
 use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Counters, Culling, Hemicube};
 use hemicube::face::Face;
 use hemicube::row::RowBlock;
-use hemicube::tree::{Block, INNER, LANES};
+use hemicube::tree::{Block, LANES};
 use std::marker::PhantomData;
 
 /// A hemicube's working memory. One a thread.
@@ -22,6 +24,9 @@ pub(crate) struct OrderedEngine<K> {
     /// What the pieces of a block were cut from.
     whole: Box<Transformed>,
     pending: Vec<Pending>,
+    /// Nodes of a layer that are to be looked at, and blocks of it that are to be drawn.
+    layer_nodes: Vec<InLayer>,
+    layer_blocks: Vec<InLayer>,
     on_faces: OnFaces,
     /// Patches that cover no pixel centre and whose centroid was seen.
     tiny: PatchSet,
@@ -65,19 +70,14 @@ enum What {
     Node(u32),
     /// A tree of boxes over blocks.
     Layer(u32),
-    /// One of the boxes of such a tree.
-    Boxes(u32),
 }
 
-/// What is done about what was covered before the surfaces of a plane were begun.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Memory {
-    /// Nothing.
-    Leave,
-    /// It is remembered, of the pixels that are looked at.
-    Keep,
-    /// It is what is asked.
-    Ask,
+/// A block or a node of a layer that may be seen.
+#[derive(Clone, Copy, Debug)]
+struct InLayer {
+    index: u32,
+    faces: u8,
+    hidden: u8,
 }
 
 /// Marks a covered weight that is not all of it.
@@ -93,6 +93,8 @@ impl<K: Kernel> OrderedEngine<K> {
             triangles: Box::new(Transformed::new()),
             whole: Box::new(Transformed::new()),
             pending: Vec::new(),
+            layer_nodes: Vec::new(),
+            layer_blocks: Vec::new(),
             on_faces: OnFaces::new(),
             tiny: PatchSet::new(shared.tree.patch_count as usize),
             perhaps_tiny: PatchSet::new(shared.tree.patch_count as usize),
@@ -228,106 +230,141 @@ impl<K: Kernel> OrderedEngine<K> {
             hidden: 0,
         });
         while let Some(Pending { what, faces, hidden }) = self.pending.pop() {
-            let (center, half) = match what {
-                What::Node(node) => (order.nodes[node as usize].center, order.nodes[node as usize].half),
-                What::Layer(node) | What::Boxes(node) => {
-                    (order.boxes[node as usize].center, order.boxes[node as usize].half)
+            let node = match what {
+                What::Layer(root) => {
+                    self.draw_layer::<COVERED>(
+                        shared,
+                        order,
+                        InLayer {
+                            index: root,
+                            faces,
+                            hidden,
+                        },
+                        frame,
+                    );
+                    continue;
                 }
+                What::Node(node) => &order.nodes[node as usize],
             };
             let (faces, hidden) = if self.coverage.culling {
                 self.counters.nodes_tested += 1;
-                // With tiny patches, what is hidden in a layer is decided by what lies in front of all of it.
-                let memory = match what {
-                    What::Layer(_) if COVERED => Memory::Keep,
-                    What::Boxes(_) if COVERED => Memory::Ask,
-                    _ => Memory::Leave,
-                };
-                let (visible, hidden_now) = self.visible_faces::<COVERED>(center, half, frame, faces, memory);
-                if visible == 0 {
-                    if hidden_now == 0 {
-                        self.counters.nodes_outside += 1;
-                    } else {
-                        self.counters.nodes_hidden += 1;
-                    }
+                let (visible, hidden_now) = self.visible_faces::<COVERED>(node.center, node.half, frame, faces);
+                if !self.is_worth_it(visible, hidden_now) {
                     continue;
                 }
                 (visible, hidden | hidden_now)
             } else {
-                if COVERED && matches!(what, What::Layer(_)) {
-                    self.coverage.remember(self.coverage.all());
-                }
                 (faces, hidden)
             };
-            match what {
-                What::Layer(node) | What::Boxes(node) => {
-                    let node = &order.boxes[node as usize];
-                    if node.block != INNER {
-                        self.draw_block::<COVERED>(shared, order, node.block, frame, faces, hidden, &IN_TURN, true);
-                        continue;
-                    }
-                    // In any order: surfaces in one plane hide nothing of each other.
-                    for child in [node.child + 1, node.child] {
-                        self.pending.push(Pending {
-                            what: What::Boxes(child),
-                            faces,
-                            hidden,
-                        });
-                    }
-                }
-                What::Node(node) => {
-                    let node = &order.nodes[node as usize];
-                    if node.is_leaf {
-                        self.draw_leaf::<COVERED>(shared, order, node, frame, faces, hidden);
-                        continue;
-                    }
-                    let in_front = node.normal.dot(eye) >= node.distance;
-                    let (near, far, here) = if in_front {
-                        (node.front, node.back, node.here[0])
-                    } else {
-                        (node.back, node.front, node.here[1])
-                    };
-                    if far != NONE {
-                        self.pending.push(Pending {
-                            what: What::Node(far),
-                            faces,
-                            hidden,
-                        });
-                    }
-                    for layer in (here.start..here.end).rev() {
-                        self.pending.push(Pending {
-                            what: What::Layer(order.layers[layer as usize]),
-                            faces,
-                            hidden,
-                        });
-                    }
-                    if near != NONE {
-                        self.pending.push(Pending {
-                            what: What::Node(near),
-                            faces,
-                            hidden,
-                        });
-                    }
-                }
+            if node.is_leaf {
+                self.draw_leaf::<COVERED>(shared, order, node, frame, faces, hidden);
+                continue;
+            }
+            let in_front = node.normal.dot(eye) >= node.distance;
+            let (near, far, here) = if in_front {
+                (node.front, node.back, node.here[0])
+            } else {
+                (node.back, node.front, node.here[1])
+            };
+            if far != NONE {
+                prefetch(&order.nodes[far as usize]);
+                self.pending.push(Pending {
+                    what: What::Node(far),
+                    faces,
+                    hidden,
+                });
+            }
+            for layer in (here.start..here.end).rev() {
+                prefetch(&order.layer_nodes[order.layers[layer as usize] as usize]);
+                self.pending.push(Pending {
+                    what: What::Layer(order.layers[layer as usize]),
+                    faces,
+                    hidden,
+                });
+            }
+            if near != NONE {
+                prefetch(&order.nodes[near as usize]);
+                self.pending.push(Pending {
+                    what: What::Node(near),
+                    faces,
+                    hidden,
+                });
             }
         }
     }
 
+    /// Counts a box that was tested; whether it may be seen.
+    #[inline]
+    fn is_worth_it(&mut self, visible: u8, hidden: u8) -> bool {
+        if visible == 0 {
+            if hidden == 0 {
+                self.counters.nodes_outside += 1;
+            } else {
+                self.counters.nodes_hidden += 1;
+            }
+        }
+        visible != 0
+    }
+
+    /// Draws what lies in a plane. Its surfaces hide nothing of each other, so that all of them are tested before any is drawn.
+    fn draw_layer<const COVERED: bool>(&mut self, shared: &Shared, order: &Order, root: InLayer, frame: &Frame) {
+        let (mut nodes, mut blocks) = (
+            std::mem::take(&mut self.layer_nodes),
+            std::mem::take(&mut self.layer_blocks),
+        );
+        if COVERED && !self.coverage.culling {
+            self.coverage.remember(self.coverage.all());
+        }
+        nodes.push(root);
+        while let Some(InLayer { index, faces, hidden }) = nodes.pop() {
+            let node = &order.layer_nodes[index as usize];
+            let tested = if self.coverage.culling {
+                self.counters.nodes_tested += u64::from(node.used.count_ones());
+                let coverage = &mut self.coverage;
+                // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+                unsafe { K::test_group::<COVERED>(&node.boxes, node.used, frame, coverage, faces, COVERED) }
+            } else {
+                GroupOnFaces {
+                    visible: [faces; BOXES],
+                    hidden: [0; BOXES],
+                }
+            };
+            let mut used = node.used;
+            while used != 0 {
+                let l = used.trailing_zeros() as usize;
+                used &= used - 1;
+                if self.is_worth_it(tested.visible[l], tested.hidden[l]) {
+                    if node.leaves >> l & 1 != 0 {
+                        prefetch(&order.blocks[node.child[l] as usize]);
+                    }
+                    let list = if node.leaves >> l & 1 != 0 {
+                        &mut blocks
+                    } else {
+                        &mut nodes
+                    };
+                    list.push(InLayer {
+                        index: node.child[l],
+                        faces: tested.visible[l],
+                        hidden: hidden | tested.hidden[l],
+                    });
+                }
+            }
+        }
+        for InLayer { index, faces, hidden } in blocks.drain(..) {
+            self.draw_block::<COVERED>(shared, order, index, frame, faces, hidden, &IN_TURN, true);
+        }
+        (self.layer_nodes, self.layer_blocks) = (nodes, blocks);
+    }
+
     /// On which faces a box may be seen, and on which of the others it is hidden.
     #[inline]
-    fn visible_faces<const COVERED: bool>(
-        &mut self,
-        center: DVec3,
-        half: DVec3,
-        frame: &Frame,
-        faces: u8,
-        memory: Memory,
-    ) -> (u8, u8) {
+    fn visible_faces<const COVERED: bool>(&mut self, center: DVec3, half: DVec3, frame: &Frame, faces: u8) -> (u8, u8) {
         let resolution = self.coverage.resolution;
         let (center, half) = (center.to_array(), half.to_array());
         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
         unsafe { K::on_faces(&center, &half, frame, resolution, faces, COVERED, &mut self.on_faces) };
         let (mut visible, mut hidden) = (self.on_faces.at_eye, 0);
-        let (mut boxed, mut remembered) = (self.on_faces.boxed, 0);
+        let mut boxed = self.on_faces.boxed;
         while boxed != 0 {
             let face = boxed.trailing_zeros() as usize;
             boxed &= boxed - 1;
@@ -337,19 +374,11 @@ impl<K: Kernel> OrderedEngine<K> {
             let [x0, x1, y0, y1] = [b.x0[face], b.x1[face], b.y0[face], b.y1[face]].map(pixel);
             let pixels = [x0, x1, first_row + y0, first_row + y1];
             // SAFETY: as above.
-            if unsafe { K::all_covered(&self.coverage, pixels, memory == Memory::Ask) } {
+            if unsafe { K::all_covered(&self.coverage, pixels) } {
                 hidden |= 1 << face;
                 continue;
             }
             visible |= 1 << face;
-            if memory == Memory::Keep {
-                self.coverage.remember(pixels);
-                remembered |= 1 << face;
-            }
-        }
-        if memory == Memory::Keep && visible & !remembered != 0 {
-            // So near that its pixels were not asked for.
-            self.coverage.remember(self.coverage.all());
         }
         (visible, hidden)
     }
@@ -366,6 +395,7 @@ impl<K: Kernel> OrderedEngine<K> {
     ) {
         let planes = &order.planes[node.here[0].start as usize..node.here[0].end as usize];
         let block = node.front;
+        prefetch(&order.blocks[block as usize]);
         let eye = DVec3::from_array(frame.origin);
         let mut lanes = [0u8; LANES];
         let mut count = 0;

@@ -1,6 +1,7 @@
 //! Where boxes of the scene lie on the five faces: what both engines ask of every node they meet.
 
-use super::{Frame, three};
+use super::bits::{Coverage, all_covered, at};
+use super::{Frame, Lanes, three};
 use hemicube::face::Face;
 
 /// A lane for each face, and three that are not used.
@@ -133,6 +134,209 @@ fn on_face(low: &[f64; 3], high: &[f64; 3], face: Face, resolution: usize, touch
         out.y1[lane] = y1 as i32;
     }
     out.boxed |= 1 << lane;
+}
+
+/// How many boxes are tested at once.
+pub(crate) const BOXES: usize = 8;
+
+/// Boxes that are tested at once: the children of a node.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct BoxGroup {
+    /// The middles, by axis.
+    pub(crate) center: [[f64; BOXES]; 3],
+    /// Half the sides.
+    pub(crate) half: [[f64; BOXES]; 3],
+}
+
+/// On which faces each box of a group may be seen, and on which of the others it is hidden.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct GroupOnFaces {
+    pub(crate) visible: [u8; BOXES],
+    pub(crate) hidden: [u8; BOXES],
+}
+
+/// Tests some boxes against what is covered; with `REMEMBER`, that is remembered where they may be seen.
+#[inline(always)]
+pub(crate) unsafe fn test_group<L: Lanes, const REMEMBER: bool>(
+    group: &BoxGroup,
+    mut used: u8,
+    frame: &Frame,
+    coverage: &mut Coverage,
+    faces: u8,
+    touched: bool,
+) -> GroupOnFaces {
+    let mut out = GroupOnFaces::default();
+    let mut one = OnFaces::new();
+    let resolution = coverage.resolution;
+    while used != 0 {
+        let l = used.trailing_zeros() as usize;
+        used &= used - 1;
+        let (center, half) = (three(|c| group.center[c][l]), three(|c| group.half[c][l]));
+        // SAFETY: the caller's promise.
+        unsafe { L::on_faces(&center, &half, frame, resolution, faces, touched, &mut one) };
+        out.visible[l] = one.at_eye;
+        if REMEMBER && one.at_eye != 0 {
+            // So near that it has no pixels to ask for.
+            coverage.remember(coverage.all());
+        }
+        let mut boxed = one.boxed;
+        while boxed != 0 {
+            let face = boxed.trailing_zeros() as usize;
+            boxed &= boxed - 1;
+            let pixels = [one.x0[face], one.x1[face], one.y0[face], one.y1[face]];
+            // SAFETY: the caller's promise.
+            unsafe { test_pixels::<L, REMEMBER>(pixels, Face::ALL[face], coverage, l, &mut out) };
+        }
+    }
+    out
+}
+
+/// Tests the pixels of a box on a face.
+#[inline(always)]
+unsafe fn test_pixels<L: Lanes, const REMEMBER: bool>(
+    pixels: [i32; 4],
+    face: Face,
+    coverage: &mut Coverage,
+    l: usize,
+    out: &mut GroupOnFaces,
+) {
+    #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+    let first_row = face.first_row(coverage.resolution as u32) as usize;
+    let [x0, x1, y0, y1] = pixels.map(at);
+    let pixels = [x0, x1, first_row + y0, first_row + y1];
+    // SAFETY: the caller's promise.
+    if unsafe { all_covered::<L>(coverage, pixels) } {
+        out.hidden[l] |= 1 << face as u8;
+    } else {
+        out.visible[l] |= 1 << face as u8;
+        if REMEMBER {
+            coverage.remember(pixels);
+        }
+    }
+}
+
+/// [`test_group`] with a box in each lane.
+///
+/// # Safety
+/// The machine has AVX-512 F, DQ and VL.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[inline]
+pub(super) unsafe fn test_group_avx512<L: Lanes, const REMEMBER: bool>(
+    group: &BoxGroup,
+    used: u8,
+    frame: &Frame,
+    coverage: &mut Coverage,
+    faces: u8,
+    touched: bool,
+) -> GroupOnFaces {
+    use std::arch::x86_64::*;
+    if used.is_power_of_two() {
+        // SAFETY: the caller's promise.
+        return unsafe { test_group::<L, REMEMBER>(group, used, frame, coverage, faces, touched) };
+    }
+    let mut out = GroupOnFaces::default();
+    let resolution = coverage.resolution;
+    // SAFETY: the caller's promise of the instruction set; loads and stores are as long as their arrays.
+    unsafe {
+        let all = _mm512_set1_pd;
+        let sign_bit = all(-0.0);
+        let d: [__m512d; 3] = three(|c| _mm512_sub_pd(_mm512_load_pd(group.center[c].as_ptr()), all(frame.origin[c])));
+        let half_sides: [__m512d; 3] = three(|c| _mm512_load_pd(group.half[c].as_ptr()));
+        let along = |m: [f64; 3], v: &[__m512d; 3]| {
+            let [x, y, z] = three(|c| _mm512_mul_pd(all(m[c]), v[c]));
+            _mm512_add_pd(_mm512_add_pd(x, y), z)
+        };
+        let bounds: [(__m512d, __m512d); 3] = three(|a| {
+            let m = frame.axes[a];
+            let middle = along(m, &d);
+            let half = _mm512_add_pd(along(m.map(f64::abs), &half_sides), all(1e-14));
+            (_mm512_sub_pd(middle, half), _mm512_add_pd(middle, half))
+        });
+        let used = used & _mm512_cmp_pd_mask::<_CMP_NLE_UQ>(bounds[2].1, all(frame.tolerance));
+        if used == 0 {
+            return out;
+        }
+        let (zero, one) = (_mm512_setzero_pd(), all(1.0));
+        #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
+        let width = resolution as f64;
+        let half_width = all(width * 0.5);
+        let (inset, last_column) = (all(inset(touched)), all(width - 1.0));
+        let positive = |x| _mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, zero);
+        let mut remembered_all = false;
+        for face in Face::ALL {
+            if faces >> face as u8 & 1 == 0 {
+                continue;
+            }
+            let (axis, sign) = face.axes();
+            let range = |c: usize| {
+                let (low, high) = bounds[axis[c]];
+                if sign[c] > 0.0 {
+                    (low, high)
+                } else {
+                    (_mm512_xor_pd(high, sign_bit), _mm512_xor_pd(low, sign_bit))
+                }
+            };
+            let ((u0, u1), (v0, v1), (w0, w1)) = (range(0), range(1), range(2));
+            let back = _mm512_xor_pd(w1, sign_bit);
+            let bottom = if face.is_top() { back } else { zero };
+            let outside = _mm512_cmp_pd_mask::<_CMP_LE_OQ>(w1, zero)
+                | _mm512_cmp_pd_mask::<_CMP_GT_OQ>(u0, w1)
+                | _mm512_cmp_pd_mask::<_CMP_LT_OQ>(u1, back)
+                | _mm512_cmp_pd_mask::<_CMP_GT_OQ>(v0, w1)
+                | _mm512_cmp_pd_mask::<_CMP_LT_OQ>(v1, bottom);
+            let inside = used & !outside;
+            if inside == 0 {
+                continue;
+            }
+            let mut at_eye = inside & _mm512_cmp_pd_mask::<_CMP_LE_OQ>(w0, _mm512_mul_pd(all(NEAREST), w1));
+            let inside = inside & !at_eye;
+            if REMEMBER && at_eye != 0 && !remembered_all {
+                coverage.remember(coverage.all());
+                remembered_all = true;
+            }
+            while at_eye != 0 {
+                out.visible[at_eye.trailing_zeros() as usize] |= 1 << face as u8;
+                at_eye &= at_eye - 1;
+            }
+            if inside == 0 {
+                continue;
+            }
+            let (near, far) = (_mm512_div_pd(one, w0), _mm512_div_pd(one, w1));
+            let (shift, last_row) = if face.is_top() {
+                (half_width, last_column)
+            } else {
+                (zero, all(width * 0.5 - 1.0))
+            };
+            let place = |x, scale, shift| _mm512_add_pd(_mm512_mul_pd(_mm512_mul_pd(x, scale), half_width), shift);
+            let first = |x, shift, last| {
+                let scale = _mm512_mask_mov_pd(near, positive(x), far);
+                let x = _mm512_add_pd(place(x, scale, shift), inset);
+                _mm512_cvttpd_epi32(_mm512_max_pd(_mm512_min_pd(x, last), zero))
+            };
+            let end = |x, shift, last| {
+                let scale = _mm512_mask_mov_pd(far, positive(x), near);
+                _mm512_min_pd(_mm512_sub_pd(place(x, scale, shift), inset), last)
+            };
+            let (x0, y0) = (first(u0, half_width, last_column), first(v0, shift, last_row));
+            let (x1, y1) = (end(u1, half_width, last_column), end(v1, shift, last_row));
+            let empty = _mm512_cmp_pd_mask::<_CMP_GT_OQ>(_mm512_cvtepi32_pd(x0), x1)
+                | _mm512_cmp_pd_mask::<_CMP_GT_OQ>(_mm512_cvtepi32_pd(y0), y1);
+            let mut pending = inside & !empty;
+            let (x1, y1) = (_mm512_cvttpd_epi32(x1), _mm512_cvttpd_epi32(y1));
+            let mut pixels = [[0i32; BOXES]; 4];
+            for (out, lanes) in pixels.iter_mut().zip([x0, x1, y0, y1]) {
+                _mm256_storeu_si256(out.as_mut_ptr().cast(), lanes);
+            }
+            while pending != 0 {
+                let l = pending.trailing_zeros() as usize;
+                pending &= pending - 1;
+                test_pixels::<L, REMEMBER>(pixels.map(|p| p[l]), face, coverage, l, &mut out);
+            }
+        }
+    }
+    out
 }
 
 /// For each face, which of the lower bounds of x, y, z, a gap, the upper bounds and a gap, and of their negatives from 8 on,
@@ -447,6 +651,47 @@ mod tests {
                     let of = |b: &OnFaces| (b.near[f].to_bits(), b.x0[f], b.x1[f], b.y0[f], b.y1[f]);
                     prop_assert_eq!(of(&portable), of(&wide));
                 }
+            }
+        }
+
+        #[test]
+        fn a_group_of_boxes_is_tested_as_each_of_them(
+            frame in frame(),
+            boxes in prop::collection::vec(scene_box(), BOXES),
+            covered in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0usize..40), 0..60),
+            resolution in prop::sample::select(vec![16u32, 128, 256]),
+            (faces, used) in (0u8..32, any::<u8>()),
+            touched in any::<bool>(),
+        ) {
+            use crate::kernel::{Kernel, Portable};
+            type Path = unsafe fn(&BoxGroup, u8, &Frame, &mut Coverage, u8, bool) -> GroupOnFaces;
+            let mut group = BoxGroup { center: [[0.0; BOXES]; 3], half: [[0.0; BOXES]; 3] };
+            for (l, (center, half)) in boxes.iter().enumerate() {
+                for c in 0..3 {
+                    (group.center[c][l], group.half[c][l]) = (center[c], half[c]);
+                }
+            }
+            let mut coverage = Coverage::new(resolution, true);
+            let side = resolution as usize;
+            for (x, y, size) in covered {
+                let (x, y) = (x.index(side), y.index(3 * side));
+                coverage.cover([x, (x + size).min(side - 1), y, (y + size).min(3 * side - 1)]);
+            }
+            // SAFETY: the portable path needs no instruction set.
+            let portable = unsafe { <Portable as Kernel>::test_group::<true>(&group, used, &frame, &mut coverage, faces, touched) };
+            let hidden = portable.hidden.iter().zip(&portable.visible).all(|(hidden, visible)| hidden & visible == 0);
+            prop_assert!(hidden);
+            for isa in crate::Isa::available() {
+                let path: Path = match isa {
+                    #[cfg(target_arch = "x86_64")]
+                    crate::Isa::Avx512 => <super::super::x86::Avx512 as Kernel>::test_group::<true>,
+                    #[cfg(target_arch = "x86_64")]
+                    crate::Isa::Avx2 => <super::super::x86::Avx2 as Kernel>::test_group::<true>,
+                    _ => continue,
+                };
+                // SAFETY: the machine has the instruction set.
+                let wide = unsafe { path(&group, used, &frame, &mut coverage, faces, touched) };
+                prop_assert_eq!(portable, wide);
             }
         }
 
