@@ -312,19 +312,17 @@ fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> 
             let more = (at / error).powi(2);
             Some((count * more, seconds * more))
         };
-        for (setting, correction, resolution) in [
-            (
-                "area, K = 1, N = 128",
-                Correction::Area(FactorRule::for_tolerance(1e-2)),
-                128,
-            ),
-            ("tolerance 1 %", Correction::Pixel, 0),
+        for (setting, tolerance) in [
+            ("area, K = 1, N = 128", None),
+            ("tolerance 1 %", Some(1e-2)),
+            ("tolerance 0.3 %", Some(3e-3)),
         ] {
-            let (correction, resolution) = if resolution == 0 {
-                let settled = settled(&model, 1e-2, &mut CpuBackend::new())?;
-                (Correction::Tolerance(settled.refinement), settled.resolution)
-            } else {
-                (correction, resolution)
+            let (correction, resolution) = match tolerance {
+                None => (Correction::Area(FactorRule::for_tolerance(1e-2)), 128),
+                Some(tolerance) => {
+                    let settled = settled(&model, tolerance, &mut CpuBackend::new())?;
+                    (Correction::Tolerance(settled.refinement), settled.resolution)
+                }
             };
             let (seconds, m) = measure(&model, rows, correction, resolution, 1, &exact)?;
             let rays = match cost(m.relative_frobenius) {
