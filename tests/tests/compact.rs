@@ -241,9 +241,31 @@ fn a_tolerance_and_what_is_kept_are_held_against_each_other() {
         0,
     ));
     assert!(said.contains("tolerance 1%") && !said.contains("warning"), "{said}");
-    for wrong in ["--store small", "--min-factor 0", "--min-factor 1", "--min-factor x"] {
+    for wrong in ["--store small", "--min-factor -1", "--min-factor 1", "--min-factor x"] {
         run(&place, &format!("compute city.obj -o F --overwrite {wrong}"), 2);
     }
+}
+
+/// At a million patches, what is kept follows from their number, whichever rows are computed, and is said.
+#[test]
+fn a_large_matrix_is_kept_small_unless_all_of_it_is_asked_for() {
+    let place = tempfile::tempdir().expect("a temporary directory");
+    run(&place, "generate block-city --patches 1000000 -o city.obj", 0);
+    let rows = "compute city.obj --rows 0..16 --resolution 32 --correction pixel";
+    let said = stderr(&run(&place, &format!("{rows} -o small"), 0));
+    assert!(
+        said.contains("compact form, form factors below 1e-7 left out")
+            && said.contains("`--store plain --min-factor 0`"),
+        "{said}"
+    );
+    let kept = |name: &str| {
+        let store = Store::open(&place.path().join(name)).expect("a store");
+        (store.manifest().form, store.manifest().min_factor)
+    };
+    assert_eq!(kept("small"), (Form::Compact, 1e-7));
+    let said = stderr(&run(&place, &format!("{rows} -o all --store plain --min-factor 0"), 0));
+    assert!(!said.contains("left out"), "{said}");
+    assert_eq!(kept("all"), (Form::Plain, 0.0));
 }
 
 #[test]

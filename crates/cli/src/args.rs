@@ -458,17 +458,17 @@ pub(crate) struct Compute {
     pub(crate) batch: u32,
     #[command(flatten)]
     pub(crate) selection: SelectionSettings,
-    /// plain: f32, opens in SciPy; compact: a third to a quarter of that, form factors within 0.05 % of themselves
+    /// plain: f32, opens in SciPy; compact: a third to a quarter of that, F within 0.05 % of itself; auto: by size
     #[arg(
         long,
-        value_name = "plain|compact",
-        default_value = "plain",
-        value_parser = form,
+        value_name = "auto|plain|compact",
+        default_value = "auto",
+        hide_possible_values = true,
         help_heading = "What is kept"
     )]
-    pub(crate) store: Form,
-    /// Leave out form factors below F; the others of a row share what they carried
-    #[arg(long, value_name = "F", value_parser = share, allow_negative_numbers = true, help_heading = "What is kept")]
+    pub(crate) store: StoreForm,
+    /// Leave out form factors below F, 1e-7 from a million patches on; the others of a row share what they carried
+    #[arg(long, value_name = "F", value_parser = share_or_none, allow_negative_numbers = true, help_heading = "What is kept")]
     pub(crate) min_factor: Option<f64>,
     #[command(flatten)]
     pub(crate) config: ConfigFiles,
@@ -764,6 +764,28 @@ pub(crate) enum Engine {
     Order,
 }
 
+/// The form of a store's parts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum StoreForm {
+    /// Compact from a million patches on.
+    Auto,
+    /// As SciPy reads it.
+    Plain,
+    /// Smaller.
+    Compact,
+}
+
+impl StoreForm {
+    /// What was asked for.
+    pub(crate) fn form(self) -> Option<Form> {
+        match self {
+            Self::Auto => None,
+            Self::Plain => Some(Form::Plain),
+            Self::Compact => Some(Form::Compact),
+        }
+    }
+}
+
 /// On, off, or what suits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum AutoSwitch {
@@ -990,6 +1012,11 @@ fn share(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A share, or 0 for nothing.
+fn share_or_none(text: &str) -> Result<f64, String> {
+    if number(text)? == 0.0 { Ok(0.0) } else { share(text) }
+}
+
 /// `800M`, `4G`, `1.5 GiB` or a number of bytes.
 fn bytes(text: &str) -> Result<u64, String> {
     let needed = || "a size such as `800M` or `4G` is needed".to_owned();
@@ -1085,14 +1112,6 @@ fn correction(text: &str) -> Result<Correction, String> {
     }
 }
 
-fn form(text: &str) -> Result<Form, String> {
-    match text {
-        "plain" => Ok(Form::Plain),
-        "compact" => Ok(Form::Compact),
-        _ => Err("there are `plain` and `compact`".to_owned()),
-    }
-}
-
 fn auto(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<Auto, String> {
     if text == "auto" {
         return Ok(Auto::Auto);
@@ -1185,8 +1204,6 @@ mod tests {
         assert!(octree_levels("22").is_err() && min_patches("0").is_err());
         assert_eq!(correction("area"), Ok(Correction::Area));
         assert!(correction("best").is_err_and(|e| e.contains("area")));
-        assert_eq!(form("compact"), Ok(Form::Compact));
-        assert!(form("small").is_err_and(|e| e.contains("compact")));
     }
 
     #[test]
@@ -1257,5 +1274,11 @@ mod tests {
             join(&["check", "--", "--json", "r.json"]),
             words(&["check", "--", "--json", "r.json"])
         );
+    }
+
+    #[test]
+    fn a_least_factor_may_be_none() {
+        assert_eq!((share_or_none("0"), share_or_none("1e-5")), (Ok(0.0), Ok(1e-5)));
+        assert!(share("0").is_err() && share_or_none("-1e-5").is_err() && share_or_none("1").is_err());
     }
 }

@@ -51,6 +51,7 @@ pub mod diagnose;
 pub mod export;
 pub mod factor;
 pub mod frame;
+pub mod keep;
 mod model;
 pub mod probe;
 mod random;

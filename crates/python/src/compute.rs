@@ -8,6 +8,7 @@ use crate::session::Wanted;
 use hemicube::backend::{Culling, RESOLUTIONS, RenderSettings};
 use hemicube::compute::{ComputeError, Execution, PartSink, Plan, RowChoice, Selection, compute as compute_rows};
 use hemicube::correct::Correction;
+use hemicube::keep::Keep;
 use hemicube::probe::Probe;
 use hemicube::rung::{Asked, Rung};
 use hemicube::selection::Names;
@@ -34,7 +35,7 @@ struct Request {
     receivers: Vec<String>,
     occluders: Vec<String>,
     min_factor: Option<f64>,
-    form: Form,
+    form: Option<Form>,
     culling: Option<Culling>,
     batch: usize,
     threads: usize,
@@ -132,7 +133,7 @@ impl Request {
             emitters: self.emitters.clone(),
             receivers: self.receivers.clone(),
             occluders: self.occluders.clone(),
-            min_factor: self.min_factor,
+            min_factor: (plan.min_factor > 0.0).then_some(plan.min_factor),
         }
     }
 
@@ -152,20 +153,29 @@ impl Request {
         let selection =
             Selection::by_name(&scene.triangles, &scene.patches, names).map_err(|error| errors::no_match(&error))?;
         let mut backend = self.backend.open()?;
+        let keep = Keep::settle(
+            self.form,
+            self.min_factor,
+            scene.model.geometry().patch_count,
+            match self.asked {
+                Asked::Tolerance(tolerance) => Some(tolerance),
+                Asked::Settings { .. } => None,
+            },
+        );
         let rung = Rung::settle(
             self.asked,
             &scene.model,
             &selection,
             self.rotate,
-            self.form,
+            keep.form,
             self.backend.open()?.as_mut(),
             execution,
         )
         .map_err(|error| errors::rung(&error))?;
         let mut plan = Plan::new(&scene.model, self.choice, selection, rung.samples_per_edge, self.rotate)
             .with_correction(rung.correction)
-            .with_min_factor(self.min_factor.unwrap_or(0.0))
-            .with_form(self.form);
+            .with_min_factor(keep.min_factor)
+            .with_form(keep.form);
         if plan.rows.is_empty() {
             return Err(errors::input(
                 "no row is left to compute: `rows`, `emitters` and `occluders` together exclude every patch",
@@ -233,7 +243,7 @@ impl Request {
                     return Err(interrupted());
                 }
                 let areas = scene.patches.iter().map(|patch| scene.patches.area(patch)).collect();
-                Matrix::in_memory(areas, parts, self.form, value)
+                Matrix::in_memory(areas, parts, keep.form, value)
             }
             Sink::Store(writer) => {
                 let directory = writer.directory().to_owned();
@@ -270,10 +280,13 @@ fn interrupted() -> PyErr {
 /// Without `output` the matrix is in memory. With it, it is a store in that directory, the same bytes that the program
 /// `hemicube compute` writes, and an interrupted run goes on where it stopped; `store='compact'` takes a third of the room.
 ///
+/// From a million patches on, the store is compact and form factors below 1e-7 are left out, unless `store` and `min_factor` say
+/// otherwise, or a tolerance below 0.3 % is asked for.
+///
 /// `progress(done, total)` is called with rows every now and then. Ctrl-C ends the run: parts that are finished stay in the
 /// store. Neither `threads` nor `batch` nor `culling` changes a bit of the result. Other Python threads run meanwhile.
 #[pyfunction]
-#[pyo3(signature = (scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None, sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), min_factor=None, output=None, store="plain", overwrite=false, backend="cpu", backend_dir=None, backend_options=None, engine="auto", culling=None, batch=0, threads=0, progress=None))]
+#[pyo3(signature = (scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None, sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), min_factor=None, output=None, store=None, overwrite=false, backend="cpu", backend_dir=None, backend_options=None, engine="auto", culling=None, batch=0, threads=0, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn compute(
     py: Python<'_>,
@@ -291,7 +304,7 @@ pub(crate) fn compute(
     occluders: Vec<String>,
     min_factor: Option<f64>,
     output: Option<PathBuf>,
-    store: &str,
+    store: Option<&str>,
     overwrite: bool,
     backend: &str,
     backend_dir: Option<PathBuf>,
@@ -333,9 +346,10 @@ pub(crate) fn compute(
         occluders,
         min_factor,
         form: match store {
-            "plain" => Form::Plain,
-            "compact" => Form::Compact,
-            other => {
+            None => None,
+            Some("plain") => Some(Form::Plain),
+            Some("compact") => Some(Form::Compact),
+            Some(other) => {
                 return Err(errors::input(format!(
                     "`store` is `{other}`; plain or compact is needed"
                 )));

@@ -15,6 +15,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use hemicube::Model;
 use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
 use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, Thinning, compute};
+use hemicube::keep::Keep;
 use hemicube::probe::{Probe, share_left};
 use hemicube::settings::RowSettings;
 use hemicube::store::{
@@ -308,6 +309,13 @@ fn compute_into(
     let mut prepared = prepare(scene_path, &arguments.patches, &arguments.render)?;
     drop(stage);
     let selection = crate::selection::selection(&prepared.scene, &prepared.patches, &arguments.selection)?;
+    #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
+    let keep = Keep::settle(
+        arguments.store.form(),
+        arguments.min_factor,
+        prepared.patches.len() as u32,
+        arguments.render.tolerance.map(|tolerance| tolerance.0),
+    );
     let stage = status.stage("settle");
     let started = Instant::now();
     // A session of its own, so that what is settled and what is computed do not share a loaded scene.
@@ -316,16 +324,16 @@ fn compute_into(
         &selection,
         &arguments.render,
         arguments.render.rotation == Switch::On,
-        arguments.store,
+        keep.form,
         arguments.render.open_backend(Talk::SILENT)?.as_mut(),
     )?;
     timings.settle = started.elapsed().as_secs_f64();
     drop(stage);
     let stage = status.stage("build");
-    let (mut plan, rows) = plan(&prepared.model, selection, arguments, &rung)?;
+    let (mut plan, rows) = plan(&prepared.model, selection, arguments, &rung, &keep)?;
     let mut threads = arguments.render.thread_count();
     prepared.tell(talk);
-    if let Some(reason) = &rung.reason {
+    for reason in [&rung.reason, &keep.reason].into_iter().flatten() {
         talk.say(reason);
     }
 
@@ -596,7 +604,13 @@ fn check_place(directory: &Path) -> Result<()> {
 }
 
 /// The rows that the settings ask for.
-fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung) -> Result<(Plan, RowChoice)> {
+fn plan(
+    model: &Model,
+    selection: Selection,
+    arguments: &Arguments,
+    rung: &Rung,
+    keep: &Keep,
+) -> Result<(Plan, RowChoice)> {
     #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
     let patch_count = model.patches().len() as u32;
     let emitting = selection.emitters.as_ref().map_or(u64::from(patch_count), |emitters| {
@@ -645,8 +659,8 @@ fn plan(model: &Model, selection: Selection, arguments: &Arguments, rung: &Rung)
         arguments.render.rotation == Switch::On,
     )
     .with_correction(rung.correction)
-    .with_min_factor(arguments.min_factor.unwrap_or(0.0))
-    .with_form(arguments.store);
+    .with_min_factor(keep.min_factor)
+    .with_form(keep.form);
     if plan.rows.is_empty() {
         bail!("no row is left to compute: `--rows`, `--emitters` and `--occluders` together exclude every patch");
     }
@@ -748,7 +762,7 @@ fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: RowChoice, run
         emitters: selection.emitters.clone(),
         receivers: selection.receivers.clone(),
         occluders: selection.occluders.clone(),
-        min_factor: arguments.min_factor,
+        min_factor: (plan.min_factor > 0.0).then_some(plan.min_factor),
     }
 }
 

@@ -163,7 +163,7 @@ def compute(
     occluders: Sequence[str] = ...,
     min_factor: float | None = None,
     output: _Path | None = None,
-    store: Literal["plain", "compact"] = "plain",
+    store: Literal["plain", "compact"] | None = None,
     overwrite: bool = False,
     backend: str = "cpu",
     backend_dir: _Path | None = None,

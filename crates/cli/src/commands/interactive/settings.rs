@@ -78,7 +78,7 @@ pub(super) const OFFERED: [Offered; 11] = [
     Offered {
         name: "store",
         note: "how the matrix is written",
-        cost: "compact takes a third to a quarter of the disk, and other programs need ten lines to read it.",
+        cost: "compact takes a third to a quarter of the disk, and other programs need ten lines to read it. auto: from a million patches on.",
     },
 ];
 
@@ -371,7 +371,7 @@ mod tests {
             "`inspect` has no `--store`"
         );
         settings.unset("resolution").expect("it goes");
-        settings.choose("store", "plain").expect("it is a value");
+        settings.choose("store", "auto").expect("it is a value");
         assert_eq!(line(&settings, "compute"), "--tolerance 1%");
         settings.clear().expect("all go");
         assert_eq!(line(&settings, "compute"), "");
