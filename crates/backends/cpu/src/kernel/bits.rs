@@ -338,11 +338,12 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
     shown: &mut Shown,
 ) {
     let resolution = coverage.resolution;
-    let mut pixels = [0u32; LANES];
+    let mut with_pixels = 0u16;
     let mut on_lines = 0u16;
     let mut lines = BlockLines::new();
-    let open = if COVERED {
-        open_centroids(t, faces, coverage, remembered)
+    // What is remembered stays, so that it can be asked later, of the few that turn out to have no pixel.
+    let open = if COVERED && !remembered {
+        open_centroids(t, t.live, faces, coverage, false)
     } else {
         0
     };
@@ -364,8 +365,22 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
             // SAFETY: the caller's promise.
             unsafe { L::block_lines(t, face, resolution, &mut lines) };
         }
-        for &lane in order {
-            let lane = usize::from(lane);
+        let mut pending = on_face;
+        let mut turns = order.iter();
+        loop {
+            // In ascending order where nothing hides anything, which saves looking at those that are not on the face.
+            let lane = if remembered {
+                if pending == 0 {
+                    break;
+                }
+                pending.trailing_zeros() as usize
+            } else {
+                match turns.next() {
+                    Some(&lane) => usize::from(lane),
+                    None => break,
+                }
+            };
+            pending &= !(1 << lane);
             if on_face >> lane & 1 == 0 {
                 continue;
             }
@@ -408,16 +423,19 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
                 unsafe { L::draw_lane::<COVERED>(t, &lines, face, lane, left, right, low, high, coverage, running) };
             shown.visible[lane] += drawn.visible;
             shown.covered[lane] += drawn.covered;
-            pixels[lane] += drawn.pixels;
+            with_pixels |= u16::from(drawn.pixels != 0) << lane;
             shown.seen |= u16::from(drawn.seen) << lane;
         }
     }
     if COVERED {
-        let mut none = 0;
-        for (lane, &pixels) in pixels.iter().enumerate() {
-            none |= u16::from(pixels == 0) << lane;
-        }
-        shown.tiny = none & open;
+        let none = t.live & !with_pixels;
+        shown.tiny = if !remembered {
+            none & open
+        } else if none != 0 {
+            open_centroids(t, none, faces, coverage, true)
+        } else {
+            0
+        };
     }
 }
 
@@ -1100,7 +1118,7 @@ unsafe fn sum_of(v: std::arch::x86_64::__m256i) -> u32 {
 
 /// Lanes whose centroid lies above the horizon at a pixel of one of the faces that nothing covers.
 #[inline(always)]
-fn open_centroids(t: &Transformed, faces: u8, coverage: &Coverage, remembered: bool) -> u16 {
+fn open_centroids(t: &Transformed, mut lanes: u16, faces: u8, coverage: &Coverage, remembered: bool) -> u16 {
     let resolution = coverage.resolution;
     #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
     let half = resolution as f32 * 0.5;
@@ -1154,7 +1172,6 @@ fn open_centroids(t: &Transformed, faces: u8, coverage: &Coverage, remembered: b
         above[l] = u32::from(z > 0.0) & u32::from(u32::from(faces) & bit != 0);
     }
     let mut open = 0;
-    let mut lanes = t.live;
     while lanes != 0 {
         let l = lanes.trailing_zeros() as usize;
         lanes &= lanes - 1;
