@@ -834,12 +834,26 @@ fn clipped_box(t: &Transformed, face: Face, lane: usize, resolution: usize) -> O
     let mut count = 3;
     let bottom = if face.is_top() { 1.0 } else { 0.0 };
     for plane in [[1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], [0.0, 1.0, bottom], [0.0, -1.0, 1.0]] {
-        let side = |p: &[f64; 3]| plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2];
+        let mut sides = [0.0f64; 8];
+        let (mut inside, mut outside) = (true, true);
+        for (p, side) in polygon[..count].iter().zip(&mut sides) {
+            *side = plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2];
+            inside &= *side >= 0.0;
+            outside &= *side < 0.0;
+        }
+        // Most planes leave all of it or nothing.
+        if inside {
+            continue;
+        }
+        if outside {
+            return None;
+        }
         let mut kept = [[0.0f64; 3]; 8];
         let mut kept_count = 0;
         for i in 0..count {
-            let (p, q) = (polygon[i], polygon[(i + 1) % count]);
-            let (sp, sq) = (side(&p), side(&q));
+            let next = if i + 1 == count { 0 } else { i + 1 };
+            let (p, q) = (polygon[i], polygon[next]);
+            let (sp, sq) = (sides[i], sides[next]);
             if sp >= 0.0 {
                 kept[kept_count] = p;
                 kept_count += 1;
