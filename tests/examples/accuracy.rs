@@ -6,10 +6,11 @@
 //!
 //! With `REFERENCE_CACHE=DIR`, reference rows are kept there for the next run; with `RUNGS=WORD`, only the rungs whose name
 //! has the word are climbed; with `WORST=1`, the entries that are farthest off are listed; with `ENGINE=Depth|Order`, rungs without
-//! a tolerance have that engine of the CPU backend.
+//! a tolerance have that engine of the CPU backend; with `EMBREE_RAYS=PROGRAM`, `rays` casts by Intel Embree, too: see
+//! `scripts/embree-rays`, which builds that program.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
-use glam::DVec3;
+use glam::{DVec3, Vec3A};
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::correct::Correction;
@@ -31,7 +32,9 @@ use obvhs::bvh2::builder::build_bvh2;
 use obvhs::ray::{Ray, RayHit};
 use obvhs::triangle::Triangle;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::{BufWriter, Write};
 use std::path::Path;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 const SEED: u64 = 777;
@@ -221,16 +224,16 @@ impl Caster {
         }
     }
 
-    /// A row from so many rays, points and directions of low discrepancy (an additive sequence in four dimensions).
-    fn row(&self, emitter: InputPatch, count: u32, hits: &mut [u32]) -> EstimatedRow {
+    /// The rays of an emitter by their number, origin and direction: of low discrepancy (an additive sequence in four
+    /// dimensions).
+    fn rays_of(&self, emitter: InputPatch) -> impl Fn(u32) -> (Vec3A, Vec3A) {
         let [a, b, c] = self.corners[emitter.0 as usize];
         let (tangent, bitangent, normal) = {
             let normal = (b - a).cross(c - a).normalize();
             let (t, u) = normal.any_orthonormal_pair();
             (t, u, normal)
         };
-        let mut seen = Vec::new();
-        for k in 0..count {
+        move |k| {
             let at = |step: f64| (f64::from(emitter.0) * 0.618_033_988_749_895 + f64::from(k) * step).fract();
             let [mut u, mut v, r, turn] =
                 [0.856_674_883_854_5, 0.733_891_856_627_2, 0.628_706_721_1, 0.538_598_7].map(at);
@@ -240,7 +243,17 @@ impl Caster {
             let origin = a + (b - a) * u + (c - a) * v;
             let (sine, cosine) = (turn * std::f64::consts::TAU).sin_cos();
             let direction = (tangent * cosine + bitangent * sine) * r.sqrt() + normal * (1.0 - r).sqrt();
-            let ray = Ray::new(origin.as_vec3a(), direction.as_vec3a(), 1e-5, f32::MAX);
+            (origin.as_vec3a(), direction.as_vec3a())
+        }
+    }
+
+    /// A row from the first so many rays.
+    fn row(&self, emitter: InputPatch, count: u32, hits: &mut [u32]) -> EstimatedRow {
+        let nth = self.rays_of(emitter);
+        let mut seen = Vec::new();
+        for k in 0..count {
+            let (origin, direction) = nth(k);
+            let ray = Ray::new(origin, direction, 1e-5, f32::MAX);
             let mut hit = RayHit::none();
             self.hierarchy
                 .ray_traverse(ray, &mut hit, |ray, index| self.triangles[index].intersect(ray));
@@ -270,48 +283,79 @@ impl Caster {
     }
 }
 
-/// The time that rays take for an error, from runs with more and more of them: where the error passes, between two runs,
-/// and beyond the last one by its square.
+/// The powers of two that numbers of rays are: the lowest and the highest.
+const POWERS: (u32, u32) = (8, 19);
+
+/// So many rays a row: the error of their rows, and seconds a row.
+#[derive(Clone, Copy)]
+struct Run {
+    count: f64,
+    error: f64,
+    seconds: f64,
+}
+
+/// Runs of one caster with more and more rays.
+struct Runs(Vec<Run>);
+
+impl Runs {
+    /// Cells of a table: how many rays have that error, their time, and how often ours is in it. Between two runs, the one
+    /// where the error passes; beyond the last one, by the square of the error.
+    fn cells(&self, error: f64, ours: f64) -> String {
+        let [.., before, _, last] = self.0.as_slice() else {
+            return "– | – | –".into();
+        };
+        // Four times as many rays should halve the error; where they do not, more would not help either.
+        let stuck = last.error > 0.8 * before.error;
+        let reached = self.0.iter().find(|run| run.error <= error);
+        match reached.or((!stuck).then_some(last)) {
+            Some(run) => {
+                let more = (run.error / error).powi(2);
+                let (count, seconds) = (run.count * more, run.seconds * more);
+                format!("{count:.0} | {:.2} | {:.1}", seconds * 1e3, seconds / ours)
+            }
+            None => format!(
+                "never: {:.4} at {:.0} | {:.2} | –",
+                last.error,
+                last.count,
+                last.seconds * 1e3
+            ),
+        }
+    }
+}
+
+/// The time that rays take for an error, from runs with more and more of them.
 fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> {
-    println!("| scene | setting | error | ms a row | rays of that error | ms a row | rays ÷ ours |");
-    println!("|---|---|---|---|---|---|---|");
+    let embree = std::env::var_os("EMBREE_RAYS");
+    let (names, lines) = match embree {
+        Some(_) => (" Embree: rays of that error | ms a row | rays ÷ ours |", "---|---|---|"),
+        None => ("", ""),
+    };
+    println!("| scene | setting | error | ms a row | rays of that error | ms a row | rays ÷ ours |{names}");
+    println!("|---|---|---|---|---|---|---|{lines}");
     for name in scenes {
         let Some(model) = scene(name) else { continue };
         let exact = reference(name, &model, rows)?;
         let caster = Caster::new(&model);
         let emitters: Vec<InputPatch> = exact.iter().map(|row| InputPatch(row.emitter)).collect();
-        let mut hits = vec![0; model.patches().len()];
-        let mut runs: Vec<(f64, f64, f64)> = Vec::new();
-        for power in 8..=19 {
-            let count = 1u32 << power;
-            let began = processor_time();
-            let started = std::time::Instant::now();
-            let mut rounds = 0;
-            let (estimated, seconds) = loop {
-                let estimated: Vec<EstimatedRow> = emitters.iter().map(|&e| caster.row(e, count, &mut hits)).collect();
-                rounds += 1;
-                let elapsed = match (began, processor_time()) {
-                    (Some(began), Some(now)) => now - began,
-                    _ => started.elapsed().as_secs_f64(),
-                };
-                if elapsed >= ENOUGH_SECONDS {
-                    break (estimated, elapsed / f64::from(rounds) / emitters.len() as f64);
-                }
-            };
-            let error = errors_against(&exact, &estimated).relative_frobenius;
-            runs.push((f64::from(count), error, seconds));
+        let mut casters = vec![cast(&caster, &emitters, &exact)];
+        if let Some(program) = &embree {
+            casters.push(cast_by_embree(Path::new(program), &caster, &emitters, &exact)?);
+            let making = seconds_to_make_rays(&caster, &emitters);
+            eprintln!(
+                "{name}: making a ray takes {:.1} ns: counted for obvhs, not for Embree",
+                making * 1e9
+            );
+            for (a, b) in casters[0].0.iter().zip(&casters[1].0) {
+                eprintln!(
+                    "{name}, {} rays: obvhs {:.5} in {:.3} ms, Embree {:.5} in {:.3} ms",
+                    a.count,
+                    a.error,
+                    a.seconds * 1e3,
+                    b.error,
+                    b.seconds * 1e3
+                );
+            }
         }
-        // Four times as many rays should halve the error; where they do not, more would not help either.
-        let [.., before, _, last] = runs.as_slice() else {
-            continue;
-        };
-        let (last, stuck) = (*last, last.1 > 0.8 * before.1);
-        let cost = |error: f64| -> Option<(f64, f64)> {
-            let reached = runs.iter().find(|run| run.1 <= error);
-            let (count, at, seconds) = *reached.or((!stuck).then_some(&last))?;
-            let more = (at / error).powi(2);
-            Some((count * more, seconds * more))
-        };
         for (setting, tolerance) in [
             ("area, K = 1, N = 128", None),
             ("tolerance 1 %", Some(1e-2)),
@@ -325,16 +369,161 @@ fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> 
                 }
             };
             let (seconds, m) = measure(&model, rows, correction, resolution, 1, &exact)?;
-            let rays = match cost(m.relative_frobenius) {
-                Some((count, cast)) => format!("{count:.0} | {:.2} | {:.1}", cast * 1e3, cast / seconds),
-                None => format!("never: {:.4} at {:.0} | {:.2} | –", last.1, last.0, last.2 * 1e3),
-            };
+            let cells: Vec<String> = casters
+                .iter()
+                .map(|runs| runs.cells(m.relative_frobenius, seconds))
+                .collect();
             println!(
-                "| {name} | {setting} | {:.4} | {:.3} | {rays} |",
+                "| {name} | {setting} | {:.4} | {:.3} | {} |",
                 m.relative_frobenius,
                 seconds * 1e3,
+                cells.join(" | "),
             );
         }
+    }
+    Ok(())
+}
+
+/// Runs by obvhs.
+fn cast(caster: &Caster, emitters: &[InputPatch], exact: &[ReferenceRow]) -> Runs {
+    let mut hits = vec![0; caster.corners.len()];
+    let run = |power| {
+        let count = 1u32 << power;
+        let began = processor_time();
+        let started = std::time::Instant::now();
+        let mut rounds = 0;
+        let (estimated, seconds) = loop {
+            let estimated: Vec<EstimatedRow> = emitters.iter().map(|&e| caster.row(e, count, &mut hits)).collect();
+            rounds += 1;
+            let elapsed = match (began, processor_time()) {
+                (Some(began), Some(now)) => now - began,
+                _ => started.elapsed().as_secs_f64(),
+            };
+            if elapsed >= ENOUGH_SECONDS {
+                break (estimated, elapsed / f64::from(rounds) / emitters.len() as f64);
+            }
+        };
+        Run {
+            count: f64::from(count),
+            error: errors_against(exact, &estimated).relative_frobenius,
+            seconds,
+        }
+    };
+    Runs((POWERS.0..=POWERS.1).map(run).collect())
+}
+
+/// Runs of the same rays by Intel Embree: `tests/embree/rays.cpp` says what goes to that program and what comes back.
+fn cast_by_embree(
+    program: &Path,
+    caster: &Caster,
+    emitters: &[InputPatch],
+    exact: &[ReferenceRow],
+) -> Result<Runs, Box<dyn std::error::Error>> {
+    let named = |what: String| format!("`{}` {what}; scripts/embree-rays builds it", program.display());
+    let mut child = Command::new(program)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .map_err(|error| named(format!("of EMBREE_RAYS cannot be run: {error}")))?;
+    // It reads all before it writes.
+    let told = tell_embree(child.stdin.take().expect("a pipe"), caster, emitters);
+    let output = child.wait_with_output()?;
+    if !output.status.success() {
+        return Err(named(format!("failed: {}", output.status)).into());
+    }
+    told.map_err(|error| named(format!("did not read its rays: {error}")))?;
+
+    let mut unread = output.stdout.as_slice();
+    let runs = (POWERS.0..=POWERS.1).map(|power| {
+        let count = f64::from(1u32 << power);
+        let seconds = f64::from_le_bytes(next(&mut unread)?);
+        let mut estimated = Vec::new();
+        for &emitter in emitters {
+            let (mut columns, mut values) = (Vec::new(), Vec::new());
+            for _ in 0..u32::from_le_bytes(next(&mut unread)?) {
+                columns.push(u32::from_le_bytes(next(&mut unread)?));
+                values.push(f64::from(u32::from_le_bytes(next(&mut unread)?)) / count);
+            }
+            estimated.push(EstimatedRow {
+                emitter,
+                columns,
+                values,
+            });
+        }
+        Some(Run {
+            count,
+            error: errors_against(exact, &estimated).relative_frobenius,
+            seconds,
+        })
+    });
+    let runs: Option<Vec<Run>> = runs.collect();
+    match runs {
+        Some(runs) if unread.is_empty() => Ok(Runs(runs)),
+        _ => Err(named("wrote something else than rows".into()).into()),
+    }
+}
+
+/// Processor time that it takes to make a ray.
+fn seconds_to_make_rays(caster: &Caster, emitters: &[InputPatch]) -> f64 {
+    let (started, began) = (std::time::Instant::now(), processor_time());
+    let mut made = 0.0;
+    for &emitter in emitters.iter().cycle() {
+        let nth = caster.rays_of(emitter);
+        for k in 0..1 << 16 {
+            std::hint::black_box(nth(k));
+        }
+        made += f64::from(1 << 16);
+        let elapsed = match (began, processor_time()) {
+            (Some(began), Some(now)) => now - began,
+            _ => started.elapsed().as_secs_f64(),
+        };
+        if elapsed >= ENOUGH_SECONDS {
+            return elapsed / made;
+        }
+    }
+    f64::NAN
+}
+
+fn next<const N: usize>(unread: &mut &[u8]) -> Option<[u8; N]> {
+    let (&first, rest) = unread.split_first_chunk()?;
+    *unread = rest;
+    Some(first)
+}
+
+fn tell_embree(pipe: impl Write, caster: &Caster, emitters: &[InputPatch]) -> std::io::Result<()> {
+    let mut pipe = BufWriter::with_capacity(1 << 20, pipe);
+    let size = |length: usize| u32::try_from(length).expect("patches are numbered in 32 bits");
+    let count = 1u32 << POWERS.1;
+    for number in [
+        size(caster.triangles.len()),
+        size(caster.corners.len()),
+        size(emitters.len()),
+        count,
+        POWERS.0,
+        POWERS.1,
+    ] {
+        pipe.write_all(&number.to_le_bytes())?;
+    }
+    pipe.write_all(&ENOUGH_SECONDS.to_le_bytes())?;
+    for (triangle, &(front, back)) in caster.triangles.iter().zip(&caster.sides) {
+        write_points(&mut pipe, &[triangle.v0, triangle.v1, triangle.v2])?;
+        pipe.write_all(&front.to_le_bytes())?;
+        pipe.write_all(&back.unwrap_or(u32::MAX).to_le_bytes())?;
+    }
+    for &emitter in emitters {
+        pipe.write_all(&emitter.0.to_le_bytes())?;
+        let nth = caster.rays_of(emitter);
+        for k in 0..count {
+            let (origin, direction) = nth(k);
+            write_points(&mut pipe, &[origin, direction])?;
+        }
+    }
+    pipe.flush()
+}
+
+fn write_points(to: &mut impl Write, points: &[Vec3A]) -> std::io::Result<()> {
+    for number in points.iter().flat_map(|point| point.to_array()) {
+        to.write_all(&number.to_le_bytes())?;
     }
     Ok(())
 }
