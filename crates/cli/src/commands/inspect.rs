@@ -16,8 +16,9 @@ use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::correct::Correction;
 use hemicube::diagnose::{DiagnoseOptions, Diagnosis, Finding, FindingKind, SceneStatistics, Unit, diagnose};
 use hemicube::factor::FactorRule;
+use hemicube::keep::Keep;
 use hemicube::row::RowBlock;
-use hemicube::store::Part;
+use hemicube::store::{Form, Part};
 use hemicube::{InputPatch, Model};
 use hemicube_scene::survey::{Edges, Survey, survey};
 use serde::Serialize;
@@ -630,14 +631,24 @@ fn text(report: &Report) -> String {
         reason = "saturation is wanted"
     )]
     let (bytes, compact) = (forecast.bytes as u64, forecast.bytes_compact as u64);
+    let keep = Keep::settle(
+        None,
+        None,
+        u32::try_from(report.patches.count).unwrap_or(u32::MAX),
+        None,
+    );
+    let on_disk = match keep.form {
+        Form::Plain => format!("{} on disk ({} with `--store compact`)", size(bytes), size(compact)),
+        Form::Compact => format!(
+            "less than {} on disk without form factors below {:e} ({} with `--store plain --min-factor 0`)",
+            size(compact),
+            keep.min_factor,
+            size(bytes)
+        ),
+    };
     list.add(
         "all rows",
-        format!(
-            "about {} entries, {} on disk ({} with `--store compact`)",
-            about(forecast.entries),
-            size(bytes),
-            size(compact)
-        ),
+        format!("about {} entries, {on_disk}", about(forecast.entries)),
     );
     if let Some(seconds) = forecast.seconds {
         let device = format!(
