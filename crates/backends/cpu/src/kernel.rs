@@ -291,17 +291,16 @@ pub(crate) trait Kernel: Send + 'static {
     );
 
     /// On which faces the boxes in `used` of a group may be seen, and on which they are hidden by what is covered; with
-    /// `REMEMBER`, that is remembered of the pixels of those that may be seen. `touched`: see [`Self::on_faces`].
+    /// `COVERED`, those that a box touches are asked, and remembered of boxes that may be seen; see [`Self::on_faces`].
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn test_group<const REMEMBER: bool>(
+    unsafe fn test_group<const COVERED: bool>(
         group: &BoxGroup,
         used: u8,
         frame: &Frame,
         coverage: &mut Coverage,
         faces: u8,
-        touched: bool,
     ) -> GroupOnFaces;
 
     /// Rasterises lanes of a block on one face. With `COUNT`, adds the pixels that each lane covers to `pixels`.
@@ -416,19 +415,18 @@ pub(crate) trait Lanes {
     /// # Safety
     /// The machine has the instruction set.
     #[inline(always)]
-    unsafe fn test_group<const REMEMBER: bool>(
+    unsafe fn test_group<const COVERED: bool>(
         group: &BoxGroup,
         used: u8,
         frame: &Frame,
         coverage: &mut Coverage,
         faces: u8,
-        touched: bool,
     ) -> GroupOnFaces
     where
         Self: Sized,
     {
         // SAFETY: the caller's promise.
-        unsafe { boxes::test_group::<Self, REMEMBER>(group, used, frame, coverage, faces, touched) }
+        unsafe { boxes::test_group::<Self, COVERED>(group, used, frame, coverage, faces) }
     }
 
     /// The lines of all lanes of a block, for a path whose `draw_lane` asks for them: it says which are ready.
@@ -1328,16 +1326,15 @@ impl Kernel for Portable {
         boxes::on_faces(center, half, frame, resolution, faces, touched, out);
     }
 
-    unsafe fn test_group<const REMEMBER: bool>(
+    unsafe fn test_group<const COVERED: bool>(
         group: &BoxGroup,
         used: u8,
         frame: &Frame,
         coverage: &mut Coverage,
         faces: u8,
-        touched: bool,
     ) -> GroupOnFaces {
         // SAFETY: the portable path needs no instruction set.
-        unsafe { <Self as Lanes>::test_group::<REMEMBER>(group, used, frame, coverage, faces, touched) }
+        unsafe { <Self as Lanes>::test_group::<COVERED>(group, used, frame, coverage, faces) }
     }
 
     unsafe fn draw<const COUNT: bool>(
@@ -1435,16 +1432,15 @@ pub(crate) mod x86 {
         }
 
         #[inline(always)]
-        unsafe fn test_group<const REMEMBER: bool>(
+        unsafe fn test_group<const COVERED: bool>(
             group: &BoxGroup,
             used: u8,
             frame: &Frame,
             coverage: &mut Coverage,
             faces: u8,
-            touched: bool,
         ) -> GroupOnFaces {
             // SAFETY: the caller's promise of the instruction set.
-            unsafe { boxes::test_group_avx512::<Self, REMEMBER>(group, used, frame, coverage, faces, touched) }
+            unsafe { boxes::test_group_avx512::<Self, COVERED>(group, used, frame, coverage, faces) }
         }
 
         #[inline(always)]
@@ -1810,30 +1806,26 @@ pub(crate) mod x86 {
                     unsafe { inner(center, half, frame, resolution, faces, touched, out) }
                 }
 
-                unsafe fn test_group<const REMEMBER: bool>(
+                unsafe fn test_group<const COVERED: bool>(
                     group: &BoxGroup,
                     used: u8,
                     frame: &Frame,
                     coverage: &mut Coverage,
                     faces: u8,
-                    touched: bool,
                 ) -> GroupOnFaces {
                     #[target_feature(enable = $features)]
-                    fn inner<const REMEMBER: bool>(
+                    fn inner<const COVERED: bool>(
                         group: &BoxGroup,
                         used: u8,
                         frame: &Frame,
                         coverage: &mut Coverage,
                         faces: u8,
-                        touched: bool,
                     ) -> GroupOnFaces {
                         // SAFETY: this function has the instruction set.
-                        unsafe {
-                            <$name as Lanes>::test_group::<REMEMBER>(group, used, frame, coverage, faces, touched)
-                        }
+                        unsafe { <$name as Lanes>::test_group::<COVERED>(group, used, frame, coverage, faces) }
                     }
                     // SAFETY: the caller's promise of the instruction set.
-                    unsafe { inner::<REMEMBER>(group, used, frame, coverage, faces, touched) }
+                    unsafe { inner::<COVERED>(group, used, frame, coverage, faces) }
                 }
 
                 unsafe fn draw<const COUNT: bool>(

@@ -322,7 +322,7 @@ impl<K: Kernel> OrderedEngine<K> {
                 self.counters.nodes_tested += u64::from(node.used.count_ones());
                 let coverage = &mut self.coverage;
                 // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-                unsafe { K::test_group::<COVERED>(&node.boxes, node.used, frame, coverage, faces, COVERED) }
+                unsafe { K::test_group::<COVERED>(&node.boxes, node.used, frame, coverage, faces) }
             } else {
                 GroupOnFaces {
                     visible: [faces; BOXES],
@@ -334,10 +334,8 @@ impl<K: Kernel> OrderedEngine<K> {
                 let l = used.trailing_zeros() as usize;
                 used &= used - 1;
                 if self.is_worth_it(tested.visible[l], tested.hidden[l]) {
-                    if node.leaves >> l & 1 != 0 {
-                        prefetch(&order.blocks[node.child[l] as usize]);
-                    }
                     let list = if node.leaves >> l & 1 != 0 {
+                        prefetch(&order.blocks[node.child[l] as usize]);
                         &mut blocks
                     } else {
                         &mut nodes

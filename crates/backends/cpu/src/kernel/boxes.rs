@@ -156,15 +156,15 @@ pub(crate) struct GroupOnFaces {
     pub(crate) hidden: [u8; BOXES],
 }
 
-/// Tests some boxes against what is covered; with `REMEMBER`, that is remembered where they may be seen.
+/// Tests some boxes against what is covered; with `COVERED`, by all pixels that they touch, which are remembered where they may be
+/// seen.
 #[inline(always)]
-pub(crate) unsafe fn test_group<L: Lanes, const REMEMBER: bool>(
+pub(crate) unsafe fn test_group<L: Lanes, const COVERED: bool>(
     group: &BoxGroup,
     mut used: u8,
     frame: &Frame,
     coverage: &mut Coverage,
     faces: u8,
-    touched: bool,
 ) -> GroupOnFaces {
     let mut out = GroupOnFaces::default();
     let mut one = OnFaces::new();
@@ -174,9 +174,9 @@ pub(crate) unsafe fn test_group<L: Lanes, const REMEMBER: bool>(
         used &= used - 1;
         let (center, half) = (three(|c| group.center[c][l]), three(|c| group.half[c][l]));
         // SAFETY: the caller's promise.
-        unsafe { L::on_faces(&center, &half, frame, resolution, faces, touched, &mut one) };
+        unsafe { L::on_faces(&center, &half, frame, resolution, faces, COVERED, &mut one) };
         out.visible[l] = one.at_eye;
-        if REMEMBER && one.at_eye != 0 {
+        if COVERED && one.at_eye != 0 {
             // So near that it has no pixels to ask for.
             coverage.remember(coverage.all());
         }
@@ -186,7 +186,7 @@ pub(crate) unsafe fn test_group<L: Lanes, const REMEMBER: bool>(
             boxed &= boxed - 1;
             let pixels = [one.x0[face], one.x1[face], one.y0[face], one.y1[face]];
             // SAFETY: the caller's promise.
-            unsafe { test_pixels::<L, REMEMBER>(pixels, Face::ALL[face], coverage, l, &mut out) };
+            unsafe { test_pixels::<L, COVERED>(pixels, Face::ALL[face], coverage, l, &mut out) };
         }
     }
     out
@@ -194,7 +194,7 @@ pub(crate) unsafe fn test_group<L: Lanes, const REMEMBER: bool>(
 
 /// Tests the pixels of a box on a face.
 #[inline(always)]
-unsafe fn test_pixels<L: Lanes, const REMEMBER: bool>(
+unsafe fn test_pixels<L: Lanes, const COVERED: bool>(
     pixels: [i32; 4],
     face: Face,
     coverage: &mut Coverage,
@@ -210,7 +210,7 @@ unsafe fn test_pixels<L: Lanes, const REMEMBER: bool>(
         out.hidden[l] |= 1 << face as u8;
     } else {
         out.visible[l] |= 1 << face as u8;
-        if REMEMBER {
+        if COVERED {
             coverage.remember(pixels);
         }
     }
@@ -223,18 +223,17 @@ unsafe fn test_pixels<L: Lanes, const REMEMBER: bool>(
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,lzcnt,popcnt")]
 #[inline]
-pub(super) unsafe fn test_group_avx512<L: Lanes, const REMEMBER: bool>(
+pub(super) unsafe fn test_group_avx512<L: Lanes, const COVERED: bool>(
     group: &BoxGroup,
     used: u8,
     frame: &Frame,
     coverage: &mut Coverage,
     faces: u8,
-    touched: bool,
 ) -> GroupOnFaces {
     use std::arch::x86_64::*;
     if used.is_power_of_two() {
         // SAFETY: the caller's promise.
-        return unsafe { test_group::<L, REMEMBER>(group, used, frame, coverage, faces, touched) };
+        return unsafe { test_group::<L, COVERED>(group, used, frame, coverage, faces) };
     }
     let mut out = GroupOnFaces::default();
     let resolution = coverage.resolution;
@@ -262,7 +261,7 @@ pub(super) unsafe fn test_group_avx512<L: Lanes, const REMEMBER: bool>(
         #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
         let width = resolution as f64;
         let half_width = all(width * 0.5);
-        let (inset, last_column) = (all(inset(touched)), all(width - 1.0));
+        let (inset, last_column) = (all(inset(COVERED)), all(width - 1.0));
         let positive = |x| _mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, zero);
         let mut remembered_all = false;
         for face in Face::ALL {
@@ -292,7 +291,7 @@ pub(super) unsafe fn test_group_avx512<L: Lanes, const REMEMBER: bool>(
             }
             let mut at_eye = inside & _mm512_cmp_pd_mask::<_CMP_LE_OQ>(w0, _mm512_mul_pd(all(NEAREST), w1));
             let inside = inside & !at_eye;
-            if REMEMBER && at_eye != 0 && !remembered_all {
+            if COVERED && at_eye != 0 && !remembered_all {
                 coverage.remember(coverage.all());
                 remembered_all = true;
             }
@@ -332,7 +331,7 @@ pub(super) unsafe fn test_group_avx512<L: Lanes, const REMEMBER: bool>(
             while pending != 0 {
                 let l = pending.trailing_zeros() as usize;
                 pending &= pending - 1;
-                test_pixels::<L, REMEMBER>(pixels.map(|p| p[l]), face, coverage, l, &mut out);
+                test_pixels::<L, COVERED>(pixels.map(|p| p[l]), face, coverage, l, &mut out);
             }
         }
     }
@@ -623,6 +622,34 @@ mod tests {
         (prop::array::uniform3(-2.0..2.0f64), prop::array::uniform3(side))
     }
 
+    fn same_on_every_path<const COVERED: bool>(
+        group: &BoxGroup,
+        used: u8,
+        frame: &Frame,
+        coverage: &mut Coverage,
+        faces: u8,
+    ) -> Result<(), TestCaseError> {
+        use crate::kernel::{Kernel, Portable};
+        type Path = unsafe fn(&BoxGroup, u8, &Frame, &mut Coverage, u8) -> GroupOnFaces;
+        // SAFETY: the portable path needs no instruction set.
+        let portable = unsafe { <Portable as Kernel>::test_group::<COVERED>(group, used, frame, coverage, faces) };
+        let mut both = portable.hidden.iter().zip(&portable.visible);
+        prop_assert!(both.all(|(hidden, visible)| hidden & visible == 0));
+        for isa in crate::Isa::available() {
+            let path: Path = match isa {
+                #[cfg(target_arch = "x86_64")]
+                crate::Isa::Avx512 => <super::super::x86::Avx512 as Kernel>::test_group::<COVERED>,
+                #[cfg(target_arch = "x86_64")]
+                crate::Isa::Avx2 => <super::super::x86::Avx2 as Kernel>::test_group::<COVERED>,
+                _ => continue,
+            };
+            // SAFETY: the machine has the instruction set.
+            let wide = unsafe { path(group, used, frame, coverage, faces) };
+            prop_assert_eq!(portable, wide);
+        }
+        Ok(())
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(4000))]
 
@@ -663,8 +690,6 @@ mod tests {
             (faces, used) in (0u8..32, any::<u8>()),
             touched in any::<bool>(),
         ) {
-            use crate::kernel::{Kernel, Portable};
-            type Path = unsafe fn(&BoxGroup, u8, &Frame, &mut Coverage, u8, bool) -> GroupOnFaces;
             let mut group = BoxGroup { center: [[0.0; BOXES]; 3], half: [[0.0; BOXES]; 3] };
             for (l, (center, half)) in boxes.iter().enumerate() {
                 for c in 0..3 {
@@ -677,21 +702,10 @@ mod tests {
                 let (x, y) = (x.index(side), y.index(3 * side));
                 coverage.cover([x, (x + size).min(side - 1), y, (y + size).min(3 * side - 1)]);
             }
-            // SAFETY: the portable path needs no instruction set.
-            let portable = unsafe { <Portable as Kernel>::test_group::<true>(&group, used, &frame, &mut coverage, faces, touched) };
-            let hidden = portable.hidden.iter().zip(&portable.visible).all(|(hidden, visible)| hidden & visible == 0);
-            prop_assert!(hidden);
-            for isa in crate::Isa::available() {
-                let path: Path = match isa {
-                    #[cfg(target_arch = "x86_64")]
-                    crate::Isa::Avx512 => <super::super::x86::Avx512 as Kernel>::test_group::<true>,
-                    #[cfg(target_arch = "x86_64")]
-                    crate::Isa::Avx2 => <super::super::x86::Avx2 as Kernel>::test_group::<true>,
-                    _ => continue,
-                };
-                // SAFETY: the machine has the instruction set.
-                let wide = unsafe { path(&group, used, &frame, &mut coverage, faces, touched) };
-                prop_assert_eq!(portable, wide);
+            if touched {
+                same_on_every_path::<true>(&group, used, &frame, &mut coverage, faces)?;
+            } else {
+                same_on_every_path::<false>(&group, used, &frame, &mut coverage, faces)?;
             }
         }
 
