@@ -615,6 +615,7 @@ fn measure(
         let engine = match std::env::var("ENGINE").as_deref() {
             Ok("Depth") => EngineChoice::Depth,
             Ok("Order") => EngineChoice::Order,
+            Ok("Claims") => EngineChoice::Claims,
             Ok(other) => panic!("ENGINE is Depth or Order, not {other}"),
             Err(_) => EngineChoice::Auto,
         };

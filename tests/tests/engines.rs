@@ -1,5 +1,6 @@
-//! The two engines of the CPU backend see the same: pixel sums are the same bits, covered weights too, and engine 2 is as
-//! lossless and as independent of the instruction set when it is forced on scenes that do not suit it.
+//! The engines of the CPU backend see the same: pixel sums are the same bits, covered weights too, and engine 2 is as
+//! lossless and as independent of the instruction set when it is forced on scenes that do not suit it. Rows of engine 3 are
+//! those of engine 1, to the last bit of the last tiny patch.
 
 use glam::DVec3;
 use hemicube::Model;
@@ -177,6 +178,100 @@ fn instruction_sets_draw_the_same() {
     }
 }
 
+/// The rows of engine 3, on every instruction set, with culling and without, are those of engine 1.
+fn assert_claims_are_rows_of_depth(name: &str, model: &Model, count: usize, resolutions: &[u32]) {
+    let hemicubes = hemicubes(model, &spread(model, count));
+    for (&resolution, covered) in resolutions.iter().flat_map(|n| [(n, false), (n, true)]) {
+        let on = settings(resolution, covered);
+        let mut depth = backend(EngineChoice::Depth, Isa::available()[0]);
+        let (wanted, _) = render_with(&mut depth, model, &hemicubes, on);
+        let off = RenderSettings {
+            culling: Culling::Off,
+            ..on
+        };
+        for isa in Isa::available() {
+            // Drawing everything takes long; one instruction set is enough, as culling knows nothing of it.
+            for settings in if isa == Isa::available()[0] {
+                vec![on, off]
+            } else {
+                vec![on]
+            } {
+                let mut claims = backend(EngineChoice::Claims, isa);
+                let (found, _) = render_with(&mut claims, model, &hemicubes, settings);
+                assert_eq!(claims.engine(), Some(EngineChoice::Claims));
+                for row in 0..wanted.len() {
+                    assert_eq!(
+                        found.row(row),
+                        wanted.row(row),
+                        "{name}, N = {resolution}, covered {covered}, {isa:?}, culling {:?}, row {row}",
+                        settings.culling
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn claims_are_the_rows_of_depth() {
+    for (name, model) in scenes() {
+        assert_claims_are_rows_of_depth(&name, &model, 30, &[16, 144, 256]);
+    }
+}
+
+#[test]
+fn claims_are_the_rows_of_depth_at_the_finest() {
+    for (name, model) in [
+        ("soup", generated(Kind::Soup, 1_500)),
+        ("duplicates", model(extremes::duplicates(), Subdivision::None)),
+        (
+            "room with a block",
+            model(extremes::room_with_a_block(4), Subdivision::None),
+        ),
+    ] {
+        assert_claims_are_rows_of_depth(name, &model, 6, &[1024]);
+    }
+}
+
+#[test]
+fn claims_in_real_scenes_are_the_rows_of_depth() {
+    let Some(folder) = scenes_or_skip("engines::claims_in_real_scenes_are_the_rows_of_depth") else {
+        return;
+    };
+    for file in [
+        "city/denhaag-8897.obj",
+        "city/rotterdam-delfshaven.obj",
+        "interior/aggressor.obj",
+        "cornell/cornell-measured-closed-20q.obj",
+    ] {
+        let scene = read(&folder, file).unwrap_or_else(|error| panic!("{error}"));
+        let model = model(scene, Subdivision::None);
+        assert_claims_are_rows_of_depth(file, &model, 40, &[256]);
+    }
+}
+
+#[test]
+fn fine_hemicubes_are_drawn_by_claims() {
+    let model = generated(Kind::Spheres, 3_000);
+    let hemicubes = hemicubes(&model, &spread(&model, 4));
+    let of = |choice, resolution, culling| {
+        let mut backend = backend(choice, Isa::available()[0]);
+        let settings = RenderSettings {
+            culling,
+            ..settings(resolution, true)
+        };
+        let (rows, _) = render_with(&mut backend, &model, &hemicubes, settings);
+        (backend.engine(), rows, backend.info().version.clone())
+    };
+    let depth = Some(EngineChoice::Depth);
+    assert_eq!(of(EngineChoice::Auto, 64, Culling::On).0, depth);
+    assert_eq!(of(EngineChoice::Auto, 1024, Culling::Off).0, depth);
+    let (engine, rows, version) = of(EngineChoice::Auto, 1024, Culling::On);
+    assert_eq!(engine, Some(EngineChoice::Claims));
+    // So a run that was begun by one can be taken up by the other.
+    assert_eq!((depth, rows, version), of(EngineChoice::Depth, 1024, Culling::On));
+}
+
 #[test]
 fn real_scenes_are_the_same_in_both() {
     let Some(folder) = scenes_or_skip("engines::real_scenes_are_the_same_in_both") else {
@@ -257,7 +352,8 @@ fn what_cannot_be_put_in_order_is_refused_or_drawn_by_depth() {
     );
     let mut auto = CpuBackend::new();
     auto.load(model.geometry(), settings(64, false)).expect("any scene");
-    assert_eq!(auto.engine(), Some(EngineChoice::Depth));
+    // Few of them are drawn, as all lie behind the first.
+    assert_eq!(auto.engine(), Some(EngineChoice::Claims));
     assert!(
         auto.choices()[0].contains("overlap in one plane"),
         "{:?}",

@@ -537,7 +537,7 @@ fn points_in_the_plane_of_a_cut_patch_have_rows_that_hold() {
     let model = model_as_it_is(&scene, Subdivision::None);
     let settled = Rung::settled(&model, 1e-2);
     let plan = Plan::new(&model, RowChoice::All, Selection::default(), 1, true).with_correction(settled.correction);
-    for engine in [EngineChoice::Depth, EngineChoice::Order] {
+    for engine in [EngineChoice::Depth, EngineChoice::Order, EngineChoice::Claims] {
         let backend = Box::new(CpuBackend::new().with_engine(engine));
         let (parts, _) = parts(
             &model,

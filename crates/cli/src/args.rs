@@ -762,6 +762,8 @@ pub(crate) enum Engine {
     Depth,
     /// Ordered coverage bits.
     Order,
+    /// Coverage bits, and depth where surfaces contend: the rows of `depth`.
+    Claims,
 }
 
 /// The form of a store's parts.

@@ -205,6 +205,7 @@ impl EngineSettings {
             Engine::Auto => EngineChoice::Auto,
             Engine::Depth => EngineChoice::Depth,
             Engine::Order => EngineChoice::Order,
+            Engine::Claims => EngineChoice::Claims,
         };
         Ok(Box::new(CpuBackend::new().with_engine(engine)))
     }

@@ -33,9 +33,10 @@ impl Wanted {
             "auto" => EngineChoice::Auto,
             "depth" => EngineChoice::Depth,
             "order" => EngineChoice::Order,
+            "claims" => EngineChoice::Claims,
             other => {
                 return Err(errors::input(format!(
-                    "`engine` is `{other}`; auto, depth or order is needed"
+                    "`engine` is `{other}`; auto, depth, order or claims is needed"
                 )));
             }
         };

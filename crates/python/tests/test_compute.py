@@ -187,7 +187,7 @@ def test_some_rows_only() -> None:
         ({"min_factor": 1.5}, hemicube.InputError, "`min_factor` is 1.5"),
         ({"backend": "nonesuch"}, hemicube.BackendError, "no backend named `nonesuch`"),
         ({"backend_options": {"device": "1"}}, hemicube.InputError, "has no options"),
-        ({"engine": "steam"}, hemicube.InputError, "auto, depth or order"),
+        ({"engine": "steam"}, hemicube.InputError, "auto, depth, order or claims"),
     ],
 )
 def test_settings_are_refused_by_name(keywords: dict[str, object], kind: type[Exception], message: str) -> None:

@@ -15,8 +15,15 @@ fn cpu(engine: EngineChoice) -> CpuBackend {
 
 #[test]
 fn the_built_in_backend_keeps_all_of_it() {
-    for case in cases() {
-        let outcome = run(case, &mut cpu(EngineChoice::Depth), &mut cpu(EngineChoice::Auto));
+    let engines = [
+        (EngineChoice::Depth, EngineChoice::Auto),
+        (EngineChoice::Claims, EngineChoice::Depth),
+    ];
+    for (case, (first, second)) in cases()
+        .into_iter()
+        .flat_map(|case| engines.map(|engines| (case, engines)))
+    {
+        let outcome = run(case, &mut cpu(first), &mut cpu(second));
         match outcome {
             Outcome::Held(_) => {}
             Outcome::NotClaimed(what) => assert!(what.contains("read back"), "{case}: {what} is claimed"),

@@ -60,7 +60,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .filter(|i| wanted.as_ref().is_none_or(|w| format!("{i:?}") == *w))
     {
         let settings = [(Culling::On, false), (Culling::On, true), (Culling::Off, false)];
-        for (engine, (culling, covered)) in [EngineChoice::Depth, EngineChoice::Order]
+        for (engine, (culling, covered)) in [EngineChoice::Depth, EngineChoice::Claims, EngineChoice::Order]
             .into_iter()
             .filter(|e| {
                 std::env::var("ENGINE").is_ok_and(|w| format!("{e:?}") == w) || std::env::var("ENGINE").is_err()

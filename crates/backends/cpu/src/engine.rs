@@ -1,10 +1,10 @@
-//! One session of engine 1: the walk over the tree, then the reduction of the row.
+//! One session of engine 1 or engine 3: the walk over the tree, then the reduction of the row. The two differ in what they draw
+//! into.
 
 use crate::Shared;
 use crate::alone::Alone;
-use crate::kernel::{
-    Centroids, Chunk, Frame, GROUP, Kernel, OnFaces, Reduction, Sums, Target, Transformed, is_small, prefetch, three,
-};
+use crate::buffer::Buffer;
+use crate::kernel::{Centroids, Chunk, Frame, Kernel, OnFaces, Sums, Target, Transformed, prefetch, three};
 use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Counters, Culling, Hemicube, WHOLE};
@@ -17,8 +17,8 @@ pub(crate) const ALL_FACES: u8 = 0b1_1111;
 
 /// A hemicube's working memory. One a thread.
 #[derive(Debug)]
-pub(crate) struct Engine<K> {
-    target: Target,
+pub(crate) struct Engine<K, B> {
+    buffer: B,
     sums: Sums,
     triangles: Box<Transformed>,
     pending: Vec<Pending>,
@@ -62,15 +62,15 @@ struct TinyCandidate {
     patch: u32,
     block: u32,
     lane: u8,
-    /// The pixel of its centroid: a chunk of the target, and a place in it.
-    chunk: u32,
-    place: u8,
+    /// The pixel of its centroid, in the atlas.
+    row: u32,
+    column: u32,
     /// 1/w of the centroid, and its direction there, whose w is 1.
     depth: f64,
     direction: [f64; 3],
 }
 
-impl<K: Kernel> Engine<K> {
+impl<K: Kernel, B: Buffer> Engine<K, B> {
     pub(crate) fn new(shared: &Shared) -> Self {
         let patch_count = shared.tree.patch_count;
         let drawn_blocks = if shared.settings.covered {
@@ -79,12 +79,7 @@ impl<K: Kernel> Engine<K> {
             0
         };
         Self {
-            // One id above the patches is "blocked", the next is "nothing".
-            target: Target::new(
-                shared.settings.resolution,
-                patch_count + 1,
-                shared.settings.culling == Culling::On,
-            ),
+            buffer: B::new(shared),
             sums: Sums::new(patch_count as usize + 2),
             triangles: Box::new(Transformed::new()),
             pending: Vec::new(),
@@ -121,26 +116,6 @@ impl<K: Kernel> Engine<K> {
         self.counters
     }
 
-    pub(crate) fn items(&mut self, shared: &Shared, hemicube: &Hemicube) -> Items {
-        let frame = frame(&shared.tree, hemicube);
-        self.render::<false>(shared, &frame);
-        let patch_count = shared.tree.patch_count;
-        let seen = self.target.items.iter().flat_map(|chunk| chunk.0).map(|id| match id {
-            id if id < patch_count => id,
-            id if id == patch_count => Items::BLOCKED,
-            _ => Items::ESCAPED,
-        });
-        let items = Items {
-            resolution: shared.settings.resolution,
-            seen: seen.collect(),
-        };
-        self.target.items.fill(Chunk([patch_count + 1; LANES]));
-        self.target.depth.fill(Chunk([0.0; LANES]));
-        self.target.dirty.fill(false);
-        self.target.tile_depth.fill(0.0);
-        items
-    }
-
     fn row<const COVERED: bool>(&mut self, shared: &Shared, hemicube: &Hemicube, out: &mut RowBlock) {
         let tree = &shared.tree;
         let frame = frame(tree, hemicube);
@@ -154,19 +129,7 @@ impl<K: Kernel> Engine<K> {
             out.end_row(WHOLE, 0);
             return;
         }
-        let table = &shared.table;
-        let (top, side) = (table.running(Face::Top), table.running(Face::PosX));
-        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-        unsafe {
-            K::reduce(
-                &mut self.target,
-                Reduction {
-                    top,
-                    side,
-                    sums: &mut self.sums,
-                },
-            )
-        };
+        self.buffer.reduce::<K>(shared, &mut self.sums);
 
         let (mut escaped, mut blocked) = (0, 0);
         if !COVERED {
@@ -227,7 +190,7 @@ impl<K: Kernel> Engine<K> {
         self.tiny.clear();
         if shared.settings.culling == Culling::Off {
             for block in 0..tree.blocks.len() {
-                self.draw_block::<COVERED>(tree, frame, block, ALL_FACES, 0);
+                self.draw_block::<COVERED>(shared, frame, block, ALL_FACES, 0);
             }
             return;
         }
@@ -240,7 +203,7 @@ impl<K: Kernel> Engine<K> {
         while let Some(Pending { node, faces, hidden }) = self.pending.pop() {
             let node = &tree.nodes[node as usize];
             self.counters.nodes_tested += 1;
-            let (faces, hidden_now) = self.visible_faces::<COVERED>(node, frame, faces);
+            let (faces, hidden_now) = self.visible_faces::<COVERED>(shared, node, frame, faces);
             let hidden = hidden | hidden_now;
             if faces == 0 {
                 if hidden_now == 0 {
@@ -251,7 +214,7 @@ impl<K: Kernel> Engine<K> {
                 continue;
             }
             if node.block != INNER {
-                self.draw_block::<COVERED>(tree, frame, node.block as usize, faces, hidden);
+                self.draw_block::<COVERED>(shared, frame, node.block as usize, faces, hidden);
                 continue;
             }
             let [near, far] = front_to_back(tree, node.child, frame);
@@ -277,7 +240,8 @@ impl<K: Kernel> Engine<K> {
         }
     }
 
-    fn draw_block<const COVERED: bool>(&mut self, tree: &Tree, frame: &Frame, block: usize, faces: u8, hidden: u8) {
+    fn draw_block<const COVERED: bool>(&mut self, shared: &Shared, frame: &Frame, block: usize, faces: u8, hidden: u8) {
+        let tree = &shared.tree;
         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
         unsafe { K::transform(&tree.blocks[block], frame, &mut self.triangles) };
         let live = self.triangles.live;
@@ -289,8 +253,9 @@ impl<K: Kernel> Engine<K> {
                 if faces >> face as u8 & 1 == 0 {
                     continue;
                 }
-                // SAFETY: as above.
-                let drawn = unsafe { K::draw::<COVERED>(&self.triangles, face, live, &mut self.target, &mut pixels) };
+                let drawn = self
+                    .buffer
+                    .draw::<K, COVERED>(shared, &self.triangles, face, live, &mut pixels);
                 self.counters.triangles_drawn += u64::from(drawn.triangles);
                 incomplete |= drawn.hidden;
             }
@@ -308,14 +273,14 @@ impl<K: Kernel> Engine<K> {
                 }
             }
             if candidates != 0 {
-                self.list_tiny(frame, block, candidates);
+                self.list_tiny(shared, frame, block, candidates);
             }
         }
     }
 
     /// Lists patches of a block that covered no pixel centre, but for those whose centroid is behind what was drawn already.
-    fn list_tiny(&mut self, frame: &Frame, block: usize, candidates: u16) {
-        let resolution = self.target.resolution;
+    fn list_tiny(&mut self, shared: &Shared, frame: &Frame, block: usize, candidates: u16) {
+        let resolution = shared.settings.resolution as usize;
         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
         unsafe { K::centroids(&self.triangles, frame.tolerance, resolution, &mut self.centroids) };
         let centroids = &*self.centroids;
@@ -323,38 +288,37 @@ impl<K: Kernel> Engine<K> {
         while candidates != 0 {
             let lane = candidates.trailing_zeros() as usize;
             candidates &= candidates - 1;
-            let (row, x) = (centroids.row[lane] as usize, centroids.x[lane] as usize);
-            let chunk = row * self.target.chunks_per_row() + x / LANES;
+            let (row, column) = (centroids.row[lane], centroids.x[lane]);
             let depth = centroids.depth[lane];
-            if depth < self.about(chunk, x % LANES) {
+            if depth < about(shared, self.buffer.at_least(row as usize, column as usize)) {
                 // Depths only grow.
                 continue;
             }
             #[allow(
                 clippy::cast_possible_truncation,
-                reason = "blocks and chunks are fewer than ids; places are below 16"
+                reason = "blocks are fewer than ids; lanes are below 16"
             )]
             self.tiny_candidates.push(TinyCandidate {
                 patch: self.triangles.seen[lane],
                 block: block as u32,
                 lane: lane as u8,
-                chunk: chunk as u32,
-                place: (x % LANES) as u8,
+                row,
+                column,
                 depth,
                 direction: three(|c| centroids.direction[c][lane]),
             });
         }
     }
 
-    /// The 1/w that a centroid must have at least to be about as near as what is seen at a pixel.
-    #[inline(always)]
-    fn about(&self, chunk: usize, place: usize) -> f64 {
-        f64::from(self.target.depth[chunk].0[place]) / (1.0 + self.tiny_slack())
-    }
-
     /// On which faces a node may be seen, and on which of the others it is hidden.
     #[inline]
-    fn visible_faces<const COVERED: bool>(&mut self, node: &Node, frame: &Frame, faces: u8) -> (u8, u8) {
+    fn visible_faces<const COVERED: bool>(
+        &mut self,
+        shared: &Shared,
+        node: &Node,
+        frame: &Frame,
+        faces: u8,
+    ) -> (u8, u8) {
         let (center, half) = (node.center.to_array(), node.half.to_array());
         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
         unsafe {
@@ -362,7 +326,7 @@ impl<K: Kernel> Engine<K> {
                 &center,
                 &half,
                 frame,
-                self.target.resolution,
+                shared.settings.resolution as usize,
                 faces,
                 COVERED,
                 &mut self.on_faces,
@@ -375,7 +339,7 @@ impl<K: Kernel> Engine<K> {
             boxed &= boxed - 1;
             let b = &self.on_faces;
             let pixels = [b.x0[face], b.x1[face], b.y0[face], b.y1[face]].map(pixel);
-            if self.is_hidden::<COVERED>(Face::ALL[face], pixels, b.near[face]) {
+            if self.is_hidden::<COVERED>(shared, Face::ALL[face], pixels, b.near[face]) {
                 hidden |= 1 << face;
             } else {
                 visible |= 1 << face;
@@ -386,47 +350,21 @@ impl<K: Kernel> Engine<K> {
 
     /// Whether all of a rectangle of pixels (inclusive) is nearer than `nearest`, in 1/w.
     #[inline]
-    fn is_hidden<const COVERED: bool>(&mut self, face: Face, [x0, x1, y0, y1]: [usize; 4], nearest: f64) -> bool {
+    fn is_hidden<const COVERED: bool>(
+        &mut self,
+        shared: &Shared,
+        face: Face,
+        [x0, x1, y0, y1]: [usize; 4],
+        nearest: f64,
+    ) -> bool {
         // Depths are within rounding of the corners' 1/w, widened by a millionth. With tiny patches, what is about as near
         // as the pixels in front of it may be seen.
-        let slack = if COVERED { 1.0 + self.tiny_slack() } else { 1.0 };
+        let slack = if COVERED { 1.0 + tiny_slack(shared) } else { 1.0 };
         #[allow(clippy::cast_possible_truncation, reason = "rounding is covered by the factor")]
         let bound = (nearest * slack * (1.0 + 4e-6)) as f32;
-        let chunks = self.target.chunks_per_row();
-        #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
-        let first_row = face.first_row(self.target.resolution as u32) as usize;
-        let (y0, y1) = (first_row + y0, first_row + y1);
-        if is_small([x0, x1, y0, y1]) {
-            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-            return unsafe { K::all_nearer(&self.target.depth, chunks, [x0, x1, y0, y1], bound) };
-        }
-        for tile_row in y0 / GROUP..=y1 / GROUP {
-            for column in x0 / LANES..=x1 / LANES {
-                let depth = self.tile_depth(tile_row * chunks + column, tile_row, column);
-                if depth <= bound {
-                    return false;
-                }
-            }
-        }
-        true
-    }
-
-    /// By how much a tiny patch may be behind the depth at its pixel's centre and still be seen: about what depth varies
-    /// over a few pixels of a surface that is not seen edge-on.
-    fn tiny_slack(&self) -> f64 {
-        16.0 / self.target.resolution as f64
-    }
-
-    #[inline]
-    fn tile_depth(&mut self, tile: usize, tile_row: usize, column: usize) -> f32 {
-        if self.target.dirty[tile] {
-            self.target.dirty[tile] = false;
-            let chunks = self.target.chunks_per_row();
-            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-            self.target.tile_depth[tile] =
-                unsafe { K::tile_depth(&self.target.depth, tile_row * GROUP * chunks + column, chunks) };
-        }
-        self.target.tile_depth[tile]
+        let first_row = face.first_row(shared.settings.resolution) as usize;
+        let pixels = [x0, x1, first_row + y0, first_row + y1];
+        self.buffer.is_hidden::<K>(face, pixels, bound)
     }
 
     /// Among the patches that were drawn and covered no pixel centre, finds those that are nearest at their centroid.
@@ -441,11 +379,10 @@ impl<K: Kernel> Engine<K> {
         for candidate in &candidates {
             let &TinyCandidate { patch, depth, .. } = candidate;
             let (block, lane) = (candidate.block as usize, usize::from(candidate.lane));
-            let (chunk, place) = (candidate.chunk as usize, usize::from(candidate.place));
-            if depth < self.about(chunk, place) {
+            let (id, seen) = self.buffer.seen_at(candidate.row as usize, candidate.column as usize);
+            if depth < about(shared, seen) {
                 continue;
             }
-            let id = self.target.items[chunk].0[place];
             // Where the seen patch reaches the centroid, its depth there decides; where it does not, as beyond a
             // silhouette, being about as near as the pixel does.
             let in_front = id >= tree.patch_count
@@ -471,6 +408,40 @@ impl<K: Kernel> Engine<K> {
         self.tiny_candidates = candidates;
         self.tiny.sort_unstable();
     }
+}
+
+impl<K: Kernel> Engine<K, Target> {
+    pub(crate) fn items(&mut self, shared: &Shared, hemicube: &Hemicube) -> Items {
+        let frame = frame(&shared.tree, hemicube);
+        self.render::<false>(shared, &frame);
+        let patch_count = shared.tree.patch_count;
+        let seen = self.buffer.items.iter().flat_map(|chunk| chunk.0).map(|id| match id {
+            id if id < patch_count => id,
+            id if id == patch_count => Items::BLOCKED,
+            _ => Items::ESCAPED,
+        });
+        let items = Items {
+            resolution: shared.settings.resolution,
+            seen: seen.collect(),
+        };
+        self.buffer.items.fill(Chunk([patch_count + 1; LANES]));
+        self.buffer.depth.fill(Chunk([0.0; LANES]));
+        self.buffer.dirty.fill(false);
+        self.buffer.tile_depth.fill(0.0);
+        items
+    }
+}
+
+/// By how much a tiny patch may be behind the depth at its pixel's centre and still be seen: about what depth varies
+/// over a few pixels of a surface that is not seen edge-on.
+fn tiny_slack(shared: &Shared) -> f64 {
+    16.0 / f64::from(shared.settings.resolution)
+}
+
+/// The 1/w that a centroid must have at least to be about as near as what is seen at its pixel.
+#[inline(always)]
+fn about(shared: &Shared, seen: f32) -> f64 {
+    f64::from(seen) / (1.0 + tiny_slack(shared))
 }
 
 /// A pixel's place: none is negative.

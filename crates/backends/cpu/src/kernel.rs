@@ -12,9 +12,11 @@
 
 mod bits;
 mod boxes;
+mod claims;
 
 pub(crate) use bits::{Coverage, Cut, Shown};
 pub(crate) use boxes::{BOXES, BoxGroup, GroupOnFaces, OnFaces};
+pub(crate) use claims::Claims;
 use hemicube::face::Face;
 use hemicube::tree::{Block, LANES, UNUSED};
 
@@ -315,6 +317,26 @@ pub(crate) trait Kernel: Send + 'static {
         pixels: &mut [u32; LANES],
     ) -> Drawn;
 
+    /// Draws lanes of a block on one face for engine 3; `running` is the face's running sum of delta form factors. With `COUNT`,
+    /// adds the pixels that each lane covers to `pixels`.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn claim<const COUNT: bool>(
+        triangles: &Transformed,
+        face: Face,
+        lanes: u16,
+        claims: &mut Claims,
+        running: &[u32],
+        pixels: &mut [u32; LANES],
+    ) -> Drawn;
+
+    /// Whether every pixel of a box of the atlas (inclusive), on a face, is nearer than `bound`.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn is_hidden(claims: &Claims, face: Face, pixels: [usize; 4], bound: f32) -> bool;
+
     /// Pixels and weight that each of some lanes covers alone, over all faces.
     ///
     /// # Safety
@@ -489,6 +511,114 @@ pub(crate) trait Lanes {
         bits::lacking(rows, mask)
     }
 
+    /// Covers the part of eight spans that lies in one column of words: `shows` is what nothing covered before, `over` what
+    /// something did. Returns the rows that have any of the two.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn mark(
+        starts: &[i32; GROUP],
+        ends: &[i32; GROUP],
+        rows: u8,
+        column: usize,
+        covered: &mut [u64; GROUP],
+        shows: &mut [u64; GROUP],
+        over: &mut [u64; GROUP],
+    ) -> (u8, u8) {
+        bits::mark(starts, ends, rows, column, covered, shows, Some(over))
+    }
+
+    /// Moves the bits of `left` that are in `shows` to `common`; returns the rows that have any, and those that have others
+    /// left.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn common(shows: &[u64; GROUP], left: &mut [u64; GROUP], common: &mut [u64; GROUP]) -> (u8, u8) {
+        let (mut rows, mut remaining) = (0, 0);
+        for r in 0..GROUP {
+            common[r] = shows[r] & left[r];
+            left[r] &= !shows[r];
+            rows |= u8::from(common[r] != 0) << r;
+            remaining |= u8::from(left[r] != 0) << r;
+        }
+        (rows, remaining)
+    }
+
+    /// How many pixels some of eight spans have.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn pixels_of(starts: &[i32; GROUP], ends: &[i32; GROUP], rows: u8) -> u32 {
+        let mut pixels = 0;
+        for r in 0..GROUP {
+            if rows >> r & 1 != 0 {
+                pixels += ends[r].wrapping_sub(starts[r]).cast_unsigned();
+            }
+        }
+        pixels
+    }
+
+    /// Whether two sets of eight words have a bit in common.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn any_common(a: &[u64; GROUP], b: &[u64; GROUP]) -> bool {
+        a.iter().zip(b).fold(0, |any, (a, b)| any | a & b) != 0
+    }
+
+    /// Which of eight words have bits beyond those of others.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn beyond(rows: &[u64; GROUP], others: &[u64; GROUP]) -> u8 {
+        let mut any = 0;
+        for r in 0..GROUP {
+            any |= u8::from(rows[r] & !others[r] != 0) << r;
+        }
+        any
+    }
+
+    /// The bits of eight words that are in `mask`, and the words that have any.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn restrict(rows: &[u64; GROUP], mask: u64, out: &mut [u64; GROUP]) -> u8 {
+        let mut any = 0;
+        for r in 0..GROUP {
+            out[r] = rows[r] & mask;
+            any |= u8::from(out[r] != 0) << r;
+        }
+        any
+    }
+
+    /// The bits that any of eight words has.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn columns(rows: &[u64; GROUP]) -> u64 {
+        rows.iter().fold(0, |all, &bits| all | bits)
+    }
+
+    /// Which of eight numbers are at most others.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn up_to(a: &[f32; GROUP], b: &[f32; GROUP]) -> u8 {
+        let mut cells = 0;
+        for k in 0..GROUP {
+            cells |= u8::from(a[k] <= b[k]) << k;
+        }
+        cells
+    }
+
     /// One bit for each flag that is not 0.
     ///
     /// # Safety
@@ -514,12 +644,18 @@ pub(crate) struct DepthPlane {
     /// i × step, for i in 0..16. In f64, and rounded to f32 only with the base added: on a steep plane the base is far from
     /// the depths in the chunk, and their last digits would be lost.
     steps: [f64; LANES],
-    /// The values at the triangle's corners bound the values inside it.
-    low: f32,
-    high: f32,
+    plane: Plane,
+}
+
+/// 1/w over a face's pixels: x · column + y · row + constant.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Plane {
     x: f64,
     y: f64,
     constant: f64,
+    /// The values at the triangle's corners bound the values inside it.
+    low: f32,
+    high: f32,
 }
 
 /// The three edges of a triangle on a face as lines x = slope · y + offset, in pixels.
@@ -926,6 +1062,59 @@ fn edge_lines(t: &Transformed, face: Face, lane: usize, resolution: usize) -> (E
     (lines, sum)
 }
 
+/// The box of a lane's pixels on a face, where it has any, and the least and the greatest 1/w that it has there.
+#[inline(always)]
+fn lane_box(
+    t: &Transformed,
+    boxes: &Boxes,
+    face: Face,
+    lane: usize,
+    resolution: usize,
+) -> Option<(PixelBox, f32, f32)> {
+    if boxes.straddling >> lane & 1 != 0 {
+        let pixels = clipped_box(t, face, lane, resolution)?;
+        return Some((pixels, f32::MIN_POSITIVE, f32::MAX));
+    }
+    let pixels = PixelBox {
+        x0: boxes.x0[lane],
+        x1: boxes.x1[lane],
+        y0: boxes.y0[lane],
+        y1: boxes.y1[lane],
+    };
+    Some((pixels, boxes.low[lane], boxes.high[lane]))
+}
+
+/// 1/w of a lane over a face's pixels, from the sum of its edge vectors; what seeing nothing is called tells what is blocked.
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "numbers that stay in registers")]
+fn plane(
+    t: &Transformed,
+    face: Face,
+    lane: usize,
+    resolution: usize,
+    sum: [f64; 3],
+    nothing: u32,
+    low: f32,
+    high: f32,
+) -> Plane {
+    let inverse = 1.0 / t.determinant[lane];
+    let [a, b, c] = affine(sum, face, resolution);
+    // Where the back of a surface meets a front, as at every silhouette edge of a solid, their depths differ by less
+    // than f32 can tell, and the front must win.
+    let (inverse, low, high) = if t.seen[lane] + 1 == nothing {
+        (inverse * BACK, low * BACK_F32, high * BACK_F32)
+    } else {
+        (inverse, low, high)
+    };
+    Plane {
+        x: a * inverse,
+        y: b * inverse,
+        constant: c * inverse,
+        low,
+        high,
+    }
+}
+
 /// Takes rows outside a flat edge away from `rows`. On the line itself, one of the two sides wins.
 #[inline(always)]
 fn flat_rows(lines: &EdgeLines, y: f64, mut rows: u8) -> u8 {
@@ -1051,19 +1240,8 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
     while pending != 0 {
         let lane = pending.trailing_zeros() as usize;
         pending &= pending - 1;
-        let (pixel_box, low, high) = if boxes.straddling >> lane & 1 == 0 {
-            let pixel_box = PixelBox {
-                x0: boxes.x0[lane],
-                x1: boxes.x1[lane],
-                y0: boxes.y0[lane],
-                y1: boxes.y1[lane],
-            };
-            (pixel_box, boxes.low[lane], boxes.high[lane])
-        } else {
-            let Some(pixel_box) = clipped_box(t, face, lane, resolution) else {
-                continue;
-            };
-            (pixel_box, f32::MIN_POSITIVE, f32::MAX)
+        let Some((pixel_box, low, high)) = lane_box(t, &boxes, face, lane, resolution) else {
+            continue;
         };
         // SAFETY: the caller's promise.
         if unsafe { is_hidden::<L>(target, first_row, pixel_box, high) } {
@@ -1072,29 +1250,13 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
         }
         drawn.triangles += 1;
         let (lines, sum) = edge_lines(t, face, lane, resolution);
-        let inverse = 1.0 / t.determinant[lane];
-        let [a, b, c] = affine(sum, face, resolution);
         let id = t.seen[lane];
-        // Where the back of a surface meets a front, as at every silhouette edge of a solid, their depths differ by less
-        // than f32 can tell, and the front must win.
-        let (inverse, low, high) = if id + 1 == target.nothing {
-            (inverse * BACK, low * BACK_F32, high * BACK_F32)
-        } else {
-            (inverse, low, high)
-        };
-        let (x, y, constant) = (a * inverse, b * inverse, c * inverse);
+        let plane = plane(t, face, lane, resolution, sum, target.nothing, low, high);
         let mut steps = [0.0; LANES];
         for (i, s) in steps.iter_mut().enumerate() {
-            *s = x * i as f64;
+            *s = plane.x * i as f64;
         }
-        let plane = DepthPlane {
-            steps,
-            low,
-            high,
-            x,
-            y,
-            constant,
-        };
+        let plane = DepthPlane { steps, plane };
         let mut covered = 0;
         // SAFETY: the caller's promise.
         unsafe {
@@ -1102,7 +1264,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
                 if COUNT {
                     covered += end - start;
                 }
-                let row_depth = plane.constant + plane.y * row as f64;
+                let row_depth = plane.plane.constant + plane.plane.y * row as f64;
                 let atlas_row = first_row + row;
                 let row_chunk = atlas_row * chunks_per_row;
                 let tile_row = atlas_row / GROUP * chunks_per_row;
@@ -1113,7 +1275,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
                     if chunk == last {
                         mask &= u16::MAX >> (LANES - 1 - (end - 1) % LANES);
                     }
-                    let base = row_depth + plane.x * (chunk * LANES) as f64;
+                    let base = row_depth + plane.plane.x * (chunk * LANES) as f64;
                     let at = row_chunk + chunk;
                     if L::test(&mut target.depth[at], &mut target.items[at], mask, base, &plane, id) {
                         target.dirty[tile_row + chunk] = true;
@@ -1255,8 +1417,8 @@ impl Lanes for Portable {
             left &= left - 1;
             #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
             let z = (base + plane.steps[l]) as f32;
-            let z = if z > plane.low { z } else { plane.low };
-            let z = if z < plane.high { z } else { plane.high };
+            let z = if z > plane.plane.low { z } else { plane.plane.low };
+            let z = if z < plane.plane.high { z } else { plane.plane.high };
             let old = depth.0[l];
             if z > old || (z == old && id < items.0[l]) {
                 depth.0[l] = z;
@@ -1348,6 +1510,23 @@ impl Kernel for Portable {
         unsafe { draw::<Self, COUNT>(triangles, face, lanes, target, pixels) }
     }
 
+    unsafe fn claim<const COUNT: bool>(
+        triangles: &Transformed,
+        face: Face,
+        lanes: u16,
+        claims: &mut Claims,
+        running: &[u32],
+        pixels: &mut [u32; LANES],
+    ) -> Drawn {
+        // SAFETY: as above.
+        unsafe { claims::draw::<Self, COUNT>(triangles, face, lanes, claims, running, pixels) }
+    }
+
+    unsafe fn is_hidden(claims: &Claims, face: Face, pixels: [usize; 4], bound: f32) -> bool {
+        // SAFETY: as above.
+        unsafe { claims.is_hidden::<Self>(face, pixels, bound) }
+    }
+
     unsafe fn cover_lanes(
         triangles: &Transformed,
         lanes: u16,
@@ -1429,6 +1608,90 @@ pub(crate) mod x86 {
         unsafe fn lacking(rows: &[u64; GROUP], mask: u64) -> u8 {
             // SAFETY: the caller's promise of the instruction set.
             unsafe { bits::lacking_avx512(rows, mask) }
+        }
+
+        #[inline(always)]
+        unsafe fn mark(
+            starts: &[i32; GROUP],
+            ends: &[i32; GROUP],
+            rows: u8,
+            column: usize,
+            covered: &mut [u64; GROUP],
+            shows: &mut [u64; GROUP],
+            over: &mut [u64; GROUP],
+        ) -> (u8, u8) {
+            // SAFETY: the caller's promise of the instruction set.
+            unsafe { bits::mark_avx512(starts, ends, rows, column, covered, shows, over) }
+        }
+
+        #[inline(always)]
+        unsafe fn common(shows: &[u64; GROUP], left: &mut [u64; GROUP], common: &mut [u64; GROUP]) -> (u8, u8) {
+            // SAFETY: the caller's promise of the instruction set; loads and stores are as long as their arrays.
+            unsafe {
+                let shows = _mm512_loadu_epi64(shows.as_ptr().cast());
+                let before = _mm512_loadu_epi64(left.as_ptr().cast());
+                let (both, rest) = (_mm512_and_si512(shows, before), _mm512_andnot_si512(shows, before));
+                _mm512_storeu_epi64(left.as_mut_ptr().cast(), rest);
+                _mm512_storeu_epi64(common.as_mut_ptr().cast(), both);
+                (_mm512_test_epi64_mask(both, both), _mm512_test_epi64_mask(rest, rest))
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn pixels_of(starts: &[i32; GROUP], ends: &[i32; GROUP], rows: u8) -> u32 {
+            // SAFETY: the caller's promise of the instruction set; loads are as long as the arrays.
+            unsafe {
+                let (starts, ends) = (
+                    _mm256_loadu_si256(starts.as_ptr().cast()),
+                    _mm256_loadu_si256(ends.as_ptr().cast()),
+                );
+                bits::sum_of(_mm256_maskz_sub_epi32(rows, ends, starts))
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn any_common(a: &[u64; GROUP], b: &[u64; GROUP]) -> bool {
+            // SAFETY: the caller's promise of the instruction set; loads are as long as the arrays.
+            unsafe {
+                let (a, b) = (
+                    _mm512_loadu_epi64(a.as_ptr().cast()),
+                    _mm512_loadu_epi64(b.as_ptr().cast()),
+                );
+                _mm512_test_epi64_mask(a, b) != 0
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn beyond(rows: &[u64; GROUP], others: &[u64; GROUP]) -> u8 {
+            // SAFETY: the caller's promise of the instruction set; loads are as long as the arrays.
+            unsafe {
+                let rows = _mm512_loadu_epi64(rows.as_ptr().cast());
+                let beyond = _mm512_andnot_si512(_mm512_loadu_epi64(others.as_ptr().cast()), rows);
+                _mm512_test_epi64_mask(beyond, beyond)
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn restrict(rows: &[u64; GROUP], mask: u64, out: &mut [u64; GROUP]) -> u8 {
+            // SAFETY: the caller's promise of the instruction set; the load and the store are as long as the arrays.
+            unsafe {
+                let rows = _mm512_loadu_epi64(rows.as_ptr().cast());
+                let rows = _mm512_and_si512(rows, _mm512_set1_epi64(mask.cast_signed()));
+                _mm512_storeu_epi64(out.as_mut_ptr().cast(), rows);
+                _mm512_test_epi64_mask(rows, rows)
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn columns(rows: &[u64; GROUP]) -> u64 {
+            // SAFETY: the caller's promise of the instruction set; the load is as long as the array.
+            unsafe { _mm512_reduce_or_epi64(_mm512_loadu_epi64(rows.as_ptr().cast())).cast_unsigned() }
+        }
+
+        #[inline(always)]
+        unsafe fn up_to(a: &[f32; GROUP], b: &[f32; GROUP]) -> u8 {
+            // SAFETY: the caller's promise of the instruction set; loads are as long as the arrays.
+            unsafe { _mm256_cmp_ps_mask::<_CMP_LE_OQ>(_mm256_loadu_ps(a.as_ptr()), _mm256_loadu_ps(b.as_ptr())) }
         }
 
         #[inline(always)]
@@ -1525,8 +1788,8 @@ pub(crate) mod x86 {
                 let near = _mm512_cvtpd_ps(_mm512_add_pd(base, _mm512_load_pd(plane.steps.as_ptr())));
                 let far = _mm512_cvtpd_ps(_mm512_add_pd(base, _mm512_load_pd(plane.steps.as_ptr().add(8))));
                 let z = _mm512_insertf32x8::<1>(_mm512_castps256_ps512(near), far);
-                let z = _mm512_max_ps(z, _mm512_set1_ps(plane.low));
-                let z = _mm512_min_ps(z, _mm512_set1_ps(plane.high));
+                let z = _mm512_max_ps(z, _mm512_set1_ps(plane.plane.low));
+                let z = _mm512_min_ps(z, _mm512_set1_ps(plane.plane.high));
                 let old = _mm512_load_ps(depth.0.as_ptr());
                 let mut won = _mm512_mask_cmp_ps_mask::<_CMP_GT_OQ>(mask, z, old);
                 let equal = _mm512_mask_cmp_ps_mask::<_CMP_EQ_OQ>(mask, z, old);
@@ -1685,8 +1948,8 @@ pub(crate) mod x86 {
                     let near = _mm256_cvtpd_ps(_mm256_add_pd(base, _mm256_load_pd(steps)));
                     let far = _mm256_cvtpd_ps(_mm256_add_pd(base, _mm256_load_pd(steps.add(4))));
                     let z = _mm256_set_m128(far, near);
-                    let z = _mm256_max_ps(z, _mm256_set1_ps(plane.low));
-                    let z = _mm256_min_ps(z, _mm256_set1_ps(plane.high));
+                    let z = _mm256_max_ps(z, _mm256_set1_ps(plane.plane.low));
+                    let z = _mm256_min_ps(z, _mm256_set1_ps(plane.plane.high));
                     let old = _mm256_load_ps(depth_at);
                     let old_id = _mm256_load_si256(items_at);
                     let nearer = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_GT_OQ>(z, old));
@@ -1848,6 +2111,40 @@ pub(crate) mod x86 {
                     }
                     // SAFETY: the caller's promise of the instruction set.
                     unsafe { inner::<COUNT>(triangles, face, lanes, target, pixels) }
+                }
+
+                unsafe fn claim<const COUNT: bool>(
+                    triangles: &Transformed,
+                    face: Face,
+                    lanes: u16,
+                    claims: &mut Claims,
+                    running: &[u32],
+                    pixels: &mut [u32; LANES],
+                ) -> Drawn {
+                    #[target_feature(enable = $features)]
+                    fn inner<const COUNT: bool>(
+                        triangles: &Transformed,
+                        face: Face,
+                        lanes: u16,
+                        claims: &mut Claims,
+                        running: &[u32],
+                        pixels: &mut [u32; LANES],
+                    ) -> Drawn {
+                        // SAFETY: this function has the instruction set.
+                        unsafe { claims::draw::<$name, COUNT>(triangles, face, lanes, claims, running, pixels) }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner::<COUNT>(triangles, face, lanes, claims, running, pixels) }
+                }
+
+                unsafe fn is_hidden(claims: &Claims, face: Face, pixels: [usize; 4], bound: f32) -> bool {
+                    #[target_feature(enable = $features)]
+                    fn inner(claims: &Claims, face: Face, pixels: [usize; 4], bound: f32) -> bool {
+                        // SAFETY: this function has the instruction set.
+                        unsafe { claims.is_hidden::<$name>(face, pixels, bound) }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(claims, face, pixels, bound) }
                 }
 
                 unsafe fn cover_lanes(
@@ -2075,7 +2372,7 @@ mod tests {
             for (i, s) in steps.iter_mut().enumerate() {
                 *s = step * i as f64;
             }
-            let plane = DepthPlane { steps, low: 0.25, high: 1.75, x: 0.0, y: 0.0, constant: 0.0 };
+            let plane = DepthPlane { steps, plane: Plane { low: 0.25, high: 1.75, x: 0.0, y: 0.0, constant: 0.0 } };
             fn run<L: Lanes>(old: [f32; 16], old_ids: [u32; 16], mask: u16, base: f64, plane: &DepthPlane, id: u32) -> ([u32; 16], [u32; 16], bool) {
                 let (mut depth, mut items) = (Chunk(old), Chunk(old_ids));
                 // SAFETY: callers checked the machine for L's instruction set.

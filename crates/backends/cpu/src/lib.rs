@@ -3,8 +3,10 @@
 //! Engine 1 is Greene's hierarchical z-buffer (Greene, Kass & Miller 1993): a tree over blocks of 16 triangles, walked
 //! front to back, whose nodes are dropped where they lie outside all faces or behind what is already drawn. All five
 //! faces are drawn in one walk. Engine 2 draws strictly front to back, in the order of a binary space partition, and has one
-//! coverage bit a pixel; [`EngineChoice`] says which scenes get it. Rows are the same bits on every instruction set and
-//! with culling on or off, and pixel sums the same in both engines wherever f32 depths can tell surfaces apart.
+//! coverage bit a pixel. Engine 3 walks the tree of engine 1, has the coverage bits of engine 2, and works out depths only of
+//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. Rows are the same bits on every
+//! instruction set and with culling on or off; those of engines 1 and 3 are the same bits, and pixel sums of engine 2 the same
+//! wherever f32 depths can tell surfaces apart.
 //!
 //! ```
 //! use hemicube::{HierarchyOptions, Model, backend::*, row::RowBlock};
@@ -24,6 +26,7 @@
 //! ```
 
 mod alone;
+mod buffer;
 mod engine;
 mod kernel;
 mod order;
@@ -39,6 +42,7 @@ use hemicube::face::Items;
 use hemicube::row::RowBlock;
 pub use hemicube::tree::Hierarchy;
 use hemicube::tree::Tree;
+use kernel::{Claims, Target};
 use order::{Limits, Order};
 use ordered::OrderedEngine;
 use std::sync::Arc;
@@ -90,17 +94,19 @@ impl Isa {
     }
 }
 
-/// Which of the two engines renders.
+/// Which of the three engines renders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EngineChoice {
     /// The one that suits the scene: [`EngineChoice::Order`] where few surfaces must be cut to put them in order and blocks
-    /// stay well filled, else [`EngineChoice::Depth`].
+    /// stay well filled, else [`EngineChoice::Claims`] where what is seen has many pixels, else [`EngineChoice::Depth`].
     #[default]
     Auto,
     /// Engine 1, the hierarchical z-buffer: for any scene.
     Depth,
     /// Engine 2, ordered coverage bits: for scenes of polygons.
     Order,
+    /// Engine 3, claimed coverage bits: for any scene, with the rows of [`EngineChoice::Depth`].
+    Claims,
 }
 
 /// A session of the built-in backend.
@@ -147,12 +153,19 @@ struct Loaded {
     engine: AnyEngine,
 }
 
+/// The engine that renders, with what it walks beside the tree.
+#[derive(Debug)]
+enum Way {
+    Depth,
+    Order(Arc<Order>),
+    Claims,
+}
+
 /// What all sessions over one scene share.
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub(crate) tree: Arc<Tree>,
-    /// What engine 2 walks, where it is the one that renders.
-    pub(crate) order: Option<Arc<Order>>,
+    way: Way,
     pub(crate) table: DeltaTable,
     pub(crate) settings: RenderSettings,
 }
@@ -160,8 +173,9 @@ pub(crate) struct Shared {
 /// The engines of one instruction set, made when first asked to work.
 #[derive(Debug)]
 struct Engines<K> {
-    depth: Option<Engine<K>>,
+    depth: Option<Engine<K, Target>>,
     ordered: Option<OrderedEngine<K>>,
+    claims: Option<Engine<K, Claims>>,
 }
 
 impl<K: kernel::Kernel> Engines<K> {
@@ -169,20 +183,25 @@ impl<K: kernel::Kernel> Engines<K> {
         Self {
             depth: None,
             ordered: None,
+            claims: None,
         }
     }
 
-    fn depth(&mut self, shared: &Shared) -> &mut Engine<K> {
+    fn depth(&mut self, shared: &Shared) -> &mut Engine<K, Target> {
         self.depth.get_or_insert_with(|| Engine::new(shared))
     }
 
     fn rows(&mut self, shared: &Shared, hemicubes: &[Hemicube], out: &mut RowBlock) -> Counters {
-        match &shared.order {
-            Some(order) => self
+        match &shared.way {
+            Way::Depth => self.depth(shared).rows(shared, hemicubes, out),
+            Way::Order(order) => self
                 .ordered
                 .get_or_insert_with(|| OrderedEngine::new(shared))
                 .rows(shared, order, hemicubes, out),
-            None => self.depth(shared).rows(shared, hemicubes, out),
+            Way::Claims => self
+                .claims
+                .get_or_insert_with(|| Engine::new(shared))
+                .rows(shared, hemicubes, out),
         }
     }
 }
@@ -229,28 +248,30 @@ impl CpuBackend {
 
     /// The engine that renders what is loaded: never [`EngineChoice::Auto`]. `None` before `load`.
     pub fn engine(&self) -> Option<EngineChoice> {
-        self.loaded.as_ref().map(|loaded| match loaded.shared.order {
-            Some(_) => EngineChoice::Order,
-            None => EngineChoice::Depth,
+        self.loaded.as_ref().map(|loaded| match loaded.shared.way {
+            Way::Depth => EngineChoice::Depth,
+            Way::Order(_) => EngineChoice::Order,
+            Way::Claims => EngineChoice::Claims,
         })
     }
 
-    /// The order of a scene, if the choice of engine wants one and the scene suits it, and why.
-    fn order(&self, geometry: &Geometry) -> Result<(Option<Arc<Order>>, String), BackendError> {
+    /// The engine that was asked for, or order or depth as the scene suits it, and why.
+    fn way(&self, geometry: &Geometry) -> Result<(Way, String), BackendError> {
         let found = match self.choice {
-            EngineChoice::Depth => return Ok((None, "engine depth, as asked".to_owned())),
+            EngineChoice::Depth => return Ok((Way::Depth, "engine depth, as asked".to_owned())),
+            EngineChoice::Claims => return Ok((Way::Claims, "engine claims, as asked".to_owned())),
             EngineChoice::Order => geometry.kept(AnyOrder::new).0.clone(),
             EngineChoice::Auto => geometry.kept(SuitableOrder::new).0.clone(),
         };
         match found {
             Ok(order) => {
                 let reason = format!("engine order: {order}");
-                Ok((Some(order), reason))
+                Ok((Way::Order(order), reason))
             }
             Err(reason) if self.choice == EngineChoice::Order => Err(BackendError::Unsupported(format!(
-                "engine order does not suit this scene: {reason}; take engine auto or depth"
+                "engine order does not suit this scene: {reason}; take engine auto, claims or depth"
             ))),
-            Err(reason) => Ok((None, format!("engine depth: {reason}"))),
+            Err(reason) => Ok((Way::Depth, format!("engine depth: {reason}"))),
         }
     }
 
@@ -323,12 +344,14 @@ impl SuitableOrder {
     }
 }
 
-/// How much of the scene patches see, by a few of them: where that is much, putting surfaces in order or looking for what is
-/// hidden takes longer than drawing everything.
+/// What a few patches see of the scene: where that is much of it, putting surfaces in order or looking for what is hidden takes
+/// longer than drawing everything; and where it is little, each of what they see has many pixels.
 #[derive(Debug)]
-struct Openness {
+struct Look {
     /// Patches that a patch sees, of all.
     share: f64,
+    /// Triangles drawn for a hemicube, once a face.
+    drawn: f64,
 }
 
 /// Where patches see a larger share of the scene, everything is drawn, unless blocks in order are filled better than this
@@ -340,10 +363,18 @@ const LEAST_TO_LOOK_AT: usize = 1000;
 const LOOKED_FROM: usize = 8;
 /// Whatever the settings': the choice must not hang on them.
 const RESOLUTION_LOOKED_WITH: u32 = 128;
+/// With more pixels of a hemicube for each triangle drawn, engine 3 is faster than engine 1 (`docs/performance.md`).
+const PIXELS_TO_CLAIM: f64 = 300.0;
 
-impl Openness {
+impl Look {
     fn new(geometry: &Arc<Geometry>, isa: Isa) -> Self {
         let surfaces = &geometry.surfaces;
+        if surfaces.len() < LEAST_TO_LOOK_AT {
+            return Self {
+                share: 0.0,
+                drawn: surfaces.len() as f64,
+            };
+        }
         let mut backend = CpuBackend::of(isa).with_engine(EngineChoice::Depth);
         let settings = RenderSettings {
             resolution: RESOLUTION_LOOKED_WITH,
@@ -359,10 +390,22 @@ impl Openness {
             .load(geometry, settings)
             .and_then(|()| backend.rows(&hemicubes, &mut rows));
         // What cannot be looked at is not taken for open; the session itself will say what is wrong.
-        let looked = if rendered.is_ok() { hemicubes.len() } else { 0 };
-        Self {
-            share: rows.patches.len() as f64 / (looked.max(1) as f64 * f64::from(geometry.patch_count)),
+        let looked = hemicubes.len().max(1) as f64;
+        match rendered {
+            Ok(counters) => Self {
+                share: rows.patches.len() as f64 / (looked * f64::from(geometry.patch_count)),
+                drawn: counters.triangles_drawn as f64 / looked,
+            },
+            Err(_) => Self {
+                share: 0.0,
+                drawn: f64::INFINITY,
+            },
         }
+    }
+
+    /// Pixels of a hemicube for each triangle drawn.
+    fn pixels(&self, resolution: u32) -> f64 {
+        3.0 * f64::from(resolution) * f64::from(resolution) / self.drawn.max(1.0)
     }
 }
 
@@ -376,12 +419,6 @@ fn hemicube_of(surface: &Surface) -> Option<Hemicube> {
         origin: (a + b + c) / 3.0,
         axes: [tangent, normal.cross(tangent), normal],
     })
-}
-
-impl std::fmt::Display for Openness {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "patches see {:.0} % of the scene", 100.0 * self.share)
-    }
 }
 
 impl Loaded {
@@ -435,24 +472,34 @@ impl HemicubeBackend for CpuBackend {
                 settings.resolution
             )));
         }
-        let (mut order, mut reason) = self.order(geometry)?;
+        let (mut way, mut reason) = self.way(geometry)?;
         let mut rendered = settings;
-        if self.choice == EngineChoice::Auto
-            && order.as_ref().is_none_or(|order| order.fill() < WELL_FILLED)
-            && geometry.surfaces.len() >= LEAST_TO_LOOK_AT
-        {
-            let open = geometry.kept(|_| Openness::new(geometry, self.isa));
-            if open.share > OPEN {
-                // The engine must not depend on whether culling was asked for: rows would.
-                order = None;
+        let is_well_filled = matches!(&way, Way::Order(order) if order.fill() >= WELL_FILLED);
+        if self.choice == EngineChoice::Auto && !is_well_filled {
+            let look = geometry.kept(|_| Look::new(geometry, self.isa));
+            let pixels = look.pixels(settings.resolution);
+            if look.share > OPEN {
+                // The engine must not depend on whether culling was asked for, as one with other rows would.
+                way = Way::Depth;
                 rendered.culling = Culling::Off;
-                reason = format!("engine depth, everything drawn: {open}");
+                reason = format!(
+                    "engine depth, everything drawn: patches see {:.0} % of the scene",
+                    100.0 * look.share
+                );
+            } else if matches!(way, Way::Depth) && settings.culling == Culling::On && pixels >= PIXELS_TO_CLAIM {
+                way = Way::Claims;
+                reason = format!("{reason}; engine claims, with its rows: {pixels:.0} pixels a triangle");
             }
         }
-        self.info.version = if order.is_some() { "order-1" } else { "depth-2" }.to_owned();
+        // Claims are settled by the depths of engine 1, to the bit.
+        self.info.version = match way {
+            Way::Order(_) => "order-1",
+            Way::Depth | Way::Claims => "depth-2",
+        }
+        .to_owned();
         self.reason = reason;
         let shared = Arc::new(Shared {
-            order,
+            way,
             tree: match self.hierarchy {
                 Hierarchy::SurfaceArea => Tree::of(geometry),
                 other => Arc::new(Tree::new(geometry, other)),

@@ -168,7 +168,7 @@ def compute(
     backend: str = "cpu",
     backend_dir: _Path | None = None,
     backend_options: Mapping[str, str] | None = None,
-    engine: Literal["auto", "depth", "order"] = "auto",
+    engine: Literal["auto", "depth", "order", "claims"] = "auto",
     culling: bool | None = None,
     batch: int = 0,
     threads: int = 0,
@@ -202,7 +202,7 @@ def sky(
     backend: str = "cpu",
     backend_dir: _Path | None = None,
     backend_options: Mapping[str, str] | None = None,
-    engine: Literal["auto", "depth", "order"] = "auto",
+    engine: Literal["auto", "depth", "order", "claims"] = "auto",
     threads: int = 0,
     progress: Callable[[int, int], object] | None = None,
 ) -> Sky: ...
@@ -220,7 +220,7 @@ def sky_of_points(
     backend: str = "cpu",
     backend_dir: _Path | None = None,
     backend_options: Mapping[str, str] | None = None,
-    engine: Literal["auto", "depth", "order"] = "auto",
+    engine: Literal["auto", "depth", "order", "claims"] = "auto",
     threads: int = 0,
     progress: Callable[[int, int], object] | None = None,
 ) -> Sky: ...

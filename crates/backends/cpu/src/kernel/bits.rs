@@ -11,23 +11,23 @@ use hemicube::face::Face;
 use hemicube::tree::{Block, LANES};
 
 /// Pixels of a column of words: one bit each.
-const WIDTH: usize = u64::BITS as usize;
+pub(super) const WIDTH: usize = u64::BITS as usize;
 /// Words of a row at the largest resolution.
-const MOST_COLUMNS: usize = 1024 / WIDTH;
+pub(super) const MOST_COLUMNS: usize = 1024 / WIDTH;
 
 /// Eight rows of one column: what is drawn at a time.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
-struct Rows([u64; GROUP]);
+pub(super) struct Rows(pub(super) [u64; GROUP]);
 
 /// Which pixels of the atlas are covered.
 #[derive(Debug)]
 pub(crate) struct Coverage {
     pub(crate) resolution: usize,
     /// Groups of eight rows in a column: all of the atlas.
-    groups: usize,
+    pub(super) groups: usize,
     /// By column, then by group.
-    rows: Vec<Rows>,
+    pub(super) rows: Vec<Rows>,
     /// What was covered before the surfaces of one plane were begun, as far as was asked: surfaces in one plane do not hide
     /// each other's centroids.
     before: Vec<Rows>,
@@ -77,7 +77,7 @@ impl Coverage {
 
     /// Whether a pixel of the atlas is covered, or was when that was remembered.
     #[inline(always)]
-    fn is_covered(&self, row: usize, x: usize, remembered: bool) -> bool {
+    pub(super) fn is_covered(&self, row: usize, x: usize, remembered: bool) -> bool {
         let rows = if remembered { &self.before } else { &self.rows };
         rows[x / WIDTH * self.groups + row / GROUP].0[row % GROUP] >> (x % WIDTH) & 1 != 0
     }
@@ -117,13 +117,13 @@ fn row_of<'t>(resolution: usize, row: usize, top: &'t [u32], side: &'t [u32]) ->
 
 /// A word whose lowest `count` bits are set, for counts up to 64.
 #[inline(always)]
-fn low_bits(count: usize) -> u64 {
+pub(super) fn low_bits(count: usize) -> u64 {
     if count >= WIDTH { u64::MAX } else { (1 << count) - 1 }
 }
 
 /// The weight of the pixels whose bits are set; `running` begins at that of the lowest bit.
 #[inline(always)]
-fn weight_of(mut bits: u64, running: &[u32]) -> u32 {
+pub(super) fn weight_of(mut bits: u64, running: &[u32]) -> u32 {
     let mut weight = 0;
     while bits != 0 {
         let start = bits.trailing_zeros() as usize;
@@ -525,7 +525,15 @@ pub(super) unsafe fn draw_lane<L: Lanes, const COVERED: bool>(
             let (mut seen, mut unseen) = (0u8, 0u8);
             for column in first..=last {
                 let covered = &mut coverage.rows[column * coverage.groups + group].0;
-                let (s, u) = mark(&starts, &ends, rows, column, covered, &mut visible[column - first].0);
+                let (s, u) = mark(
+                    &starts,
+                    &ends,
+                    rows,
+                    column,
+                    covered,
+                    &mut visible[column - first].0,
+                    None,
+                );
                 seen |= s;
                 unseen |= u;
             }
@@ -561,15 +569,16 @@ pub(super) unsafe fn draw_lane<L: Lanes, const COVERED: bool>(
 }
 
 /// Covers the part of eight spans that lies in one column; returns the rows of which a pixel was not covered before, and
-/// those of which one was.
+/// those of which one was. Those pixels are written to `over`.
 #[inline(always)]
-fn mark(
+pub(super) fn mark(
     starts: &[i32; GROUP],
     ends: &[i32; GROUP],
     rows: u8,
     column: usize,
     covered: &mut [u64; GROUP],
     visible: &mut [u64; GROUP],
+    mut over: Option<&mut [u64; GROUP]>,
 ) -> (u8, u8) {
     #[allow(
         clippy::cast_possible_truncation,
@@ -591,12 +600,58 @@ fn mark(
             0
         };
         let shows = mask & !covered[r];
+        if let Some(over) = &mut over {
+            over[r] = mask & covered[r];
+        }
         covered[r] |= mask;
         visible[r] = shows;
         seen |= u8::from(shows != 0) << r;
         unseen |= u8::from(shows != mask) << r;
     }
     (seen, unseen)
+}
+
+/// [`mark`] with a row in each lane.
+///
+/// # Safety
+/// The machine has AVX-512 F, BW, DQ and VL.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+pub(super) unsafe fn mark_avx512(
+    starts: &[i32; GROUP],
+    ends: &[i32; GROUP],
+    rows: u8,
+    column: usize,
+    covered: &mut [u64; GROUP],
+    visible: &mut [u64; GROUP],
+    over: &mut [u64; GROUP],
+) -> (u8, u8) {
+    use std::arch::x86_64::*;
+    // SAFETY: the caller's promise of the instruction set; loads and stores are as long as their arrays.
+    unsafe {
+        let ones = _mm512_set1_epi64(-1);
+        let zero = _mm256_setzero_si256();
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_possible_wrap,
+            reason = "at most 1024 pixels"
+        )]
+        let offset = _mm256_set1_epi32((column * WIDTH) as i32);
+        // Shifts by 64 and more give 0.
+        let place = |of: &[i32; GROUP]| {
+            let x = _mm256_loadu_si256(of.as_ptr().cast());
+            _mm512_cvtepi32_epi64(_mm256_max_epi32(_mm256_sub_epi32(x, offset), zero))
+        };
+        let (from, to) = (place(starts), place(ends));
+        let mask = _mm512_maskz_andnot_epi64(rows, _mm512_sllv_epi64(ones, to), _mm512_sllv_epi64(ones, from));
+        let before = _mm512_loadu_epi64(covered.as_ptr().cast());
+        let shows = _mm512_andnot_si512(before, mask);
+        let both = _mm512_and_si512(before, mask);
+        _mm512_storeu_epi64(covered.as_mut_ptr().cast(), _mm512_or_si512(before, mask));
+        _mm512_storeu_epi64(visible.as_mut_ptr().cast(), shows);
+        _mm512_storeu_epi64(over.as_mut_ptr().cast(), both);
+        (_mm512_test_epi64_mask(shows, shows), _mm512_test_epi64_mask(both, both))
+    }
 }
 
 /// The values of a lane's edges over a face's pixels, a · x + b · y + c, an edge in each of three lanes: by the operations of
@@ -1108,7 +1163,7 @@ fn low_byte(bits: i32) -> u8 {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 #[inline]
-unsafe fn sum_of(v: std::arch::x86_64::__m256i) -> u32 {
+pub(super) unsafe fn sum_of(v: std::arch::x86_64::__m256i) -> u32 {
     use std::arch::x86_64::*;
     let v = _mm_add_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256::<1>(v));
     let v = _mm_add_epi32(v, _mm_shuffle_epi32::<0b00_00_11_10>(v));
