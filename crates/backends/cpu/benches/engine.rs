@@ -179,68 +179,91 @@ fn in_turns(a: &mut CpuBackend, b: &mut CpuBackend, hemicubes: &[Hemicube]) -> (
     best
 }
 
+/// What a session's engine is called on the command line.
+fn name(backend: &CpuBackend) -> &'static str {
+    match backend.engine() {
+        Some(EngineChoice::Depth) => "depth",
+        Some(EngineChoice::Order) => "order",
+        Some(EngineChoice::Claims) => "claims",
+        Some(EngineChoice::Auto) | None => unreachable!("it is loaded"),
+    }
+}
+
 fn print_ratios(cases: &[Case]) {
     let isa = Isa::available()[0];
-    let own = |case: &Case| {
-        case.engine(EngineChoice::Auto, 256, false)
-            .engine()
-            .expect("it is loaded")
-    };
+    let auto = |case: &Case, resolution, covered| case.engine(EngineChoice::Auto, resolution, covered);
     println!(
         "One core, N = 256, best of 5 in turns; hemicubes a second and their ratios. `auto` is what the scene gets."
     );
-    println!("| scene | patches | auto | order | depth | order / depth | brute force | auto / brute |");
-    println!("|---|---|---|---|---|---|---|---|");
+    println!(
+        "| scene | patches | auto | order | claims | depth | order / depth | claims / depth | brute force | auto / brute |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|");
     for case in cases {
         let count = case.hemicubes.len() as f64;
         let mut order = case.engine(EngineChoice::Order, 256, false);
+        let mut claims = case.engine(EngineChoice::Claims, 256, false);
         let mut depth = case.engine(EngineChoice::Depth, 256, false);
         let (t_order, t_depth) = in_turns(&mut order, &mut depth, &case.hemicubes);
-        let own = own(case);
-        let best = if own == EngineChoice::Order {
-            &mut order
-        } else {
-            &mut depth
-        };
-        let (t_best, t_brute) = in_turns(best, &mut case.brute(256), &case.hemicubes);
+        let (t_claims, t_depth_again) = in_turns(&mut claims, &mut depth, &case.hemicubes);
+        let mut best = auto(case, 256, false);
+        let (t_best, t_brute) = in_turns(&mut best, &mut case.brute(256), &case.hemicubes);
         println!(
-            "| {} | {} | {} | {:.0} | {:.0} | {:.2} | {:.0} | {:.2} |",
+            "| {} | {} | {} | {:.0} | {:.0} | {:.0} | {:.2} | {:.2} | {:.0} | {:.2} |",
             case.name,
             case.model.patches().len(),
-            if own == EngineChoice::Order { "order" } else { "depth" },
+            name(&best),
             count / t_order,
+            count / t_claims,
             count / t_depth,
             t_depth / t_order,
+            t_depth_again / t_claims,
             count / t_brute,
             t_brute / t_best,
         );
     }
-    println!("The same with covered weights, as the corrections want them, and what the chosen engine makes of it:");
-    println!("| scene | order | depth | order / depth | N = 1024 / 64 in time | portable / {isa:?} at 256 | at 64 |");
-    println!("|---|---|---|---|---|---|---|");
+    println!("The same with covered weights, as the corrections want them, and what the chosen engines make of it:");
+    println!(
+        "| scene | order | claims | depth | order / depth | claims / depth | at N = 1024 | N = 1024 / 64 in time, engines | portable / {isa:?} at 256 | at 64 |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|");
     for case in cases {
         let count = case.hemicubes.len() as f64;
         let mut order = case.engine(EngineChoice::Order, 256, true);
+        let mut claims = case.engine(EngineChoice::Claims, 256, true);
         let mut depth = case.engine(EngineChoice::Depth, 256, true);
         let (t_order, t_depth) = in_turns(&mut order, &mut depth, &case.hemicubes);
-        let own = own(case);
-        let (t_small, t_large) = in_turns(
-            &mut case.engine(own, 64, true),
-            &mut case.engine(own, 1024, true),
-            &case.hemicubes,
-        );
+        let (t_claims, t_depth_again) = in_turns(&mut claims, &mut depth, &case.hemicubes);
+        let (mut small, mut large) = (auto(case, 64, true), auto(case, 1024, true));
+        let (t_small, t_large) = in_turns(&mut small, &mut large, &case.hemicubes);
+        let mut large_claims = case.engine(EngineChoice::Claims, 1024, true);
+        let mut large_depth = case.engine(EngineChoice::Depth, 1024, true);
+        let fine = &case.hemicubes[..case.hemicubes.len().min(128)];
+        let (t_large_claims, t_large_depth) = in_turns(&mut large_claims, &mut large_depth, fine);
         let portable = [256, 64].map(|n| {
-            let mut plain = case.backend(Isa::Portable, own, Hierarchy::SurfaceArea, n, Culling::On, true);
-            let (t_best, t_plain) = in_turns(&mut case.engine(own, n, true), &mut plain, &case.hemicubes);
+            let mut plain = case.backend(
+                Isa::Portable,
+                EngineChoice::Auto,
+                Hierarchy::SurfaceArea,
+                n,
+                Culling::On,
+                true,
+            );
+            let (t_best, t_plain) = in_turns(&mut auto(case, n, true), &mut plain, &case.hemicubes);
             t_best / t_plain
         });
         println!(
-            "| {} | {:.0} | {:.0} | {:.2} | {:.2} | {:.2} | {:.2} |",
+            "| {} | {:.0} | {:.0} | {:.0} | {:.2} | {:.2} | {:.2} | {:.2}, {} / {} | {:.2} | {:.2} |",
             case.name,
             count / t_order,
+            count / t_claims,
             count / t_depth,
             t_depth / t_order,
+            t_depth_again / t_claims,
+            t_large_depth / t_large_claims,
             t_large / t_small,
+            name(&large),
+            name(&small),
             portable[0],
             portable[1],
         );
