@@ -91,6 +91,9 @@ impl Coverage {
             let whole = low_bits(width);
             for group in 0..self.groups {
                 let rows = &self.rows[column * self.groups + group].0;
+                if rows.iter().fold(whole, |all, bits| all & bits) == whole {
+                    continue;
+                }
                 for (r, bits) in rows.iter().enumerate() {
                     let open = !bits & whole;
                     if open != 0 {
