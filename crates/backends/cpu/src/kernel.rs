@@ -293,7 +293,7 @@ pub(crate) trait Kernel: Send + 'static {
     );
 
     /// On which faces the boxes in `used` of a group may be seen, and on which they are hidden by what is covered; with
-    /// `COVERED`, those that a box touches are asked, and remembered of boxes that may be seen; see [`Self::on_faces`].
+    /// `COVERED`, those that a box touches are asked, and remembered of leaves that may be seen; see [`Self::on_faces`].
     ///
     /// # Safety
     /// The machine has the instruction set.

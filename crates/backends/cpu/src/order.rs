@@ -75,8 +75,6 @@ pub(crate) struct LayerNode {
     pub(crate) child: [u32; BOXES],
     /// Boxes in use.
     pub(crate) used: u8,
-    /// Boxes around a block.
-    pub(crate) leaves: u8,
 }
 
 /// A scene's surfaces in order.
@@ -671,7 +669,7 @@ impl Builder<'_> {
                 let child = if range.len() <= LANES {
                     let lanes = &mut items[range];
                     lanes.sort_unstable_by_key(|&i| (self.geometry.surfaces[self.surface_of(i) as usize].front.0, i));
-                    self.order.layer_nodes[node as usize].leaves |= 1 << l;
+                    self.order.layer_nodes[node as usize].boxes.leaves |= 1 << l;
                     self.push_block(lanes)
                 } else {
                     let child = self.layer_node();
@@ -697,10 +695,10 @@ impl Builder<'_> {
             boxes: BoxGroup {
                 center: [[0.0; BOXES]; 3],
                 half: [[0.0; BOXES]; 3],
+                leaves: 0,
             },
             child: [NONE; BOXES],
             used: 0,
-            leaves: 0,
         });
         #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than fragments")]
         {
@@ -1045,7 +1043,7 @@ mod tests {
             while let Some(at) = pending.pop() {
                 let node = &order.layer_nodes[at as usize];
                 for l in (0..BOXES).filter(|l| node.used >> l & 1 != 0) {
-                    let list = if node.leaves >> l & 1 != 0 {
+                    let list = if node.boxes.leaves >> l & 1 != 0 {
                         &mut seen
                     } else {
                         &mut pending

@@ -334,7 +334,7 @@ impl<K: Kernel> OrderedEngine<K> {
                 let l = used.trailing_zeros() as usize;
                 used &= used - 1;
                 if self.is_worth_it(tested.visible[l], tested.hidden[l]) {
-                    let list = if node.leaves >> l & 1 != 0 {
+                    let list = if node.boxes.leaves >> l & 1 != 0 {
                         prefetch(&order.blocks[node.child[l] as usize]);
                         &mut blocks
                     } else {

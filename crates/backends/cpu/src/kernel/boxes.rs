@@ -147,6 +147,8 @@ pub(crate) struct BoxGroup {
     pub(crate) center: [[f64; BOXES]; 3],
     /// Half the sides.
     pub(crate) half: [[f64; BOXES]; 3],
+    /// Boxes around what is drawn, and not around other boxes: what is covered of them is remembered.
+    pub(crate) leaves: u8,
 }
 
 /// On which faces each box of a group may be seen, and on which of the others it is hidden.
@@ -156,7 +158,7 @@ pub(crate) struct GroupOnFaces {
     pub(crate) hidden: [u8; BOXES],
 }
 
-/// Tests some boxes against what is covered; with `COVERED`, by all pixels that they touch, which are remembered where they may be
+/// Tests some boxes against what is covered; with `COVERED`, by all pixels that they touch, which are remembered of leaves that may be
 /// seen.
 #[inline(always)]
 pub(crate) unsafe fn test_group<L: Lanes, const COVERED: bool>(
@@ -176,7 +178,8 @@ pub(crate) unsafe fn test_group<L: Lanes, const COVERED: bool>(
         // SAFETY: the caller's promise.
         unsafe { L::on_faces(&center, &half, frame, resolution, faces, COVERED, &mut one) };
         out.visible[l] = one.at_eye;
-        if COVERED && one.at_eye != 0 {
+        let remember = COVERED && group.leaves >> l & 1 != 0;
+        if remember && one.at_eye != 0 {
             // So near that it has no pixels to ask for.
             coverage.remember(coverage.all());
         }
@@ -186,7 +189,7 @@ pub(crate) unsafe fn test_group<L: Lanes, const COVERED: bool>(
             boxed &= boxed - 1;
             let pixels = [one.x0[face], one.x1[face], one.y0[face], one.y1[face]];
             // SAFETY: the caller's promise.
-            unsafe { test_pixels::<L, COVERED>(pixels, Face::ALL[face], coverage, l, &mut out) };
+            unsafe { test_pixels::<L>(pixels, Face::ALL[face], coverage, remember, l, &mut out) };
         }
     }
     out
@@ -194,10 +197,11 @@ pub(crate) unsafe fn test_group<L: Lanes, const COVERED: bool>(
 
 /// Tests the pixels of a box on a face.
 #[inline(always)]
-unsafe fn test_pixels<L: Lanes, const COVERED: bool>(
+unsafe fn test_pixels<L: Lanes>(
     pixels: [i32; 4],
     face: Face,
     coverage: &mut Coverage,
+    remember: bool,
     l: usize,
     out: &mut GroupOnFaces,
 ) {
@@ -210,7 +214,7 @@ unsafe fn test_pixels<L: Lanes, const COVERED: bool>(
         out.hidden[l] |= 1 << face as u8;
     } else {
         out.visible[l] |= 1 << face as u8;
-        if COVERED {
+        if remember {
             coverage.remember(pixels);
         }
     }
@@ -291,7 +295,7 @@ pub(super) unsafe fn test_group_avx512<L: Lanes, const COVERED: bool>(
             }
             let mut at_eye = inside & _mm512_cmp_pd_mask::<_CMP_LE_OQ>(w0, _mm512_mul_pd(all(NEAREST), w1));
             let inside = inside & !at_eye;
-            if COVERED && at_eye != 0 && !remembered_all {
+            if COVERED && at_eye & group.leaves != 0 && !remembered_all {
                 coverage.remember(coverage.all());
                 remembered_all = true;
             }
@@ -331,7 +335,8 @@ pub(super) unsafe fn test_group_avx512<L: Lanes, const COVERED: bool>(
             while pending != 0 {
                 let l = pending.trailing_zeros() as usize;
                 pending &= pending - 1;
-                test_pixels::<L, COVERED>(pixels.map(|p| p[l]), face, coverage, l, &mut out);
+                let remember = COVERED && group.leaves >> l & 1 != 0;
+                test_pixels::<L>(pixels.map(|p| p[l]), face, coverage, remember, l, &mut out);
             }
         }
     }
@@ -690,7 +695,7 @@ mod tests {
             (faces, used) in (0u8..32, any::<u8>()),
             touched in any::<bool>(),
         ) {
-            let mut group = BoxGroup { center: [[0.0; BOXES]; 3], half: [[0.0; BOXES]; 3] };
+            let mut group = BoxGroup { center: [[0.0; BOXES]; 3], half: [[0.0; BOXES]; 3], leaves: 0b1010_0110 };
             for (l, (center, half)) in boxes.iter().enumerate() {
                 for c in 0..3 {
                     (group.center[c][l], group.half[c][l]) = (center[c], half[c]);
