@@ -1132,27 +1132,40 @@ fn flat_rows(lines: &EdgeLines, y: f64, mut rows: u8) -> u8 {
     rows
 }
 
+/// The spans of eight rows from `y` on, and which of them have pixels of a triangle's box.
+#[inline(always)]
+unsafe fn spans_within<L: Lanes>(
+    lines: &EdgeLines,
+    y: usize,
+    pixels: PixelBox,
+    starts: &mut [i32; GROUP],
+    ends: &mut [i32; GROUP],
+) -> u8 {
+    let (x0, x1) = (f64::from(pixels.x0), f64::from(pixels.x1));
+    let (y0, y1) = (bits::at(pixels.y0), bits::at(pixels.y1));
+    // SAFETY: the caller's promise.
+    let mut rows = unsafe { L::spans(lines, y as f64, x0, x1, starts, ends) };
+    if lines.any_flat {
+        rows = flat_rows(lines, y as f64, rows);
+    }
+    if y < y0 {
+        rows &= u8::MAX << (y0 - y);
+    }
+    if y + GROUP > y1 {
+        rows &= u8::MAX >> (y + GROUP - y1);
+    }
+    rows
+}
+
 /// Walks the spans of one triangle on one face: `each(atlas row offset within the face, start, end)`.
 #[inline(always)]
 unsafe fn walk<L: Lanes>(lines: &EdgeLines, pixels: PixelBox, mut each: impl FnMut(usize, usize, usize)) {
     let mut starts = [0i32; GROUP];
     let mut ends = [0i32; GROUP];
-    let (x0, x1) = (f64::from(pixels.x0), f64::from(pixels.x1));
-    #[allow(clippy::cast_sign_loss, reason = "a pixel box lies within its face")]
-    let (y0, y1) = (pixels.y0 as usize, pixels.y1 as usize);
-    let mut y = y0 / GROUP * GROUP;
-    while y < y1 {
+    let mut y = bits::at(pixels.y0) / GROUP * GROUP;
+    while y < bits::at(pixels.y1) {
         // SAFETY: the caller's promise.
-        let mut rows = unsafe { L::spans(lines, y as f64, x0, x1, &mut starts, &mut ends) };
-        if lines.any_flat {
-            rows = flat_rows(lines, y as f64, rows);
-        }
-        if y < y0 {
-            rows &= u8::MAX << (y0 - y);
-        }
-        if y + GROUP > y1 {
-            rows &= u8::MAX >> (y + GROUP - y1);
-        }
+        let mut rows = unsafe { spans_within::<L>(lines, y, pixels, &mut starts, &mut ends) };
         while rows != 0 {
             let r = rows.trailing_zeros() as usize;
             rows &= rows - 1;

@@ -4,7 +4,8 @@
 //! Spans are those of engine 1, to the bit.
 
 use super::{
-    Boxes, Frame, GROUP, Lanes, PixelBox, Transformed, boxes, clipped_box, edge_lines, flat_rows, in_frame, three, walk,
+    Boxes, Frame, GROUP, Lanes, PixelBox, Transformed, boxes, clipped_box, edge_lines, flat_rows, in_frame,
+    spans_within, three, walk,
 };
 use crate::order::Lines;
 use hemicube::face::Face;
@@ -505,22 +506,17 @@ pub(super) unsafe fn draw_lane<L: Lanes, const COVERED: bool>(
     let mut drawn = DrawnLane::default();
     let mut starts = [0i32; GROUP];
     let mut ends = [0i32; GROUP];
-    let (x0, x1) = (f64::from(left), f64::from(right));
-    let (left_pixel, right_pixel, y0, y1) = (at(left), at(right) - 1, at(low), at(high));
-    let (first, last) = (left_pixel / WIDTH, right_pixel / WIDTH);
-    let mut y = y0 / GROUP * GROUP;
-    while y < y1 {
+    let pixels = PixelBox {
+        x0: left,
+        x1: right,
+        y0: low,
+        y1: high,
+    };
+    let (first, last) = (at(left) / WIDTH, (at(right) - 1) / WIDTH);
+    let mut y = at(low) / GROUP * GROUP;
+    while y < at(high) {
         // SAFETY: the caller's promise.
-        let mut rows = unsafe { L::spans(&lines, y as f64, x0, x1, &mut starts, &mut ends) };
-        if lines.any_flat {
-            rows = flat_rows(&lines, y as f64, rows);
-        }
-        if y < y0 {
-            rows &= u8::MAX << (y0 - y);
-        }
-        if y + GROUP > y1 {
-            rows &= u8::MAX >> (y + GROUP - y1);
-        }
+        let rows = unsafe { spans_within::<L>(&lines, y, pixels, &mut starts, &mut ends) };
         if rows != 0 {
             let group = (first_row + y) / GROUP;
             let mut visible = [Rows([0; GROUP]); MOST_COLUMNS];

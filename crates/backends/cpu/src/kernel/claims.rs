@@ -7,8 +7,8 @@
 
 use super::bits::{Coverage, MOST_COLUMNS, Rows, WIDTH, all_covered, at, low_bits, weight_of};
 use super::{
-    Drawn, EdgeLines, GROUP, Lanes, PixelBox, Plane, Sums, Transformed, boxes, edge_lines, flat_rows, greater,
-    lane_box, plane, smaller,
+    Drawn, EdgeLines, GROUP, Lanes, PixelBox, Plane, Sums, Transformed, boxes, edge_lines, greater, lane_box, plane,
+    smaller, spans_within,
 };
 use hemicube::face::Face;
 use hemicube::tree::LANES;
@@ -551,7 +551,6 @@ unsafe fn claim<L: Lanes, const COUNT: bool>(
     let resolution = claims.coverage.resolution;
     let mut starts = [0i32; GROUP];
     let mut ends = [0i32; GROUP];
-    let (left, right) = (f64::from(pixels.x0), f64::from(pixels.x1));
     let (x0, x1, y0, y1) = (at(pixels.x0), at(pixels.x1) - 1, at(pixels.y0), at(pixels.y1));
     let (first, last) = (x0 / WIDTH, x1 / WIDTH);
     #[allow(clippy::cast_possible_truncation, reason = "fewer claimants than fragments")]
@@ -561,16 +560,7 @@ unsafe fn claim<L: Lanes, const COUNT: bool>(
     let mut y = y0 / GROUP * GROUP;
     while y < y1 {
         // SAFETY: the caller's promise.
-        let mut rows = unsafe { L::spans(lines, y as f64, left, right, &mut starts, &mut ends) };
-        if lines.any_flat {
-            rows = flat_rows(lines, y as f64, rows);
-        }
-        if y < y0 {
-            rows &= u8::MAX << (y0 - y);
-        }
-        if y + GROUP > y1 {
-            rows &= u8::MAX >> (y + GROUP - y1);
-        }
+        let rows = unsafe { spans_within::<L>(lines, y, pixels, &mut starts, &mut ends) };
         if rows == 0 {
             y += GROUP;
             continue;
