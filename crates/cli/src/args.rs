@@ -321,10 +321,11 @@ pub(crate) struct EngineSettings {
     /// An option of the backend, such as `device=1` (repeatable)
     #[arg(long, value_name = "KEY=VALUE", hide_short_help = true)]
     pub(crate) backend_option: Vec<String>,
-    /// How the CPU backend finds what is visible: by depth, for any scene, or in order, for polygonal ones
+    /// How the CPU backend finds what is visible: by depth, for any scene, in order, for polygonal ones, or by claims, which
+    /// gives the rows of depth and is faster where hemicubes are fine
     #[arg(
         long,
-        value_name = "auto|depth|order",
+        value_name = "auto|depth|order|claims",
         default_value = "auto",
         hide_possible_values = true,
         hide_short_help = true

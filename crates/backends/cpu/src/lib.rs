@@ -255,23 +255,23 @@ impl CpuBackend {
         })
     }
 
-    /// The engine that was asked for, or order or depth as the scene suits it, and why.
+    /// The engine that was asked for, or order or depth as the scene suits it, and why, to follow its name.
     fn way(&self, geometry: &Geometry) -> Result<(Way, String), BackendError> {
         let found = match self.choice {
-            EngineChoice::Depth => return Ok((Way::Depth, "engine depth, as asked".to_owned())),
-            EngineChoice::Claims => return Ok((Way::Claims, "engine claims, as asked".to_owned())),
+            EngineChoice::Depth => return Ok((Way::Depth, ", as asked".to_owned())),
+            EngineChoice::Claims => return Ok((Way::Claims, ", as asked".to_owned())),
             EngineChoice::Order => geometry.kept(AnyOrder::new).0.clone(),
             EngineChoice::Auto => geometry.kept(SuitableOrder::new).0.clone(),
         };
         match found {
             Ok(order) => {
-                let reason = format!("engine order: {order}");
+                let reason = format!(": {order}");
                 Ok((Way::Order(order), reason))
             }
             Err(reason) if self.choice == EngineChoice::Order => Err(BackendError::Unsupported(format!(
                 "engine order does not suit this scene: {reason}; take engine auto, claims or depth"
             ))),
-            Err(reason) => Ok((Way::Depth, format!("engine depth: {reason}"))),
+            Err(reason) => Ok((Way::Depth, format!(": {reason}"))),
         }
     }
 
@@ -483,21 +483,22 @@ impl HemicubeBackend for CpuBackend {
                 way = Way::Depth;
                 rendered.culling = Culling::Off;
                 reason = format!(
-                    "engine depth, everything drawn: patches see {:.0} % of the scene",
+                    ", everything drawn: patches see {:.0} % of the scene",
                     100.0 * look.share
                 );
             } else if matches!(way, Way::Depth) && settings.culling == Culling::On && pixels >= PIXELS_TO_CLAIM {
                 way = Way::Claims;
-                reason = format!("{reason}; engine claims, with its rows: {pixels:.0} pixels a triangle");
+                reason = format!("{reason}, and {pixels:.0} pixels a triangle");
             }
         }
-        // Claims are settled by the depths of engine 1, to the bit.
-        self.info.version = match way {
-            Way::Order(_) => "order-1",
-            Way::Depth | Way::Claims => "depth-2",
-        }
-        .to_owned();
-        self.reason = reason;
+        let (engine, version) = match way {
+            Way::Depth => ("depth", "depth-2"),
+            Way::Order(_) => ("order", "order-1"),
+            // Settled by the depths of engine 1, to the bit.
+            Way::Claims => ("claims", "depth-2"),
+        };
+        self.info.version = version.to_owned();
+        self.reason = format!("engine {engine}{reason}");
         let shared = Arc::new(Shared {
             way,
             tree: match self.hierarchy {
