@@ -616,7 +616,7 @@ fn measure(
             Ok("Depth") => EngineChoice::Depth,
             Ok("Order") => EngineChoice::Order,
             Ok("Claims") => EngineChoice::Claims,
-            Ok(other) => panic!("ENGINE is Depth or Order, not {other}"),
+            Ok(other) => panic!("ENGINE is Depth, Order or Claims, not {other}"),
             Err(_) => EngineChoice::Auto,
         };
         let backend = Box::new(CpuBackend::new().with_engine(engine));

@@ -1,7 +1,7 @@
 //! Hemicubes a second of one thread on a scene: `rate KIND PATCHES [RESOLUTION] [ROWS]`, KIND a generated scene or a
 //! file, PATCHES a target count or, for a file, into how many each edge is cut.
 //!
-//! `ISA=Avx512|Avx2|Portable` and `ENGINE=Depth|Order` leave out the others; with `COVERED=1` only rows with covered weights
+//! `ISA=Avx512|Avx2|Portable` and `ENGINE=Depth|Claims|Order` leave out the others; with `COVERED=1` only rows with covered weights
 //! are measured.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 

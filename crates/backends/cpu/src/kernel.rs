@@ -422,7 +422,7 @@ pub(crate) trait Lanes {
         items: &mut Chunk<u32>,
         mask: u16,
         base: f64,
-        plane: &DepthPlane,
+        depths: &DepthPlane,
         id: u32,
     ) -> bool;
 
@@ -512,7 +512,7 @@ pub(crate) trait Lanes {
     }
 
     /// Covers the part of eight spans that lies in one column of words: `shows` is what nothing covered before, `over` what
-    /// something did. Returns the rows that have any of the two.
+    /// something did. Returns the rows that have any of the first, and those that have any of the second.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -1269,7 +1269,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
         for (i, s) in steps.iter_mut().enumerate() {
             *s = plane.x * i as f64;
         }
-        let plane = DepthPlane { steps, plane };
+        let depths = DepthPlane { steps, plane };
         let mut covered = 0;
         // SAFETY: the caller's promise.
         unsafe {
@@ -1277,7 +1277,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
                 if COUNT {
                     covered += end - start;
                 }
-                let row_depth = plane.plane.constant + plane.plane.y * row as f64;
+                let row_depth = depths.plane.constant + depths.plane.y * row as f64;
                 let atlas_row = first_row + row;
                 let row_chunk = atlas_row * chunks_per_row;
                 let tile_row = atlas_row / GROUP * chunks_per_row;
@@ -1288,9 +1288,9 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
                     if chunk == last {
                         mask &= u16::MAX >> (LANES - 1 - (end - 1) % LANES);
                     }
-                    let base = row_depth + plane.plane.x * (chunk * LANES) as f64;
+                    let base = row_depth + depths.plane.x * (chunk * LANES) as f64;
                     let at = row_chunk + chunk;
-                    if L::test(&mut target.depth[at], &mut target.items[at], mask, base, &plane, id) {
+                    if L::test(&mut target.depth[at], &mut target.items[at], mask, base, &depths, id) {
                         target.dirty[tile_row + chunk] = true;
                     }
                     if chunk == last {
@@ -1420,7 +1420,7 @@ impl Lanes for Portable {
         items: &mut Chunk<u32>,
         mask: u16,
         base: f64,
-        plane: &DepthPlane,
+        depths: &DepthPlane,
         id: u32,
     ) -> bool {
         let mut any = false;
@@ -1429,9 +1429,9 @@ impl Lanes for Portable {
             let l = left.trailing_zeros() as usize;
             left &= left - 1;
             #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
-            let z = (base + plane.steps[l]) as f32;
-            let z = if z > plane.plane.low { z } else { plane.plane.low };
-            let z = if z < plane.plane.high { z } else { plane.plane.high };
+            let z = (base + depths.steps[l]) as f32;
+            let z = if z > depths.plane.low { z } else { depths.plane.low };
+            let z = if z < depths.plane.high { z } else { depths.plane.high };
             let old = depth.0[l];
             if z > old || (z == old && id < items.0[l]) {
                 depth.0[l] = z;
@@ -1792,17 +1792,17 @@ pub(crate) mod x86 {
             items: &mut Chunk<u32>,
             mask: u16,
             base: f64,
-            plane: &DepthPlane,
+            depths: &DepthPlane,
             id: u32,
         ) -> bool {
             // SAFETY: the caller's promise of the instruction set; chunks are 16 lanes, aligned to 64 bytes.
             unsafe {
                 let base = _mm512_set1_pd(base);
-                let near = _mm512_cvtpd_ps(_mm512_add_pd(base, _mm512_load_pd(plane.steps.as_ptr())));
-                let far = _mm512_cvtpd_ps(_mm512_add_pd(base, _mm512_load_pd(plane.steps.as_ptr().add(8))));
+                let near = _mm512_cvtpd_ps(_mm512_add_pd(base, _mm512_load_pd(depths.steps.as_ptr())));
+                let far = _mm512_cvtpd_ps(_mm512_add_pd(base, _mm512_load_pd(depths.steps.as_ptr().add(8))));
                 let z = _mm512_insertf32x8::<1>(_mm512_castps256_ps512(near), far);
-                let z = _mm512_max_ps(z, _mm512_set1_ps(plane.plane.low));
-                let z = _mm512_min_ps(z, _mm512_set1_ps(plane.plane.high));
+                let z = _mm512_max_ps(z, _mm512_set1_ps(depths.plane.low));
+                let z = _mm512_min_ps(z, _mm512_set1_ps(depths.plane.high));
                 let old = _mm512_load_ps(depth.0.as_ptr());
                 let mut won = _mm512_mask_cmp_ps_mask::<_CMP_GT_OQ>(mask, z, old);
                 let equal = _mm512_mask_cmp_ps_mask::<_CMP_EQ_OQ>(mask, z, old);
@@ -1942,7 +1942,7 @@ pub(crate) mod x86 {
             items: &mut Chunk<u32>,
             mask: u16,
             base: f64,
-            plane: &DepthPlane,
+            depths: &DepthPlane,
             id: u32,
         ) -> bool {
             // SAFETY: the caller's promise of the instruction set; each half is eight of the sixteen lanes, aligned to
@@ -1956,13 +1956,13 @@ pub(crate) mod x86 {
                     let wanted = _mm256_cmpeq_epi32(_mm256_and_si256(wanted, bits), bits);
                     let depth_at = depth.0.as_mut_ptr().add(8 * half);
                     let items_at = items.0.as_mut_ptr().add(8 * half).cast::<__m256i>();
-                    let steps = plane.steps.as_ptr().add(8 * half);
+                    let steps = depths.steps.as_ptr().add(8 * half);
                     let base = _mm256_set1_pd(base);
                     let near = _mm256_cvtpd_ps(_mm256_add_pd(base, _mm256_load_pd(steps)));
                     let far = _mm256_cvtpd_ps(_mm256_add_pd(base, _mm256_load_pd(steps.add(4))));
                     let z = _mm256_set_m128(far, near);
-                    let z = _mm256_max_ps(z, _mm256_set1_ps(plane.plane.low));
-                    let z = _mm256_min_ps(z, _mm256_set1_ps(plane.plane.high));
+                    let z = _mm256_max_ps(z, _mm256_set1_ps(depths.plane.low));
+                    let z = _mm256_min_ps(z, _mm256_set1_ps(depths.plane.high));
                     let old = _mm256_load_ps(depth_at);
                     let old_id = _mm256_load_si256(items_at);
                     let nearer = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_GT_OQ>(z, old));
@@ -2385,17 +2385,17 @@ mod tests {
             for (i, s) in steps.iter_mut().enumerate() {
                 *s = step * i as f64;
             }
-            let plane = DepthPlane { steps, plane: Plane { low: 0.25, high: 1.75, x: 0.0, y: 0.0, constant: 0.0 } };
-            fn run<L: Lanes>(old: [f32; 16], old_ids: [u32; 16], mask: u16, base: f64, plane: &DepthPlane, id: u32) -> ([u32; 16], [u32; 16], bool) {
+            let depths = DepthPlane { steps, plane: Plane { low: 0.25, high: 1.75, x: 0.0, y: 0.0, constant: 0.0 } };
+            fn run<L: Lanes>(old: [f32; 16], old_ids: [u32; 16], mask: u16, base: f64, depths: &DepthPlane, id: u32) -> ([u32; 16], [u32; 16], bool) {
                 let (mut depth, mut items) = (Chunk(old), Chunk(old_ids));
                 // SAFETY: callers checked the machine for L's instruction set.
-                let any = unsafe { L::test(&mut depth, &mut items, mask, base, plane, id) };
+                let any = unsafe { L::test(&mut depth, &mut items, mask, base, depths, id) };
                 (depth.0.map(f32::to_bits), items.0, any)
             }
             same_on_every_instruction_set(
-                run::<Portable>(old, old_ids, mask, base, &plane, id),
-                || run::<x86::Avx2>(old, old_ids, mask, base, &plane, id),
-                || run::<x86::Avx512>(old, old_ids, mask, base, &plane, id),
+                run::<Portable>(old, old_ids, mask, base, &depths, id),
+                || run::<x86::Avx2>(old, old_ids, mask, base, &depths, id),
+                || run::<x86::Avx512>(old, old_ids, mask, base, &depths, id),
             )?;
         }
 

@@ -370,6 +370,7 @@ impl Look {
     fn new(geometry: &Arc<Geometry>, isa: Isa) -> Self {
         let surfaces = &geometry.surfaces;
         if surfaces.len() < LEAST_TO_LOOK_AT {
+            // More than all of them are hardly ever drawn.
             return Self {
                 share: 0.0,
                 drawn: surfaces.len() as f64,
