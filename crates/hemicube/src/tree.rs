@@ -218,7 +218,7 @@ impl Tree {
     }
 
     /// A tree of any surfaces with ids below `patch_count`, by the surface area heuristic.
-    pub(crate) fn of_surfaces(surfaces: &[Surface], patch_count: u32, plane_tolerance: f64) -> Self {
+    pub fn of_surfaces(surfaces: &[Surface], patch_count: u32, plane_tolerance: f64) -> Self {
         let mut tree = Self::empty(surfaces.len(), patch_count, plane_tolerance);
         tree.cut_by_surface_area(surfaces);
         tree.measure();

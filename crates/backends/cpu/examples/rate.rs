@@ -2,7 +2,7 @@
 //! file, PATCHES a target count or, for a file, into how many each edge is cut.
 //!
 //! `ISA=Avx512|Avx2|Portable` and `ENGINE=Depth|Claims|Order` leave out the others; with `COVERED=1` only rows with covered weights
-//! are measured.
+//! are measured; with `WHOLE=0` triangles that were cut are drawn patch by patch.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 mod clock;
@@ -72,6 +72,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 continue;
             };
             let mut backend = backend.with_engine(engine);
+            if std::env::var("WHOLE").is_ok_and(|w| w == "0") {
+                backend = backend.patch_by_patch();
+            }
             let start = Instant::now();
             backend.load(
                 model.geometry(),

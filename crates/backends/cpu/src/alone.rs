@@ -1,6 +1,7 @@
 //! What patches would cover alone, sixteen at a time.
 
 use crate::Shared;
+use crate::engine::ALL_FACES;
 use crate::kernel::{Frame, Kernel, Transformed};
 use hemicube::face::Face;
 use hemicube::tree::{Block, LANES, UNUSED};
@@ -31,13 +32,11 @@ impl<K: Kernel> Alone<K> {
 
     /// Pixels and weight of each patch, in order.
     pub(crate) fn count(&mut self, shared: &Shared, frame: &Frame, patches: &[u32]) -> &[(u32, u32)] {
-        let tree = &shared.tree;
         let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
         self.counts.clear();
         for patches in patches.chunks(LANES) {
             for (lane, &patch) in patches.iter().enumerate() {
-                let slot = tree.slot_of_patch[patch as usize] as usize;
-                let (block, from) = (&tree.blocks[slot / LANES], slot % LANES);
+                let (block, from) = shared.surface_of(patch);
                 for (to, corners) in self.block.corners.iter_mut().zip(&block.corners) {
                     to[lane] = corners[from];
                 }
@@ -50,7 +49,7 @@ impl<K: Kernel> Alone<K> {
             unsafe {
                 K::transform(&self.block, frame, &mut self.triangles);
                 let lanes = u16::MAX >> (LANES - patches.len());
-                K::cover_lanes(&self.triangles, lanes, resolution, top, side, &mut counts);
+                K::cover_lanes(&self.triangles, lanes, ALL_FACES, resolution, top, side, &mut counts);
             }
             self.counts.extend(&counts[..patches.len()]);
         }

@@ -1,7 +1,9 @@
 //! What engines 1 and 3 draw into: the nearest surface at each pixel, as depths and ids, or as claims.
 
 use crate::Shared;
-use crate::kernel::{Claims, Drawn, GROUP, Kernel, Reduction, Sums, Target, Transformed, is_small};
+use crate::kernel::{
+    Claims, Coverage, Drawn, GROUP, Kernel, Noted, Reduction, Sums, Target, Transformed, face_of_row, is_small,
+};
 use hemicube::backend::Culling;
 use hemicube::face::Face;
 use hemicube::tree::LANES;
@@ -32,8 +34,29 @@ pub(crate) trait Buffer {
     /// The id of what is seen at a pixel, and its 1/w.
     fn seen_at(&self, row: usize, column: usize) -> (u32, f32);
 
-    /// Adds up what each id shows, and clears the buffer for the next hemicube.
+    /// Adds up what each id shows. Where the scene has triangles that were cut, it is known from then on which pixels each of them
+    /// shows, until it is forgotten; else the buffer may be cleared.
     fn reduce<K: Kernel>(&mut self, shared: &Shared, sums: &mut Sums);
+
+    /// Uncovers in `coverage` the pixels that a triangle that was cut shows, by its id; returns the faces that they are on.
+    fn open(&self, id: u32, coverage: &mut Coverage) -> u8;
+
+    /// Covers them.
+    fn close(&self, id: u32, coverage: &mut Coverage);
+
+    /// Forgets what it shows.
+    fn forget(&mut self, id: u32);
+
+    /// Clears the buffer for the next hemicube; what triangles that were cut show has been forgotten.
+    fn clear(&mut self);
+}
+
+/// The ids that triangles that were cut are drawn with.
+fn noted(shared: &Shared) -> Noted {
+    match &shared.wholes {
+        Some(wholes) => Noted::new(nothing(shared) as usize + 1, wholes.ids_of_cut()),
+        None => Noted::default(),
+    }
 }
 
 /// One id above the patches is "blocked", the next is "nothing".
@@ -60,7 +83,12 @@ impl Target {
 impl Buffer for Target {
     fn new(shared: &Shared) -> Self {
         let settings = &shared.settings;
-        Self::new(settings.resolution, nothing(shared), settings.culling == Culling::On)
+        Self::new(
+            settings.resolution,
+            nothing(shared),
+            settings.culling == Culling::On,
+            noted(shared),
+        )
     }
 
     fn draw<K: Kernel, const COUNT: bool>(
@@ -108,12 +136,45 @@ impl Buffer for Target {
         // SAFETY: `Isa::available` checked the machine for K's instruction set before an engine was made.
         unsafe { K::reduce(self, Reduction { top, side, sums }) };
     }
+
+    fn open(&self, id: u32, coverage: &mut Coverage) -> u8 {
+        let mut faces = 0;
+        for place in self.noted.of(id) {
+            let run = &self.runs[place];
+            coverage.open_span(run.row as usize, usize::from(run.start), usize::from(run.end));
+            faces |= face_of_row(run.row as usize, self.resolution);
+        }
+        faces
+    }
+
+    fn close(&self, id: u32, coverage: &mut Coverage) {
+        for place in self.noted.of(id) {
+            let run = &self.runs[place];
+            coverage.cover_span(run.row as usize, usize::from(run.start), usize::from(run.end));
+        }
+    }
+
+    fn forget(&mut self, id: u32) {
+        self.noted.forget(id);
+    }
+
+    fn clear(&mut self) {
+        // Where nothing is noted, the reduction did it.
+        if self.noted.any() {
+            self.clear_all();
+        }
+    }
 }
 
 impl Buffer for Claims {
     fn new(shared: &Shared) -> Self {
         let settings = &shared.settings;
-        Self::new(settings.resolution, nothing(shared), settings.culling == Culling::On)
+        Self::new(
+            settings.resolution,
+            nothing(shared),
+            settings.culling == Culling::On,
+            noted(shared),
+        )
     }
 
     fn draw<K: Kernel, const COUNT: bool>(
@@ -145,5 +206,21 @@ impl Buffer for Claims {
 
     fn reduce<K: Kernel>(&mut self, shared: &Shared, sums: &mut Sums) {
         self.reduce(shared.table.running(Face::Top), shared.table.running(Face::PosX), sums);
+    }
+
+    fn open(&self, id: u32, coverage: &mut Coverage) -> u8 {
+        self.each_of(id, coverage, |covered, shows| *covered &= !shows)
+    }
+
+    fn close(&self, id: u32, coverage: &mut Coverage) {
+        self.each_of(id, coverage, |covered, shows| *covered |= shows);
+    }
+
+    fn forget(&mut self, id: u32) {
+        self.forget(id);
+    }
+
+    fn clear(&mut self) {
+        self.clear();
     }
 }

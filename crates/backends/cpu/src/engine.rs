@@ -4,7 +4,10 @@
 use crate::Shared;
 use crate::alone::Alone;
 use crate::buffer::Buffer;
-use crate::kernel::{Centroids, Chunk, Frame, Kernel, OnFaces, Sums, Target, Transformed, prefetch, three};
+use crate::kernel::{
+    Centroids, Coverage, Frame, Kernel, OnFaces, Shown, Sums, Target, Transformed, Turns, prefetch, three, tiny_slack,
+};
+use crate::whole::{Whole, Wholes};
 use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Counters, Culling, Hemicube, WHOLE};
@@ -26,6 +29,13 @@ pub(crate) struct Engine<K, B> {
     drawn: Vec<DrawnBlock>,
     hemicube: u32,
     tiny_candidates: Vec<TinyCandidate>,
+    /// All is covered but, for the moment, what one triangle that was cut shows.
+    open: Coverage,
+    wholes_drawn: Vec<DrawnWhole>,
+    /// For each whole the faces that it may be on; 0 for those that were not drawn.
+    faces_of_whole: Vec<u8>,
+    ids: Vec<(u32, u32, u32)>,
+    entries: Vec<Entry>,
     on_faces: OnFaces,
     centroids: Box<Centroids>,
     tiny: Vec<u32>,
@@ -33,6 +43,8 @@ pub(crate) struct Engine<K, B> {
     /// Patches of which it is to be counted what they cover alone.
     uncounted: Vec<u32>,
     alone: Alone<K>,
+    /// What stands for blocked: one above all patches.
+    blocked: u32,
     counters: Counters,
     kernel: PhantomData<K>,
 }
@@ -56,12 +68,68 @@ struct DrawnBlock {
     pixels: [u32; LANES],
 }
 
+/// A triangle that was cut, was drawn and may be seen, if only in part between pixel centres.
+#[derive(Clone, Copy, Debug)]
+struct DrawnWhole {
+    whole: u32,
+    id: u32,
+    /// The faces that may have pixels of it.
+    faces: u8,
+    pixels: Pixels,
+}
+
+/// Whether a triangle covers the centre of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pixels {
+    /// It does, or it is so far behind that it does not matter.
+    Some,
+    None,
+    Unknown,
+}
+
+/// What is known of the lanes of a block that was drawn.
+#[derive(Clone, Copy, Debug)]
+struct LanesOn {
+    /// Those that can be seen at all.
+    live: u16,
+    /// Those that each face may have pixels of.
+    on: [u16; Face::ALL.len()],
+    /// Those that are hidden on some face, even where what is about as near may be seen.
+    behind: u16,
+    /// Those that were not found to cover a pixel.
+    without: u16,
+    /// Those that were left out on some face, so that this does not say much.
+    incomplete: u16,
+}
+
+/// An entry of the row being made.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    patch: u32,
+    visible: u32,
+    /// Or [`UNCOUNTED`].
+    covered: u32,
+}
+
+impl Entry {
+    fn new(patch: u32, visible: u32, covered: u32) -> Self {
+        Self {
+            patch,
+            visible,
+            covered,
+        }
+    }
+}
+
+/// Stands for a covered weight that is to be counted: more than all pixels have.
+const UNCOUNTED: u32 = u32::MAX;
+
 /// A patch that was drawn and covered no pixel centre.
 #[derive(Clone, Copy, Debug)]
 struct TinyCandidate {
     patch: u32,
-    block: u32,
-    lane: u8,
+    /// Whether it is still to be shown that it covers none: it was left out on some face.
+    unproved: bool,
     /// The pixel of its centroid, in the atlas.
     row: u32,
     column: u32,
@@ -93,12 +161,22 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             ],
             hemicube: 0,
             tiny_candidates: Vec::new(),
+            open: Coverage::full(if shared.wholes.is_some() {
+                shared.settings.resolution
+            } else {
+                0
+            }),
+            wholes_drawn: Vec::new(),
+            faces_of_whole: vec![0; shared.wholes.as_ref().map_or(0, |wholes| wholes.len())],
+            ids: Vec::new(),
+            entries: Vec::new(),
             on_faces: OnFaces::new(),
             centroids: Box::new(Centroids::new()),
             tiny: Vec::new(),
             row: Vec::new(),
             uncounted: Vec::new(),
             alone: Alone::new(),
+            blocked: patch_count,
             counters: Counters::default(),
             kernel: PhantomData,
         }
@@ -118,10 +196,10 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
 
     fn row<const COVERED: bool>(&mut self, shared: &Shared, hemicube: &Hemicube, out: &mut RowBlock) {
         let tree = &shared.tree;
-        let frame = frame(tree, hemicube);
+        let frame = frame(shared, hemicube);
         let drawn_before = self.counters.triangles_drawn;
         self.render::<COVERED>(shared, &frame);
-        if COVERED {
+        if COVERED && shared.wholes.is_none() {
             self.find_tiny(shared, &frame);
         }
         if self.counters.triangles_drawn == drawn_before && self.tiny.is_empty() {
@@ -130,6 +208,11 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             return;
         }
         self.buffer.reduce::<K>(shared, &mut self.sums);
+        if let Some(wholes) = &shared.wholes {
+            self.row_of_wholes::<COVERED>(shared, wholes, &frame, out);
+            return;
+        }
+        self.buffer.clear();
 
         let (mut escaped, mut blocked) = (0, 0);
         if !COVERED {
@@ -176,6 +259,235 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         out.end_row(escaped, blocked);
     }
 
+    /// The row of what was rendered and reduced, where triangles that were cut were drawn as they were before.
+    fn row_of_wholes<const COVERED: bool>(
+        &mut self,
+        shared: &Shared,
+        wholes: &Wholes,
+        frame: &Frame,
+        out: &mut RowBlock,
+    ) {
+        let patch_count = shared.tree.patch_count;
+        for drawn in &self.wholes_drawn {
+            self.faces_of_whole[drawn.whole as usize] = drawn.faces;
+        }
+        let mut ids = std::mem::take(&mut self.ids);
+        let mut entries = std::mem::take(&mut self.entries);
+        self.sums.drain(|id, pixels, weight| ids.push((id, pixels, weight)));
+        let (mut escaped, mut blocked) = (0, 0);
+        for (id, pixels, weight) in ids.drain(..) {
+            if id >= patch_count {
+                *(if id == patch_count { &mut blocked } else { &mut escaped }) = weight;
+            } else if let Some(whole) = wholes.cut(id) {
+                let faces = self.faces_of_whole[whole as usize];
+                self.share::<COVERED>(
+                    shared,
+                    wholes,
+                    frame,
+                    (id, weight),
+                    faces,
+                    wholes.get(whole),
+                    &mut entries,
+                );
+            } else {
+                let is_known = COVERED && self.covers(&shared.tree, id, pixels);
+                entries.push(Entry::new(id, weight, if is_known { weight } else { UNCOUNTED }));
+            }
+        }
+        if COVERED {
+            self.find_tiny_wholes(shared, wholes, frame);
+            self.find_tiny(shared, frame);
+        }
+        self.buffer.clear();
+        self.end_row::<COVERED>(shared, frame, &entries, (escaped, blocked), out);
+        entries.clear();
+        (self.ids, self.entries) = (ids, entries);
+    }
+
+    /// Whether what is seen of a patch, so many pixels, is all that it covers.
+    fn covers(&self, tree: &Tree, patch: u32, pixels: u32) -> bool {
+        let slot = tree.slot_of_patch[patch as usize] as usize;
+        let (drawn, lane) = (&self.drawn[slot / LANES], slot % LANES);
+        let known = drawn.incomplete >> lane & 1 == 0 && drawn.hemicube == self.hemicube;
+        known && drawn.pixels[lane] == pixels
+    }
+
+    /// Shares out what is seen of a triangle that was cut, and drawn as `id`, among its patches; all that it covers is on `faces`.
+    #[allow(clippy::too_many_arguments, reason = "private, called once: the pieces of one loop")]
+    fn share<const COVERED: bool>(
+        &mut self,
+        shared: &Shared,
+        wholes: &Wholes,
+        frame: &Frame,
+        (id, weight): (u32, u32),
+        faces: u8,
+        whole: &Whole,
+        entries: &mut Vec<Entry>,
+    ) {
+        let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
+        let first = entries.len();
+        let mut left = weight;
+        let shown_on = self.buffer.open(id, &mut self.open);
+        // What is covered must be known on all faces, what is seen only on those.
+        let faces = if COVERED { faces } else { shown_on };
+        for block in &wholes.blocks[wholes.blocks_of(whole)] {
+            let t = &mut *self.triangles;
+            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+            unsafe { K::transform(block, frame, t) };
+            t.live &= whole.live(id, &t.seen);
+            let mut shown = Shown::new();
+            // SAFETY: as above.
+            unsafe {
+                K::draw_bits::<COVERED>(t, None, faces, Turns::Parts, &mut self.open, top, side, &mut shown);
+            }
+            let mut seen = shown.seen;
+            while seen != 0 {
+                let lane = seen.trailing_zeros() as usize;
+                seen &= seen - 1;
+                left -= shown.visible[lane];
+                let is_known = COVERED && shown.hidden >> lane & 1 == 0;
+                let covered = if is_known { shown.covered[lane] } else { UNCOUNTED };
+                entries.push(Entry::new(t.seen[lane], shown.visible[lane], covered));
+            }
+            if COVERED && shown.tiny != 0 {
+                self.find_tiny_parts(shared, frame, (id, faces), shown.tiny, shown.hidden);
+            }
+        }
+        if left != 0 {
+            // Rounding has the outline of the patches at the other side of a pixel's centre. Whose it is hardly matters; that it is
+            // somebody's does.
+            self.buffer.close(id, &mut self.open);
+            match entries[first..].iter_mut().max_by_key(|entry| entry.visible) {
+                Some(entry) => entry.visible += left,
+                None => entries.push(Entry::new(id, left, UNCOUNTED)),
+            }
+        }
+        self.buffer.forget(id);
+    }
+
+    /// Lists the lanes of a block that are triangles that were cut and may be seen, if only in part between pixel centres; returns all
+    /// that are such triangles.
+    fn list_wholes(&mut self, wholes: &Wholes, block: usize, of: LanesOn) -> u16 {
+        let lanes = wholes.lanes(block);
+        let mut left = of.live & lanes.cut;
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let id = self.triangles.seen[lane];
+            let faces = (0..of.on.len()).fold(0, |faces, face| faces | u8::from(of.on[face] >> lane & 1 != 0) << face);
+            // Behind on the one face that it is on, if that is certain.
+            let is_behind = of.behind >> lane & 1 != 0 && faces.is_power_of_two();
+            if id >= self.blocked
+                || is_behind
+                    && self
+                        .triangles
+                        .is_within(Face::ALL[faces.trailing_zeros() as usize], lane)
+            {
+                continue;
+            }
+            self.wholes_drawn.push(DrawnWhole {
+                whole: lanes.whole[lane],
+                id,
+                faces,
+                pixels: match (of.without >> lane & 1 != 0, of.incomplete >> lane & 1 != 0) {
+                    (false, _) => Pixels::Some,
+                    (true, false) => Pixels::None,
+                    (true, true) => Pixels::Unknown,
+                },
+            });
+        }
+        lanes.cut
+    }
+
+    /// Of triangles that were cut, were drawn and cover no pixel centre, finds the patches that are seen between them.
+    fn find_tiny_wholes(&mut self, shared: &Shared, wholes: &Wholes, frame: &Frame) {
+        let drawn = std::mem::take(&mut self.wholes_drawn);
+        for &DrawnWhole {
+            whole,
+            id,
+            faces,
+            pixels,
+        } in &drawn
+        {
+            self.faces_of_whole[whole as usize] = 0;
+            if pixels == Pixels::Some {
+                continue;
+            }
+            let whole = wholes.get(whole);
+            let (visible, _) = self.visible_faces::<true>(shared, whole.center, whole.half, frame, ALL_FACES);
+            if visible == 0 || pixels == Pixels::Unknown && self.has_pixels(shared, frame, id, faces) {
+                continue;
+            }
+            for block in &wholes.blocks[wholes.blocks_of(whole)] {
+                let t = &mut *self.triangles;
+                // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+                unsafe { K::transform(block, frame, t) };
+                let live = t.live & whole.live(id, &t.seen);
+                if live != 0 {
+                    self.find_tiny_parts(shared, frame, (id, faces), live, 0);
+                }
+            }
+        }
+        self.wholes_drawn = drawn;
+    }
+
+    /// Whether what is drawn as `id` covers the centre of a pixel on some faces.
+    fn has_pixels(&mut self, shared: &Shared, frame: &Frame, id: u32, faces: u8) -> bool {
+        let slot = shared.tree.slot_of_patch[id as usize] as usize;
+        let (block, lane) = (&shared.tree.blocks[slot / LANES], slot % LANES);
+        let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
+        let mut counts = [(0, 0); LANES];
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe {
+            K::transform(block, frame, &mut self.triangles);
+            let resolution = shared.settings.resolution as usize;
+            K::cover_lanes(&self.triangles, 1 << lane, faces, resolution, top, side, &mut counts);
+        }
+        counts[lane].0 != 0
+    }
+
+    /// Adds a row of these entries, ascending, and of what was found tiny; what is not known of covered weights is counted.
+    fn end_row<const COVERED: bool>(
+        &mut self,
+        shared: &Shared,
+        frame: &Frame,
+        entries: &[Entry],
+        (escaped, blocked): (u32, u32),
+        out: &mut RowBlock,
+    ) {
+        if !COVERED {
+            for entry in entries {
+                out.push(InputPatch(entry.patch), entry.visible, 0);
+            }
+            out.end_row(escaped, blocked);
+            return;
+        }
+        self.uncounted.clear();
+        let unknown = entries.iter().filter(|entry| entry.covered == UNCOUNTED);
+        self.uncounted.extend(unknown.map(|entry| entry.patch));
+        let counts = self.alone.count(shared, frame, &self.uncounted);
+        let mut counted = counts.iter();
+        let mut tiny = self.tiny.iter().copied().peekable();
+        for entry in entries {
+            while let Some(tiny) = tiny.next_if(|&t| t <= entry.patch) {
+                // One that was given what rounding left over has its entry.
+                if tiny < entry.patch {
+                    out.push(InputPatch(tiny), 0, 0);
+                }
+            }
+            let covered = match entry.covered {
+                UNCOUNTED => counted.next().map_or(0, |count| count.1),
+                known => known,
+            };
+            // What shows of a patch, it covers.
+            out.push(InputPatch(entry.patch), entry.visible, covered.max(entry.visible));
+        }
+        for tiny in tiny {
+            out.push(InputPatch(tiny), 0, 0);
+        }
+        out.end_row(escaped, blocked);
+    }
+
     /// Draws the scene into the target, which is clear.
     fn render<const COVERED: bool>(&mut self, shared: &Shared, frame: &Frame) {
         let tree = &shared.tree;
@@ -188,6 +500,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         }
         self.tiny_candidates.clear();
         self.tiny.clear();
+        self.wholes_drawn.clear();
         if shared.settings.culling == Culling::Off {
             for block in 0..tree.blocks.len() {
                 self.draw_block::<COVERED>(shared, frame, block, ALL_FACES, 0);
@@ -203,7 +516,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         while let Some(Pending { node, faces, hidden }) = self.pending.pop() {
             let node = &tree.nodes[node as usize];
             self.counters.nodes_tested += 1;
-            let (faces, hidden_now) = self.visible_faces::<COVERED>(shared, node, frame, faces);
+            let (faces, hidden_now) = self.visible_faces::<COVERED>(shared, node.center, node.half, frame, faces);
             let hidden = hidden | hidden_now;
             if faces == 0 {
                 if hidden_now == 0 {
@@ -248,6 +561,9 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         self.counters.triangles_transformed += LANES as u64;
         let mut pixels = [0; LANES];
         let mut incomplete = if hidden == 0 { 0 } else { u16::MAX };
+        // Lanes that are on each face or may be, and those that are hidden on one even where what is about as near may be seen.
+        let mut on = std::array::from_fn(|face| if hidden >> face & 1 != 0 { live } else { 0 });
+        let mut behind = 0;
         if live != 0 {
             for face in Face::ALL {
                 if faces >> face as u8 & 1 == 0 {
@@ -256,8 +572,10 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
                 let drawn = self
                     .buffer
                     .draw::<K, COVERED>(shared, &self.triangles, face, live, &mut pixels);
-                self.counters.triangles_drawn += u64::from(drawn.triangles);
+                self.counters.triangles_drawn += u64::from(drawn.drawn.count_ones());
                 incomplete |= drawn.hidden;
+                on[face as usize] = drawn.on;
+                behind |= drawn.behind;
             }
         }
         if COVERED {
@@ -272,14 +590,25 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
                     candidates &= !(1 << lane);
                 }
             }
+            if let Some(wholes) = &shared.wholes {
+                let lanes = LanesOn {
+                    live,
+                    on,
+                    behind,
+                    without: candidates,
+                    incomplete,
+                };
+                candidates &= !self.list_wholes(wholes, block, lanes);
+            }
             if candidates != 0 {
-                self.list_tiny(shared, frame, block, candidates);
+                self.list_tiny(shared, frame, candidates, incomplete);
             }
         }
     }
 
     /// Lists patches of a block that covered no pixel centre, but for those whose centroid is behind what was drawn already.
-    fn list_tiny(&mut self, shared: &Shared, frame: &Frame, block: usize, candidates: u16) {
+    /// Of those in `unproved`, that they cover none is still to be shown.
+    fn list_tiny(&mut self, shared: &Shared, frame: &Frame, candidates: u16, unproved: u16) {
         let resolution = shared.settings.resolution as usize;
         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
         unsafe { K::centroids(&self.triangles, frame.tolerance, resolution, &mut self.centroids) };
@@ -294,14 +623,9 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
                 // Depths only grow.
                 continue;
             }
-            #[allow(
-                clippy::cast_possible_truncation,
-                reason = "blocks are fewer than ids; lanes are below 16"
-            )]
             self.tiny_candidates.push(TinyCandidate {
                 patch: self.triangles.seen[lane],
-                block: block as u32,
-                lane: lane as u8,
+                unproved: unproved >> lane & 1 != 0,
                 row,
                 column,
                 depth,
@@ -310,16 +634,17 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         }
     }
 
-    /// On which faces a node may be seen, and on which of the others it is hidden.
+    /// On which faces a box may be seen, and on which of the others it is hidden.
     #[inline]
     fn visible_faces<const COVERED: bool>(
         &mut self,
         shared: &Shared,
-        node: &Node,
+        center: DVec3,
+        half: DVec3,
         frame: &Frame,
         faces: u8,
     ) -> (u8, u8) {
-        let (center, half) = (node.center.to_array(), node.half.to_array());
+        let (center, half) = (center.to_array(), half.to_array());
         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
         unsafe {
             K::on_faces(
@@ -359,12 +684,75 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
     ) -> bool {
         // Depths are within rounding of the corners' 1/w, widened by a millionth. With tiny patches, what is about as near
         // as the pixels in front of it may be seen.
-        let slack = if COVERED { 1.0 + tiny_slack(shared) } else { 1.0 };
+        let slack = if COVERED {
+            1.0 + tiny_slack(shared.settings.resolution)
+        } else {
+            1.0
+        };
         #[allow(clippy::cast_possible_truncation, reason = "rounding is covered by the factor")]
         let bound = (nearest * slack * (1.0 + 4e-6)) as f32;
         let first_row = face.first_row(shared.settings.resolution) as usize;
         let pixels = [x0, x1, first_row + y0, first_row + y1];
         self.buffer.is_hidden::<K>(face, pixels, bound)
+    }
+
+    /// Among lanes of a block of patches, parts of what was drawn as `whole` and is on `faces`, finds those that cover no pixel centre and are nearest at
+    /// their centroid, as [`Self::find_tiny`] does, when all is drawn. That they cover none is still to be shown of those in `unproved`.
+    fn find_tiny_parts(
+        &mut self,
+        shared: &Shared,
+        frame: &Frame,
+        (whole, faces): (u32, u8),
+        candidates: u16,
+        unproved: u16,
+    ) {
+        let tree = &shared.tree;
+        let resolution = shared.settings.resolution as usize;
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe { K::centroids(&self.triangles, frame.tolerance, resolution, &mut self.centroids) };
+        let centroids = &*self.centroids;
+        let mut left = candidates & centroids.above;
+        let mut found = 0;
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let (row, column, depth) = (centroids.row[lane], centroids.x[lane], centroids.depth[lane]);
+            let (row, column) = (row as usize, column as usize);
+            if depth < about(shared, self.buffer.at_least(row, column)) {
+                continue;
+            }
+            let (id, seen) = self.buffer.seen_at(row, column);
+            if depth < about(shared, seen) {
+                continue;
+            }
+            let direction = three(|c| centroids.direction[c][lane]);
+            // What it is a part of has no depth but its own.
+            let is_in_front = id == whole || is_in_front(tree, id, frame, depth, direction);
+            found |= u16::from(is_in_front) << lane;
+        }
+        if found & unproved != 0 {
+            let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
+            let mut counts = [(0, 0); LANES];
+            // SAFETY: as above.
+            unsafe {
+                K::cover_lanes(
+                    &self.triangles,
+                    found & unproved,
+                    faces,
+                    resolution,
+                    top,
+                    side,
+                    &mut counts,
+                )
+            };
+            for (lane, (pixels, _)) in counts.iter().enumerate() {
+                found &= !(u16::from(*pixels != 0) << lane);
+            }
+        }
+        while found != 0 {
+            self.tiny.push(self.triangles.seen[found.trailing_zeros() as usize]);
+            found &= found - 1;
+        }
     }
 
     /// Among the patches that were drawn and covered no pixel centre, finds those that are nearest at their centroid.
@@ -378,20 +766,14 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         self.uncounted.clear();
         for candidate in &candidates {
             let &TinyCandidate { patch, depth, .. } = candidate;
-            let (block, lane) = (candidate.block as usize, usize::from(candidate.lane));
             let (id, seen) = self.buffer.seen_at(candidate.row as usize, candidate.column as usize);
             if depth < about(shared, seen) {
                 continue;
             }
-            // Where the seen patch reaches the centroid, its depth there decides; where it does not, as beyond a
-            // silhouette, being about as near as the pixel does.
-            let in_front = id >= tree.patch_count
-                || depth_there(tree, id, frame, candidate.direction).is_none_or(|there| depth >= there * (1.0 - 1e-6));
-            if !in_front {
+            if !is_in_front(tree, id, frame, depth, candidate.direction) {
                 continue;
             }
-            // A block that was hidden on one of its faces was not drawn there, so its pixels must be counted.
-            if self.drawn[block].incomplete >> lane & 1 != 0 {
+            if candidate.unproved {
                 self.uncounted.push(patch);
             } else {
                 self.tiny.push(patch);
@@ -412,36 +794,94 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
 
 impl<K: Kernel> Engine<K, Target> {
     pub(crate) fn items(&mut self, shared: &Shared, hemicube: &Hemicube) -> Items {
-        let frame = frame(&shared.tree, hemicube);
+        let frame = frame(shared, hemicube);
         self.render::<false>(shared, &frame);
         let patch_count = shared.tree.patch_count;
-        let seen = self.buffer.items.iter().flat_map(|chunk| chunk.0).map(|id| match id {
-            id if id < patch_count => id,
-            id if id == patch_count => Items::BLOCKED,
-            _ => Items::ESCAPED,
-        });
-        let items = Items {
+        let mut seen: Vec<u32> = self.buffer.items.iter().flat_map(|chunk| chunk.0).collect();
+        if let Some(wholes) = &shared.wholes {
+            self.buffer.reduce::<K>(shared, &mut self.sums);
+            let mut ids = std::mem::take(&mut self.ids);
+            self.sums.drain(|id, pixels, weight| ids.push((id, pixels, weight)));
+            for (id, ..) in ids.drain(..) {
+                if let Some(whole) = wholes.cut(id) {
+                    self.share_items(shared, wholes, &frame, id, wholes.get(whole), &mut seen);
+                }
+            }
+            self.ids = ids;
+        }
+        self.buffer.clear_all();
+        for id in &mut seen {
+            *id = match *id {
+                id if id < patch_count => id,
+                id if id == patch_count => Items::BLOCKED,
+                _ => Items::ESCAPED,
+            };
+        }
+        Items {
             resolution: shared.settings.resolution,
-            seen: seen.collect(),
-        };
-        self.buffer.items.fill(Chunk([patch_count + 1; LANES]));
-        self.buffer.depth.fill(Chunk([0.0; LANES]));
-        self.buffer.dirty.fill(false);
-        self.buffer.tile_depth.fill(0.0);
-        items
+            seen,
+        }
     }
-}
 
-/// By how much a tiny patch may be behind the depth at its pixel's centre and still be seen: about what depth varies
-/// over a few pixels of a surface that is not seen edge-on.
-fn tiny_slack(shared: &Shared) -> f64 {
-    16.0 / f64::from(shared.settings.resolution)
+    /// Gives the pixels of a triangle that was cut, and drawn as `id`, to its patches, as [`Self::share`] does their weights.
+    fn share_items(
+        &mut self,
+        shared: &Shared,
+        wholes: &Wholes,
+        frame: &Frame,
+        id: u32,
+        whole: &Whole,
+        seen: &mut [u32],
+    ) {
+        let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
+        let resolution = shared.settings.resolution as usize;
+        let runs = self.buffer.noted.of(id).map(|place| self.buffer.runs[place]);
+        let mut left: Vec<(usize, usize)> = runs
+            .flat_map(|run| (usize::from(run.start)..usize::from(run.end)).map(move |x| (run.row as usize, x)))
+            .collect();
+        let mut most = (id, 0);
+        self.buffer.open(id, &mut self.open);
+        for block in &wholes.blocks[wholes.blocks_of(whole)] {
+            let t = &mut *self.triangles;
+            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+            unsafe { K::transform(block, frame, t) };
+            for lane in 0..LANES {
+                let patch = t.seen[lane];
+                if t.live >> lane & 1 == 0 || !whole.shows(id, patch) {
+                    continue;
+                }
+                let mut shown = Shown::new();
+                #[allow(clippy::cast_possible_truncation, reason = "below 16")]
+                let turns = [lane as u8];
+                let turns = Turns::InOrder(&turns);
+                // SAFETY: as above.
+                unsafe { K::draw_bits::<false>(t, None, ALL_FACES, turns, &mut self.open, top, side, &mut shown) };
+                if shown.seen == 0 {
+                    continue;
+                }
+                let visible = shown.visible[lane];
+                most = if visible >= most.1 { (patch, visible) } else { most };
+                left.retain(|&(row, x)| {
+                    let is_open = !self.open.is_covered(row, x, false);
+                    if !is_open {
+                        seen[row * resolution + x] = patch;
+                    }
+                    is_open
+                });
+            }
+        }
+        for &(row, x) in &left {
+            seen[row * resolution + x] = most.0;
+        }
+        self.buffer.close(id, &mut self.open);
+        self.buffer.forget(id);
+    }
 }
 
 /// The 1/w that a centroid must have at least to be about as near as what is seen at its pixel.
 #[inline(always)]
 fn about(shared: &Shared, seen: f32) -> f64 {
-    f64::from(seen) / (1.0 + tiny_slack(shared))
+    f64::from(seen) / (1.0 + tiny_slack(shared.settings.resolution))
 }
 
 /// A pixel's place: none is negative.
@@ -452,12 +892,16 @@ pub(crate) fn pixel(x: i32) -> usize {
     place as usize
 }
 
-pub(crate) fn frame(tree: &Tree, hemicube: &Hemicube) -> Frame {
+pub(crate) fn frame(shared: &Shared, hemicube: &Hemicube) -> Frame {
+    let emitter = hemicube.emitter.map_or(UNUSED, |p| p.0);
     Frame::new(
         hemicube.origin.to_array(),
         hemicube.axes.map(|a| a.to_array()),
-        tree.plane_tolerance,
-        hemicube.emitter.map_or(UNUSED, |p| p.0),
+        shared.tree.plane_tolerance,
+        match &shared.wholes {
+            Some(wholes) if emitter != UNUSED => wholes.drawn_as(emitter),
+            _ => emitter,
+        },
     )
 }
 
@@ -490,6 +934,13 @@ fn corners_in_frame(block: &Block, lane: usize, frame: &Frame) -> [[f64; 3]; 3] 
             m[0] * d[0] + m[1] * d[1] + m[2] * d[2]
         })
     })
+}
+
+/// Whether a centroid, in a direction and by its 1/w, is in front of what is seen at its pixel. Where that reaches the centroid, its
+/// depth there decides; where it does not, as beyond a silhouette, being about as near as the pixel does.
+fn is_in_front(tree: &Tree, seen: u32, frame: &Frame, depth: f64, direction: [f64; 3]) -> bool {
+    seen >= tree.patch_count
+        || depth_there(tree, seen, frame, direction).is_none_or(|there| depth >= there * (1.0 - 1e-6))
 }
 
 /// 1/w of a patch in a direction, by the axis along which that is 1, or `None` where the direction misses it.

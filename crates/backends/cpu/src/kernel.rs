@@ -14,7 +14,7 @@ mod bits;
 mod boxes;
 mod claims;
 
-pub(crate) use bits::{Coverage, Cut, Shown};
+pub(crate) use bits::{Coverage, Cut, Shown, Turns};
 pub(crate) use boxes::{BOXES, BoxGroup, GroupOnFaces, OnFaces};
 pub(crate) use claims::Claims;
 use hemicube::face::Face;
@@ -52,6 +52,24 @@ impl Frame {
             emitter,
         }
     }
+}
+
+/// By how much a tiny patch may be behind the depth at its pixel's centre and still be seen: about what depth varies
+/// over a few pixels of a surface that is not seen edge-on.
+pub(crate) fn tiny_slack(resolution: u32) -> f64 {
+    16.0 / f64::from(resolution)
+}
+
+/// More than what 1/w at a pixel must be, as a multiple of that of a tiny patch, to hide it.
+#[allow(clippy::cast_possible_truncation, reason = "rounding is covered by the factor")]
+pub(super) fn beyond_tiny(resolution: usize) -> f32 {
+    ((1.0 + tiny_slack(resolution as u32)) * (1.0 + 4e-6)) as f32
+}
+
+/// The bit of the face that a row of the atlas is of.
+pub(crate) fn face_of_row(row: usize, resolution: usize) -> u8 {
+    let sides = 2 * row.saturating_sub(resolution) / resolution;
+    if row < resolution { 1 } else { 2 << sides }
 }
 
 /// Sixteen triangles in a hemicube's frame.
@@ -132,10 +150,106 @@ pub(crate) struct Target {
     pub(crate) nothing: u32,
     /// Whether triangles that cannot be seen are left out.
     pub(crate) culling: bool,
+    beyond_tiny: f32,
+    /// Runs of pixels of one id in a row, of the ids that are noted.
+    pub(crate) runs: Vec<Run>,
+    pub(crate) noted: Noted,
+}
+
+/// Pixels `start..end` of a row of the atlas that show the same.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Run {
+    pub(crate) row: u32,
+    pub(crate) start: u16,
+    pub(crate) end: u16,
+}
+
+/// For each of some ids, what a list has of it: from the last one to the one before.
+#[derive(Debug, Default)]
+pub(crate) struct Noted {
+    /// Place of the last of each id, plus 1; [`UNUSED`] for ids that are not noted.
+    last: Vec<u32>,
+    /// Place of the one before each, plus 1.
+    before: Vec<u32>,
+}
+
+impl Transformed {
+    /// Whether a face shows all of a lane that is above the horizon: its corners lie in the pyramid over the face, and so does what is
+    /// between them.
+    pub(crate) fn is_within(&self, face: Face, lane: usize) -> bool {
+        let (axis, sign) = face.axes();
+        (0..3).all(|k| {
+            let [u, v, w] = three(|c| sign[c] * self.corners[3 * k + axis[c]][lane]);
+            w > 0.0 && u.abs() <= w && v.abs() <= w
+        })
+    }
+}
+
+impl Noted {
+    /// Of ids below `count`, these.
+    pub(crate) fn new(count: usize, ids: impl Iterator<Item = u32>) -> Self {
+        let mut last = vec![UNUSED; count];
+        ids.for_each(|id| last[id as usize] = 0);
+        Self {
+            last,
+            before: Vec::new(),
+        }
+    }
+
+    /// Whether any id is noted.
+    pub(crate) fn any(&self) -> bool {
+        !self.last.is_empty()
+    }
+
+    /// Whether an id is.
+    #[inline(always)]
+    pub(crate) fn is_noted(&self, id: u32) -> bool {
+        self.last[id as usize] != UNUSED
+    }
+
+    /// The next of the list is one of `id`.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, id: u32) {
+        let last = &mut self.last[id as usize];
+        self.before.push(*last);
+        if *last != UNUSED {
+            #[allow(clippy::cast_possible_truncation, reason = "fewer than pixels of an atlas")]
+            {
+                *last = self.before.len() as u32;
+            }
+        }
+    }
+
+    /// Passes over the next of the list.
+    pub(crate) fn skip(&mut self) {
+        self.before.push(0);
+    }
+
+    /// Places in the list of what an id has.
+    pub(crate) fn of(&self, id: u32) -> impl Iterator<Item = usize> + use<'_> {
+        let mut next = self.last[id as usize];
+        std::iter::from_fn(move || {
+            (next != 0).then(|| {
+                let place = next as usize - 1;
+                next = self.before[place];
+                place
+            })
+        })
+    }
+
+    /// Forgets what an id has.
+    pub(crate) fn forget(&mut self, id: u32) {
+        self.last[id as usize] = 0;
+    }
+
+    /// Begins a new list; all ids must have been forgotten.
+    pub(crate) fn clear(&mut self) {
+        self.before.clear();
+    }
 }
 
 impl Target {
-    pub(crate) fn new(resolution: u32, nothing: u32, culling: bool) -> Self {
+    pub(crate) fn new(resolution: u32, nothing: u32, culling: bool, noted: Noted) -> Self {
         let resolution = resolution as usize;
         let chunks = 3 * resolution * resolution / LANES;
         Self {
@@ -146,11 +260,29 @@ impl Target {
             tile_depth: vec![0.0; chunks / GROUP],
             nothing,
             culling,
+            beyond_tiny: beyond_tiny(resolution),
+            runs: Vec::new(),
+            noted,
         }
     }
 
     pub(crate) fn chunks_per_row(&self) -> usize {
         self.resolution / LANES
+    }
+
+    /// Clears all but the pixels.
+    fn clear_tiles(&mut self) {
+        self.dirty.fill(false);
+        self.tile_depth.fill(0.0);
+    }
+
+    /// Clears it for the next hemicube.
+    pub(crate) fn clear_all(&mut self) {
+        self.items.fill(Chunk([self.nothing; LANES]));
+        self.depth.fill(Chunk([0.0; LANES]));
+        self.clear_tiles();
+        self.runs.clear();
+        self.noted.clear();
     }
 }
 
@@ -255,8 +387,12 @@ impl PatchSet {
 /// What rasterising a block on a face did.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Drawn {
-    /// Triangles that were rasterised.
-    pub(crate) triangles: u32,
+    /// Lanes that the face may have pixels of.
+    pub(crate) on: u16,
+    /// Lanes that were rasterised.
+    pub(crate) drawn: u16,
+    /// With `COUNT`, those of the next that are so even where what is about as near may be seen.
+    pub(crate) behind: u16,
     /// Lanes that were not, because all of their box is nearer than they are.
     pub(crate) hidden: u16,
 }
@@ -337,22 +473,22 @@ pub(crate) trait Kernel: Send + 'static {
     /// The machine has the instruction set.
     unsafe fn is_hidden(claims: &Claims, face: Face, pixels: [usize; 4], bound: f32) -> bool;
 
-    /// Pixels and weight that each of some lanes covers alone, over all faces.
+    /// Pixels and weight that each of some lanes covers alone, over some faces.
     ///
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn cover_lanes(
         triangles: &Transformed,
         lanes: u16,
+        faces: u8,
         resolution: usize,
         top: &[u32],
         side: &[u32],
         out: &mut [(u32, u32); LANES],
     );
 
-    /// Draws lanes of a block into the coverage, in the order given, nearest first. With `cut`, lanes are pieces, whose edges are those
-    /// of what they were cut from. Whether centroids are seen is asked of
-    /// what is covered, or of what was when that was `remembered`.
+    /// Draws lanes of a block into the coverage, in turn. With `cut`, lanes are pieces, whose edges are those of what they were cut
+    /// from.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -361,8 +497,7 @@ pub(crate) trait Kernel: Send + 'static {
         triangles: &mut Transformed,
         cut: Option<Cut<'_>>,
         faces: u8,
-        order: &[u8],
-        remembered: bool,
+        turns: Turns<'_>,
         coverage: &mut Coverage,
         top: &[u32],
         side: &[u32],
@@ -388,7 +523,7 @@ pub(crate) trait Kernel: Send + 'static {
     unsafe fn tile_depth(depth: &[Chunk<f32>], first: usize, chunks_per_row: usize) -> f32;
 
     /// Adds up the weights that each id shows, and clears the target for the next hemicube on the way, while each chunk
-    /// is in cache.
+    /// is in cache. If any ids are noted, nothing is cleared, and their runs of pixels are listed.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -680,6 +815,26 @@ pub(crate) struct PixelBox {
     x1: i32,
     y0: i32,
     y1: i32,
+}
+
+impl PixelBox {
+    /// With the pixels of the face around it: all that is touched by what has the centres of this box.
+    #[inline(always)]
+    fn wider(self, face: Face, resolution: usize) -> Self {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_possible_wrap,
+            reason = "at most 1024"
+        )]
+        let width = resolution as i32;
+        let height = if face.is_top() { width } else { width / 2 };
+        Self {
+            x0: (self.x0 - 1).max(0),
+            x1: (self.x1 + 1).min(width),
+            y0: (self.y0 - 1).max(0),
+            y1: (self.y1 + 1).min(height),
+        }
+    }
 }
 
 /// Asks for something that will be read soon.
@@ -1246,7 +1401,10 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
     // SAFETY: the caller's promise.
     let boxes = unsafe { boxes::<L>(t, face, resolution) };
     let mut pending = (boxes.whole | boxes.straddling) & lanes;
-    let mut drawn = Drawn::default();
+    let mut drawn = Drawn {
+        on: pending,
+        ..Drawn::default()
+    };
     #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
     let first_row = face.first_row(resolution as u32) as usize;
     let chunks_per_row = resolution / LANES;
@@ -1259,9 +1417,14 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
         // SAFETY: the caller's promise.
         if unsafe { is_hidden::<L>(target, first_row, pixel_box, high) } {
             drawn.hidden |= 1 << lane;
+            let touched = pixel_box.wider(face, resolution);
+            // SAFETY: likewise.
+            if COUNT && unsafe { is_hidden::<L>(target, first_row, touched, high * target.beyond_tiny) } {
+                drawn.behind |= 1 << lane;
+            }
             continue;
         }
-        drawn.triangles += 1;
+        drawn.drawn |= 1 << lane;
         let (lines, sum) = edge_lines(t, face, lane, resolution);
         let id = t.seen[lane];
         let plane = plane(t, face, lane, resolution, sum, target.nothing, low, high);
@@ -1332,6 +1495,19 @@ pub(crate) fn tile_depth(depth: &[Chunk<f32>], first: usize, chunks_per_row: usi
 
 #[inline(always)]
 pub(crate) unsafe fn reduce<L: Lanes>(target: &mut Target, reduction: Reduction<'_>) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        if target.noted.any() {
+            reduce_rows::<L, true>(target, reduction);
+        } else {
+            reduce_rows::<L, false>(target, reduction);
+            target.clear_tiles();
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn reduce_rows<L: Lanes, const NOTE: bool>(target: &mut Target, reduction: Reduction<'_>) {
     let Reduction { top, side, sums } = reduction;
     let resolution = target.resolution;
     let chunks_per_row = target.chunks_per_row();
@@ -1350,6 +1526,18 @@ pub(crate) unsafe fn reduce<L: Lanes>(target: &mut Target, reduction: Reduction<
         let mut id = items[0].0[0];
         let (mut start, mut sum) = (0usize, running[0]);
         let mut before = id;
+        #[allow(clippy::cast_possible_truncation, reason = "at most 1024 pixels")]
+        let mut add = |id: u32, start: usize, end: usize, weight: u32| {
+            sums.add(id, (end - start) as u32, weight);
+            if NOTE && target.noted.is_noted(id) {
+                target.noted.add(id);
+                target.runs.push(Run {
+                    row: row as u32,
+                    start: start as u16,
+                    end: end as u16,
+                });
+            }
+        };
         for (c, (chunk, chunk_depth)) in items.iter_mut().zip(depth).enumerate() {
             // SAFETY: the caller's promise.
             let mut changes = unsafe { L::changes(chunk, before) };
@@ -1359,18 +1547,16 @@ pub(crate) unsafe fn reduce<L: Lanes>(target: &mut Target, reduction: Reduction<
                 changes &= changes - 1;
                 let x = c * LANES + l;
                 let upto = running[x];
-                #[allow(clippy::cast_possible_truncation, reason = "at most 1024 pixels")]
-                sums.add(id, (x - start) as u32, upto - sum);
+                add(id, start, x, upto - sum);
                 (id, start, sum) = (chunk.0[l], x, upto);
             }
-            *chunk = cleared;
-            *chunk_depth = Chunk([0.0; LANES]);
+            if !NOTE {
+                *chunk = cleared;
+                *chunk_depth = Chunk([0.0; LANES]);
+            }
         }
-        #[allow(clippy::cast_possible_truncation, reason = "at most 1024 pixels")]
-        sums.add(id, (resolution - start) as u32, running[resolution] - sum);
+        add(id, start, resolution, running[resolution] - sum);
     }
-    target.dirty.fill(false);
-    target.tile_depth.fill(0.0);
 }
 
 /// The portable path: the definition of the arithmetic that the others must reproduce.
@@ -1543,28 +1729,28 @@ impl Kernel for Portable {
     unsafe fn cover_lanes(
         triangles: &Transformed,
         lanes: u16,
+        faces: u8,
         resolution: usize,
         top: &[u32],
         side: &[u32],
         out: &mut [(u32, u32); LANES],
     ) {
         // SAFETY: as above.
-        unsafe { bits::cover_lanes::<Self>(triangles, lanes, resolution, top, side, out) };
+        unsafe { bits::cover_lanes::<Self>(triangles, lanes, faces, resolution, top, side, out) };
     }
 
     unsafe fn draw_bits<const COVERED: bool>(
         triangles: &mut Transformed,
         cut: Option<Cut<'_>>,
         faces: u8,
-        order: &[u8],
-        remembered: bool,
+        turns: Turns<'_>,
         coverage: &mut Coverage,
         top: &[u32],
         side: &[u32],
         shown: &mut Shown,
     ) {
         // SAFETY: as above.
-        unsafe { bits::draw::<Self, COVERED>(triangles, cut, faces, order, remembered, coverage, top, side, shown) };
+        unsafe { bits::draw::<Self, COVERED>(triangles, cut, faces, turns, coverage, top, side, shown) };
     }
 
     unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {
@@ -2163,6 +2349,7 @@ pub(crate) mod x86 {
                 unsafe fn cover_lanes(
                     triangles: &Transformed,
                     lanes: u16,
+                    faces: u8,
                     resolution: usize,
                     top: &[u32],
                     side: &[u32],
@@ -2172,24 +2359,24 @@ pub(crate) mod x86 {
                     fn inner(
                         triangles: &Transformed,
                         lanes: u16,
+                        faces: u8,
                         resolution: usize,
                         top: &[u32],
                         side: &[u32],
                         out: &mut [(u32, u32); LANES],
                     ) {
                         // SAFETY: this function has the instruction set.
-                        unsafe { bits::cover_lanes::<$name>(triangles, lanes, resolution, top, side, out) };
+                        unsafe { bits::cover_lanes::<$name>(triangles, lanes, faces, resolution, top, side, out) };
                     }
                     // SAFETY: the caller's promise of the instruction set.
-                    unsafe { inner(triangles, lanes, resolution, top, side, out) }
+                    unsafe { inner(triangles, lanes, faces, resolution, top, side, out) }
                 }
 
                 unsafe fn draw_bits<const COVERED: bool>(
                     triangles: &mut Transformed,
                     cut: Option<Cut<'_>>,
                     faces: u8,
-                    order: &[u8],
-                    remembered: bool,
+                    turns: Turns<'_>,
                     coverage: &mut Coverage,
                     top: &[u32],
                     side: &[u32],
@@ -2201,8 +2388,7 @@ pub(crate) mod x86 {
                         triangles: &mut Transformed,
                         cut: Option<Cut<'_>>,
                         faces: u8,
-                        order: &[u8],
-                        remembered: bool,
+                        turns: Turns<'_>,
                         coverage: &mut Coverage,
                         top: &[u32],
                         side: &[u32],
@@ -2210,17 +2396,11 @@ pub(crate) mod x86 {
                     ) {
                         // SAFETY: this function has the instruction set.
                         unsafe {
-                            bits::draw::<$name, COVERED>(
-                                triangles, cut, faces, order, remembered, coverage, top, side, shown,
-                            );
+                            bits::draw::<$name, COVERED>(triangles, cut, faces, turns, coverage, top, side, shown);
                         }
                     }
                     // SAFETY: the caller's promise of the instruction set.
-                    unsafe {
-                        inner::<COVERED>(
-                            triangles, cut, faces, order, remembered, coverage, top, side, shown,
-                        )
-                    }
+                    unsafe { inner::<COVERED>(triangles, cut, faces, turns, coverage, top, side, shown) }
                 }
 
                 unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {

@@ -31,6 +31,7 @@ mod engine;
 mod kernel;
 mod order;
 mod ordered;
+mod whole;
 
 use engine::Engine;
 use hemicube::backend::{
@@ -41,11 +42,12 @@ use hemicube::delta::{DeltaTable, is_resolution};
 use hemicube::face::Items;
 use hemicube::row::RowBlock;
 pub use hemicube::tree::Hierarchy;
-use hemicube::tree::Tree;
+use hemicube::tree::{Block, LANES, Tree};
 use kernel::{Claims, Target};
 use order::{Limits, Order};
 use ordered::OrderedEngine;
 use std::sync::Arc;
+use whole::Wholes;
 
 /// An instruction set that the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -142,6 +144,8 @@ pub struct CpuBackend {
     isa: Isa,
     hierarchy: Hierarchy,
     choice: EngineChoice,
+    /// Whether engines 1 and 3 draw triangles that were cut as they were before.
+    whole: bool,
     /// Why the engine of the loaded scene is the one it is.
     reason: String,
     loaded: Option<Loaded>,
@@ -164,10 +168,25 @@ enum Way {
 /// What all sessions over one scene share.
 #[derive(Debug)]
 pub(crate) struct Shared {
+    /// What is walked and drawn: surfaces, or with `wholes` what they were cut from.
     pub(crate) tree: Arc<Tree>,
+    /// Never with [`Way::Order`].
+    pub(crate) wholes: Option<Arc<Wholes>>,
     way: Way,
     pub(crate) table: DeltaTable,
     pub(crate) settings: RenderSettings,
+}
+
+impl Shared {
+    /// Where the surface of a patch is: its block and lane.
+    pub(crate) fn surface_of(&self, patch: u32) -> (&Block, usize) {
+        let (slots, blocks) = match &self.wholes {
+            Some(wholes) => (&wholes.slot_of_patch, &wholes.blocks),
+            None => (&self.tree.slot_of_patch, &self.tree.blocks),
+        };
+        let slot = slots[patch as usize] as usize;
+        (&blocks[slot / LANES], slot % LANES)
+    }
 }
 
 /// The engines of one instruction set, made when first asked to work.
@@ -246,6 +265,14 @@ impl CpuBackend {
         self
     }
 
+    /// The same session; from its next `load` on, engines 1 and 3 draw every patch by itself, where otherwise they draw what was
+    /// cut into patches and share it out. For measurements and tests.
+    #[must_use]
+    pub fn patch_by_patch(mut self) -> Self {
+        self.whole = false;
+        self
+    }
+
     /// The engine that renders what is loaded: never [`EngineChoice::Auto`]. `None` before `load`.
     pub fn engine(&self) -> Option<EngineChoice> {
         self.loaded.as_ref().map(|loaded| match loaded.shared.way {
@@ -293,6 +320,7 @@ impl CpuBackend {
             isa,
             hierarchy: Hierarchy::default(),
             choice: EngineChoice::default(),
+            whole: true,
             reason: String::new(),
             loaded: None,
         }
@@ -311,6 +339,15 @@ const MOST_FRAGMENTS: f64 = 1.4;
 const MOST_FRAGMENTS_IF_ASKED: f64 = 32.0;
 /// With fewer lanes of a block in use than this, likewise.
 const LEAST_FILL: f64 = 4.0;
+
+/// What the surfaces of a scene were cut from, if they were.
+struct CutFrom(Option<Arc<Wholes>>);
+
+impl CutFrom {
+    fn new(geometry: &Geometry) -> Self {
+        Self(Wholes::new(geometry).map(Arc::new))
+    }
+}
 
 /// The order of a scene, where engine 2 was asked for.
 struct AnyOrder(Result<Arc<Order>, String>);
@@ -492,20 +529,30 @@ impl HemicubeBackend for CpuBackend {
                 reason = format!("{reason}, and {pixels:.0} pixels a triangle");
             }
         }
-        let (engine, version) = match way {
-            Way::Depth => ("depth", "depth-2"),
-            Way::Order(_) => ("order", "order-1"),
-            // Settled by the depths of engine 1, to the bit.
-            Way::Claims => ("claims", "depth-2"),
+        let wholes = match way {
+            Way::Depth | Way::Claims if self.whole && self.hierarchy == Hierarchy::SurfaceArea => {
+                geometry.kept(CutFrom::new).0.clone()
+            }
+            _ => None,
+        };
+        // Claims are settled by the depths of engine 1, to the bit.
+        let (engine, version) = match (&way, &wholes) {
+            (Way::Order(_), _) => ("order", "order-1"),
+            (Way::Depth, None) => ("depth", "depth-2"),
+            (Way::Depth, Some(_)) => ("depth", "depth-3"),
+            (Way::Claims, None) => ("claims", "depth-2"),
+            (Way::Claims, Some(_)) => ("claims", "depth-3"),
         };
         self.info.version = version.to_owned();
         self.reason = format!("engine {engine}{reason}");
         let shared = Arc::new(Shared {
             way,
-            tree: match self.hierarchy {
-                Hierarchy::SurfaceArea => Tree::of(geometry),
-                other => Arc::new(Tree::new(geometry, other)),
+            tree: match (&wholes, self.hierarchy) {
+                (Some(wholes), _) => Arc::clone(&wholes.tree),
+                (None, Hierarchy::SurfaceArea) => Tree::of(geometry),
+                (None, other) => Arc::new(Tree::new(geometry, other)),
             },
+            wholes,
             table: DeltaTable::new(settings.resolution),
             settings: rendered,
         });
@@ -523,6 +570,7 @@ impl HemicubeBackend for CpuBackend {
             isa: self.isa,
             hierarchy: self.hierarchy,
             choice: self.choice,
+            whole: self.whole,
             reason: self.reason.clone(),
             loaded: Some(Loaded::new(Arc::clone(&loaded.shared), self.isa)),
         }))

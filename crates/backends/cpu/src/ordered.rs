@@ -4,7 +4,7 @@ use crate::Shared;
 use crate::alone::Alone;
 use crate::engine::{ALL_FACES, frame, pixel};
 use crate::kernel::{
-    BOXES, Coverage, Cut, Frame, GroupOnFaces, Kernel, OnFaces, PatchSet, Shown, Sums, Transformed, prefetch,
+    BOXES, Coverage, Cut, Frame, GroupOnFaces, Kernel, OnFaces, PatchSet, Shown, Sums, Transformed, Turns, prefetch,
 };
 use crate::order::{NO_PLANE, NONE, Order, PlaneNode};
 use glam::DVec3;
@@ -83,8 +83,6 @@ struct InLayer {
 /// Marks a covered weight that is not all of it.
 const INCOMPLETE: u32 = 1 << 31;
 
-const IN_TURN: [u8; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
-
 impl<K: Kernel> OrderedEngine<K> {
     pub(crate) fn new(shared: &Shared) -> Self {
         Self {
@@ -128,7 +126,7 @@ impl<K: Kernel> OrderedEngine<K> {
 
     fn row<const COVERED: bool>(&mut self, shared: &Shared, order: &Order, hemicube: &Hemicube, out: &mut RowBlock) {
         let tree = &shared.tree;
-        let frame = frame(tree, hemicube);
+        let frame = frame(shared, hemicube);
         self.coverage.clear();
         self.render::<COVERED>(shared, order, &frame);
         let table = &shared.table;
@@ -349,7 +347,7 @@ impl<K: Kernel> OrderedEngine<K> {
             }
         }
         for InLayer { index, faces, hidden } in blocks.drain(..) {
-            self.draw_block::<COVERED>(shared, order, index, frame, faces, hidden, &IN_TURN, true);
+            self.draw_block::<COVERED>(shared, order, index, frame, faces, hidden, Turns::Together);
         }
         (self.layer_nodes, self.layer_blocks) = (nodes, blocks);
     }
@@ -434,7 +432,8 @@ impl<K: Kernel> OrderedEngine<K> {
                 }
             }
         }
-        self.draw_block::<COVERED>(shared, order, block, frame, faces, hidden, &lanes[..count], false);
+        let turns = Turns::InOrder(&lanes[..count]);
+        self.draw_block::<COVERED>(shared, order, block, frame, faces, hidden, turns);
     }
 
     #[allow(clippy::too_many_arguments, reason = "private: the pieces of one loop")]
@@ -446,8 +445,7 @@ impl<K: Kernel> OrderedEngine<K> {
         frame: &Frame,
         faces: u8,
         hidden: u8,
-        lanes: &[u8],
-        in_one_plane: bool,
+        turns: Turns<'_>,
     ) {
         let index = index as usize;
         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
@@ -477,8 +475,7 @@ impl<K: Kernel> OrderedEngine<K> {
                 &mut self.triangles,
                 cut,
                 faces,
-                lanes,
-                in_one_plane,
+                turns,
                 &mut self.coverage,
                 top,
                 side,

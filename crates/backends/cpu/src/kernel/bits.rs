@@ -76,9 +76,35 @@ impl Coverage {
         self.rows.fill(Rows([0; GROUP]));
     }
 
+    /// One in which everything is covered, and triangles whose box is covered are left out.
+    pub(crate) fn full(resolution: u32) -> Self {
+        let mut coverage = Self::new(resolution, true);
+        coverage.rows.fill(Rows([u64::MAX; GROUP]));
+        coverage
+    }
+
+    /// Uncovers pixels `start..end` of a row of the atlas.
+    pub(crate) fn open_span(&mut self, row: usize, start: usize, end: usize) {
+        self.each_word(row, start, end, |covered, bits| *covered &= !bits);
+    }
+
+    /// Covers them.
+    pub(crate) fn cover_span(&mut self, row: usize, start: usize, end: usize) {
+        self.each_word(row, start, end, |covered, bits| *covered |= bits);
+    }
+
+    #[inline(always)]
+    fn each_word(&mut self, row: usize, start: usize, end: usize, each: impl Fn(&mut u64, u64)) {
+        for column in start / WIDTH..=(end - 1) / WIDTH {
+            let left = column * WIDTH;
+            let bits = low_bits(end - left) & !low_bits(start.saturating_sub(left));
+            each(&mut self.rows[column * self.groups + row / GROUP].0[row % GROUP], bits);
+        }
+    }
+
     /// Whether a pixel of the atlas is covered, or was when that was remembered.
     #[inline(always)]
-    pub(super) fn is_covered(&self, row: usize, x: usize, remembered: bool) -> bool {
+    pub(crate) fn is_covered(&self, row: usize, x: usize, remembered: bool) -> bool {
         let rows = if remembered { &self.before } else { &self.rows };
         rows[x / WIDTH * self.groups + row / GROUP].0[row % GROUP] >> (x % WIDTH) & 1 != 0
     }
@@ -152,7 +178,8 @@ pub(crate) struct Shown {
     pub(crate) seen: u16,
     /// Lanes that were left out on some face, as all their box was covered.
     pub(crate) hidden: u16,
-    /// Lanes that were not found to cover a pixel and whose centroid was seen before any lane was drawn. Only with `COVERED`.
+    /// Lanes that were not found to cover a pixel and whose centroid was seen before any lane was drawn, where that was asked. Only
+    /// with `COVERED`.
     pub(crate) tiny: u16,
     /// Triangles drawn, counted once a face.
     pub(crate) drawn: u32,
@@ -273,12 +300,16 @@ fn pixel_box(t: &Transformed, boxes: &Boxes, face: Face, lane: usize, resolution
 pub(crate) unsafe fn cover_lanes<L: Lanes>(
     t: &Transformed,
     lanes: u16,
+    faces: u8,
     resolution: usize,
     top: &[u32],
     side: &[u32],
     out: &mut [(u32, u32); LANES],
 ) {
     for face in Face::ALL {
+        if faces >> face as u8 & 1 == 0 {
+            continue;
+        }
         // SAFETY: the caller's promise.
         let boxes = unsafe { boxes::<L>(t, face, resolution) };
         let running = if face.is_top() { top } else { side };
@@ -303,6 +334,17 @@ pub(crate) unsafe fn cover_lanes<L: Lanes>(
             }
         }
     }
+}
+
+/// In what order the lanes of a block are drawn, and of what it is asked whether their centroids are seen.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Turns<'a> {
+    /// These lanes, nearest first; centroids are asked of what is covered before.
+    InOrder(&'a [u8]),
+    /// All lanes, which hide nothing of each other; centroids are asked of what was covered when that was remembered.
+    Together,
+    /// Likewise, as parts of something; centroids are not asked.
+    Parts,
 }
 
 /// What the pieces of a block were cut from.
@@ -334,8 +376,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
     t: &mut Transformed,
     cut: Option<Cut<'_>>,
     faces: u8,
-    order: &[u8],
-    remembered: bool,
+    turns: Turns<'_>,
     coverage: &mut Coverage,
     top: &[u32],
     side: &[u32],
@@ -346,10 +387,10 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
     let mut on_lines = 0u16;
     let mut lines = BlockLines::new();
     // What is remembered stays, so that it can be asked later, of the few that turn out to have no pixel.
-    let open = if COVERED && !remembered {
-        open_centroids(t, t.live, faces, coverage, false)
-    } else {
-        0
+    let (order, open) = match turns {
+        Turns::InOrder(order) if COVERED => (Some(order), open_centroids(t, t.live, faces, coverage, false)),
+        Turns::InOrder(order) => (Some(order), 0),
+        Turns::Together | Turns::Parts => (None, 0),
     };
     for face in Face::ALL {
         if faces >> face as u8 & 1 == 0 {
@@ -370,19 +411,16 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
             unsafe { L::block_lines(t, face, resolution, &mut lines) };
         }
         let mut pending = on_face;
-        let mut turns = order.iter();
+        let mut order = order.map(|order| order.iter());
         loop {
             // In ascending order where nothing hides anything, which saves looking at those that are not on the face.
-            let lane = if remembered {
-                if pending == 0 {
-                    break;
-                }
-                pending.trailing_zeros() as usize
-            } else {
-                match turns.next() {
+            let lane = match &mut order {
+                None if pending == 0 => break,
+                None => pending.trailing_zeros() as usize,
+                Some(order) => match order.next() {
                     Some(&lane) => usize::from(lane),
                     None => break,
-                }
+                },
             };
             pending &= !(1 << lane);
             if on_face >> lane & 1 == 0 {
@@ -433,12 +471,11 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
     }
     if COVERED {
         let none = t.live & !with_pixels;
-        shown.tiny = if !remembered {
-            none & open
-        } else if none != 0 {
-            open_centroids(t, none, faces, coverage, true)
-        } else {
-            0
+        shown.tiny = match turns {
+            Turns::InOrder(_) => none & open,
+            Turns::Together if none != 0 => open_centroids(t, none, faces, coverage, true),
+            Turns::Together => 0,
+            Turns::Parts => none,
         };
     }
 }

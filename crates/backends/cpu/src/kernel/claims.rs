@@ -7,8 +7,8 @@
 
 use super::bits::{Coverage, MOST_COLUMNS, Rows, WIDTH, all_covered, at, low_bits, weight_of};
 use super::{
-    Drawn, EdgeLines, GROUP, Lanes, PixelBox, Plane, Sums, Transformed, boxes, edge_lines, greater, lane_box, plane,
-    smaller, spans_within,
+    Drawn, EdgeLines, GROUP, Lanes, Noted, PixelBox, Plane, Sums, Transformed, beyond_tiny, boxes, edge_lines,
+    face_of_row, greater, lane_box, plane, smaller, spans_within,
 };
 use hemicube::face::Face;
 use hemicube::tree::LANES;
@@ -23,6 +23,8 @@ struct Claimant {
     /// What it holds.
     pixels: u32,
     weight: u32,
+    /// Its claims: these places in the list.
+    claims: [u32; 2],
 }
 
 impl Claimant {
@@ -34,6 +36,7 @@ impl Claimant {
             id,
             pixels: 0,
             weight: 0,
+            claims: [0; 2],
         }
     }
 
@@ -173,6 +176,7 @@ const CLEAR: Tile = Tile {
 #[derive(Clone, Copy, Debug)]
 struct Claim {
     claimant: u32,
+    tile: u32,
     /// The tile's claim before it, plus 1.
     before: u32,
     /// Cells and rows that it had pixels in when it was made; it never gets others.
@@ -191,6 +195,9 @@ pub(crate) struct Claims {
     shows: Vec<Rows>,
     /// The id of pixels that hit nothing.
     nothing: u32,
+    beyond_tiny: f32,
+    /// Claimants of the ids that are noted.
+    noted: Noted,
 }
 
 /// A claimant on its way over a tile.
@@ -206,7 +213,7 @@ struct Contest<'a> {
 }
 
 impl Claims {
-    pub(crate) fn new(resolution: u32, nothing: u32, culling: bool) -> Self {
+    pub(crate) fn new(resolution: u32, nothing: u32, culling: bool, noted: Noted) -> Self {
         let coverage = Coverage::new(resolution, culling);
         let tiles = coverage.rows.len();
         Self {
@@ -216,6 +223,8 @@ impl Claims {
             claims: Vec::new(),
             shows: Vec::new(),
             nothing,
+            beyond_tiny: beyond_tiny(resolution as usize),
+            noted,
         }
     }
 
@@ -327,18 +336,51 @@ impl Claims {
         (claimant.id, claimant.depth(face_row, x))
     }
 
-    /// Adds up what each id shows, and clears the buffer for the next hemicube.
+    /// Adds up what each id shows.
     pub(crate) fn reduce(&mut self, top: &[u32], side: &[u32], sums: &mut Sums) {
-        for claimant in self.claimants.drain(..) {
-            if claimant.pixels != 0 {
-                sums.add(claimant.id, claimant.pixels, claimant.weight);
+        for claimant in &self.claimants {
+            if claimant.pixels == 0 {
+                self.noted.skip();
+                continue;
+            }
+            sums.add(claimant.id, claimant.pixels, claimant.weight);
+            if self.noted.any() {
+                self.noted.add(claimant.id);
             }
         }
         sums.add(self.nothing, 0, self.coverage.open_weight(top, side));
+    }
+
+    /// Does something to each row of `coverage` where an id that is noted shows pixels: these. Returns the faces that they are on.
+    pub(crate) fn each_of(&self, id: u32, coverage: &mut Coverage, each: impl Fn(&mut u64, u64)) -> u8 {
+        let mut faces = 0;
+        for claimant in self.noted.of(id) {
+            let [start, end] = self.claimants[claimant].claims;
+            for claim in start as usize..end as usize {
+                let tile = self.claims[claim].tile as usize;
+                faces |= face_of_row(tile % coverage.groups * GROUP, coverage.resolution);
+                let rows = &mut coverage.rows[tile].0;
+                for (covered, &shows) in rows.iter_mut().zip(&self.shows[claim].0) {
+                    each(covered, shows);
+                }
+            }
+        }
+        faces
+    }
+
+    /// Forgets what an id shows.
+    pub(crate) fn forget(&mut self, id: u32) {
+        self.noted.forget(id);
+    }
+
+    /// Clears the buffer for the next hemicube.
+    pub(crate) fn clear(&mut self) {
+        self.claimants.clear();
         self.claims.clear();
         self.shows.clear();
         self.coverage.clear();
         self.tiles.fill(CLEAR);
+        self.noted.clear();
     }
 
     /// Gives a new claimant what it wins of `left`, pixels of a tile that are covered in these rows, and adds that to `won`;
@@ -507,7 +549,10 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
     // SAFETY: the caller's promise.
     let boxes = unsafe { boxes::<L>(t, face, resolution) };
     let mut pending = (boxes.whole | boxes.straddling) & lanes;
-    let mut drawn = Drawn::default();
+    let mut drawn = Drawn {
+        on: pending,
+        ..Drawn::default()
+    };
     #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
     let first_row = face.first_row(resolution as u32) as usize;
     while pending != 0 {
@@ -517,15 +562,22 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
             continue;
         };
         if claims.coverage.culling {
-            let [x0, x1] = [at(pixel_box.x0), at(pixel_box.x1) - 1];
-            let [y0, y1] = [at(pixel_box.y0), at(pixel_box.y1) - 1].map(|y| first_row + y);
+            let in_atlas = |pixels: PixelBox| {
+                let [y0, y1] = [at(pixels.y0), at(pixels.y1) - 1].map(|y| first_row + y);
+                [at(pixels.x0), at(pixels.x1) - 1, y0, y1]
+            };
             // SAFETY: the caller's promise.
-            if unsafe { claims.is_hidden::<L>(face, [x0, x1, y0, y1], high) } {
+            if unsafe { claims.is_hidden::<L>(face, in_atlas(pixel_box), high) } {
                 drawn.hidden |= 1 << lane;
+                let touched = in_atlas(pixel_box.wider(face, resolution));
+                // SAFETY: likewise.
+                if COUNT && unsafe { claims.is_hidden::<L>(face, touched, high * claims.beyond_tiny) } {
+                    drawn.behind |= 1 << lane;
+                }
                 continue;
             }
         }
-        drawn.triangles += 1;
+        drawn.drawn |= 1 << lane;
         let (lines, sum) = edge_lines(t, face, lane, resolution);
         let plane = plane(t, face, lane, resolution, sum, claims.nothing, low, high);
         let mut new = Claimant::new(plane, t.seen[lane], resolution);
@@ -619,8 +671,10 @@ unsafe fn claim<L: Lanes, const COUNT: bool>(
                 // SAFETY: the caller's promise.
                 let cells = cells_of(unsafe { L::columns(&shows.0) });
                 let state = &mut claims.tiles[tile];
+                #[allow(clippy::cast_possible_truncation, reason = "fewer tiles than pixels of an atlas")]
                 claims.claims.push(Claim {
                     claimant,
+                    tile: tile as u32,
                     before: state.newest,
                     cells,
                     rows: seen,
@@ -657,6 +711,10 @@ unsafe fn claim<L: Lanes, const COUNT: bool>(
         y += GROUP;
     }
     if claims.claims.len() > claims_before {
+        #[allow(clippy::cast_possible_truncation, reason = "fewer claims than 2³²")]
+        {
+            new.claims = [claims_before, claims.claims.len()].map(|place| place as u32);
+        }
         claims.claimants.push(*new);
     }
     covered_pixels
@@ -724,7 +782,7 @@ mod tests {
     type Seen = (Vec<(u32, u32, u32)>, Vec<[u32; LANES]>, Vec<(u32, u32)>);
 
     fn by_depth(blocks: &[Block], frame: &Frame, table: &DeltaTable, resolution: u32) -> Seen {
-        let mut target = Target::new(resolution, BLOCKED + 1, false);
+        let mut target = Target::new(resolution, BLOCKED + 1, false, Noted::default());
         let mut t = Transformed::new();
         let mut pixels = vec![[0; LANES]; blocks.len()];
         for (block, pixels) in blocks.iter().zip(&mut pixels) {
@@ -763,7 +821,7 @@ mod tests {
         resolution: u32,
         culling: bool,
     ) -> (Seen, u32) {
-        let mut claims = Claims::new(resolution, BLOCKED + 1, culling);
+        let mut claims = Claims::new(resolution, BLOCKED + 1, culling, Noted::default());
         let mut t = Transformed::new();
         let mut pixels = vec![[0; LANES]; blocks.len()];
         let mut hidden = 0;
@@ -783,6 +841,7 @@ mod tests {
         let seen = seen.map(|(id, depth)| (id, depth.to_bits())).collect();
         let mut sums = Sums::new(PATCHES as usize + 2);
         claims.reduce(table.running(Face::Top), table.running(Face::PosX), &mut sums);
+        claims.clear();
         assert!(claims.claims.is_empty() && claims.coverage.rows.iter().all(|rows| rows.0 == [0; GROUP]));
         ((drained(sums), pixels, seen), hidden)
     }
