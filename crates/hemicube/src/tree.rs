@@ -42,17 +42,22 @@ pub struct Block {
 }
 
 impl Block {
+    /// One without triangles.
+    pub fn empty() -> Self {
+        Self {
+            corners: [[0.0; LANES]; 9],
+            negative: [UNUSED; LANES],
+            positive: [UNUSED; LANES],
+        }
+    }
+
     /// Packs up to 16 of some surfaces. The back of a one-sided one shows `blocked`: an id above all patches, so that any
     /// patch at the same depth wins.
     ///
     /// # Panics
     /// When `lanes` is empty.
     pub fn of(surfaces: &[Surface], lanes: &[u32], blocked: u32) -> Self {
-        let mut block = Self {
-            corners: [[0.0; LANES]; 9],
-            negative: [UNUSED; LANES],
-            positive: [UNUSED; LANES],
-        };
+        let mut block = Self::empty();
         for lane in 0..LANES {
             // Unused lanes repeat the last triangle's first corner: no area, so nothing is drawn.
             let surface = &surfaces[lanes[lane.min(lanes.len() - 1)] as usize];

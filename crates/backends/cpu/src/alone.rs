@@ -4,7 +4,7 @@ use crate::Shared;
 use crate::engine::ALL_FACES;
 use crate::kernel::{Frame, Kernel, Transformed};
 use hemicube::face::Face;
-use hemicube::tree::{Block, LANES, UNUSED};
+use hemicube::tree::{Block, LANES};
 use std::marker::PhantomData;
 
 /// Counts what patches cover alone, by the rasteriser that draws them.
@@ -19,11 +19,7 @@ pub(crate) struct Alone<K> {
 impl<K: Kernel> Alone<K> {
     pub(crate) fn new() -> Self {
         Self {
-            block: Box::new(Block {
-                corners: [[0.0; LANES]; 9],
-                negative: [UNUSED; LANES],
-                positive: [UNUSED; LANES],
-            }),
+            block: Box::new(Block::empty()),
             triangles: Box::new(Transformed::new()),
             counts: Vec::new(),
             kernel: PhantomData,
@@ -36,12 +32,7 @@ impl<K: Kernel> Alone<K> {
         self.counts.clear();
         for patches in patches.chunks(LANES) {
             for (lane, &patch) in patches.iter().enumerate() {
-                let (block, from) = shared.surface_of(patch);
-                for (to, corners) in self.block.corners.iter_mut().zip(&block.corners) {
-                    to[lane] = corners[from];
-                }
-                self.block.negative[lane] = block.negative[from];
-                self.block.positive[lane] = block.positive[from];
+                shared.put(patch, lane, &mut self.block);
             }
             let mut counts = [(0, 0); LANES];
             let resolution = shared.settings.resolution as usize;

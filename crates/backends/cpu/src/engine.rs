@@ -24,6 +24,8 @@ pub(crate) struct Engine<K, B> {
     buffer: B,
     sums: Sums,
     triangles: Box<Transformed>,
+    /// Patches of a triangle that was cut.
+    patches: Box<Block>,
     pending: Vec<Pending>,
     /// For each block: which hemicube drew it last, and what its lanes covered.
     drawn: Vec<DrawnBlock>,
@@ -150,6 +152,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             buffer: B::new(shared),
             sums: Sums::new(patch_count as usize + 2),
             triangles: Box::new(Transformed::new()),
+            patches: Box::new(Block::empty()),
             pending: Vec::new(),
             drawn: vec![
                 DrawnBlock {
@@ -312,6 +315,17 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         known && drawn.pixels[lane] == pixels
     }
 
+    /// Brings sixteen patches of a triangle that was cut, and drawn as `id`, into a frame.
+    fn transform_patches(&mut self, wholes: &Wholes, frame: &Frame, whole: &Whole, id: u32, block: usize) {
+        wholes.patches(whole, id, block, &mut self.patches);
+        let t = &mut *self.triangles;
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe { K::transform(&self.patches, frame, t) };
+        let sign = whole.sign(id);
+        let same_side = (0..LANES).fold(0, |lanes, lane| lanes | u16::from(t.sign[lane] == sign) << lane);
+        t.live &= same_side;
+    }
+
     /// Shares out what is seen of a triangle that was cut, and drawn as `id`, among its patches; all that it covers is on `faces`.
     #[allow(clippy::too_many_arguments, reason = "private, called once: the pieces of one loop")]
     fn share<const COVERED: bool>(
@@ -330,13 +344,11 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         let shown_on = self.buffer.open(id, &mut self.open);
         // What is covered must be known on all faces, what is seen only on those.
         let faces = if COVERED { faces } else { shown_on };
-        for block in &wholes.blocks[wholes.blocks_of(whole)] {
+        for block in 0..wholes.block_count(whole) {
+            self.transform_patches(wholes, frame, whole, id, block);
             let t = &mut *self.triangles;
-            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-            unsafe { K::transform(block, frame, t) };
-            t.live &= whole.live(id, &t.seen);
             let mut shown = Shown::new();
-            // SAFETY: as above.
+            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
             unsafe {
                 K::draw_bits::<COVERED>(t, None, faces, Turns::Parts, &mut self.open, top, side, &mut shown);
             }
@@ -414,15 +426,14 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
                 continue;
             }
             let whole = wholes.get(whole);
-            let (visible, _) = self.visible_faces::<true>(shared, whole.center, whole.half, frame, ALL_FACES);
+            let (center, half) = whole.bounds();
+            let (visible, _) = self.visible_faces::<true>(shared, center, half, frame, ALL_FACES);
             if visible == 0 || pixels == Pixels::Unknown && self.has_pixels(shared, frame, id, faces) {
                 continue;
             }
-            for block in &wholes.blocks[wholes.blocks_of(whole)] {
-                let t = &mut *self.triangles;
-                // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-                unsafe { K::transform(block, frame, t) };
-                let live = t.live & whole.live(id, &t.seen);
+            for block in 0..wholes.block_count(whole) {
+                self.transform_patches(wholes, frame, whole, id, block);
+                let live = self.triangles.live;
                 if live != 0 {
                     self.find_tiny_parts(shared, frame, (id, faces), live, 0);
                 }
@@ -841,20 +852,19 @@ impl<K: Kernel> Engine<K, Target> {
             .collect();
         let mut most = (id, 0);
         self.buffer.open(id, &mut self.open);
-        for block in &wholes.blocks[wholes.blocks_of(whole)] {
+        for block in 0..wholes.block_count(whole) {
+            self.transform_patches(wholes, frame, whole, id, block);
             let t = &mut *self.triangles;
-            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-            unsafe { K::transform(block, frame, t) };
             for lane in 0..LANES {
                 let patch = t.seen[lane];
-                if t.live >> lane & 1 == 0 || !whole.shows(id, patch) {
+                if t.live >> lane & 1 == 0 {
                     continue;
                 }
                 let mut shown = Shown::new();
                 #[allow(clippy::cast_possible_truncation, reason = "below 16")]
                 let turns = [lane as u8];
                 let turns = Turns::InOrder(&turns);
-                // SAFETY: as above.
+                // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
                 unsafe { K::draw_bits::<false>(t, None, ALL_FACES, turns, &mut self.open, top, side, &mut shown) };
                 if shown.seen == 0 {
                     continue;

@@ -178,14 +178,18 @@ pub(crate) struct Shared {
 }
 
 impl Shared {
-    /// Where the surface of a patch is: its block and lane.
-    pub(crate) fn surface_of(&self, patch: u32) -> (&Block, usize) {
-        let (slots, blocks) = match &self.wholes {
-            Some(wholes) => (&wholes.slot_of_patch, &wholes.blocks),
-            None => (&self.tree.slot_of_patch, &self.tree.blocks),
-        };
-        let slot = slots[patch as usize] as usize;
-        (&blocks[slot / LANES], slot % LANES)
+    /// Puts a patch, seen from either side, into a lane of a block.
+    pub(crate) fn put(&self, patch: u32, lane: usize, out: &mut Block) {
+        if let Some(wholes) = &self.wholes {
+            wholes.put(patch, lane, out);
+            return;
+        }
+        let slot = self.tree.slot_of_patch[patch as usize] as usize;
+        let (block, from) = (&self.tree.blocks[slot / LANES], slot % LANES);
+        for (to, corners) in out.corners.iter_mut().zip(&block.corners) {
+            to[lane] = corners[from];
+        }
+        (out.negative[lane], out.positive[lane]) = (block.negative[from], block.positive[from]);
     }
 }
 

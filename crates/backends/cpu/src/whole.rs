@@ -4,11 +4,13 @@
 //! another. So the work for what is hidden, and for contending for pixels, is that of the scene before it was cut.
 //!
 //! A whole triangle is found by its patches: one after the other, as [`hemicube_scene::Subdivision`] cuts them, row by row from the
-//! first edge, with corners that are the same to the bit where they are shared.
+//! first edge, with corners that are the same to the bit where they are shared. Their corners are not kept: they are where the
+//! whole's are and the number of pieces say.
 
 use glam::DVec3;
 use hemicube::backend::{Geometry, Surface};
 use hemicube::tree::{Block, LANES, Tree};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Wholes of fewer patches than this each, on average, are not worth the second step.
@@ -19,20 +21,32 @@ const MOST_PIECES: usize = 256;
 /// in one plane: rounding of coordinates.
 const OFF: f64 = 1.0 / 16.0;
 
-/// The whole triangles of a scene. Each is known by the ids of its first patch, on the front and on the back.
+/// The whole triangles of a scene, some of which may be patches themselves. Each is drawn with the id of its first patch on the side
+/// that is seen.
 #[derive(Debug)]
 pub(crate) struct Wholes {
     /// Over the whole triangles.
     pub(crate) tree: Arc<Tree>,
-    /// The patches of each whole, one whole after the other; those of two share no block, unless they are wholes of one patch.
-    pub(crate) blocks: Vec<Block>,
-    /// block × 16 + lane of each patch's surface in these.
-    pub(crate) slot_of_patch: Vec<u32>,
-    /// The whole of each patch.
-    of_patch: Vec<u32>,
+    /// In the order of their patches.
     wholes: Vec<Whole>,
     /// For each block of the tree.
     lanes: Vec<WholeLanes>,
+    /// One for each number of pieces that edges are cut into.
+    lattices: Vec<Lattice>,
+}
+
+/// A whole triangle.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Whole {
+    /// Corners of the front, counter-clockwise.
+    corners: [DVec3; 3],
+    /// The first patch, on the front.
+    front: u32,
+    /// How many numbers further the next patch on the same side is: 2 where both sides are patches.
+    step: u32,
+    /// How many patches a side has.
+    count: u32,
+    lattice: u32,
 }
 
 /// What the lanes of a block of whole triangles are.
@@ -44,20 +58,46 @@ pub(crate) struct WholeLanes {
     pub(crate) whole: [u32; LANES],
 }
 
-/// A whole triangle.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Whole {
-    /// The first patch, on the front.
-    pub(crate) front: u32,
-    /// How many numbers further the next patch on the same side is: 2 where both sides are patches.
-    pub(crate) step: u32,
-    /// How many surfaces it was cut into.
-    pub(crate) count: u32,
-    /// Its first block.
-    block: u32,
-    /// The box around it.
-    pub(crate) center: DVec3,
-    pub(crate) half: DVec3,
+/// Where the corners of patches are in a triangle whose edges are cut into so many pieces, sixteen patches at a time.
+#[derive(Debug)]
+struct Lattice {
+    blocks: Vec<LatticeBlock>,
+}
+
+/// How far along the first edge and along the last, from the first corner, each corner is. Lanes without a patch have no area.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+struct LatticeBlock {
+    along: [[f64; LANES]; 3],
+    across: [[f64; LANES]; 3],
+}
+
+impl Lattice {
+    fn new(pieces: usize) -> Self {
+        let empty = LatticeBlock {
+            along: [[0.0; LANES]; 3],
+            across: [[0.0; LANES]; 3],
+        };
+        let mut blocks = vec![empty; (pieces * pieces).div_ceil(LANES)];
+        let mut patch = 0;
+        let mut push = |corners: [(usize, usize); 3]| {
+            let (block, lane) = (&mut blocks[patch / LANES], patch % LANES);
+            for (k, (i, j)) in corners.into_iter().enumerate() {
+                block.along[k][lane] = i as f64 / pieces as f64;
+                block.across[k][lane] = j as f64 / pieces as f64;
+            }
+            patch += 1;
+        };
+        for j in 0..pieces {
+            for i in 0..pieces - j {
+                push([(i, j), (i + 1, j), (i, j + 1)]);
+                if i + j + 1 < pieces {
+                    push([(i + 1, j), (i + 1, j + 1), (i, j + 1)]);
+                }
+            }
+        }
+        Self { blocks }
+    }
 }
 
 impl Wholes {
@@ -69,102 +109,58 @@ impl Wholes {
         let mut at = 0;
         while at < surfaces.len() {
             let pieces = pieces_from(&surfaces[at..], off);
-            found.push((at, pieces));
+            found.push((whole(&surfaces[at..], pieces), pieces));
             at += pieces * pieces;
         }
-        (found.len() * LEAST_PATCHES <= surfaces.len()).then(|| Self::of(geometry, &surfaces, &found))
+        (found.len() * LEAST_PATCHES <= surfaces.len()).then(|| Self::of(geometry, &found))
     }
 
-    /// Of surfaces in the order of their patches: where each whole begins, and into how many pieces its edges are cut.
-    fn of(geometry: &Geometry, surfaces: &[Surface], found: &[(usize, usize)]) -> Self {
-        let patch_count = geometry.patch_count;
-        let mut made = Self {
-            tree: Arc::new(Tree::of_surfaces(
-                &found
-                    .iter()
-                    .map(|&(at, pieces)| whole(&surfaces[at..], pieces))
-                    .collect::<Vec<_>>(),
-                patch_count,
-                geometry.plane_tolerance,
-            )),
-            blocks: Vec::with_capacity(surfaces.len() / LANES + found.len()),
-            slot_of_patch: vec![u32::MAX; patch_count as usize],
-            of_patch: vec![u32::MAX; patch_count as usize],
-            wholes: Vec::with_capacity(found.len()),
-            lanes: Vec::new(),
-        };
-        // Surfaces that were not cut fill blocks together.
-        let mut alone: Vec<u32> = Vec::new();
-        for &(at, pieces) in found {
-            let count = pieces * pieces;
-            let Surface { corners, front, back } = whole(&surfaces[at..], pieces);
-            let (low, high) = (
-                corners[0].min(corners[1]).min(corners[2]),
-                corners[0].max(corners[1]).max(corners[2]),
-            );
-            #[allow(
-                clippy::cast_possible_truncation,
-                reason = "fewer than surfaces, of which there are < 2³¹"
-            )]
-            let (of, block) = (made.wholes.len() as u32, made.blocks.len() as u32);
-            #[allow(clippy::cast_possible_truncation, reason = "likewise")]
-            made.wholes.push(Whole {
+    /// Of triangles by their first patches, and the number of pieces that their edges are cut into.
+    fn of(geometry: &Geometry, found: &[(Surface, usize)]) -> Self {
+        let mut of_pieces = BTreeMap::new();
+        let mut lattices = Vec::new();
+        let mut wholes = Vec::with_capacity(found.len());
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "fewer than patches, of which there are < 2³¹"
+        )]
+        for &(Surface { corners, front, back }, pieces) in found {
+            let lattice = *of_pieces.entry(pieces).or_insert_with(|| {
+                lattices.push(Lattice::new(pieces));
+                lattices.len() - 1
+            });
+            wholes.push(Whole {
+                corners,
                 front: front.0,
                 step: 1 + u32::from(back.is_some()),
-                count: count as u32,
-                block,
-                center: (low + high) * 0.5,
-                // A hair wider than the corners, as the middle and the half side are rounded.
-                half: (high - low) * (0.5 * (1.0 + 1e-12)) + DVec3::splat(1e-15),
+                count: (pieces * pieces) as u32,
+                lattice: lattice as u32,
             });
-            for surface in &surfaces[at..at + count] {
-                for patch in [Some(surface.front), surface.back].into_iter().flatten() {
-                    made.of_patch[patch.0 as usize] = of;
-                }
-            }
-            #[allow(clippy::cast_possible_truncation, reason = "likewise")]
-            let indices = at as u32..(at + count) as u32;
-            if count == 1 {
-                alone.extend(indices);
-            } else {
-                let indices: Vec<u32> = indices.collect();
-                indices
-                    .chunks(LANES)
-                    .for_each(|lanes| made.push(surfaces, lanes, patch_count));
-            }
         }
-        alone
-            .chunks(LANES)
-            .for_each(|lanes| made.push(surfaces, lanes, patch_count));
+        let surfaces: Vec<Surface> = found.iter().map(|&(surface, _)| surface).collect();
+        let tree = Tree::of_surfaces(&surfaces, geometry.patch_count, geometry.plane_tolerance);
         let none = WholeLanes {
             cut: 0,
             whole: [u32::MAX; LANES],
         };
-        made.lanes = vec![none; made.tree.blocks.len()];
-        for (of, whole) in (0u32..).zip(&made.wholes) {
-            let slot = made.tree.slot_of_patch[whole.front as usize] as usize;
-            let lanes = &mut made.lanes[slot / LANES];
+        let mut lanes = vec![none; tree.blocks.len()];
+        for (of, whole) in (0u32..).zip(&wholes) {
+            let slot = tree.slot_of_patch[whole.front as usize] as usize;
+            let lanes = &mut lanes[slot / LANES];
             lanes.whole[slot % LANES] = of;
             lanes.cut |= u16::from(whole.count > 1) << (slot % LANES);
         }
-        made
+        Self {
+            tree: Arc::new(tree),
+            wholes,
+            lanes,
+            lattices,
+        }
     }
 
     /// What the lanes of a block of the tree are.
     pub(crate) fn lanes(&self, block: usize) -> &WholeLanes {
         &self.lanes[block]
-    }
-
-    fn push(&mut self, surfaces: &[Surface], lanes: &[u32], patch_count: u32) {
-        for (lane, &surface) in lanes.iter().enumerate() {
-            let surface = &surfaces[surface as usize];
-            #[allow(clippy::cast_possible_truncation, reason = "slots are u32")]
-            let slot = (self.blocks.len() * LANES + lane) as u32;
-            for patch in [Some(surface.front), surface.back].into_iter().flatten() {
-                self.slot_of_patch[patch.0 as usize] = slot;
-            }
-        }
-        self.blocks.push(Block::of(surfaces, lanes, patch_count));
     }
 
     /// How many there are.
@@ -182,47 +178,96 @@ impl Wholes {
         cut.flat_map(|whole| whole.front..whole.front + whole.step)
     }
 
-    /// What is known of what was drawn with an id, if that is a triangle that was cut.
+    /// The whole that is drawn with an id, if it is a triangle that was cut.
     pub(crate) fn cut(&self, id: u32) -> Option<u32> {
-        let whole = *self.of_patch.get(id as usize)?;
-        (self.get(whole).count > 1).then_some(whole)
+        let slot = self.tree.slot_of_patch[id as usize] as usize;
+        let (lanes, lane) = (&self.lanes[slot / LANES], slot % LANES);
+        (lanes.cut >> lane & 1 != 0).then(|| lanes.whole[lane])
+    }
+
+    fn of_patch(&self, patch: u32) -> &Whole {
+        &self.wholes[self.wholes.partition_point(|whole| whole.front <= patch) - 1]
     }
 
     /// The id that the whole of a patch is drawn with, from the patch's side.
     pub(crate) fn drawn_as(&self, patch: u32) -> u32 {
-        let whole = self.get(self.of_patch[patch as usize]);
+        let whole = self.of_patch(patch);
         whole.front + (patch - whole.front) % whole.step
     }
 
-    /// The blocks of the patches of a whole that was cut.
-    pub(crate) fn blocks_of(&self, whole: &Whole) -> std::ops::Range<usize> {
-        let first = whole.block as usize;
-        first..first + (whole.count as usize).div_ceil(LANES)
+    /// How many blocks the patches of a whole take.
+    pub(crate) fn block_count(&self, whole: &Whole) -> usize {
+        self.lattices[whole.lattice as usize].blocks.len()
+    }
+
+    /// The patches of a whole that is drawn with an id, sixteen of them. Which side of one is seen is not told: see [`Whole::sign`].
+    #[inline(always)]
+    pub(crate) fn patches(&self, whole: &Whole, id: u32, block: usize, out: &mut Block) {
+        let lattice = &self.lattices[whole.lattice as usize].blocks[block];
+        let [a, b, c] = whole.corners.map(|p| p.to_array());
+        for k in 0..3 {
+            for x in 0..3 {
+                let (first, last) = (b[x] - a[x], c[x] - a[x]);
+                for l in 0..LANES {
+                    out.corners[3 * k + x][l] = a[x] + first * lattice.along[k][l] + last * lattice.across[k][l];
+                }
+            }
+        }
+        let mut patch = 0;
+        for l in 0..LANES {
+            #[allow(clippy::cast_possible_truncation, reason = "fewer than patches")]
+            let place = (block * LANES + l) as u32;
+            patch = if place < whole.count {
+                id + place * whole.step
+            } else {
+                patch
+            };
+            out.negative[l] = patch;
+            out.positive[l] = patch;
+        }
+    }
+
+    /// Puts a patch into a lane of a block.
+    pub(crate) fn put(&self, patch: u32, lane: usize, out: &mut Block) {
+        let whole = self.of_patch(patch);
+        let place = ((patch - whole.front) / whole.step) as usize;
+        let (lattice, from) = (
+            &self.lattices[whole.lattice as usize].blocks[place / LANES],
+            place % LANES,
+        );
+        let [a, b, c] = whole.corners.map(|p| p.to_array());
+        for k in 0..3 {
+            for x in 0..3 {
+                let (first, last) = (b[x] - a[x], c[x] - a[x]);
+                out.corners[3 * k + x][lane] = a[x] + first * lattice.along[k][from] + last * lattice.across[k][from];
+            }
+        }
+        (out.negative[lane], out.positive[lane]) = (patch, patch);
     }
 }
 
 impl Whole {
-    /// Of lanes of a block of its patches, those that show the side that is drawn with this id: of a patch that is all but in line
-    /// with the eye, rounding may have the other.
-    #[inline(always)]
-    pub(crate) fn live(&self, id: u32, seen: &[u32; LANES]) -> u16 {
-        seen.iter().enumerate().fold(0, |live, (lane, &patch)| {
-            live | u16::from(self.shows(id, patch)) << lane
-        })
+    /// The sign that edges of its patches are multiplied by where the side is seen that is drawn with an id. Of a patch that is all but
+    /// in line with the eye, rounding may have the other.
+    pub(crate) fn sign(&self, id: u32) -> f64 {
+        if id == self.front { -1.0 } else { 1.0 }
     }
 
-    /// Whether a patch is a part of it on that side.
-    #[inline(always)]
-    pub(crate) fn shows(&self, id: u32, patch: u32) -> bool {
-        let place = patch.wrapping_sub(id);
-        // Steps are 1 or 2.
-        place < self.count * self.step && place & (self.step - 1) == 0
+    /// The middle of the box around it, and half its sides.
+    pub(crate) fn bounds(&self) -> (DVec3, DVec3) {
+        let [a, b, c] = self.corners;
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        // A hair wider than the corners, as the middle and the half side are rounded.
+        (
+            (low + high) * 0.5,
+            (high - low) * (0.5 * (1.0 + 1e-12)) + DVec3::splat(1e-15),
+        )
     }
 }
 
 /// A scene's surfaces in the order of their patches; `None` where patches are numbered otherwise than surface by surface.
-fn in_order(geometry: &Geometry) -> Option<Vec<Surface>> {
-    let mut surfaces = geometry.surfaces.clone();
+fn in_order(geometry: &Geometry) -> Option<Vec<&Surface>> {
+    let mut surfaces: Vec<&Surface> = geometry.surfaces.iter().collect();
     surfaces.sort_unstable_by_key(|s| s.front.0);
     let mut next = 0;
     for surface in &surfaces {
@@ -236,17 +281,17 @@ fn in_order(geometry: &Geometry) -> Option<Vec<Surface>> {
 }
 
 /// The triangle that the first of these surfaces were cut from.
-fn whole(surfaces: &[Surface], pieces: usize) -> Surface {
+fn whole(surfaces: &[&Surface], pieces: usize) -> Surface {
     // The end of the first row, and the last piece of all.
-    let (end, last) = (&surfaces[2 * (pieces - 1)], &surfaces[pieces * pieces - 1]);
+    let (end, last) = (surfaces[2 * (pieces - 1)], surfaces[pieces * pieces - 1]);
     Surface {
         corners: [surfaces[0].corners[0], end.corners[1], last.corners[2]],
-        ..surfaces[0]
+        ..*surfaces[0]
     }
 }
 
 /// Into how many pieces the edges of the triangle are cut that begins with the first of these surfaces; 1 where it was not cut.
-fn pieces_from(surfaces: &[Surface], off: f64) -> usize {
+fn pieces_from(surfaces: &[&Surface], off: f64) -> usize {
     let pieces = first_row(surfaces);
     if pieces > 1 && surfaces.len() >= pieces * pieces && is_cut(&surfaces[..pieces * pieces], pieces, off) {
         pieces
@@ -256,7 +301,7 @@ fn pieces_from(surfaces: &[Surface], off: f64) -> usize {
 }
 
 /// The pieces in the first row that look the same way as the whole: between two of them lies one that looks the other way.
-fn first_row(surfaces: &[Surface]) -> usize {
+fn first_row(surfaces: &[&Surface]) -> usize {
     let mut pieces = 1;
     while pieces < MOST_PIECES
         && let [_, b, c] = surfaces[2 * pieces - 2].corners
@@ -272,7 +317,7 @@ fn first_row(surfaces: &[Surface]) -> usize {
 }
 
 /// Whether surfaces are what a triangle is cut into.
-fn is_cut(surfaces: &[Surface], pieces: usize, off: f64) -> bool {
+fn is_cut(surfaces: &[&Surface], pieces: usize, off: f64) -> bool {
     let Surface {
         corners: [a, b, c],
         back,
@@ -287,7 +332,7 @@ fn is_cut(surfaces: &[Surface], pieces: usize, off: f64) -> bool {
     for j in 0..pieces {
         let mut upper = Vec::with_capacity(pieces - j);
         for i in 0..pieces - j {
-            let Some(&Surface {
+            let Some(&&Surface {
                 corners: [p, q, r],
                 back: of_piece,
                 ..
@@ -314,7 +359,7 @@ fn is_cut(surfaces: &[Surface], pieces: usize, off: f64) -> bool {
                 return false;
             }
             if i + j + 1 < pieces {
-                let Some(&Surface {
+                let Some(&&Surface {
                     corners: [s, t, u],
                     back: of_piece,
                     ..
