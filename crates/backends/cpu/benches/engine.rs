@@ -1,4 +1,4 @@
-//! Hemicubes a second of the two engines: by scene, one against the other and against brute force, by hierarchy,
+//! Hemicubes a second of the three engines: by scene, against engine 1 patch by patch and against brute force, by hierarchy,
 //! instruction set and resolution. `cargo bench -p hemicube-backend-cpu --bench engine`.
 //!
 //! Before criterion's own groups, a table of ratios is printed whose two sides were measured in turns in this run, in
@@ -83,16 +83,18 @@ impl Case {
         )
     }
 
-    /// Engine 1 without any culling.
-    fn brute(&self, resolution: u32) -> CpuBackend {
-        self.backend(
-            Isa::available()[0],
-            EngineChoice::Depth,
-            Hierarchy::SurfaceArea,
+    /// Engine 1 as it draws patch by patch.
+    fn patch_by_patch(&self, resolution: u32, culling: Culling, covered: bool) -> CpuBackend {
+        let mut backend = CpuBackend::new().with_engine(EngineChoice::Depth).patch_by_patch();
+        let settings = RenderSettings {
             resolution,
-            Culling::Off,
-            false,
-        )
+            culling,
+            covered,
+        };
+        backend
+            .load(self.model.geometry(), settings)
+            .expect("settings in range");
+        backend
     }
 }
 
@@ -162,14 +164,24 @@ fn cases(large: bool) -> Vec<Case> {
     cases
 }
 
+/// Processor time is counted in ticks of up to 4 ms: what is measured takes at least so many seconds.
+const LEAST_SECONDS: f64 = 0.2;
+
 /// Best seconds of each of two backends over the same hemicubes, measured in turns.
 fn in_turns(a: &mut CpuBackend, b: &mut CpuBackend, hemicubes: &[Hemicube]) -> (f64, f64) {
     let mut rows = RowBlock::default();
     let mut time = |backend: &mut CpuBackend| {
-        rows.clear();
         let start = thread_seconds();
-        backend.rows(hemicubes, &mut rows).expect("rows");
-        thread_seconds() - start
+        let mut times = 0.0;
+        loop {
+            rows.clear();
+            backend.rows(hemicubes, &mut rows).expect("rows");
+            times += 1.0;
+            let seconds = thread_seconds() - start;
+            if seconds >= LEAST_SECONDS {
+                return seconds / times;
+            }
+        }
     };
     let mut best = (f64::INFINITY, f64::INFINITY);
     for _ in 0..5 {
@@ -189,51 +201,57 @@ fn name(backend: &CpuBackend) -> &'static str {
     }
 }
 
+const ENGINES: [EngineChoice; 3] = [EngineChoice::Order, EngineChoice::Claims, EngineChoice::Depth];
+
 fn print_ratios(cases: &[Case]) {
     let isa = Isa::available()[0];
     let auto = |case: &Case, resolution, covered| case.engine(EngineChoice::Auto, resolution, covered);
     println!(
-        "One core, N = 256, best of 5 in turns; hemicubes a second and their ratios. `auto` is what the scene gets."
+        "One core, N = 256, best of 5 in turns; hemicubes a second and their ratios. `auto` is what the scene gets, `parted` engine 1 \
+         patch by patch."
     );
     println!(
-        "| scene | patches | auto | order | claims | depth | order / depth | claims / depth | brute force | auto / brute |"
+        "| scene | patches | auto | order | claims | depth | parted | auto / parted | depth / parted | brute force | auto / brute |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
     for case in cases {
         let count = case.hemicubes.len() as f64;
-        let mut order = case.engine(EngineChoice::Order, 256, false);
-        let mut claims = case.engine(EngineChoice::Claims, 256, false);
-        let mut depth = case.engine(EngineChoice::Depth, 256, false);
-        let (t_order, t_depth) = in_turns(&mut order, &mut depth, &case.hemicubes);
-        let (t_claims, t_depth_again) = in_turns(&mut claims, &mut depth, &case.hemicubes);
         let mut best = auto(case, 256, false);
-        let (t_best, t_brute) = in_turns(&mut best, &mut case.brute(256), &case.hemicubes);
+        let mut parted = case.patch_by_patch(256, Culling::On, false);
+        let [order, claims, depth] = ENGINES.map(|engine| case.engine(engine, 256, false));
+        let (t_best, t_parted) = in_turns(&mut best, &mut parted, &case.hemicubes);
+        let [(t_order, _), (t_claims, _), (t_depth, t_parted_again)] =
+            [order, claims, depth].map(|mut engine| in_turns(&mut engine, &mut parted, &case.hemicubes));
+        let mut brute = case.patch_by_patch(256, Culling::Off, false);
+        let (t_best_again, t_brute) = in_turns(&mut best, &mut brute, &case.hemicubes);
         println!(
-            "| {} | {} | {} | {:.0} | {:.0} | {:.0} | {:.2} | {:.2} | {:.0} | {:.2} |",
+            "| {} | {} | {} | {:.0} | {:.0} | {:.0} | {:.0} | {:.2} | {:.2} | {:.0} | {:.1} |",
             case.name,
             case.model.patches().len(),
             name(&best),
             count / t_order,
             count / t_claims,
             count / t_depth,
-            t_depth / t_order,
-            t_depth_again / t_claims,
+            count / t_parted,
+            t_parted / t_best,
+            t_parted_again / t_depth,
             count / t_brute,
-            t_brute / t_best,
+            t_brute / t_best_again,
         );
     }
     println!("The same with covered weights, as the corrections want them, and what the chosen engines make of it:");
     println!(
-        "| scene | order | claims | depth | order / depth | claims / depth | at N = 1024 | N = 1024 / 64 in time, engines | portable / {isa:?} at 256 | at 64 |"
+        "| scene | order | claims | depth | parted | auto / parted | depth / parted | claims / depth at N = 1024 | N = 1024 / 64 in \
+         time, engines | portable / {isa:?} at 256 | at 64 |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
     for case in cases {
         let count = case.hemicubes.len() as f64;
-        let mut order = case.engine(EngineChoice::Order, 256, true);
-        let mut claims = case.engine(EngineChoice::Claims, 256, true);
-        let mut depth = case.engine(EngineChoice::Depth, 256, true);
-        let (t_order, t_depth) = in_turns(&mut order, &mut depth, &case.hemicubes);
-        let (t_claims, t_depth_again) = in_turns(&mut claims, &mut depth, &case.hemicubes);
+        let mut parted = case.patch_by_patch(256, Culling::On, true);
+        let (t_best, t_parted) = in_turns(&mut auto(case, 256, true), &mut parted, &case.hemicubes);
+        let [(t_order, _), (t_claims, _), (t_depth, t_parted_again)] = ENGINES
+            .map(|engine| case.engine(engine, 256, true))
+            .map(|mut engine| in_turns(&mut engine, &mut parted, &case.hemicubes));
         let (mut small, mut large) = (auto(case, 64, true), auto(case, 1024, true));
         let (t_small, t_large) = in_turns(&mut small, &mut large, &case.hemicubes);
         let mut large_claims = case.engine(EngineChoice::Claims, 1024, true);
@@ -253,13 +271,14 @@ fn print_ratios(cases: &[Case]) {
             t_best / t_plain
         });
         println!(
-            "| {} | {:.0} | {:.0} | {:.0} | {:.2} | {:.2} | {:.2} | {:.2}, {} / {} | {:.2} | {:.2} |",
+            "| {} | {:.0} | {:.0} | {:.0} | {:.0} | {:.2} | {:.2} | {:.2} | {:.2}, {} / {} | {:.2} | {:.2} |",
             case.name,
             count / t_order,
             count / t_claims,
             count / t_depth,
-            t_depth / t_order,
-            t_depth_again / t_claims,
+            count / t_parted,
+            t_parted / t_best,
+            t_parted_again / t_depth,
             t_large_depth / t_large_claims,
             t_large / t_small,
             name(&large),
@@ -268,11 +287,12 @@ fn print_ratios(cases: &[Case]) {
             portable[1],
         );
     }
-    println!("Engine 1 over the surface area tree against the octree:");
+    println!("Engine 1, patch by patch, over the surface area tree against the octree:");
     for case in cases {
         let depth = EngineChoice::Depth;
         let mut octree = case.backend(isa, depth, Hierarchy::Octree, 256, Culling::On, false);
-        let (t_area, t_octree) = in_turns(&mut case.engine(depth, 256, false), &mut octree, &case.hemicubes);
+        let mut parted = case.patch_by_patch(256, Culling::On, false);
+        let (t_area, t_octree) = in_turns(&mut parted, &mut octree, &case.hemicubes);
         println!("{}: {:.2}", case.name, t_octree / t_area);
     }
     for case in cases.iter().filter(|c| c.model.patches().len() < 1_000_000) {
@@ -362,7 +382,8 @@ fn rate(c: &mut Criterion) {
         .iter()
         .filter(|c| c.name.starts_with("room") || c.name == "denhaag-8897-x16")
     {
-        run("brute", BenchmarkId::new(case.name, 256), case, case.brute(256));
+        let brute = case.patch_by_patch(256, Culling::Off, false);
+        run("brute", BenchmarkId::new(case.name, 256), case, brute);
         for isa in Isa::available() {
             let auto = EngineChoice::Auto;
             let backend = case.backend(isa, auto, Hierarchy::SurfaceArea, 256, Culling::On, false);
