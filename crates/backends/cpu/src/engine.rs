@@ -814,7 +814,9 @@ impl<K: Kernel> Engine<K, Target> {
             let mut ids = std::mem::take(&mut self.ids);
             self.sums.drain(|id, pixels, weight| ids.push((id, pixels, weight)));
             for (id, ..) in ids.drain(..) {
-                if let Some(whole) = wholes.cut(id) {
+                if id < patch_count
+                    && let Some(whole) = wholes.cut(id)
+                {
                     self.share_items(shared, wholes, &frame, id, wholes.get(whole), &mut seen);
                 }
             }

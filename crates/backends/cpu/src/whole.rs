@@ -377,3 +377,139 @@ fn is_cut(surfaces: &[&Surface], pieces: usize, off: f64) -> bool {
     }
     rest.next().is_none()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hemicube::{HierarchyOptions, Model};
+    use hemicube_scene::generate::{Generate, Kind, cornell_box, generate};
+    use hemicube_scene::{Patches, Scene, Subdivision};
+
+    fn geometry(scene: &Scene, subdivision: Subdivision) -> Arc<Geometry> {
+        let patches = Patches::new(scene, subdivision).expect("patches");
+        let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+        Arc::clone(model.geometry())
+    }
+
+    fn of_kind(kind: Kind) -> Scene {
+        let spec = Generate {
+            kind,
+            target_patches: 2_000,
+            seed: 3,
+        };
+        generate(spec).expect("a target in range")
+    }
+
+    /// Every patch is where its whole has it, and is on the side that the whole is drawn as.
+    fn assert_made_up_of(wholes: &Wholes, geometry: &Geometry) {
+        let off = OFF * geometry.plane_tolerance;
+        for surface in &geometry.surfaces {
+            for (side, patch) in [Some(surface.front), surface.back].into_iter().flatten().enumerate() {
+                let mut block = Block::empty();
+                wholes.put(patch.0, 5, &mut block);
+                for (found, wanted) in block.triangle(5).into_iter().zip(surface.corners) {
+                    assert!((found - wanted).abs().max_element() <= off, "patch {patch:?}");
+                }
+                let whole = wholes.of_patch(patch.0);
+                let id = wholes.drawn_as(patch.0);
+                assert_eq!(
+                    id,
+                    whole.front + u32::try_from(side).expect("0 or 1"),
+                    "patch {patch:?}"
+                );
+                assert_eq!(wholes.cut(id).is_some(), whole.count > 1, "patch {patch:?}");
+                // The same patch, the same corners, among all of its whole.
+                let place = ((patch.0 - whole.front) / whole.step) as usize;
+                let mut all = Block::empty();
+                wholes.patches(whole, id, place / LANES, &mut all);
+                assert_eq!(all.positive[place % LANES], patch.0);
+                assert_eq!(all.triangle(place % LANES), block.triangle(5), "patch {patch:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_was_cut_is_found() {
+        for sides in [0, 1, 2] {
+            let mut scene = cornell_box();
+            for triangle in scene.triangles.iter_mut().step_by(3 - sides).take(40 * sides) {
+                triangle.two_sided = true;
+            }
+            for pieces in 2..=9 {
+                let geometry = geometry(&scene, Subdivision::Split(pieces));
+                let wholes = Wholes::new(&geometry).expect("all of it was cut");
+                assert_eq!(wholes.len(), scene.triangles.len(), "{pieces} pieces");
+                let count = pieces * pieces;
+                assert!(
+                    wholes.wholes.iter().all(|whole| whole.count == count),
+                    "{pieces} pieces"
+                );
+                assert_made_up_of(&wholes, &geometry);
+            }
+        }
+    }
+
+    #[test]
+    fn each_triangle_has_pieces_of_its_own() {
+        let scene = of_kind(Kind::City);
+        let sides = |[a, b, c]: [DVec3; 3]| a.distance(b).max(b.distance(c)).max(c.distance(a));
+        let longest = scene.triangles.iter().map(|t| sides(t.corners)).fold(0.0, f64::max);
+        let subdivision = Subdivision::PatchSize(longest / 25.0);
+        let geometry = geometry(&scene, subdivision);
+        let wholes = Wholes::new(&geometry).expect("much of it was cut");
+        assert_eq!(wholes.len(), scene.triangles.len());
+        assert!(wholes.lattices.len() > 5, "{} numbers of pieces", wholes.lattices.len());
+        assert_made_up_of(&wholes, &geometry);
+    }
+
+    #[test]
+    fn what_was_not_cut_is_not_taken_for_it() {
+        for kind in [Kind::City, Kind::Spheres, Kind::Soup, Kind::Maze, Kind::Field] {
+            assert!(
+                Wholes::new(&geometry(&of_kind(kind), Subdivision::None)).is_none(),
+                "{kind}"
+            );
+        }
+        // Too little of it.
+        let mut scene = cornell_box();
+        let geometry_of = |scene: &Scene| geometry(scene, Subdivision::PatchSize(600.0));
+        assert!(Wholes::new(&geometry_of(&scene)).is_none());
+        scene.triangles.truncate(1);
+        assert!(Wholes::new(&geometry(&scene, Subdivision::None)).is_none());
+    }
+
+    #[test]
+    fn a_corner_out_of_place_keeps_a_triangle_in_pieces() {
+        let model = geometry(&cornell_box(), Subdivision::Split(5));
+        let off = OFF * model.plane_tolerance;
+        let wholes_with = |by: f64, together: bool| {
+            let mut moved = Geometry::clone(&model);
+            // An inner corner of the third triangle: six patches have it.
+            let corner = moved
+                .surfaces
+                .iter()
+                .find(|s| s.front.0 == 2 * 25 + 3)
+                .expect("it has 25 patches")
+                .corners[2];
+            let mut left = if together { usize::MAX } else { 1 };
+            for surface in &mut moved.surfaces {
+                if surface.front.0 / 25 == 2 {
+                    for p in surface.corners.iter_mut().filter(|p| **p == corner) {
+                        if left > 0 {
+                            left -= 1;
+                            p.x += by;
+                        }
+                    }
+                }
+            }
+            Wholes::new(&moved).expect("most of it was cut").len()
+        };
+        let triangles = cornell_box().triangles.len();
+        assert_eq!(wholes_with(0.0, true), triangles);
+        assert_eq!(wholes_with(0.5 * off, true), triangles);
+        // The corner is between the first row, of nine patches, and the second, of seven. The nine in the other rows are still what a
+        // triangle is cut into.
+        assert_eq!(wholes_with(2.0 * off, true), triangles - 1 + 9 + 7 + 1);
+        assert_eq!(wholes_with(0.5 * off, false), triangles - 1 + 9 + 7 + 1, "a gap");
+    }
+}
