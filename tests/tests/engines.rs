@@ -451,23 +451,42 @@ fn real_scenes_that_were_cut_show_what_their_patches_show() {
     for (file, subdivision, most) in [
         ("city/denhaag-8897.obj", Subdivision::Split(4), 0),
         ("city/rotterdam-delfshaven.obj", Subdivision::Split(3), 0),
-        // Whose slivers have pixels that the outline of the whole has and none of its patches does, by rounding.
-        ("interior/aggressor.obj", Subdivision::Split(3), 4),
+        // One eye lies on the edge of a floor: whether it sees the floor or what is behind it hangs on rounding.
+        ("interior/aggressor.obj", Subdivision::Split(3), 1),
         ("cornell/cornell-measured-closed-20q.obj", Subdivision::Split(6), 0),
     ] {
         let scene = read(&folder, file).unwrap_or_else(|error| panic!("{error}"));
         let model = model(scene, subdivision);
-        let [whole, parted] = whole_and_parted(&model, 100, settings(128, false));
-        let apart: Vec<u64> = (0..whole.len())
-            .map(|r| apart(&whole.row(r), &parted.row(r)))
-            .filter(|&weight| weight > 0)
+        let [whole, parted] = whole_and_parted(&model, 600, settings(128, false));
+        let apart: Vec<usize> = (0..whole.len())
+            .filter(|&r| apart(&whole.row(r), &parted.row(r)) > 0)
             .collect();
-        say(&format!("{file}: {} of {} rows differ", apart.len(), whole.len()));
-        assert!(apart.len() <= most, "{file}: {apart:?}");
-        assert!(
-            apart.iter().all(|&weight| weight <= u64::from(WHOLE) / 10_000),
-            "{file}: {apart:?}"
-        );
+        assert!(apart.len() <= most, "{file}: rows {apart:?}");
+        for row in apart {
+            // What rounding has no patch show is given to the one that the eye lies on.
+            let eye = hemicubes(&model, &spread(&model, 600))[row].origin;
+            let (whole, parted) = (whole.row(row), parted.row(row));
+            let others: Vec<u32> = whole
+                .patches
+                .iter()
+                .filter(|p| !parted.patches.contains(p))
+                .copied()
+                .collect();
+            let [patch] = others[..] else {
+                panic!("{file}, row {row}: {others:?}");
+            };
+            let surfaces = &model.geometry().surfaces;
+            let [a, b, c] = surfaces
+                .iter()
+                .find(|s| s.front.0 == patch)
+                .expect("it is one-sided")
+                .corners;
+            let detour = |p: DVec3, q: DVec3| p.distance(eye) + eye.distance(q) - p.distance(q);
+            assert!(
+                detour(a, b).min(detour(b, c)).min(detour(c, a)) < 1e-9,
+                "{file}, row {row}: {patch}"
+            );
+        }
     }
 }
 

@@ -321,6 +321,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         let t = &mut *self.triangles;
         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
         unsafe { K::transform(&self.patches, frame, t) };
+        self.counters.triangles_transformed += LANES as u64;
         let sign = whole.sign(id);
         let same_side = (0..LANES).fold(0, |lanes, lane| lanes | u16::from(t.sign[lane] == sign) << lane);
         t.live &= same_side;
@@ -352,6 +353,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             unsafe {
                 K::draw_bits::<COVERED>(t, None, faces, Turns::Parts, &mut self.open, top, side, &mut shown);
             }
+            self.counters.triangles_drawn += u64::from(shown.drawn);
             let mut seen = shown.seen;
             while seen != 0 {
                 let lane = seen.trailing_zeros() as usize;
@@ -371,7 +373,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             self.buffer.close(id, &mut self.open);
             match entries[first..].iter_mut().max_by_key(|entry| entry.visible) {
                 Some(entry) => entry.visible += left,
-                None => entries.push(Entry::new(id, left, UNCOUNTED)),
+                None => entries.push(Entry::new(wholes.nearest(whole, id, frame), left, UNCOUNTED)),
             }
         }
         self.buffer.forget(id);
@@ -852,7 +854,7 @@ impl<K: Kernel> Engine<K, Target> {
         let mut left: Vec<(usize, usize)> = runs
             .flat_map(|run| (usize::from(run.start)..usize::from(run.end)).map(move |x| (run.row as usize, x)))
             .collect();
-        let mut most = (id, 0);
+        let mut most = None;
         self.buffer.open(id, &mut self.open);
         for block in 0..wholes.block_count(whole) {
             self.transform_patches(wholes, frame, whole, id, block);
@@ -872,7 +874,9 @@ impl<K: Kernel> Engine<K, Target> {
                     continue;
                 }
                 let visible = shown.visible[lane];
-                most = if visible >= most.1 { (patch, visible) } else { most };
+                if most.is_none_or(|(_, other)| visible >= other) {
+                    most = Some((patch, visible));
+                }
                 left.retain(|&(row, x)| {
                     let is_open = !self.open.is_covered(row, x, false);
                     if !is_open {
@@ -882,8 +886,11 @@ impl<K: Kernel> Engine<K, Target> {
                 });
             }
         }
-        for &(row, x) in &left {
-            seen[row * resolution + x] = most.0;
+        if !left.is_empty() {
+            let patch = most.map_or_else(|| wholes.nearest(whole, id, frame), |(patch, _)| patch);
+            for &(row, x) in &left {
+                seen[row * resolution + x] = patch;
+            }
         }
         self.buffer.close(id, &mut self.open);
         self.buffer.forget(id);

@@ -7,6 +7,7 @@
 //! first edge, with corners that are the same to the bit where they are shared. Their corners are not kept: they are where the
 //! whole's are and the number of pieces say.
 
+use crate::kernel::Frame;
 use glam::DVec3;
 use hemicube::backend::{Geometry, Surface};
 use hemicube::tree::{Block, LANES, Tree};
@@ -225,6 +226,24 @@ impl Wholes {
             out.negative[l] = patch;
             out.positive[l] = patch;
         }
+    }
+
+    /// The patch of a whole, drawn with an id, whose middle is nearest to the eye.
+    pub(crate) fn nearest(&self, whole: &Whole, id: u32, frame: &Frame) -> u32 {
+        let eye = DVec3::from_array(frame.origin);
+        let distance = |patch: u32| {
+            let mut block = Block::empty();
+            self.put(patch, 0, &mut block);
+            (block.triangle(0).into_iter().sum::<DVec3>() / 3.0).distance_squared(eye)
+        };
+        (0..whole.count)
+            .map(|place| id + place * whole.step)
+            .map(|patch| (patch, distance(patch)))
+            .fold(
+                (id, f64::INFINITY),
+                |best, next| if next.1 < best.1 { next } else { best },
+            )
+            .0
     }
 
     /// Puts a patch into a lane of a block.
