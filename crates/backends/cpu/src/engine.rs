@@ -353,7 +353,6 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             unsafe {
                 K::draw_bits::<COVERED>(t, None, faces, Turns::Parts, &mut self.open, top, side, &mut shown);
             }
-            self.counters.triangles_drawn += u64::from(shown.drawn);
             let mut seen = shown.seen;
             while seen != 0 {
                 let lane = seen.trailing_zeros() as usize;

@@ -4,9 +4,10 @@
 //! front to back, whose nodes are dropped where they lie outside all faces or behind what is already drawn. All five
 //! faces are drawn in one walk. Engine 2 draws strictly front to back, in the order of a binary space partition, and has one
 //! coverage bit a pixel. Engine 3 walks the tree of engine 1, has the coverage bits of engine 2, and works out depths only of
-//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. Rows are the same bits on every
-//! instruction set and with culling on or off; those of engines 1 and 3 are the same bits, and pixel sums of engine 2 the same
-//! wherever f32 depths can tell surfaces apart.
+//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. Engines 1 and 3 draw triangles that were
+//! cut into patches as they were before, and share out what is seen of them: patches that follow each other as
+//! `hemicube_scene::Subdivision` cuts them. Rows are the same bits on every instruction set and with culling on or off; those of
+//! engines 1 and 3 are the same bits, and pixel sums of engine 2 the same wherever f32 depths can tell surfaces apart.
 //!
 //! ```
 //! use hemicube::{HierarchyOptions, Model, backend::*, row::RowBlock};
