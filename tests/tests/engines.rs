@@ -182,6 +182,30 @@ fn slivers_that_were_cut_lose_no_light() {
 }
 
 #[test]
+fn a_triangle_too_small_for_a_pixel_shows_its_patches() {
+    // One looks up, the other down from far above, aside of the middle of any pixel; nothing else is in view.
+    let floor = [DVec3::ZERO, DVec3::X, DVec3::Y];
+    let above = floor.map(|p| DVec3::new(0.1 * p.y + 20.0, 0.1 * p.x + 7.0, 100.0));
+    // Cut, and so small beside the other that it is not.
+    for (subdivision, patches) in [
+        (Subdivision::Split(2), &[4, 5, 6, 7][..]),
+        (Subdivision::PatchSize(0.3), &[25]),
+    ] {
+        let model = model(scene_of([floor, above]), subdivision);
+        let hemicubes = hemicubes(&model, &[InputPatch(0)]);
+        for choice in [EngineChoice::Depth, EngineChoice::Claims] {
+            let whole = backend(choice, Isa::available()[0]);
+            let parted = backend(choice, Isa::available()[0]).patch_by_patch();
+            let rows =
+                [whole, parted].map(|mut backend| render_with(&mut backend, &model, &hemicubes, settings(16, true)).0);
+            let row = rows[0].row(0);
+            assert_eq!((row.patches, row.escaped), (patches, WHOLE), "{choice:?}");
+            assert_eq!(row, rows[1].row(0), "{choice:?}");
+        }
+    }
+}
+
+#[test]
 fn what_was_cut_covers_what_its_patches_cover() {
     for (name, model) in cut_scenes() {
         let [whole, parted] = whole_and_parted(&model, 60, settings(128, true));

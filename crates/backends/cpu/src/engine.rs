@@ -205,7 +205,8 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         if COVERED && shared.wholes.is_none() {
             self.find_tiny(shared, &frame);
         }
-        if self.counters.triangles_drawn == drawn_before && self.tiny.is_empty() {
+        let is_clear = self.counters.triangles_drawn == drawn_before;
+        if is_clear && self.tiny.is_empty() && self.tiny_candidates.is_empty() && self.wholes_drawn.is_empty() {
             // Nothing is in view, and the target is as clear as it was.
             out.end_row(WHOLE, 0);
             return;
