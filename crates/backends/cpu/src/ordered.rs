@@ -310,8 +310,9 @@ impl<K: Kernel> OrderedEngine<K> {
             std::mem::take(&mut self.layer_nodes),
             std::mem::take(&mut self.layer_blocks),
         );
+        self.coverage.begin_plane();
         if COVERED && !self.coverage.culling {
-            self.coverage.remember(self.coverage.all());
+            self.coverage.remember_all();
         }
         nodes.push(root);
         while let Some(InLayer { index, faces, hidden }) = nodes.pop() {

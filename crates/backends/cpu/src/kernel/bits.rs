@@ -32,6 +32,8 @@ pub(crate) struct Coverage {
     /// What was covered before the surfaces of one plane were begun, as far as was asked: surfaces in one plane do not hide
     /// each other's centroids.
     before: Vec<Rows>,
+    /// Whether all of that was remembered.
+    all_remembered: bool,
     /// Whether triangles whose box is covered are left out.
     pub(crate) culling: bool,
 }
@@ -45,17 +47,29 @@ impl Coverage {
             groups,
             rows: vec![Rows([0; GROUP]); groups * resolution.div_ceil(WIDTH)],
             before: vec![Rows([0; GROUP]); groups * resolution.div_ceil(WIDTH)],
+            all_remembered: false,
             culling,
         }
     }
 
-    /// The box of the whole atlas.
-    pub(crate) fn all(&self) -> [usize; 4] {
-        [0, self.resolution - 1, 0, 3 * self.resolution - 1]
+    /// Begins the surfaces of a plane: from here on nothing is covered until all that is to be remembered is.
+    pub(crate) fn begin_plane(&mut self) {
+        self.all_remembered = false;
+    }
+
+    /// Remembers what is covered of all of the atlas.
+    pub(crate) fn remember_all(&mut self) {
+        if !self.all_remembered {
+            self.before.copy_from_slice(&self.rows);
+            self.all_remembered = true;
+        }
     }
 
     /// Remembers what is covered now of a box of the atlas (inclusive).
     pub(crate) fn remember(&mut self, [x0, x1, y0, y1]: [usize; 4]) {
+        if self.all_remembered {
+            return;
+        }
         for column in x0 / WIDTH..=x1 / WIDTH {
             let range = column * self.groups + y0 / GROUP..=column * self.groups + y1 / GROUP;
             self.before[range.clone()].copy_from_slice(&self.rows[range]);

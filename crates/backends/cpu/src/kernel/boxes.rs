@@ -181,7 +181,7 @@ pub(crate) unsafe fn test_group<L: Lanes, const COVERED: bool>(
         let remember = COVERED && group.leaves >> l & 1 != 0;
         if remember && one.at_eye != 0 {
             // So near that it has no pixels to ask for.
-            coverage.remember(coverage.all());
+            coverage.remember_all();
         }
         let mut boxed = one.boxed;
         while boxed != 0 {
@@ -267,7 +267,6 @@ pub(super) unsafe fn test_group_avx512<L: Lanes, const COVERED: bool>(
         let half_width = all(width * 0.5);
         let (inset, last_column) = (all(inset(COVERED)), all(width - 1.0));
         let positive = |x| _mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, zero);
-        let mut remembered_all = false;
         for face in Face::ALL {
             if faces >> face as u8 & 1 == 0 {
                 continue;
@@ -295,9 +294,8 @@ pub(super) unsafe fn test_group_avx512<L: Lanes, const COVERED: bool>(
             }
             let mut at_eye = inside & _mm512_cmp_pd_mask::<_CMP_LE_OQ>(w0, _mm512_mul_pd(all(NEAREST), w1));
             let inside = inside & !at_eye;
-            if COVERED && at_eye & group.leaves != 0 && !remembered_all {
-                coverage.remember(coverage.all());
-                remembered_all = true;
+            if COVERED && at_eye & group.leaves != 0 {
+                coverage.remember_all();
             }
             while at_eye != 0 {
                 out.visible[at_eye.trailing_zeros() as usize] |= 1 << face as u8;
