@@ -664,21 +664,39 @@ pub(crate) trait Lanes {
         bits::mark(starts, ends, rows, column, covered, shows, Some(over))
     }
 
-    /// Moves the bits of `left` that are in `shows` to `common`; returns the rows that have any, and those that have others
-    /// left.
+    /// A bit for every byte of eight words that is not 0, from the lowest of the first on.
     ///
     /// # Safety
     /// The machine has the instruction set.
     #[inline(always)]
-    unsafe fn common(shows: &[u64; GROUP], left: &mut [u64; GROUP], common: &mut [u64; GROUP]) -> (u8, u8) {
-        let (mut rows, mut remaining) = (0, 0);
+    unsafe fn occupied(rows: &[u64; GROUP]) -> u64 {
+        (0..GROUP).fold(0, |any, r| any | u64::from(claims::cells_of(rows[r])) << (8 * r))
+    }
+
+    /// Which of eight words have a bit in common with another.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn any_of(words: &[u64; GROUP], with: u64) -> u8 {
+        (0..GROUP).fold(0, |any, k| any | u8::from(words[k] & with != 0) << k)
+    }
+
+    /// Moves the bits of `left` that are in `shows` to `common`; returns the rows that have any, and what others have left, as
+    /// [`Self::occupied`].
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    #[inline(always)]
+    unsafe fn common(shows: &[u64; GROUP], left: &mut [u64; GROUP], common: &mut [u64; GROUP]) -> (u8, u64) {
+        let mut rows = 0;
         for r in 0..GROUP {
             common[r] = shows[r] & left[r];
             left[r] &= !shows[r];
             rows |= u8::from(common[r] != 0) << r;
-            remaining |= u8::from(left[r] != 0) << r;
         }
-        (rows, remaining)
+        // SAFETY: the caller's promise.
+        (rows, unsafe { Self::occupied(left) })
     }
 
     /// How many pixels some of eight spans have.
@@ -694,15 +712,6 @@ pub(crate) trait Lanes {
             }
         }
         pixels
-    }
-
-    /// Whether two sets of eight words have a bit in common.
-    ///
-    /// # Safety
-    /// The machine has the instruction set.
-    #[inline(always)]
-    unsafe fn any_common(a: &[u64; GROUP], b: &[u64; GROUP]) -> bool {
-        a.iter().zip(b).fold(0, |any, (a, b)| any | a & b) != 0
     }
 
     /// Which of eight words have bits beyond those of others.
@@ -1824,7 +1833,25 @@ pub(crate) mod x86 {
         }
 
         #[inline(always)]
-        unsafe fn common(shows: &[u64; GROUP], left: &mut [u64; GROUP], common: &mut [u64; GROUP]) -> (u8, u8) {
+        unsafe fn occupied(rows: &[u64; GROUP]) -> u64 {
+            // SAFETY: the caller's promise of the instruction set; the load is as long as the array.
+            unsafe {
+                let rows = _mm512_loadu_epi64(rows.as_ptr().cast());
+                _mm512_test_epi8_mask(rows, rows)
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn any_of(words: &[u64; GROUP], with: u64) -> u8 {
+            // SAFETY: the caller's promise of the instruction set; the load is as long as the array.
+            unsafe {
+                let words = _mm512_loadu_epi64(words.as_ptr().cast());
+                _mm512_test_epi64_mask(words, _mm512_set1_epi64(with.cast_signed()))
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn common(shows: &[u64; GROUP], left: &mut [u64; GROUP], common: &mut [u64; GROUP]) -> (u8, u64) {
             // SAFETY: the caller's promise of the instruction set; loads and stores are as long as their arrays.
             unsafe {
                 let shows = _mm512_loadu_epi64(shows.as_ptr().cast());
@@ -1832,7 +1859,7 @@ pub(crate) mod x86 {
                 let (both, rest) = (_mm512_and_si512(shows, before), _mm512_andnot_si512(shows, before));
                 _mm512_storeu_epi64(left.as_mut_ptr().cast(), rest);
                 _mm512_storeu_epi64(common.as_mut_ptr().cast(), both);
-                (_mm512_test_epi64_mask(both, both), _mm512_test_epi64_mask(rest, rest))
+                (_mm512_test_epi64_mask(both, both), _mm512_test_epi8_mask(rest, rest))
             }
         }
 
@@ -1845,18 +1872,6 @@ pub(crate) mod x86 {
                     _mm256_loadu_si256(ends.as_ptr().cast()),
                 );
                 bits::sum_of(_mm256_maskz_sub_epi32(rows, ends, starts))
-            }
-        }
-
-        #[inline(always)]
-        unsafe fn any_common(a: &[u64; GROUP], b: &[u64; GROUP]) -> bool {
-            // SAFETY: the caller's promise of the instruction set; loads are as long as the arrays.
-            unsafe {
-                let (a, b) = (
-                    _mm512_loadu_epi64(a.as_ptr().cast()),
-                    _mm512_loadu_epi64(b.as_ptr().cast()),
-                );
-                _mm512_test_epi64_mask(a, b) != 0
             }
         }
 

@@ -7,8 +7,8 @@
 
 use super::bits::{Coverage, MOST_COLUMNS, Rows, WIDTH, all_covered, at, low_bits, weight_of};
 use super::{
-    Drawn, EdgeLines, GROUP, Lanes, Noted, PixelBox, Plane, Sums, Transformed, beyond_tiny, boxes, edge_lines,
-    face_of_row, greater, lane_box, plane, smaller, spans_within,
+    Chunk, Drawn, EdgeLines, Flags, GROUP, Lanes, Noted, PixelBox, Plane, Sums, Transformed, beyond_tiny, boxes,
+    edge_lines, face_of_row, greater, lane_box, plane, smaller, spans_within,
 };
 use hemicube::face::Face;
 use hemicube::tree::LANES;
@@ -85,15 +85,48 @@ impl Claimant {
         let base = constant + y * row as f64 + step * first as f64;
         #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
         let z = (base + step * (x - first) as f64) as f32;
-        let z = if z > low { z } else { low };
-        if z < high { z } else { high }
+        smaller(greater(z, low), high)
     }
 
-    /// Whether it wins a pixel over another.
+    /// [`Self::depth`] of the sixteen pixels from `first` on, where a chunk begins.
     #[inline(always)]
-    fn wins(&self, over: &Self, row: usize, x: usize) -> bool {
-        let (new, old) = (self.depth(row, x), over.depth(row, x));
-        new > old || (new == old && self.id < over.id)
+    fn depths(&self, row: usize, first: usize) -> Chunk<f32> {
+        let Plane {
+            x: step,
+            y,
+            constant,
+            low,
+            high,
+        } = self.plane;
+        let base = constant + y * row as f64 + step * first as f64;
+        let mut depths = Chunk([0.0; LANES]);
+        for (i, depth) in depths.0.iter_mut().enumerate() {
+            #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
+            let z = (base + step * i as f64) as f32;
+            *depth = smaller(greater(z, low), high);
+        }
+        depths
+    }
+
+    /// Those of a row's pixels, from `x` on, where a word begins, that it wins over another.
+    #[inline(always)]
+    unsafe fn wins<L: Lanes>(&self, over: &Self, row: usize, x: usize, pixels: u64) -> u64 {
+        let earlier = self.id < over.id;
+        let mut won = 0;
+        for first in (0..WIDTH).step_by(LANES) {
+            #[allow(clippy::cast_possible_truncation, reason = "sixteen of them")]
+            let mask = (pixels >> first) as u16;
+            if mask != 0 {
+                let (new, old) = (self.depths(row, x + first), over.depths(row, x + first));
+                let mut wins = Flags([0; LANES]);
+                for i in 0..LANES {
+                    wins.0[i] = u32::from(new.0[i] > old.0[i]) | u32::from(new.0[i] == old.0[i]) & u32::from(earlier);
+                }
+                // SAFETY: the caller's promise.
+                won |= u64::from(unsafe { L::mask(&wins) } & mask) << first;
+            }
+        }
+        won
     }
 }
 
@@ -136,7 +169,7 @@ impl Cells {
 
 /// The cells that have any of a row's pixels.
 #[inline(always)]
-fn cells_of(bits: u64) -> u8 {
+pub(super) fn cells_of(bits: u64) -> u8 {
     let any = bits | bits >> 4;
     let any = any | any >> 2;
     let any = (any | any >> 1) & 0x0101_0101_0101_0101;
@@ -162,26 +195,38 @@ fn pixels_of(cells: u8) -> u64 {
 struct Tile {
     /// What covers each cell is at least as near as this, in 1/w.
     farthest: Cells,
-    /// Its newest claim, plus 1.
-    newest: u32,
+    /// The page of its newest claim, plus 1.
+    page: u32,
 }
 
 /// A tile that nothing covers.
 const CLEAR: Tile = Tile {
     farthest: Cells([f32::INFINITY; CELLS]),
-    newest: 0,
+    page: 0,
 };
+
+/// Some of a tile's claims.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+struct Page {
+    /// Of each, a bit for every eight pixels of a row of which it has any: see [`Lanes::occupied`].
+    occupied: [u64; ON_PAGE],
+    /// Their places in the list.
+    claims: [u32; ON_PAGE],
+    /// How many there are.
+    count: u32,
+    /// The page with the tile's claims before these, plus 1.
+    before: u32,
+}
+
+/// Claims of a page.
+const ON_PAGE: usize = GROUP;
 
 /// A triangle's claim to pixels of a tile.
 #[derive(Clone, Copy, Debug)]
 struct Claim {
     claimant: u32,
     tile: u32,
-    /// The tile's claim before it, plus 1.
-    before: u32,
-    /// Cells and rows that it had pixels in when it was made; it never gets others.
-    cells: u8,
-    rows: u8,
 }
 
 /// The buffer that one hemicube is drawn into.
@@ -193,6 +238,7 @@ pub(crate) struct Claims {
     claims: Vec<Claim>,
     /// The pixels of each claim.
     shows: Vec<Rows>,
+    pages: Vec<Page>,
     /// The id of pixels that hit nothing.
     nothing: u32,
     beyond_tiny: f32,
@@ -207,9 +253,81 @@ struct Contest<'a> {
     /// The tile's first column, and its first row on the face.
     x: usize,
     y: usize,
-    /// The cells that are contested.
-    cells: u8,
     running: &'a [u32],
+}
+
+/// The claims of a tile that have any of some pixels, all of which are covered.
+struct Search {
+    /// Where it looks, plus 1.
+    page: u32,
+    /// Claims of that page that may have some, and are to be looked at.
+    hits: u8,
+    /// The pixels that were not found yet.
+    left: Rows,
+    /// What has any of them, see [`Lanes::occupied`].
+    occupied: u64,
+}
+
+/// Some pixels of a tile that are a claim's.
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    pixels: Rows,
+    /// Rows that have any of them.
+    rows: u8,
+    claim: usize,
+    /// Where it stands: the page, and the place there.
+    page: usize,
+    slot: usize,
+}
+
+impl Search {
+    /// Begins to look for the owners of `left` in a tile.
+    #[inline(always)]
+    unsafe fn new<L: Lanes>(tile: &Tile, left: Rows) -> Self {
+        Self {
+            page: tile.page,
+            hits: 0,
+            // SAFETY: the caller's promise.
+            occupied: unsafe { L::occupied(&left.0) },
+            left,
+        }
+    }
+
+    /// A claim that has any of the pixels that were not found yet, and which these are; `None` when there are no more.
+    #[inline(always)]
+    unsafe fn next<L: Lanes>(&mut self, claims: &Claims) -> Option<Found> {
+        while self.occupied != 0 {
+            if self.hits == 0 {
+                // SAFETY: the caller's promise.
+                self.hits = unsafe { L::any_of(&claims.pages[self.page as usize - 1].occupied, self.occupied) };
+                if self.hits == 0 {
+                    self.page = claims.pages[self.page as usize - 1].before;
+                    continue;
+                }
+            }
+            let page = self.page as usize - 1;
+            let slot = self.hits.trailing_zeros() as usize;
+            self.hits &= self.hits - 1;
+            let claim = claims.pages[page].claims[slot] as usize;
+            if self.hits == 0 {
+                self.page = claims.pages[page].before;
+            }
+            let mut pixels = Rows([0; GROUP]);
+            // SAFETY: the caller's promise.
+            let (rows, left) = unsafe { L::common(&claims.shows[claim].0, &mut self.left.0, &mut pixels.0) };
+            if rows != 0 {
+                self.occupied = left;
+                return Some(Found {
+                    pixels,
+                    rows,
+                    claim,
+                    page,
+                    slot,
+                });
+            }
+        }
+        None
+    }
 }
 
 impl Claims {
@@ -222,40 +340,43 @@ impl Claims {
             claimants: Vec::new(),
             claims: Vec::new(),
             shows: Vec::new(),
+            pages: Vec::new(),
             nothing,
             beyond_tiny: beyond_tiny(resolution as usize),
             noted,
         }
     }
 
-    /// The newest claim from `next` on, which is a claim plus 1, that has any of `left`, and which pixels those are; they are
-    /// taken from `left`. That is not empty, lies in these rows and cells, and is covered, all of it.
+    /// Adds a claim to pixels of a tile.
     #[inline(always)]
-    unsafe fn next_of<L: Lanes>(&self, next: &mut u32, left: &mut Rows, rows: u8, cells: u8) -> (usize, Common) {
-        loop {
-            let claim = *next as usize - 1;
-            let known = &self.claims[claim];
-            *next = known.before;
-            if known.cells & cells == 0 || known.rows & rows == 0 {
-                continue;
-            }
-            let shows = &self.shows[claim].0;
-            // SAFETY: the caller's promise.
-            unsafe {
-                if L::any_common(shows, &left.0) {
-                    let mut pixels = Rows([0; GROUP]);
-                    let (rows, remaining) = L::common(shows, &mut left.0, &mut pixels.0);
-                    return (
-                        claim,
-                        Common {
-                            pixels,
-                            rows,
-                            remaining,
-                        },
-                    );
-                }
+    unsafe fn push<L: Lanes>(&mut self, claimant: u32, tile: usize, shows: &Rows) {
+        let state = &mut self.tiles[tile];
+        if state.page == 0 || self.pages[state.page as usize - 1].count as usize == ON_PAGE {
+            self.pages.push(Page {
+                occupied: [0; ON_PAGE],
+                claims: [0; ON_PAGE],
+                count: 0,
+                before: state.page,
+            });
+            #[allow(clippy::cast_possible_truncation, reason = "fewer pages than 2³²")]
+            {
+                state.page = self.pages.len() as u32;
             }
         }
+        let page = &mut self.pages[state.page as usize - 1];
+        let slot = page.count as usize % ON_PAGE;
+        #[allow(clippy::cast_possible_truncation, reason = "fewer claims and tiles than 2³²")]
+        {
+            page.claims[slot] = self.claims.len() as u32;
+            self.claims.push(Claim {
+                claimant,
+                tile: tile as u32,
+            });
+        }
+        // SAFETY: the caller's promise.
+        page.occupied[slot] = unsafe { L::occupied(&shows.0) };
+        page.count += 1;
+        self.shows.push(*shows);
     }
 
     /// Whether all of a box of the atlas (inclusive) is nearer than `bound`.
@@ -273,31 +394,29 @@ impl Claims {
                 let tile = column * self.coverage.groups + group;
                 let (left, right) = (x0.max(column * WIDTH), x1.min(column * WIDTH + WIDTH - 1));
                 let mask = low_bits(right + 1 - column * WIDTH) & !low_bits(left - column * WIDTH);
-                let Tile { farthest, newest } = &self.tiles[tile];
+                let state = &self.tiles[tile];
                 // SAFETY: the caller's promise.
-                let cells = unsafe { L::up_to(&farthest.0, &[bound; CELLS]) };
+                let cells = unsafe { L::up_to(&state.farthest.0, &[bound; CELLS]) };
                 let mask = mask & pixels_of(cells);
                 if mask == 0 {
                     continue;
                 }
-                let cells = cells & cells_of(mask);
                 let (low, high) = (y0.max(group * GROUP), y1.min(group * GROUP + GROUP - 1));
-                let mut rows = u8::MAX << (low % GROUP) & u8::MAX >> (GROUP - 1 - high % GROUP);
+                let rows = u8::MAX << (low % GROUP) & u8::MAX >> (GROUP - 1 - high % GROUP);
                 let mut left = Rows([0; GROUP]);
                 for (r, bits) in left.0.iter_mut().enumerate() {
                     *bits = if rows >> r & 1 != 0 { mask } else { 0 };
                 }
                 let (x, y) = (column * WIDTH, group * GROUP - first_row);
-                let mut next = *newest;
-                while rows != 0 {
-                    // SAFETY: the caller's promise.
-                    let (claim, common) = unsafe { self.next_of::<L>(&mut next, &mut left, rows, cells) };
-                    let claimant = &self.claimants[self.claims[claim].claimant as usize];
-                    // SAFETY: the caller's promise.
-                    if claimant.least(&unsafe { common.span::<L>(x, y) }) <= bound {
-                        return false;
+                // SAFETY: the caller's promise.
+                unsafe {
+                    let mut search = Search::new::<L>(state, left);
+                    while let Some(found) = search.next::<L>(self) {
+                        let claimant = &self.claimants[self.claims[found.claim].claimant as usize];
+                        if claimant.least(&found.span::<L>(x, y)) <= bound {
+                            return false;
+                        }
                     }
-                    rows = common.remaining;
                 }
             }
         }
@@ -323,11 +442,17 @@ impl Claims {
             return (self.nothing, 0.0);
         }
         let resolution = self.coverage.resolution;
-        let mut next = self.tiles[self.tile_of(row, x)].newest as usize - 1;
-        while self.shows[next].0[row % GROUP] >> (x % WIDTH) & 1 == 0 {
-            next = self.claims[next].before as usize - 1;
-        }
-        let claimant = &self.claimants[self.claims[next].claimant as usize];
+        let mut page = &self.pages[self.tiles[self.tile_of(row, x)].page as usize - 1];
+        let at = 1 << (row % GROUP * (WIDTH / 8) + x % WIDTH / 8);
+        let claim = 'found: loop {
+            for (occupied, &claim) in page.occupied.iter().zip(&page.claims) {
+                if occupied & at != 0 && self.shows[claim as usize].0[row % GROUP] >> (x % WIDTH) & 1 != 0 {
+                    break 'found claim;
+                }
+            }
+            page = &self.pages[page.before as usize - 1];
+        };
+        let claimant = &self.claimants[self.claims[claim as usize].claimant as usize];
         let face_row = if row < resolution {
             row
         } else {
@@ -378,71 +503,59 @@ impl Claims {
         self.claimants.clear();
         self.claims.clear();
         self.shows.clear();
+        self.pages.clear();
         self.coverage.clear();
         self.tiles.fill(CLEAR);
         self.noted.clear();
     }
 
-    /// Gives a new claimant what it wins of `left`, pixels of a tile that are covered in these rows, and adds that to `won`;
-    /// returns whether it is anything.
+    /// Gives a new claimant what it wins of `left`, pixels of a tile that are covered, and adds that to `won`; returns whether it is
+    /// anything.
     #[inline(always)]
-    unsafe fn contest<L: Lanes>(
-        &mut self,
-        contest: &Contest<'_>,
-        mut left: Rows,
-        mut rows: u8,
-        won: &mut Rows,
-    ) -> bool {
+    unsafe fn contest<L: Lanes>(&mut self, contest: &Contest<'_>, left: Rows, won: &mut Rows) -> bool {
         let Contest { new, x, y, .. } = *contest;
         let mut any = false;
         let resolution = self.coverage.resolution;
-        let mut next = self.tiles[contest.tile].newest;
-        while rows != 0 {
-            // SAFETY: the caller's promise.
-            let (claim, mut common) = unsafe { self.next_of::<L>(&mut next, &mut left, rows, contest.cells) };
-            rows = common.remaining;
+        // SAFETY: the caller's promise.
+        let mut search = unsafe { Search::new::<L>(&self.tiles[contest.tile], left) };
+        // SAFETY: likewise.
+        while let Some(mut found) = unsafe { search.next::<L>(self) } {
+            let claim = found.claim;
             let old = &mut self.claimants[self.claims[claim].claimant as usize];
-            // SAFETY: the caller's promise.
-            let difference = Difference::new(new, old, &unsafe { common.span::<L>(x, y) });
+            // SAFETY: likewise.
+            let difference = Difference::new(new, old, &unsafe { found.span::<L>(x, y) });
             if difference.is_behind() {
                 continue;
             }
             if !difference.is_in_front() {
-                let mut unclear = common.rows;
+                let mut unclear = found.rows;
                 while unclear != 0 {
                     let r = unclear.trailing_zeros() as usize;
                     unclear &= unclear - 1;
-                    common.pixels.0[r] = difference.won(new, old, common.pixels.0[r], y + r, x);
+                    // SAFETY: likewise.
+                    found.pixels.0[r] = unsafe { difference.won::<L>(new, old, found.pixels.0[r], y + r, x) };
                 }
             }
             let shows = &mut self.shows[claim];
-            let mut taken = common.rows;
+            let mut taken = found.rows;
             while taken != 0 {
                 let r = taken.trailing_zeros() as usize;
                 taken &= taken - 1;
-                let bits = common.pixels.0[r];
+                let bits = found.pixels.0[r];
                 any |= bits != 0;
                 shows.0[r] &= !bits;
                 won.0[r] |= bits;
                 old.pixels -= bits.count_ones();
                 old.weight -= weight_of(bits, &contest.running[(y + r) * resolution + x..]);
             }
+            // SAFETY: likewise.
+            self.pages[found.page].occupied[found.slot] = unsafe { L::occupied(&shows.0) };
         }
         any
     }
 }
 
-/// Some pixels of a tile that are a claim's.
-#[derive(Clone, Copy, Debug)]
-struct Common {
-    pixels: Rows,
-    /// Rows that have any of them.
-    rows: u8,
-    /// Rows that have others left.
-    remaining: u8,
-}
-
-impl Common {
+impl Found {
     /// The box around them, in a tile that begins at this pixel of the face.
     #[inline(always)]
     unsafe fn span<L: Lanes>(&self, x: usize, y: usize) -> Span {
@@ -501,7 +614,7 @@ impl Difference {
 
     /// The pixels of a row, from `x` on, that the new one wins.
     #[inline(always)]
-    fn won(&self, new: &Claimant, old: &Claimant, bits: u64, row: usize, x: usize) -> u64 {
+    unsafe fn won<L: Lanes>(&self, new: &Claimant, old: &Claimant, bits: u64, row: usize, x: usize) -> u64 {
         let first = self.constant + self.y * row as f64 + self.x * x as f64;
         let ends = [bits.trailing_zeros(), u64::BITS - 1 - bits.leading_zeros()];
         let ends = ends.map(|bit| first + self.x * f64::from(bit));
@@ -524,14 +637,9 @@ impl Difference {
         } else {
             (0, 0)
         };
-        let mut won = bits & (below & before | above & after);
-        let mut unclear = bits & !below & !above;
-        while unclear != 0 {
-            let bit = unclear.trailing_zeros() as usize;
-            unclear &= unclear - 1;
-            won |= u64::from(new.wins(old, row, x + bit)) << bit;
-        }
-        won
+        let won = bits & (below & before | above & after);
+        // SAFETY: the caller's promise.
+        won | unsafe { new.wins::<L>(old, row, x, bits & !below & !above) }
     }
 }
 
@@ -643,9 +751,9 @@ unsafe fn claim<L: Lanes, const COUNT: bool>(
                 // Where what covers a cell is surely nearer, nothing is to be won.
                 let mut left = Rows([0; GROUP]);
                 // SAFETY: the caller's promise.
-                let (cells, rows) = unsafe {
+                let rows = unsafe {
                     let cells = L::up_to(&claims.tiles[tile].farthest.0, &most.0) & within;
-                    (cells, L::restrict(&over.0, pixels_of(cells), &mut left.0))
+                    L::restrict(&over.0, pixels_of(cells), &mut left.0)
                 };
                 if rows != 0 {
                     let contest = Contest {
@@ -653,12 +761,11 @@ unsafe fn claim<L: Lanes, const COUNT: bool>(
                         tile,
                         x: column * WIDTH,
                         y,
-                        cells,
                         running,
                     };
                     // SAFETY: the caller's promise.
                     unsafe {
-                        if claims.contest::<L>(&contest, left, rows, shows) {
+                        if claims.contest::<L>(&contest, left, shows) {
                             seen = L::beyond(&shows.0, &[0; GROUP]);
                             unseen = L::beyond(&over.0, &shows.0);
                         }
@@ -669,22 +776,11 @@ unsafe fn claim<L: Lanes, const COUNT: bool>(
             lost |= unseen;
             if seen != 0 {
                 // SAFETY: the caller's promise.
-                let cells = cells_of(unsafe { L::columns(&shows.0) });
-                let state = &mut claims.tiles[tile];
-                #[allow(clippy::cast_possible_truncation, reason = "fewer tiles than pixels of an atlas")]
-                claims.claims.push(Claim {
-                    claimant,
-                    tile: tile as u32,
-                    before: state.newest,
-                    cells,
-                    rows: seen,
-                });
-                claims.shows.push(*shows);
-                #[allow(clippy::cast_possible_truncation, reason = "fewer claims than 2³²")]
-                {
-                    state.newest = claims.claims.len() as u32;
+                unsafe {
+                    claims.push::<L>(claimant, tile, shows);
+                    let cells = cells_of(L::columns(&shows.0));
+                    claims.tiles[tile].farthest.lower(&least, cells);
                 }
-                state.farthest.lower(&least, cells);
             }
         }
         let mut pending = held;
