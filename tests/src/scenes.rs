@@ -1,6 +1,7 @@
 //! The program and real scenes: where they are, how a compressed one is opened, and when a test that lacks them may skip.
 
 use hemicube::{HierarchyOptions, Model};
+use hemicube_scene::generate::{self, Kind};
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{Error, Patches, ReadOptions, Scene, Subdivision, load};
 use std::io::Write;
@@ -146,4 +147,49 @@ pub fn generated(kind: hemicube_scene::generate::Kind, target_patches: u64) -> M
         hemicube_scene::generate::generate(spec).expect("a target in range"),
         Subdivision::None,
     )
+}
+
+/// Scenes of triangles that were cut into patches, which engines 1 and 3 of the CPU backend draw as they were before.
+///
+/// # Panics
+/// When one cannot be generated.
+pub fn cut_scenes() -> Vec<(String, Model)> {
+    let scene = |kind, target_patches, seed| {
+        let spec = generate::Generate {
+            kind,
+            target_patches,
+            seed,
+        };
+        generate::generate(spec).expect("a target in range")
+    };
+    let mut two_sided = scene(Kind::Soup, 400, 5);
+    for triangle in two_sided.triangles.iter_mut().step_by(3) {
+        triangle.two_sided = true;
+    }
+    let city = generate::BlockCityParameters {
+        blocks: 8,
+        split: 4,
+        ..generate::BlockCityParameters::for_target(1000, 1)
+    };
+    [
+        ("Cornell box", generate::cornell_box(), Subdivision::Levels(4)),
+        ("open Cornell box", generate::cornell_box_open(), Subdivision::Split(7)),
+        (
+            "block city",
+            city.generate().expect("a city in range"),
+            Subdivision::None,
+        ),
+        ("city", scene(Kind::City, 2_000, 1), Subdivision::PatchSize(3.0)),
+        ("maze", scene(Kind::Maze, 1_000, 1), Subdivision::Split(3)),
+        ("spheres", scene(Kind::Spheres, 800, 1), Subdivision::Split(2)),
+        ("two-sided soup", two_sided, Subdivision::Split(4)),
+        (
+            "room with a block",
+            crate::extremes::room_with_a_block(2),
+            Subdivision::Split(5),
+        ),
+        ("mote", crate::extremes::mote(), Subdivision::Split(6)),
+    ]
+    .map(|(name, scene, subdivision)| (format!("{name}, cut"), model(scene, subdivision)))
+    .into()
 }

@@ -13,7 +13,7 @@ use hemicube_scene::generate::{self, Kind};
 use hemicube_tests::extremes;
 use hemicube_tests::geometry::scene_of;
 use hemicube_tests::rows::{hemicubes, render_with, spread};
-use hemicube_tests::scenes::{generated, model, read, say, scenes_or_skip};
+use hemicube_tests::scenes::{cut_scenes, generated, model, read, say, scenes_or_skip};
 use std::collections::{BTreeMap, BTreeSet};
 
 fn backend(choice: EngineChoice, isa: Isa) -> CpuBackend {
@@ -80,48 +80,6 @@ fn scenes() -> Vec<(String, Model)> {
         found.push((name.to_owned(), model(scene, Subdivision::None)));
     }
     found
-}
-
-/// Scenes of triangles that were cut into patches, which engines 1 and 3 draw as they were before.
-fn cut_scenes() -> Vec<(String, Model)> {
-    let scene = |kind, target_patches, seed| {
-        let spec = generate::Generate {
-            kind,
-            target_patches,
-            seed,
-        };
-        generate::generate(spec).expect("a target in range")
-    };
-    let mut two_sided = scene(Kind::Soup, 400, 5);
-    for triangle in two_sided.triangles.iter_mut().step_by(3) {
-        triangle.two_sided = true;
-    }
-    let city = generate::BlockCityParameters {
-        blocks: 8,
-        split: 4,
-        ..generate::BlockCityParameters::for_target(1000, 1)
-    };
-    [
-        ("Cornell box", generate::cornell_box(), Subdivision::Levels(4)),
-        ("open Cornell box", generate::cornell_box_open(), Subdivision::Split(7)),
-        (
-            "block city",
-            city.generate().expect("a city in range"),
-            Subdivision::None,
-        ),
-        ("city", scene(Kind::City, 2_000, 1), Subdivision::PatchSize(3.0)),
-        ("maze", scene(Kind::Maze, 1_000, 1), Subdivision::Split(3)),
-        ("spheres", scene(Kind::Spheres, 800, 1), Subdivision::Split(2)),
-        ("two-sided soup", two_sided, Subdivision::Split(4)),
-        (
-            "room with a block",
-            extremes::room_with_a_block(2),
-            Subdivision::Split(5),
-        ),
-        ("mote", extremes::mote(), Subdivision::Split(6)),
-    ]
-    .map(|(name, scene, subdivision)| (format!("{name}, cut"), model(scene, subdivision)))
-    .into()
 }
 
 /// Rows of engine 1, of what was cut as it was before and patch by patch.

@@ -431,6 +431,36 @@ impl Drop for StopOnPanic<'_> {
     }
 }
 
+/// Loads a model into a backend as [`compute`] does, with what `correction` asks of rows: what the backend then says of itself
+/// ([`HemicubeBackend::info`], [`HemicubeBackend::choices`]) is what it will be for the run. Returns the settings that it was loaded with.
+///
+/// # Errors
+/// When the backend cannot take the model or the settings.
+pub fn load(
+    model: &Model,
+    correction: &Correction,
+    settings: RenderSettings,
+    backend: &mut dyn HemicubeBackend,
+) -> Result<RenderSettings, ComputeError> {
+    let settings = RenderSettings {
+        covered: settings.covered || correction.needs_covered(),
+        ..settings
+    };
+    // Corrections make fractions of the weights, and nothing else.
+    let loaded = if correction.needs_covered() {
+        backend.load_for_fractions(model.geometry(), settings)
+    } else {
+        backend.load(model.geometry(), settings)
+    };
+    match loaded {
+        Ok(()) => Ok(settings),
+        Err(source) => Err(ComputeError::Backend {
+            backend: backend.info().name.clone(),
+            source,
+        }),
+    }
+}
+
 /// Computes the rows of `plan` with `backend` and hands them, part by part, to `sink`.
 ///
 /// `settings` are loaded into the backend here, with covered weights whenever the plan's correction needs them. `progress` is called on this thread now and then.
@@ -478,11 +508,7 @@ pub fn compute(
         backend: name.clone(),
         source,
     };
-    let settings = RenderSettings {
-        covered: settings.covered || plan.correction.needs_covered(),
-        ..settings
-    };
-    backend.load(model.geometry(), settings).map_err(backend_error)?;
+    let settings = load(model, &plan.correction, settings, backend.as_mut())?;
 
     let samples = plan.hemicubes_per_row();
     let hemicubes_per_call = if execution.batch == 0 {

@@ -2,7 +2,7 @@
 
 use crate::Model;
 use crate::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
-use crate::compute::{ComputeError, Plan};
+use crate::compute::{ComputeError, Plan, load};
 use crate::row::RowBlock;
 use hemicube_scene::InputPatch;
 
@@ -44,7 +44,8 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Renders a few hemicubes of `plan`. Leaves the model loaded into the backend with `settings`.
+    /// Renders a few hemicubes of `plan`. Leaves the model loaded into the backend, with `settings` and what the plan's correction asks of
+    /// rows.
     ///
     /// # Errors
     /// When the backend fails.
@@ -66,7 +67,7 @@ impl Probe {
             backend: name.clone(),
             source,
         };
-        backend.load(model.geometry(), settings).map_err(failed)?;
+        load(model, &plan.correction, settings, backend)?;
         let mut block = RowBlock::default();
         let counters = backend.rows(&hemicubes, &mut block).map_err(failed)?;
         // Entries differ more from row to row than what culling spares.

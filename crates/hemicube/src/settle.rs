@@ -357,7 +357,7 @@ fn hemicubes(
         covered: true,
     };
     backend
-        .load(model.geometry(), settings)
+        .load_for_fractions(model.geometry(), settings)
         .map_err(|source| ComputeError::Backend {
             backend: backend.info().name.clone(),
             source,

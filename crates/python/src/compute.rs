@@ -191,9 +191,7 @@ impl Request {
             render.culling = probe.culling();
         }
         // What it chooses by the scene is part of what the store is made with.
-        backend
-            .load(scene.model.geometry(), render)
-            .map_err(|error| errors::backend(format!("backend `{}`: {error}", backend.info().name)))?;
+        hemicube::compute::load(&scene.model, &plan.correction, render, backend.as_mut()).map_err(failed)?;
         let settings = self.settings(scene, &plan, &rung);
         let header = settings
             .header(&scene.triangles, &scene.patches, &scene.file, &plan, backend.info())

@@ -308,6 +308,16 @@ pub trait HemicubeBackend: Send {
     /// When the settings are out of range or unsupported, or memory runs out.
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError>;
 
+    /// Takes a scene as [`Self::load`] does, with covered weights, for a caller that makes nothing of the rows but visible fractions, and the
+    /// sums of weights. A patch that shows all that it covers may then have any two weights that are the same, beside others of the
+    /// same triangle of the scene, as long as their sum is what they show together. For a backend that gains nothing by it, the same as `load`.
+    ///
+    /// # Errors
+    /// Those of [`Self::load`].
+    fn load_for_fractions(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
+        self.load(geometry, settings)
+    }
+
     /// What was chosen for the loaded scene, and why: a line each, for the log.
     fn choices(&self) -> Vec<String> {
         Vec::new()

@@ -2,7 +2,7 @@
 //! file, PATCHES a target count or, for a file, into how many each edge is cut.
 //!
 //! `ISA=Avx512|Avx2|Portable` and `ENGINE=Depth|Claims|Order` leave out the others; with `COVERED=1` only rows with covered weights
-//! are measured; with `WHOLE=0` triangles that were cut are drawn patch by patch.
+//! are measured; with `FRACTIONS=1` those are rows for fractions; with `WHOLE=0` triangles that were cut are drawn patch by patch.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 mod clock;
@@ -76,14 +76,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 backend = backend.patch_by_patch();
             }
             let start = Instant::now();
-            backend.load(
-                model.geometry(),
-                RenderSettings {
-                    resolution,
-                    culling,
-                    covered,
-                },
-            )?;
+            let settings = RenderSettings {
+                resolution,
+                culling,
+                covered,
+            };
+            if covered && std::env::var("FRACTIONS").is_ok_and(|w| w == "1") {
+                backend.load_for_fractions(model.geometry(), settings)?;
+            } else {
+                backend.load(model.geometry(), settings)?;
+            }
             let loaded = start.elapsed();
             let used = &hemicubes;
             let mut block = RowBlock::default();

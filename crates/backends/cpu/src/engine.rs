@@ -126,6 +126,43 @@ impl Entry {
 /// Stands for a covered weight that is to be counted: more than all pixels have.
 const UNCOUNTED: u32 = u32::MAX;
 
+/// Stands for a weight that is an equal part of what its whole shows beside patches whose weights are known.
+const EVENLY: u32 = u32::MAX - 1;
+
+/// A triangle that was cut and is seen.
+#[derive(Clone, Copy, Debug)]
+struct SeenWhole<'a> {
+    whole: &'a Whole,
+    /// What it is drawn as.
+    id: u32,
+    /// All that it covers is on these.
+    faces: u8,
+    /// What is seen of it.
+    weight: u32,
+}
+
+/// Gives what is left of a whole's weight to its entries, those from `first` on: to those that show all that they cover an equal part each;
+/// where there are none, it is what rounding leaves, which has the outline of the patches at the other side of a pixel's centre: whose that
+/// is hardly matters; that it is somebody's does.
+fn give(wholes: &Wholes, frame: &Frame, seen: &SeenWhole<'_>, left: u32, first: usize, entries: &mut Vec<Entry>) {
+    let of_whole = &mut entries[first..];
+    #[allow(clippy::cast_possible_truncation, reason = "fewer than patches")]
+    let count = of_whole.iter().filter(|entry| entry.covered == EVENLY).count() as u32;
+    if count != 0 {
+        let (part, mut more) = (left / count, left % count);
+        for entry in of_whole.iter_mut().filter(|entry| entry.covered == EVENLY) {
+            entry.visible = part + u32::from(more != 0);
+            entry.covered = entry.visible;
+            more = more.saturating_sub(1);
+        }
+    } else if left != 0 {
+        match of_whole.iter_mut().max_by_key(|entry| entry.visible) {
+            Some(entry) => entry.visible += left,
+            None => entries.push(Entry::new(wholes.nearest(seen.whole, seen.id, frame), left, UNCOUNTED)),
+        }
+    }
+}
+
 /// A patch that was drawn and covered no pixel centre.
 #[derive(Clone, Copy, Debug)]
 struct TinyCandidate {
@@ -283,16 +320,17 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             if id >= patch_count {
                 *(if id == patch_count { &mut blocked } else { &mut escaped }) = weight;
             } else if let Some(whole) = wholes.cut(id) {
-                let faces = self.faces_of_whole[whole as usize];
-                self.share::<COVERED>(
-                    shared,
-                    wholes,
-                    frame,
-                    (id, weight),
-                    faces,
-                    wholes.get(whole),
-                    &mut entries,
-                );
+                let seen = SeenWhole {
+                    whole: wholes.get(whole),
+                    id,
+                    faces: self.faces_of_whole[whole as usize],
+                    weight,
+                };
+                if shared.fractions && self.shows_all(shared, frame, &seen, pixels) {
+                    self.list_all(wholes, frame, &seen, &mut entries);
+                } else {
+                    self.share::<COVERED>(shared, wholes, frame, &seen, &mut entries);
+                }
             } else {
                 let is_known = COVERED && self.covers(&shared.tree, id, pixels);
                 entries.push(Entry::new(id, weight, if is_known { weight } else { UNCOUNTED }));
@@ -328,18 +366,55 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         t.live &= same_side;
     }
 
-    /// Shares out what is seen of a triangle that was cut, and drawn as `id`, among its patches; all that it covers is on `faces`.
-    #[allow(clippy::too_many_arguments, reason = "private, called once: the pieces of one loop")]
+    /// Whether what is seen of a triangle that was cut, so many pixels, is all that it covers.
+    fn shows_all(&mut self, shared: &Shared, frame: &Frame, seen: &SeenWhole<'_>, pixels: u32) -> bool {
+        let slot = shared.tree.slot_of_patch[seen.id as usize] as usize;
+        let (drawn, lane) = (&self.drawn[slot / LANES], slot % LANES);
+        let is_known = drawn.incomplete >> lane & 1 == 0 && drawn.hemicube == self.hemicube;
+        let covered = if is_known {
+            drawn.pixels[lane]
+        } else {
+            self.covered_pixels(shared, frame, seen.id, seen.faces)
+        };
+        covered == pixels
+    }
+
+    /// Lists the patches of a triangle that was cut and shows all that it covers: so do they.
+    fn list_all(&mut self, wholes: &Wholes, frame: &Frame, seen: &SeenWhole<'_>, entries: &mut Vec<Entry>) {
+        let &SeenWhole { whole, id, .. } = seen;
+        let first = entries.len();
+        if whole.is_above(frame) {
+            entries.extend(whole.patches(id).map(|patch| Entry::new(patch, 0, EVENLY)));
+        } else {
+            for block in 0..wholes.block_count(whole) {
+                self.transform_patches(wholes, frame, whole, id, block);
+                let mut listed = self.triangles.live;
+                while listed != 0 {
+                    let lane = listed.trailing_zeros() as usize;
+                    listed &= listed - 1;
+                    entries.push(Entry::new(self.triangles.seen[lane], 0, EVENLY));
+                }
+            }
+        }
+        give(wholes, frame, seen, seen.weight, first, entries);
+        self.buffer.forget(id);
+    }
+
+    /// Shares out what is seen of a triangle that was cut among its patches.
     fn share<const COVERED: bool>(
         &mut self,
         shared: &Shared,
         wholes: &Wholes,
         frame: &Frame,
-        (id, weight): (u32, u32),
-        faces: u8,
-        whole: &Whole,
+        seen: &SeenWhole<'_>,
         entries: &mut Vec<Entry>,
     ) {
+        let &SeenWhole {
+            whole,
+            id,
+            faces,
+            weight,
+        } = seen;
         let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
         let first = entries.len();
         let mut left = weight;
@@ -350,14 +425,25 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             self.transform_patches(wholes, frame, whole, id, block);
             let t = &mut *self.triangles;
             let mut shown = Shown::new();
+            let mut in_the_open = 0;
             // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
             unsafe {
-                K::draw_bits::<COVERED>(t, None, faces, Turns::Parts, &mut self.open, top, side, &mut shown);
+                if shared.fractions {
+                    in_the_open = K::in_the_open(t, faces, &self.open);
+                    t.live &= !in_the_open;
+                }
+                if t.live != 0 {
+                    K::draw_bits::<COVERED>(t, None, faces, Turns::Parts, &mut self.open, top, side, &mut shown);
+                }
             }
-            let mut seen = shown.seen;
-            while seen != 0 {
-                let lane = seen.trailing_zeros() as usize;
-                seen &= seen - 1;
+            let mut listed = shown.seen | in_the_open;
+            while listed != 0 {
+                let lane = listed.trailing_zeros() as usize;
+                listed &= listed - 1;
+                if in_the_open >> lane & 1 != 0 {
+                    entries.push(Entry::new(t.seen[lane], 0, EVENLY));
+                    continue;
+                }
                 left -= shown.visible[lane];
                 let is_known = COVERED && shown.hidden >> lane & 1 == 0;
                 let covered = if is_known { shown.covered[lane] } else { UNCOUNTED };
@@ -368,14 +454,9 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             }
         }
         if left != 0 {
-            // Rounding has the outline of the patches at the other side of a pixel's centre. Whose it is hardly matters; that it is
-            // somebody's does.
             self.buffer.close(id, &mut self.open);
-            match entries[first..].iter_mut().max_by_key(|entry| entry.visible) {
-                Some(entry) => entry.visible += left,
-                None => entries.push(Entry::new(wholes.nearest(whole, id, frame), left, UNCOUNTED)),
-            }
         }
+        give(wholes, frame, seen, left, first, entries);
         self.buffer.forget(id);
     }
 
@@ -430,7 +511,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             let whole = wholes.get(whole);
             let (center, half) = whole.bounds();
             let (visible, _) = self.visible_faces::<true>(shared, center, half, frame, ALL_FACES);
-            if visible == 0 || pixels == Pixels::Unknown && self.has_pixels(shared, frame, id, faces) {
+            if visible == 0 || pixels == Pixels::Unknown && self.covered_pixels(shared, frame, id, faces) != 0 {
                 continue;
             }
             for block in 0..wholes.block_count(whole) {
@@ -444,8 +525,8 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         self.wholes_drawn = drawn;
     }
 
-    /// Whether what is drawn as `id` covers the centre of a pixel on some faces.
-    fn has_pixels(&mut self, shared: &Shared, frame: &Frame, id: u32, faces: u8) -> bool {
+    /// The pixels of some faces that what is drawn as `id` covers.
+    fn covered_pixels(&mut self, shared: &Shared, frame: &Frame, id: u32, faces: u8) -> u32 {
         let slot = shared.tree.slot_of_patch[id as usize] as usize;
         let (block, lane) = (&shared.tree.blocks[slot / LANES], slot % LANES);
         let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
@@ -456,7 +537,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             let resolution = shared.settings.resolution as usize;
             K::cover_lanes(&self.triangles, 1 << lane, faces, resolution, top, side, &mut counts);
         }
-        counts[lane].0 != 0
+        counts[lane].0
     }
 
     /// Adds a row of these entries, ascending, and of what was found tiny; what is not known of covered weights is counted.

@@ -504,6 +504,12 @@ pub(crate) trait Kernel: Send + 'static {
         shown: &mut Shown,
     );
 
+    /// Lanes of a block that have a box of pixels on one of these faces alone, none of which is covered.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn in_the_open(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16;
+
     /// Whether every pixel of a box of the atlas (inclusive) is covered.
     ///
     /// # Safety
@@ -1762,6 +1768,11 @@ impl Kernel for Portable {
         unsafe { bits::draw::<Self, COVERED>(triangles, cut, faces, turns, coverage, top, side, shown) };
     }
 
+    unsafe fn in_the_open(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
+        // SAFETY: as above.
+        unsafe { bits::in_the_open::<Self>(triangles, faces, coverage) }
+    }
+
     unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {
         // SAFETY: as above.
         unsafe { bits::all_covered::<Self>(coverage, pixels) }
@@ -2416,6 +2427,16 @@ pub(crate) mod x86 {
                     }
                     // SAFETY: the caller's promise of the instruction set.
                     unsafe { inner::<COVERED>(triangles, cut, faces, turns, coverage, top, side, shown) }
+                }
+
+                unsafe fn in_the_open(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
+                    #[target_feature(enable = $features)]
+                    fn inner(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
+                        // SAFETY: this function has the instruction set.
+                        unsafe { bits::in_the_open::<$name>(triangles, faces, coverage) }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(triangles, faces, coverage) }
                 }
 
                 unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool {

@@ -176,6 +176,9 @@ pub(crate) struct Shared {
     way: Way,
     pub(crate) table: DeltaTable,
     pub(crate) settings: RenderSettings,
+    /// Whether of a patch that was cut from something, and shows all that it covers, nothing else is asked. Only with `wholes`, and
+    /// with covered weights.
+    pub(crate) fractions: bool,
 }
 
 impl Shared {
@@ -331,6 +334,80 @@ impl CpuBackend {
         }
     }
 
+    fn load_for(
+        &mut self,
+        geometry: &Arc<Geometry>,
+        settings: RenderSettings,
+        fractions: bool,
+    ) -> Result<(), BackendError> {
+        if !is_resolution(settings.resolution) {
+            return Err(BackendError::InvalidArgument(format!(
+                "resolution {}: a multiple of 16 from 16 to 1024 is needed",
+                settings.resolution
+            )));
+        }
+        let (mut way, mut reason) = self.way(geometry)?;
+        let mut rendered = settings;
+        let is_well_filled = matches!(&way, Way::Order(order) if order.fill() >= WELL_FILLED);
+        let cut_from = || {
+            let can_be = self.whole && self.hierarchy == Hierarchy::SurfaceArea;
+            can_be.then(|| geometry.kept(CutFrom::new).0.clone()).flatten()
+        };
+        let shares_evenly = fractions && matches!(&way, Way::Order(_)) && cut_from().is_some();
+        if self.choice == EngineChoice::Auto && (!is_well_filled || shares_evenly) {
+            let look = geometry.kept(|_| Look::new(geometry, self.isa));
+            let pixels = look.pixels(settings.resolution);
+            if shares_evenly && look.parts() >= PARTS_TO_SHARE {
+                way = Way::Depth;
+                reason = format!(": {:.0} patches are seen of each triangle drawn", look.parts());
+            }
+            if !is_well_filled && look.share > OPEN {
+                // The engine must not depend on whether culling was asked for, as one with other rows would.
+                way = Way::Depth;
+                rendered.culling = Culling::Off;
+                reason = format!(
+                    ", everything drawn: patches see {:.0} % of the scene",
+                    100.0 * look.share
+                );
+            } else if matches!(way, Way::Depth) && settings.culling == Culling::On && pixels >= PIXELS_TO_CLAIM {
+                way = Way::Claims;
+                reason = format!("{reason}, and {pixels:.0} pixels a triangle");
+            }
+        }
+        let wholes = match way {
+            Way::Depth | Way::Claims => cut_from(),
+            Way::Order(_) => None,
+        };
+        let fractions = fractions && wholes.is_some();
+        // Claims are settled by the depths of engine 1, to the bit.
+        let by_depth = match (&wholes, fractions) {
+            (None, _) => "depth-2",
+            (Some(_), false) => "depth-3",
+            (Some(_), true) => "depth-4",
+        };
+        let (engine, version) = match way {
+            Way::Order(_) => ("order", "order-1"),
+            Way::Depth => ("depth", by_depth),
+            Way::Claims => ("claims", by_depth),
+        };
+        self.info.version = version.to_owned();
+        self.reason = format!("engine {engine}{reason}");
+        let shared = Arc::new(Shared {
+            way,
+            tree: match (&wholes, self.hierarchy) {
+                (Some(wholes), _) => Arc::clone(&wholes.tree),
+                (None, Hierarchy::SurfaceArea) => Tree::of(geometry),
+                (None, other) => Arc::new(Tree::new(geometry, other)),
+            },
+            wholes,
+            table: DeltaTable::new(settings.resolution),
+            settings: rendered,
+            fractions,
+        });
+        self.loaded = Some(Loaded::new(shared, self.isa));
+        Ok(())
+    }
+
     fn loaded(&mut self) -> Result<&mut Loaded, BackendError> {
         self.loaded
             .as_mut()
@@ -392,6 +469,8 @@ impl SuitableOrder {
 struct Look {
     /// Patches that a patch sees, of all.
     share: f64,
+    /// The same, how many.
+    seen: f64,
     /// Triangles drawn for a hemicube, once a face.
     drawn: f64,
 }
@@ -405,6 +484,9 @@ const LEAST_TO_LOOK_AT: usize = 1000;
 const LOOKED_FROM: usize = 8;
 /// Whatever the settings': the choice must not hang on them.
 const RESOLUTION_LOOKED_WITH: u32 = 128;
+/// With more patches seen of each triangle drawn, finding out what is seen of the triangle and which patches show all of themselves takes less
+/// time than drawing them in order (`docs/performance.md`).
+const PARTS_TO_SHARE: f64 = 16.0;
 /// With more pixels of a hemicube for each triangle drawn, engine 3 is faster than engine 1 (`docs/performance.md`).
 const PIXELS_TO_CLAIM: f64 = 300.0;
 
@@ -415,6 +497,7 @@ impl Look {
             // More than all of them are hardly ever drawn.
             return Self {
                 share: 0.0,
+                seen: 0.0,
                 drawn: surfaces.len() as f64,
             };
         }
@@ -437,13 +520,20 @@ impl Look {
         match rendered {
             Ok(counters) => Self {
                 share: rows.patches.len() as f64 / (looked * f64::from(geometry.patch_count)),
+                seen: rows.patches.len() as f64 / looked,
                 drawn: counters.triangles_drawn as f64 / looked,
             },
             Err(_) => Self {
                 share: 0.0,
+                seen: 0.0,
                 drawn: f64::INFINITY,
             },
         }
+    }
+
+    /// Patches seen for each triangle drawn.
+    fn parts(&self) -> f64 {
+        self.seen / self.drawn.max(1.0)
     }
 
     /// Pixels of a hemicube for each triangle drawn.
@@ -509,60 +599,11 @@ impl HemicubeBackend for CpuBackend {
     }
 
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
-        if !is_resolution(settings.resolution) {
-            return Err(BackendError::InvalidArgument(format!(
-                "resolution {}: a multiple of 16 from 16 to 1024 is needed",
-                settings.resolution
-            )));
-        }
-        let (mut way, mut reason) = self.way(geometry)?;
-        let mut rendered = settings;
-        let is_well_filled = matches!(&way, Way::Order(order) if order.fill() >= WELL_FILLED);
-        if self.choice == EngineChoice::Auto && !is_well_filled {
-            let look = geometry.kept(|_| Look::new(geometry, self.isa));
-            let pixels = look.pixels(settings.resolution);
-            if look.share > OPEN {
-                // The engine must not depend on whether culling was asked for, as one with other rows would.
-                way = Way::Depth;
-                rendered.culling = Culling::Off;
-                reason = format!(
-                    ", everything drawn: patches see {:.0} % of the scene",
-                    100.0 * look.share
-                );
-            } else if matches!(way, Way::Depth) && settings.culling == Culling::On && pixels >= PIXELS_TO_CLAIM {
-                way = Way::Claims;
-                reason = format!("{reason}, and {pixels:.0} pixels a triangle");
-            }
-        }
-        let wholes = match way {
-            Way::Depth | Way::Claims if self.whole && self.hierarchy == Hierarchy::SurfaceArea => {
-                geometry.kept(CutFrom::new).0.clone()
-            }
-            _ => None,
-        };
-        // Claims are settled by the depths of engine 1, to the bit.
-        let (engine, version) = match (&way, &wholes) {
-            (Way::Order(_), _) => ("order", "order-1"),
-            (Way::Depth, None) => ("depth", "depth-2"),
-            (Way::Depth, Some(_)) => ("depth", "depth-3"),
-            (Way::Claims, None) => ("claims", "depth-2"),
-            (Way::Claims, Some(_)) => ("claims", "depth-3"),
-        };
-        self.info.version = version.to_owned();
-        self.reason = format!("engine {engine}{reason}");
-        let shared = Arc::new(Shared {
-            way,
-            tree: match (&wholes, self.hierarchy) {
-                (Some(wholes), _) => Arc::clone(&wholes.tree),
-                (None, Hierarchy::SurfaceArea) => Tree::of(geometry),
-                (None, other) => Arc::new(Tree::new(geometry, other)),
-            },
-            wholes,
-            table: DeltaTable::new(settings.resolution),
-            settings: rendered,
-        });
-        self.loaded = Some(Loaded::new(shared, self.isa));
-        Ok(())
+        self.load_for(geometry, settings, false)
+    }
+
+    fn load_for_fractions(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
+        self.load_for(geometry, settings, settings.covered)
     }
 
     fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {

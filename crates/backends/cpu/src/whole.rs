@@ -272,6 +272,20 @@ impl Whole {
         if id == self.front { -1.0 } else { 1.0 }
     }
 
+    /// Whether all of it is above a frame's horizon.
+    pub(crate) fn is_above(&self, frame: &Frame) -> bool {
+        let [normal, origin] = [frame.axes[2], frame.origin].map(DVec3::from_array);
+        self.corners
+            .iter()
+            .all(|&corner| normal.dot(corner - origin) > frame.tolerance)
+    }
+
+    /// Its patches, where it is drawn with an id.
+    pub(crate) fn patches(&self, id: u32) -> impl Iterator<Item = u32> + use<> {
+        let step = self.step;
+        (0..self.count).map(move |place| id + place * step)
+    }
+
     /// The middle of the box around it, and half its sides.
     pub(crate) fn bounds(&self) -> (DVec3, DVec3) {
         let [a, b, c] = self.corners;

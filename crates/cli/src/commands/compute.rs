@@ -351,7 +351,7 @@ fn compute_into(
         render.culling = culling(probe, talk);
     }
     // What it chooses by the scene is part of what the store is made with.
-    backend.load(prepared.model.geometry(), render)?;
+    hemicube::compute::load(&prepared.model, &plan.correction, render, backend.as_mut())?;
     // Before memory is asked for: rows would build it.
     plan.correction.prepare(&prepared.model);
     let device = backend.info().clone();

@@ -293,6 +293,69 @@ pub(crate) unsafe fn all_covered<L: Lanes>(coverage: &Coverage, [x0, x1, y0, y1]
     true
 }
 
+/// Whether no pixel of a box of the atlas (inclusive) is covered.
+#[inline(always)]
+unsafe fn all_open<L: Lanes>(coverage: &Coverage, [x0, x1, y0, y1]: [usize; 4]) -> bool {
+    for column in x0 / WIDTH..=x1 / WIDTH {
+        let from = x0.saturating_sub(column * WIDTH);
+        let to = (x1 + 1 - column * WIDTH).min(WIDTH);
+        let mask = low_bits(to) & !low_bits(from);
+        let column = &coverage.rows[column * coverage.groups..][..coverage.groups];
+        let (low, high) = (y0 / GROUP, y1 / GROUP);
+        for (group, rows) in (low..).zip(&column[low..=high]) {
+            // SAFETY: the caller's promise.
+            let mut covered = unsafe { L::any_of(&rows.0, mask) };
+            if group == low {
+                covered &= u8::MAX << (y0 % GROUP);
+            }
+            if group == high {
+                covered &= u8::MAX >> (GROUP - 1 - y1 % GROUP);
+            }
+            if covered != 0 {
+                return false;
+            }
+        }
+    }
+    true
+}
+
+/// Lanes of a block that have a box of pixels on one of these faces alone, none of which is covered.
+#[inline(always)]
+pub(crate) unsafe fn in_the_open<L: Lanes>(t: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
+    let resolution = coverage.resolution;
+    let (mut open, mut any, mut several) = (0u16, 0u16, 0u16);
+    for face in Face::ALL {
+        if faces >> face as u8 & 1 == 0 {
+            continue;
+        }
+        // SAFETY: the caller's promise.
+        let boxes = unsafe { boxes::<L>(t, face, resolution) };
+        several |= any & boxes.whole;
+        // What reaches beyond the eye may be nowhere on this face. That must not be taken for being on it, as faces are left out where all that
+        // they were asked for is nowhere.
+        let mut straddling = boxes.straddling & !several;
+        while straddling != 0 {
+            let lane = straddling.trailing_zeros() as usize;
+            straddling &= straddling - 1;
+            several |= u16::from(clipped_box(t, face, lane, resolution).is_some()) << lane;
+        }
+        let mut asked = boxes.whole & !any & !several;
+        any |= boxes.whole;
+        #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+        let first_row = face.first_row(resolution as u32) as usize;
+        while asked != 0 {
+            let lane = asked.trailing_zeros() as usize;
+            asked &= asked - 1;
+            let (x0, x1) = (at(boxes.x0[lane]), at(boxes.x1[lane]) - 1);
+            let (y0, y1) = (at(boxes.y0[lane]), at(boxes.y1[lane]) - 1);
+            // SAFETY: likewise.
+            let is_open = unsafe { all_open::<L>(coverage, [x0, x1, first_row + y0, first_row + y1]) };
+            open |= u16::from(is_open) << lane;
+        }
+    }
+    open & !several
+}
+
 /// The box of a lane's pixels on a face, where it has any.
 #[inline(always)]
 fn pixel_box(t: &Transformed, boxes: &Boxes, face: Face, lane: usize, resolution: usize) -> Option<PixelBox> {

@@ -1,0 +1,250 @@
+//! Rows of which only visible fractions are asked: the CPU backend then lists patches that were cut from a triangle and show all that they
+//! cover without finding out how much that is of each.
+
+use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
+use hemicube::row::{RowBlock, RowView};
+use hemicube::{InputPatch, Model};
+use hemicube_backend_cpu::{CpuBackend, EngineChoice, Isa};
+use hemicube_scene::Subdivision;
+use hemicube_scene::generate::{self, Kind};
+use hemicube_tests::rows::{hemicubes, render_with, spread};
+use hemicube_tests::scenes::{cut_scenes, generated, model, read, say, scenes_or_skip};
+use std::collections::BTreeMap;
+
+fn settings(resolution: u32) -> RenderSettings {
+    RenderSettings {
+        resolution,
+        culling: Culling::On,
+        covered: true,
+    }
+}
+
+fn backend(choice: EngineChoice, isa: Isa) -> CpuBackend {
+    CpuBackend::with_isa(isa)
+        .expect("an instruction set of this machine")
+        .with_engine(choice)
+}
+
+/// Rows for fractions, checked as the driver checks them.
+fn for_fractions(backend: &mut CpuBackend, model: &Model, rows: &[InputPatch], settings: RenderSettings) -> RowBlock {
+    let hemicubes = hemicubes(model, rows);
+    backend
+        .load_for_fractions(model.geometry(), settings)
+        .expect("legal settings");
+    let mut found = RowBlock::default();
+    backend.rows(&hemicubes, &mut found).expect("legal hemicubes");
+    found
+        .check(hemicubes.len(), model.geometry().patch_count, true)
+        .expect("rows that keep the contract");
+    found
+}
+
+/// What is listed of a row: visible and covered weights.
+fn listed(row: RowView<'_>) -> BTreeMap<u32, (u32, u32)> {
+    let weights = row.visible.iter().copied().zip(row.covered.iter().copied());
+    row.patches.iter().copied().zip(weights).collect()
+}
+
+/// How rows for fractions differ from those of weights.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Apart {
+    /// Patches with weights whose fraction is the same.
+    alike: usize,
+    /// Patches whose fraction is another.
+    other: usize,
+    /// Patches without weight that only weights have, and that only fractions have.
+    tiny: [usize; 2],
+    /// Others that only one has.
+    lost: usize,
+}
+
+fn apart(weights: &RowBlock, fractions: &RowBlock) -> Apart {
+    let mut apart = Apart::default();
+    for row in 0..weights.len() {
+        let (weights, fractions) = (weights.row(row), fractions.row(row));
+        assert_eq!(
+            (weights.escaped, weights.blocked),
+            (fractions.escaped, fractions.blocked),
+            "row {row}"
+        );
+        let (weights, fractions) = (listed(weights), listed(fractions));
+        for (patch, &(visible, covered)) in &weights {
+            match fractions.get(patch) {
+                Some(&(v, c)) if u64::from(v) * u64::from(covered) == u64::from(visible) * u64::from(c) => {
+                    apart.alike += 1
+                }
+                Some(_) => apart.other += 1,
+                None if covered == 0 => apart.tiny[0] += 1,
+                None => apart.lost += 1,
+            }
+        }
+        for (patch, &(visible, covered)) in &fractions {
+            if !weights.contains_key(patch) {
+                let is_seen = visible == covered;
+                apart.tiny[1] += usize::from(is_seen);
+                apart.lost += usize::from(!is_seen);
+            }
+        }
+    }
+    apart
+}
+
+fn assert_fractions_are_those_of_weights(name: &str, model: &Model, count: usize, resolution: u32, most_lost: usize) {
+    let rows = spread(model, count);
+    let mut exact = backend(EngineChoice::Depth, Isa::available()[0]);
+    let (weights, _) = render_with(&mut exact, model, &hemicubes(model, &rows), settings(resolution));
+    let mut quick = backend(EngineChoice::Depth, Isa::available()[0]);
+    let fractions = for_fractions(&mut quick, model, &rows, settings(resolution));
+    // Or the two would be one.
+    assert_ne!(exact.info().version, quick.info().version, "{name}");
+    let apart = apart(&weights, &fractions);
+    say(&format!("{name}, N = {resolution}: {apart:?}"));
+    assert!(
+        apart.other == 0 && apart.lost <= most_lost,
+        "{name}, N = {resolution}: {apart:?}"
+    );
+    // At the rim of a triangle whose pixels are all seen, patches without a pixel are, too.
+    assert!(
+        apart.tiny.iter().sum::<usize>() <= apart.alike / 10 + 8,
+        "{name}, N = {resolution}: {apart:?}"
+    );
+}
+
+#[test]
+fn fractions_are_those_of_weights() {
+    for (name, model) in cut_scenes() {
+        for resolution in [64, 256] {
+            assert_fractions_are_those_of_weights(&name, &model, 60, resolution, 0);
+        }
+    }
+}
+
+#[test]
+fn fractions_of_real_scenes_are_those_of_weights() {
+    let Some(folder) = scenes_or_skip("fractions::fractions_of_real_scenes_are_those_of_weights") else {
+        return;
+    };
+    for (file, subdivision, most_lost) in [
+        ("city/denhaag-8897.obj", Subdivision::Split(4), 0),
+        ("city/rotterdam-delfshaven.obj", Subdivision::Split(3), 0),
+        // One eye lies on the edge of a floor, whose pixels no patch of it covers: they are given to one that is hardly seen.
+        ("interior/aggressor.obj", Subdivision::Split(3), 1),
+        ("cornell/cornell-measured-closed-20q.obj", Subdivision::Split(6), 0),
+    ] {
+        let scene = read(&folder, file).unwrap_or_else(|error| panic!("{error}"));
+        assert_fractions_are_those_of_weights(file, &model(scene, subdivision), 300, 128, most_lost);
+    }
+}
+
+#[test]
+fn neither_engine_nor_culling_nor_instruction_set_changes_a_bit() {
+    for (name, model) in cut_scenes() {
+        let rows = spread(&model, 20);
+        let of = |choice, isa, culling| {
+            let settings = RenderSettings {
+                culling,
+                ..settings(144)
+            };
+            for_fractions(&mut backend(choice, isa), &model, &rows, settings)
+        };
+        let wanted = of(EngineChoice::Depth, Isa::available()[0], Culling::Off);
+        for isa in Isa::available() {
+            for choice in [EngineChoice::Depth, EngineChoice::Claims] {
+                let found = of(choice, isa, Culling::On);
+                for row in 0..wanted.len() {
+                    let (found, wanted) = (listed(found.row(row)), listed(wanted.row(row)));
+                    let differ: Vec<_> = found
+                        .iter()
+                        .filter(|(patch, weights)| wanted.get(patch) != Some(weights))
+                        .take(4)
+                        .collect();
+                    let there: Vec<_> = differ.iter().map(|(patch, _)| wanted.get(patch)).collect();
+                    assert!(
+                        found == wanted,
+                        "{name}, {choice:?}, {isa:?}, row {row}: {differ:?}, not {there:?}; {} and {}",
+                        found.len(),
+                        wanted.len()
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn weights_of_what_was_not_cut_are_what_they_are() {
+    for kind in [Kind::City, Kind::Spheres, Kind::Soup] {
+        let model = generated(kind, 2_000);
+        let rows = spread(&model, 20);
+        for choice in [EngineChoice::Depth, EngineChoice::Claims] {
+            let mut exact = backend(choice, Isa::available()[0]);
+            let mut quick = backend(choice, Isa::available()[0]);
+            let (weights, _) = render_with(&mut exact, &model, &hemicubes(&model, &rows), settings(128));
+            assert_eq!(
+                weights,
+                for_fractions(&mut quick, &model, &rows, settings(128)),
+                "{}",
+                kind.name()
+            );
+            assert_eq!(exact.info().version, quick.info().version);
+        }
+    }
+}
+
+#[test]
+fn a_difference_is_noticed() {
+    let row = |weights: &[(u32, u32, u32)]| {
+        let mut rows = RowBlock::default();
+        for &(patch, visible, covered) in weights {
+            rows.push(InputPatch(patch), visible, covered);
+        }
+        rows.end_row(1, 2);
+        rows
+    };
+    let weights = row(&[(1, 30, 60), (2, 7, 7), (3, 0, 0), (4, 5, 9)]);
+    let alike = row(&[(1, 15, 30), (2, 9, 9), (3, 2, 2), (4, 10, 18)]);
+    let wanted = Apart {
+        alike: 4,
+        ..Apart::default()
+    };
+    assert_eq!(apart(&weights, &alike), wanted);
+    let other = row(&[(1, 31, 60), (2, 7, 7), (5, 3, 3), (6, 3, 4)]);
+    let wanted = Apart {
+        alike: 1,
+        other: 1,
+        tiny: [1, 1],
+        lost: 2,
+    };
+    assert_eq!(apart(&weights, &other), wanted);
+}
+
+#[test]
+fn finely_cut_rooms_are_shared_out_and_cities_put_in_order() {
+    let chosen = |model: &Model| {
+        let mut backend = CpuBackend::new();
+        let load = |backend: &mut CpuBackend, fractions| {
+            let loaded = if fractions {
+                backend.load_for_fractions(model.geometry(), settings(128))
+            } else {
+                backend.load(model.geometry(), settings(128))
+            };
+            loaded.expect("legal settings");
+            (backend.engine(), backend.choices().join("\n"))
+        };
+        [false, true].map(|fractions| load(&mut backend, fractions))
+    };
+    let room = model(generate::cornell_box(), Subdivision::Levels(4));
+    let [weights, fractions] = chosen(&room);
+    assert_eq!(weights.0, Some(EngineChoice::Order));
+    assert_eq!(fractions.0, Some(EngineChoice::Claims));
+    assert!(
+        fractions.1.contains("patches are seen of each triangle"),
+        "{fractions:?}"
+    );
+    for (kind, count) in [(Kind::BlockCity, 140_000), (Kind::Maze, 10_000)] {
+        let model = generated(kind, count);
+        for (engine, reason) in chosen(&model) {
+            assert_eq!(engine, Some(EngineChoice::Order), "{}: {reason}", kind.name());
+        }
+    }
+}
