@@ -148,8 +148,8 @@ fn give(wholes: &Wholes, frame: &Frame, seen: &SeenWhole<'_>, left: u32, first: 
     let of_whole = &mut entries[first..];
     #[allow(clippy::cast_possible_truncation, reason = "fewer than patches")]
     let count = of_whole.iter().filter(|entry| entry.covered == EVENLY).count() as u32;
-    if count != 0 {
-        let (part, mut more) = (left / count, left % count);
+    if let Some(part) = left.checked_div(count) {
+        let mut more = left % count;
         for entry in of_whole.iter_mut().filter(|entry| entry.covered == EVENLY) {
             entry.visible = part + u32::from(more != 0);
             entry.covered = entry.visible;
