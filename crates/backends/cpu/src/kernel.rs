@@ -1449,35 +1449,62 @@ pub(crate) unsafe fn draw<L: Lanes, const COUNT: bool>(
         }
         let depths = DepthPlane { steps, plane };
         let mut covered = 0;
-        // SAFETY: the caller's promise.
-        unsafe {
-            walk::<L>(&lines, pixel_box, |row, start, end| {
-                if COUNT {
-                    covered += end - start;
-                }
-                let row_depth = depths.plane.constant + depths.plane.y * row as f64;
-                let atlas_row = first_row + row;
-                let row_chunk = atlas_row * chunks_per_row;
-                let tile_row = atlas_row / GROUP * chunks_per_row;
-                let mut chunk = start / LANES;
-                let last = (end - 1) / LANES;
-                let mut mask = u16::MAX << (start % LANES);
-                loop {
-                    if chunk == last {
-                        mask &= u16::MAX >> (LANES - 1 - (end - 1) % LANES);
+        let first = bits::at(pixel_box.x0) / LANES;
+        let columns = (bits::at(pixel_box.x1) - 1) / LANES - first;
+        if columns < 2 {
+            // Most triangles of a fine scene: which chunks a row has pixels in would be as good as random.
+            let left = first * LANES;
+            let across = [0, 1].map(|column| depths.plane.x * ((first + column) * LANES) as f64);
+            // SAFETY: the caller's promise.
+            unsafe {
+                walk::<L>(&lines, pixel_box, |row, start, end| {
+                    if COUNT {
+                        covered += end - start;
                     }
-                    let base = row_depth + depths.plane.x * (chunk * LANES) as f64;
-                    let at = row_chunk + chunk;
-                    if L::test(&mut target.depth[at], &mut target.items[at], mask, base, &depths, id) {
-                        target.dirty[tile_row + chunk] = true;
+                    let mask = (u64::MAX << (start - left)) & !(u64::MAX << (end - left));
+                    let row_depth = depths.plane.constant + depths.plane.y * row as f64;
+                    let atlas_row = first_row + row;
+                    let tile = atlas_row / GROUP * chunks_per_row + first;
+                    for column in 0..=columns {
+                        let at = atlas_row * chunks_per_row + first + column;
+                        #[allow(clippy::cast_possible_truncation, reason = "sixteen of them")]
+                        let mask = (mask >> (column * LANES)) as u16;
+                        let base = row_depth + across[column];
+                        target.dirty[tile + column] |=
+                            L::test(&mut target.depth[at], &mut target.items[at], mask, base, &depths, id);
                     }
-                    if chunk == last {
-                        break;
+                });
+            }
+        } else {
+            // SAFETY: the caller's promise.
+            unsafe {
+                walk::<L>(&lines, pixel_box, |row, start, end| {
+                    if COUNT {
+                        covered += end - start;
                     }
-                    chunk += 1;
-                    mask = u16::MAX;
-                }
-            });
+                    let row_depth = depths.plane.constant + depths.plane.y * row as f64;
+                    let atlas_row = first_row + row;
+                    let row_chunk = atlas_row * chunks_per_row;
+                    let tile_row = atlas_row / GROUP * chunks_per_row;
+                    let mut chunk = start / LANES;
+                    let last = (end - 1) / LANES;
+                    let mut mask = u16::MAX << (start % LANES);
+                    loop {
+                        if chunk == last {
+                            mask &= u16::MAX >> (LANES - 1 - (end - 1) % LANES);
+                        }
+                        let base = row_depth + depths.plane.x * (chunk * LANES) as f64;
+                        let at = row_chunk + chunk;
+                        target.dirty[tile_row + chunk] |=
+                            L::test(&mut target.depth[at], &mut target.items[at], mask, base, &depths, id);
+                        if chunk == last {
+                            break;
+                        }
+                        chunk += 1;
+                        mask = u16::MAX;
+                    }
+                });
+            }
         }
         if COUNT {
             #[allow(clippy::cast_possible_truncation, reason = "at most 3·2²⁰ pixels")]
@@ -2023,12 +2050,11 @@ pub(crate) mod x86 {
                     let old_id = _mm512_load_si512(items.0.as_ptr().cast());
                     won |= _mm512_mask_cmplt_epu32_mask(equal, id, old_id);
                 }
-                if won == 0 {
-                    return false;
-                }
-                _mm512_mask_store_ps(depth.0.as_mut_ptr(), won, z);
-                _mm512_mask_store_epi32(items.0.as_mut_ptr().cast(), won, id);
-                true
+                // Whether any wins is as good as random: no branch. Whole stores, as what was stored in part is soon read whole.
+                _mm512_store_ps(depth.0.as_mut_ptr(), _mm512_mask_mov_ps(old, won, z));
+                let old_id = _mm512_load_si512(items.0.as_ptr().cast());
+                _mm512_store_si512(items.0.as_mut_ptr().cast(), _mm512_mask_mov_epi32(old_id, won, id));
+                won != 0
             }
         }
 
@@ -2182,11 +2208,10 @@ pub(crate) mod x86 {
                     // Ids are below 2³¹, so a signed comparison will do.
                     let smaller = _mm256_cmpgt_epi32(old_id, id);
                     let won = _mm256_and_si256(wanted, _mm256_or_si256(nearer, _mm256_and_si256(equal, smaller)));
-                    if _mm256_testz_si256(won, won) == 0 {
-                        _mm256_store_ps(depth_at, _mm256_blendv_ps(old, z, _mm256_castsi256_ps(won)));
-                        _mm256_store_si256(items_at, _mm256_blendv_epi8(old_id, id, won));
-                        any = true;
-                    }
+                    // Whether any wins is as good as random: no branch.
+                    _mm256_store_ps(depth_at, _mm256_blendv_ps(old, z, _mm256_castsi256_ps(won)));
+                    _mm256_store_si256(items_at, _mm256_blendv_epi8(old_id, id, won));
+                    any |= _mm256_testz_si256(won, won) == 0;
                 }
                 any
             }
