@@ -83,6 +83,20 @@ impl Case {
         )
     }
 
+    /// The engine that the scene gets where only fractions are asked, as by the corrections.
+    fn for_fractions(&self, resolution: u32) -> CpuBackend {
+        let mut backend = CpuBackend::new();
+        let settings = RenderSettings {
+            resolution,
+            culling: Culling::On,
+            covered: true,
+        };
+        backend
+            .load_for_fractions(self.model.geometry(), settings)
+            .expect("settings in range");
+        backend
+    }
+
     /// Engine 1 as it draws patch by patch.
     fn patch_by_patch(&self, resolution: u32, culling: Culling, covered: bool) -> CpuBackend {
         let mut backend = CpuBackend::new().with_engine(EngineChoice::Depth).patch_by_patch();
@@ -239,7 +253,7 @@ fn print_ratios(cases: &[Case]) {
             t_brute / t_best_again,
         );
     }
-    println!("The same with covered weights, as the corrections want them, and what the chosen engines make of it:");
+    println!("The same with covered weights, and what the chosen engines make of it:");
     println!(
         "| scene | order | claims | depth | parted | auto / parted | depth / parted | claims / depth at N = 1024 | N = 1024 / 64 in \
          time, engines | portable / {isa:?} at 256 | at 64 |"
@@ -285,6 +299,31 @@ fn print_ratios(cases: &[Case]) {
             name(&small),
             portable[0],
             portable[1],
+        );
+    }
+    println!(
+        "Where only fractions are asked, as by the corrections, against the engine that the scene gets for covered weights:"
+    );
+    println!("| scene | engine | hemicubes a second | / covered weights | / parted | N = 1024 / 64 in time, engines |");
+    println!("|---|---|---|---|---|---|");
+    for case in cases {
+        let count = case.hemicubes.len() as f64;
+        let mut fractions = case.for_fractions(256);
+        let (t_fractions, t_weights) = in_turns(&mut fractions, &mut auto(case, 256, true), &case.hemicubes);
+        let mut parted = case.patch_by_patch(256, Culling::On, true);
+        let (t_again, t_parted) = in_turns(&mut fractions, &mut parted, &case.hemicubes);
+        let (mut small, mut large) = (case.for_fractions(64), case.for_fractions(1024));
+        let (t_small, t_large) = in_turns(&mut small, &mut large, &case.hemicubes);
+        println!(
+            "| {} | {} | {:.0} | {:.2} | {:.2} | {:.2}, {} / {} |",
+            case.name,
+            name(&fractions),
+            count / t_fractions,
+            t_weights / t_fractions,
+            t_parted / t_again,
+            t_large / t_small,
+            name(&large),
+            name(&small),
         );
     }
     println!("Engine 1, patch by patch, over the surface area tree against the octree:");

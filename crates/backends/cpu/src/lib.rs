@@ -488,7 +488,7 @@ const RESOLUTION_LOOKED_WITH: u32 = 128;
 /// time than drawing them in order (`docs/performance.md`).
 const PARTS_TO_SHARE: f64 = 16.0;
 /// With more pixels of a hemicube for each triangle drawn, engine 3 is faster than engine 1 (`docs/performance.md`).
-const PIXELS_TO_CLAIM: f64 = 300.0;
+const PIXELS_TO_CLAIM: f64 = 350.0;
 
 impl Look {
     fn new(geometry: &Arc<Geometry>, isa: Isa) -> Self {
