@@ -195,13 +195,19 @@ fn pixels_of(cells: u8) -> u64 {
 struct Tile {
     /// What covers each cell is at least as near as this, in 1/w.
     farthest: Cells,
-    /// The page of its newest claim, plus 1.
+    /// What its first claim has any of, see [`Lanes::occupied`]: of fine hemicubes, most tiles have no other.
+    occupied: u64,
+    /// That claim's place in the list, plus 1.
+    first: u32,
+    /// The page of its newest claim, plus 1, if there are others.
     page: u32,
 }
 
 /// A tile that nothing covers.
 const CLEAR: Tile = Tile {
     farthest: Cells([f32::INFINITY; CELLS]),
+    occupied: 0,
+    first: 0,
     page: 0,
 };
 
@@ -258,7 +264,9 @@ struct Contest<'a> {
 
 /// The claims of a tile that have any of some pixels, all of which are covered.
 struct Search {
-    /// Where it looks, plus 1.
+    /// The tile's first claim, plus 1, if that is still to be looked at.
+    first: u32,
+    /// Where it looks then, plus 1.
     page: u32,
     /// Claims of that page that may have some, and are to be looked at.
     hits: u8,
@@ -275,20 +283,21 @@ struct Found {
     /// Rows that have any of them.
     rows: u8,
     claim: usize,
-    /// Where it stands: the page, and the place there.
-    page: usize,
-    slot: usize,
+    /// Where it stands: the page, and the place there; nowhere if it is the tile's first.
+    place: Option<(usize, usize)>,
 }
 
 impl Search {
     /// Begins to look for the owners of `left` in a tile.
     #[inline(always)]
     unsafe fn new<L: Lanes>(tile: &Tile, left: Rows) -> Self {
+        // SAFETY: the caller's promise.
+        let occupied = unsafe { L::occupied(&left.0) };
         Self {
+            first: if tile.occupied & occupied != 0 { tile.first } else { 0 },
             page: tile.page,
             hits: 0,
-            // SAFETY: the caller's promise.
-            occupied: unsafe { L::occupied(&left.0) },
+            occupied,
             left,
         }
     }
@@ -297,20 +306,26 @@ impl Search {
     #[inline(always)]
     unsafe fn next<L: Lanes>(&mut self, claims: &Claims) -> Option<Found> {
         while self.occupied != 0 {
-            if self.hits == 0 {
-                // SAFETY: the caller's promise.
-                self.hits = unsafe { L::any_of(&claims.pages[self.page as usize - 1].occupied, self.occupied) };
+            let (claim, place);
+            if self.first != 0 {
+                (claim, place) = (self.first as usize - 1, None);
+                self.first = 0;
+            } else {
+                let page = self.page as usize - 1;
                 if self.hits == 0 {
-                    self.page = claims.pages[self.page as usize - 1].before;
-                    continue;
+                    // SAFETY: the caller's promise.
+                    self.hits = unsafe { L::any_of(&claims.pages[page].occupied, self.occupied) };
+                    if self.hits == 0 {
+                        self.page = claims.pages[page].before;
+                        continue;
+                    }
                 }
-            }
-            let page = self.page as usize - 1;
-            let slot = self.hits.trailing_zeros() as usize;
-            self.hits &= self.hits - 1;
-            let claim = claims.pages[page].claims[slot] as usize;
-            if self.hits == 0 {
-                self.page = claims.pages[page].before;
+                let slot = self.hits.trailing_zeros() as usize;
+                self.hits &= self.hits - 1;
+                (claim, place) = (claims.pages[page].claims[slot] as usize, Some((page, slot)));
+                if self.hits == 0 {
+                    self.page = claims.pages[page].before;
+                }
             }
             let mut pixels = Rows([0; GROUP]);
             // SAFETY: the caller's promise.
@@ -321,8 +336,7 @@ impl Search {
                     pixels,
                     rows,
                     claim,
-                    page,
-                    slot,
+                    place,
                 });
             }
         }
@@ -351,6 +365,19 @@ impl Claims {
     #[inline(always)]
     unsafe fn push<L: Lanes>(&mut self, claimant: u32, tile: usize, shows: &Rows) {
         let state = &mut self.tiles[tile];
+        // SAFETY: the caller's promise.
+        let occupied = unsafe { L::occupied(&shows.0) };
+        #[allow(clippy::cast_possible_truncation, reason = "fewer claims and tiles than 2³²")]
+        let (claim, of_tile) = (self.claims.len() as u32, tile as u32);
+        self.claims.push(Claim {
+            claimant,
+            tile: of_tile,
+        });
+        self.shows.push(*shows);
+        if state.first == 0 {
+            (state.first, state.occupied) = (claim + 1, occupied);
+            return;
+        }
         if state.page == 0 || self.pages[state.page as usize - 1].count as usize == ON_PAGE {
             self.pages.push(Page {
                 occupied: [0; ON_PAGE],
@@ -365,18 +392,8 @@ impl Claims {
         }
         let page = &mut self.pages[state.page as usize - 1];
         let slot = page.count as usize % ON_PAGE;
-        #[allow(clippy::cast_possible_truncation, reason = "fewer claims and tiles than 2³²")]
-        {
-            page.claims[slot] = self.claims.len() as u32;
-            self.claims.push(Claim {
-                claimant,
-                tile: tile as u32,
-            });
-        }
-        // SAFETY: the caller's promise.
-        page.occupied[slot] = unsafe { L::occupied(&shows.0) };
+        (page.claims[slot], page.occupied[slot]) = (claim, occupied);
         page.count += 1;
-        self.shows.push(*shows);
     }
 
     /// Whether all of a box of the atlas (inclusive) is nearer than `bound`.
@@ -442,16 +459,22 @@ impl Claims {
             return (self.nothing, 0.0);
         }
         let resolution = self.coverage.resolution;
-        let mut page = &self.pages[self.tiles[self.tile_of(row, x)].page as usize - 1];
+        let state = &self.tiles[self.tile_of(row, x)];
         let at = 1 << (row % GROUP * (WIDTH / 8) + x % WIDTH / 8);
-        let claim = 'found: loop {
-            for (occupied, &claim) in page.occupied.iter().zip(&page.claims) {
-                if occupied & at != 0 && self.shows[claim as usize].0[row % GROUP] >> (x % WIDTH) & 1 != 0 {
-                    break 'found claim;
-                }
-            }
-            page = &self.pages[page.before as usize - 1];
+        let has = |occupied: u64, claim: u32| {
+            occupied & at != 0 && self.shows[claim as usize].0[row % GROUP] >> (x % WIDTH) & 1 != 0
         };
+        let mut claim = state.first - 1;
+        if !has(state.occupied, claim) {
+            let mut page = &self.pages[state.page as usize - 1];
+            claim = loop {
+                let mut on_page = page.occupied.iter().zip(&page.claims);
+                if let Some((_, &claim)) = on_page.find(|&(&occupied, &claim)| has(occupied, claim)) {
+                    break claim;
+                }
+                page = &self.pages[page.before as usize - 1];
+            };
+        }
         let claimant = &self.claimants[self.claims[claim as usize].claimant as usize];
         let face_row = if row < resolution {
             row
@@ -549,7 +572,11 @@ impl Claims {
                 old.weight -= weight_of(bits, &contest.running[(y + r) * resolution + x..]);
             }
             // SAFETY: likewise.
-            self.pages[found.page].occupied[found.slot] = unsafe { L::occupied(&shows.0) };
+            let occupied = unsafe { L::occupied(&shows.0) };
+            match found.place {
+                Some((page, slot)) => self.pages[page].occupied[slot] = occupied,
+                None => self.tiles[contest.tile].occupied = occupied,
+            }
         }
         any
     }
