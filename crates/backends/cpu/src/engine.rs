@@ -275,11 +275,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         // What is not known of covered weights is counted; of the others, all that is covered is seen.
         self.uncounted.clear();
         for &(id, pixels, _) in &self.row {
-            let slot = tree.slot_of_patch[id as usize] as usize;
-            let (block, lane) = (slot / LANES, slot % LANES);
-            let drawn = &self.drawn[block];
-            let known = drawn.incomplete >> lane & 1 == 0 && drawn.hemicube == self.hemicube;
-            if !(known && drawn.pixels[lane] == pixels) {
+            if self.known_pixels(tree, id) != Some(pixels) {
                 self.uncounted.push(id);
             }
         }
@@ -332,7 +328,8 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
                     self.share::<COVERED>(shared, wholes, frame, &seen, &mut entries);
                 }
             } else {
-                let is_known = COVERED && self.covers(&shared.tree, id, pixels);
+                // Of what is known and covers no other pixels, all is seen.
+                let is_known = COVERED && self.known_pixels(&shared.tree, id) == Some(pixels);
                 entries.push(Entry::new(id, weight, if is_known { weight } else { UNCOUNTED }));
             }
         }
@@ -346,12 +343,12 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         (self.ids, self.entries) = (ids, entries);
     }
 
-    /// Whether what is seen of a patch, so many pixels, is all that it covers.
-    fn covers(&self, tree: &Tree, patch: u32, pixels: u32) -> bool {
-        let slot = tree.slot_of_patch[patch as usize] as usize;
+    /// The pixels that what is drawn with an id covers, where that is known.
+    fn known_pixels(&self, tree: &Tree, id: u32) -> Option<u32> {
+        let slot = tree.slot_of_patch[id as usize] as usize;
         let (drawn, lane) = (&self.drawn[slot / LANES], slot % LANES);
-        let known = drawn.incomplete >> lane & 1 == 0 && drawn.hemicube == self.hemicube;
-        known && drawn.pixels[lane] == pixels
+        let is_known = drawn.incomplete >> lane & 1 == 0 && drawn.hemicube == self.hemicube;
+        is_known.then_some(drawn.pixels[lane])
     }
 
     /// Brings sixteen patches of a triangle that was cut, and drawn as `id`, into a frame.
@@ -368,15 +365,9 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
 
     /// Whether what is seen of a triangle that was cut, so many pixels, is all that it covers.
     fn shows_all(&mut self, shared: &Shared, frame: &Frame, seen: &SeenWhole<'_>, pixels: u32) -> bool {
-        let slot = shared.tree.slot_of_patch[seen.id as usize] as usize;
-        let (drawn, lane) = (&self.drawn[slot / LANES], slot % LANES);
-        let is_known = drawn.incomplete >> lane & 1 == 0 && drawn.hemicube == self.hemicube;
-        let covered = if is_known {
-            drawn.pixels[lane]
-        } else {
-            self.covered_pixels(shared, frame, seen.id, seen.faces)
-        };
-        covered == pixels
+        let known = self.known_pixels(&shared.tree, seen.id);
+        // What culling left unknown must not decide.
+        known.unwrap_or_else(|| self.covered_pixels(shared, frame, seen.id, seen.faces)) == pixels
     }
 
     /// Lists the patches of a triangle that was cut and shows all that it covers: so do they.
@@ -418,6 +409,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
         let first = entries.len();
         let mut left = weight;
+        let mut stays_open = false;
         let shown_on = self.buffer.open(id, &mut self.open);
         // What is covered must be known on all faces, what is seen only on those.
         let faces = if COVERED { faces } else { shown_on };
@@ -431,6 +423,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
                 if shared.fractions {
                     in_the_open = K::in_the_open(t, faces, &self.open);
                     t.live &= !in_the_open;
+                    stays_open |= in_the_open != 0;
                 }
                 if t.live != 0 {
                     K::draw_bits::<COVERED>(t, None, faces, Turns::Parts, &mut self.open, top, side, &mut shown);
@@ -453,7 +446,8 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
                 self.find_tiny_parts(shared, frame, (id, faces), shown.tiny, shown.hidden);
             }
         }
-        if left != 0 {
+        // Near the horizon of a fine hemicube, pixels have no weight.
+        if left != 0 || stays_open {
             self.buffer.close(id, &mut self.open);
         }
         give(wholes, frame, seen, left, first, entries);

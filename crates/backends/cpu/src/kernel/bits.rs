@@ -268,7 +268,21 @@ pub(super) unsafe fn lacking_avx2(rows: &[u64; GROUP], mask: u64) -> u8 {
 
 /// Whether every pixel of a box of the atlas (inclusive) is covered.
 #[inline(always)]
-pub(crate) unsafe fn all_covered<L: Lanes>(coverage: &Coverage, [x0, x1, y0, y1]: [usize; 4]) -> bool {
+pub(crate) unsafe fn all_covered<L: Lanes>(coverage: &Coverage, pixels: [usize; 4]) -> bool {
+    // SAFETY: the caller's promise.
+    none_of(coverage, pixels, |rows, mask| unsafe { L::lacking(rows, mask) })
+}
+
+/// Whether no pixel of a box of the atlas (inclusive) is covered.
+#[inline(always)]
+unsafe fn all_open<L: Lanes>(coverage: &Coverage, pixels: [usize; 4]) -> bool {
+    // SAFETY: the caller's promise.
+    none_of(coverage, pixels, |rows, mask| unsafe { L::any_of(rows, mask) })
+}
+
+/// Whether none of a box's rows is among those that `which` says of eight rows of a column and the bits of the box there.
+#[inline(always)]
+fn none_of(coverage: &Coverage, [x0, x1, y0, y1]: [usize; 4], which: impl Fn(&[u64; GROUP], u64) -> u8) -> bool {
     let rows = &coverage.rows;
     for column in x0 / WIDTH..=x1 / WIDTH {
         let from = x0.saturating_sub(column * WIDTH);
@@ -277,41 +291,14 @@ pub(crate) unsafe fn all_covered<L: Lanes>(coverage: &Coverage, [x0, x1, y0, y1]
         let column = &rows[column * coverage.groups..][..coverage.groups];
         let (low, high) = (y0 / GROUP, y1 / GROUP);
         for (group, rows) in (low..).zip(&column[low..=high]) {
-            // SAFETY: the caller's promise.
-            let mut open = unsafe { L::lacking(&rows.0, mask) };
+            let mut found = which(&rows.0, mask);
             if group == low {
-                open &= u8::MAX << (y0 % GROUP);
+                found &= u8::MAX << (y0 % GROUP);
             }
             if group == high {
-                open &= u8::MAX >> (GROUP - 1 - y1 % GROUP);
+                found &= u8::MAX >> (GROUP - 1 - y1 % GROUP);
             }
-            if open != 0 {
-                return false;
-            }
-        }
-    }
-    true
-}
-
-/// Whether no pixel of a box of the atlas (inclusive) is covered.
-#[inline(always)]
-unsafe fn all_open<L: Lanes>(coverage: &Coverage, [x0, x1, y0, y1]: [usize; 4]) -> bool {
-    for column in x0 / WIDTH..=x1 / WIDTH {
-        let from = x0.saturating_sub(column * WIDTH);
-        let to = (x1 + 1 - column * WIDTH).min(WIDTH);
-        let mask = low_bits(to) & !low_bits(from);
-        let column = &coverage.rows[column * coverage.groups..][..coverage.groups];
-        let (low, high) = (y0 / GROUP, y1 / GROUP);
-        for (group, rows) in (low..).zip(&column[low..=high]) {
-            // SAFETY: the caller's promise.
-            let mut covered = unsafe { L::any_of(&rows.0, mask) };
-            if group == low {
-                covered &= u8::MAX << (y0 % GROUP);
-            }
-            if group == high {
-                covered &= u8::MAX >> (GROUP - 1 - y1 % GROUP);
-            }
-            if covered != 0 {
+            if found != 0 {
                 return false;
             }
         }

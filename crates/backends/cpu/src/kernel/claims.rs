@@ -71,24 +71,7 @@ impl Claimant {
         smaller(greater(least, low), high)
     }
 
-    /// 1/w at a pixel of a face: what engine 1 compares.
-    #[inline(always)]
-    fn depth(&self, row: usize, x: usize) -> f32 {
-        let Plane {
-            x: step,
-            y,
-            constant,
-            low,
-            high,
-        } = self.plane;
-        let first = x / LANES * LANES;
-        let base = constant + y * row as f64 + step * first as f64;
-        #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
-        let z = (base + step * (x - first) as f64) as f32;
-        smaller(greater(z, low), high)
-    }
-
-    /// [`Self::depth`] of the sixteen pixels from `first` on, where a chunk begins.
+    /// 1/w at sixteen pixels of a face, from `first` on, where a chunk begins: what engine 1 compares.
     #[inline(always)]
     fn depths(&self, row: usize, first: usize) -> Chunk<f32> {
         let Plane {
@@ -481,7 +464,7 @@ impl Claims {
         } else {
             (row - resolution) % (resolution / 2)
         };
-        (claimant.id, claimant.depth(face_row, x))
+        (claimant.id, claimant.depths(face_row, x / LANES * LANES).0[x % LANES])
     }
 
     /// Adds up what each id shows.
