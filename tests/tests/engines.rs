@@ -317,15 +317,20 @@ fn covered_weights_are_the_same_bits() {
 #[test]
 fn culling_in_order_is_lossless() {
     for (name, model) in scenes() {
-        for covered in [false, true] {
-            let on = settings(64, covered);
+        // Of fine hemicubes, what is covered before a plane is drawn is asked, not remembered.
+        for (covered, resolution, count) in [(false, 64, 30), (true, 64, 30), (true, 512, 6)] {
+            let on = settings(resolution, covered);
             let off = RenderSettings {
                 culling: Culling::Off,
                 ..on
             };
-            let [on, off] = [on, off].map(|s| rows(&model, EngineChoice::Order, 30, s));
+            let [on, off] = [on, off].map(|s| rows(&model, EngineChoice::Order, count, s));
             for row in 0..on.len() {
-                assert_eq!(on.row(row), off.row(row), "{name}, covered {covered}, row {row}");
+                assert_eq!(
+                    on.row(row),
+                    off.row(row),
+                    "{name}, covered {covered}, N = {resolution}, row {row}"
+                );
             }
         }
     }
@@ -334,15 +339,19 @@ fn culling_in_order_is_lossless() {
 #[test]
 fn instruction_sets_draw_the_same() {
     for (name, model) in scenes() {
-        for covered in [false, true] {
-            let hemicubes = hemicubes(&model, &spread(&model, 30));
+        for (covered, resolution, count) in [(false, 144, 30), (true, 144, 30), (true, 512, 6)] {
+            let hemicubes = hemicubes(&model, &spread(&model, count));
             let of = |isa| {
                 let mut backend = backend(EngineChoice::Order, isa);
-                render_with(&mut backend, &model, &hemicubes, settings(144, covered))
+                render_with(&mut backend, &model, &hemicubes, settings(resolution, covered))
             };
             let portable = of(Isa::Portable);
             for isa in Isa::available() {
-                assert_eq!(of(isa), portable, "{name}, {isa:?}, covered {covered}");
+                assert_eq!(
+                    of(isa),
+                    portable,
+                    "{name}, {isa:?}, covered {covered}, N = {resolution}"
+                );
             }
         }
     }

@@ -504,6 +504,13 @@ pub(crate) trait Kernel: Send + 'static {
         shown: &mut Shown,
     );
 
+    /// Lanes of a block that can be seen at all and whose centroid lies above the horizon, at a pixel of one of these faces that nothing
+    /// covers.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn open_centroids(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16;
+
     /// Lanes of a block that have a box of pixels on one of these faces alone, none of which is covered.
     ///
     /// # Safety
@@ -1795,6 +1802,10 @@ impl Kernel for Portable {
         unsafe { bits::draw::<Self, COVERED>(triangles, cut, faces, turns, coverage, top, side, shown) };
     }
 
+    unsafe fn open_centroids(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
+        bits::open_centroids(triangles, triangles.live, faces, coverage, false)
+    }
+
     unsafe fn in_the_open(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
         // SAFETY: as above.
         unsafe { bits::in_the_open::<Self>(triangles, faces, coverage) }
@@ -2452,6 +2463,15 @@ pub(crate) mod x86 {
                     }
                     // SAFETY: the caller's promise of the instruction set.
                     unsafe { inner::<COVERED>(triangles, cut, faces, turns, coverage, top, side, shown) }
+                }
+
+                unsafe fn open_centroids(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
+                    #[target_feature(enable = $features)]
+                    fn inner(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
+                        bits::open_centroids(triangles, triangles.live, faces, coverage, false)
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(triangles, faces, coverage) }
                 }
 
                 unsafe fn in_the_open(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {

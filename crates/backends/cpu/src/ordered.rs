@@ -27,6 +27,8 @@ pub(crate) struct OrderedEngine<K> {
     /// Nodes of a layer that are to be looked at, and blocks of it that are to be drawn.
     layer_nodes: Vec<InLayer>,
     layer_blocks: Vec<InLayer>,
+    /// Of each of these, lanes whose centroids are open, where they are asked beforehand.
+    open: Vec<u16>,
     on_faces: OnFaces,
     /// Patches that cover no pixel centre and whose centroid was seen.
     tiny: PatchSet,
@@ -93,6 +95,7 @@ impl<K: Kernel> OrderedEngine<K> {
             pending: Vec::new(),
             layer_nodes: Vec::new(),
             layer_blocks: Vec::new(),
+            open: Vec::new(),
             on_faces: OnFaces::new(),
             tiny: PatchSet::new(shared.tree.patch_count as usize),
             perhaps_tiny: PatchSet::new(shared.tree.patch_count as usize),
@@ -347,10 +350,50 @@ impl<K: Kernel> OrderedEngine<K> {
                 }
             }
         }
+        if COVERED && !self.coverage.remembers {
+            self.draw_asked(shared, order, &blocks, frame);
+            blocks.clear();
+        }
         for InLayer { index, faces, hidden } in blocks.drain(..) {
             self.draw_block::<COVERED>(shared, order, index, frame, faces, hidden, Turns::Together);
         }
         (self.layer_nodes, self.layer_blocks) = (nodes, blocks);
+    }
+
+    /// Draws blocks of a plane with covered weights, when it was asked of all of them whether their centroids are open.
+    fn draw_asked(&mut self, shared: &Shared, order: &Order, blocks: &[InLayer], frame: &Frame) {
+        let mut open = std::mem::take(&mut self.open);
+        for block in blocks {
+            self.transform(order, block.index, frame);
+            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+            open.push(unsafe { K::open_centroids(&self.triangles, block.faces, &self.coverage) });
+        }
+        for (&InLayer { index, faces, hidden }, &open) in blocks.iter().zip(&open) {
+            self.draw_block::<true>(shared, order, index, frame, faces, hidden, Turns::Asked(open));
+        }
+        open.clear();
+        self.open = open;
+    }
+
+    /// Brings a block into a frame; returns what its pieces were cut from, if they were.
+    #[inline(always)]
+    fn transform<'a>(&mut self, order: &'a Order, index: u32, frame: &'a Frame) -> Option<Cut<'a>> {
+        let index = index as usize;
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+        unsafe { K::transform(&order.blocks[index], frame, &mut self.triangles) };
+        let lines = order.lines_of_block[index];
+        let cut = (lines != NONE).then(|| Cut {
+            lines: &order.lines[lines as usize],
+            frame,
+        });
+        if let Some(cut) = &cut {
+            // What is seen of a piece, and whether, is the whole surface's.
+            // SAFETY: as above.
+            unsafe { K::transform(&cut.lines.whole, frame, &mut self.whole) };
+            let (t, whole) = (&mut *self.triangles, &*self.whole);
+            (t.sign, t.seen, t.live) = (whole.sign, whole.seen, whole.live);
+        }
+        cut
     }
 
     /// On which faces a box may be seen, and on which of the others it is hidden.
@@ -448,24 +491,10 @@ impl<K: Kernel> OrderedEngine<K> {
         hidden: u8,
         turns: Turns<'_>,
     ) {
-        let index = index as usize;
-        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-        unsafe { K::transform(&order.blocks[index], frame, &mut self.triangles) };
+        let cut = self.transform(order, index, frame);
+        let is_cut = cut.is_some();
         self.counters.triangles_transformed += LANES as u64;
-        let lines = order.lines_of_block[index];
-        let cut = (lines != NONE).then(|| Cut {
-            lines: &order.lines[lines as usize],
-            frame,
-        });
-        if let Some(cut) = &cut {
-            // What is seen of a piece, and whether, is the whole surface's.
-            // SAFETY: as above.
-            unsafe { K::transform(&cut.lines.whole, frame, &mut self.whole) };
-            let (t, whole) = (&mut *self.triangles, &*self.whole);
-            (t.sign, t.seen, t.live) = (whole.sign, whole.seen, whole.live);
-        }
-        let live = self.triangles.live;
-        if live == 0 {
+        if self.triangles.live == 0 {
             return;
         }
         let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
@@ -502,7 +531,7 @@ impl<K: Kernel> OrderedEngine<K> {
                 tiny &= tiny - 1;
                 let patch = self.triangles.seen[lane];
                 if patch < shared.tree.patch_count {
-                    let unproved = hidden != 0 || lines != NONE || shown.hidden >> lane & 1 != 0;
+                    let unproved = hidden != 0 || is_cut || shown.hidden >> lane & 1 != 0;
                     if unproved {
                         self.perhaps_tiny.insert(patch);
                     } else {

@@ -16,6 +16,9 @@ pub(super) const WIDTH: usize = u64::BITS as usize;
 /// Words of a row at the largest resolution.
 pub(super) const MOST_COLUMNS: usize = 1024 / WIDTH;
 
+/// From this resolution on, centroids are asked before a plane is drawn.
+const LEAST_TO_ASK: usize = 512;
+
 /// Eight rows of one column: what is drawn at a time.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
@@ -34,6 +37,8 @@ pub(crate) struct Coverage {
     before: Vec<Rows>,
     /// Whether all of that was remembered.
     all_remembered: bool,
+    /// Whether anything is: of fine hemicubes, asking all centroids before a plane is drawn takes less time.
+    pub(crate) remembers: bool,
     /// Whether triangles whose box is covered are left out.
     pub(crate) culling: bool,
 }
@@ -48,6 +53,7 @@ impl Coverage {
             rows: vec![Rows([0; GROUP]); groups * resolution.div_ceil(WIDTH)],
             before: vec![Rows([0; GROUP]); groups * resolution.div_ceil(WIDTH)],
             all_remembered: false,
+            remembers: resolution < LEAST_TO_ASK,
             culling,
         }
     }
@@ -59,7 +65,7 @@ impl Coverage {
 
     /// Remembers what is covered of all of the atlas.
     pub(crate) fn remember_all(&mut self) {
-        if !self.all_remembered {
+        if self.remembers && !self.all_remembered {
             self.before.copy_from_slice(&self.rows);
             self.all_remembered = true;
         }
@@ -67,7 +73,7 @@ impl Coverage {
 
     /// Remembers what is covered now of a box of the atlas (inclusive).
     pub(crate) fn remember(&mut self, [x0, x1, y0, y1]: [usize; 4]) {
-        if self.all_remembered {
+        if self.all_remembered || !self.remembers {
             return;
         }
         for column in x0 / WIDTH..=x1 / WIDTH {
@@ -407,6 +413,8 @@ pub(crate) enum Turns<'a> {
     InOrder(&'a [u8]),
     /// All lanes, which hide nothing of each other; centroids are asked of what was covered when that was remembered.
     Together,
+    /// Likewise, where that was asked: these lanes' centroids are open.
+    Asked(u16),
     /// Likewise, as parts of something; centroids are not asked.
     Parts,
 }
@@ -454,6 +462,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
     let (order, open) = match turns {
         Turns::InOrder(order) if COVERED => (Some(order), open_centroids(t, t.live, faces, coverage, false)),
         Turns::InOrder(order) => (Some(order), 0),
+        Turns::Asked(open) => (None, open),
         Turns::Together | Turns::Parts => (None, 0),
     };
     for face in Face::ALL {
@@ -536,7 +545,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
     if COVERED {
         let none = t.live & !with_pixels;
         shown.tiny = match turns {
-            Turns::InOrder(_) => none & open,
+            Turns::InOrder(_) | Turns::Asked(_) => none & open,
             Turns::Together if none != 0 => open_centroids(t, none, faces, coverage, true),
             Turns::Together => 0,
             Turns::Parts => none,
@@ -1273,7 +1282,7 @@ pub(super) unsafe fn sum_of(v: std::arch::x86_64::__m256i) -> u32 {
 
 /// Lanes whose centroid lies above the horizon at a pixel of one of the faces that nothing covers.
 #[inline(always)]
-fn open_centroids(t: &Transformed, mut lanes: u16, faces: u8, coverage: &Coverage, remembered: bool) -> u16 {
+pub(crate) fn open_centroids(t: &Transformed, mut lanes: u16, faces: u8, coverage: &Coverage, remembered: bool) -> u16 {
     let resolution = coverage.resolution;
     #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
     let half = resolution as f32 * 0.5;
