@@ -149,8 +149,17 @@ fn neither_engine_nor_culling_nor_instruction_set_changes_a_bit() {
         };
         let wanted = of(EngineChoice::Depth, Isa::available()[0], Culling::Off);
         for isa in Isa::available() {
-            for choice in [EngineChoice::Depth, EngineChoice::Claims] {
-                let found = of(choice, isa, Culling::On);
+            for (choice, culling) in [
+                (EngineChoice::Depth, Culling::On),
+                (EngineChoice::Claims, Culling::On),
+                (EngineChoice::Claims, Culling::Off),
+            ] {
+                let found = of(choice, isa, culling);
+                assert_eq!(
+                    (&found.row_end, &found.escaped, &found.blocked),
+                    (&wanted.row_end, &wanted.escaped, &wanted.blocked),
+                    "{name}, {choice:?}, {isa:?}"
+                );
                 for row in 0..wanted.len() {
                     let (found, wanted) = (listed(found.row(row)), listed(wanted.row(row)));
                     let differ: Vec<_> = found

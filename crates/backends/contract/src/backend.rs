@@ -309,7 +309,7 @@ pub trait HemicubeBackend: Send {
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError>;
 
     /// Takes a scene as [`Self::load`] does, with covered weights, for a caller that makes nothing of the rows but visible fractions, and the
-    /// sums of weights. A patch that shows all that it covers may then have any two weights that are the same, beside others of the
+    /// sums of weights. A patch that shows all that it covers may then have any two weights that are the same, 0 too, beside others of the
     /// same triangle of the scene, as long as their sum is what they show together. For a backend that gains nothing by it, the same as `load`.
     ///
     /// # Errors
