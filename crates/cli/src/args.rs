@@ -322,7 +322,7 @@ pub(crate) struct EngineSettings {
     #[arg(long, value_name = "KEY=VALUE", hide_short_help = true)]
     pub(crate) backend_option: Vec<String>,
     /// How the CPU backend finds what is visible: by depth, for any scene, in order, for polygonal ones, or by claims, which
-    /// gives the rows of depth and is faster where hemicubes are fine
+    /// gives the rows of depth and is faster where hemicubes are fine, or triangles are cut into many patches
     #[arg(
         long,
         value_name = "auto|depth|order|claims",

@@ -101,7 +101,9 @@ impl Isa {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EngineChoice {
     /// The one that suits the scene: [`EngineChoice::Order`] where few surfaces must be cut to put them in order and blocks
-    /// stay well filled, else [`EngineChoice::Claims`] where what is seen has many pixels, else [`EngineChoice::Depth`].
+    /// stay well filled, else [`EngineChoice::Claims`] where what is seen has many pixels, else [`EngineChoice::Depth`]. Where only
+    /// fractions are asked ([`HemicubeBackend::load_for_fractions`]), a scene of which many patches are seen of each triangle that they
+    /// were cut from is not put in order.
     #[default]
     Auto,
     /// Engine 1, the hierarchical z-buffer: for any scene.
