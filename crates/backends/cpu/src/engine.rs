@@ -5,8 +5,9 @@ use crate::Shared;
 use crate::alone::Alone;
 use crate::buffer::Buffer;
 use crate::kernel::{
-    Centroids, Coverage, Frame, Kernel, OnFaces, Shown, Sums, Target, Transformed, Turns, prefetch, three, tiny_slack,
+    Centroids, Frame, Kernel, OnFaces, Shown, Sums, Target, Transformed, Turns, prefetch, three, tiny_slack,
 };
+use crate::share::{Entry, SeenWhole, Sharing, UNCOUNTED};
 use crate::whole::{Whole, Wholes};
 use glam::DVec3;
 use hemicube::InputPatch;
@@ -24,20 +25,16 @@ pub(crate) struct Engine<K, B> {
     buffer: B,
     sums: Sums,
     triangles: Box<Transformed>,
-    /// Patches of a triangle that was cut.
-    patches: Box<Block>,
     pending: Vec<Pending>,
     /// For each block: which hemicube drew it last, and what its lanes covered.
     drawn: Vec<DrawnBlock>,
     hemicube: u32,
     tiny_candidates: Vec<TinyCandidate>,
-    /// All is covered but, for the moment, what one triangle that was cut shows.
-    open: Coverage,
+    sharing: Sharing<K>,
     wholes_drawn: Vec<DrawnWhole>,
     /// For each whole the faces that it may be on; 0 for those that were not drawn.
     faces_of_whole: Vec<u8>,
     ids: Vec<(u32, u32, u32)>,
-    entries: Vec<Entry>,
     on_faces: OnFaces,
     centroids: Box<Centroids>,
     tiny: Vec<u32>,
@@ -104,65 +101,6 @@ struct LanesOn {
     incomplete: u16,
 }
 
-/// An entry of the row being made.
-#[derive(Clone, Copy, Debug)]
-struct Entry {
-    patch: u32,
-    visible: u32,
-    /// Or [`UNCOUNTED`].
-    covered: u32,
-}
-
-impl Entry {
-    fn new(patch: u32, visible: u32, covered: u32) -> Self {
-        Self {
-            patch,
-            visible,
-            covered,
-        }
-    }
-}
-
-/// Stands for a covered weight that is to be counted: more than all pixels have.
-const UNCOUNTED: u32 = u32::MAX;
-
-/// Stands for a weight that is an equal part of what its whole shows beside patches whose weights are known.
-const EVENLY: u32 = u32::MAX - 1;
-
-/// A triangle that was cut and is seen.
-#[derive(Clone, Copy, Debug)]
-struct SeenWhole<'a> {
-    whole: &'a Whole,
-    /// What it is drawn as.
-    id: u32,
-    /// All that it covers is on these.
-    faces: u8,
-    /// What is seen of it.
-    weight: u32,
-}
-
-/// Gives what is left of a whole's weight to its entries, those from `first` on: to those that show all that they cover an equal part each;
-/// where there are none, it is what rounding leaves, which has the outline of the patches at the other side of a pixel's centre: whose that
-/// is hardly matters; that it is somebody's does.
-fn give(wholes: &Wholes, frame: &Frame, seen: &SeenWhole<'_>, left: u32, first: usize, entries: &mut Vec<Entry>) {
-    let of_whole = &mut entries[first..];
-    #[allow(clippy::cast_possible_truncation, reason = "fewer than patches")]
-    let count = of_whole.iter().filter(|entry| entry.covered == EVENLY).count() as u32;
-    if let Some(part) = left.checked_div(count) {
-        let mut more = left % count;
-        for entry in of_whole.iter_mut().filter(|entry| entry.covered == EVENLY) {
-            entry.visible = part + u32::from(more != 0);
-            entry.covered = entry.visible;
-            more = more.saturating_sub(1);
-        }
-    } else if left != 0 {
-        match of_whole.iter_mut().max_by_key(|entry| entry.visible) {
-            Some(entry) => entry.visible += left,
-            None => entries.push(Entry::new(wholes.nearest(seen.whole, seen.id, frame), left, UNCOUNTED)),
-        }
-    }
-}
-
 /// A patch that was drawn and covered no pixel centre.
 #[derive(Clone, Copy, Debug)]
 struct TinyCandidate {
@@ -189,7 +127,6 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             buffer: B::new(shared),
             sums: Sums::new(patch_count as usize + 2),
             triangles: Box::new(Transformed::new()),
-            patches: Box::new(Block::empty()),
             pending: Vec::new(),
             drawn: vec![
                 DrawnBlock {
@@ -201,15 +138,10 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             ],
             hemicube: 0,
             tiny_candidates: Vec::new(),
-            open: Coverage::full(if shared.wholes.is_some() {
-                shared.settings.resolution
-            } else {
-                0
-            }),
+            sharing: Sharing::new(shared),
             wholes_drawn: Vec::new(),
             faces_of_whole: vec![0; shared.wholes.as_ref().map_or(0, |wholes| wholes.len())],
             ids: Vec::new(),
-            entries: Vec::new(),
             on_faces: OnFaces::new(),
             centroids: Box::new(Centroids::new()),
             tiny: Vec::new(),
@@ -309,7 +241,6 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             self.faces_of_whole[drawn.whole as usize] = drawn.faces;
         }
         let mut ids = std::mem::take(&mut self.ids);
-        let mut entries = std::mem::take(&mut self.entries);
         self.sums.drain(|id, pixels, weight| ids.push((id, pixels, weight)));
         let (mut escaped, mut blocked) = (0, 0);
         for (id, pixels, weight) in ids.drain(..) {
@@ -323,14 +254,16 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
                     weight,
                 };
                 if shared.fractions && self.shows_all(shared, frame, &seen, pixels) {
-                    self.list_all(wholes, frame, &seen, &mut entries);
+                    self.sharing.list_all(wholes, frame, &seen);
                 } else {
-                    self.share::<COVERED>(shared, wholes, frame, &seen, &mut entries);
+                    self.share::<COVERED>(shared, wholes, frame, seen);
                 }
+                self.buffer.forget(id);
             } else {
                 // Of what is known and covers no other pixels, all is seen.
                 let is_known = COVERED && self.known_pixels(&shared.tree, id) == Some(pixels);
-                entries.push(Entry::new(id, weight, if is_known { weight } else { UNCOUNTED }));
+                let covered = if is_known { weight } else { UNCOUNTED };
+                self.sharing.entries.push(Entry::new(id, weight, covered));
             }
         }
         if COVERED {
@@ -338,9 +271,10 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             self.find_tiny(shared, frame);
         }
         self.buffer.clear();
-        self.end_row::<COVERED>(shared, frame, &entries, (escaped, blocked), out);
-        entries.clear();
-        (self.ids, self.entries) = (ids, entries);
+        self.counters.triangles_transformed += self.sharing.take_transformed();
+        self.sharing
+            .end_row::<COVERED>(shared, frame, &self.tiny, (escaped, blocked), out);
+        self.ids = ids;
     }
 
     /// The pixels that what is drawn with an id covers, where that is known.
@@ -351,18 +285,6 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         is_known.then_some(drawn.pixels[lane])
     }
 
-    /// Brings sixteen patches of a triangle that was cut, and drawn as `id`, into a frame.
-    fn transform_patches(&mut self, wholes: &Wholes, frame: &Frame, whole: &Whole, id: u32, block: usize) {
-        wholes.patches(whole, id, block, &mut self.patches);
-        let t = &mut *self.triangles;
-        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-        unsafe { K::transform(&self.patches, frame, t) };
-        self.counters.triangles_transformed += LANES as u64;
-        let sign = whole.sign(id);
-        let same_side = (0..LANES).fold(0, |lanes, lane| lanes | u16::from(t.sign[lane] == sign) << lane);
-        t.live &= same_side;
-    }
-
     /// Whether what is seen of a triangle that was cut, so many pixels, is all that it covers.
     fn shows_all(&mut self, shared: &Shared, frame: &Frame, seen: &SeenWhole<'_>, pixels: u32) -> bool {
         let known = self.known_pixels(&shared.tree, seen.id);
@@ -370,88 +292,23 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         known.unwrap_or_else(|| self.covered_pixels(shared, frame, seen.id, seen.faces)) == pixels
     }
 
-    /// Lists the patches of a triangle that was cut and shows all that it covers: so do they.
-    fn list_all(&mut self, wholes: &Wholes, frame: &Frame, seen: &SeenWhole<'_>, entries: &mut Vec<Entry>) {
-        let &SeenWhole { whole, id, .. } = seen;
-        let first = entries.len();
-        if whole.is_above(frame) {
-            entries.extend(whole.patches(id).map(|patch| Entry::new(patch, 0, EVENLY)));
-        } else {
-            for block in 0..wholes.block_count(whole) {
-                self.transform_patches(wholes, frame, whole, id, block);
-                let mut listed = self.triangles.live;
-                while listed != 0 {
-                    let lane = listed.trailing_zeros() as usize;
-                    listed &= listed - 1;
-                    entries.push(Entry::new(self.triangles.seen[lane], 0, EVENLY));
-                }
-            }
-        }
-        give(wholes, frame, seen, seen.weight, first, entries);
-        self.buffer.forget(id);
-    }
-
     /// Shares out what is seen of a triangle that was cut among its patches.
-    fn share<const COVERED: bool>(
-        &mut self,
-        shared: &Shared,
-        wholes: &Wholes,
-        frame: &Frame,
-        seen: &SeenWhole<'_>,
-        entries: &mut Vec<Entry>,
-    ) {
-        let &SeenWhole {
-            whole,
-            id,
-            faces,
-            weight,
-        } = seen;
-        let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
-        let first = entries.len();
-        let mut left = weight;
-        let mut stays_open = false;
-        let shown_on = self.buffer.open(id, &mut self.open);
-        // What is covered must be known on all faces, what is seen only on those.
-        let faces = if COVERED { faces } else { shown_on };
-        for block in 0..wholes.block_count(whole) {
-            self.transform_patches(wholes, frame, whole, id, block);
-            let t = &mut *self.triangles;
-            let mut shown = Shown::new();
-            let mut in_the_open = 0;
-            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-            unsafe {
-                if shared.fractions {
-                    in_the_open = K::in_the_open(t, faces, &self.open);
-                    t.live &= !in_the_open;
-                    stays_open |= in_the_open != 0;
-                }
-                if t.live != 0 {
-                    K::draw_bits::<COVERED>(t, None, faces, Turns::Parts, &mut self.open, top, side, &mut shown);
-                }
-            }
-            let mut listed = shown.seen | in_the_open;
-            while listed != 0 {
-                let lane = listed.trailing_zeros() as usize;
-                listed &= listed - 1;
-                if in_the_open >> lane & 1 != 0 {
-                    entries.push(Entry::new(t.seen[lane], 0, EVENLY));
-                    continue;
-                }
-                left -= shown.visible[lane];
-                let is_known = COVERED && shown.hidden >> lane & 1 == 0;
-                let covered = if is_known { shown.covered[lane] } else { UNCOUNTED };
-                entries.push(Entry::new(t.seen[lane], shown.visible[lane], covered));
-            }
-            if COVERED && shown.tiny != 0 {
-                self.find_tiny_parts(shared, frame, (id, faces), shown.tiny, shown.hidden);
-            }
+    fn share<const COVERED: bool>(&mut self, shared: &Shared, wholes: &Wholes, frame: &Frame, mut seen: SeenWhole<'_>) {
+        let (buffer, centroids, tiny) = (&self.buffer, &mut self.centroids, &mut self.tiny);
+        let (id, faces) = (seen.id, seen.faces);
+        let shown_on = buffer.open(id, &mut self.sharing.open);
+        if !COVERED {
+            // What is covered must be known on all faces, what is seen only on those.
+            seen.faces = shown_on;
         }
-        // Near the horizon of a fine hemicube, pixels have no weight.
-        if left != 0 || stays_open {
-            self.buffer.close(id, &mut self.open);
+        let stays_open = self
+            .sharing
+            .share::<COVERED>(shared, wholes, frame, &seen, |t, lanes, hidden| {
+                find_tiny_parts::<K, B>(buffer, centroids, shared, frame, (id, faces), t, (lanes, hidden), tiny);
+            });
+        if stays_open {
+            buffer.close(id, &mut self.sharing.open);
         }
-        give(wholes, frame, seen, left, first, entries);
-        self.buffer.forget(id);
     }
 
     /// Lists the lanes of a block that are triangles that were cut and may be seen, if only in part between pixel centres; returns all
@@ -509,10 +366,11 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
                 continue;
             }
             for block in 0..wholes.block_count(whole) {
-                self.transform_patches(wholes, frame, whole, id, block);
-                let live = self.triangles.live;
-                if live != 0 {
-                    self.find_tiny_parts(shared, frame, (id, faces), live, 0);
+                self.sharing.transform(wholes, frame, whole, id, block);
+                let t = &*self.sharing.triangles;
+                if t.live != 0 {
+                    let (buffer, centroids, tiny) = (&self.buffer, &mut self.centroids, &mut self.tiny);
+                    find_tiny_parts::<K, B>(buffer, centroids, shared, frame, (id, faces), t, (t.live, 0), tiny);
                 }
             }
         }
@@ -532,48 +390,6 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
             K::cover_lanes(&self.triangles, 1 << lane, faces, resolution, top, side, &mut counts);
         }
         counts[lane].0
-    }
-
-    /// Adds a row of these entries, ascending, and of what was found tiny; what is not known of covered weights is counted.
-    fn end_row<const COVERED: bool>(
-        &mut self,
-        shared: &Shared,
-        frame: &Frame,
-        entries: &[Entry],
-        (escaped, blocked): (u32, u32),
-        out: &mut RowBlock,
-    ) {
-        if !COVERED {
-            for entry in entries {
-                out.push(InputPatch(entry.patch), entry.visible, 0);
-            }
-            out.end_row(escaped, blocked);
-            return;
-        }
-        self.uncounted.clear();
-        let unknown = entries.iter().filter(|entry| entry.covered == UNCOUNTED);
-        self.uncounted.extend(unknown.map(|entry| entry.patch));
-        let counts = self.alone.count(shared, frame, &self.uncounted);
-        let mut counted = counts.iter();
-        let mut tiny = self.tiny.iter().copied().peekable();
-        for entry in entries {
-            while let Some(tiny) = tiny.next_if(|&t| t <= entry.patch) {
-                // One that was given what rounding left over has its entry.
-                if tiny < entry.patch {
-                    out.push(InputPatch(tiny), 0, 0);
-                }
-            }
-            let covered = match entry.covered {
-                UNCOUNTED => counted.next().map_or(0, |count| count.1),
-                known => known,
-            };
-            // What shows of a patch, it covers.
-            out.push(InputPatch(entry.patch), entry.visible, covered.max(entry.visible));
-        }
-        for tiny in tiny {
-            out.push(InputPatch(tiny), 0, 0);
-        }
-        out.end_row(escaped, blocked);
     }
 
     /// Draws the scene into the target, which is clear.
@@ -784,65 +600,6 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         self.buffer.is_hidden::<K>(face, pixels, bound)
     }
 
-    /// Among lanes of a block of patches, parts of what was drawn as `whole` and is on `faces`, finds those that cover no pixel centre and are nearest at
-    /// their centroid, as [`Self::find_tiny`] does, when all is drawn. That they cover none is still to be shown of those in `unproved`.
-    fn find_tiny_parts(
-        &mut self,
-        shared: &Shared,
-        frame: &Frame,
-        (whole, faces): (u32, u8),
-        candidates: u16,
-        unproved: u16,
-    ) {
-        let tree = &shared.tree;
-        let resolution = shared.settings.resolution as usize;
-        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-        unsafe { K::centroids(&self.triangles, frame.tolerance, resolution, &mut self.centroids) };
-        let centroids = &*self.centroids;
-        let mut left = candidates & centroids.above;
-        let mut found = 0;
-        while left != 0 {
-            let lane = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let (row, column, depth) = (centroids.row[lane], centroids.x[lane], centroids.depth[lane]);
-            let (row, column) = (row as usize, column as usize);
-            if depth < about(shared, self.buffer.at_least(row, column)) {
-                continue;
-            }
-            let (id, seen) = self.buffer.seen_at(row, column);
-            if depth < about(shared, seen) {
-                continue;
-            }
-            let direction = three(|c| centroids.direction[c][lane]);
-            // What it is a part of has no depth but its own.
-            let is_in_front = id == whole || is_in_front(tree, id, frame, depth, direction);
-            found |= u16::from(is_in_front) << lane;
-        }
-        if found & unproved != 0 {
-            let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
-            let mut counts = [(0, 0); LANES];
-            // SAFETY: as above.
-            unsafe {
-                K::cover_lanes(
-                    &self.triangles,
-                    found & unproved,
-                    faces,
-                    resolution,
-                    top,
-                    side,
-                    &mut counts,
-                )
-            };
-            for (lane, (pixels, _)) in counts.iter().enumerate() {
-                found &= !(u16::from(*pixels != 0) << lane);
-            }
-        }
-        while found != 0 {
-            self.tiny.push(self.triangles.seen[found.trailing_zeros() as usize]);
-            found &= found - 1;
-        }
-    }
-
     /// Among the patches that were drawn and covered no pixel centre, finds those that are nearest at their centroid.
     ///
     /// "Nearest" means: not behind what is seen at the pixel there. A neighbour in the same surface must not hide it, as it
@@ -930,10 +687,11 @@ impl<K: Kernel> Engine<K, Target> {
             .flat_map(|run| (usize::from(run.start)..usize::from(run.end)).map(move |x| (run.row as usize, x)))
             .collect();
         let mut most = None;
-        self.buffer.open(id, &mut self.open);
+        let sharing = &mut self.sharing;
+        self.buffer.open(id, &mut sharing.open);
         for block in 0..wholes.block_count(whole) {
-            self.transform_patches(wholes, frame, whole, id, block);
-            let t = &mut *self.triangles;
+            sharing.transform(wholes, frame, whole, id, block);
+            let (t, open) = (&mut *sharing.triangles, &mut sharing.open);
             for lane in 0..LANES {
                 let patch = t.seen[lane];
                 if t.live >> lane & 1 == 0 {
@@ -944,7 +702,7 @@ impl<K: Kernel> Engine<K, Target> {
                 let turns = [lane as u8];
                 let turns = Turns::InOrder(&turns);
                 // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-                unsafe { K::draw_bits::<false>(t, None, ALL_FACES, turns, &mut self.open, top, side, &mut shown) };
+                unsafe { K::draw_bits::<false>(t, None, ALL_FACES, turns, open, top, side, &mut shown) };
                 if shown.seen == 0 {
                     continue;
                 }
@@ -953,7 +711,7 @@ impl<K: Kernel> Engine<K, Target> {
                     most = Some((patch, visible));
                 }
                 left.retain(|&(row, x)| {
-                    let is_open = !self.open.is_covered(row, x, false);
+                    let is_open = !open.is_covered(row, x, false);
                     if !is_open {
                         seen[row * resolution + x] = patch;
                     }
@@ -967,8 +725,62 @@ impl<K: Kernel> Engine<K, Target> {
                 seen[row * resolution + x] = patch;
             }
         }
-        self.buffer.close(id, &mut self.open);
+        self.buffer.close(id, &mut self.sharing.open);
         self.buffer.forget(id);
+    }
+}
+
+/// Among lanes of a block of patches, parts of what was drawn as `whole` and is on `faces`, finds those that cover no pixel centre and are nearest at
+/// their centroid, as [`Engine::find_tiny`] does, when all is drawn. That they cover none is still to be shown of those in `unproved`.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "private: parts of an engine, of which others are in use"
+)]
+fn find_tiny_parts<K: Kernel, B: Buffer>(
+    buffer: &B,
+    centroids: &mut Centroids,
+    shared: &Shared,
+    frame: &Frame,
+    (whole, faces): (u32, u8),
+    t: &Transformed,
+    (candidates, unproved): (u16, u16),
+    tiny: &mut Vec<u32>,
+) {
+    let tree = &shared.tree;
+    let resolution = shared.settings.resolution as usize;
+    // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+    unsafe { K::centroids(t, frame.tolerance, resolution, centroids) };
+    let mut left = candidates & centroids.above;
+    let mut found = 0;
+    while left != 0 {
+        let lane = left.trailing_zeros() as usize;
+        left &= left - 1;
+        let (row, column, depth) = (centroids.row[lane], centroids.x[lane], centroids.depth[lane]);
+        let (row, column) = (row as usize, column as usize);
+        if depth < about(shared, buffer.at_least(row, column)) {
+            continue;
+        }
+        let (id, seen) = buffer.seen_at(row, column);
+        if depth < about(shared, seen) {
+            continue;
+        }
+        let direction = three(|c| centroids.direction[c][lane]);
+        // What it is a part of has no depth but its own.
+        let is_in_front = id == whole || is_in_front(tree, id, frame, depth, direction);
+        found |= u16::from(is_in_front) << lane;
+    }
+    if found & unproved != 0 {
+        let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
+        let mut counts = [(0, 0); LANES];
+        // SAFETY: as above.
+        unsafe { K::cover_lanes(t, found & unproved, faces, resolution, top, side, &mut counts) };
+        for (lane, (pixels, _)) in counts.iter().enumerate() {
+            found &= !(u16::from(*pixels != 0) << lane);
+        }
+    }
+    while found != 0 {
+        tiny.push(t.seen[found.trailing_zeros() as usize]);
+        found &= found - 1;
     }
 }
 

@@ -32,6 +32,7 @@ mod engine;
 mod kernel;
 mod order;
 mod ordered;
+mod share;
 mod whole;
 
 use engine::Engine;
@@ -442,7 +443,7 @@ impl AnyOrder {
             fragments: MOST_FRAGMENTS_IF_ASKED,
         };
         Self(
-            Order::new(geometry, limits)
+            Order::new(geometry.into(), limits)
                 .map(Arc::new)
                 .map_err(|why| why.to_string()),
         )
@@ -457,7 +458,7 @@ impl SuitableOrder {
         let limits = Limits {
             fragments: MOST_FRAGMENTS,
         };
-        Self(match Order::new(geometry, limits) {
+        Self(match Order::new(geometry.into(), limits) {
             Ok(order) if order.fill() >= LEAST_FILL => Ok(Arc::new(order)),
             Ok(order) => Err(format!("in order, blocks would be too empty ({order})")),
             Err(why) => Err(why.to_string()),

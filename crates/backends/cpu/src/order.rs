@@ -10,7 +10,7 @@
 
 use crate::kernel::{BOXES, BoxGroup};
 use glam::DVec3;
-use hemicube::backend::Geometry;
+use hemicube::backend::{Geometry, Surface};
 use hemicube::tree::{Block, LANES, sorted_corners};
 
 /// A node of the partition.
@@ -300,8 +300,28 @@ pub(crate) enum GivenUp {
     Layers,
 }
 
+/// What is put in order.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Surfaces<'g> {
+    pub(crate) of: &'g [Surface],
+    /// The patches that they may be: their ids are below this.
+    pub(crate) patch_count: u32,
+    /// How far from a plane a corner may be and count as in it.
+    pub(crate) plane_tolerance: f64,
+}
+
+impl<'g> From<&'g Geometry> for Surfaces<'g> {
+    fn from(geometry: &'g Geometry) -> Self {
+        Self {
+            of: &geometry.surfaces,
+            patch_count: geometry.patch_count,
+            plane_tolerance: geometry.plane_tolerance,
+        }
+    }
+}
+
 struct Builder<'g> {
-    geometry: &'g Geometry,
+    surfaces: Surfaces<'g>,
     /// The surfaces by their patches, so that the order does not depend on how the geometry was put together.
     by_patch: Vec<u32>,
     order: Order,
@@ -321,8 +341,8 @@ struct Task {
 
 impl Order {
     /// Puts a scene in order, or gives up where surfaces would fall into too many pieces or lie in too many layers.
-    pub(crate) fn new(geometry: &Geometry, limits: Limits) -> Result<Self, GivenUp> {
-        let count = geometry.surfaces.len();
+    pub(crate) fn new(surfaces: Surfaces<'_>, limits: Limits) -> Result<Self, GivenUp> {
+        let count = surfaces.of.len();
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -332,9 +352,9 @@ impl Order {
         let limit = limit.saturating_add(64);
         #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
         let mut by_patch: Vec<u32> = (0..count as u32).collect();
-        by_patch.sort_unstable_by_key(|&s| geometry.surfaces[s as usize].front.0);
+        by_patch.sort_unstable_by_key(|&s| surfaces.of[s as usize].front.0);
         let mut builder = Builder {
-            geometry,
+            surfaces,
             by_patch,
             order: Self {
                 nodes: Vec::new(),
@@ -344,7 +364,7 @@ impl Order {
                 blocks: Vec::new(),
                 lines_of_block: Vec::new(),
                 lines: Vec::new(),
-                is_cut: vec![0; (geometry.patch_count as usize).div_ceil(64)],
+                is_cut: vec![0; (surfaces.patch_count as usize).div_ceil(64)],
                 fragments: 0,
                 surfaces: count,
             },
@@ -381,26 +401,26 @@ impl std::fmt::Display for Order {
 impl Builder<'_> {
     fn corners(&self, item: u32) -> &[DVec3; 3] {
         let item = item as usize;
-        let count = self.geometry.surfaces.len();
+        let count = self.surfaces.of.len();
         if item < count {
-            &self.geometry.surfaces[self.by_patch[item] as usize].corners
+            &self.surfaces.of[self.by_patch[item] as usize].corners
         } else {
             &self.pieces[item - count].corners
         }
     }
 
     fn surface_of(&self, item: u32) -> u32 {
-        match (item as usize).checked_sub(self.geometry.surfaces.len()) {
+        match (item as usize).checked_sub(self.surfaces.of.len()) {
             None => self.by_patch[item as usize],
             Some(piece) => self.pieces[piece].surface,
         }
     }
 
     fn piece(&self, item: u32) -> Piece {
-        match (item as usize).checked_sub(self.geometry.surfaces.len()) {
+        match (item as usize).checked_sub(self.surfaces.of.len()) {
             None => {
                 let surface = self.surface_of(item);
-                Piece::whole(surface, self.geometry.surfaces[surface as usize].corners)
+                Piece::whole(surface, self.surfaces.of[surface as usize].corners)
             }
             Some(piece) => self.pieces[piece],
         }
@@ -408,16 +428,16 @@ impl Builder<'_> {
 
     /// The plane of an item's surface: pieces can be too thin to tell.
     fn plane(&self, item: u32) -> Option<(DVec3, f64)> {
-        plane(&self.geometry.surfaces[self.surface_of(item) as usize].corners)
+        plane(&self.surfaces.of[self.surface_of(item) as usize].corners)
     }
 
     fn side(&self, item: u32, plane: (DVec3, f64)) -> Side {
-        side_of(self.corners(item), plane, self.geometry.plane_tolerance).0
+        side_of(self.corners(item), plane, self.surfaces.plane_tolerance).0
     }
 
     fn build(&mut self) -> Result<(), GivenUp> {
         #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
-        let items: Vec<u32> = (0..self.geometry.surfaces.len() as u32).collect();
+        let items: Vec<u32> = (0..self.surfaces.of.len() as u32).collect();
         let mut tasks = vec![Task {
             items,
             parent: NONE,
@@ -502,14 +522,14 @@ impl Builder<'_> {
                 Side::Back => back.push(item),
                 Side::Both => {
                     let piece = self.piece(item);
-                    let (_, heights) = side_of(&piece.corners, plane, self.geometry.plane_tolerance);
+                    let (_, heights) = side_of(&piece.corners, plane, self.surfaces.plane_tolerance);
                     front_pieces.clear();
                     back_pieces.clear();
                     cut(&piece, heights, &mut front_pieces, &mut back_pieces);
                     for (pieces, side) in [(&front_pieces, &mut front), (&back_pieces, &mut back)] {
                         for &piece in pieces {
                             #[allow(clippy::cast_possible_truncation, reason = "limited")]
-                            side.push((self.geometry.surfaces.len() + self.pieces.len()) as u32);
+                            side.push((self.surfaces.of.len() + self.pieces.len()) as u32);
                             self.pieces.push(piece);
                         }
                     }
@@ -580,13 +600,13 @@ impl Builder<'_> {
 
     /// The id that an eye on one side of a plane sees of a surface in it.
     fn seen(&self, item: u32, normal: DVec3, from_front: bool) -> u32 {
-        let surface = &self.geometry.surfaces[self.surface_of(item) as usize];
+        let surface = &self.surfaces.of[self.surface_of(item) as usize];
         let [a, b, c] = surface.corners;
         let along = (b - a).cross(c - a).dot(normal) > 0.0;
         if along == from_front {
             surface.front.0
         } else {
-            surface.back.map_or(self.geometry.patch_count, |p| p.0)
+            surface.back.map_or(self.surfaces.patch_count, |p| p.0)
         }
     }
 
@@ -594,7 +614,7 @@ impl Builder<'_> {
     ///
     /// `None` where too many overlap.
     fn pack_plane(&mut self, items: &[u32], normal: DVec3) -> Option<[Packs; 2]> {
-        let overlaps = overlaps(items, normal, self.geometry.plane_tolerance, |i| *self.corners(i))?;
+        let overlaps = overlaps(items, normal, self.surfaces.plane_tolerance, |i| *self.corners(i))?;
         let layers_of = |from_front: bool| {
             // In ascending order of what is seen: each above the overlapping ones that win over it.
             let seen: Vec<u32> = items.iter().map(|&i| self.seen(i, normal, from_front)).collect();
@@ -668,7 +688,7 @@ impl Builder<'_> {
             for (l, (bounds, range)) in parts.into_iter().enumerate() {
                 let child = if range.len() <= LANES {
                     let lanes = &mut items[range];
-                    lanes.sort_unstable_by_key(|&i| (self.geometry.surfaces[self.surface_of(i) as usize].front.0, i));
+                    lanes.sort_unstable_by_key(|&i| (self.surfaces.of[self.surface_of(i) as usize].front.0, i));
                     self.order.layer_nodes[node as usize].boxes.leaves |= 1 << l;
                     self.push_block(lanes)
                 } else {
@@ -773,9 +793,9 @@ impl Builder<'_> {
     }
 
     fn push_block(&mut self, lanes: &[u32]) -> u32 {
-        let count = self.geometry.surfaces.len();
+        let count = self.surfaces.of.len();
         let surfaces: Vec<u32> = lanes.iter().map(|&i| self.surface_of(i)).collect();
-        let whole = Block::of(&self.geometry.surfaces, &surfaces, self.geometry.patch_count);
+        let whole = Block::of(&self.surfaces.of, &surfaces, self.surfaces.patch_count);
         self.order.fragments += lanes.len();
         if lanes.iter().all(|&i| (i as usize) < count) {
             self.order.lines_of_block.push(NONE);
@@ -792,7 +812,7 @@ impl Builder<'_> {
                     }
                 }
                 if (item as usize) >= count {
-                    let surface = &self.geometry.surfaces[piece.surface as usize];
+                    let surface = &self.surfaces.of[piece.surface as usize];
                     for patch in [Some(surface.front), surface.back].into_iter().flatten() {
                         self.order.is_cut[patch.0 as usize / 64] |= 1 << (patch.0 % 64);
                     }
@@ -860,7 +880,7 @@ impl Builder<'_> {
         if lanes.len() + here.len() > LANES {
             return None;
         }
-        let overlapping = overlaps(&here, plane.0, self.geometry.plane_tolerance, |i| *self.corners(i))?;
+        let overlapping = overlaps(&here, plane.0, self.surfaces.plane_tolerance, |i| *self.corners(i))?;
         planes[index].overlap = !overlapping.is_empty();
         for item in here {
             planes[index].here |= 1 << lanes.len();
@@ -1064,7 +1084,7 @@ mod tests {
             generated(Kind::BlockCity),
         ] {
             let geometry = model.geometry();
-            let order = Order::new(geometry, ANY).expect("no limit");
+            let order = Order::new(geometry.as_ref().into(), ANY).expect("no limit");
             let cut = |patch: u32| order.is_cut[patch as usize / 64] >> (patch % 64) & 1 != 0;
             for side in 0..2 {
                 let mut areas = vec![0.0; geometry.patch_count as usize];
@@ -1096,10 +1116,10 @@ mod tests {
     fn a_scene_that_falls_into_pieces_is_given_up() {
         let soup = generated(Kind::Soup);
         assert_eq!(
-            Order::new(soup.geometry(), Limits { fragments: 1.2 }).map(|_| ()),
+            Order::new(soup.geometry().as_ref().into(), Limits { fragments: 1.2 }).map(|_| ()),
             Err(GivenUp::Pieces)
         );
-        let order = Order::new(soup.geometry(), ANY).expect("no limit");
+        let order = Order::new(soup.geometry().as_ref().into(), ANY).expect("no limit");
         assert!(order.fragments_per_surface() > 1.2, "{order}");
     }
 
