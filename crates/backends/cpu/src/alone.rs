@@ -28,11 +28,26 @@ impl<K: Kernel> Alone<K> {
 
     /// Pixels and weight of each patch, in order.
     pub(crate) fn count(&mut self, shared: &Shared, frame: &Frame, patches: &[u32]) -> &[(u32, u32)] {
+        self.count_each(shared, frame, patches, Shared::put)
+    }
+
+    /// Pixels and weight of what is drawn with each id, in order.
+    pub(crate) fn count_drawn(&mut self, shared: &Shared, frame: &Frame, ids: &[u32]) -> &[(u32, u32)] {
+        self.count_each(shared, frame, ids, Shared::put_drawn)
+    }
+
+    fn count_each(
+        &mut self,
+        shared: &Shared,
+        frame: &Frame,
+        patches: &[u32],
+        put: impl Fn(&Shared, u32, usize, &mut Block),
+    ) -> &[(u32, u32)] {
         let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
         self.counts.clear();
         for patches in patches.chunks(LANES) {
             for (lane, &patch) in patches.iter().enumerate() {
-                shared.put(patch, lane, &mut self.block);
+                put(shared, patch, lane, &mut self.block);
             }
             let mut counts = [(0, 0); LANES];
             let resolution = shared.settings.resolution as usize;

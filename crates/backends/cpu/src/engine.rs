@@ -7,7 +7,7 @@ use crate::buffer::Buffer;
 use crate::kernel::{
     Centroids, Frame, Kernel, OnFaces, Shown, Sums, Target, Transformed, Turns, prefetch, three, tiny_slack,
 };
-use crate::share::{Entry, SeenWhole, Sharing, UNCOUNTED};
+use crate::share::{Entry, SeenWhole, Sharing, UNCOUNTED, patches_of, without_pixels};
 use crate::whole::{Whole, Wholes};
 use glam::DVec3;
 use hemicube::InputPatch;
@@ -769,19 +769,8 @@ fn find_tiny_parts<K: Kernel, B: Buffer>(
         let is_in_front = id == whole || is_in_front(tree, id, frame, depth, direction);
         found |= u16::from(is_in_front) << lane;
     }
-    if found & unproved != 0 {
-        let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
-        let mut counts = [(0, 0); LANES];
-        // SAFETY: as above.
-        unsafe { K::cover_lanes(t, found & unproved, faces, resolution, top, side, &mut counts) };
-        for (lane, (pixels, _)) in counts.iter().enumerate() {
-            found &= !(u16::from(*pixels != 0) << lane);
-        }
-    }
-    while found != 0 {
-        tiny.push(t.seen[found.trailing_zeros() as usize]);
-        found &= found - 1;
-    }
+    let found = without_pixels::<K>(shared, t, found, unproved, faces);
+    tiny.extend(patches_of(t, found));
 }
 
 /// The 1/w that a centroid must have at least to be about as near as what is seen at its pixel.

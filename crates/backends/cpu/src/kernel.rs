@@ -504,12 +504,25 @@ pub(crate) trait Kernel: Send + 'static {
         shown: &mut Shown,
     );
 
-    /// Lanes of a block that can be seen at all and whose centroid lies above the horizon, at a pixel of one of these faces that nothing
-    /// covers.
+    /// Those of these lanes of a block whose centroid lies above the horizon, at a pixel of one of these faces that nothing covers, or
+    /// covered when that was remembered.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn open_centroids(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16;
+    unsafe fn open_centroids(
+        triangles: &Transformed,
+        lanes: u16,
+        faces: u8,
+        coverage: &Coverage,
+        remembered: bool,
+    ) -> u16;
+
+    /// Those of these lanes of a block that may have a point on one of these faces at a pixel that was not covered when that was
+    /// remembered: at least those that do.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn may_touch_open(triangles: &Transformed, lanes: u16, faces: u8, coverage: &Coverage) -> u16;
 
     /// Lanes of a block that have a box of pixels on one of these faces alone, none of which is covered.
     ///
@@ -1802,8 +1815,19 @@ impl Kernel for Portable {
         unsafe { bits::draw::<Self, COVERED>(triangles, cut, faces, turns, coverage, top, side, shown) };
     }
 
-    unsafe fn open_centroids(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
-        bits::open_centroids(triangles, triangles.live, faces, coverage, false)
+    unsafe fn open_centroids(
+        triangles: &Transformed,
+        lanes: u16,
+        faces: u8,
+        coverage: &Coverage,
+        remembered: bool,
+    ) -> u16 {
+        bits::open_centroids(triangles, lanes, faces, coverage, remembered)
+    }
+
+    unsafe fn may_touch_open(triangles: &Transformed, lanes: u16, faces: u8, coverage: &Coverage) -> u16 {
+        // SAFETY: the caller's promise.
+        unsafe { bits::may_touch_open::<Self>(triangles, lanes, faces, coverage) }
     }
 
     unsafe fn in_the_open(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
@@ -2465,13 +2489,29 @@ pub(crate) mod x86 {
                     unsafe { inner::<COVERED>(triangles, cut, faces, turns, coverage, top, side, shown) }
                 }
 
-                unsafe fn open_centroids(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
+                unsafe fn open_centroids(
+                    triangles: &Transformed,
+                    lanes: u16,
+                    faces: u8,
+                    coverage: &Coverage,
+                    remembered: bool,
+                ) -> u16 {
                     #[target_feature(enable = $features)]
-                    fn inner(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {
-                        bits::open_centroids(triangles, triangles.live, faces, coverage, false)
+                    fn inner(t: &Transformed, lanes: u16, faces: u8, coverage: &Coverage, remembered: bool) -> u16 {
+                        bits::open_centroids(t, lanes, faces, coverage, remembered)
                     }
                     // SAFETY: the caller's promise of the instruction set.
-                    unsafe { inner(triangles, faces, coverage) }
+                    unsafe { inner(triangles, lanes, faces, coverage, remembered) }
+                }
+
+                unsafe fn may_touch_open(triangles: &Transformed, lanes: u16, faces: u8, coverage: &Coverage) -> u16 {
+                    #[target_feature(enable = $features)]
+                    fn inner(triangles: &Transformed, lanes: u16, faces: u8, coverage: &Coverage) -> u16 {
+                        // SAFETY: this function has the instruction set.
+                        unsafe { bits::may_touch_open::<$name>(triangles, lanes, faces, coverage) }
+                    }
+                    // SAFETY: the caller's promise of the instruction set.
+                    unsafe { inner(triangles, lanes, faces, coverage) }
                 }
 
                 unsafe fn in_the_open(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16 {

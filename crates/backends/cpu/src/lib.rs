@@ -46,7 +46,7 @@ use hemicube::row::RowBlock;
 pub use hemicube::tree::Hierarchy;
 use hemicube::tree::{Block, LANES, Tree};
 use kernel::{Claims, Target};
-use order::{Limits, Order};
+use order::{Limits, Order, Surfaces};
 use ordered::OrderedEngine;
 use std::sync::Arc;
 use whole::Wholes;
@@ -174,7 +174,7 @@ enum Way {
 pub(crate) struct Shared {
     /// What is walked and drawn: surfaces, or with `wholes` what they were cut from.
     pub(crate) tree: Arc<Tree>,
-    /// Never with [`Way::Order`].
+    /// With [`Way::Order`] only where fractions are asked.
     pub(crate) wholes: Option<Arc<Wholes>>,
     way: Way,
     pub(crate) table: DeltaTable,
@@ -189,8 +189,13 @@ impl Shared {
     pub(crate) fn put(&self, patch: u32, lane: usize, out: &mut Block) {
         if let Some(wholes) = &self.wholes {
             wholes.put(patch, lane, out);
-            return;
+        } else {
+            self.put_drawn(patch, lane, out);
         }
+    }
+
+    /// Puts what is drawn with an id, seen from either side, into a lane of a block.
+    pub(crate) fn put_drawn(&self, patch: u32, lane: usize, out: &mut Block) {
         let slot = self.tree.slot_of_patch[patch as usize] as usize;
         let (block, from) = (&self.tree.blocks[slot / LANES], slot % LANES);
         for (to, corners) in out.corners.iter_mut().zip(&block.corners) {
@@ -294,12 +299,16 @@ impl CpuBackend {
     }
 
     /// The engine that was asked for, or order or depth as the scene suits it, and why, to follow its name.
-    fn way(&self, geometry: &Geometry) -> Result<(Way, String), BackendError> {
-        let found = match self.choice {
-            EngineChoice::Depth => return Ok((Way::Depth, ", as asked".to_owned())),
-            EngineChoice::Claims => return Ok((Way::Claims, ", as asked".to_owned())),
-            EngineChoice::Order => geometry.kept(AnyOrder::new).0.clone(),
-            EngineChoice::Auto => geometry.kept(SuitableOrder::new).0.clone(),
+    ///
+    /// With `whole`, what the scene was cut from is drawn in either.
+    fn way(&self, geometry: &Geometry, whole: bool) -> Result<(Way, String), BackendError> {
+        let found = match (self.choice, whole) {
+            (EngineChoice::Depth, _) => return Ok((Way::Depth, ", as asked".to_owned())),
+            (EngineChoice::Claims, _) => return Ok((Way::Claims, ", as asked".to_owned())),
+            (EngineChoice::Order, false) => geometry.kept(InOrder::<true, false>::new).0.clone(),
+            (EngineChoice::Order, true) => geometry.kept(InOrder::<true, true>::new).0.clone(),
+            (EngineChoice::Auto, false) => geometry.kept(InOrder::<false, false>::new).0.clone(),
+            (EngineChoice::Auto, true) => geometry.kept(InOrder::<false, true>::new).0.clone(),
         };
         match found {
             Ok(order) => {
@@ -349,22 +358,18 @@ impl CpuBackend {
                 settings.resolution
             )));
         }
-        let (mut way, mut reason) = self.way(geometry)?;
-        let mut rendered = settings;
-        let is_well_filled = matches!(&way, Way::Order(order) if order.fill() >= WELL_FILLED);
         let cut_from = || {
             let can_be = self.whole && self.hierarchy == Hierarchy::SurfaceArea;
             can_be.then(|| geometry.kept(CutFrom::new).0.clone()).flatten()
         };
-        let shares_evenly = fractions && matches!(&way, Way::Order(_)) && cut_from().is_some();
-        if self.choice == EngineChoice::Auto && (!is_well_filled || shares_evenly) {
+        let fractions = fractions && cut_from().is_some();
+        let (mut way, mut reason) = self.way(geometry, fractions)?;
+        let mut rendered = settings;
+        let is_well_filled = matches!(&way, Way::Order(order) if order.fill() >= WELL_FILLED);
+        if self.choice == EngineChoice::Auto && !is_well_filled {
             let look = geometry.kept(|_| Look::new(geometry, self.isa));
             let pixels = look.pixels(settings.resolution);
-            if shares_evenly && look.parts() >= PARTS_TO_SHARE {
-                way = Way::Depth;
-                reason = format!(": {:.0} patches are seen of each triangle drawn", look.parts());
-            }
-            if !is_well_filled && look.share > OPEN {
+            if look.share > OPEN {
                 // The engine must not depend on whether culling was asked for, as one with other rows would.
                 way = Way::Depth;
                 rendered.culling = Culling::Off;
@@ -378,10 +383,9 @@ impl CpuBackend {
             }
         }
         let wholes = match way {
-            Way::Depth | Way::Claims => cut_from(),
-            Way::Order(_) => None,
+            Way::Order(_) if !fractions => None,
+            _ => cut_from(),
         };
-        let fractions = fractions && wholes.is_some();
         // Claims are settled by the depths of engine 1, to the bit.
         let by_depth = match (&wholes, fractions) {
             (None, _) => "depth-2",
@@ -389,6 +393,7 @@ impl CpuBackend {
             (Some(_), true) => "depth-4",
         };
         let (engine, version) = match way {
+            Way::Order(_) if fractions => ("order", "order-2"),
             Way::Order(_) => ("order", "order-1"),
             Way::Depth => ("depth", by_depth),
             Way::Claims => ("claims", by_depth),
@@ -434,32 +439,25 @@ impl CutFrom {
     }
 }
 
-/// The order of a scene, where engine 2 was asked for.
-struct AnyOrder(Result<Arc<Order>, String>);
+/// The order of a scene, or with `WHOLE` of what it was cut from; unless it was `ASKED` for, where that suits it.
+struct InOrder<const ASKED: bool, const WHOLE: bool>(Result<Arc<Order>, String>);
 
-impl AnyOrder {
+impl<const ASKED: bool, const WHOLE: bool> InOrder<ASKED, WHOLE> {
     fn new(geometry: &Geometry) -> Self {
         let limits = Limits {
-            fragments: MOST_FRAGMENTS_IF_ASKED,
+            fragments: if ASKED { MOST_FRAGMENTS_IF_ASKED } else { MOST_FRAGMENTS },
         };
-        Self(
-            Order::new(geometry.into(), limits)
-                .map(Arc::new)
-                .map_err(|why| why.to_string()),
-        )
-    }
-}
-
-/// The order of a scene, where that suits it.
-struct SuitableOrder(Result<Arc<Order>, String>);
-
-impl SuitableOrder {
-    fn new(geometry: &Geometry) -> Self {
-        let limits = Limits {
-            fragments: MOST_FRAGMENTS,
+        let wholes = if WHOLE {
+            geometry.kept(CutFrom::new).0.as_ref().map(|wholes| wholes.surfaces())
+        } else {
+            None
         };
-        Self(match Order::new(geometry.into(), limits) {
-            Ok(order) if order.fill() >= LEAST_FILL => Ok(Arc::new(order)),
+        let surfaces = Surfaces {
+            of: wholes.as_ref().unwrap_or(&geometry.surfaces),
+            ..Surfaces::from(geometry)
+        };
+        Self(match Order::new(surfaces, limits) {
+            Ok(order) if ASKED || order.fill() >= LEAST_FILL => Ok(Arc::new(order)),
             Ok(order) => Err(format!("in order, blocks would be too empty ({order})")),
             Err(why) => Err(why.to_string()),
         })

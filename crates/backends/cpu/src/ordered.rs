@@ -2,11 +2,14 @@
 
 use crate::Shared;
 use crate::alone::Alone;
-use crate::engine::{ALL_FACES, frame, pixel};
+use crate::engine::{ALL_FACES, frame};
 use crate::kernel::{
-    BOXES, Coverage, Cut, Frame, GroupOnFaces, Kernel, OnFaces, PatchSet, Shown, Sums, Transformed, Turns, prefetch,
+    BOXES, Coverage, Cut, Frame, GroupOnFaces, Kernel, Noted, OnFaces, PatchSet, Shown, Sums, Transformed, Turns,
+    prefetch,
 };
 use crate::order::{NO_PLANE, NONE, Order, PlaneNode};
+use crate::share::{Entry, SeenWhole, Sharing, UNCOUNTED, patches_of, without_pixels};
+use crate::whole::Wholes;
 use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Counters, Culling, Hemicube};
@@ -14,6 +17,7 @@ use hemicube::face::Face;
 use hemicube::row::RowBlock;
 use hemicube::tree::{Block, LANES};
 use std::marker::PhantomData;
+use std::ops::Range;
 
 /// A hemicube's working memory. One a thread.
 #[derive(Debug)]
@@ -36,19 +40,73 @@ pub(crate) struct OrderedEngine<K> {
     perhaps_tiny: PatchSet,
     /// What was in these sets, in ascending order.
     tiny_patches: [Vec<u32>; 2],
-    row: Vec<Entry>,
+    row: Vec<Listed>,
     /// Places in `row` whose covered weight is to be counted.
     uncounted: Vec<u32>,
     /// Their patches.
     patches: Vec<u32>,
     alone: Alone<K>,
+    /// Where triangles that were cut are drawn as they were before.
+    parts: Parts,
+    sharing: Sharing<K>,
     counters: Counters,
     kernel: PhantomData<K>,
 }
 
+/// What is known of triangles that were cut, when all is drawn.
+#[derive(Debug)]
+struct Parts {
+    /// Where in the record of what was drawn something is of each of them, in the order of `noted`.
+    ranges: Vec<Range<usize>>,
+    noted: Noted,
+    /// All is covered but, for the moment, what one of them shows and the pixels around.
+    open: Coverage,
+    /// What was drawn: id, covered weight, visible weight.
+    ids: Vec<(u32, u32, u32)>,
+    /// Triangles of which it is to be counted what they cover.
+    uncounted: Vec<u32>,
+    /// Triangles that were not found to cover a pixel, with patches whose centroids are seen, and these patches.
+    tiny: Vec<TinyWhole>,
+    tiny_patches: Vec<u32>,
+    /// All patches that are seen and have no pixel, in ascending order.
+    found: Vec<u32>,
+}
+
+/// A triangle that was not found to cover a pixel, of which something is seen.
+#[derive(Clone, Debug)]
+struct TinyWhole {
+    id: u32,
+    /// Its patches that are seen, in a list of all such patches.
+    patches: Range<usize>,
+    /// Whether that it covers no pixel is proved.
+    proved: bool,
+}
+
+impl Parts {
+    fn new(shared: &Shared) -> Self {
+        let (noted, resolution) = match &shared.wholes {
+            Some(wholes) => {
+                let noted = Noted::new(shared.tree.patch_count as usize + 1, wholes.ids_of_cut());
+                (noted, shared.settings.resolution)
+            }
+            None => (Noted::default(), 0),
+        };
+        Self {
+            ranges: Vec::new(),
+            noted,
+            open: Coverage::full(resolution),
+            ids: Vec::new(),
+            uncounted: Vec::new(),
+            tiny: Vec::new(),
+            tiny_patches: Vec::new(),
+            found: Vec::new(),
+        }
+    }
+}
+
 /// An entry of the row being made.
 #[derive(Clone, Copy, Debug)]
-struct Entry {
+struct Listed {
     patch: u32,
     visible: u32,
     covered: u32,
@@ -87,8 +145,13 @@ const INCOMPLETE: u32 = 1 << 31;
 
 impl<K: Kernel> OrderedEngine<K> {
     pub(crate) fn new(shared: &Shared) -> Self {
+        let coverage = Coverage::new(shared.settings.resolution, shared.settings.culling == Culling::On);
         Self {
-            coverage: Coverage::new(shared.settings.resolution, shared.settings.culling == Culling::On),
+            coverage: if shared.wholes.is_some() {
+                coverage.recording()
+            } else {
+                coverage
+            },
             sums: Sums::new(shared.tree.patch_count as usize + 1),
             triangles: Box::new(Transformed::new()),
             whole: Box::new(Transformed::new()),
@@ -104,6 +167,8 @@ impl<K: Kernel> OrderedEngine<K> {
             uncounted: Vec::new(),
             patches: Vec::new(),
             alone: Alone::new(),
+            parts: Parts::new(shared),
+            sharing: Sharing::new(shared),
             counters: Counters::default(),
             kernel: PhantomData,
         }
@@ -137,6 +202,10 @@ impl<K: Kernel> OrderedEngine<K> {
             .coverage
             .open_weight(table.running(Face::Top), table.running(Face::PosX));
         let mut blocked = 0;
+        if let Some(wholes) = &shared.wholes {
+            self.row_of_wholes(shared, order, wholes, &frame, escaped, out);
+            return;
+        }
         if !COVERED {
             self.sums.drain(|id, _, weight| {
                 if id < tree.patch_count {
@@ -160,12 +229,12 @@ impl<K: Kernel> OrderedEngine<K> {
         self.uncounted.clear();
         let (row, uncounted) = (&mut self.row, &mut self.uncounted);
         let mut tiny = merged(tiny, perhaps_tiny).peekable();
-        let mut push_tiny = |patch: u32, unproved: bool, row: &mut Vec<Entry>| {
+        let mut push_tiny = |patch: u32, unproved: bool, row: &mut Vec<Listed>| {
             if unproved {
                 #[allow(clippy::cast_possible_truncation, reason = "fewer entries than patches")]
                 uncounted.push(row.len() as u32);
             }
-            row.push(Entry {
+            row.push(Listed {
                 patch,
                 visible: 0,
                 covered: 0,
@@ -182,7 +251,7 @@ impl<K: Kernel> OrderedEngine<K> {
                 blocked = visible;
                 return;
             }
-            row.push(Entry {
+            row.push(Listed {
                 patch,
                 visible,
                 covered,
@@ -215,6 +284,205 @@ impl<K: Kernel> OrderedEngine<K> {
             }
         }
         out.end_row(escaped, blocked);
+    }
+
+    /// The row of what was rendered, where triangles that were cut were drawn as they were before.
+    fn row_of_wholes(
+        &mut self,
+        shared: &Shared,
+        order: &Order,
+        wholes: &Wholes,
+        frame: &Frame,
+        escaped: u32,
+        out: &mut RowBlock,
+    ) {
+        let patch_count = shared.tree.patch_count;
+        let parts = &mut self.parts;
+        let mut blocked = 0;
+        parts.ids.clear();
+        self.sums.drain(|id, covered, visible| {
+            if id < patch_count {
+                parts.ids.push((id, covered, visible));
+            } else {
+                blocked = visible;
+            }
+        });
+        let is_cut = |id: u32| order.is_cut[id as usize / 64] >> (id % 64) & 1 != 0;
+        let is_known = |id: u32, covered: u32| covered & INCOMPLETE == 0 && !is_cut(id);
+        let of_cut = |id: u32| parts.noted.is_noted(id);
+        parts.uncounted.clear();
+        let unknown = parts
+            .ids
+            .iter()
+            .filter(|&&(id, covered, _)| !is_known(id, covered) && of_cut(id));
+        parts.uncounted.extend(unknown.map(|&(id, ..)| id));
+        let mut counted = self.alone.count_drawn(shared, frame, &parts.uncounted).iter();
+        let record = self.coverage.record.as_ref().expect("made so, with wholes");
+        for &(id, covered, visible) in &parts.ids {
+            let known = is_known(id, covered);
+            if !parts.noted.is_noted(id) {
+                self.sharing
+                    .entries
+                    .push(Entry::new(id, visible, if known { covered } else { UNCOUNTED }));
+                continue;
+            }
+            let covered = if known {
+                covered
+            } else {
+                counted.next().map_or(0, |count| count.1)
+            };
+            let whole = wholes.get(wholes.cut(id).expect("noted"));
+            let seen = SeenWhole {
+                whole,
+                id,
+                faces: whole.faces(frame),
+                weight: visible,
+            };
+            // Where it weighs nothing, as may be at the horizon, that all of it is seen is not known.
+            if covered == visible && visible != 0 {
+                self.sharing.list_all(wholes, frame, &seen);
+            } else {
+                let ranges = || parts.noted.of(id).map(|place| parts.ranges[place].clone());
+                ranges().for_each(|range| record.uncover(range, &mut self.sharing.open));
+                let (open, tiny) = (&mut parts.open, &mut self.tiny);
+                let mut is_open = false;
+                let stays_open = self
+                    .sharing
+                    .share::<true>(shared, wholes, frame, &seen, |t, lanes, hidden| {
+                        if !is_open {
+                            is_open = true;
+                            ranges().for_each(|range| record.uncover_around(range, open));
+                        }
+                        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+                        let centered = unsafe { K::open_centroids(t, lanes, seen.faces, open, false) };
+                        let without = without_pixels::<K>(shared, t, centered, hidden, seen.faces);
+                        patches_of(t, without).for_each(|patch| tiny.insert(patch));
+                    });
+                if stays_open {
+                    ranges().for_each(|range| record.cover(range, &mut self.sharing.open));
+                }
+                if is_open {
+                    ranges().for_each(|range| record.cover(range, open));
+                }
+            }
+            parts.noted.forget(id);
+        }
+        self.parts.ranges.clear();
+        self.parts.noted.clear();
+        if let Some(record) = &mut self.coverage.record {
+            record.clear();
+        }
+        self.find_tiny(shared, frame);
+        self.counters.triangles_transformed += self.sharing.take_transformed();
+        self.sharing
+            .end_row::<true>(shared, frame, &self.parts.found, (escaped, blocked), out);
+    }
+
+    /// Finds the other patches that are seen and have no pixel: those that are not part of anything, and those of triangles that have none
+    /// either.
+    fn find_tiny(&mut self, shared: &Shared, frame: &Frame) {
+        let Parts {
+            ids,
+            uncounted,
+            tiny,
+            tiny_patches,
+            found,
+            ..
+        } = &mut self.parts;
+        uncounted.clear();
+        self.perhaps_tiny.drain(|patch| uncounted.push(patch));
+        let counts = self.alone.count(shared, frame, uncounted);
+        let without = uncounted.iter().zip(counts).filter(|(_, (pixels, _))| *pixels == 0);
+        without.for_each(|(&patch, _)| self.tiny.insert(patch));
+
+        tiny.sort_unstable_by_key(|whole| (whole.id, whole.proved));
+        uncounted.clear();
+        for whole in tiny.iter() {
+            if !whole.proved && uncounted.last() != Some(&whole.id) {
+                uncounted.push(whole.id);
+            }
+        }
+        let counts = self.alone.count_drawn(shared, frame, uncounted);
+        let mut with_pixels = uncounted
+            .iter()
+            .zip(counts)
+            .filter(|(_, (pixels, _))| *pixels != 0)
+            .peekable();
+        for whole in tiny.drain(..) {
+            while with_pixels.next_if(|(id, _)| **id < whole.id).is_some() {}
+            let has_pixels = with_pixels.peek().is_some_and(|(id, _)| **id == whole.id)
+                || ids.binary_search_by_key(&whole.id, |&(id, ..)| id).is_ok();
+            if !has_pixels {
+                tiny_patches[whole.patches]
+                    .iter()
+                    .for_each(|&patch| self.tiny.insert(patch));
+            }
+        }
+        tiny_patches.clear();
+        found.clear();
+        self.tiny.drain(|patch| found.push(patch));
+    }
+
+    /// Those of these lanes of the block that are triangles that were cut.
+    fn cut_lanes(&self, mut lanes: u16) -> u16 {
+        let mut cut = 0;
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            cut |= u16::from(self.parts.noted.is_noted(self.triangles.seen[lane])) << lane;
+        }
+        cut
+    }
+
+    /// Notes what a block drew of triangles that were cut.
+    fn note_parts(
+        &mut self,
+        shared: &Shared,
+        wholes: &Wholes,
+        frame: &Frame,
+        faces: u8,
+        shown: &Shown,
+        hidden: u8,
+        is_cut: bool,
+    ) {
+        let parts = &mut self.parts;
+        if let Some(record) = &mut self.coverage.record {
+            for (lane, range) in record.lanes.drain(..) {
+                let id = self.triangles.seen[lane];
+                if parts.noted.is_noted(id) {
+                    parts.noted.add(id);
+                    parts.ranges.push(range);
+                }
+            }
+        }
+        let mut without = self.cut_lanes(shown.without);
+        if without != 0 {
+            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+            without = unsafe { K::may_touch_open(&self.triangles, without, faces, &self.coverage) };
+            if !is_cut {
+                // Most of those that were left out cover pixels: what is in front of them is close.
+                without = without_pixels::<K>(shared, &self.triangles, without, shown.hidden, faces);
+            }
+        }
+        while without != 0 {
+            let lane = without.trailing_zeros() as usize;
+            without &= without - 1;
+            let id = self.triangles.seen[lane];
+            let whole = wholes.get(wholes.cut(id).expect("noted"));
+            let first = self.parts.tiny_patches.len();
+            for block in 0..wholes.block_count(whole) {
+                self.sharing.transform(wholes, frame, whole, id, block);
+                let t = &*self.sharing.triangles;
+                // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+                let seen = unsafe { K::open_centroids(t, t.live, faces, &self.coverage, true) };
+                self.parts.tiny_patches.extend(patches_of(t, seen));
+            }
+            let patches = first..self.parts.tiny_patches.len();
+            if !patches.is_empty() {
+                let proved = hidden == 0 && !is_cut && shown.hidden >> lane & 1 == 0;
+                self.parts.tiny.push(TinyWhole { id, patches, proved });
+            }
+        }
     }
 
     /// Draws the scene into the coverage, which is clear, and adds up what is seen.
@@ -258,6 +526,9 @@ impl<K: Kernel> OrderedEngine<K> {
                 (faces, hidden)
             };
             if node.is_leaf {
+                if COVERED && shared.wholes.is_some() {
+                    self.remember_faces(faces);
+                }
                 self.draw_leaf::<COVERED>(shared, order, node, frame, faces, hidden);
                 continue;
             }
@@ -366,7 +637,8 @@ impl<K: Kernel> OrderedEngine<K> {
         for block in blocks {
             self.transform(order, block.index, frame);
             // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-            open.push(unsafe { K::open_centroids(&self.triangles, block.faces, &self.coverage) });
+            let (t, coverage) = (&*self.triangles, &self.coverage);
+            open.push(unsafe { K::open_centroids(t, t.live, block.faces, coverage, false) });
         }
         for (&InLayer { index, faces, hidden }, &open) in blocks.iter().zip(&open) {
             self.draw_block::<true>(shared, order, index, frame, faces, hidden, Turns::Asked(open));
@@ -408,11 +680,7 @@ impl<K: Kernel> OrderedEngine<K> {
         while boxed != 0 {
             let face = boxed.trailing_zeros() as usize;
             boxed &= boxed - 1;
-            #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
-            let first_row = Face::ALL[face].first_row(resolution as u32) as usize;
-            let b = &self.on_faces;
-            let [x0, x1, y0, y1] = [b.x0[face], b.x1[face], b.y0[face], b.y1[face]].map(pixel);
-            let pixels = [x0, x1, first_row + y0, first_row + y1];
+            let pixels = self.on_faces.in_atlas(face, resolution);
             // SAFETY: as above.
             if unsafe { K::all_covered(&self.coverage, pixels) } {
                 hidden |= 1 << face;
@@ -421,6 +689,21 @@ impl<K: Kernel> OrderedEngine<K> {
             visible |= 1 << face;
         }
         (visible, hidden)
+    }
+
+    /// Remembers what is covered of a box that was just tested on faces, and may be seen on some.
+    fn remember_faces(&mut self, visible: u8) {
+        let (coverage, b) = (&mut self.coverage, &self.on_faces);
+        coverage.begin_plane();
+        if !coverage.culling || b.at_eye != 0 {
+            coverage.remember_all();
+        }
+        let mut boxed = b.boxed & visible;
+        while boxed != 0 {
+            let face = boxed.trailing_zeros() as usize;
+            boxed &= boxed - 1;
+            coverage.remember(b.in_atlas(face, coverage.resolution));
+        }
     }
 
     /// Draws a leaf's block in the order that its planes give.
@@ -525,14 +808,18 @@ impl<K: Kernel> OrderedEngine<K> {
             }
         }
         if COVERED {
+            let unproved = if is_cut { u16::MAX } else { incomplete };
             let mut tiny = shown.tiny;
+            if let Some(wholes) = &shared.wholes {
+                self.note_parts(shared, wholes, frame, faces, &shown, hidden, is_cut);
+                tiny &= !self.cut_lanes(tiny);
+            }
             while tiny != 0 {
                 let lane = tiny.trailing_zeros() as usize;
                 tiny &= tiny - 1;
                 let patch = self.triangles.seen[lane];
                 if patch < shared.tree.patch_count {
-                    let unproved = hidden != 0 || is_cut || shown.hidden >> lane & 1 != 0;
-                    if unproved {
+                    if unproved >> lane & 1 != 0 {
                         self.perhaps_tiny.insert(patch);
                     } else {
                         self.tiny.insert(patch);

@@ -110,12 +110,8 @@ impl<K: Kernel> Sharing<K> {
         } else {
             for block in 0..wholes.block_count(whole) {
                 self.transform(wholes, frame, whole, id, block);
-                let mut listed = self.triangles.live;
-                while listed != 0 {
-                    let lane = listed.trailing_zeros() as usize;
-                    listed &= listed - 1;
-                    self.entries.push(Entry::new(self.triangles.seen[lane], 0, EVENLY));
-                }
+                let live = patches_of(&self.triangles, self.triangles.live);
+                self.entries.extend(live.map(|patch| Entry::new(patch, 0, EVENLY)));
             }
         }
         self.give(wholes, frame, seen, seen.weight, first);
@@ -248,4 +244,31 @@ impl<K: Kernel> Sharing<K> {
         }
         out.end_row(escaped, blocked);
     }
+}
+
+/// Those of these lanes that cover no pixel, which is to be shown of those in `unproved`: of parts of a triangle that is on these faces.
+pub(crate) fn without_pixels<K: Kernel>(shared: &Shared, t: &Transformed, lanes: u16, unproved: u16, faces: u8) -> u16 {
+    let mut without = lanes;
+    if lanes & unproved != 0 {
+        let (top, side) = (shared.table.running(Face::Top), shared.table.running(Face::PosX));
+        let resolution = shared.settings.resolution as usize;
+        let mut counts = [(0, 0); LANES];
+        // SAFETY: `Isa::available` checked the machine for K's instruction set before any engine was made.
+        unsafe { K::cover_lanes(t, lanes & unproved, faces, resolution, top, side, &mut counts) };
+        for (lane, (pixels, _)) in counts.iter().enumerate() {
+            without &= !(u16::from(*pixels != 0) << lane);
+        }
+    }
+    without
+}
+
+/// The patches of these lanes.
+pub(crate) fn patches_of(t: &Transformed, mut lanes: u16) -> impl Iterator<Item = u32> + use<'_> {
+    std::iter::from_fn(move || {
+        (lanes != 0).then(|| {
+            let lane = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            t.seen[lane]
+        })
+    })
 }

@@ -1,7 +1,7 @@
 //! Triangles that were cut into patches, put together again: what hides what is the same however finely a triangle is cut.
 //!
-//! Engines 1 and 3 draw the whole triangles, and what is seen of one is then shared out among its patches, none of which hides
-//! another. So the work for what is hidden, and for contending for pixels, is that of the scene before it was cut.
+//! Engines 1 and 3, and engine 2 where only fractions are asked, draw the whole triangles, and what is seen of one is then shared out among
+//! its patches, none of which hides another. So the work for what is hidden, and for contending for pixels, is that of the scene before it was cut.
 //!
 //! A whole triangle is found by its patches: one after the other, as `hemicube_scene::Subdivision` cuts them, row by row from the
 //! first edge, with corners that are the same to the bit where they are shared. Their corners are not kept: they are where the
@@ -9,7 +9,9 @@
 
 use crate::kernel::Frame;
 use glam::DVec3;
+use hemicube::InputPatch;
 use hemicube::backend::{Geometry, Surface};
+use hemicube::face::Face;
 use hemicube::tree::{Block, LANES, Tree};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -159,6 +161,16 @@ impl Wholes {
         }
     }
 
+    /// The whole triangles, as surfaces that are the first of their patches.
+    pub(crate) fn surfaces(&self) -> Vec<Surface> {
+        let surface = |whole: &Whole| Surface {
+            corners: whole.corners,
+            front: InputPatch(whole.front),
+            back: (whole.step == 2).then_some(InputPatch(whole.front + 1)),
+        };
+        self.wholes.iter().map(surface).collect()
+    }
+
     /// What the lanes of a block of the tree are.
     pub(crate) fn lanes(&self, block: usize) -> &WholeLanes {
         &self.lanes[block]
@@ -272,12 +284,38 @@ impl Whole {
         if id == self.front { -1.0 } else { 1.0 }
     }
 
-    /// Whether all of it is above a frame's horizon.
+    /// Whether all of its patches reach above a frame's horizon.
     pub(crate) fn is_above(&self, frame: &Frame) -> bool {
         let [normal, origin] = [frame.axes[2], frame.origin].map(DVec3::from_array);
-        self.corners
-            .iter()
-            .all(|&corner| normal.dot(corner - origin) > frame.tolerance)
+        let [a, b, c] = self.corners.map(|corner| normal.dot(corner - origin));
+        let (least, most) = (a.min(b).min(c), a.max(b).max(c));
+        // Each is as high as the whole, but smaller, and none begins lower.
+        least + (most - least) / f64::from(self.count).sqrt() > frame.tolerance * 1.001
+    }
+
+    /// Faces that it may be on: those whose pyramid it does not lie beyond a side of.
+    pub(crate) fn faces(&self, frame: &Frame) -> u8 {
+        let [x_axis, y_axis, z_axis] = frame.axes.map(DVec3::from_array);
+        let origin = DVec3::from_array(frame.origin);
+        // What the planes between faces are made of: x, y, z, x - y, x + y and z - x, z + x, z - y, z + y; the least and the most.
+        let (mut least, mut most) = ([f64::INFINITY; 9], [f64::NEG_INFINITY; 9]);
+        for corner in &self.corners {
+            let d = *corner - origin;
+            let (x, y, z) = (x_axis.dot(d), y_axis.dot(d), z_axis.dot(d));
+            let heights = [x, y, z, x - y, x + y, z - x, z + x, z - y, z + y];
+            for (k, &height) in heights.iter().enumerate() {
+                least[k] = if height < least[k] { height } else { least[k] };
+                most[k] = if height > most[k] { height } else { most[k] };
+            }
+        }
+        let (above, below) = (|k: usize| most[k] >= 0.0, |k: usize| least[k] <= 0.0);
+        let on = |face: Face, is: bool| u8::from(is) << face as u8;
+        let up = above(2);
+        on(Face::Top, up & above(5) & above(6) & above(7) & above(8))
+            | on(Face::PosX, up & above(0) & above(3) & above(4) & below(5))
+            | on(Face::NegX, up & below(0) & below(3) & below(4) & below(6))
+            | on(Face::PosY, up & above(1) & below(3) & above(4) & below(7))
+            | on(Face::NegY, up & below(1) & above(3) & below(4) & below(8))
     }
 
     /// Its patches, where it is drawn with an id.

@@ -10,6 +10,7 @@ use super::{
 use crate::order::Lines;
 use hemicube::face::Face;
 use hemicube::tree::{Block, LANES};
+use std::ops::Range;
 
 /// Pixels of a column of words: one bit each.
 pub(super) const WIDTH: usize = u64::BITS as usize;
@@ -30,7 +31,7 @@ pub(crate) struct Coverage {
     pub(crate) resolution: usize,
     /// Groups of eight rows in a column: all of the atlas.
     pub(super) groups: usize,
-    /// By column, then by group.
+    /// By column, then by group; and one that is of no column.
     pub(super) rows: Vec<Rows>,
     /// What was covered before the surfaces of one plane were begun, as far as was asked: surfaces in one plane do not hide
     /// each other's centroids.
@@ -41,20 +42,103 @@ pub(crate) struct Coverage {
     pub(crate) remembers: bool,
     /// Whether triangles whose box is covered are left out.
     pub(crate) culling: bool,
+    /// What is drawn together with others, where that is to be known later.
+    pub(crate) record: Option<Record>,
+}
+
+/// What lanes of blocks show, by words of eight rows.
+#[derive(Debug, Default)]
+pub(crate) struct Record {
+    /// Where words begin, in a coverage as one array of words, and what is shown of them.
+    places: Vec<u32>,
+    shows: Vec<Rows>,
+    /// Lanes that show something on a face, each with what it has of the above.
+    pub(crate) lanes: Vec<(usize, Range<usize>)>,
+}
+
+impl Record {
+    pub(crate) fn clear(&mut self) {
+        self.places.clear();
+        self.shows.clear();
+        self.lanes.clear();
+    }
+
+    /// Uncovers in `coverage` what some of it shows.
+    pub(crate) fn uncover(&self, range: Range<usize>, coverage: &mut Coverage) {
+        let words = words_mut(&mut coverage.rows);
+        for (&place, Rows(shows)) in self.places[range.clone()].iter().zip(&self.shows[range]) {
+            for (word, bits) in words[place as usize..][..GROUP].iter_mut().zip(shows) {
+                *word &= !bits;
+            }
+        }
+    }
+
+    /// Uncovers in `coverage` what some of it shows and the pixels around, as far as they are in the same words.
+    pub(crate) fn uncover_around(&self, range: Range<usize>, coverage: &mut Coverage) {
+        let words = words_mut(&mut coverage.rows);
+        for (&place, Rows(shows)) in self.places[range.clone()].iter().zip(&self.shows[range]) {
+            let place = place as usize;
+            for (word, bits) in (place..).zip(shows) {
+                let around = bits | bits << 1 | bits >> 1;
+                for word in [word.wrapping_sub(1), word, word + 1] {
+                    if let Some(word) = words.get_mut(word) {
+                        *word &= !around;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Covers again what was uncovered.
+    pub(crate) fn cover(&self, range: Range<usize>, coverage: &mut Coverage) {
+        let words = words_mut(&mut coverage.rows);
+        for &place in &self.places[range] {
+            let place = place as usize;
+            let end = words.len().min(place + GROUP + 1);
+            words[place.saturating_sub(1)..end].fill(u64::MAX);
+        }
+    }
+}
+
+/// Rows of words as one array.
+fn words_mut(rows: &mut [Rows]) -> &mut [u64] {
+    // SAFETY: `Rows` is an array of words and nothing else.
+    unsafe { std::slice::from_raw_parts_mut(rows.as_mut_ptr().cast(), rows.len() * GROUP) }
 }
 
 impl Coverage {
     pub(crate) fn new(resolution: u32, culling: bool) -> Self {
         let resolution = resolution as usize;
         let groups = 3 * resolution / GROUP;
+        // Eight rows are drawn from wherever a triangle begins, and may reach past the last of all.
+        let rows = vec![Rows([0; GROUP]); groups * resolution.div_ceil(WIDTH) + 1];
         Self {
             resolution,
             groups,
-            rows: vec![Rows([0; GROUP]); groups * resolution.div_ceil(WIDTH)],
-            before: vec![Rows([0; GROUP]); groups * resolution.div_ceil(WIDTH)],
+            before: rows.clone(),
+            rows,
             all_remembered: false,
             remembers: resolution < LEAST_TO_ASK,
             culling,
+            record: None,
+        }
+    }
+
+    /// The same, which records what is drawn.
+    pub(crate) fn recording(mut self) -> Self {
+        self.record = Some(Record::default());
+        // What was open is asked of parts, when what they are parts of was drawn.
+        self.remembers = true;
+        self
+    }
+
+    /// Records what is shown of eight rows of a column, in the atlas from `row` on.
+    #[inline(always)]
+    fn note(&mut self, column: usize, row: usize, shows: &Rows) {
+        if let Some(record) = &mut self.record {
+            #[allow(clippy::cast_possible_truncation, reason = "fewer than pixels of an atlas")]
+            record.places.push((column * self.groups * GROUP + row) as u32);
+            record.shows.push(*shows);
         }
     }
 
@@ -201,6 +285,8 @@ pub(crate) struct Shown {
     /// Lanes that were not found to cover a pixel and whose centroid was seen before any lane was drawn, where that was asked. Only
     /// with `COVERED`.
     pub(crate) tiny: u16,
+    /// Lanes that were not found to cover a pixel. Only with `COVERED`.
+    pub(crate) without: u16,
     /// Triangles drawn, counted once a face.
     pub(crate) drawn: u32,
 }
@@ -213,6 +299,7 @@ impl Shown {
             seen: 0,
             hidden: 0,
             tiny: 0,
+            without: 0,
             drawn: 0,
         }
     }
@@ -276,25 +363,73 @@ pub(super) unsafe fn lacking_avx2(rows: &[u64; GROUP], mask: u64) -> u8 {
 #[inline(always)]
 pub(crate) unsafe fn all_covered<L: Lanes>(coverage: &Coverage, pixels: [usize; 4]) -> bool {
     // SAFETY: the caller's promise.
-    none_of(coverage, pixels, |rows, mask| unsafe { L::lacking(rows, mask) })
+    none_of(&coverage.rows, coverage.groups, pixels, |rows, mask| unsafe {
+        L::lacking(rows, mask)
+    })
+}
+
+/// Those of some lanes that may have a point on one of these faces at a pixel that was not covered when that was remembered: at least those
+/// that do.
+#[inline(always)]
+pub(crate) unsafe fn may_touch_open<L: Lanes>(t: &Transformed, lanes: u16, faces: u8, coverage: &Coverage) -> u16 {
+    let resolution = coverage.resolution;
+    let mut found = 0;
+    for face in Face::ALL {
+        if faces >> face as u8 & 1 == 0 {
+            continue;
+        }
+        // SAFETY: the caller's promise.
+        let boxes = unsafe { boxes::<L>(t, face, resolution) };
+        found |= lanes & boxes.straddling;
+        #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+        let first_row = face.first_row(resolution as u32) as usize;
+        let height = if face.is_top() { resolution } else { resolution / 2 };
+        let mut asked = lanes & !found;
+        while asked != 0 {
+            let lane = asked.trailing_zeros() as usize;
+            asked &= asked - 1;
+            // What touches a pixel is at most one beyond those whose centres it may cover, of which there may be none.
+            let touched = |from: i32, to: i32, count: usize| (at((from - 1).max(0)), at(to.max(0)).min(count - 1));
+            let (x0, x1) = touched(boxes.x0[lane], boxes.x1[lane], resolution);
+            let (y0, y1) = touched(boxes.y0[lane], boxes.y1[lane], height);
+            if x0 > x1 || y0 > y1 {
+                continue;
+            }
+            // SAFETY: likewise.
+            let is_covered = none_of(
+                &coverage.before,
+                coverage.groups,
+                [x0, x1, first_row + y0, first_row + y1],
+                |rows, mask| unsafe { L::lacking(rows, mask) },
+            );
+            found |= u16::from(!is_covered) << lane;
+        }
+    }
+    found
 }
 
 /// Whether no pixel of a box of the atlas (inclusive) is covered.
 #[inline(always)]
 unsafe fn all_open<L: Lanes>(coverage: &Coverage, pixels: [usize; 4]) -> bool {
     // SAFETY: the caller's promise.
-    none_of(coverage, pixels, |rows, mask| unsafe { L::any_of(rows, mask) })
+    none_of(&coverage.rows, coverage.groups, pixels, |rows, mask| unsafe {
+        L::any_of(rows, mask)
+    })
 }
 
 /// Whether none of a box's rows is among those that `which` says of eight rows of a column and the bits of the box there.
 #[inline(always)]
-fn none_of(coverage: &Coverage, [x0, x1, y0, y1]: [usize; 4], which: impl Fn(&[u64; GROUP], u64) -> u8) -> bool {
-    let rows = &coverage.rows;
+fn none_of(
+    rows: &[Rows],
+    groups: usize,
+    [x0, x1, y0, y1]: [usize; 4],
+    which: impl Fn(&[u64; GROUP], u64) -> u8,
+) -> bool {
     for column in x0 / WIDTH..=x1 / WIDTH {
         let from = x0.saturating_sub(column * WIDTH);
         let to = (x1 + 1 - column * WIDTH).min(WIDTH);
         let mask = low_bits(to) & !low_bits(from);
-        let column = &rows[column * coverage.groups..][..coverage.groups];
+        let column = &rows[column * groups..][..groups];
         let (low, high) = (y0 / GROUP, y1 / GROUP);
         for (group, rows) in (low..).zip(&column[low..=high]) {
             let mut found = which(&rows.0, mask);
@@ -429,7 +564,7 @@ pub(crate) struct Cut<'a> {
 impl Cut<'_> {
     /// Gives some pieces the edges of the surfaces they are part of, by the operations of `transform`.
     #[inline(always)]
-    fn put_on_lines(&self, t: &mut Transformed, lanes: std::ops::Range<usize>) {
+    fn put_on_lines(&self, t: &mut Transformed, lanes: Range<usize>) {
         for k in 0..3 {
             for l in lanes.clone() {
                 let at = |block: &Block| in_frame(self.frame, three(|c| block.corners[3 * k + c][l]));
@@ -521,6 +656,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
                 }
             }
             shown.drawn += 1;
+            let recorded = coverage.record.as_ref().map_or(0, |record| record.shows.len());
             if let Some(cut) = &cut
                 && on_lines >> lane & 1 == 0
             {
@@ -540,10 +676,16 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
             shown.covered[lane] += drawn.covered;
             with_pixels |= u16::from(drawn.pixels != 0) << lane;
             shown.seen |= u16::from(drawn.seen) << lane;
+            if drawn.seen
+                && let Some(record) = &mut coverage.record
+            {
+                record.lanes.push((lane, recorded..record.shows.len()));
+            }
         }
     }
     if COVERED {
         let none = t.live & !with_pixels;
+        shown.without = none;
         shown.tiny = match turns {
             Turns::InOrder(_) | Turns::Asked(_) => none & open,
             Turns::Together if none != 0 => open_centroids(t, none, faces, coverage, true),
@@ -645,6 +787,9 @@ pub(super) unsafe fn draw_lane<L: Lanes, const COVERED: bool>(
                 );
                 seen |= s;
                 unseen |= u;
+            }
+            for column in (first..=last).filter(|_| seen != 0) {
+                coverage.note(column, first_row + y, &visible[column - first]);
             }
             let face_row = y * resolution;
             let mut pending = if COVERED { rows } else { seen };
@@ -1020,6 +1165,12 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
                 seen |= _mm512_test_epi64_mask(shows, shows);
                 unseen |= _mm512_cmpneq_epi64_mask(shows, mask);
             }
+            if seen != 0 && coverage.record.is_some() {
+                for column in first..=last {
+                    let shows = visible.get_unchecked(column - first).assume_init_ref();
+                    coverage.note(column, first_row + y, shows);
+                }
+            }
             drawn.seen |= seen != 0;
             let whole_rows = rows & !unseen;
             let weighed = if COVERED { rows } else { whole_rows };
@@ -1212,6 +1363,12 @@ pub(super) unsafe fn draw_lane_avx2<const COVERED: bool>(
                     _mm256_extracti128_si256::<1>(to),
                     _mm256_extracti128_si256::<1>(within),
                 );
+            }
+            if seen != 0 && coverage.record.is_some() {
+                for column in first..=last {
+                    let shows = visible.get_unchecked(column - first).assume_init_ref();
+                    coverage.note(column, first_row + y, shows);
+                }
             }
             drawn.seen |= seen != 0;
             let whole_rows = rows & !unseen;

@@ -45,6 +45,15 @@ impl OnFaces {
             at_eye: 0,
         }
     }
+
+    /// The pixels of the box on a face of which that is known, in the atlas (inclusive).
+    #[inline(always)]
+    pub(crate) fn in_atlas(&self, face: usize, resolution: usize) -> [usize; 4] {
+        #[allow(clippy::cast_possible_truncation, reason = "at most 1024")]
+        let first_row = Face::ALL[face].first_row(resolution as u32) as usize;
+        let [x0, x1, y0, y1] = [self.x0, self.x1, self.y0, self.y1].map(|of| at(of[face]));
+        [x0, x1, first_row + y0, first_row + y1]
+    }
 }
 
 /// Between a position and the pixel it counts for: with tiny patches all pixels that a box touches, else those whose
