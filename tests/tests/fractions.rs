@@ -56,17 +56,18 @@ struct Apart {
     tiny: [usize; 2],
     /// Others that only one has.
     lost: usize,
+    /// Rows of which another part escapes or is blocked; nothing else is compared of them.
+    rows: usize,
 }
 
 fn apart(weights: &RowBlock, fractions: &RowBlock) -> Apart {
     let mut apart = Apart::default();
     for row in 0..weights.len() {
         let (weights, fractions) = (weights.row(row), fractions.row(row));
-        assert_eq!(
-            (weights.escaped, weights.blocked),
-            (fractions.escaped, fractions.blocked),
-            "row {row}"
-        );
+        if (weights.escaped, weights.blocked) != (fractions.escaped, fractions.blocked) {
+            apart.rows += 1;
+            continue;
+        }
         let (weights, fractions) = (listed(weights), listed(fractions));
         for (patch, &(visible, covered)) in &weights {
             match fractions.get(patch) {
@@ -89,23 +90,33 @@ fn apart(weights: &RowBlock, fractions: &RowBlock) -> Apart {
     apart
 }
 
-fn assert_fractions_are_those_of_weights(name: &str, model: &Model, count: usize, resolution: u32, most_lost: usize) {
+fn assert_fractions_are_those_of_weights(
+    name: &str,
+    model: &Model,
+    choice: EngineChoice,
+    count: usize,
+    resolution: u32,
+    (most_lost, most_rows): (usize, usize),
+) {
+    let name = &format!("{name}, {choice:?}");
     let rows = spread(model, count);
-    let mut exact = backend(EngineChoice::Depth, Isa::available()[0]);
+    let mut exact = backend(choice, Isa::available()[0]);
     let (weights, _) = render_with(&mut exact, model, &hemicubes(model, &rows), settings(resolution));
-    let mut quick = backend(EngineChoice::Depth, Isa::available()[0]);
+    let mut quick = backend(choice, Isa::available()[0]);
     let fractions = for_fractions(&mut quick, model, &rows, settings(resolution));
     // Or the two would be one.
     assert_ne!(exact.info().version, quick.info().version, "{name}");
     let apart = apart(&weights, &fractions);
     say(&format!("{name}, N = {resolution}: {apart:?}"));
     assert!(
-        apart.other == 0 && apart.lost <= most_lost,
+        apart.other == 0 && apart.lost <= most_lost && apart.rows <= most_rows,
         "{name}, N = {resolution}: {apart:?}"
     );
-    // At the rim of a triangle whose pixels are all seen, patches without a pixel are, too.
+    // At the rim of a triangle whose pixels are all seen, patches without a pixel are, too. Engine 2 asks for them what was covered before a
+    // plane or a leaf was begun, and wholes have others than patches, above all in cities whose terrain is cut to pieces.
+    let most = if choice == EngineChoice::Order { 5 } else { 10 };
     assert!(
-        apart.tiny.iter().sum::<usize>() <= apart.alike / 10 + 8,
+        apart.tiny.iter().sum::<usize>() <= apart.alike / most + 8,
         "{name}, N = {resolution}: {apart:?}"
     );
 }
@@ -113,8 +124,10 @@ fn assert_fractions_are_those_of_weights(name: &str, model: &Model, count: usize
 #[test]
 fn fractions_are_those_of_weights() {
     for (name, model) in cut_scenes() {
-        for resolution in [64, 256] {
-            assert_fractions_are_those_of_weights(&name, &model, 60, resolution, 0);
+        for choice in [EngineChoice::Depth, EngineChoice::Order] {
+            for resolution in [64, 256] {
+                assert_fractions_are_those_of_weights(&name, &model, choice, 60, resolution, (0, 0));
+            }
         }
     }
 }
@@ -124,57 +137,74 @@ fn fractions_of_real_scenes_are_those_of_weights() {
     let Some(folder) = scenes_or_skip("fractions::fractions_of_real_scenes_are_those_of_weights") else {
         return;
     };
-    for (file, subdivision, most_lost) in [
-        ("city/denhaag-8897.obj", Subdivision::Split(4), 0),
-        ("city/rotterdam-delfshaven.obj", Subdivision::Split(3), 0),
-        // One eye lies on the edge of a floor, whose pixels no patch of it covers: they are given to one that is hardly seen.
-        ("interior/aggressor.obj", Subdivision::Split(3), 1),
-        ("cornell/cornell-measured-closed-20q.obj", Subdivision::Split(6), 0),
+    // Engine 2 where it suits the scene: it finds fewer of the patches without a pixel where terrain must be cut to pieces.
+    let (depth, both) = (
+        &[EngineChoice::Depth][..],
+        &[EngineChoice::Depth, EngineChoice::Order][..],
+    );
+    for (file, subdivision, choices, most) in [
+        ("city/denhaag-8897.obj", Subdivision::Split(4), both, (0, 0)),
+        ("city/rotterdam-delfshaven.obj", Subdivision::Split(3), depth, (0, 0)),
+        // One eye lies on the edge of a floor, whose pixels no patch of it covers: they are given to one that is hardly seen, or are seen of
+        // what is behind.
+        ("interior/aggressor.obj", Subdivision::Split(3), both, (1, 1)),
+        (
+            "cornell/cornell-measured-closed-20q.obj",
+            Subdivision::Split(6),
+            both,
+            (0, 0),
+        ),
     ] {
         let scene = read(&folder, file).unwrap_or_else(|error| panic!("{error}"));
-        assert_fractions_are_those_of_weights(file, &model(scene, subdivision), 300, 128, most_lost);
+        let model = model(scene, subdivision);
+        for &choice in choices {
+            assert_fractions_are_those_of_weights(file, &model, choice, 300, 128, most);
+        }
     }
 }
 
 #[test]
 fn neither_engine_nor_culling_nor_instruction_set_changes_a_bit() {
     for (name, model) in cut_scenes() {
-        let rows = spread(&model, 20);
-        let of = |choice, isa, culling| {
-            let settings = RenderSettings {
-                culling,
-                ..settings(144)
-            };
-            for_fractions(&mut backend(choice, isa), &model, &rows, settings)
+        assert_bits_are_the_same(&name, &model, &[EngineChoice::Depth, EngineChoice::Claims], 144, 20);
+        for resolution in [48, 144, 512] {
+            assert_bits_are_the_same(&name, &model, &[EngineChoice::Order], resolution, 20);
+        }
+    }
+}
+
+fn assert_bits_are_the_same(name: &str, model: &Model, choices: &[EngineChoice], resolution: u32, count: usize) {
+    let rows = spread(model, count);
+    let of = |choice, isa, culling| {
+        let settings = RenderSettings {
+            culling,
+            ..settings(resolution)
         };
-        let wanted = of(EngineChoice::Depth, Isa::available()[0], Culling::Off);
-        for isa in Isa::available() {
-            for (choice, culling) in [
-                (EngineChoice::Depth, Culling::On),
-                (EngineChoice::Claims, Culling::On),
-                (EngineChoice::Claims, Culling::Off),
-            ] {
-                let found = of(choice, isa, culling);
-                assert_eq!(
-                    (&found.row_end, &found.escaped, &found.blocked),
-                    (&wanted.row_end, &wanted.escaped, &wanted.blocked),
-                    "{name}, {choice:?}, {isa:?}"
+        for_fractions(&mut backend(choice, isa), model, &rows, settings)
+    };
+    let wanted = of(choices[0], Isa::available()[0], Culling::Off);
+    for isa in Isa::available() {
+        for (&choice, culling) in choices.iter().flat_map(|c| [Culling::On, Culling::Off].map(|k| (c, k))) {
+            let found = of(choice, isa, culling);
+            assert_eq!(
+                (&found.row_end, &found.escaped, &found.blocked),
+                (&wanted.row_end, &wanted.escaped, &wanted.blocked),
+                "{name}, {choice:?}, {isa:?}, {culling:?}"
+            );
+            for row in 0..wanted.len() {
+                let (found, wanted) = (listed(found.row(row)), listed(wanted.row(row)));
+                let differ: Vec<_> = found
+                    .iter()
+                    .filter(|(patch, weights)| wanted.get(patch) != Some(weights))
+                    .take(4)
+                    .collect();
+                let there: Vec<_> = differ.iter().map(|(patch, _)| wanted.get(patch)).collect();
+                assert!(
+                    found == wanted,
+                    "{name}, {choice:?}, {isa:?}, {culling:?}, row {row}: {differ:?}, not {there:?}; {} and {}",
+                    found.len(),
+                    wanted.len()
                 );
-                for row in 0..wanted.len() {
-                    let (found, wanted) = (listed(found.row(row)), listed(wanted.row(row)));
-                    let differ: Vec<_> = found
-                        .iter()
-                        .filter(|(patch, weights)| wanted.get(patch) != Some(weights))
-                        .take(4)
-                        .collect();
-                    let there: Vec<_> = differ.iter().map(|(patch, _)| wanted.get(patch)).collect();
-                    assert!(
-                        found == wanted,
-                        "{name}, {choice:?}, {isa:?}, row {row}: {differ:?}, not {there:?}; {} and {}",
-                        found.len(),
-                        wanted.len()
-                    );
-                }
             }
         }
     }
@@ -217,18 +247,26 @@ fn a_difference_is_noticed() {
         ..Apart::default()
     };
     assert_eq!(apart(&weights, &alike), wanted);
+    let mut elsewhere = alike.clone();
+    elsewhere.blocked[0] += 1;
+    let wanted = Apart {
+        rows: 1,
+        ..Apart::default()
+    };
+    assert_eq!(apart(&weights, &elsewhere), wanted);
     let other = row(&[(1, 31, 60), (2, 7, 7), (5, 3, 3), (6, 3, 4)]);
     let wanted = Apart {
         alike: 1,
         other: 1,
         tiny: [1, 1],
         lost: 2,
+        rows: 0,
     };
     assert_eq!(apart(&weights, &other), wanted);
 }
 
 #[test]
-fn finely_cut_rooms_are_shared_out_and_cities_put_in_order() {
+fn what_can_be_put_in_order_is_whichever_is_asked() {
     let chosen = |model: &Model| {
         let mut backend = CpuBackend::new();
         let load = |backend: &mut CpuBackend, fractions| {
@@ -243,17 +281,13 @@ fn finely_cut_rooms_are_shared_out_and_cities_put_in_order() {
         [false, true].map(|fractions| load(&mut backend, fractions))
     };
     let room = model(generate::cornell_box(), Subdivision::Levels(4));
-    let [weights, fractions] = chosen(&room);
-    assert_eq!(weights.0, Some(EngineChoice::Order));
-    assert_eq!(fractions.0, Some(EngineChoice::Claims));
-    assert!(
-        fractions.1.contains("patches are seen of each triangle"),
-        "{fractions:?}"
-    );
-    for (kind, count) in [(Kind::BlockCity, 140_000), (Kind::Maze, 10_000)] {
-        let model = generated(kind, count);
+    for (name, model) in [
+        ("room", room),
+        ("block city", generated(Kind::BlockCity, 140_000)),
+        ("maze", generated(Kind::Maze, 10_000)),
+    ] {
         for (engine, reason) in chosen(&model) {
-            assert_eq!(engine, Some(EngineChoice::Order), "{}: {reason}", kind.name());
+            assert_eq!(engine, Some(EngineChoice::Order), "{name}: {reason}");
         }
     }
 }

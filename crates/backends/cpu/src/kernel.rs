@@ -14,7 +14,7 @@ mod bits;
 mod boxes;
 mod claims;
 
-pub(crate) use bits::{Coverage, Cut, Shown, Turns};
+pub(crate) use bits::{Coverage, Cut, Recorded, Shown, Turns};
 pub(crate) use boxes::{BOXES, BoxGroup, GroupOnFaces, OnFaces};
 pub(crate) use claims::Claims;
 use hemicube::face::Face;

@@ -4,9 +4,9 @@
 //! front to back, whose nodes are dropped where they lie outside all faces or behind what is already drawn. All five
 //! faces are drawn in one walk. Engine 2 draws strictly front to back, in the order of a binary space partition, and has one
 //! coverage bit a pixel. Engine 3 walks the tree of engine 1, has the coverage bits of engine 2, and works out depths only of
-//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. Engines 1 and 3 draw triangles that were
-//! cut into patches as they were before, and share out what is seen of them: patches that follow each other as
-//! `hemicube_scene::Subdivision` cuts them. Rows are the same bits on every instruction set and with culling on or off; those of
+//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. Engines 1 and 3, and engine 2 where only visible fractions are
+//! asked, draw triangles that were cut into patches as they were before, and share out what is seen of them: patches that follow each
+//! other as `hemicube_scene::Subdivision` cuts them. Rows are the same bits on every instruction set and with culling on or off; those of
 //! engines 1 and 3 are the same bits, and pixel sums of engine 2 the same wherever f32 depths can tell surfaces apart.
 //!
 //! ```
@@ -103,8 +103,7 @@ impl Isa {
 pub enum EngineChoice {
     /// The one that suits the scene: [`EngineChoice::Order`] where few surfaces must be cut to put them in order and blocks
     /// stay well filled, else [`EngineChoice::Claims`] where what is seen has many pixels, else [`EngineChoice::Depth`]. Where only
-    /// fractions are asked ([`HemicubeBackend::load_for_fractions`]), a scene of which many patches are seen of each triangle that they
-    /// were cut from is not put in order.
+    /// fractions are asked ([`HemicubeBackend::load_for_fractions`]), what patches were cut from is put in order.
     #[default]
     Auto,
     /// Engine 1, the hierarchical z-buffer: for any scene.
@@ -148,7 +147,7 @@ pub struct CpuBackend {
     isa: Isa,
     hierarchy: Hierarchy,
     choice: EngineChoice,
-    /// Whether engines 1 and 3 draw triangles that were cut as they were before.
+    /// Whether triangles that were cut are drawn as they were before.
     whole: bool,
     /// Why the engine of the loaded scene is the one it is.
     reason: String,
@@ -281,8 +280,8 @@ impl CpuBackend {
         self
     }
 
-    /// The same session; from its next `load` on, engines 1 and 3 draw every patch by itself, where otherwise they draw what was
-    /// cut into patches and share it out. For measurements and tests.
+    /// The same session; from its next `load` on, every patch is drawn by itself, where otherwise engines 1 and 3, and for fractions
+    /// engine 2, draw what was cut into patches and share it out. For measurements and tests.
     #[must_use]
     pub fn patch_by_patch(mut self) -> Self {
         self.whole = false;
@@ -470,8 +469,6 @@ impl<const ASKED: bool, const WHOLE: bool> InOrder<ASKED, WHOLE> {
 struct Look {
     /// Patches that a patch sees, of all.
     share: f64,
-    /// The same, how many.
-    seen: f64,
     /// Triangles drawn for a hemicube, once a face.
     drawn: f64,
 }
@@ -485,9 +482,6 @@ const LEAST_TO_LOOK_AT: usize = 1000;
 const LOOKED_FROM: usize = 8;
 /// Whatever the settings': the choice must not hang on them.
 const RESOLUTION_LOOKED_WITH: u32 = 128;
-/// With more patches seen of each triangle drawn, finding out what is seen of the triangle and which patches show all of themselves takes less
-/// time than drawing them in order (`docs/performance.md`).
-const PARTS_TO_SHARE: f64 = 16.0;
 /// With more pixels of a hemicube for each triangle drawn, engine 3 is faster than engine 1 (`docs/performance.md`).
 const PIXELS_TO_CLAIM: f64 = 350.0;
 
@@ -498,7 +492,6 @@ impl Look {
             // More than all of them are hardly ever drawn.
             return Self {
                 share: 0.0,
-                seen: 0.0,
                 drawn: surfaces.len() as f64,
             };
         }
@@ -521,20 +514,13 @@ impl Look {
         match rendered {
             Ok(counters) => Self {
                 share: rows.patches.len() as f64 / (looked * f64::from(geometry.patch_count)),
-                seen: rows.patches.len() as f64 / looked,
                 drawn: counters.triangles_drawn as f64 / looked,
             },
             Err(_) => Self {
                 share: 0.0,
-                seen: 0.0,
                 drawn: f64::INFINITY,
             },
         }
-    }
-
-    /// Patches seen for each triangle drawn.
-    fn parts(&self) -> f64 {
-        self.seen / self.drawn.max(1.0)
     }
 
     /// Pixels of a hemicube for each triangle drawn.

@@ -4,8 +4,8 @@ use crate::Shared;
 use crate::alone::Alone;
 use crate::engine::{ALL_FACES, frame};
 use crate::kernel::{
-    BOXES, Coverage, Cut, Frame, GroupOnFaces, Kernel, Noted, OnFaces, PatchSet, Shown, Sums, Transformed, Turns,
-    prefetch,
+    BOXES, Coverage, Cut, Frame, GroupOnFaces, Kernel, Noted, OnFaces, PatchSet, Recorded, Shown, Sums, Transformed,
+    Turns, prefetch,
 };
 use crate::order::{NO_PLANE, NONE, Order, PlaneNode};
 use crate::share::{Entry, SeenWhole, Sharing, UNCOUNTED, patches_of, without_pixels};
@@ -56,10 +56,10 @@ pub(crate) struct OrderedEngine<K> {
 /// What is known of triangles that were cut, when all is drawn.
 #[derive(Debug)]
 struct Parts {
-    /// Where in the record of what was drawn something is of each of them, in the order of `noted`.
-    ranges: Vec<Range<usize>>,
+    /// What was recorded of each of them, in the order of `noted`.
+    recorded: Vec<Recorded>,
     noted: Noted,
-    /// All is covered but, for the moment, what one of them shows and the pixels around.
+    /// All is covered but, for the moment, what was open to one of them.
     open: Coverage,
     /// What was drawn: id, covered weight, visible weight.
     ids: Vec<(u32, u32, u32)>,
@@ -92,7 +92,7 @@ impl Parts {
             None => (Noted::default(), 0),
         };
         Self {
-            ranges: Vec::new(),
+            recorded: Vec::new(),
             noted,
             open: Coverage::full(resolution),
             ids: Vec::new(),
@@ -342,8 +342,8 @@ impl<K: Kernel> OrderedEngine<K> {
             if covered == visible && visible != 0 {
                 self.sharing.list_all(wholes, frame, &seen);
             } else {
-                let ranges = || parts.noted.of(id).map(|place| parts.ranges[place].clone());
-                ranges().for_each(|range| record.uncover(range, &mut self.sharing.open));
+                let recorded = || parts.noted.of(id).map(|place| &parts.recorded[place]);
+                recorded().for_each(|of| record.uncover(of, &mut self.sharing.open));
                 let (open, tiny) = (&mut parts.open, &mut self.tiny);
                 let mut is_open = false;
                 let stays_open = self
@@ -351,7 +351,7 @@ impl<K: Kernel> OrderedEngine<K> {
                     .share::<true>(shared, wholes, frame, &seen, |t, lanes, hidden| {
                         if !is_open {
                             is_open = true;
-                            ranges().for_each(|range| record.uncover_around(range, open));
+                            recorded().for_each(|of| record.uncover_open(of, open));
                         }
                         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
                         let centered = unsafe { K::open_centroids(t, lanes, seen.faces, open, false) };
@@ -359,15 +359,15 @@ impl<K: Kernel> OrderedEngine<K> {
                         patches_of(t, without).for_each(|patch| tiny.insert(patch));
                     });
                 if stays_open {
-                    ranges().for_each(|range| record.cover(range, &mut self.sharing.open));
+                    recorded().for_each(|of| record.cover(of, &mut self.sharing.open));
                 }
                 if is_open {
-                    ranges().for_each(|range| record.cover(range, open));
+                    recorded().for_each(|of| record.cover_open(of, open));
                 }
             }
             parts.noted.forget(id);
         }
-        self.parts.ranges.clear();
+        self.parts.recorded.clear();
         self.parts.noted.clear();
         if let Some(record) = &mut self.coverage.record {
             record.clear();
@@ -447,11 +447,11 @@ impl<K: Kernel> OrderedEngine<K> {
     ) {
         let parts = &mut self.parts;
         if let Some(record) = &mut self.coverage.record {
-            for (lane, range) in record.lanes.drain(..) {
+            for (lane, recorded) in record.lanes.drain(..) {
                 let id = self.triangles.seen[lane];
                 if parts.noted.is_noted(id) {
                     parts.noted.add(id);
-                    parts.ranges.push(range);
+                    parts.recorded.push(recorded);
                 }
             }
         }
@@ -474,7 +474,10 @@ impl<K: Kernel> OrderedEngine<K> {
                 self.sharing.transform(wholes, frame, whole, id, block);
                 let t = &*self.sharing.triangles;
                 // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
-                let seen = unsafe { K::open_centroids(t, t.live, faces, &self.coverage, true) };
+                let mut seen = unsafe { K::open_centroids(t, t.live, faces, &self.coverage, true) };
+                if is_cut {
+                    seen &= centroids_in(t, seen, corners(&self.triangles, lane));
+                }
                 self.parts.tiny_patches.extend(patches_of(t, seen));
             }
             let patches = first..self.parts.tiny_patches.len();
@@ -828,6 +831,27 @@ impl<K: Kernel> OrderedEngine<K> {
             }
         }
     }
+}
+
+/// The corners of a lane, in a hemicube's frame.
+fn corners(t: &Transformed, lane: usize) -> [DVec3; 3] {
+    [0, 1, 2].map(|k| DVec3::from_array([0, 1, 2].map(|c| t.corners[3 * k + c][lane])))
+}
+
+/// Those of these lanes whose centroids are seen within a piece: the others are in pieces that are drawn at other times.
+fn centroids_in(t: &Transformed, mut lanes: u16, [a, b, c]: [DVec3; 3]) -> u16 {
+    let edges = [b.cross(c), c.cross(a), a.cross(b)];
+    let side = a.dot(edges[0]).signum();
+    let mut within = 0;
+    while lanes != 0 {
+        let lane = lanes.trailing_zeros() as usize;
+        lanes &= lanes - 1;
+        let centroid = corners(t, lane).into_iter().sum::<DVec3>();
+        // One on a cut, but for rounding, is in both pieces.
+        let is_within = |edge: &DVec3| edge.dot(centroid) * side >= -1e-9 * edge.length() * centroid.length();
+        within |= u16::from(edges.iter().all(is_within)) << lane;
+    }
+    within
 }
 
 /// Two lists in ascending order as one, and whether each patch is in the second alone.

@@ -46,63 +46,108 @@ pub(crate) struct Coverage {
     pub(crate) record: Option<Record>,
 }
 
-/// What lanes of blocks show, by words of eight rows.
+/// What lanes of blocks show on a face, and what of the pixels that they touch was open when that was remembered.
 #[derive(Debug, Default)]
 pub(crate) struct Record {
-    /// Where words begin, in a coverage as one array of words, and what is shown of them.
+    /// Where eight words begin, in a coverage as one array of words, and what is shown of them.
     places: Vec<u32>,
     shows: Vec<Rows>,
-    /// Lanes that show something on a face, each with what it has of the above.
-    pub(crate) lanes: Vec<(usize, Range<usize>)>,
+    /// Where words of a column begin, and their range in those.
+    columns: Vec<(u32, Range<usize>)>,
+    open: Vec<u64>,
+    /// Lanes that show something on a face.
+    pub(crate) lanes: Vec<(usize, Recorded)>,
+}
+
+/// What a record has of a lane on a face: ranges of its lists.
+#[derive(Clone, Debug)]
+pub(crate) struct Recorded {
+    shows: Range<usize>,
+    columns: Range<usize>,
 }
 
 impl Record {
     pub(crate) fn clear(&mut self) {
         self.places.clear();
         self.shows.clear();
+        self.columns.clear();
+        self.open.clear();
         self.lanes.clear();
     }
 
-    /// Uncovers in `coverage` what some of it shows.
-    pub(crate) fn uncover(&self, range: Range<usize>, coverage: &mut Coverage) {
+    /// Ends what is shown of a lane on a face, which has shown from place `shows` on, by what was open of some rows of columns.
+    fn end_lane(
+        &mut self,
+        lane: usize,
+        shows: usize,
+        before: &[u64],
+        rows_of_column: usize,
+        [x0, x1, y0, y1]: [usize; 4],
+    ) {
+        let columns = self.columns.len();
+        for column in x0 / WIDTH..=x1 / WIDTH {
+            let start = self.open.len();
+            let place = column * rows_of_column + y0;
+            self.open
+                .extend(before[place..=place + y1 - y0].iter().map(|word| !word));
+            #[allow(clippy::cast_possible_truncation, reason = "fewer than pixels of an atlas")]
+            self.columns.push((place as u32, start..self.open.len()));
+        }
+        let recorded = Recorded {
+            shows: shows..self.shows.len(),
+            columns: columns..self.columns.len(),
+        };
+        self.lanes.push((lane, recorded));
+    }
+
+    /// Uncovers in `coverage` what a lane shows.
+    pub(crate) fn uncover(&self, of: &Recorded, coverage: &mut Coverage) {
         let words = words_mut(&mut coverage.rows);
-        for (&place, Rows(shows)) in self.places[range.clone()].iter().zip(&self.shows[range]) {
+        let (places, shows) = (&self.places[of.shows.clone()], &self.shows[of.shows.clone()]);
+        for (&place, Rows(shows)) in places.iter().zip(shows) {
             for (word, bits) in words[place as usize..][..GROUP].iter_mut().zip(shows) {
                 *word &= !bits;
             }
         }
     }
 
-    /// Uncovers in `coverage` what some of it shows and the pixels around, as far as they are in the same words.
-    pub(crate) fn uncover_around(&self, range: Range<usize>, coverage: &mut Coverage) {
+    /// Covers that again.
+    pub(crate) fn cover(&self, of: &Recorded, coverage: &mut Coverage) {
         let words = words_mut(&mut coverage.rows);
-        for (&place, Rows(shows)) in self.places[range.clone()].iter().zip(&self.shows[range]) {
-            let place = place as usize;
-            for (word, bits) in (place..).zip(shows) {
-                let around = bits | bits << 1 | bits >> 1;
-                for word in [word.wrapping_sub(1), word, word + 1] {
-                    if let Some(word) = words.get_mut(word) {
-                        *word &= !around;
-                    }
-                }
+        for &place in &self.places[of.shows.clone()] {
+            words[place as usize..][..GROUP].fill(u64::MAX);
+        }
+    }
+
+    /// Uncovers in `coverage` what was open.
+    pub(crate) fn uncover_open(&self, of: &Recorded, coverage: &mut Coverage) {
+        let words = words_mut(&mut coverage.rows);
+        for (place, range) in &self.columns[of.columns.clone()] {
+            let open = &self.open[range.clone()];
+            for (word, bits) in words[*place as usize..][..open.len()].iter_mut().zip(open) {
+                *word &= !bits;
             }
         }
     }
 
-    /// Covers again what was uncovered.
-    pub(crate) fn cover(&self, range: Range<usize>, coverage: &mut Coverage) {
+    /// Covers that again.
+    pub(crate) fn cover_open(&self, of: &Recorded, coverage: &mut Coverage) {
         let words = words_mut(&mut coverage.rows);
-        for &place in &self.places[range] {
-            let place = place as usize;
-            let end = words.len().min(place + GROUP + 1);
-            words[place.saturating_sub(1)..end].fill(u64::MAX);
+        for (place, range) in &self.columns[of.columns.clone()] {
+            words[*place as usize..][..range.len()].fill(u64::MAX);
         }
     }
 }
 
 /// Rows of words as one array.
-fn words_mut(rows: &mut [Rows]) -> &mut [u64] {
+fn words(rows: &[Rows]) -> &[u64] {
     // SAFETY: `Rows` is an array of words and nothing else.
+    unsafe { std::slice::from_raw_parts(rows.as_ptr().cast(), rows.len() * GROUP) }
+}
+
+/// [`words`], to be written to.
+fn words_mut(rows: &mut [Rows]) -> &mut [u64] {
+    // SAFETY: as above.
     unsafe { std::slice::from_raw_parts_mut(rows.as_mut_ptr().cast(), rows.len() * GROUP) }
 }
 
@@ -679,7 +724,12 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
             if drawn.seen
                 && let Some(record) = &mut coverage.record
             {
-                record.lanes.push((lane, recorded..record.shows.len()));
+                // Points are at most a pixel beyond the rows whose centres they surround.
+                let height = if face.is_top() { resolution } else { resolution / 2 };
+                let (y0, y1) = (at(low).saturating_sub(1), at(high).min(height - 1));
+                let touched = [at(left), at(right) - 1, first_row + y0, first_row + y1];
+                let rows_of_column = coverage.groups * GROUP;
+                record.end_lane(lane, recorded, words(&coverage.before), rows_of_column, touched);
             }
         }
     }
