@@ -426,8 +426,8 @@ impl CpuBackend {
 const MOST_FRAGMENTS: f64 = 1.4;
 /// Whatever was asked for: with more, memory would be the limit.
 const MOST_FRAGMENTS_IF_ASKED: f64 = 32.0;
-/// With fewer lanes of a block in use than this, likewise.
-const LEAST_FILL: f64 = 4.0;
+/// With fewer lanes of a block in use than this, likewise; of what patches were cut from, with fewer than the second.
+const LEAST_FILL: [f64; 2] = [4.0, 2.5];
 
 /// What the surfaces of a scene were cut from, if they were.
 struct CutFrom(Option<Arc<Wholes>>);
@@ -456,7 +456,7 @@ impl<const ASKED: bool, const WHOLE: bool> InOrder<ASKED, WHOLE> {
             ..Surfaces::from(geometry)
         };
         Self(match Order::new(surfaces, limits) {
-            Ok(order) if ASKED || order.fill() >= LEAST_FILL => Ok(Arc::new(order)),
+            Ok(order) if ASKED || order.fill() >= LEAST_FILL[usize::from(WHOLE)] => Ok(Arc::new(order)),
             Ok(order) => Err(format!("in order, blocks would be too empty ({order})")),
             Err(why) => Err(why.to_string()),
         })

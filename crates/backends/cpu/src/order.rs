@@ -795,7 +795,7 @@ impl Builder<'_> {
     fn push_block(&mut self, lanes: &[u32]) -> u32 {
         let count = self.surfaces.of.len();
         let surfaces: Vec<u32> = lanes.iter().map(|&i| self.surface_of(i)).collect();
-        let whole = Block::of(&self.surfaces.of, &surfaces, self.surfaces.patch_count);
+        let whole = Block::of(self.surfaces.of, &surfaces, self.surfaces.patch_count);
         self.order.fragments += lanes.len();
         if lanes.iter().all(|&i| (i as usize) < count) {
             self.order.lines_of_block.push(NONE);

@@ -440,9 +440,8 @@ impl<K: Kernel> OrderedEngine<K> {
         shared: &Shared,
         wholes: &Wholes,
         frame: &Frame,
-        faces: u8,
+        (faces, hidden): (u8, u8),
         shown: &Shown,
-        hidden: u8,
         is_cut: bool,
     ) {
         let parts = &mut self.parts;
@@ -639,8 +638,8 @@ impl<K: Kernel> OrderedEngine<K> {
         let mut open = std::mem::take(&mut self.open);
         for block in blocks {
             self.transform(order, block.index, frame);
-            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
             let (t, coverage) = (&*self.triangles, &self.coverage);
+            // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
             open.push(unsafe { K::open_centroids(t, t.live, block.faces, coverage, false) });
         }
         for (&InLayer { index, faces, hidden }, &open) in blocks.iter().zip(&open) {
@@ -814,7 +813,7 @@ impl<K: Kernel> OrderedEngine<K> {
             let unproved = if is_cut { u16::MAX } else { incomplete };
             let mut tiny = shown.tiny;
             if let Some(wholes) = &shared.wholes {
-                self.note_parts(shared, wholes, frame, faces, &shown, hidden, is_cut);
+                self.note_parts(shared, wholes, frame, (faces, hidden), &shown, is_cut);
                 tiny &= !self.cut_lanes(tiny);
             }
             while tiny != 0 {
