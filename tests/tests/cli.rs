@@ -179,7 +179,7 @@ fn the_first_day() {
         assert!(found, "`{start}…{end}` is missing:\n{}", computed.err);
     };
     says("culling ", "16 trial hemicubes");
-    says("backend cpu order-1 ", "1,000 patches");
+    says("backend cpu order-2 ", "1,000 patches");
     says("engine order: ", "lanes in use");
     for word in [
         "1,000, one for each patch",

@@ -6,7 +6,7 @@ use hemicube::row::{RowBlock, RowView};
 use hemicube::{InputPatch, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice, Isa};
 use hemicube_scene::Subdivision;
-use hemicube_scene::generate::{self, Kind};
+use hemicube_scene::generate::{self, Generate, Kind};
 use hemicube_tests::rows::{hemicubes, render_with, spread};
 use hemicube_tests::scenes::{cut_scenes, generated, model, read, say, scenes_or_skip};
 use std::collections::BTreeMap;
@@ -290,4 +290,21 @@ fn what_can_be_put_in_order_is_whichever_is_asked() {
             assert_eq!(engine, Some(EngineChoice::Order), "{name}: {reason}");
         }
     }
+    // Much of these is seen: in the room of few triangles that are soon ordered, in the field of many.
+    let small_room = chosen(&generated(Kind::Room, 1_000));
+    let field = chosen(&model(generate_field(), Subdivision::Split(2)));
+    assert_eq!(small_room[0].0, Some(EngineChoice::Depth), "{small_room:?}");
+    assert_eq!(small_room[1].0, Some(EngineChoice::Order), "{small_room:?}");
+    for (engine, reason) in field {
+        assert_eq!(engine, Some(EngineChoice::Depth), "field: {reason}");
+    }
+}
+
+fn generate_field() -> hemicube_scene::Scene {
+    let spec = Generate {
+        kind: Kind::Field,
+        target_patches: 2_500,
+        seed: 1,
+    };
+    generate::generate(spec).expect("a target in range")
 }

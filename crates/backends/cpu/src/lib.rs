@@ -368,7 +368,9 @@ impl CpuBackend {
         if self.choice == EngineChoice::Auto && !is_well_filled {
             let look = geometry.kept(|_| Look::new(geometry, self.isa));
             let pixels = look.pixels(settings.resolution);
-            if look.share > OPEN {
+            // Few triangles that many patches were cut from are soon put in order, however much is seen of them.
+            let is_coarse = fractions && look.pixels(RESOLUTION_LOOKED_WITH) >= PIXELS_OF_COARSE;
+            if look.share > OPEN && !is_coarse {
                 // The engine must not depend on whether culling was asked for, as one with other rows would.
                 way = Way::Depth;
                 rendered.culling = Culling::Off;
@@ -482,6 +484,9 @@ const LEAST_TO_LOOK_AT: usize = 1000;
 const LOOKED_FROM: usize = 8;
 /// Whatever the settings': the choice must not hang on them.
 const RESOLUTION_LOOKED_WITH: u32 = 128;
+/// With more pixels of it for each triangle drawn, triangles that were cut are put in order even where patches see much of the scene: a room
+/// has 1,000, an open field of 2,500 triangles 22 (`docs/performance.md`).
+const PIXELS_OF_COARSE: f64 = 100.0;
 /// With more pixels of a hemicube for each triangle drawn, engine 3 is faster than engine 1 (`docs/performance.md`).
 const PIXELS_TO_CLAIM: f64 = 350.0;
 

@@ -583,4 +583,93 @@ mod tests {
         assert_eq!(wholes_with(2.0 * off, true), triangles - 1 + 9 + 7 + 1);
         assert_eq!(wholes_with(0.5 * off, false), triangles - 1 + 9 + 7 + 1, "a gap");
     }
+
+    #[test]
+    fn faces_are_those_that_some_of_it_may_be_on() {
+        // Corners on a coarse grid, so that many lie on the planes between faces.
+        let mut state = 7u64;
+        let mut coordinate = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f64 % 7.0 - 3.0
+        };
+        let frame = Frame::new(
+            [0.5, -1.0, 0.25],
+            [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+            1e-9,
+            0,
+        );
+        let (mut on, mut off) = (0, 0);
+        for _ in 0..2000 {
+            let corners = [0, 1, 2].map(|_| DVec3::from_array([0, 1, 2].map(|_| coordinate())));
+            let whole = Whole {
+                corners,
+                front: 0,
+                step: 1,
+                count: 4,
+                lattice: 0,
+            };
+            let seen = corners.map(|p| {
+                let d = p - DVec3::from_array(frame.origin);
+                frame.axes.map(|axis| DVec3::from_array(axis).dot(d))
+            });
+            for face in Face::ALL {
+                let (axis, sign) = face.axes();
+                let bottom = if face.is_top() { -1.0 } else { 0.0 };
+                let of = |p: &[f64; 3]| [0, 1, 2].map(|c| sign[c] * p[axis[c]]);
+                let planes: [fn([f64; 3], f64) -> f64; 5] = [
+                    |[_, _, w], _| w,
+                    |[u, _, w], _| w - u,
+                    |[u, _, w], _| w + u,
+                    |[_, v, w], _| w - v,
+                    |[_, v, w], bottom| v - bottom * w,
+                ];
+                let is_on = planes
+                    .iter()
+                    .all(|plane| seen.iter().any(|p| plane(of(p), bottom) >= 0.0));
+                assert_eq!(
+                    whole.faces(&frame) >> face as u8 & 1 != 0,
+                    is_on,
+                    "{face:?} of {seen:?}"
+                );
+                *(if is_on { &mut on } else { &mut off }) += 1;
+            }
+        }
+        assert!(on > 1000 && off > 1000, "{on} on, {off} off");
+    }
+
+    #[test]
+    fn what_is_above_has_all_its_patches_above() {
+        let model = geometry(&cornell_box(), Subdivision::Split(3));
+        let wholes = Wholes::new(&model).expect("all of it was cut");
+        let (mut above, mut touching) = (0, 0);
+        for surface in model.surfaces.iter().step_by(5) {
+            let [a, b, c] = surface.corners;
+            let (Some(normal), Some(tangent)) = ((b - a).cross(c - a).try_normalize(), (b - a).try_normalize()) else {
+                continue;
+            };
+            let axes = [tangent, normal.cross(tangent), normal].map(|axis| axis.to_array());
+            let tolerance = model.plane_tolerance;
+            let frame = Frame::new(((a + b + c) / 3.0).to_array(), axes, tolerance, 0);
+            let height = |p: DVec3| normal.dot(p - DVec3::from_array(frame.origin));
+            for whole in &wholes.wholes {
+                if !whole.is_above(&frame) {
+                    continue;
+                }
+                above += 1;
+                touching += usize::from(whole.corners.iter().any(|&p| height(p).abs() <= tolerance));
+                for patch in whole.patches(whole.front) {
+                    let mut block = Block::empty();
+                    wholes.put(patch, 0, &mut block);
+                    let most = block.triangle(0).into_iter().map(height).fold(f64::MIN, f64::max);
+                    assert!(most > tolerance, "patch {patch} reaches {most}");
+                }
+            }
+        }
+        assert!(
+            above > 100 && touching > 10,
+            "{above} above, {touching} of them touching"
+        );
+    }
 }

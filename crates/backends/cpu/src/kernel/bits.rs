@@ -1559,3 +1559,128 @@ fn clamped(x: f32, most: f32) -> f32 {
     let x = if x > 0.0 { x } else { 0.0 };
     if x < most { x } else { most }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::{Kernel, Portable};
+
+    struct Draw(u64);
+
+    impl Draw {
+        /// From 0 to 1.
+        fn next(&mut self) -> f64 {
+            self.0 = self
+                .0
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (self.0 >> 40) as f64 / f64::from(1 << 24)
+        }
+
+        fn below(&mut self, count: usize) -> usize {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "below count")]
+            let at = (self.next() * count as f64) as usize;
+            at.min(count - 1)
+        }
+
+        /// Triangles of many sizes, near and far, some of which reach below the horizon.
+        fn block(&mut self) -> Block {
+            let mut block = Block::empty();
+            for lane in 0..LANES {
+                let size = 2.0 * self.next().powi(6);
+                let at = [self.next() * 4.0 - 2.0, self.next() * 4.0 - 2.0, self.next() * 2.0];
+                for k in 0..3 {
+                    for (c, &at) in at.iter().enumerate() {
+                        block.corners[3 * k + c][lane] = at + size * (self.next() - 0.5);
+                    }
+                }
+                #[allow(clippy::cast_possible_truncation, reason = "at most 16")]
+                let id = lane as u32;
+                (block.negative[lane], block.positive[lane]) = (id, id);
+            }
+            block
+        }
+    }
+
+    #[test]
+    fn whatever_centroid_is_open_its_triangle_may_touch_the_open() {
+        let mut draw = Draw(3);
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let frame = Frame::new([0.0; 3], axes, 1e-9, u32::MAX);
+        let (mut open, mut none) = (0, 0);
+        for resolution in [16, 48, 128, 256] {
+            for _ in 0..100 {
+                let mut coverage = Coverage::new(resolution, true).recording();
+                for _ in 0..draw.below(40) {
+                    let (y0, x0) = (draw.below(3 * coverage.resolution), draw.below(coverage.resolution));
+                    let y1 = (y0 + draw.below(coverage.resolution)).min(3 * coverage.resolution - 1);
+                    let x1 = (x0 + draw.below(coverage.resolution)).min(coverage.resolution - 1);
+                    coverage.cover([x0, x1, y0, y1]);
+                }
+                coverage.begin_plane();
+                coverage.remember_all();
+                let mut t = Transformed::new();
+                // SAFETY: any machine has the portable path.
+                unsafe {
+                    Portable::transform(&draw.block(), &frame, &mut t);
+                    let faces = 0b1_1111;
+                    let centroids = Portable::open_centroids(&t, t.live, faces, &coverage, true);
+                    let touching = Portable::may_touch_open(&t, t.live, faces, &coverage);
+                    assert_eq!(centroids & !touching, 0, "N = {resolution}");
+                    open += centroids.count_ones();
+                    none += (t.live & !touching).count_ones();
+                }
+            }
+        }
+        assert!(open > 500 && none > 200, "{open} open, {none} that touch nothing open");
+    }
+
+    #[test]
+    fn what_is_recorded_of_a_lane_is_what_it_covers_and_nothing_did_before() {
+        let mut draw = Draw(5);
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let frame = Frame::new([0.0; 3], axes, 1e-9, u32::MAX);
+        let resolution = 144;
+        let table = hemicube::delta::DeltaTable::new(resolution);
+        let (top, side) = (table.running(Face::Top), table.running(Face::PosX));
+        let mut recorded = 0;
+        for _ in 0..40 {
+            let mut t = Transformed::new();
+            let mut coverage = Coverage::new(resolution, true).recording();
+            coverage.begin_plane();
+            coverage.remember_all();
+            let mut shown = Shown::new();
+            // SAFETY: any machine has the portable path.
+            unsafe {
+                Portable::transform(&draw.block(), &frame, &mut t);
+                Portable::draw_bits::<true>(
+                    &mut t,
+                    None,
+                    0b1_1111,
+                    Turns::Together,
+                    &mut coverage,
+                    top,
+                    side,
+                    &mut shown,
+                );
+            }
+            let record = coverage.record.as_ref().expect("it records");
+            let mut open = Coverage::full(resolution);
+            let weight = |coverage: &Coverage| coverage.open_weight(top, side);
+            for lane in 0..LANES {
+                let of_lane = || record.lanes.iter().filter(|(l, _)| *l == lane).map(|(_, of)| of);
+                of_lane().for_each(|of| record.uncover(of, &mut open));
+                assert_eq!(weight(&open), shown.visible[lane], "lane {lane}");
+                of_lane().for_each(|of| record.cover(of, &mut open));
+                assert_eq!(weight(&open), 0);
+                // All was open before.
+                of_lane().for_each(|of| record.uncover_open(of, &mut open));
+                assert!(weight(&open) >= shown.visible[lane], "lane {lane}");
+                of_lane().for_each(|of| record.cover_open(of, &mut open));
+                assert_eq!(weight(&open), 0);
+                recorded += of_lane().count();
+            }
+        }
+        assert!(recorded > 100, "{recorded}");
+    }
+}
