@@ -566,9 +566,8 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         while boxed != 0 {
             let face = boxed.trailing_zeros() as usize;
             boxed &= boxed - 1;
-            let b = &self.on_faces;
-            let pixels = [b.x0[face], b.x1[face], b.y0[face], b.y1[face]].map(pixel);
-            if self.is_hidden::<COVERED>(shared, Face::ALL[face], pixels, b.near[face]) {
+            let pixels = self.on_faces.in_atlas(face, shared.settings.resolution as usize);
+            if self.is_hidden::<COVERED>(shared, Face::ALL[face], pixels, self.on_faces.near[face]) {
                 hidden |= 1 << face;
             } else {
                 visible |= 1 << face;
@@ -577,13 +576,13 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         (visible, hidden)
     }
 
-    /// Whether all of a rectangle of pixels (inclusive) is nearer than `nearest`, in 1/w.
+    /// Whether all of a box of the atlas (inclusive), on a face, is nearer than `nearest`, in 1/w.
     #[inline]
     fn is_hidden<const COVERED: bool>(
         &mut self,
         shared: &Shared,
         face: Face,
-        [x0, x1, y0, y1]: [usize; 4],
+        pixels: [usize; 4],
         nearest: f64,
     ) -> bool {
         // Depths are within rounding of the corners' 1/w, widened by a millionth. With tiny patches, what is about as near
@@ -595,8 +594,6 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         };
         #[allow(clippy::cast_possible_truncation, reason = "rounding is covered by the factor")]
         let bound = (nearest * slack * (1.0 + 4e-6)) as f32;
-        let first_row = face.first_row(shared.settings.resolution) as usize;
-        let pixels = [x0, x1, first_row + y0, first_row + y1];
         self.buffer.is_hidden::<K>(face, pixels, bound)
     }
 
@@ -777,14 +774,6 @@ fn find_tiny_parts<K: Kernel, B: Buffer>(
 #[inline(always)]
 fn about(shared: &Shared, seen: f32) -> f64 {
     f64::from(seen) / (1.0 + tiny_slack(shared.settings.resolution))
-}
-
-/// A pixel's place: none is negative.
-#[inline(always)]
-pub(crate) fn pixel(x: i32) -> usize {
-    #[allow(clippy::cast_sign_loss, reason = "boxes lie within their face")]
-    let place = x as u32;
-    place as usize
 }
 
 pub(crate) fn frame(shared: &Shared, hemicube: &Hemicube) -> Frame {

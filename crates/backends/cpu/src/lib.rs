@@ -4,9 +4,10 @@
 //! front to back, whose nodes are dropped where they lie outside all faces or behind what is already drawn. All five
 //! faces are drawn in one walk. Engine 2 draws strictly front to back, in the order of a binary space partition, and has one
 //! coverage bit a pixel. Engine 3 walks the tree of engine 1, has the coverage bits of engine 2, and works out depths only of
-//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. Engines 1 and 3, and engine 2 where only visible fractions are
-//! asked, draw triangles that were cut into patches as they were before, and share out what is seen of them: patches that follow each
-//! other as `hemicube_scene::Subdivision` cuts them. Rows are the same bits on every instruction set and with culling on or off; those of
+//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. Engines 1 and 3, and engine 2 where only
+//! visible fractions are asked, draw triangles that were cut into patches as they were before, and share out what is seen of them:
+//! patches that follow each other as `hemicube_scene::Subdivision` cuts them. Rows are the same bits on every instruction set and
+//! with culling on or off; those of
 //! engines 1 and 3 are the same bits, and pixel sums of engine 2 the same wherever f32 depths can tell surfaces apart.
 //!
 //! ```
@@ -369,7 +370,8 @@ impl CpuBackend {
             let look = geometry.kept(|_| Look::new(geometry, self.isa));
             let pixels = look.pixels(settings.resolution);
             // Few triangles that many patches were cut from are soon put in order, however much is seen of them.
-            let is_coarse = fractions && look.pixels(RESOLUTION_LOOKED_WITH) >= PIXELS_OF_COARSE;
+            let is_coarse =
+                fractions && matches!(way, Way::Order(_)) && look.pixels(RESOLUTION_LOOKED_WITH) >= PIXELS_OF_COARSE;
             if look.share > OPEN && !is_coarse {
                 // The engine must not depend on whether culling was asked for, as one with other rows would.
                 way = Way::Depth;

@@ -258,11 +258,11 @@ fn cut(piece: &Piece, heights: [f64; 3], front: &mut Vec<Piece>, back: &mut Vec<
     }
 }
 
-/// Numbers that the choice of planes is drawn with: the same in every run.
-struct Draw(u64);
+/// Numbers that the choice of planes, and tests, are drawn with: the same in every run.
+pub(crate) struct Draw(pub(crate) u64);
 
 impl Draw {
-    fn below(&mut self, count: usize) -> usize {
+    pub(crate) fn below(&mut self, count: usize) -> usize {
         self.0 = self
             .0
             .wrapping_mul(6_364_136_223_846_793_005)

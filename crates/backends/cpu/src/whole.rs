@@ -452,6 +452,7 @@ fn is_cut(surfaces: &[&Surface], pieces: usize, off: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::order::Draw;
     use hemicube::{HierarchyOptions, Model};
     use hemicube_scene::generate::{Generate, Kind, cornell_box, generate};
     use hemicube_scene::{Patches, Scene, Subdivision};
@@ -587,13 +588,8 @@ mod tests {
     #[test]
     fn faces_are_those_that_some_of_it_may_be_on() {
         // Corners on a coarse grid, so that many lie on the planes between faces.
-        let mut state = 7u64;
-        let mut coordinate = || {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            (state >> 40) as f64 % 7.0 - 3.0
-        };
+        let mut draw = Draw(7);
+        let mut coordinate = || draw.below(7) as f64 - 3.0;
         let frame = Frame::new(
             [0.5, -1.0, 0.25],
             [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],

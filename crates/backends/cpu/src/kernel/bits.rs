@@ -42,7 +42,7 @@ pub(crate) struct Coverage {
     pub(crate) remembers: bool,
     /// Whether triangles whose box is covered are left out.
     pub(crate) culling: bool,
-    /// What is drawn together with others, where that is to be known later.
+    /// What is drawn, where that is to be known later.
     pub(crate) record: Option<Record>,
 }
 
@@ -52,7 +52,7 @@ pub(crate) struct Record {
     /// Where eight words begin, in a coverage as one array of words, and what is shown of them.
     places: Vec<u32>,
     shows: Vec<Rows>,
-    /// Where words of a column begin, and their range in those.
+    /// Where words of a column begin, and their range in `open`.
     columns: Vec<(u32, Range<usize>)>,
     open: Vec<u64>,
     /// Lanes that show something on a face.
@@ -1108,8 +1108,9 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
     use std::arch::x86_64::*;
     let resolution = coverage.resolution;
     let mut drawn = DrawnLane::default();
-    // SAFETY: the caller's promise of the instruction set. Groups and columns lie within the coverage, and gathered
-    // places within `running`, as spans are clamped to their pixel box and that to its face.
+    // SAFETY: the caller's promise of the instruction set. Columns lie within the coverage, and so do eight rows from any row of its
+    // last column on, as it has a group to spare; and gathered places within `running`, as spans are clamped to their pixel box and that
+    // to its face.
     unsafe {
         // An edge's slope and offset in all lanes.
         let slope: [__m512d; 3];
@@ -1563,43 +1564,31 @@ fn clamped(x: f32, most: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Isa;
     use crate::kernel::{Kernel, Portable};
+    use crate::order::Draw;
 
-    struct Draw(u64);
+    /// From 0 to 1.
+    fn share(draw: &mut Draw) -> f64 {
+        draw.below(1 << 24) as f64 / f64::from(1 << 24)
+    }
 
-    impl Draw {
-        /// From 0 to 1.
-        fn next(&mut self) -> f64 {
-            self.0 = self
-                .0
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 40) as f64 / f64::from(1 << 24)
-        }
-
-        fn below(&mut self, count: usize) -> usize {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "below count")]
-            let at = (self.next() * count as f64) as usize;
-            at.min(count - 1)
-        }
-
-        /// Triangles of many sizes, near and far, some of which reach below the horizon.
-        fn block(&mut self) -> Block {
-            let mut block = Block::empty();
-            for lane in 0..LANES {
-                let size = 2.0 * self.next().powi(6);
-                let at = [self.next() * 4.0 - 2.0, self.next() * 4.0 - 2.0, self.next() * 2.0];
-                for k in 0..3 {
-                    for (c, &at) in at.iter().enumerate() {
-                        block.corners[3 * k + c][lane] = at + size * (self.next() - 0.5);
-                    }
+    /// Triangles of many sizes, near and far, some of which reach below the horizon.
+    fn block(draw: &mut Draw) -> Block {
+        let mut block = Block::empty();
+        for lane in 0..LANES {
+            let size = 2.0 * share(draw).powi(6);
+            let at = [share(draw) * 4.0 - 2.0, share(draw) * 4.0 - 2.0, share(draw) * 2.0];
+            for k in 0..3 {
+                for (c, &at) in at.iter().enumerate() {
+                    block.corners[3 * k + c][lane] = at + size * (share(draw) - 0.5);
                 }
-                #[allow(clippy::cast_possible_truncation, reason = "at most 16")]
-                let id = lane as u32;
-                (block.negative[lane], block.positive[lane]) = (id, id);
             }
-            block
+            #[allow(clippy::cast_possible_truncation, reason = "at most 16")]
+            let id = lane as u32;
+            (block.negative[lane], block.positive[lane]) = (id, id);
         }
+        block
     }
 
     #[test]
@@ -1622,7 +1611,7 @@ mod tests {
                 let mut t = Transformed::new();
                 // SAFETY: any machine has the portable path.
                 unsafe {
-                    Portable::transform(&draw.block(), &frame, &mut t);
+                    Portable::transform(&block(&mut draw), &frame, &mut t);
                     let faces = 0b1_1111;
                     let centroids = Portable::open_centroids(&t, t.live, faces, &coverage, true);
                     let touching = Portable::may_touch_open(&t, t.live, faces, &coverage);
@@ -1637,6 +1626,19 @@ mod tests {
 
     #[test]
     fn what_is_recorded_of_a_lane_is_what_it_covers_and_nothing_did_before() {
+        for isa in Isa::available() {
+            match isa {
+                #[cfg(target_arch = "x86_64")]
+                Isa::Avx512 => assert_recorded::<crate::kernel::x86::Avx512>(),
+                #[cfg(target_arch = "x86_64")]
+                Isa::Avx2 => assert_recorded::<crate::kernel::x86::Avx2>(),
+                _ => assert_recorded::<Portable>(),
+            }
+        }
+    }
+
+    /// Only for a kernel whose instruction set this machine has.
+    fn assert_recorded<K: Kernel>() {
         let mut draw = Draw(5);
         let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let frame = Frame::new([0.0; 3], axes, 1e-9, u32::MAX);
@@ -1650,10 +1652,10 @@ mod tests {
             coverage.begin_plane();
             coverage.remember_all();
             let mut shown = Shown::new();
-            // SAFETY: any machine has the portable path.
+            // SAFETY: the caller's promise.
             unsafe {
-                Portable::transform(&draw.block(), &frame, &mut t);
-                Portable::draw_bits::<true>(
+                K::transform(&block(&mut draw), &frame, &mut t);
+                K::draw_bits::<true>(
                     &mut t,
                     None,
                     0b1_1111,
@@ -1682,5 +1684,19 @@ mod tests {
             }
         }
         assert!(recorded > 100, "{recorded}");
+    }
+
+    #[test]
+    fn eight_rows_from_the_last_row_on_lie_within_the_coverage() {
+        for resolution in (16..=1024).step_by(16) {
+            let mut coverage = Coverage::new(resolution, true);
+            let last = coverage.resolution.div_ceil(WIDTH) * coverage.groups * GROUP - 1;
+            assert_eq!(
+                words_mut(&mut coverage.rows)[last..].len(),
+                GROUP + 1,
+                "N = {resolution}"
+            );
+            assert_eq!(words(&coverage.before).len(), last + GROUP + 1, "N = {resolution}");
+        }
     }
 }
