@@ -164,6 +164,9 @@ fn fractions_of_real_scenes_are_those_of_weights() {
                 _ => (most.0, 0),
             };
             assert_fractions_are_those_of_weights(file, &model, choice, 300, 128, most);
+            if choice == EngineChoice::Order {
+                assert_bits_are_the_same(file, &model, &[choice], 128, 100);
+            }
         }
     }
 }

@@ -837,18 +837,29 @@ fn corners(t: &Transformed, lane: usize) -> [DVec3; 3] {
     [0, 1, 2].map(|k| DVec3::from_array([0, 1, 2].map(|c| t.corners[3 * k + c][lane])))
 }
 
-/// Those of these lanes whose centroids are seen within a piece: the others are in pieces that are drawn at other times.
-fn centroids_in(t: &Transformed, mut lanes: u16, [a, b, c]: [DVec3; 3]) -> u16 {
-    let edges = [b.cross(c), c.cross(a), a.cross(b)];
-    let side = a.dot(edges[0]).signum();
+/// Those of these lanes, in the plane of a piece, whose centroids lie in it: the others are in pieces that are drawn at other times.
+///
+/// Found in the plane and not as the eye sees it, which may be edge-on.
+fn centroids_in(t: &Transformed, mut lanes: u16, piece: [DVec3; 3]) -> u16 {
+    // One on a cut, but for rounding, is in both pieces.
+    const OFF: f64 = 1e-12;
+    let [a, b, c] = piece;
+    let (low, high) = (a.min(b).min(c) - OFF, a.max(b).max(c) + OFF);
     let mut within = 0;
     while lanes != 0 {
         let lane = lanes.trailing_zeros() as usize;
         lanes &= lanes - 1;
-        let centroid = corners(t, lane).into_iter().sum::<DVec3>();
-        // One on a cut, but for rounding, is in both pieces.
-        let is_within = |edge: &DVec3| edge.dot(centroid) * side >= -1e-9 * edge.length() * centroid.length();
-        within |= u16::from(edges.iter().all(is_within)) << lane;
+        let [p, q, r] = corners(t, lane);
+        let centroid = (p + q + r) / 3.0;
+        // A piece may be too thin to have a normal.
+        let normal = (q - p).cross(r - p).normalize_or_zero();
+        let normal = normal * normal.dot((b - a).cross(c - a)).signum();
+        let is_beside =
+            |(from, to): (DVec3, DVec3)| normal.cross(to - from).dot(centroid - from) >= -OFF * (to - from).length();
+        let is_within = centroid.cmpge(low).all()
+            && centroid.cmple(high).all()
+            && [(a, b), (b, c), (c, a)].into_iter().all(is_beside);
+        within |= u16::from(is_within) << lane;
     }
     within
 }
@@ -879,5 +890,61 @@ fn seen_from(block: &Block, lane: usize, eye: DVec3) -> u32 {
         block.negative[lane]
     } else {
         block.positive[lane]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::Portable;
+
+    /// Sixteen patches of a triangle, seen from the origin, and the two pieces that a cut through its middle leaves.
+    #[test]
+    fn centroids_are_in_the_piece_that_they_lie_in_also_where_it_is_seen_edge_on() {
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let frame = Frame::new([0.0; 3], axes, 1e-9, u32::MAX);
+        // From afar above its plane, and in it.
+        for depth in [0.0, 0.5] {
+            let at = |x: f64, z: f64| DVec3::new(x, depth, z);
+            let [a, b, c] = [at(1.0, 0.1), at(2.0, 0.1), at(1.0, 1.1)];
+            let middle = at(1.5, 0.6);
+            let mut block = Block::empty();
+            let mut lane = 0;
+            let corner = |i: usize, j: usize| a + (b - a) * (i as f64 / 4.0) + (c - a) * (j as f64 / 4.0);
+            for j in 0..4 {
+                for i in 0..4 - j {
+                    let mut push = |patch: [DVec3; 3]| {
+                        for (k, p) in patch.into_iter().enumerate() {
+                            for x in 0..3 {
+                                block.corners[3 * k + x][lane] = p[x];
+                            }
+                        }
+                        lane += 1;
+                    };
+                    push([corner(i, j), corner(i + 1, j), corner(i, j + 1)]);
+                    if i + j < 3 {
+                        push([corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)]);
+                    }
+                }
+            }
+            assert_eq!(lane, LANES);
+            let mut t = Transformed::new();
+            // SAFETY: any machine has the portable path.
+            unsafe { Portable::transform(&block, &frame, &mut t) };
+            let first = centroids_in(&t, u16::MAX, [a, b, middle]);
+            let second = centroids_in(&t, u16::MAX, [middle, c, a]);
+            assert_eq!(first | second, u16::MAX, "depth {depth}");
+            // The cut runs along the middles of patches on it: those may be in both.
+            for lane in 0..LANES {
+                let centroid = corners(&t, lane).into_iter().sum::<DVec3>() / 3.0;
+                let beside = (centroid.x - a.x) - (centroid.z - a.z);
+                if beside.abs() > 1e-9 {
+                    assert_eq!(first >> lane & 1 != 0, beside > 0.0, "depth {depth}, lane {lane}");
+                    assert_eq!(second >> lane & 1 != 0, beside < 0.0, "depth {depth}, lane {lane}");
+                }
+            }
+            let nothing = centroids_in(&t, u16::MAX, [a, a, a]);
+            assert_eq!(nothing, 0, "depth {depth}");
+        }
     }
 }

@@ -724,9 +724,11 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
             if drawn.seen
                 && let Some(record) = &mut coverage.record
             {
-                // Points are at most a pixel beyond the rows whose centres they surround.
+                // Points are at most a pixel beyond the rows whose centres they surround. Of a piece, what was open there may not have been
+                // remembered, and points of other pieces may lie there.
+                let beyond = usize::from(cut.is_none());
                 let height = if face.is_top() { resolution } else { resolution / 2 };
-                let (y0, y1) = (at(low).saturating_sub(1), at(high).min(height - 1));
+                let (y0, y1) = (at(low).saturating_sub(beyond), (at(high) - 1 + beyond).min(height - 1));
                 let touched = [at(left), at(right) - 1, first_row + y0, first_row + y1];
                 let rows_of_column = coverage.groups * GROUP;
                 record.end_lane(lane, recorded, words(&coverage.before), rows_of_column, touched);
