@@ -82,11 +82,11 @@ fn scenes() -> Vec<(String, Model)> {
     found
 }
 
-/// Rows of engine 1, of what was cut as it was before and patch by patch.
-fn whole_and_parted(model: &Model, count: usize, settings: RenderSettings) -> [RowBlock; 2] {
+/// Rows of an engine, of what was cut as it was before and patch by patch.
+fn whole_and_parted(model: &Model, choice: EngineChoice, count: usize, settings: RenderSettings) -> [RowBlock; 2] {
     let hemicubes = hemicubes(model, &spread(model, count));
-    let depth = || backend(EngineChoice::Depth, Isa::available()[0]);
-    let (mut whole, mut parted) = (depth(), depth().patch_by_patch());
+    let backend = || backend(choice, Isa::available()[0]);
+    let (mut whole, mut parted) = (backend(), backend().patch_by_patch());
     let rows = [&mut whole, &mut parted].map(|backend| render_with(backend, model, &hemicubes, settings).0);
     // Or the two would be one.
     assert_ne!(whole.info().version, parted.info().version);
@@ -96,10 +96,17 @@ fn whole_and_parted(model: &Model, count: usize, settings: RenderSettings) -> [R
 #[test]
 fn what_was_cut_shows_what_its_patches_show() {
     for (name, model) in cut_scenes() {
-        for resolution in [64, 256] {
-            let [whole, parted] = whole_and_parted(&model, 60, settings(resolution, false));
+        for (choice, resolution) in [EngineChoice::Depth, EngineChoice::Order]
+            .into_iter()
+            .flat_map(|choice| [(choice, 64), (choice, 256)])
+        {
+            let [whole, parted] = whole_and_parted(&model, choice, 60, settings(resolution, false));
             for row in 0..whole.len() {
-                assert_eq!(whole.row(row), parted.row(row), "{name}, N = {resolution}, row {row}");
+                assert_eq!(
+                    whole.row(row),
+                    parted.row(row),
+                    "{name}, {choice:?}, N = {resolution}, row {row}"
+                );
             }
         }
     }
@@ -117,7 +124,7 @@ fn slivers_that_were_cut_lose_no_light() {
     ];
     for (name, model) in scenes {
         for covered in [false, true] {
-            let [whole, parted] = whole_and_parted(&model, 60, settings(128, covered));
+            let [whole, parted] = whole_and_parted(&model, EngineChoice::Depth, 60, settings(128, covered));
             let mut most = 0;
             for row in 0..whole.len() {
                 let (whole, parted) = (whole.row(row), parted.row(row));
@@ -166,7 +173,7 @@ fn a_triangle_too_small_for_a_pixel_shows_its_patches() {
 #[test]
 fn what_was_cut_covers_what_its_patches_cover() {
     for (name, model) in cut_scenes() {
-        let [whole, parted] = whole_and_parted(&model, 60, settings(128, true));
+        let [whole, parted] = whole_and_parted(&model, EngineChoice::Depth, 60, settings(128, true));
         let (mut shared, mut tiny_of_whole, mut tiny_of_parted) = (0, 0, 0);
         for row in 0..whole.len() {
             let of = |row: RowView<'_>| -> BTreeMap<u32, (u32, u32)> {
@@ -316,7 +323,7 @@ fn covered_weights_are_the_same_bits() {
 
 #[test]
 fn culling_in_order_is_lossless() {
-    for (name, model) in scenes() {
+    for (name, model) in scenes().into_iter().chain(cut_scenes()) {
         // Of fine hemicubes, what is covered before a plane is drawn is asked, not remembered.
         for (covered, resolution, count) in [(false, 64, 30), (true, 64, 30), (true, 512, 6)] {
             let on = settings(resolution, covered);
@@ -338,7 +345,7 @@ fn culling_in_order_is_lossless() {
 
 #[test]
 fn instruction_sets_draw_the_same() {
-    for (name, model) in scenes() {
+    for (name, model) in scenes().into_iter().chain(cut_scenes()) {
         for (covered, resolution, count) in [(false, 144, 30), (true, 144, 30), (true, 512, 6)] {
             let hemicubes = hemicubes(&model, &spread(&model, count));
             let of = |isa| {
@@ -439,20 +446,24 @@ fn real_scenes_that_were_cut_show_what_their_patches_show() {
     let Some(folder) = scenes_or_skip("engines::real_scenes_that_were_cut_show_what_their_patches_show") else {
         return;
     };
-    for (file, subdivision, most) in [
+    let scenes = [
         ("city/denhaag-8897.obj", Subdivision::Split(4), 0),
         ("city/rotterdam-delfshaven.obj", Subdivision::Split(3), 0),
         // One eye lies on the edge of a floor: whether it sees the floor or what is behind it hangs on rounding.
         ("interior/aggressor.obj", Subdivision::Split(3), 1),
         ("cornell/cornell-measured-closed-20q.obj", Subdivision::Split(6), 0),
-    ] {
+    ];
+    for ((file, subdivision, most), choice) in scenes
+        .into_iter()
+        .flat_map(|scene| [(scene, EngineChoice::Depth), (scene, EngineChoice::Order)])
+    {
         let scene = read(&folder, file).unwrap_or_else(|error| panic!("{error}"));
         let model = model(scene, subdivision);
-        let [whole, parted] = whole_and_parted(&model, 600, settings(128, false));
+        let [whole, parted] = whole_and_parted(&model, choice, 600, settings(128, false));
         let apart: Vec<usize> = (0..whole.len())
             .filter(|&r| apart(&whole.row(r), &parted.row(r)) > 0)
             .collect();
-        assert!(apart.len() <= most, "{file}: rows {apart:?}");
+        assert!(apart.len() <= most, "{file}, {choice:?}: rows {apart:?}");
         for row in apart {
             // What rounding has no patch show is given to the one that the eye lies on.
             let eye = hemicubes(&model, &spread(&model, 600))[row].origin;

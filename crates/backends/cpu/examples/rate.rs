@@ -2,7 +2,7 @@
 //! file, PATCHES a target count or, for a file, into how many each edge is cut.
 //!
 //! `ISA=Avx512|Avx2|Portable` and `ENGINE=Depth|Claims|Order` leave out the others; with `COVERED=1` only rows with covered weights
-//! are measured; with `FRACTIONS=1` those are rows for fractions; with `WHOLE=0` triangles that were cut are drawn patch by patch.
+//! are measured, with `COVERED=0` only pixel sums; with `FRACTIONS=1` those are rows for fractions; with `WHOLE=0` triangles that were cut are drawn patch by patch.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 mod clock;
@@ -66,7 +66,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 std::env::var("ENGINE").is_ok_and(|w| format!("{e:?}") == w) || std::env::var("ENGINE").is_err()
             })
             .flat_map(|engine| settings.map(|s| (engine, s)))
-            .filter(|(_, (culling, covered))| *covered || *culling == Culling::On && std::env::var("COVERED").is_err())
+            .filter(|(_, (culling, covered))| match std::env::var("COVERED").as_deref() {
+                Ok("0") => !covered && *culling == Culling::On,
+                Ok(_) => *covered,
+                Err(_) => *covered || *culling == Culling::On,
+            })
         {
             let Some(backend) = CpuBackend::with_isa(isa) else {
                 continue;

@@ -170,7 +170,7 @@ impl Buffer for Claims {
     fn new(shared: &Shared) -> Self {
         let settings = &shared.settings;
         Self::new(
-            settings.resolution,
+            &shared.table,
             nothing(shared),
             settings.culling == Culling::On,
             noted(shared),

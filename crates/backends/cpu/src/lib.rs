@@ -362,16 +362,20 @@ impl CpuBackend {
             let can_be = self.whole && self.hierarchy == Hierarchy::SurfaceArea;
             can_be.then(|| geometry.kept(CutFrom::new).0.clone()).flatten()
         };
-        let fractions = fractions && cut_from().is_some();
-        let (mut way, mut reason) = self.way(geometry, fractions)?;
+        let is_cut = cut_from().is_some();
+        let fractions = fractions && is_cut;
+        // With weights of their own, patches are drawn one by one in order: a layer has them in blocks already.
+        let whole_in_order = is_cut && (fractions || !settings.covered);
+        let (mut way, mut reason) = self.way(geometry, whole_in_order)?;
         let mut rendered = settings;
         let is_well_filled = matches!(&way, Way::Order(order) if order.fill() >= WELL_FILLED);
         if self.choice == EngineChoice::Auto && !is_well_filled {
             let look = geometry.kept(|_| Look::new(geometry, self.isa));
             let pixels = look.pixels(settings.resolution);
             // Few triangles that many patches were cut from are soon put in order, however much is seen of them.
-            let is_coarse =
-                fractions && matches!(way, Way::Order(_)) && look.pixels(RESOLUTION_LOOKED_WITH) >= PIXELS_OF_COARSE;
+            let is_coarse = whole_in_order
+                && matches!(way, Way::Order(_))
+                && look.pixels(RESOLUTION_LOOKED_WITH) >= PIXELS_OF_COARSE;
             if look.share > OPEN && !is_coarse {
                 // The engine must not depend on whether culling was asked for, as one with other rows would.
                 way = Way::Depth;
@@ -386,7 +390,7 @@ impl CpuBackend {
             }
         }
         let wholes = match way {
-            Way::Order(_) if !fractions => None,
+            Way::Order(_) if !whole_in_order => None,
             _ => cut_from(),
         };
         // Claims are settled by the depths of engine 1, to the bit.
@@ -397,6 +401,7 @@ impl CpuBackend {
         };
         let (engine, version) = match way {
             Way::Order(_) if fractions => ("order", "order-2"),
+            Way::Order(_) if whole_in_order => ("order", "order-3"),
             Way::Order(_) => ("order", "order-1"),
             Way::Depth => ("depth", by_depth),
             Way::Claims => ("claims", by_depth),

@@ -145,10 +145,11 @@ const INCOMPLETE: u32 = 1 << 31;
 
 impl<K: Kernel> OrderedEngine<K> {
     pub(crate) fn new(shared: &Shared) -> Self {
-        let coverage = Coverage::new(shared.settings.resolution, shared.settings.culling == Culling::On);
+        let coverage =
+            Coverage::new(shared.settings.resolution, shared.settings.culling == Culling::On).weighing(&shared.table);
         Self {
             coverage: if shared.wholes.is_some() {
-                coverage.recording()
+                coverage.recording(shared.settings.covered)
             } else {
                 coverage
             },
@@ -203,7 +204,7 @@ impl<K: Kernel> OrderedEngine<K> {
             .open_weight(table.running(Face::Top), table.running(Face::PosX));
         let mut blocked = 0;
         if let Some(wholes) = &shared.wholes {
-            self.row_of_wholes(shared, order, wholes, &frame, escaped, out);
+            self.row_of_wholes::<COVERED>(shared, order, wholes, &frame, escaped, out);
             return;
         }
         if !COVERED {
@@ -287,7 +288,7 @@ impl<K: Kernel> OrderedEngine<K> {
     }
 
     /// The row of what was rendered, where triangles that were cut were drawn as they were before.
-    fn row_of_wholes(
+    fn row_of_wholes<const COVERED: bool>(
         &mut self,
         shared: &Shared,
         order: &Order,
@@ -314,41 +315,45 @@ impl<K: Kernel> OrderedEngine<K> {
         let unknown = parts
             .ids
             .iter()
-            .filter(|&&(id, covered, _)| !is_known(id, covered) && of_cut(id));
+            .filter(|&&(id, covered, _)| COVERED && !is_known(id, covered) && of_cut(id));
         parts.uncounted.extend(unknown.map(|&(id, ..)| id));
         let mut counted = self.alone.count_drawn(shared, frame, &parts.uncounted).iter();
         let record = self.coverage.record.as_ref().expect("made so, with wholes");
         for &(id, covered, visible) in &parts.ids {
-            let known = is_known(id, covered);
+            let known = COVERED && is_known(id, covered);
             if !parts.noted.is_noted(id) {
                 self.sharing
                     .entries
                     .push(Entry::new(id, visible, if known { covered } else { UNCOUNTED }));
                 continue;
             }
-            let covered = if known {
+            let covered = if known || !COVERED {
                 covered
             } else {
                 counted.next().map_or(0, |count| count.1)
             };
             let whole = wholes.get(wholes.cut(id).expect("noted"));
+            let recorded = || parts.noted.of(id).map(|place| &parts.recorded[place]);
             let seen = SeenWhole {
                 whole,
                 id,
-                faces: whole.faces(frame),
+                faces: if COVERED {
+                    whole.faces(frame)
+                } else {
+                    recorded().fold(0, |faces, of| faces | 1 << of.face as u8)
+                },
                 weight: visible,
             };
             // Where it weighs nothing, as may be at the horizon, that all of it is seen is not known.
-            if covered == visible && visible != 0 {
+            if COVERED && covered == visible && visible != 0 {
                 self.sharing.list_all(wholes, frame, &seen);
             } else {
-                let recorded = || parts.noted.of(id).map(|place| &parts.recorded[place]);
                 recorded().for_each(|of| record.uncover(of, &mut self.sharing.open));
                 let (open, tiny) = (&mut parts.open, &mut self.tiny);
                 let mut is_open = false;
                 let stays_open = self
                     .sharing
-                    .share::<true>(shared, wholes, frame, &seen, |t, lanes, hidden| {
+                    .share::<COVERED>(shared, wholes, frame, &seen, |t, lanes, hidden| {
                         if !is_open {
                             is_open = true;
                             recorded().for_each(|of| record.uncover_open(of, open));
@@ -372,10 +377,12 @@ impl<K: Kernel> OrderedEngine<K> {
         if let Some(record) = &mut self.coverage.record {
             record.clear();
         }
-        self.find_tiny(shared, frame);
+        if COVERED {
+            self.find_tiny(shared, frame);
+        }
         self.counters.triangles_transformed += self.sharing.take_transformed();
         self.sharing
-            .end_row::<true>(shared, frame, &self.parts.found, (escaped, blocked), out);
+            .end_row::<COVERED>(shared, frame, &self.parts.found, (escaped, blocked), out);
     }
 
     /// Finds the other patches that are seen and have no pixel: those that are not part of anything, and those of triangles that have none
@@ -434,16 +441,8 @@ impl<K: Kernel> OrderedEngine<K> {
         cut
     }
 
-    /// Notes what a block drew of triangles that were cut.
-    fn note_parts(
-        &mut self,
-        shared: &Shared,
-        wholes: &Wholes,
-        frame: &Frame,
-        (faces, hidden): (u8, u8),
-        shown: &Shown,
-        is_cut: bool,
-    ) {
+    /// Notes what a block showed of triangles that were cut.
+    fn note_shown(&mut self) {
         let parts = &mut self.parts;
         if let Some(record) = &mut self.coverage.record {
             for (lane, recorded) in record.lanes.drain(..) {
@@ -454,6 +453,18 @@ impl<K: Kernel> OrderedEngine<K> {
                 }
             }
         }
+    }
+
+    /// Notes patches without a pixel of triangles without one that a block drew.
+    fn note_tiny_parts(
+        &mut self,
+        shared: &Shared,
+        wholes: &Wholes,
+        frame: &Frame,
+        (faces, hidden): (u8, u8),
+        shown: &Shown,
+        is_cut: bool,
+    ) {
         let mut without = self.cut_lanes(shown.without);
         if without != 0 {
             // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
@@ -809,11 +820,12 @@ impl<K: Kernel> OrderedEngine<K> {
                 self.sums.mark(id, INCOMPLETE);
             }
         }
+        self.note_shown();
         if COVERED {
             let unproved = if is_cut { u16::MAX } else { incomplete };
             let mut tiny = shown.tiny;
             if let Some(wholes) = &shared.wholes {
-                self.note_parts(shared, wholes, frame, (faces, hidden), &shown, is_cut);
+                self.note_tiny_parts(shared, wholes, frame, (faces, hidden), &shown, is_cut);
                 tiny &= !self.cut_lanes(tiny);
             }
             while tiny != 0 {

@@ -8,6 +8,7 @@ use super::{
     spans_within, three, walk,
 };
 use crate::order::Lines;
+use hemicube::delta::DeltaTable;
 use hemicube::face::Face;
 use hemicube::tree::{Block, LANES};
 use std::ops::Range;
@@ -44,6 +45,8 @@ pub(crate) struct Coverage {
     pub(crate) culling: bool,
     /// What is drawn, where that is to be known later.
     pub(crate) record: Option<Record>,
+    /// What all pixels of eight rows of a column weigh, in the order of `rows`, if weights are asked.
+    weights: Vec<u32>,
 }
 
 /// What lanes of blocks show on a face, and what of the pixels that they touch was open when that was remembered.
@@ -57,11 +60,14 @@ pub(crate) struct Record {
     open: Vec<u64>,
     /// Lanes that show something on a face.
     pub(crate) lanes: Vec<(usize, Recorded)>,
+    /// Whether what was open is recorded.
+    has_open: bool,
 }
 
 /// What a record has of a lane on a face: ranges of its lists.
 #[derive(Clone, Debug)]
 pub(crate) struct Recorded {
+    pub(crate) face: Face,
     shows: Range<usize>,
     columns: Range<usize>,
 }
@@ -78,14 +84,19 @@ impl Record {
     /// Ends what is shown of a lane on a face, which has shown from place `shows` on, by what was open of some rows of columns.
     fn end_lane(
         &mut self,
-        lane: usize,
+        (lane, face): (usize, Face),
         shows: usize,
         before: &[u64],
         rows_of_column: usize,
         [x0, x1, y0, y1]: [usize; 4],
     ) {
         let columns = self.columns.len();
-        for column in x0 / WIDTH..=x1 / WIDTH {
+        let touched = if self.has_open {
+            x0 / WIDTH..x1 / WIDTH + 1
+        } else {
+            0..0
+        };
+        for column in touched {
             let start = self.open.len();
             let place = column * rows_of_column + y0;
             self.open
@@ -94,6 +105,7 @@ impl Record {
             self.columns.push((place as u32, start..self.open.len()));
         }
         let recorded = Recorded {
+            face,
             shows: shows..self.shows.len(),
             columns: columns..self.columns.len(),
         };
@@ -166,14 +178,18 @@ impl Coverage {
             remembers: resolution < LEAST_TO_ASK,
             culling,
             record: None,
+            weights: Vec::new(),
         }
     }
 
-    /// The same, which records what is drawn.
-    pub(crate) fn recording(mut self) -> Self {
-        self.record = Some(Record::default());
+    /// The same, which records what is drawn, and what was open where it is drawn if that is asked.
+    pub(crate) fn recording(mut self, has_open: bool) -> Self {
+        self.record = Some(Record {
+            has_open,
+            ..Record::default()
+        });
         // What was open is asked of parts, when what they are parts of was drawn.
-        self.remembers = true;
+        self.remembers |= has_open;
         self
     }
 
@@ -258,25 +274,55 @@ impl Coverage {
         rows[x / WIDTH * self.groups + row / GROUP].0[row % GROUP] >> (x % WIDTH) & 1 != 0
     }
 
-    /// The weight of all pixels that nothing covers.
+    /// The same, of which it can be asked what pixels weigh.
+    pub(crate) fn weighing(mut self, table: &DeltaTable) -> Self {
+        let (top, side) = (table.running(Face::Top), table.running(Face::PosX));
+        let places = self.places();
+        self.weights = places
+            .map(|(column, group)| self.weight_of_group(column, group, [0; GROUP], top, side))
+            .collect();
+        self
+    }
+
+    /// By column, then by group.
+    fn places(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let (columns, groups) = (self.resolution.div_ceil(WIDTH), self.groups);
+        (0..columns).flat_map(move |column| (0..groups).map(move |group| (column, group)))
+    }
+
+    /// The pixels of a row that a column has.
+    fn bits_of(&self, column: usize) -> u64 {
+        low_bits((self.resolution - column * WIDTH).min(WIDTH))
+    }
+
+    /// The weight of those pixels of eight rows of a column that are not covered.
+    fn weight_of_group(&self, column: usize, group: usize, covered: [u64; GROUP], top: &[u32], side: &[u32]) -> u32 {
+        let whole = self.bits_of(column);
+        let mut weight = 0;
+        for (r, covered) in covered.into_iter().enumerate() {
+            let open = !covered & whole;
+            if open != 0 {
+                let (running, row) = row_of(self.resolution, group * GROUP + r, top, side);
+                weight += weight_of(open, &running[row * self.resolution + column * WIDTH..]);
+            }
+        }
+        weight
+    }
+
+    /// The weight of all pixels that nothing covers: of a coverage that is [`weighing`](Self::weighing).
     pub(crate) fn open_weight(&self, top: &[u32], side: &[u32]) -> u32 {
         let mut weight = 0;
-        let columns = self.resolution.div_ceil(WIDTH);
-        for column in 0..columns {
-            let width = (self.resolution - column * WIDTH).min(WIDTH);
-            let whole = low_bits(width);
-            for group in 0..self.groups {
-                let rows = &self.rows[column * self.groups + group].0;
-                if rows.iter().fold(whole, |all, bits| all & bits) == whole {
-                    continue;
-                }
-                for (r, bits) in rows.iter().enumerate() {
-                    let open = !bits & whole;
-                    if open != 0 {
-                        let (running, row) = row_of(self.resolution, group * GROUP + r, top, side);
-                        weight += weight_of(open, &running[row * self.resolution + column * WIDTH..]);
-                    }
-                }
+        for (((column, group), rows), &all) in self.places().zip(&self.rows).zip(&self.weights) {
+            let whole = self.bits_of(column);
+            let rows = &rows.0;
+            if rows.iter().fold(whole, |all, bits| all & bits) == whole {
+                continue;
+            }
+            // Of most, all is open: the sky has more pixels than the roofs before it.
+            if rows.iter().fold(0, |any, bits| any | bits) & whole == 0 {
+                weight += all;
+            } else {
+                weight += self.weight_of_group(column, group, *rows, top, side);
             }
         }
         weight
@@ -731,7 +777,7 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
                 let (y0, y1) = (at(low).saturating_sub(beyond), (at(high) - 1 + beyond).min(height - 1));
                 let touched = [at(left), at(right) - 1, first_row + y0, first_row + y1];
                 let rows_of_column = coverage.groups * GROUP;
-                record.end_lane(lane, recorded, words(&coverage.before), rows_of_column, touched);
+                record.end_lane((lane, face), recorded, words(&coverage.before), rows_of_column, touched);
             }
         }
     }
@@ -1601,7 +1647,7 @@ mod tests {
         let (mut open, mut none) = (0, 0);
         for resolution in [16, 48, 128, 256] {
             for _ in 0..100 {
-                let mut coverage = Coverage::new(resolution, true).recording();
+                let mut coverage = Coverage::new(resolution, true).recording(true);
                 for _ in 0..draw.below(40) {
                     let (y0, x0) = (draw.below(3 * coverage.resolution), draw.below(coverage.resolution));
                     let y1 = (y0 + draw.below(coverage.resolution)).min(3 * coverage.resolution - 1);
@@ -1650,7 +1696,7 @@ mod tests {
         let mut recorded = 0;
         for _ in 0..40 {
             let mut t = Transformed::new();
-            let mut coverage = Coverage::new(resolution, true).recording();
+            let mut coverage = Coverage::new(resolution, true).recording(true);
             coverage.begin_plane();
             coverage.remember_all();
             let mut shown = Shown::new();
@@ -1669,7 +1715,7 @@ mod tests {
                 );
             }
             let record = coverage.record.as_ref().expect("it records");
-            let mut open = Coverage::full(resolution);
+            let mut open = Coverage::full(resolution).weighing(&table);
             let weight = |coverage: &Coverage| coverage.open_weight(top, side);
             for lane in 0..LANES {
                 let of_lane = || record.lanes.iter().filter(|(l, _)| *l == lane).map(|(_, of)| of);
@@ -1686,6 +1732,37 @@ mod tests {
             }
         }
         assert!(recorded > 100, "{recorded}");
+    }
+
+    #[test]
+    fn what_is_open_weighs_what_its_pixels_do() {
+        let mut draw = Draw(6);
+        let mut between = 0;
+        for resolution in [16, 48, 64, 144, 256] {
+            let table = DeltaTable::new(resolution);
+            let (top, side) = (table.running(Face::Top), table.running(Face::PosX));
+            let mut coverage = Coverage::new(resolution, true).weighing(&table);
+            let size = coverage.resolution;
+            assert_eq!(coverage.open_weight(top, side), hemicube::backend::WHOLE);
+            for _ in 0..20 {
+                let (y0, x0) = (draw.below(3 * size), draw.below(size));
+                let (y1, x1) = (
+                    (y0 + draw.below(size)).min(3 * size - 1),
+                    (x0 + draw.below(size)).min(size - 1),
+                );
+                coverage.cover([x0, x1, y0, y1]);
+                let pixels = (0..3 * size).flat_map(|row| (0..size).map(move |x| (row, x)));
+                let open = pixels.filter(|&(row, x)| !coverage.is_covered(row, x, false));
+                let weight = open.map(|(row, x)| {
+                    let (running, row) = row_of(size, row, top, side);
+                    running[row * size + x + 1] - running[row * size + x]
+                });
+                let weight: u32 = weight.sum();
+                assert_eq!(coverage.open_weight(top, side), weight, "N = {resolution}");
+                between += u32::from(weight != 0 && weight != hemicube::backend::WHOLE);
+            }
+        }
+        assert!(between > 50, "{between}");
     }
 
     #[test]

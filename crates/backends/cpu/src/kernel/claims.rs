@@ -10,6 +10,7 @@ use super::{
     Chunk, Drawn, EdgeLines, Flags, GROUP, Lanes, Noted, PixelBox, Plane, Sums, Transformed, beyond_tiny, boxes,
     edge_lines, face_of_row, greater, lane_box, plane, smaller, spans_within,
 };
+use hemicube::delta::DeltaTable;
 use hemicube::face::Face;
 use hemicube::tree::LANES;
 
@@ -328,8 +329,8 @@ impl Search {
 }
 
 impl Claims {
-    pub(crate) fn new(resolution: u32, nothing: u32, culling: bool, noted: Noted) -> Self {
-        let coverage = Coverage::new(resolution, culling);
+    pub(crate) fn new(table: &DeltaTable, nothing: u32, culling: bool, noted: Noted) -> Self {
+        let coverage = Coverage::new(table.resolution(), culling).weighing(table);
         let tiles = coverage.rows.len();
         Self {
             coverage,
@@ -339,7 +340,7 @@ impl Claims {
             shows: Vec::new(),
             pages: Vec::new(),
             nothing,
-            beyond_tiny: beyond_tiny(resolution as usize),
+            beyond_tiny: beyond_tiny(table.resolution() as usize),
             noted,
         }
     }
@@ -831,7 +832,6 @@ mod tests {
     use super::*;
     use crate::Isa;
     use crate::kernel::{Frame, Kernel, Portable, Reduction, Target};
-    use hemicube::delta::DeltaTable;
     use hemicube::tree::{Block, UNUSED};
     use proptest::prelude::*;
 
@@ -927,7 +927,7 @@ mod tests {
         resolution: u32,
         culling: bool,
     ) -> (Seen, u32) {
-        let mut claims = Claims::new(resolution, BLOCKED + 1, culling, Noted::default());
+        let mut claims = Claims::new(table, BLOCKED + 1, culling, Noted::default());
         let mut t = Transformed::new();
         let mut pixels = vec![[0; LANES]; blocks.len()];
         let mut hidden = 0;
