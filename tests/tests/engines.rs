@@ -172,8 +172,12 @@ fn a_triangle_too_small_for_a_pixel_shows_its_patches() {
 
 #[test]
 fn what_was_cut_covers_what_its_patches_cover() {
-    for (name, model) in cut_scenes() {
-        let [whole, parted] = whole_and_parted(&model, EngineChoice::Depth, 60, settings(128, true));
+    for ((name, model), choice) in cut_scenes()
+        .iter()
+        .flat_map(|scene| [(scene, EngineChoice::Depth), (scene, EngineChoice::Order)])
+    {
+        let name = format!("{name}, {choice:?}");
+        let [whole, parted] = whole_and_parted(model, choice, 60, settings(128, true));
         let (mut shared, mut tiny_of_whole, mut tiny_of_parted) = (0, 0, 0);
         for row in 0..whole.len() {
             let of = |row: RowView<'_>| -> BTreeMap<u32, (u32, u32)> {
@@ -201,7 +205,12 @@ fn what_was_cut_covers_what_its_patches_cover() {
         say(&format!(
             "{name}: {shared} entries alike; tiny patches seen only whole: {tiny_of_whole}, only patch by patch: {tiny_of_parted}"
         ));
-        assert!(tiny_of_whole + tiny_of_parted <= shared / 20 + 8, "{name}: of {shared}");
+        // Engine 2 asks for them what was covered before a plane was begun, and wholes have others than patches.
+        let most = if choice == EngineChoice::Order { 5 } else { 20 };
+        assert!(
+            tiny_of_whole + tiny_of_parted <= shared / most + 8,
+            "{name}: of {shared}"
+        );
     }
 }
 

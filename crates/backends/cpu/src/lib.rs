@@ -174,7 +174,7 @@ enum Way {
 pub(crate) struct Shared {
     /// What is walked and drawn: surfaces, or with `wholes` what they were cut from.
     pub(crate) tree: Arc<Tree>,
-    /// With [`Way::Order`] only where fractions are asked.
+    /// With [`Way::Order`] only below [`FINE`] or where fractions are asked.
     pub(crate) wholes: Option<Arc<Wholes>>,
     way: Way,
     pub(crate) table: DeltaTable,
@@ -281,8 +281,8 @@ impl CpuBackend {
         self
     }
 
-    /// The same session; from its next `load` on, every patch is drawn by itself, where otherwise engines 1 and 3, and for fractions
-    /// engine 2, draw what was cut into patches and share it out. For measurements and tests.
+    /// The same session; from its next `load` on, every patch is drawn by itself, where otherwise what was cut into patches is drawn whole
+    /// and shared out. For measurements and tests.
     #[must_use]
     pub fn patch_by_patch(mut self) -> Self {
         self.whole = false;
@@ -364,8 +364,7 @@ impl CpuBackend {
         };
         let is_cut = cut_from().is_some();
         let fractions = fractions && is_cut;
-        // With weights of their own, patches are drawn one by one in order: a layer has them in blocks already.
-        let whole_in_order = is_cut && (fractions || !settings.covered);
+        let whole_in_order = is_cut && (fractions || settings.resolution < FINE);
         let (mut way, mut reason) = self.way(geometry, whole_in_order)?;
         let mut rendered = settings;
         let is_well_filled = matches!(&way, Way::Order(order) if order.fill() >= WELL_FILLED);
@@ -494,6 +493,9 @@ const RESOLUTION_LOOKED_WITH: u32 = 128;
 /// With more pixels of it for each triangle drawn, triangles that were cut are put in order even where patches see much of the scene: a room
 /// has 1,000, an open field of 2,500 triangles 22 (`docs/performance.md`).
 const PIXELS_OF_COARSE: f64 = 100.0;
+/// From this resolution on, engine 2 takes longer to draw pixels twice, of triangles that were cut and of their patches, than to look for what is
+/// hidden of the patches themselves, unless most of these need not be drawn (`docs/performance.md`).
+const FINE: u32 = 1024;
 /// With more pixels of a hemicube for each triangle drawn, engine 3 is faster than engine 1 (`docs/performance.md`).
 const PIXELS_TO_CLAIM: f64 = 350.0;
 

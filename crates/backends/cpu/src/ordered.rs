@@ -345,7 +345,7 @@ impl<K: Kernel> OrderedEngine<K> {
                 weight: visible,
             };
             // Where it weighs nothing, as may be at the horizon, that all of it is seen is not known.
-            if COVERED && covered == visible && visible != 0 {
+            if shared.fractions && covered == visible && visible != 0 {
                 self.sharing.list_all(wholes, frame, &seen);
             } else {
                 recorded().for_each(|of| record.uncover(of, &mut self.sharing.open));

@@ -290,10 +290,6 @@ impl Manifest {
         if self.backend.name != other.backend.name {
             return of("backend", &self.backend.name, &other.backend.name);
         }
-        if self.backend.version != other.backend.version {
-            let what = format!("version of the backend `{}`", self.backend.name);
-            return of(&what, &self.backend.version, &other.backend.version);
-        }
         // Settings before the scene: they may be why it is another.
         let mut differences = Vec::new();
         differing("", &self.settings, &other.settings, &mut differences);
@@ -313,6 +309,11 @@ impl Manifest {
                 "it is of another scene: `{}` has changed since, or is another file than `{}`",
                 other.scene.file, self.scene.file
             ));
+        }
+        // After what it may follow from: scenes and settings have engines of their own.
+        if self.backend.version != other.backend.version {
+            let what = format!("version of the backend `{}`", self.backend.name);
+            return of(&what, &self.backend.version, &other.backend.version);
         }
         // What is left follows from the rest, unless somebody made one of them by hand.
         (self.run_id() != other.run_id()).then(|| "it was computed in another way".to_owned())
