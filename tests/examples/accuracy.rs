@@ -300,9 +300,9 @@ struct Runs(Vec<Run>);
 impl Runs {
     /// Cells of a table: how many rays have that error, their time, and how often ours is in it. Between two runs, the one
     /// where the error passes; beyond the last one, by the square of the error.
-    fn cells(&self, error: f64, ours: f64) -> String {
+    fn cells(&self, error: f64, ours: f64) -> [String; 3] {
         let [.., before, _, last] = self.0.as_slice() else {
-            return "– | – | –".into();
+            return std::array::from_fn(|_| "–".into());
         };
         // Four times as many rays should halve the error; where they do not, more would not help either.
         let stuck = last.error > 0.8 * before.error;
@@ -311,14 +311,17 @@ impl Runs {
             Some(run) => {
                 let more = (run.error / error).powi(2);
                 let (count, seconds) = (run.count * more, run.seconds * more);
-                format!("{count:.0} | {:.2} | {:.1}", seconds * 1e3, seconds / ours)
+                [
+                    format!("{count:.0}"),
+                    format!("{:.2}", seconds * 1e3),
+                    format!("{:.1}", seconds / ours),
+                ]
             }
-            None => format!(
-                "never: {:.4} at {:.0} | {:.2} | –",
-                last.error,
-                last.count,
-                last.seconds * 1e3
-            ),
+            None => [
+                format!("never: {:.4} at {:.0}", last.error, last.count),
+                format!("{:.2}", last.seconds * 1e3),
+                "–".into(),
+            ],
         }
     }
 }
@@ -327,7 +330,10 @@ impl Runs {
 fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> {
     let embree = std::env::var_os("EMBREE_RAYS");
     let (names, lines) = match embree {
-        Some(_) => (" Embree: rays of that error | ms a row | rays ÷ ours |", "---|---|---|"),
+        Some(_) => (
+            " Embree: rays of that error | ms a row, rays ready | rays ÷ ours | ms a row, rays made | rays ÷ ours |",
+            "---|---|---|---|---|",
+        ),
         None => ("", ""),
     };
     println!("| scene | setting | error | ms a row | rays of that error | ms a row | rays ÷ ours |{names}");
@@ -337,24 +343,24 @@ fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> 
         let exact = reference(name, &model, rows)?;
         let caster = Caster::new(&model);
         let emitters: Vec<InputPatch> = exact.iter().map(|row| InputPatch(row.emitter)).collect();
-        let mut casters = vec![cast(&caster, &emitters, &exact)];
+        let by_obvhs = cast(&caster, &emitters, &exact);
+        let mut by_embree = None;
         if let Some(program) = &embree {
-            casters.push(cast_by_embree(Path::new(program), &caster, &emitters, &exact)?);
             let making = seconds_to_make_rays(&caster, &emitters);
-            eprintln!(
-                "{name}: making a ray takes {:.1} ns: counted for obvhs, not for Embree",
-                making * 1e9
-            );
-            for (a, b) in casters[0].0.iter().zip(&casters[1].0) {
+            eprintln!("{name}: making a ray takes {:.1} ns", making * 1e9);
+            let [ready, made] = cast_by_embree(Path::new(program), &caster, &emitters, &exact, making)?;
+            for ((a, b), c) in by_obvhs.0.iter().zip(&ready.0).zip(&made.0) {
                 eprintln!(
-                    "{name}, {} rays: obvhs {:.5} in {:.3} ms, Embree {:.5} in {:.3} ms",
+                    "{name}, {} rays: obvhs {:.5} in {:.3} ms, Embree {:.5} in {:.3} ms, {:.3} with making and laying them out",
                     a.count,
                     a.error,
                     a.seconds * 1e3,
                     b.error,
-                    b.seconds * 1e3
+                    b.seconds * 1e3,
+                    c.seconds * 1e3
                 );
             }
+            by_embree = Some((ready, made));
         }
         for (setting, tolerance) in [
             ("area, K = 1, N = 128", None),
@@ -369,16 +375,18 @@ fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> 
                 }
             };
             let (seconds, m) = measure(&model, rows, correction, resolution, 1, &exact)?;
-            let cells: Vec<String> = casters
-                .iter()
-                .map(|runs| runs.cells(m.relative_frobenius, seconds))
-                .collect();
-            println!(
+            let cells = |runs: &Runs| runs.cells(m.relative_frobenius, seconds).join(" | ");
+            print!(
                 "| {name} | {setting} | {:.4} | {:.3} | {} |",
                 m.relative_frobenius,
                 seconds * 1e3,
-                cells.join(" | "),
+                cells(&by_obvhs),
             );
+            if let Some((ready, made)) = &by_embree {
+                let [_, of_made @ ..] = made.cells(m.relative_frobenius, seconds);
+                print!(" {} | {} |", cells(ready), of_made.join(" | "));
+            }
+            println!();
         }
     }
     Ok(())
@@ -412,13 +420,15 @@ fn cast(caster: &Caster, emitters: &[InputPatch], exact: &[ReferenceRow]) -> Run
     Runs((POWERS.0..=POWERS.1).map(run).collect())
 }
 
-/// Runs of the same rays by Intel Embree: `tests/embree/rays.cpp` says what goes to that program and what comes back.
+/// Runs of the same rays by Intel Embree, without and with what it takes to make them, a ray in so many seconds, and to lay them out:
+/// `tests/embree/rays.cpp` says what goes to that program and what comes back.
 fn cast_by_embree(
     program: &Path,
     caster: &Caster,
     emitters: &[InputPatch],
     exact: &[ReferenceRow],
-) -> Result<Runs, Box<dyn std::error::Error>> {
+    making: f64,
+) -> Result<[Runs; 2], Box<dyn std::error::Error>> {
     let named = |what: String| format!("`{}` {what}; scripts/embree-rays builds it", program.display());
     let mut child = Command::new(program)
         .stdin(Stdio::piped())
@@ -437,6 +447,7 @@ fn cast_by_embree(
     let runs = (POWERS.0..=POWERS.1).map(|power| {
         let count = f64::from(1u32 << power);
         let seconds = f64::from_le_bytes(next(&mut unread)?);
+        let laid_out = f64::from_le_bytes(next(&mut unread)?);
         let mut estimated = Vec::new();
         for &emitter in emitters {
             let (mut columns, mut values) = (Vec::new(), Vec::new());
@@ -450,15 +461,13 @@ fn cast_by_embree(
                 values,
             });
         }
-        Some(Run {
-            count,
-            error: errors_against(exact, &estimated).relative_frobenius,
-            seconds,
-        })
+        let error = errors_against(exact, &estimated).relative_frobenius;
+        let run = |seconds| Run { count, error, seconds };
+        Some((run(seconds), run(laid_out + making * count)))
     });
-    let runs: Option<Vec<Run>> = runs.collect();
+    let runs: Option<(Vec<Run>, Vec<Run>)> = runs.collect();
     match runs {
-        Some(runs) if unread.is_empty() => Ok(Runs(runs)),
+        Some((ready, made)) if unread.is_empty() => Ok([Runs(ready), Runs(made)]),
         _ => Err(named("wrote something else than rows".into()).into()),
     }
 }
