@@ -4,10 +4,10 @@
 //! front to back, whose nodes are dropped where they lie outside all faces or behind what is already drawn. All five
 //! faces are drawn in one walk. Engine 2 draws strictly front to back, in the order of a binary space partition, and has one
 //! coverage bit a pixel. Engine 3 walks the tree of engine 1, has the coverage bits of engine 2, and works out depths only of
-//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. Engines 1 and 3, and engine 2 where only
-//! visible fractions are asked, draw triangles that were cut into patches as they were before, and share out what is seen of them:
-//! patches that follow each other as `hemicube_scene::Subdivision` cuts them. Rows are the same bits on every instruction set and
-//! with culling on or off; those of
+//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. All of them draw triangles
+//! that were cut into patches as they were before, and share out what is seen of them (engine 2 not at N = 1024, unless visible
+//! fractions are all that is asked): patches that follow each other as `hemicube_scene::Subdivision` cuts them. Rows are the same
+//! bits on every instruction set and with culling on or off; those of
 //! engines 1 and 3 are the same bits, and pixel sums of engine 2 the same wherever f32 depths can tell surfaces apart.
 //!
 //! ```
@@ -103,8 +103,8 @@ impl Isa {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EngineChoice {
     /// The one that suits the scene: [`EngineChoice::Order`] where few surfaces must be cut to put them in order and blocks
-    /// stay well filled, else [`EngineChoice::Claims`] where what is seen has many pixels, else [`EngineChoice::Depth`]. Where only
-    /// fractions are asked ([`HemicubeBackend::load_for_fractions`]), what patches were cut from is put in order.
+    /// stay well filled, else [`EngineChoice::Claims`] where what is seen has many pixels, else [`EngineChoice::Depth`]. What
+    /// patches were cut from is put in order where it is drawn.
     #[default]
     Auto,
     /// Engine 1, the hierarchical z-buffer: for any scene.
