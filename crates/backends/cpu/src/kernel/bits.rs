@@ -311,6 +311,7 @@ impl Coverage {
 
     /// The weight of all pixels that nothing covers: of a coverage that is [`weighing`](Self::weighing).
     pub(crate) fn open_weight(&self, top: &[u32], side: &[u32]) -> u32 {
+        assert_eq!(self.weights.len() + 1, self.rows.len(), "a coverage that is weighing");
         let mut weight = 0;
         for (((column, group), rows), &all) in self.places().zip(&self.rows).zip(&self.weights) {
             let whole = self.bits_of(column);

@@ -414,7 +414,8 @@ impl Claims {
                     let mut search = Search::new::<L>(state, left);
                     while let Some(found) = search.next::<L>(self) {
                         let claimant = &self.claimants[self.claims[found.claim].claimant as usize];
-                        if claimant.least(&found.span::<L>(x, y)) <= bound {
+                        // Most are nearer all over.
+                        if claimant.plane.low <= bound && claimant.least(&found.span::<L>(x, y)) <= bound {
                             return false;
                         }
                     }
@@ -529,6 +530,10 @@ impl Claims {
         while let Some(mut found) = unsafe { search.next::<L>(self) } {
             let claim = found.claim;
             let old = &mut self.claimants[self.claims[claim].claimant as usize];
+            // Most are farther, or nearer, than all of the other: depths are clamped to these.
+            if new.plane.high < old.plane.low {
+                continue;
+            }
             // SAFETY: likewise.
             let difference = Difference::new(new, old, &unsafe { found.span::<L>(x, y) });
             if difference.is_behind() {
