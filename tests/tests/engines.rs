@@ -112,6 +112,49 @@ fn what_was_cut_shows_what_its_patches_show() {
     }
 }
 
+/// Where a hemicube does not stand on its emitter, or does not look away from it, the other patches that were cut from the same triangle are seen.
+#[test]
+fn from_off_a_triangle_its_other_patches_are_seen() {
+    for (name, model) in cut_scenes() {
+        let emitters = spread(&model, 24);
+        let mut hemicubes = hemicubes(&model, &emitters);
+        for (k, hemicube) in hemicubes.iter_mut().enumerate() {
+            let [x, y, z] = hemicube.axes;
+            match k % 4 {
+                0 => {}
+                1 => hemicube.origin -= z * 1e-3,
+                2 => hemicube.origin += z * 1e-3 + x * 0.01,
+                _ => hemicube.axes = [z, y, -x],
+            }
+        }
+        let mut around = 0;
+        for covered in [false, true] {
+            let settings = settings(128, covered);
+            let of = |mut backend: CpuBackend| render_with(&mut backend, &model, &hemicubes, settings).0;
+            let depth = |isa| backend(EngineChoice::Depth, isa);
+            let parted = of(depth(Isa::available()[0]).patch_by_patch());
+            for choice in [EngineChoice::Depth, EngineChoice::Claims, EngineChoice::Order] {
+                let whole = of(backend(choice, Isa::available()[0]));
+                for row in (0..whole.len()).filter(|row| row % 4 != 0) {
+                    assert_eq!(
+                        whole.row(row),
+                        parted.row(row),
+                        "{name}, {choice:?}, covered {covered}, row {row}"
+                    );
+                }
+            }
+            // From behind, the others are all around the one that is not drawn.
+            for (row, emitter) in emitters.iter().enumerate() {
+                let row = parted.row(row);
+                assert!(!row.patches.contains(&emitter.0), "{name}, patch {}", emitter.0);
+                let is_near = |&p: &u32| p.abs_diff(emitter.0) <= 2;
+                around += usize::from(row.blocked != 0 || row.patches.iter().any(is_near));
+            }
+        }
+        assert!(around >= 6, "{name}: {around} rows see what is around their emitter");
+    }
+}
+
 #[test]
 fn slivers_that_were_cut_lose_no_light() {
     let scenes = [

@@ -157,8 +157,12 @@ pub struct CpuBackend {
 
 #[derive(Debug)]
 struct Loaded {
+    geometry: Arc<Geometry>,
     shared: Arc<Shared>,
     engine: AnyEngine,
+    /// Draws patch by patch what is seen from off the triangle that an emitter was cut from, as its other patches are seen there; once that was
+    /// asked for.
+    parted: Option<Box<CpuBackend>>,
 }
 
 /// The engine that renders, with what it walks beside the tree.
@@ -419,7 +423,7 @@ impl CpuBackend {
             settings: rendered,
             fractions,
         });
-        self.loaded = Some(Loaded::new(shared, self.isa));
+        self.loaded = Some(Loaded::new(Arc::clone(geometry), shared, self.isa));
         Ok(())
     }
 
@@ -556,7 +560,7 @@ fn hemicube_of(surface: &Surface) -> Option<Hemicube> {
 }
 
 impl Loaded {
-    fn new(shared: Arc<Shared>, isa: Isa) -> Self {
+    fn new(geometry: Arc<Geometry>, shared: Arc<Shared>, isa: Isa) -> Self {
         let engine = match isa {
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 => AnyEngine::Avx512(Engines::new()),
@@ -564,7 +568,28 @@ impl Loaded {
             Isa::Avx2 => AnyEngine::Avx2(Engines::new()),
             _ => AnyEngine::Portable(Engines::new()),
         };
-        Self { shared, engine }
+        Self {
+            geometry,
+            shared,
+            engine,
+            parted: None,
+        }
+    }
+
+    /// Whether what was cut may be drawn whole for a hemicube.
+    fn is_whole(&self, hemicube: &Hemicube) -> bool {
+        let wholes = self.shared.wholes.as_ref();
+        wholes.is_none_or(|wholes| wholes.is_stood_on(hemicube, self.shared.tree.plane_tolerance))
+    }
+
+    /// A session for the others.
+    fn parted(&mut self, isa: Isa) -> Result<&mut CpuBackend, BackendError> {
+        if self.parted.is_none() {
+            let mut parted = CpuBackend::of(isa).with_engine(EngineChoice::Depth).patch_by_patch();
+            parted.load(&self.geometry, self.shared.settings)?;
+            self.parted = Some(Box::new(parted));
+        }
+        Ok(self.parted.as_mut().expect("made above"))
     }
 
     fn check(&self, hemicube: &Hemicube) -> Result<(), BackendError> {
@@ -619,25 +644,47 @@ impl HemicubeBackend for CpuBackend {
             choice: self.choice,
             whole: self.whole,
             reason: self.reason.clone(),
-            loaded: Some(Loaded::new(Arc::clone(&loaded.shared), self.isa)),
+            loaded: Some(Loaded::new(
+                Arc::clone(&loaded.geometry),
+                Arc::clone(&loaded.shared),
+                self.isa,
+            )),
         }))
     }
 
     fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
+        let isa = self.isa;
         let loaded = self.loaded()?;
         hemicubes.iter().try_for_each(|h| loaded.check(h))?;
-        Ok(match &mut loaded.engine {
-            #[cfg(target_arch = "x86_64")]
-            AnyEngine::Avx512(engine) => engine.rows(&loaded.shared, hemicubes, out),
-            #[cfg(target_arch = "x86_64")]
-            AnyEngine::Avx2(engine) => engine.rows(&loaded.shared, hemicubes, out),
-            AnyEngine::Portable(engine) => engine.rows(&loaded.shared, hemicubes, out),
-        })
+        let mut counters = Counters::default();
+        let mut left = hemicubes;
+        while let Some(first) = left.first() {
+            let is_whole = loaded.is_whole(first);
+            let other = left.iter().position(|hemicube| loaded.is_whole(hemicube) != is_whole);
+            let (these, others) = left.split_at(other.unwrap_or(left.len()));
+            left = others;
+            if !is_whole {
+                counters += loaded.parted(isa)?.rows(these, out)?;
+                continue;
+            }
+            counters += match &mut loaded.engine {
+                #[cfg(target_arch = "x86_64")]
+                AnyEngine::Avx512(engine) => engine.rows(&loaded.shared, these, out),
+                #[cfg(target_arch = "x86_64")]
+                AnyEngine::Avx2(engine) => engine.rows(&loaded.shared, these, out),
+                AnyEngine::Portable(engine) => engine.rows(&loaded.shared, these, out),
+            };
+        }
+        Ok(counters)
     }
 
     fn items(&mut self, hemicube: &Hemicube) -> Result<Items, BackendError> {
+        let isa = self.isa;
         let loaded = self.loaded()?;
         loaded.check(hemicube)?;
+        if !loaded.is_whole(hemicube) {
+            return loaded.parted(isa)?.items(hemicube);
+        }
         Ok(match &mut loaded.engine {
             #[cfg(target_arch = "x86_64")]
             AnyEngine::Avx512(engine) => engine.depth(&loaded.shared).items(&loaded.shared, hemicube),

@@ -9,7 +9,7 @@
 use crate::kernel::Frame;
 use glam::DVec3;
 use hemicube::InputPatch;
-use hemicube::backend::{Geometry, Surface};
+use hemicube::backend::{Geometry, Hemicube, Surface};
 use hemicube::face::Face;
 use hemicube::tree::{Block, LANES, Tree};
 use std::collections::BTreeMap;
@@ -182,6 +182,25 @@ impl Wholes {
 
     pub(crate) fn get(&self, whole: u32) -> &Whole {
         &self.wholes[whole as usize]
+    }
+
+    /// Whether a hemicube stands on the whole triangle of its emitter and looks away from it, so that none of the triangle's other patches is
+    /// seen either; so does one that has no emitter.
+    pub(crate) fn is_stood_on(&self, hemicube: &Hemicube, tolerance: f64) -> bool {
+        /// A thousandth of a radian: of slivers, normals are not known better.
+        const ALONG: f64 = 1.0 - 0.5e-6;
+        let Some(emitter) = hemicube.emitter else {
+            return true;
+        };
+        let whole = self.of_patch(emitter.0);
+        let [a, b, c] = whole.corners;
+        let normal = (b - a).cross(c - a);
+        let (size, to_eye) = (normal.length(), hemicube.origin - a);
+        let extent = (b - a).length().max((c - a).length()).max(to_eye.length());
+        let rounding = 64.0 * f64::EPSILON * extent * extent;
+        whole.count == 1
+            || normal.dot(to_eye).abs() <= tolerance * size + rounding * extent
+                && normal.dot(hemicube.axes[2]).abs() >= ALONG * size - rounding
     }
 
     /// The ids that triangles that were cut are drawn with.
