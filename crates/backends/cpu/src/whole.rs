@@ -475,10 +475,56 @@ mod tests {
     use hemicube_scene::generate::{Generate, Kind, cornell_box, generate};
     use hemicube_scene::{Patches, Scene, Subdivision};
 
-    fn geometry(scene: &Scene, subdivision: Subdivision) -> Arc<Geometry> {
+    fn model(scene: &Scene, subdivision: Subdivision) -> Model {
         let patches = Patches::new(scene, subdivision).expect("patches");
-        let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
-        Arc::clone(model.geometry())
+        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
+    }
+
+    fn geometry(scene: &Scene, subdivision: Subdivision) -> Arc<Geometry> {
+        Arc::clone(model(scene, subdivision).geometry())
+    }
+
+    /// Or they would be drawn patch by patch.
+    #[test]
+    fn a_model_s_hemicubes_stand_on_their_triangles() {
+        let of = |kind, target_patches| {
+            let spec = Generate {
+                kind,
+                target_patches,
+                seed: 1,
+            };
+            generate(spec).expect("a scene")
+        };
+        // A wall a thousand times as long as it is high, and one that is ten million times as long, far from the middle and turned.
+        let mut slivers = of(Kind::Soup, 400);
+        let turn = glam::DMat3::from_euler(glam::EulerRot::XYZ, 0.7, 0.4, 0.2);
+        for (k, height) in [1e-3, 1e-7].into_iter().enumerate() {
+            let corners = [(0.0, 0.0), (1.0, 0.0), (0.3, height)];
+            slivers.triangles[k].corners = corners.map(|(x, y)| turn * DVec3::new(x + 40.0, y, 3.0));
+        }
+        let mut stood_on = 0;
+        for (scene, subdivision) in [
+            (cornell_box(), Subdivision::Levels(4)),
+            (of(Kind::City, 500), Subdivision::Split(5)),
+            (of(Kind::Spheres, 500), Subdivision::Split(2)),
+            (slivers, Subdivision::Split(7)),
+        ] {
+            let model = model(&scene, subdivision);
+            let geometry = model.geometry();
+            let wholes = Wholes::new(geometry).expect("it was cut");
+            for hemicube in model.order().flat_map(|patch| model.hemicubes(patch, 2, true)) {
+                assert!(wholes.is_stood_on(&hemicube, geometry.plane_tolerance), "{hemicube:?}");
+                stood_on += 1;
+                let mut off = hemicube;
+                off.origin += off.axes[2] * 1e-4;
+                let is_cut = wholes.of_patch(hemicube.emitter.expect("its own").0).count > 1;
+                assert!(!is_cut || !wholes.is_stood_on(&off, geometry.plane_tolerance));
+                off = hemicube;
+                off.axes[2] = (off.axes[2] + 0.01 * off.axes[0]).normalize();
+                assert!(!is_cut || !wholes.is_stood_on(&off, geometry.plane_tolerance));
+            }
+        }
+        assert!(stood_on > 50_000, "{stood_on}");
     }
 
     fn of_kind(kind: Kind) -> Scene {
