@@ -1,6 +1,7 @@
 //! Triangles that were cut into patches, put together again: what hides what is the same however finely a triangle is cut.
 //!
-//! Engines draw the whole triangles, and what is seen of one is then shared out among its patches, none of which hides another. So the work for what is hidden, and for contending for pixels, is that of the scene before it was cut.
+//! Engines draw the whole triangles, and what is seen of one is then shared out among its patches, none of which hides another.
+//! So the work for what is hidden, and for contending for pixels, is that of the scene before it was cut.
 //!
 //! A whole triangle is found by its patches: one after the other, as `hemicube_scene::Subdivision` cuts them, row by row from the
 //! first edge, with corners that are the same to the bit where they are shared. Their corners are not kept: they are where the

@@ -530,7 +530,7 @@ impl Claims {
         while let Some(mut found) = unsafe { search.next::<L>(self) } {
             let claim = found.claim;
             let old = &mut self.claimants[self.claims[claim].claimant as usize];
-            // Most are farther, or nearer, than all of the other: depths are clamped to these.
+            // Many are farther than all of the other: depths are clamped to these.
             if new.plane.high < old.plane.low {
                 continue;
             }
