@@ -58,8 +58,14 @@ impl Patches {
             a.saturating_add(c.saturating_mul(if t.two_sided { 2 } else { 1 }))
         });
         if patch_count > u64::from(BACK - 16) {
+            // Of an edge, no more than 2³² pieces are counted.
+            let asked = if patch_count < 1_000_000_000_000_000_000 {
+                patch_count.to_string()
+            } else {
+                "10¹⁸ or more".to_owned()
+            };
             return Err(Error::new(ErrorKind::TooLarge(format!(
-                "{patch_count} patches are more than the {} that a matrix can have; subdivide less",
+                "{asked} patches are more than the {} that a matrix can have; subdivide less",
                 BACK - 16
             ))));
         }
@@ -167,5 +173,23 @@ impl Patches {
     pub fn normal(&self, patch: InputPatch) -> DVec3 {
         let [a, b, c] = self.corners(patch);
         (b - a).cross(c - a).normalize_or_zero()
+    }
+}
+
+#[cfg(all(test, feature = "generate"))]
+mod tests {
+    use super::*;
+    use crate::generate::cornell_box;
+
+    #[test]
+    fn too_many_patches_are_refused_by_a_number_that_is_one() {
+        let refused = |subdivision| Patches::new(&cornell_box(), subdivision).unwrap_err().to_string();
+        let many = refused(Subdivision::Split(100_000));
+        assert!(many.starts_with("400000000000 patches are more than"), "{many}");
+        // What is counted no further is not given as if it were.
+        for length in [1e-9, 1e-300, f64::NAN] {
+            let refused = refused(Subdivision::PatchSize(length));
+            assert!(refused.starts_with("10¹⁸ or more patches are more than"), "{refused}");
+        }
     }
 }
