@@ -27,6 +27,14 @@ impl Default for HierarchyOptions {
     }
 }
 
+/// The longest half side of a scene's box, in its own unit: an area is the root of a sum of fourth powers of lengths, which must neither
+/// overflow nor, for the smallest patch that the box's own coordinates can tell, be 0.
+const EXTENTS: std::ops::RangeInclusive<f64> = 1e-60..=1e60;
+
+/// Triangles whose longest edge is shorter than so many times the height up to which corners are taken to lie in a plane have rows that
+/// are visibly off: among ten such, row sums are by 0.4 %; among one such, nothing is seen at all.
+const DWARFED: f64 = 16.0;
+
 /// Why a model could not be made.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -34,11 +42,36 @@ pub enum ModelError {
     /// There is no patch.
     #[error("the scene has no patch left; nothing can be computed")]
     Empty,
-    /// Coordinates whose extent f64 cannot hold.
-    #[error("the scene's extent {extent} cannot be normalised; coordinates must be finite and not all alike")]
+    /// Coordinates of which f64 cannot hold the extent, or the areas.
+    #[error(
+        "the scene's extent {extent:e} cannot be worked with; coordinates must be finite and not all alike, and half its box from \
+         {least:e} to {most:e} long: give them in another unit",
+        least = EXTENTS.start(), most = EXTENTS.end()
+    )]
     Extent {
         /// The longest half side of the scene's box.
         extent: f64,
+    },
+    /// Most triangles are so small beside the scene that none can be told from the plane of its neighbour: something stands far off, or
+    /// coordinates are given so far from the origin that nothing is left of them.
+    #[error(
+        "{small} of {surfaces} triangles are less than {least:e} of the scene's extent {extent:e} long, too small to be told apart; is \
+         something far off? the farthest from the middle of all is patch {} at ({:e} {:e} {:e}): delete it, or move the scene to the origin",
+        farthest.0, at.x, at.y, at.z
+    )]
+    Dwarfed {
+        /// How many triangles are that small.
+        small: usize,
+        /// Of how many, cut as they are.
+        surfaces: usize,
+        /// In parts of `extent`.
+        least: f64,
+        /// The longest half side of the scene's box.
+        extent: f64,
+        /// The patch that is farthest from the median of all.
+        farthest: InputPatch,
+        /// Its centroid.
+        at: DVec3,
     },
     /// The octree refused the boxes.
     #[error("octree: {0}")]
@@ -83,7 +116,8 @@ impl Model {
     /// Prepares `patches`.
     ///
     /// # Errors
-    /// When there is no patch, or coordinates are not finite or all alike.
+    /// When there is no patch, coordinates are not finite or all alike, half the scene's box is not from 10⁻⁶⁰ to 10⁶⁰ long, or
+    /// most triangles have no edge of 1.6·10⁻⁹ of that.
     pub fn new(patches: Arc<Patches>, hierarchy: HierarchyOptions) -> Result<Self, ModelError> {
         if patches.is_empty() {
             return Err(ModelError::Empty);
@@ -92,7 +126,7 @@ impl Model {
         let center = bounds.center();
         let half = bounds.half_extent();
         let extent = half.max_element();
-        if !(extent.is_finite() && extent > 0.0 && center.is_finite() && extent >= f64::MIN_POSITIVE * 1e16) {
+        if !(EXTENTS.contains(&extent) && center.is_finite()) {
             return Err(ModelError::Extent { extent });
         }
         let scale = power_of_two_not_above(1.0 / extent);
@@ -136,7 +170,7 @@ impl Model {
         let octree = octree?;
         let order = order.unwrap_or_else(|payload| std::panic::resume_unwind(payload));
         drop(boxes);
-        let surfaces = octree
+        let surfaces: Vec<Surface> = octree
             .order()
             .iter()
             .map(|&index| {
@@ -153,6 +187,19 @@ impl Model {
         // that of the scene's own extent.
         let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
         let plane_tolerance = 1e-10 + 16.0 * f64::EPSILON * largest * scale;
+        let least = DWARFED * plane_tolerance;
+        let small = surfaces.iter().filter(|s| longest_edge(&s.corners) < least).count();
+        if 2 * small > surfaces.len() {
+            let (farthest, at) = farthest_from_median(&patches);
+            return Err(ModelError::Dwarfed {
+                small,
+                surfaces: surfaces.len(),
+                least,
+                extent,
+                farthest,
+                at,
+            });
+        }
         #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
         let patch_count = patches.len() as u32;
         let geometry = Arc::new(Geometry::new(surfaces, octree, patch_count, plane_tolerance));
@@ -218,19 +265,95 @@ impl Model {
     }
 }
 
-/// The largest power of two that is not above a positive finite `x`.
+fn longest_edge([a, b, c]: &[DVec3; 3]) -> f64 {
+    a.distance(*b).max(b.distance(*c)).max(c.distance(*a))
+}
+
+/// The patch whose centroid is farthest from the median of all, and that centroid. There is a patch.
+fn farthest_from_median(patches: &Patches) -> (InputPatch, DVec3) {
+    let median = DVec3::from_array([0, 1, 2].map(|axis| {
+        let mut along: Vec<f64> = patches.iter().map(|p| patches.centroid(p)[axis]).collect();
+        let middle = along.len() / 2;
+        *along.select_nth_unstable_by(middle, f64::total_cmp).1
+    }));
+    let away = |&p: &InputPatch| patches.centroid(p).distance(median);
+    let farthest = patches.iter().max_by(|a, b| away(a).total_cmp(&away(b)));
+    let farthest = farthest.unwrap_or(InputPatch(0));
+    (farthest, patches.centroid(farthest))
+}
+
+/// The largest power of two that is not above a positive, normal, finite `x`.
 fn power_of_two_not_above(x: f64) -> f64 {
     let exponent = x.to_bits() >> 52;
-    if exponent == 0 {
-        // Subnormal: only where the extent is near the largest f64; any scale in range will do.
-        return f64::MIN_POSITIVE;
-    }
     f64::from_bits(exponent << 52)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hemicube_scene::generate::cornell_box;
+    use hemicube_scene::{Scene, Subdivision, Triangle};
+
+    /// The Cornell box with its largest half side this long, and a triangle in it that is 10⁻¹⁵ as large.
+    fn box_of(half: f64) -> Scene {
+        let mut scene = cornell_box();
+        let bounds = Aabb::from_points(scene.triangles.iter().flat_map(|t| t.corners));
+        let scale = half / bounds.half_extent().max_element();
+        for triangle in &mut scene.triangles {
+            triangle.corners = triangle.corners.map(|p| p * scale);
+        }
+        let least = 1e-15 * half;
+        let corners = [DVec3::ZERO, DVec3::X * least, DVec3::Z * least];
+        scene.triangles.push(Triangle {
+            corners,
+            ..scene.triangles[0].clone()
+        });
+        scene
+    }
+
+    #[test]
+    fn where_a_model_is_made_areas_and_normals_are_numbers() {
+        let make = |half: f64| {
+            let patches = Arc::new(Patches::new(&box_of(half), Subdivision::None).unwrap());
+            Model::new(patches.clone(), HierarchyOptions::default()).map(|_| patches)
+        };
+        for half in [1.1e-60, 1.0, 0.9e60] {
+            let patches = make(half).unwrap();
+            for patch in patches.iter() {
+                assert!(patches.area(patch) / half / half > 1e-31, "{half:e}");
+                assert!((patches.normal(patch).length() - 1.0).abs() < 1e-9, "{half:e}");
+            }
+        }
+        for half in [0.9e-60, 1.1e60, 1e160] {
+            let refused = make(half).unwrap_err().to_string();
+            assert!(refused.contains("from 1e-60 to 1e60 long"), "{refused}");
+        }
+    }
+
+    /// The Cornell box, and a triangle a tenth as large as it is far.
+    fn with_one_at(distance: f64) -> Result<Model, ModelError> {
+        let mut scene = cornell_box();
+        let corners = [DVec3::ZERO, DVec3::Y, DVec3::Z].map(|p| (DVec3::X + 0.1 * p) * distance);
+        scene.triangles.push(Triangle {
+            corners,
+            ..scene.triangles[0].clone()
+        });
+        let patches = Patches::new(&scene, Subdivision::None).unwrap();
+        Model::new(patches.into(), HierarchyOptions::default())
+    }
+
+    #[test]
+    fn what_is_dwarfed_by_something_far_off_is_refused_by_its_name() {
+        with_one_at(1e11).unwrap();
+        for distance in [1e13, 1e17, 1e40] {
+            let refused = with_one_at(distance).unwrap_err();
+            let ModelError::Dwarfed { small, farthest, .. } = refused else {
+                panic!("{refused}");
+            };
+            assert_eq!((small, farthest), (cornell_box().triangles.len(), InputPatch(40)));
+            assert!(refused.to_string().contains("patch 40 at ("), "{refused}");
+        }
+    }
 
     #[test]
     fn powers_of_two() {
