@@ -558,7 +558,8 @@ fn rows_and_columns_are_selected() {
     compute("--emitters tree --rows 0..1").fails_with(&["no row is left"]);
     compute("--subdivide 1 --split 2").fails_with(&["`--subdivide` and `--split` exclude each other"]);
     compute("--subdivide 31").fails_with(&["patches", "subdivide less"]);
-    compute("--patch-size 1e-300").fails_with(&["patches", "subdivide less"]);
+    compute("--patch-size 1e-300").fails_with(&["10¹⁸ or more patches", "subdivide less"]);
+    compute("--scale 1e160").fails_with(&["extent", "1e-60 to 1e60", "another unit"]);
     assert!(
         !place.path("new").exists(),
         "a run that failed at its start leaves no directory behind"

@@ -55,8 +55,8 @@ pub enum ModelError {
     /// Most triangles are so small beside the scene that none can be told from the plane of its neighbour: something stands far off, or
     /// coordinates are given so far from the origin that nothing is left of them.
     #[error(
-        "{small} of {surfaces} triangles are less than {least:e} of the scene's extent {extent:e} long, too small to be told apart; is \
-         something far off? the farthest from the middle of all is patch {} at ({:e} {:e} {:e}): delete it, or move the scene to the origin",
+        "{small} of {surfaces} triangles are less than {least:.1e} of the scene's extent {extent:.3e} long, too small to be told apart; is \
+         something far off? the farthest from the middle of all is patch {} at ({:.4e} {:.4e} {:.4e}): delete it, or move the scene to the origin",
         farthest.0, at.x, at.y, at.z
     )]
     Dwarfed {
