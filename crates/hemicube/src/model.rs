@@ -306,7 +306,7 @@ mod tests {
         let corners = [DVec3::ZERO, DVec3::X * least, DVec3::Z * least];
         scene.triangles.push(Triangle {
             corners,
-            ..scene.triangles[0].clone()
+            ..scene.triangles[0]
         });
         scene
     }
@@ -336,7 +336,7 @@ mod tests {
         let corners = [DVec3::ZERO, DVec3::Y, DVec3::Z].map(|p| (DVec3::X + 0.1 * p) * distance);
         scene.triangles.push(Triangle {
             corners,
-            ..scene.triangles[0].clone()
+            ..scene.triangles[0]
         });
         let patches = Patches::new(&scene, Subdivision::None).unwrap();
         Model::new(patches.into(), HierarchyOptions::default())
