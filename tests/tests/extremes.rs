@@ -259,6 +259,34 @@ fn any_unit() {
     }
 }
 
+/// As far off as a model still takes: `hemicube::ModelError::Dwarfed` is what comes of more.
+#[test]
+fn a_room_has_its_rows_also_beside_something_far_off() {
+    let room = model(cornell_box(), Subdivision::None);
+    let alone = all_rows(&room, 128);
+    let beside = |distance: f64| {
+        let mut scene = cornell_box();
+        let corners = [DVec3::ZERO, DVec3::Y, DVec3::Z].map(|p| (DVec3::X + 0.1 * p) * distance);
+        scene.triangles.push(hemicube_scene::Triangle {
+            corners,
+            ..scene.triangles[0]
+        });
+        all_rows(&model(scene, Subdivision::None), 128)
+    };
+    for distance in [1e6, 1e9, 2e11] {
+        let rows = beside(distance);
+        for k in 0..alone.len() {
+            let apart = |id: u32| {
+                let of = |rows: &RowBlock| shown(rows.row(k), |patch| patch.0 == id);
+                (of(&rows) - of(&alone)).abs()
+            };
+            let apart = (0..41).map(apart).sum::<f64>();
+            // Corners are rounded anew, by 10⁻⁷ of the room: a pixel or two change sides.
+            assert!(apart < 5e-3, "{distance:e}, row {k}: {apart}");
+        }
+    }
+}
+
 #[test]
 fn a_single_patch_and_an_empty_view() {
     let triangle = [

@@ -31,8 +31,8 @@ impl Default for HierarchyOptions {
 /// overflow nor, for the smallest patch that the box's own coordinates can tell, be 0.
 const EXTENTS: std::ops::RangeInclusive<f64> = 1e-60..=1e60;
 
-/// Triangles whose longest edge is shorter than so many times the height up to which corners are taken to lie in a plane have rows that
-/// are visibly off: among ten such, row sums are by 0.4 %; among one such, nothing is seen at all.
+/// How many times the height up to which corners are taken to lie in a plane a triangle's longest edge must be. A room of triangles
+/// that just are has the rows that it has by itself (`tests/tests/extremes.rs`); of those as short as that height, nothing sees anything.
 const DWARFED: f64 = 16.0;
 
 /// Why a model could not be made.
@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_dwarfed_by_something_far_off_is_refused_by_its_name() {
+    fn a_scene_that_something_far_off_dwarfs_is_refused_by_where_that_is() {
         with_one_at(1e11).unwrap();
         for distance in [1e13, 1e17, 1e40] {
             let refused = with_one_at(distance).unwrap_err();
