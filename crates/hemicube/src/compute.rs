@@ -323,6 +323,10 @@ pub struct Summary {
     pub threads: usize,
     /// Time from the first row asked for to the last part kept.
     pub elapsed: Duration,
+    /// The row that took longest, and its time; `None` where there is no row.
+    pub slowest: Option<(InputPatch, Duration)>,
+    /// Time of all rows, one after the other.
+    pub row_time: Duration,
     /// Time in the sink; rows were computed meanwhile.
     pub sink: Duration,
 }
@@ -371,6 +375,8 @@ struct Batch {
     changes: Vec<entries::RowChange>,
     partial: u64,
     counters: Counters,
+    slowest: Option<(InputPatch, Duration)>,
+    row_time: Duration,
 }
 
 /// What workers share: who computes what, and how far the collector is.
@@ -677,7 +683,9 @@ fn compute_batch(
     }
     rows.clear();
     let first = emitters.first().copied().unwrap_or(InputPatch(0));
+    let began = Instant::now();
     let counters = render(model, settings, backend, first, &hemicubes, rows)?;
+    let rendering = began.elapsed();
 
     let mut batch = Batch {
         counters,
@@ -687,6 +695,7 @@ fn compute_batch(
     let mut first = 0;
     let receives = |patch| plan.selection.receives(patch);
     for (&emitter, &count) in emitters.iter().zip(&count_of_row) {
+        let began = Instant::now();
         let samples = first..first + count;
         first += count;
         let (columns, data) = (&mut part.indices, &mut part.data);
@@ -736,6 +745,12 @@ fn compute_batch(
         part.hemicubes.push(u32::try_from(hemicubes_of_row).unwrap_or(u32::MAX));
         part.errors.push(converted.error);
         part.rays.push(u32::try_from(converted.rays).unwrap_or(u32::MAX));
+        // Hemicubes are rendered together: each has its share of that time.
+        let took = began.elapsed() + rendering.mul_f64(count as f64 / hemicubes.len().max(1) as f64);
+        batch.row_time += took;
+        if batch.slowest.is_none_or(|(_, longest)| took > longest) {
+            batch.slowest = Some((emitter, took));
+        }
     }
     Ok(batch)
 }
@@ -834,7 +849,14 @@ fn collect(
             Err(mpsc::RecvTimeoutError::Timeout) => continue,
             Err(mpsc::RecvTimeoutError::Disconnected) => break,
         };
-        early.insert(index, batch?);
+        let batch = batch?;
+        summary.row_time += batch.row_time;
+        if let Some((patch, took)) = batch.slowest
+            && summary.slowest.is_none_or(|(_, longest)| took > longest)
+        {
+            summary.slowest = Some((patch, took));
+        }
+        early.insert(index, batch);
         while let Some(batch) = early.remove(&next) {
             next += 1;
             summary.counters += batch.counters;
