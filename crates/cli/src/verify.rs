@@ -10,7 +10,7 @@ use hemicube::compute::{Plan, Progress, RowChoice, Selection};
 use hemicube::reference::{
     EstimatedRow, Interval, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against,
 };
-use hemicube::store::Store;
+use hemicube::store::{RowTable, Store};
 use hemicube::{InputPatch, Model};
 use serde::Serialize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -102,6 +102,67 @@ fn keep_receivers(rows: &mut [ReferenceRow], receivers: &[bool]) {
         };
         row.missed *= share;
         row.missed_squared *= share;
+        row.error_of_missed *= share;
+    }
+}
+
+/// How far Σ F and the shares of what a row lost are from 1, over the rows, and what the reference's own rows come to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Closure {
+    /// Rows of which the shares are known.
+    rows: u64,
+    /// Those of them that are farther from 1 than the tolerance, if one was asked for.
+    beyond: Option<u64>,
+    mean: f64,
+    max: f64,
+    reference_mean: f64,
+    reference_max: f64,
+    /// The standard error of Σ F + escaped + blocked of the reference, on average.
+    reference_noise: f64,
+    /// What the reference likely lacks of Σ F, at most.
+    reference_missed: f64,
+}
+
+/// |Σ F + escaped + blocked + unselected − 1| of a stored row; `None` where the shares are not known.
+fn closure_of(sum: f64, patch: InputPatch, table: &RowTable) -> Option<f64> {
+    let of = |column: &[f64]| {
+        usize::try_from(patch.0)
+            .ok()
+            .and_then(|patch| column.get(patch))
+            .copied()
+    };
+    let lost = of(&table.escaped)? + of(&table.blocked)? + of(&table.unselected)?;
+    (!lost.is_nan()).then(|| (sum + lost - 1.0).abs())
+}
+
+impl Closure {
+    /// From the rows of the reference with all their columns, and the stored ones.
+    fn of(
+        reference: &[ReferenceRow],
+        estimated: &[EstimatedRow],
+        table: &RowTable,
+        tolerance: Option<Tolerance>,
+    ) -> Self {
+        let found: Vec<f64> = estimated
+            .iter()
+            .filter_map(|row| closure_of(row.values.iter().sum(), row.emitter, table))
+            .collect();
+        let own: Vec<f64> = reference.iter().map(|row| (row.closure() - 1.0).abs()).collect();
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        // What is not a number must show.
+        let max = |values: &[f64]| values.iter().copied().fold(0.0, |a: f64, b| if b <= a { a } else { b });
+        let noise: Vec<f64> = reference.iter().map(ReferenceRow::closure_noise).collect();
+        let missed: Vec<f64> = reference.iter().map(|row| row.missed).collect();
+        Self {
+            rows: found.len() as u64,
+            beyond: tolerance.map(|tolerance| found.iter().filter(|&&f| !(f <= tolerance.0)).count() as u64),
+            mean: mean(&found),
+            max: max(&found),
+            reference_mean: mean(&own),
+            reference_max: max(&own),
+            reference_noise: mean(&noise),
+            reference_missed: max(&missed),
+        }
     }
 }
 
@@ -166,6 +227,7 @@ pub(crate) struct Verification {
     verdict: Option<Verdict>,
     interrupted: bool,
     measured: Measured,
+    closure: Closure,
 }
 
 impl Verify<'_> {
@@ -204,9 +266,6 @@ impl Verify<'_> {
         })?;
         drop(bar);
         exit::keep(false);
-        if let Some(receivers) = &plan.selection.receivers {
-            keep_receivers(&mut rows, receivers);
-        }
         let mut estimated = Vec::with_capacity(rows.len());
         for row in &rows {
             let emitter = InputPatch(row.emitter);
@@ -218,8 +277,13 @@ impl Verify<'_> {
                 });
             }
         }
+        let closure = Closure::of(&rows, &estimated, &store.row_table()?, self.tolerance);
+        if let Some(receivers) = &plan.selection.receivers {
+            keep_receivers(&mut rows, receivers);
+        }
         Ok(Verification {
             interrupted: rows.len() < drawn.len(),
+            closure,
             ..self.judge(&rows, &estimated, plan.rows.len() as u64, settings.target)
         })
     }
@@ -244,6 +308,7 @@ impl Verify<'_> {
             verdict: judged.map(|tolerance| Verdict::of(&measured, rows_computed, tolerance)),
             interrupted: false,
             measured,
+            closure: Closure::default(),
         }
     }
 }
@@ -257,6 +322,47 @@ impl Verification {
             Exit::NotHeld
         } else {
             Exit::Done
+        }
+    }
+
+    fn add_closure(&self, list: &mut Listing) {
+        let c = &self.closure;
+        if c.rows > 0 {
+            let beyond = match (c.beyond, self.tolerance) {
+                (Some(beyond), Some(tolerance)) => format!(
+                    "; {} of {} farther than {}",
+                    count(beyond),
+                    counted(c.rows, "row"),
+                    percentage(tolerance)
+                ),
+                _ => String::new(),
+            };
+            list.add(
+                "closure",
+                format!(
+                    "ΣF and what is lost come to 1 up to {} on average, {} at most{beyond}",
+                    figures(c.mean),
+                    figures(c.max)
+                ),
+            );
+        }
+        list.add(
+            "",
+            format!(
+                "the reference's rows up to {} on average, {} at most; its own noise is {}",
+                figures(c.reference_mean),
+                figures(c.reference_max),
+                figures(c.reference_noise)
+            ),
+        );
+        if c.reference_missed > self.reference_target {
+            list.add(
+                "",
+                format!(
+                    "its rows may lack {} in patches that it had no rays left to look at",
+                    figures(c.reference_missed)
+                ),
+            );
         }
     }
 
@@ -315,11 +421,13 @@ impl Verification {
         list.add(
             "row sums",
             format!(
-                "off by {} on average, {} at most",
+                "off by {} on average, {} at most; the reference's own noise is {}",
                 figures(m.row_sum_error.mean),
-                figures(m.row_sum_error.max)
+                figures(m.row_sum_error.max),
+                figures(m.row_sum_noise.mean)
             ),
         );
+        self.add_closure(&mut list);
         if let Some(worst) = m.worst_entry {
             list.add(
                 "worst entry",
@@ -423,6 +531,46 @@ mod tests {
             assert_eq!(verification.exit(), exit);
             assert!(verification.text().contains(says), "{}", verification.text());
         }
+    }
+
+    #[test]
+    fn rows_that_do_not_add_up_are_told_so() {
+        let reference = [ReferenceRow {
+            emitter: 1,
+            columns: vec![0, 2],
+            values: vec![0.3, 0.4],
+            errors: vec![3e-4, 4e-4],
+            escaped: 0.2999,
+            error_of_shares: 1.2e-3,
+            ..ReferenceRow::default()
+        }];
+        let row = |values: &[f64]| {
+            let columns: Vec<u32> = if values.len() == 2 { vec![0, 2] } else { vec![2] };
+            [EstimatedRow {
+                emitter: InputPatch(1),
+                columns,
+                values: values.to_vec(),
+            }]
+        };
+        let table = RowTable {
+            escaped: vec![f64::NAN, 0.3, f64::NAN],
+            blocked: vec![f64::NAN, 0.0, f64::NAN],
+            unselected: vec![f64::NAN, 0.0, f64::NAN],
+            ..RowTable::default()
+        };
+        let of = |estimated: &[EstimatedRow], table: &RowTable| {
+            Closure::of(&reference, estimated, table, Some(Tolerance(0.01)))
+        };
+        let right = of(&row(&[0.3, 0.4]), &table);
+        assert!(right.max < 1e-12 && right.beyond == Some(0), "{right:?}");
+        assert!((right.reference_max - 1e-4).abs() < 1e-12 && (right.reference_noise - 1.3e-3).abs() < 1e-12);
+        // A pair is left out.
+        let wrong = of(&row(&[0.4]), &table);
+        assert!((wrong.max - 0.3).abs() < 1e-12 && wrong.beyond == Some(1), "{wrong:?}");
+        // Shares that nobody knows say nothing.
+        assert_eq!(of(&row(&[0.4]), &RowTable::unknown(3)).rows, 0);
+        assert!(closure_of(f64::NAN, InputPatch(1), &table).is_some_and(f64::is_nan));
+        assert_eq!(of(&row(&[f64::NAN, 0.4]), &table).beyond, Some(1));
     }
 
     #[test]

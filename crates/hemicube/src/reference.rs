@@ -11,7 +11,13 @@
 //!
 //! Which pairs there are is found by cosine-distributed rays from stratified points of the emitter. What these rays hit is
 //! also a row by itself, without closed form and without visible fractions: the two must agree
-//! ([`ReferenceRow::agreement`]). What they did not hit is estimated from what they hit once or twice (Good 1953).
+//! ([`ReferenceRow::agreement`]).
+//!
+//! What they did not hit is estimated from what they hit once or twice (Good 1953). Patches that no ray met are then taken
+//! up by a bound of their form factor ([`facing`]), all from some least bound on: so low that what is below it is likely
+//! less than the target, of the row's norm and of its sum. Segments measure their visibility as that of the others. Where
+//! more rays are cheaper than looking at that many patches, rays are cast first; where both would take more than
+//! [`ReferenceSettings::max_rays`] allows, the largest bounds are looked at, and [`ReferenceRow::missed`] holds the rest.
 //!
 //! What is seen is what backends are told to see ([`crate::backend`]): the emitter's own surface never, nor anything that
 //! lies in or below its plane; of surfaces in one plane the patch with the smaller id; the back of a one-sided surface
@@ -20,6 +26,7 @@
 //!
 //! Rows depend on the scene, the settings and the emitter only.
 
+mod facing;
 mod hemisphere;
 mod measure;
 mod pair;
@@ -29,9 +36,10 @@ mod visibility;
 pub use measure::{EstimatedRow, Interval, Measured, errors_against};
 
 use crate::Model;
+use facing::Facing;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
-use hemisphere::Hemisphere;
+use hemisphere::{Hemisphere, Missing};
 use pair::{BATCHES, Pair};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
@@ -40,7 +48,8 @@ use visibility::{Met, Occluders, Sight};
 /// How carefully reference rows are computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceSettings {
-    /// The standard error of a row that is aimed at, as a share of its Euclidean norm.
+    /// The standard error of a row that is aimed at, as a share of its Euclidean norm. What is likely missing of a row is
+    /// as small a share of its sum, and the error of what escaped is no larger.
     pub target: f64,
     /// Where a row stops even if it has not reached the target; its error says so.
     pub max_rays: u64,
@@ -101,10 +110,12 @@ pub struct ReferenceRow {
     pub escaped: f64,
     /// The share that meets the back of a one-sided patch.
     pub blocked: f64,
-    /// Standard error of `escaped` and of `blocked`, at most.
+    /// Standard error of `escaped`, of `blocked` and of the two together, at most.
     pub error_of_shares: f64,
     /// The share that goes to patches which no ray found: an estimate.
     pub missed: f64,
+    /// Standard error of `missed`.
+    pub error_of_missed: f64,
     /// Σ F² over patches which no ray found: an estimate.
     pub missed_squared: f64,
     /// How far the row is from what the rays over the hemisphere counted: mean square, in squares of a standard error,
@@ -139,7 +150,23 @@ impl ReferenceRow {
 
     /// Σ F + escaped + blocked, 1 but for errors.
     pub fn closure(&self) -> f64 {
-        self.values.iter().sum::<f64>() + self.escaped + self.blocked + self.missed
+        self.sum() + self.escaped + self.blocked
+    }
+
+    /// Σ F, with what is likely missing.
+    pub fn sum(&self) -> f64 {
+        self.values.iter().sum::<f64>() + self.missed
+    }
+
+    /// The standard error of [`Self::sum`].
+    pub fn sum_noise(&self) -> f64 {
+        let squares: f64 = self.errors.iter().map(|e| e * e).sum();
+        (squares + self.error_of_missed.powi(2)).sqrt()
+    }
+
+    /// The standard error of [`Self::closure`].
+    pub fn closure_noise(&self) -> f64 {
+        self.sum_noise().hypot(self.error_of_shares)
     }
 }
 
@@ -148,6 +175,22 @@ pub fn noise_of(rows: &[ReferenceRow]) -> f64 {
     let norm: f64 = rows.iter().map(ReferenceRow::squared_norm).sum();
     let error: f64 = rows.iter().map(ReferenceRow::squared_error).sum();
     if norm > 0.0 { (error / norm).sqrt() } else { 0.0 }
+}
+
+/// What is used for one row after the other.
+#[derive(Debug)]
+struct Scratch {
+    hemisphere: Hemisphere,
+    facing: Facing,
+}
+
+impl Scratch {
+    fn new(model: &Model) -> Self {
+        Self {
+            hemisphere: Hemisphere::new(model.patches().len()),
+            facing: Facing::default(),
+        }
+    }
 }
 
 /// A scene made ready for reference rows.
@@ -182,8 +225,16 @@ pub struct Reference<'m> {
     settings: ReferenceSettings,
 }
 
-/// The share of the squared error aimed at that patches which no ray finds may have.
+/// The share of the squared error aimed at, and of the error of the sum, that patches which no ray finds may have.
 const SHARE_OF_MISSED: f64 = 0.3;
+/// The share of a row's rays that segments to patches which no ray over the hemisphere met may have.
+const SHARE_OF_UNMET: u64 = 4;
+/// What it costs to look at a patch, in rays: a segment of each batch and the closed form.
+const RAYS_OF_A_LOOK: u64 = 48;
+/// As many patches are looked at without asking whether rays are cheaper.
+const LOOKS_FOR_NOTHING: u64 = 4096;
+/// How often segments to patches that hardly any reached are doubled.
+const LOOKS: usize = 4;
 /// The share of the error aimed at that a pair's closed form may have.
 const SHARE_OF_CLOSED_FORM: f64 = 0.1;
 /// Rounds of refinement, each of which at most quadruples a pair's rays.
@@ -268,7 +319,7 @@ impl<'m> Reference<'m> {
     /// When there is no such patch.
     pub fn row(&self, emitter: InputPatch) -> Result<ReferenceRow, ReferenceError> {
         self.check(emitter)?;
-        Ok(self.compute(emitter, &mut Hemisphere::new(self.model.patches().len())))
+        Ok(self.compute(emitter, &mut Scratch::new(self.model)))
     }
 
     /// The rows of several emitters, in order, by several threads (0: one a core). `progress` is told how many are done.
@@ -296,11 +347,11 @@ impl<'m> Reference<'m> {
             for _ in 0..threads {
                 let (sender, next) = (sender.clone(), &next);
                 scope.spawn(move || {
-                    let mut hemisphere = Hemisphere::new(self.model.patches().len());
+                    let mut scratch = Scratch::new(self.model);
                     loop {
                         let place = next.fetch_add(1, Ordering::Relaxed);
                         let Some(&emitter) = emitters.get(place) else { break };
-                        if sender.send((place, self.compute(emitter, &mut hemisphere))).is_err() {
+                        if sender.send((place, self.compute(emitter, &mut scratch))).is_err() {
                             break;
                         }
                     }
@@ -325,7 +376,7 @@ impl<'m> Reference<'m> {
     }
 
     /// A row without anything but the emitter where the patch has no area.
-    fn compute(&self, emitter: InputPatch, hemisphere: &mut Hemisphere) -> ReferenceRow {
+    fn compute(&self, emitter: InputPatch, scratch: &mut Scratch) -> ReferenceRow {
         let mut row = ReferenceRow {
             emitter: emitter.0,
             ..ReferenceRow::default()
@@ -334,23 +385,24 @@ impl<'m> Reference<'m> {
             return row;
         };
         let ReferenceSettings { target, max_rays, seed } = self.settings;
-        hemisphere.cast(
-            &self.occluders,
-            &sight,
-            seed,
-            SHARE_OF_MISSED * target * target,
-            max_rays / 2,
-        );
+        let least = self.find(&sight, scratch);
+        let Scratch { hemisphere, facing } = scratch;
         let enough = SHARE_OF_CLOSED_FORM * target * hemisphere.squared_norm().sqrt();
-        let mut pairs: Vec<Pair> = hemisphere
-            .found()
-            .filter_map(|(patch, hits)| {
-                let receiver = Sight::new(self.model, InputPatch(patch))?;
-                Pair::new(&sight, &receiver, hits, seed, enough)
-            })
-            .collect();
+        let pair = |(patch, hits)| {
+            let receiver = Sight::new(self.model, InputPatch(patch))?;
+            Pair::new(&sight, &receiver, hits, seed, enough)
+        };
+        let mut pairs: Vec<Pair> = hemisphere.found().filter_map(pair).collect();
+        let unmet = facing.from(least).iter().filter(|&&patch| !hemisphere.has_met(patch));
+        let mut unmet: Vec<Pair> = unmet.filter_map(|&patch| pair((patch, 0))).collect();
+        let hidden = self.look(&sight, &mut unmet, hemisphere);
+        let looked: u64 = unmet.iter().map(Pair::rays).sum();
+        // Pairs that stay hidden are in no row; their segments count.
+        row.rays = unmet.iter().filter(|pair| pair.is_hidden()).map(Pair::rays).sum();
+        pairs.extend(unmet.into_iter().filter(|pair| !pair.is_hidden()));
+        pairs.sort_unstable_by_key(Pair::receiver);
         let rays = hemisphere.rays();
-        self.refine(&sight, &mut pairs, rays, max_rays.saturating_sub(rays));
+        self.refine(&sight, &mut pairs, rays, max_rays.saturating_sub(rays + looked));
 
         let share_partly = share_partly_visible(&pairs);
         let total = rays as f64;
@@ -358,9 +410,9 @@ impl<'m> Reference<'m> {
         for pair in &pairs {
             let (value, error) = (pair.value(), pair.error(share_partly));
             row.rays += pair.rays();
-            if pair.hits >= 16 {
+            if pair.hits >= 16 || value * total >= 16.0 {
                 let counted = f64::from(pair.hits) / total;
-                disagreement += (counted - value).powi(2) / (counted / total + error * error);
+                disagreement += (counted - value).powi(2) / (counted.max(value) / total + error * error);
                 row.agreement_count += 1;
             }
             if value > 0.0 || error > 0.0 {
@@ -372,12 +424,99 @@ impl<'m> Reference<'m> {
         row.agreement = disagreement / f64::from(row.agreement_count.max(1));
         row.rays += rays;
         (row.escaped, row.blocked) = (hemisphere.escaped(), hemisphere.blocked());
-        row.error_of_shares = [row.escaped, row.blocked]
-            .map(|p| (p * (1.0 - p) / total).sqrt())
-            .into_iter()
-            .fold(0.0, f64::max);
-        (row.missed, row.missed_squared) = (hemisphere.missed(), hemisphere.missed_squared());
+        row.error_of_shares = hemisphere.error_of_shares();
+        let below = hemisphere.missing(facing, least);
+        row.missed = below.sum + hidden.sum;
+        row.missed_squared = below.squared + hidden.squared;
+        row.error_of_missed = (below.variance + hidden.variance).sqrt();
         row
+    }
+
+    /// Casts rays over the hemisphere until patches that none met can be looked at for no more than the rays took, and
+    /// says from which bound on that must be done for the target; from which it can be done where there are no more rays.
+    fn find(&self, sight: &Sight, Scratch { hemisphere, facing }: &mut Scratch) -> f64 {
+        let ReferenceSettings { target, max_rays, seed } = self.settings;
+        facing.find(self.model, sight);
+        hemisphere.begin();
+        loop {
+            hemisphere.round(&self.occluders, sight, seed);
+            let rays = hemisphere.rays();
+            let wanted = self.least(hemisphere, facing);
+            // Both numbers are small enough for either type.
+            let cost = facing.from(wanted).len() as u64 * RAYS_OF_A_LOOK;
+            let most = max_rays / SHARE_OF_UNMET;
+            if hemisphere.error_of_shares() <= target && cost <= rays.max(LOOKS_FOR_NOTHING * RAYS_OF_A_LOOK).min(most)
+            {
+                return wanted;
+            }
+            if rays + Hemisphere::RAYS > max_rays / 2 {
+                let count = usize::try_from(most / RAYS_OF_A_LOOK).unwrap_or(usize::MAX);
+                return wanted.max(facing.least_of(count));
+            }
+        }
+    }
+
+    /// The bound from which on patches must be looked at: what rays met once or twice below it says that what they did not
+    /// meet is less than the target.
+    fn least(&self, hemisphere: &Hemisphere, facing: &Facing) -> f64 {
+        let target = self.settings.target;
+        let rays = hemisphere.rays() as f64;
+        let sum = 1.0 - hemisphere.escaped() - hemisphere.blocked();
+        let once = SHARE_OF_MISSED * target * sum * rays;
+        let twice = 0.5 * SHARE_OF_MISSED * target * target * hemisphere.squared_norm() * rays * rays;
+        let limit = |times, allowed: f64| {
+            let bounds = hemisphere.bounds_of_hit(times, facing);
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "saturation is wanted"
+            )]
+            let first = bounds.get(allowed as usize);
+            // Not at that patch's own bound, which the rays chose.
+            first.map_or(f64::INFINITY, |bound| 0.5 * bound)
+        };
+        if hemisphere.found().next().is_none() {
+            // Nothing is known of a row of which nothing was met.
+            return 0.0;
+        }
+        limit(1, once).min(limit(2, twice))
+    }
+
+    /// Casts the first segments to patches that no ray over the hemisphere met, more to those with a larger form factor,
+    /// and says what is likely missing in those that no segment reached: of pairs with n segments each,
+    /// Σ F = Σ F⁰ / n over pairs that one reached, Σ F² = Σ 2 F⁰² / (n (n − 1)) over pairs that two reached.
+    fn look(&self, sight: &Sight, unmet: &mut [Pair], hemisphere: &Hemisphere) -> Missing {
+        let ReferenceSettings { target, max_rays, .. } = self.settings;
+        let batches = BATCHES as f64;
+        let rays = hemisphere.rays() as f64;
+        // A segment that reaches a pair is to be worth a few rays over the hemisphere, unless that takes too many.
+        let whole: f64 = unmet.iter().map(Pair::most).sum();
+        let most = max_rays / (2 * SHARE_OF_UNMET);
+        let each = (0.25 * rays).min(most as f64 / whole.max(f64::MIN_POSITIVE));
+        let mut left = max_rays / SHARE_OF_UNMET;
+        for pair in unmet.iter_mut() {
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "at most as many as are left"
+            )]
+            let count = ((each * pair.most() / batches) as u64).max(1);
+            pair.cast(&self.occluders, sight, count);
+            left = left.saturating_sub(count * BATCHES as u64);
+        }
+        let sum = 1.0 - hemisphere.escaped() - hemisphere.blocked();
+        for _ in 0..LOOKS {
+            let missing = missing_of(unmet);
+            let again: u64 = unmet.iter().filter(|pair| pair.passed().0 <= 1).map(Pair::rays).sum();
+            if missing.sum <= SHARE_OF_MISSED * target * sum || again > left {
+                break;
+            }
+            left -= again;
+            for pair in unmet.iter_mut().filter(|pair| pair.passed().0 <= 1) {
+                pair.cast(&self.occluders, sight, pair.rays() / BATCHES as u64);
+            }
+        }
+        missing_of(unmet)
     }
 
     /// Casts rays between pairs, more where a pair has more part in the row's error, until the row is good enough.
@@ -393,6 +532,10 @@ impl<'m> Reference<'m> {
         let mut sum = 0.0;
         for index in order {
             let pair = &mut pairs[index];
+            if pair.hits == 0 {
+                // It has been looked at.
+                continue;
+            }
             sum += 0.25 * pair.most().powi(2) / BATCHES as f64;
             let rays = if sum <= 0.05 * target * norm { 1 } else { 4 };
             if left < rays * BATCHES as u64 {
@@ -438,6 +581,23 @@ impl<'m> Reference<'m> {
             }
         }
     }
+}
+
+/// What is likely missing in pairs of which no segment passed.
+fn missing_of(unmet: &[Pair]) -> Missing {
+    let mut missing = Missing::default();
+    for pair in unmet {
+        let (passed, all) = pair.passed();
+        let n = all.max(2) as f64;
+        let whole = pair.most();
+        if passed == 1 {
+            missing.sum += whole / n;
+            missing.variance += (whole / n).powi(2);
+        } else if passed == 2 {
+            missing.squared += 2.0 * whole * whole / (n * (n - 1.0));
+        }
+    }
+    missing
 }
 
 /// Which share of a row, by squares, is in pairs that some rays pass and others do not: how likely it is that a pair

@@ -476,6 +476,125 @@ fn rows_of_a_closed_cube_sum_to_one() {
     }
 }
 
+/// The inside of a box, its sides cut into quads as nearly as may be of the sizes asked for; `open` sides are left out.
+fn flat_box(size: [f64; 3], cuts: [u32; 3], open: &[usize]) -> Vec<[DVec3; 3]> {
+    let mut triangles = Vec::new();
+    for side in (0..6).filter(|side| !open.contains(side)) {
+        let (axis, far) = (side / 2, side % 2 == 1);
+        let (p, q) = ((axis + 1) % 3, (axis + 2) % 3);
+        let at = |k: u32, l: u32| {
+            let mut point = [0.0; 3];
+            point[axis] = if far { size[axis] } else { 0.0 };
+            point[p] = size[p] * f64::from(k) / f64::from(cuts[p]);
+            point[q] = size[q] * f64::from(l) / f64::from(cuts[q]);
+            DVec3::from_array(point)
+        };
+        for k in 0..cuts[p] {
+            for l in 0..cuts[q] {
+                let [a, b, c, d] = [at(k, l), at(k + 1, l), at(k + 1, l + 1), at(k, l + 1)];
+                triangles.extend(cut(if far { [a, d, c, b] } else { [a, b, c, d] }));
+            }
+        }
+    }
+    triangles
+}
+
+/// Thin, finely cut spaces, closed and with a side open: rays meet few of the patches that are in view, and what they do
+/// not meet adds up.
+#[test]
+fn rows_of_flat_spaces_close() {
+    for (size, cuts, open) in [
+        ([1.2, 1.5, 0.016], [12, 12, 12], &[][..]),
+        ([1.0, 1.0, 0.05], [24, 24, 2], &[]),
+        ([4.0, 0.4, 0.01], [40, 8, 3], &[]),
+        ([1.0, 1.0, 0.02], [16, 16, 4], &[1]),
+        ([2.0, 1.0, 0.1], [20, 10, 3], &[5]),
+    ] {
+        let model = model_of(&flat_box(size, cuts, open), Subdivision::None);
+        let count = model.geometry().patch_count;
+        let emitters: Vec<_> = (0..12).map(|k| InputPatch(k * (count / 12) + 3 * k)).collect();
+        let reference = Reference::new(&model, settings(1e-3)).expect("good settings");
+        let rows = reference.rows(&emitters, 2, &mut |_| {}).expect("patches of the scene");
+        let (mut squares, mut lacking) = (0.0, 0.0f64);
+        for row in &rows {
+            let (off, noise) = (row.closure() - 1.0, row.closure_noise());
+            assert!(
+                off.abs() <= 4.0 * noise + 2e-5,
+                "{size:?} {open:?}, patch {}: {off:e} ± {noise:e}, missed {:e}",
+                row.emitter,
+                row.missed
+            );
+            assert!(
+                noise < 2e-3 && row.missed <= 1e-3,
+                "{size:?} {open:?}: {noise:e} {:e}",
+                row.missed
+            );
+            assert!(row.agreement < 2.0, "{}", row.agreement);
+            squares += (off / noise).powi(2);
+            let met = row.values.iter().filter(|&&f| f > 3.0 / 65_536.0).sum::<f64>();
+            lacking = lacking.max(row.sum() - met);
+        }
+        let spread = (squares / rows.len() as f64).sqrt();
+        println!(
+            "{size:?} {open:?}: off by {spread:.2} of the stated noise; {lacking:.4} is in patches of 3 rays or fewer"
+        );
+        // The test is of what it says: without the smallest patches, rows would not close.
+        assert!(lacking > 2e-3, "{size:?}: {lacking}");
+    }
+}
+
+/// What rows lack in pairs that no ray would have met is told, by the sums and by the missed mass.
+#[test]
+fn rows_that_lack_pairs_in_view_are_told_so() {
+    let model = model_of(&flat_box([1.2, 1.5, 0.016], [12, 12, 12], &[]), Subdivision::None);
+    let reference = Reference::new(&model, settings(1e-3)).expect("good settings");
+    let emitters: Vec<_> = (0..8).map(|k| InputPatch(k * 211 + 5)).collect();
+    let rows = reference.rows(&emitters, 2, &mut |_| {}).expect("patches of the scene");
+    let mut estimated = estimates(&rows);
+    let right = errors_against(&rows, &estimated);
+    assert!(right.row_sum_error.max <= 1e-3 && right.missed_mass == 0.0, "{right:?}");
+    // What fewer than one ray in 65,536 would meet.
+    for row in &mut estimated {
+        let kept = |place: &usize| row.values[*place] >= 1.0 / 65_536.0;
+        let places: Vec<usize> = (0..row.columns.len()).filter(kept).collect();
+        row.columns = places.iter().map(|&place| row.columns[place]).collect();
+        row.values = places.iter().map(|&place| row.values[place]).collect();
+    }
+    let lacking = errors_against(&rows, &estimated);
+    println!(
+        "rows without small pairs: sums off by {:.5} on average, {:.5} at most; noise {:.5}",
+        lacking.row_sum_error.mean, lacking.row_sum_error.max, lacking.row_sum_noise.mean
+    );
+    assert!(
+        lacking.row_sum_error.mean > 5.0 * lacking.row_sum_noise.max && lacking.missed_mass > 1e-3,
+        "{lacking:?}"
+    );
+}
+
+/// Where the rays do not suffice for all patches in view, what is left is in `missed`, with an error that holds.
+#[test]
+fn what_the_budget_leaves_is_estimated() {
+    let model = model_of(&flat_box([2.0, 2.0, 0.05], [48, 48, 4], &[]), Subdivision::None);
+    let scarce = ReferenceSettings {
+        max_rays: 140_000,
+        ..settings(1e-3)
+    };
+    let reference = Reference::new(&model, scarce).expect("good settings");
+    let mut most = 0.0f64;
+    for k in 0..6 {
+        let row = reference.row(InputPatch(k * 1_571 + 40)).expect("a patch of the scene");
+        let (off, noise) = (row.closure() - 1.0, row.closure_noise());
+        println!(
+            "{:>5}: {off:+.1e} ± {noise:.1e}, missed {:.1e} ± {:.1e}",
+            row.emitter, row.missed, row.error_of_missed
+        );
+        assert!(off.abs() <= 4.0 * noise, "{off:e} ± {noise:e}");
+        assert!(row.rays <= 140_000 + 140_000 / 8, "{}", row.rays);
+        most = most.max(row.missed);
+    }
+    assert!(most > 1e-3, "nothing is missed: {most:e}");
+}
+
 #[test]
 fn rows_do_not_depend_on_threads_but_on_the_seed() {
     let model = model_of_scene(&generate::room(3).expect("a small room"), Subdivision::None);

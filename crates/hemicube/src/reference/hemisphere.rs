@@ -1,8 +1,13 @@
 //! Cosine-distributed rays over an emitter's hemisphere: which patches it sees at all, and what it may have missed.
 //!
 //! With n₁ and n₂ the numbers of patches that exactly one and exactly two of M rays hit, patches that none hit have about
-//! Σ F = n₁ / M and Σ F² = 2 n₂ / M² (Good 1953, eqs. 9 and 22).
+//! Σ F = n₁ / M and Σ F² = 2 n₂ / M² (Good 1953, eqs. 9 and 22). This holds of any class of patches that is told by the
+//! scene alone, such as those with a bound of F below some least.
+//!
+//! Directions are stratified: the variance of a share is that within strata, estimated from neighbouring strata
+//! (collapsed strata; Cochran 1977, § 5A.12), Σ (y₁ − y₂)² / M² over pairs of neighbours.
 
+use super::facing::Facing;
 use super::random::{Random, point_of};
 use super::visibility::{Met, Occluders, Sight};
 use std::f64::consts::TAU;
@@ -21,6 +26,28 @@ pub(super) struct Hemisphere {
     escaped: u64,
     blocked: u64,
     rays: u64,
+    /// What the rays of a round met, by the stratum of their directions.
+    met: Vec<Share>,
+    /// Neighbouring strata of which one escaped, one was blocked, one did either, and the other not.
+    differing: [u64; 3],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Share {
+    Escaped,
+    Blocked,
+    Found,
+}
+
+/// What is likely missing of a row in patches that no ray met.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Missing {
+    /// Σ F.
+    pub(super) sum: f64,
+    /// Σ F².
+    pub(super) squared: f64,
+    /// The variance of `sum`.
+    pub(super) variance: f64,
 }
 
 impl Hemisphere {
@@ -34,59 +61,78 @@ impl Hemisphere {
             escaped: 0,
             blocked: 0,
             rays: 0,
+            met: vec![Share::Found; (STRATA * STRATA) as usize],
+            differing: [0; 3],
         }
     }
 
-    /// Casts rays from an emitter until the squares of what they missed are likely less than `share` of the row's, or
-    /// there are `max_rays`.
-    pub(super) fn cast(&mut self, occluders: &Occluders, emitter: &Sight, seed: u64, share: f64, max_rays: u64) {
+    /// Forgets the row before.
+    pub(super) fn begin(&mut self) {
         for &patch in &self.found {
             self.hits[patch as usize] = 0;
         }
         self.found.clear();
         (self.escaped, self.blocked, self.rays) = (0, 0, 0);
+        self.differing = [0; 3];
+    }
+
+    /// Casts a round of rays from an emitter.
+    pub(super) fn round(&mut self, occluders: &Occluders, emitter: &Sight, seed: u64) {
         let tangent = (emitter.corners[1] - emitter.corners[0]).normalize_or_zero();
         let bitangent = emitter.normal.cross(tangent);
-        for round in 0.. {
-            let mut random = Random::of(&[seed, u64::from(emitter.patch), u64::MAX, round]);
-            let keys = [random.next(), random.next()];
-            for index in 0..STRATA * STRATA {
-                let mut within = |stratum: u32| {
-                    let n = f64::from(STRATA);
-                    let (x, y) = (f64::from(stratum % STRATA), f64::from(stratum / STRATA));
-                    ((x + random.unit()) / n, (y + random.unit()) / n)
-                };
-                let (u, v) = within(index);
-                let origin = point_of(&emitter.corners, u, v);
-                let (u, v) = within(shuffled(index, keys));
-                let (sine, cosine) = (TAU * v).sin_cos();
-                let radius = u.sqrt();
-                let direction =
-                    tangent * (radius * cosine) + bitangent * (radius * sine) + emitter.normal * (1.0 - u).sqrt();
-                match occluders.first(emitter, origin, direction) {
-                    Met::Nothing => self.escaped += 1,
-                    Met::Back => self.blocked += 1,
-                    Met::Patch(patch) => {
-                        let hits = &mut self.hits[patch as usize];
-                        if *hits == 0 {
-                            self.found.push(patch);
-                        }
-                        *hits += 1;
-                    }
+        let round = self.rays / ROUND;
+        let mut random = Random::of(&[seed, u64::from(emitter.patch), u64::MAX, round]);
+        let keys = [random.next(), random.next()];
+        for index in 0..STRATA * STRATA {
+            let mut within = |stratum: u32| {
+                let n = f64::from(STRATA);
+                let (x, y) = (f64::from(stratum % STRATA), f64::from(stratum / STRATA));
+                ((x + random.unit()) / n, (y + random.unit()) / n)
+            };
+            let (u, v) = within(index);
+            let origin = point_of(&emitter.corners, u, v);
+            let stratum = shuffled(index, keys);
+            let (u, v) = within(stratum);
+            let (sine, cosine) = (TAU * v).sin_cos();
+            let radius = u.sqrt();
+            let direction =
+                tangent * (radius * cosine) + bitangent * (radius * sine) + emitter.normal * (1.0 - u).sqrt();
+            self.met[stratum as usize] = match occluders.first(emitter, origin, direction) {
+                Met::Nothing => {
+                    self.escaped += 1;
+                    Share::Escaped
                 }
-            }
-            self.rays += ROUND;
-            let is_enough = self.found.is_empty() || self.missed_squared() <= share * self.squared_norm();
-            if is_enough || self.rays + ROUND > max_rays {
-                break;
-            }
+                Met::Back => {
+                    self.blocked += 1;
+                    Share::Blocked
+                }
+                Met::Patch(patch) => {
+                    let hits = &mut self.hits[patch as usize];
+                    if *hits == 0 {
+                        self.found.push(patch);
+                    }
+                    *hits += 1;
+                    Share::Found
+                }
+            };
         }
+        for pair in self.met.chunks_exact(2) {
+            let differs = |is: fn(Share) -> bool| u64::from(is(pair[0]) != is(pair[1]));
+            self.differing[0] += differs(|share| share == Share::Escaped);
+            self.differing[1] += differs(|share| share == Share::Blocked);
+            self.differing[2] += differs(|share| share == Share::Found);
+        }
+        self.rays += ROUND;
         self.found.sort_unstable();
     }
 
     /// The patches hit, ascending, and how often.
     pub(super) fn found(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
         self.found.iter().map(|&patch| (patch, self.hits[patch as usize]))
+    }
+
+    pub(super) fn has_met(&self, patch: u32) -> bool {
+        self.hits[patch as usize] > 0
     }
 
     pub(super) fn rays(&self) -> u64 {
@@ -101,17 +147,42 @@ impl Hemisphere {
         self.blocked as f64 / self.rays.max(1) as f64
     }
 
-    pub(super) fn missed(&self) -> f64 {
-        self.found().filter(|&(_, hits)| hits == 1).count() as f64 / self.rays.max(1) as f64
+    /// The standard error of the escaped share, the blocked one, and the two together, whichever is largest. No share is
+    /// surer than to a ray.
+    pub(super) fn error_of_shares(&self) -> f64 {
+        let most = self.differing.into_iter().max().unwrap_or(0).max(1);
+        (most as f64).sqrt() / self.rays.max(1) as f64
     }
 
-    pub(super) fn missed_squared(&self) -> f64 {
-        let rays = self.rays.max(1) as f64;
-        if self.found.is_empty() {
-            // That none met anything proves no more than that few would: a patch worth one of them is missed one time in three.
-            return 1.0 / (rays * rays);
+    /// The bounds of the patches that were hit so often.
+    pub(super) fn bounds_of_hit(&self, times: u32, facing: &Facing) -> Vec<f64> {
+        let mut bounds: Vec<f64> = self
+            .found()
+            .filter(|&(_, hits)| hits == times)
+            .map(|(patch, _)| facing.bound(patch))
+            .collect();
+        bounds.sort_unstable_by(f64::total_cmp);
+        bounds
+    }
+
+    /// What is likely missing in patches with a bound below `least`.
+    pub(super) fn missing(&self, facing: &Facing, least: f64) -> Missing {
+        if facing.are_all_from(least) {
+            return Missing::default();
         }
-        2.0 * self.found().filter(|&(_, hits)| hits == 2).count() as f64 / (rays * rays)
+        let rays = self.rays.max(1) as f64;
+        let count = |times| {
+            self.bounds_of_hit(times, facing)
+                .partition_point(|&bound| bound < least) as f64
+        };
+        let (once, twice) = (count(1), count(2));
+        // That none met anything proves no more than that few would: a patch worth one of them is missed one time in three.
+        let least_squared = if self.found.is_empty() { 1.0 } else { 0.0 };
+        Missing {
+            sum: once / rays,
+            squared: (2.0 * twice).max(least_squared) / (rays * rays),
+            variance: (once + 2.0 * twice).max(1.0) / (rays * rays),
+        }
     }
 
     /// Σ F², from pairs of rays that hit the same patch.

@@ -77,8 +77,12 @@ pub struct Measured {
     pub missed_mass: f64,
     /// Σ a where the reference has nothing, over Σ b.
     pub spurious_mass: f64,
-    /// |Σⱼ aᵢⱼ − Σⱼ bᵢⱼ| over the rows, noise included.
+    /// |Σⱼ aᵢⱼ − Σⱼ bᵢⱼ| over the rows, noise included, with what the reference likely misses in Σⱼ bᵢⱼ.
     pub row_sum_error: OverRows,
+    /// The reference's own standard error of Σⱼ bᵢⱼ over the rows.
+    pub row_sum_noise: OverRows,
+    /// What the reference likely misses of Σⱼ bᵢⱼ, over the rows.
+    pub reference_missed: OverRows,
     /// The entry that differs most, if any does.
     pub worst_entry: Option<WorstEntry>,
 }
@@ -98,6 +102,7 @@ pub fn errors_against(reference: &[ReferenceRow], estimated: &[EstimatedRow]) ->
     let mut measured = Measured::default();
     let mut rows = Vec::new();
     let (mut row_error, mut row_l1, mut row_sum_error) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut row_sum_noise, mut reference_missed) = (Vec::new(), Vec::new());
     let (mut mass, mut missed, mut spurious, mut variance) = (0.0, 0.0, 0.0, 0.0);
     let mut worst = 0.0;
     for row in reference {
@@ -138,7 +143,9 @@ pub fn errors_against(reference: &[ReferenceRow], estimated: &[EstimatedRow]) ->
         }
         let (sum_a, sum_b): (f64, f64) = (estimate.values.iter().sum(), row.values.iter().sum());
         mass += sum_b;
-        row_sum_error.push((sum_a - sum_b).abs());
+        row_sum_error.push((sum_a - row.sum()).abs());
+        row_sum_noise.push(row.sum_noise());
+        reference_missed.push(row.missed);
         row_error.push(over(sums.difference.sqrt(), sums.norm.sqrt()));
         row_l1.push(over(l1, sum_b));
         rows.push(sums);
@@ -164,6 +171,8 @@ pub fn errors_against(reference: &[ReferenceRow], estimated: &[EstimatedRow]) ->
     measured.row_error = over_rows(row_error);
     measured.row_l1 = over_rows(row_l1);
     measured.row_sum_error = over_rows(row_sum_error);
+    measured.row_sum_noise = over_rows(row_sum_noise);
+    measured.reference_missed = over_rows(reference_missed);
     measured.missed_mass = over(missed, mass);
     measured.spurious_mass = over(spurious, mass);
     measured

@@ -96,6 +96,16 @@ impl Pair {
         self.count * BATCHES as u64
     }
 
+    /// Segments that passed, and all of them.
+    pub(super) fn passed(&self) -> (u64, u64) {
+        (self.passed, self.passed + self.stopped)
+    }
+
+    /// No ray over the hemisphere met it, and no segment reached it.
+    pub(super) fn is_hidden(&self) -> bool {
+        self.hits == 0 && self.passed == 0
+    }
+
     pub(super) fn is_partly_visible(&self) -> bool {
         self.passed > 0 && self.stopped > 0
     }
@@ -137,8 +147,9 @@ impl Pair {
         let floor = match (self.passed, self.stopped) {
             // A ray's worth may have been stopped between those that passed.
             (_, 0) => share_partly.sqrt() / rays,
-            // A ray over the hemisphere has met it, so it is not wholly hidden.
-            (0, _) => 1.0 / rays,
+            // A ray over the hemisphere has met it, so it is not wholly hidden. What none met and none reached is
+            // accounted for with all such pairs together.
+            (0, _) => f64::from(u8::from(self.hits > 0)) / rays,
             // Batches that happen to agree prove less than a good sequence can give.
             _ => 0.5 / rays,
         };
