@@ -2,7 +2,8 @@
 //!
 //! `accuracy ladder [ROWS [SCENE…]]`: every rung on generated scenes and a real tile.
 //! `accuracy rays [ROWS [SCENE…]]`: what casting rays costs for the error that the default has.
-//! `accuracy calibration [ROWS [SCENE…]]`: whether what is asked for is what one gets, over real scenes and tolerances.
+//! `accuracy calibration [ROWS [SCENE…]]`: whether what is asked for is what one gets, over real scenes and tolerances, of the
+//! matrix (relative Frobenius) and of each row's sum (Σ F against the reference's, and Σ F + what is lost against 1).
 //!
 //! With `REFERENCE_CACHE=DIR`, reference rows are kept there for the next run; with `RUNGS=WORD`, only the rungs whose name
 //! has the word are climbed; with `WORST=1`, the entries that are farthest off are listed; with `ENGINE=Depth|Order`, rungs without
@@ -18,7 +19,7 @@ use hemicube::factor::FactorRule;
 use hemicube::reference::{
     EstimatedRow, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against, noise_of,
 };
-use hemicube::store::Part;
+use hemicube::store::{Form, Part, RowTable};
 use hemicube::{InputPatch, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_scene::Subdivision;
@@ -104,7 +105,11 @@ const LADDER: [&str; 5] = [
     "denhaag-8897-x16",
 ];
 
-const CALIBRATION: [&str; 12] = [
+/// Rows of a scene where no number is given.
+const ROWS: u32 = 24;
+const ROWS_OF_CALIBRATION: u32 = 48;
+
+const CALIBRATION: [&str; 17] = [
     "city/denhaag-8897.obj",
     "city/rotterdam-delfshaven.obj",
     "city/zurich-lv95-rawcoords.obj",
@@ -117,12 +122,18 @@ const CALIBRATION: [&str; 12] = [
     "room-10k",
     "maze",
     "spheres",
+    "../cases/city/munich.obj",
+    "../cases/thin-enclosure/cavity.obj",
+    "city/denhaag-nested.glb",
+    "ac/fg-jetway-movable-3.ac",
+    "gltf/kenney-city-kit/building-small-c.glb",
 ];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
     let what = args.next().unwrap_or_default();
-    let rows: u32 = args.next().map_or(Ok(24), |a| a.parse())?;
+    let given: Option<u32> = args.next().map(|a| a.parse()).transpose()?;
+    let rows = given.unwrap_or(ROWS);
     let chosen: Vec<String> = args.collect();
     let listed = |all: &[&'static str]| -> Vec<String> {
         if chosen.is_empty() {
@@ -134,7 +145,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     match what.as_str() {
         "ladder" => ladder(rows, &listed(&LADDER)),
         "rays" => rays(rows, &listed(&LADDER)),
-        "calibration" => calibration(rows, &listed(&CALIBRATION)),
+        "calibration" => calibration(given.unwrap_or(ROWS_OF_CALIBRATION), &listed(&CALIBRATION)),
         _ => Err("ladder, rays or calibration?".into()),
     }
 }
@@ -537,10 +548,61 @@ fn write_points(to: &mut impl Write, points: &[Vec3A]) -> std::io::Result<()> {
     Ok(())
 }
 
+/// How far the sums of rows are off: over rows, from the reference's Σ F and from 1.
+struct SumErrors {
+    /// |Σ F − Σ F of the reference|.
+    sums: Vec<f64>,
+    /// The same, less twice the reference's own standard error: what cannot be its noise.
+    certain: Vec<f64>,
+    /// |Σ F + escaped + blocked + unselected − 1|.
+    closures: Vec<f64>,
+}
+
+impl SumErrors {
+    fn new(model: &Model, parts: &[Part], exact: &[ReferenceRow]) -> Self {
+        let mut table = RowTable::unknown(model.patches().len());
+        for part in parts {
+            table.add(part, Form::Plain);
+        }
+        let (mut sums, mut certain, mut closures) = (Vec::new(), Vec::new(), Vec::new());
+        for row in exact {
+            let patch = row.emitter as usize;
+            let off = (table.row_sum[patch] - row.sum()).abs();
+            sums.push(off);
+            certain.push(off - 2.0 * row.sum_noise());
+            let lost = table.escaped[patch] + table.blocked[patch] + table.unselected[patch];
+            closures.push((table.row_sum[patch] + lost - 1.0).abs());
+        }
+        for values in [&mut sums, &mut certain, &mut closures] {
+            values.sort_by(f64::total_cmp);
+        }
+        Self {
+            sums,
+            certain,
+            closures,
+        }
+    }
+
+    /// Whether no row's sum is farther off than that. What is not a number sorts last, and is not.
+    fn are_within(&self, tolerance: f64) -> bool {
+        [&self.certain, &self.closures]
+            .into_iter()
+            .all(|values| values.last().is_none_or(|&most| most <= tolerance))
+    }
+}
+
+/// The value that so many per cent of sorted values do not exceed.
+fn percentile(sorted: &[f64], percent: usize) -> f64 {
+    let rank = (sorted.len() * percent).div_ceil(100).max(1);
+    sorted.get(rank - 1).copied().unwrap_or(f64::NAN)
+}
+
 fn calibration(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> {
-    println!("| scene | asked | got | 95 % of the matrix | asked ÷ got | effort | ms a row | settled in s | noise |");
-    println!("|---|---|---|---|---|---|---|---|---|");
-    let (mut runs, mut kept, mut shares) = (0usize, 0usize, Vec::new());
+    println!(
+        "| scene | asked | got | 95 % of the matrix | asked ÷ got | ΣF off: 95th, max | ΣF + lost − 1: 95th, max | effort | ms a row | settled in s | noise |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
+    let (mut runs, mut kept, mut closed, mut both, mut shares) = (0usize, 0usize, 0usize, 0usize, Vec::new());
     for name in scenes {
         let Some(model) = scene(name) else { continue };
         let exact = reference(name, &model, rows)?;
@@ -548,34 +610,48 @@ fn calibration(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::E
             let started = std::time::Instant::now();
             let settled = settled(&model, tolerance, &mut CpuBackend::new())?;
             let settling = started.elapsed();
-            let (seconds, m) = measure(
+            let (seconds, parts) = computed(
                 &model,
                 rows,
                 Correction::Tolerance(settled.refinement),
                 settled.resolution,
                 1,
-                &exact,
             )?;
+            let m = against(&exact, &parts);
+            let sums = SumErrors::new(&model, &parts, &exact);
             let effort = settled.refinement.effort;
+            let spread = |values: &[f64]| {
+                format!(
+                    "{:.2} %, {:.2} %",
+                    100.0 * percentile(values, 95),
+                    100.0 * percentile(values, 100)
+                )
+            };
             println!(
-                "| {name} | {} % | {:.2} % | {:.2}–{:.2} % | {:.2} | {effort} | {:.2} | {:.1} | {:.2} % |",
+                "| {name} | {} % | {:.2} % | {:.2}–{:.2} % | {:.2} | {} | {} | {effort} | {:.2} | {:.1} | {:.2} % |",
                 100.0 * tolerance,
                 100.0 * m.relative_frobenius,
                 100.0 * m.interval_of_matrix.low,
                 100.0 * m.interval_of_matrix.high,
                 tolerance / m.relative_frobenius,
+                spread(&sums.sums),
+                spread(&sums.closures),
                 seconds * 1e3,
                 settling.as_secs_f64(),
                 100.0 * m.reference_noise,
             );
+            let (within, adds_up) = (m.relative_frobenius <= tolerance, sums.are_within(tolerance));
             runs += 1;
-            kept += usize::from(m.relative_frobenius <= tolerance);
+            kept += usize::from(within);
+            closed += usize::from(adds_up);
+            both += usize::from(within && adds_up);
             shares.push(tolerance / m.relative_frobenius);
         }
     }
     shares.sort_by(f64::total_cmp);
     println!(
-        "\n{kept} of {runs} runs are within the tolerance; the median is {:.2} times better than asked.",
+        "\nOf {runs} runs, {kept} are within the tolerance by the matrix, {closed} by the sum of every row, {both} by both; \
+         the median is {:.2} times better than asked.",
         shares.get(shares.len() / 2).copied().unwrap_or(f64::NAN)
     );
     Ok(())
@@ -608,6 +684,26 @@ fn measure(
     samples: u32,
     exact: &[ReferenceRow],
 ) -> Result<(f64, Measured), Box<dyn std::error::Error>> {
+    let (seconds, parts) = computed(model, rows, correction, resolution, samples)?;
+    Ok((seconds, against(exact, &parts)))
+}
+
+fn against(exact: &[ReferenceRow], parts: &[Part]) -> Measured {
+    let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
+    if std::env::var_os("WORST").is_some() {
+        worst(exact, &estimated);
+    }
+    errors_against(exact, &estimated)
+}
+
+/// Seconds of processor time a row, and the rows.
+fn computed(
+    model: &Model,
+    rows: u32,
+    correction: Correction,
+    resolution: u32,
+    samples: u32,
+) -> Result<(f64, Vec<Part>), Box<dyn std::error::Error>> {
     let plan = plan(model, rows, samples).with_correction(correction);
     let settings = RenderSettings {
         resolution,
@@ -647,11 +743,7 @@ fn measure(
             break elapsed / (f64::from(rounds) * plan.rows.len() as f64);
         }
     };
-    let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
-    if std::env::var_os("WORST").is_some() {
-        worst(exact, &estimated);
-    }
-    Ok((seconds, errors_against(exact, &estimated)))
+    Ok((seconds, parts))
 }
 
 /// The entries with the largest part in the error.
@@ -709,8 +801,9 @@ fn reference(name: &str, model: &Model, rows: u32) -> Result<Vec<ReferenceRow>, 
 
 /// The scene, the rows, and the arithmetic: rows that an older reference left are none of this one.
 fn what_a_reference_depends_on(model: &Model, emitters: &[InputPatch]) -> u64 {
-    const SOURCES: [&str; 11] = [
+    const SOURCES: [&str; 12] = [
         include_str!("../../crates/hemicube/src/reference.rs"),
+        include_str!("../../crates/hemicube/src/reference/facing.rs"),
         include_str!("../../crates/hemicube/src/reference/hemisphere.rs"),
         include_str!("../../crates/hemicube/src/reference/pair.rs"),
         include_str!("../../crates/hemicube/src/reference/random.rs"),
@@ -734,7 +827,13 @@ fn what_a_reference_depends_on(model: &Model, emitters: &[InputPatch]) -> u64 {
 fn pack(rows: &[ReferenceRow]) -> Vec<u8> {
     let mut numbers = Vec::new();
     for row in rows {
-        numbers.extend([f64::from(row.emitter), row.columns.len() as f64, row.missed_squared]);
+        numbers.extend([
+            f64::from(row.emitter),
+            row.columns.len() as f64,
+            row.missed,
+            row.error_of_missed,
+            row.missed_squared,
+        ]);
         for ((&c, &v), &e) in row.columns.iter().zip(&row.values).zip(&row.errors) {
             numbers.extend([f64::from(c), v, e]);
         }
@@ -757,11 +856,13 @@ fn unpack(bytes: &[u8]) -> Vec<ReferenceRow> {
     while at < numbers.len() {
         let mut row = ReferenceRow {
             emitter: numbers[at] as u32,
-            missed_squared: numbers[at + 2],
+            missed: numbers[at + 2],
+            error_of_missed: numbers[at + 3],
+            missed_squared: numbers[at + 4],
             ..ReferenceRow::default()
         };
         let count = numbers[at + 1] as usize;
-        at += 3;
+        at += 5;
         for entry in numbers[at..at + 3 * count].chunks_exact(3) {
             row.columns.push(entry[0] as u32);
             row.values.push(entry[1]);

@@ -675,6 +675,25 @@ fn coplanar_duplicates() {
     }
 }
 
+/// A back that crosses a lid at a small angle is in no plane with it, however near the two are where they cross: half of
+/// the lid is hidden, for rays over the hemisphere as for segments.
+#[test]
+fn surfaces_that_cross_at_a_small_angle_are_not_in_one_plane() {
+    let floor = cut(quad([[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]]));
+    let lid = cut(quad([[0., 0., 1.], [0., 1., 1.], [1., 1., 1.], [1., 0., 1.]]));
+    let (low, high) = (1.0 - 1e-8, 1.0 + 1e-8);
+    let back = cut(quad([[0., 0., low], [1., 0., high], [1., 1., high], [0., 1., low]]));
+    let triangles: Vec<_> = floor.into_iter().chain(lid).chain(back).collect();
+    let model = model_of(&triangles, Subdivision::None);
+    let reference = Reference::new(&model, settings(1e-3)).expect("good settings");
+    for emitter in 0..2 {
+        let row = reference.row(InputPatch(emitter)).expect("a patch of the scene");
+        let (off, noise) = (row.closure() - 1.0, row.closure_noise());
+        assert!(off.abs() <= 4.0 * noise && noise < 1e-3, "{off:e} ± {noise:e}");
+        assert!(row.blocked > 0.05 && row.agreement < 3.0, "{row:?}");
+    }
+}
+
 #[test]
 fn settings_that_mean_nothing_are_refused() {
     let model = model_of(&cube(), Subdivision::None);

@@ -189,7 +189,8 @@ impl Occluders {
     /// What the ray from a point of the emitter meets first; `direction` of unit length.
     pub(super) fn first(&self, emitter: &Sight, origin: DVec3, direction: DVec3) -> Met {
         let mut nearest = f64::INFINITY;
-        let mut met = Met::Nothing;
+        // What the ray meets by now, how far along it, and of which surface.
+        let mut best: Option<(Met, f64, &Occluder)> = None;
         let ray = Ray::new(rounded(origin), rounded(direction), 0.0, FAR);
         self.hierarchy.ray_traverse(ray, &mut RayHit::none(), |_, index| {
             let occluder = &self.occluders[index];
@@ -203,15 +204,20 @@ impl Occluders {
                 return f32::INFINITY;
             }
             let found = occluder.side(determinant).map_or(Met::Back, Met::Patch);
-            let wins = match (met, found) {
-                _ if t < nearest - tie => true,
-                (Met::Nothing, _) => true,
-                (_, Met::Back | Met::Nothing) => false,
-                (Met::Back, Met::Patch(_)) => true,
-                (Met::Patch(old), Met::Patch(new)) => new < old,
+            let wins = match best {
+                None => true,
+                // Surfaces that cross at a small angle are as near to each other, and not in one plane.
+                Some((_, before, other)) if (t - before).abs() > tie || !self.are_in_plane(occluder, other) => {
+                    t < before
+                }
+                Some((met, ..)) => match (met, found) {
+                    (_, Met::Back | Met::Nothing) => false,
+                    (Met::Patch(old), Met::Patch(new)) => new < old,
+                    (_, Met::Patch(_)) => true,
+                },
             };
             if wins {
-                met = found;
+                best = Some((found, t, occluder));
             }
             nearest = nearest.min(t);
             // Boxes at the same depth must still be opened.
@@ -219,7 +225,18 @@ impl Occluders {
             let limit = (t + tie) as f32 + WIDEN;
             limit
         });
-        met
+        best.map_or(Met::Nothing, |(met, ..)| met)
+    }
+
+    /// Whether one of two surfaces lies in the plane of the other.
+    fn are_in_plane(&self, p: &Occluder, q: &Occluder) -> bool {
+        let lies_in = |p: &Occluder, q: &Occluder| {
+            let [e, f] = q.edges;
+            let normal = e.cross(f).normalize_or_zero();
+            let height = |corner: DVec3| normal.dot(corner - q.corner).abs();
+            p.corners().into_iter().all(|corner| height(corner) <= self.tolerance)
+        };
+        lies_in(p, q) || lies_in(q, p)
     }
 
     /// Whether nothing lies between a point of the emitter and a point of the receiver. `last` remembers what was in the
