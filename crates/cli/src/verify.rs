@@ -155,7 +155,8 @@ impl Closure {
         let missed: Vec<f64> = reference.iter().map(|row| row.missed).collect();
         Self {
             rows: found.len() as u64,
-            beyond: tolerance.map(|tolerance| found.iter().filter(|&&f| !(f <= tolerance.0)).count() as u64),
+            // What is not a number is not within anything.
+            beyond: tolerance.map(|tolerance| found.iter().filter(|&&f| f.is_nan() || f > tolerance.0).count() as u64),
             mean: mean(&found),
             max: max(&found),
             reference_mean: mean(&own),

@@ -14,7 +14,7 @@
 //! ([`ReferenceRow::agreement`]).
 //!
 //! What they did not hit is estimated from what they hit once or twice (Good 1953). Patches that no ray met are then taken
-//! up by a bound of their form factor ([`facing`]), all from some least bound on: so low that what is below it is likely
+//! up by a bound of their form factor, all from some least bound on: so low that what is below it is likely
 //! less than the target, of the row's norm and of its sum. Segments measure their visibility as that of the others. Where
 //! more rays are cheaper than looking at that many patches, rays are cast first; where both would take more than
 //! [`ReferenceSettings::max_rays`] allows, the largest bounds are looked at, and [`ReferenceRow::missed`] holds the rest.

@@ -96,3 +96,46 @@ fn bound(emitter: &Sight, (center, radius): (DVec3, f64), corners: &[DVec3; 3], 
     let cosines = (height / distance).min(1.0) * (above / distance).min(1.0);
     by_area.min(area * cosines / (PI * distance * distance))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::HierarchyOptions;
+    use crate::factor::{FactorRule, exchange};
+    use hemicube_scene::generate::BlockCityParameters;
+    use hemicube_scene::{InputPatch, Patches, Subdivision};
+
+    #[test]
+    fn no_form_factor_is_above_its_bound() {
+        let city = BlockCityParameters::for_target(600, 1);
+        let patches = Patches::new(&city.generate().expect("a city"), Subdivision::None).expect("patches");
+        let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+        let rule = FactorRule::for_tolerance(1e-3);
+        let mut facing = Facing::default();
+        let (mut seen, mut tight) = (0, 0);
+        for patch in (0..model.geometry().patch_count).step_by(23) {
+            let emitter = Sight::new(&model, InputPatch(patch)).expect("an area");
+            facing.find(&model, &emitter);
+            for other in 0..model.geometry().patch_count {
+                let (bound, corners) = (facing.bound(other), model.normalised_corners(other));
+                let factor = exchange(&emitter.corners, &corners, &rule) / emitter.area;
+                assert!(
+                    factor <= 1.01 * bound + 1e-9,
+                    "{patch} to {other}: {factor:e}, bound {bound:e}"
+                );
+                seen += usize::from(factor > 0.0);
+                tight += usize::from(factor > 0.1 * bound && factor > 0.0);
+            }
+            let most = facing.patches.len() / 3;
+            let least = facing.least_of(most);
+            assert!(facing.from(least).len() <= most);
+            assert!(facing.patches.is_empty() || !facing.are_all_from(least));
+            assert!(facing.from(least).iter().all(|&other| facing.bound(other) >= least));
+            assert!(facing.are_all_from(facing.least_of(facing.patches.len())));
+        }
+        assert!(
+            seen > 1_000 && 5 * tight > seen,
+            "{seen} face, {tight} bounds are tight"
+        );
+    }
+}
