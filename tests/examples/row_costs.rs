@@ -158,7 +158,7 @@ fn measure(model: &Model, rung: &str, rows: usize) -> Cost {
         largest: seconds(done[1].row_time),
         settling,
         hemicubes: done.iter().map(|summary| summary.hemicubes).sum(),
-        cut_short: 0,
+        cut_short: done.iter().map(|summary| summary.cut_short).sum(),
     }
 }
 
