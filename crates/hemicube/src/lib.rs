@@ -62,6 +62,7 @@ pub mod selection;
 pub mod settings;
 pub mod settle;
 mod shaft;
+mod shares;
 pub mod sky;
 pub mod solve;
 pub mod store;
