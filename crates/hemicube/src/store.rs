@@ -48,8 +48,9 @@ mod write;
 
 pub use crate::compute::PartThinning;
 pub use assembly::{Assembly, Index};
-pub use durable::DurableFile;
+pub use durable::{DurableFile, TemporaryFile};
 pub use error::{Error, Result};
+pub use lock::FolderLock;
 pub use manifest::{
     BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,
     scene_hash,
