@@ -44,6 +44,7 @@ mod read;
 mod resume;
 mod row_product;
 mod shard;
+mod validate;
 mod write;
 
 pub use crate::compute::PartThinning;

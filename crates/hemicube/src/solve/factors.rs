@@ -138,17 +138,6 @@ impl Factors for OutOfCore<'_> {
         let missing = || Error::malformed(self.store.directory(), format!("has no part at place {index}"));
         self.store.read_ahead(index.saturating_add(PARTS_AHEAD));
         let part = self.store.part(index)?.ok_or_else(missing)?;
-        let count = self.store.patch_count();
-        if part
-            .indices
-            .iter()
-            .any(|&column| u32::try_from(column).map_or(true, |column| column >= count))
-        {
-            return Err(Error::malformed(
-                self.store.directory(),
-                format!("has a column in part {index} that is no patch: it is damaged"),
-            ));
-        }
         let part = Arc::new(part);
         let size = 8 * part.data.len() as u64 + 64 * part.rows.len() as u64;
         let mut kept = self.lock();
