@@ -11,7 +11,7 @@ use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
-use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision};
+use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, Triangle};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -235,6 +235,19 @@ pub(crate) fn registry(backend_dir: Option<&Path>) -> Registry {
 /// # Errors
 /// When it cannot be read, nothing of it can be used, or there are too many patches.
 pub(crate) fn prepare(path: &Path, settings: &SceneSettings, engine: &impl AsRef<EngineSettings>) -> Result<Prepared> {
+    prepare_of(path, settings, engine, None)?.with_context(|| format!("`{}` cannot be computed", path.display()))
+}
+
+/// The same of a scene that is to have so many patches; `None` where it has not, before it is cut.
+///
+/// # Errors
+/// As [`prepare`].
+pub(crate) fn prepare_of(
+    path: &Path,
+    settings: &SceneSettings,
+    engine: &impl AsRef<EngineSettings>,
+    patch_count: Option<u32>,
+) -> Result<Option<Prepared>> {
     let started = Instant::now();
     if path.is_dir() {
         return Err(anyhow!(
@@ -276,13 +289,24 @@ pub(crate) fn prepare(path: &Path, settings: &SceneSettings, engine: &impl AsRef
         ));
     }
 
+    if let Some(patch_count) = patch_count {
+        let cut = settings.subdivision();
+        let of_triangle = |triangle: &Triangle| {
+            cut.count(&triangle.corners)
+                .saturating_mul(if triangle.two_sided { 2 } else { 1 })
+        };
+        let found = scene.triangles.iter().map(of_triangle).fold(0, u64::saturating_add);
+        if found != u64::from(patch_count) {
+            return Ok(None);
+        }
+    }
     let started = Instant::now();
     let patches = Patches::new(&scene, settings.subdivision()).map_err(|error| error.in_file(path))?;
     let patches = Arc::new(patches);
     let model = Model::new(Arc::clone(&patches), engine.as_ref().hierarchy())
         .with_context(|| format!("`{}` cannot be computed", path.display()))?;
     let build_seconds = started.elapsed().as_secs_f64();
-    Ok(Prepared {
+    Ok(Some(Prepared {
         scene,
         repaired,
         triangles_read,
@@ -291,7 +315,7 @@ pub(crate) fn prepare(path: &Path, settings: &SceneSettings, engine: &impl AsRef
         input,
         load_seconds,
         build_seconds,
-    })
+    }))
 }
 
 fn are(count: u64) -> String {

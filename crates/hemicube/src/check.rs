@@ -298,7 +298,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
             ..found
         };
         if let Some(bound) = options.reciprocity
-            && found.residual > bound
+            && (found.residual > bound || found.residual.is_nan())
         {
             tally.fail(
                 Check::Reciprocity,
@@ -592,6 +592,9 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
             (0..wanted).map(|number| all[number * all.len() / wanted]).collect()
         }
     };
+    // As shares of the largest, so that no square leaves the range of f64.
+    let largest = areas.iter().copied().fold(0.0, f64::max);
+    let areas: Vec<f64> = areas.iter().map(|area| area / largest).collect();
     let (mut difference, mut total, mut pairs, mut rows) = (0.0, 0.0, 0u64, 0u64);
     for &i in &order {
         if held.is_none() && pairs >= pairs_max {

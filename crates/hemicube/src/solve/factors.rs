@@ -2,6 +2,7 @@
 
 use super::Block;
 use crate::store::{Error, Part, Result, Store};
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
@@ -184,7 +185,7 @@ fn fixed<const N: usize>(columns: &[i32], factors: &[f32], x: &Block, out: &mut 
 /// F X, by several threads. Each row is one sum in the order of its entries, so the result does not depend on them.
 ///
 /// # Errors
-/// When a run cannot be read.
+/// When a run cannot be read, or a patch has two rows.
 pub fn multiply(factors: &dyn Factors, x: &Block, threads: usize) -> Result<Block> {
     let columns = x.columns();
     let mut product = Block::zeros(factors.patch_count(), columns);
@@ -216,9 +217,17 @@ pub fn multiply(factors: &dyn Factors, x: &Block, threads: usize) -> Result<Bloc
             });
         }
         drop(sender);
+        let mut has_row = vec![false; factors.patch_count()];
         for result in receiver {
             let (part, values) = result?;
             for (&patch, value) in part.rows.iter().zip(values.chunks_exact(columns.max(1))) {
+                match has_row.get_mut(patch as usize) {
+                    Some(has_row @ false) => *has_row = true,
+                    _ => {
+                        let reason = format!("has a row of patch {patch}, which does not exist or has a row already");
+                        return Err(Error::malformed(Path::new("the matrix"), reason));
+                    }
+                }
                 product.of_mut(patch as usize).copy_from_slice(value);
             }
         }

@@ -598,7 +598,7 @@ impl Store {
         let (columns, data) = head.csr.row(&file, row.into())?;
         if !validate::are_columns(&columns, self.manifest.patch_count) || !validate::are_factors(data.iter().copied()) {
             let reason = format!(
-                "has columns in its row {row} that do not ascend or leave the matrix, or what is no form factor: it is damaged"
+                "has columns in its row {row} that do not ascend, or leave the matrix, or what is no form factor: it is damaged"
             );
             return Err(Error::malformed(&head.path, reason));
         }

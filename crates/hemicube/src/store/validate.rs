@@ -154,7 +154,9 @@ pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize) -> R
     beyond("material", &table.material, materials)?;
     for (patch, &side) in table.side.iter().enumerate() {
         if side > 1 {
-            return Err(format!("has patch {patch} on the side {side}, which is neither 0 nor 1"));
+            return Err(format!(
+                "has patch {patch} on the side {side}, which is neither 0 nor 1"
+            ));
         }
     }
     for (patch, &area) in table.area.iter().enumerate() {
@@ -176,7 +178,9 @@ pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize) -> R
         let square: f64 = normal.iter().map(|component| component * component).sum();
         // What is no number is off as well.
         if !((square - 1.0).abs() <= NORMAL_ERROR) {
-            return Err(format!("has patch {patch} with the normal {normal:?}, which is no unit vector"));
+            return Err(format!(
+                "has patch {patch} with the normal {normal:?}, which is no unit vector"
+            ));
         }
     }
     Ok(())

@@ -7,8 +7,8 @@ use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
 use super::read::{RUN, THINNING};
 use super::{
-    Error, Form, Header, Manifest, Part, PartEntry, PartThinning, PatchTable, Result, RowSums,
-    RowTable, Shard, compact, validate,
+    Error, Form, Header, Manifest, Part, PartEntry, PartThinning, PatchTable, Result, RowSums, RowTable, Shard,
+    compact, validate,
 };
 use crate::balance::BalanceEntry;
 use std::collections::BTreeMap;
@@ -270,8 +270,13 @@ impl StoreWriter {
             return Err("it was written before".into());
         }
         let count = self.manifest.rows_of_part(part.index) as usize;
-        let total = validate::part(part, count, patch_count, self.manifest.form).map_err(|reason| format!("it {reason}"))?;
-        match part.rows.iter().find(|&&patch| self.written.get(patch as usize) != Some(&false)) {
+        let total =
+            validate::part(part, count, patch_count, self.manifest.form).map_err(|reason| format!("it {reason}"))?;
+        match part
+            .rows
+            .iter()
+            .find(|&&patch| self.written.get(patch as usize) != Some(&false))
+        {
             Some(&patch) => Err(format!("it {}", validate::no_row(patch))),
             None => Ok(total),
         }
