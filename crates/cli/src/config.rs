@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// The flags that are settings: they may stand in a file and in the environment.
-const SETTINGS: [&str; 30] = [
+const SETTINGS: [&str; 31] = [
     "backend",
     "backend-dir",
     "backend-option",
@@ -33,6 +33,7 @@ const SETTINGS: [&str; 30] = [
     "split",
     "patch-size",
     "two-sided",
+    "flip",
     "up",
     "scale",
     "keep-duplicates",

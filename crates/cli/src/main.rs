@@ -4,6 +4,7 @@ mod args;
 mod clock;
 mod commands;
 mod config;
+mod enclosure;
 mod exit;
 mod forecast;
 mod log;
@@ -16,6 +17,7 @@ mod selection;
 mod shard;
 mod sheet;
 mod stored;
+mod table;
 mod verify;
 
 use crate::args::{Cli, Command};

@@ -6,6 +6,7 @@ use crate::exit::hinted;
 use crate::report::{Input, counted};
 use anyhow::{Context, Result, anyhow};
 use hemicube::backend::HemicubeBackend;
+use hemicube::selection::flip;
 pub(crate) use hemicube::settings::axis_name;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
@@ -259,6 +260,12 @@ pub(crate) fn prepare(path: &Path, settings: &SceneSettings, engine: &impl AsRef
             triangle.two_sided = settings.two_sided == AutoSwitch::On;
         }
     }
+    flip(&mut scene, &settings.flip).map_err(|error| {
+        hinted(
+            anyhow!("`--flip {}` matches no object with one-sided triangles", error.glob),
+            error.there,
+        )
+    })?;
     let repaired = repair(
         &mut scene,
         RepairOptions {

@@ -48,7 +48,7 @@ use std::path::Path;
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
 pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
-    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    let bytes = crate::text::unmarked(bytes)?;
     let mut city = City::default();
     // A sequence has one JSON text a line, the first of them the frame of the others.
     let texts = serde_json::Deserializer::from_slice(bytes).into_iter::<Document>();

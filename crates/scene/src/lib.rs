@@ -27,6 +27,7 @@ mod polygon;
 pub mod repair;
 mod subdivide;
 pub mod survey;
+pub mod text;
 
 #[cfg(feature = "ac3d")]
 pub mod ac3d;
