@@ -127,7 +127,7 @@ pub(crate) fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
     match winding.turn {
         Turn::All => format!(
             "the model is wound outwards throughout: its patches face away from the space that it encloses, and see no front \
-             of another; `--flip all` turns it round"
+             of another, which is right for a solid alone that is seen from outside; for the space within, `--flip all` turns it round"
         ),
         Turn::InsideOut => format!(
             "{} face inwards ({listed}): they see only their own insides, and others see their backs, {lost} of all views; \

@@ -501,7 +501,7 @@ impl Tally {
             self.fail(
                 Check::Escaped,
                 format!(
-                    "{:e} of the view of patch {patch} leaves the scene, the bound is {bound:e}",
+                    "{:.3e} of the view of patch {patch} leaves the scene, the bound is {bound:e}",
                     lost[0]
                 ),
             );
@@ -539,7 +539,7 @@ impl Tally {
         if self.entries == 0 && self.closure.rows > 0 {
             let share = |lost: f64| 100.0 * lost / self.closure.rows as f64;
             let first = format!(
-                "no patch sees another: {:.4} % of the view leaves the scene, {:.4} % is backs of one-sided surfaces; \
+                "no patch sees another: {:.1} % of the view leaves the scene, {:.1} % is backs of one-sided surfaces; \
                  `hemicube inspect SCENE` says why, and `--flip all` turns a model that is wound outwards",
                 share(self.lost[0]),
                 share(self.lost[1])

@@ -724,9 +724,9 @@ fn enclosure_text(report: &EnclosureReport) -> String {
     let found = &report.enclosure;
     if !report.leaks_said.is_empty() {
         text.push_str(&format!(
-            "\nLeaks, {} of which {} of what escapes leaves:\n",
-            counted(found.leaks.len() as u64 + found.leaks_more, "hole"),
-            percent(found.leaking)
+            "\nLeaks: {} of what escapes leaves through {}:\n",
+            percent(found.leaking),
+            counted(found.leaks.len() as u64 + found.leaks_more, "hole")
         ));
         for leak in &report.leaks_said {
             text.push_str(&format!("  {leak}\n"));

@@ -9,9 +9,11 @@
 //! J(S) = Σ w [blocked under S] + Σ w [escaped under S, of a group that sees no front and is nearly closed on its other side]
 //! ```
 //!
-//! over the weight of all rays. The culprit is the set by which J falls most, of: each object, each group of objects that
-//! share corners, the groups that see no front, the groups that see only themselves while others see their backs, and all;
-//! then the next, until nothing is worth a turn. Two-sided surfaces have no back and are never turned.
+//! over the weight of all rays. What escapes counts only where every group of the scene sees no front, or only its own: among
+//! free-standing solids, some see others. The culprit is the set by which J falls most, of: each object, each group of
+//! objects that share corners, the groups that see only themselves while others see their backs, and all; then the next,
+//! until nothing is worth a turn. Of an object or group, turning must face it to a space that is nearly closed. Two-sided
+//! surfaces have no back and are never turned.
 
 use super::rays::{Caster, Emitter, Met, directions};
 use super::sample::{examine, hash, order};
@@ -29,7 +31,7 @@ const RAYS: u32 = 32;
 /// A group sees no front when less of its view is.
 const BLIND: f64 = 0.02;
 /// The same of the only group of a scene, whose bays see one another from outside.
-const BLIND_ALONE: f64 = 0.25;
+const BLIND_ALONE: f64 = 0.1;
 /// A side is nearly closed when no more than this escapes from it.
 const OPEN: f64 = 0.25;
 /// A group sees only itself when so much of its view is its own.
@@ -419,20 +421,25 @@ impl Rays<'_> {
         (weight, rays)
     }
 
-    /// Whether what others see of an object are backs; also where nobody sees it.
-    fn is_seen_from_behind(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> bool {
-        let mut met = [0.0; 2];
+    /// Whether what others see of these objects is backs, or nobody sees them, and their other side faces a space that is
+    /// nearly closed.
+    fn faces_away(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> bool {
+        let (mut met, mut hidden) = ([0.0; 2], [0.0; 2]);
         for &entry in objects.iter().filter_map(|o| self.of.get(o)).flatten() {
             let (kind, count) = self.list[entry];
+            let active = Self::is_active(kind, turned);
+            if objects.contains(&kind.from) && !active {
+                hidden[usize::from(kind.to == To::Nothing)] += count.weight;
+            }
             if let To::Front(to) | To::Back(to) = kind.to
                 && objects.contains(&to)
                 && !objects.contains(&kind.from)
-                && Self::is_active(kind, turned)
+                && active
             {
                 met[usize::from(Self::meets_back(kind, turned))] += count.weight;
             }
         }
-        met[1] >= BACKS * (met[0] + met[1])
+        met[1] >= BACKS * (met[0] + met[1]) && hidden[1] <= OPEN * (hidden[0] + hidden[1])
     }
 }
 
@@ -479,7 +486,13 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             .map(|(&group, _)| group)
             .collect()
     };
+    // Of a model that is turned throughout: shells face nothing, and what stands in them sees itself.
     let blind = chosen(&|sight| sight.is_blind(alone));
+    let all_outward = !blind.is_empty()
+        && sights
+            .values()
+            .all(|sight| sight.is_blind(alone) || sight.own >= ITSELF * sight.view());
+    let blind = if all_outward { blind } else { BTreeSet::new() };
     let inside_out = chosen(&Sight::sees_itself);
     let union = |chosen: &BTreeSet<u32>| -> BTreeSet<u32> {
         chosen
@@ -489,14 +502,6 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             .copied()
             .collect()
     };
-    // Of a model that is turned throughout: shells face nothing, and what stands in them sees itself.
-    let outward: BTreeSet<u32> = if blind.is_empty() {
-        BTreeSet::new()
-    } else {
-        union(&chosen(&|sight| {
-            sight.is_blind(alone) || sight.own >= ITSELF * sight.view()
-        }))
-    };
     let mut candidates: Vec<(Turn, BTreeSet<u32>)> = Vec::new();
     candidates.extend(all.iter().map(|&object| (Turn::Objects, BTreeSet::from([object]))));
     candidates.extend(
@@ -505,7 +510,6 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             .filter(|of| of.len() > 1)
             .map(|of| (Turn::Objects, of.clone())),
     );
-    candidates.push((Turn::Objects, union(&blind)));
     candidates.push((Turn::InsideOut, union(&inside_out)));
     candidates.push((Turn::All, all.clone()));
     candidates.retain(|(_, objects)| !objects.is_empty());
@@ -525,7 +529,7 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             let worth = saved > WORTH * rays.whole && rays_before.saturating_sub(rays_rest) >= WORTH_RAYS;
             if worth
                 && best.is_none_or(|(most, ..)| saved > most * (1.0 + 1e-9))
-                && (*turn == Turn::All || rays.is_seen_from_behind(objects, &turned))
+                && (*turn != Turn::Objects || rays.faces_away(objects, &turned))
             {
                 best = Some((saved, *turn, objects));
             }
@@ -533,7 +537,7 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
         let Some((saved, turn, objects)) = best else { break };
         found.push(Winding {
             turn: match turn {
-                _ if objects.len() == all.len() && objects.is_subset(&outward) => Turn::All,
+                _ if objects.len() == all.len() && all_outward => Turn::All,
                 Turn::All => Turn::Objects,
                 turn => turn,
             },
@@ -692,7 +696,7 @@ fn leaks(model: &Model, object: &impl Fn(InputPatch) -> u32, rays: &[(u32, DVec3
         })
         .collect();
     leaks.sort_by(|a, b| b.share.total_cmp(&a.share));
-    found.leaking = leaks.iter().map(|leak| leak.share).sum();
+    found.leaking = leaks.iter().fold(0.0, |sum, leak| sum + leak.share);
     found.leaks_more = leaks.len().saturating_sub(LEAKS_MAX) as u64;
     leaks.truncate(LEAKS_MAX);
     found.leaks = leaks;

@@ -20,6 +20,8 @@ const SOLID: f64 = 0.55;
 const GROUND: f64 = 0.5;
 /// Of the lower half, at most so much is a front there.
 const NOTHING: f64 = 0.05;
+/// A point is shut in when so many of the directions end on something.
+const SHUT: f64 = 0.95;
 
 /// Where a point lies, as what surrounds it says. Only one-sided surfaces have backs that say so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -56,7 +58,13 @@ pub enum Place {
 pub fn places(model: &Model, points: &[SensorPoint], up: DVec3) -> Vec<Place> {
     let tree = &*Tree::of(model.geometry());
     let mut caster = Caster::new(tree);
-    let (all, view) = (directions(RAYS), directions(RAYS_OF_VIEW));
+    // Evenly over a hemisphere: of cosine-distributed directions, z² is spread evenly.
+    let even = |d: DVec3| {
+        let z = d.z * d.z;
+        (d.truncate().normalize_or_zero() * (1.0 - z * z).sqrt()).extend(z)
+    };
+    let all: Vec<DVec3> = directions(RAYS).into_iter().map(even).collect();
+    let view = directions(RAYS_OF_VIEW);
     points
         .iter()
         .map(|point| place(model, &mut caster, [&all, &view], point, up))
@@ -90,7 +98,9 @@ fn place(model: &Model, caster: &mut Caster<'_>, [all, view]: [&[DVec3]; 2], poi
     let origin = model.normalise(point.position) + OFFSET * normal;
     let [above, _] = shares(caster, origin, up, all);
     let [below, faces_below] = shares(caster, origin, -up, all);
-    if 0.5 * (above + below) > SOLID {
+    // A solid may stand on the ground without a floor of its own.
+    let is_shut = above >= SHUT && below + faces_below >= SHUT && faces_below > NOTHING;
+    if 0.5 * (above + below) > SOLID || is_shut {
         Place::InSolid
     } else if above >= GROUND && faces_below <= NOTHING {
         Place::BelowGround
