@@ -26,8 +26,9 @@ use hemicube_scene::{InputPatch, Side};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Rays from each side of a patch.
-const RAYS: u32 = 32;
+/// Rays from each side of a patch at least and at most, and from one side of all patches of small scenes.
+const RAYS: [u32; 2] = [32, 1024];
+const RAYS_OF_ALL: usize = 1 << 16;
 /// A group sees no front when less of its view is.
 const BLIND: f64 = 0.02;
 /// The same of the only group of a scene, whose bays see one another from outside.
@@ -39,7 +40,7 @@ const ITSELF: f64 = 0.9;
 /// Others see an object's back when so much of what meets it does.
 const BACKS: f64 = 0.8;
 /// Weight, and rays, that a turn must save.
-const WORTH: f64 = 5e-4;
+const WORTH: f64 = 1e-3;
 const WORTH_RAYS: u64 = 8;
 /// Sets that are turned one after the other.
 const TURNS_MAX: usize = 16;
@@ -105,6 +106,9 @@ pub struct Enclosure {
     pub blocked: f64,
     /// Objects that face the wrong way, the worst first.
     pub winding: Vec<Winding>,
+    /// Where every group of objects that share corners sees only its own inside, and nobody else: how many there are.
+    /// Rooms are like that, and buildings that are inside out.
+    pub apart: u64,
     /// Holes that rays escape through, the largest share first; of scenes that are nearly closed only.
     pub leaks: Vec<Leak>,
     /// Holes beyond those.
@@ -180,7 +184,7 @@ pub fn enclosure(model: &Model, object: impl Fn(InputPatch) -> u32 + Sync, optio
         return found;
     }
     let groups = groups(model, &object);
-    found.winding = windings(&sample.counts, &groups, whole);
+    (found.winding, found.apart) = windings(&sample.counts, &groups, whole);
     let turned: BTreeSet<u32> = found.winding.iter().flat_map(|w| w.objects.iter().copied()).collect();
     let escaping: f64 = sample
         .counts
@@ -216,7 +220,9 @@ fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: 
     let tree = &*Tree::of(model.geometry());
     let order = order(model, options.seed);
     let order = &order[..order.len().min(options.surfaces_max)];
-    let directions = directions(RAYS);
+    #[allow(clippy::cast_possible_truncation, reason = "at most 65536")]
+    let rays = ((RAYS_OF_ALL / order.len().max(1)) as u32).clamp(RAYS[0], RAYS[1]);
+    let directions = directions(rays);
     let turnable = |patch: u32| {
         let patch = InputPatch(patch);
         if is_two_sided(model, patch) {
@@ -242,7 +248,7 @@ fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: 
                     continue;
                 };
                 let points = frame::sample_points(emitter.corners, 4);
-                let weight = model.patches().area(patch) / f64::from(RAYS);
+                let weight = model.patches().area(patch) / f64::from(rays);
                 for (k, &direction) in (0u64..).zip(&directions) {
                     #[allow(clippy::cast_possible_truncation, reason = "below the number of points")]
                     let origin = points[(hash(patch.0.into(), k) % points.len() as u64) as usize];
@@ -443,7 +449,7 @@ impl Rays<'_> {
     }
 }
 
-fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: f64) -> Vec<Winding> {
+fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: f64) -> (Vec<Winding>, u64) {
     let list: Vec<(Kind, Count)> = counts.iter().map(|(&kind, &count)| (kind, count)).collect();
     let mut of: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for (entry, (kind, _)) in list.iter().enumerate() {
@@ -546,7 +552,13 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
         });
         turned.extend(objects.iter().copied());
     }
-    found
+    let is_apart = |sight: &Sight| sight.view() > 0.0 && sight.own >= ITSELF * sight.view() && sight.met == [0.0; 2];
+    let apart = if sights.len() > 1 && sights.values().all(is_apart) {
+        sights.len() as u64
+    } else {
+        0
+    };
+    (found, apart)
 }
 
 /// A boundary loop: its corners in the scene's coordinates, and how much of its length each object has.
