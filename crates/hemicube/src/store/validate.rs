@@ -26,7 +26,7 @@ pub(super) fn are_factors(factors: impl Iterator<Item = f32> + Clone) -> bool {
 }
 
 fn is_factor(factor: f32) -> bool {
-    factor >= 0.0 && factor < FACTOR_END
+    (0.0..FACTOR_END).contains(&factor)
 }
 
 /// Whether columns ascend, and are of a matrix of so many.
@@ -176,8 +176,8 @@ pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize) -> R
             return Err(format!("has patch {patch} with the centroid {centroid:?}"));
         }
         let square: f64 = normal.iter().map(|component| component * component).sum();
-        // What is no number is off as well.
-        if !((square - 1.0).abs() <= NORMAL_ERROR) {
+        let off = (square - 1.0).abs();
+        if off > NORMAL_ERROR || off.is_nan() {
             return Err(format!(
                 "has patch {patch} with the normal {normal:?}, which is no unit vector"
             ));
