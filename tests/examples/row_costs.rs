@@ -2,8 +2,8 @@
 //! sample of rows and the rows of the largest patches; the slowest row, and its share of a whole run's time.
 //!
 //! `row_costs [ROWS [SCENE…]]`: ROWS of the sample (default 200); SCENE is a path below the folder of real scenes or any
-//! other path. With `RUNGS=WORD,WORD`, only those of pixel, point, area, tolerance. A row of area or tolerance has no bound on
-//! its time yet: the largest patch of a city on one huge triangle may take minutes.
+//! other path. With `RUNGS=WORD,WORD`, only those of pixel, point, area, tolerance. Memory, and time a rung (a minute or so),
+//! are bounded by the number of rows.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
 use hemicube::backend::{Culling, RenderSettings};
@@ -30,6 +30,7 @@ struct Cost {
     largest: f64,
     settling: f64,
     hemicubes: u64,
+    cut_short: u64,
 }
 
 fn main() {
@@ -42,8 +43,10 @@ fn main() {
         _ => all_scenes(),
     };
     let rungs = std::env::var("RUNGS").unwrap_or_else(|_| "point,area,tolerance".into());
-    println!("| scene | patches | rung | settle, s | ms a row | slowest row, s | its share of a run, % | hemicubes |");
-    println!("|---|---|---|---|---|---|---|---|");
+    println!(
+        "| scene | patches | rung | settle, s | ms a row | slowest row, s | its share of a run, % | hemicubes | cut short |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
     for name in names {
         let Some(scene) = open(&name) else { continue };
         let model = model(scene, Subdivision::None);
@@ -53,13 +56,14 @@ fn main() {
             let others = (patches as f64 - LARGEST as f64).max(0.0);
             let run = cost.per_row * others + cost.largest;
             println!(
-                "| {name} | {patches} | {rung} | {:.2} | {:.3} | {:.3} ({}) | {:.2} | {} |",
+                "| {name} | {patches} | {rung} | {:.2} | {:.3} | {:.3} ({}) | {:.2} | {} | {} |",
                 cost.settling,
                 1e3 * cost.per_row,
                 cost.slowest.1,
                 cost.slowest.0.0,
                 100.0 * cost.slowest.1 / run,
                 cost.hemicubes,
+                cost.cut_short,
             );
         }
     }
@@ -154,6 +158,7 @@ fn measure(model: &Model, rung: &str, rows: usize) -> Cost {
         largest: seconds(done[1].row_time),
         settling,
         hemicubes: done.iter().map(|summary| summary.hemicubes).sum(),
+        cut_short: done.iter().map(|summary| summary.cut_short).sum(),
     }
 }
 

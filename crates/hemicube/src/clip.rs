@@ -175,6 +175,11 @@ pub(crate) struct Clipped {
     pub(crate) points: usize,
 }
 
+/// What a point costs in steps (`shaft.rs`), for each occluder of the pair.
+const STEPS_A_POINT: u64 = 30;
+/// Occluders of a pair beyond which it is not measured from points.
+const MOST_OCCLUDERS: usize = 128;
+
 /// A part of the outer triangle: (∫ f visible, ∫ f open).
 #[derive(Clone, Debug)]
 struct Cell {
@@ -215,6 +220,11 @@ impl Clipper {
         most_points: usize,
         along_contacts: bool,
     ) -> Option<Clipped> {
+        self.points = 0;
+        self.occluders.clear();
+        if sighting.crowded {
+            return None;
+        }
         let (emitter, receiver) = (&sighting.emitter, &sighting.receiver);
         let tolerance = walls.tree.plane_tolerance;
         let unit = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).try_normalize();
@@ -236,6 +246,9 @@ impl Clipper {
             let offset = receiver_normal.dot(receiver[0]);
             let (between, _) = Polygon::of(above.corners()).split(receiver_normal, offset, tolerance);
             self.push_occluder(between, &triangle);
+        }
+        if self.occluders.len() > MOST_OCCLUDERS {
+            return None;
         }
         let (outer, inner, outer_normal, inner_normal) = if sighting.receiver_is_smaller {
             (receiver, emitter, receiver_normal, emitter_normal)
@@ -312,6 +325,11 @@ impl Clipper {
             }
             cells = next;
         }
+    }
+
+    /// What the last measurement took, in steps.
+    pub(crate) fn steps(&self) -> u64 {
+        self.points as u64 * STEPS_A_POINT * (1 + self.occluders.len() as u64)
     }
 
     /// A cell from its six points.

@@ -10,6 +10,7 @@ pub use entries::{PartThinning, Thinning};
 use crate::Model;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use crate::correct::{Converter, Correction};
+use crate::grain::{Grain, MOST_PER_EDGE};
 use crate::random;
 use crate::row::{RowBlock, RowError};
 use crate::store::{Form, Part, RowSums, StoreWriter};
@@ -164,7 +165,16 @@ impl Plan {
         self
     }
 
-    /// Hemicubes of a row.
+    /// Hemicubes along an edge of a patch: as planned, or as many as a patch asks for that is large beside what stands on it, on
+    /// all rungs but that of pixel sums, which is the method as published.
+    fn per_edge(&self, model: &Model, patch: InputPatch) -> u32 {
+        match self.correction {
+            Correction::Pixel => self.samples_per_edge,
+            _ => Grain::of(model.geometry()).per_edge(model, patch).max(self.samples_per_edge),
+        }
+    }
+
+    /// Hemicubes of a row of a patch that is no larger than what stands on it.
     pub fn hemicubes_per_row(&self) -> usize {
         self.samples_per_edge as usize * self.samples_per_edge as usize
     }
@@ -279,7 +289,8 @@ pub struct Execution<'a> {
     pub threads: usize,
     /// Hemicubes a call of the backend; 0: what the backend prefers.
     pub batch: usize,
-    /// When this becomes true, the part being computed is finished and kept, and the summary says so.
+    /// When this becomes true, the run ends, and the summary says so. The part being computed is finished and kept if that
+    /// takes no longer than two seconds; if it does, its rows are computed again when the run goes on.
     pub cancel: Option<&'a AtomicBool>,
 }
 
@@ -315,6 +326,9 @@ pub struct Summary {
     pub corrected: u64,
     /// Pairs of which a part only is visible, on rungs that know.
     pub partial: u64,
+    /// Rows that their budget of work ended before all pairs were measured that were worth it. Their expected error, on rungs
+    /// that estimate it, says so.
+    pub cut_short: u64,
     /// What the backend counted.
     pub counters: Counters,
     /// Whether it was cancelled before the last row.
@@ -374,6 +388,7 @@ struct Batch {
     /// What became of each row, where entries were left out.
     changes: Vec<entries::RowChange>,
     partial: u64,
+    cut_short: u64,
     counters: Counters,
     slowest: Option<(InputPatch, Duration)>,
     row_time: Duration,
@@ -555,6 +570,7 @@ pub fn compute(
         }),
         changed: Condvar::new(),
     };
+    let abandon = AtomicBool::new(false);
     let window = 8 * threads;
     let started = Instant::now();
     let mut summary = Summary {
@@ -574,11 +590,11 @@ pub fn compute(
         let workers: Vec<_> = sessions
             .into_iter()
             .map(|mut session| {
-                let (sender, queue, rows_of_batch) = (sender.clone(), &queue, &rows_of_batch);
+                let (sender, queue, rows_of_batch, abandon) = (sender.clone(), &queue, &rows_of_batch, &abandon);
                 scope.spawn(move || {
                     let _stop = StopOnPanic(queue);
                     let mut rows = RowBlock::default();
-                    let mut converter = Converter::new(plan.correction);
+                    let mut converter = Converter::new(plan.correction, Some(abandon));
                     while let Some(batch) = queue.take(window) {
                         let result = compute_batch(
                             model,
@@ -588,7 +604,11 @@ pub fn compute(
                             rows_of_batch(batch),
                             &mut rows,
                             &mut converter,
+                            abandon,
                         );
+                        if abandon.load(Ordering::Relaxed) {
+                            break;
+                        }
                         let failed = result.is_err();
                         if sender.send((batch, result)).is_err() || failed {
                             queue.stop_at(0);
@@ -609,11 +629,12 @@ pub fn compute(
             &receiver,
             parts,
             progress,
-            execution.cancel,
+            (execution.cancel, &abandon),
             &mut summary,
         );
-        // Whatever ended the collection, nobody may wait for it any more.
+        // Whatever ended the collection, nobody may wait for it any more, and nobody wants further rows.
         queue.stop_at(0);
+        abandon.store(true, Ordering::Relaxed);
         drop(receiver);
         let mut panic = None;
         for worker in workers {
@@ -672,14 +693,16 @@ fn compute_batch(
     backend: &mut dyn HemicubeBackend,
     emitters: &[InputPatch],
     rows: &mut RowBlock,
-    converter: &mut Converter,
+    converter: &mut Converter<'_>,
+    abandon: &AtomicBool,
 ) -> Result<Batch, ComputeError> {
     let mut hemicubes = Vec::with_capacity(emitters.len());
-    let mut count_of_row = Vec::with_capacity(emitters.len());
+    let mut of_rows = Vec::with_capacity(emitters.len());
     for &emitter in emitters {
         let before = hemicubes.len();
-        hemicubes.extend(model.hemicubes(emitter, plan.samples_per_edge, plan.rotate));
-        count_of_row.push(hemicubes.len() - before);
+        let per_edge = plan.per_edge(model, emitter);
+        hemicubes.extend(model.hemicubes(emitter, per_edge, plan.rotate));
+        of_rows.push((hemicubes.len() - before, per_edge));
     }
     rows.clear();
     let first = emitters.first().copied().unwrap_or(InputPatch(0));
@@ -694,7 +717,10 @@ fn compute_batch(
     let part = &mut batch.part;
     let mut first = 0;
     let receives = |patch| plan.selection.receives(patch);
-    for (&emitter, &count) in emitters.iter().zip(&count_of_row) {
+    for (&emitter, &(count, per_edge)) in emitters.iter().zip(&of_rows) {
+        if abandon.load(Ordering::Relaxed) {
+            break;
+        }
         let began = Instant::now();
         let samples = first..first + count;
         first += count;
@@ -713,12 +739,13 @@ fn compute_batch(
         );
         let mut hemicubes_of_row = count;
         let attempts = more_samples(&plan.correction);
+        let most = MOST_PER_EDGE.max(plan.samples_per_edge * 4);
         for (place, more) in attempts.iter().enumerate() {
-            if !converted.is_odd {
+            if !converted.is_odd || more * per_edge > most {
                 break;
             }
             // The points do not stand for the emitter: a centroid inside a solid, say, of a patch that reaches out of it.
-            let more = model.hemicubes(emitter, more * plan.samples_per_edge, plan.rotate);
+            let more = model.hemicubes(emitter, more * per_edge, plan.rotate);
             let mut odd = RowBlock::default();
             batch.counters += render(model, settings, backend, emitter, &more, &mut odd)?;
             let of_row = (0..more.len()).map(|row| odd.row(row));
@@ -739,6 +766,7 @@ fn compute_batch(
             }
         }
         batch.partial += converted.partial;
+        batch.cut_short += u64::from(converted.cut_short);
         part.rows.push(emitter.0);
         part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
         part.sums.push(converted.sums);
@@ -811,7 +839,7 @@ fn collect(
     receiver: &mpsc::Receiver<(usize, Result<Batch, ComputeError>)>,
     parts: mpsc::SyncSender<Part>,
     progress: &mut dyn FnMut(Progress),
-    cancel: Option<&AtomicBool>,
+    (cancel, abandon): (Option<&AtomicBool>, &AtomicBool),
     summary: &mut Summary,
 ) -> Result<(), ComputeError> {
     let row_count = wanted
@@ -829,16 +857,20 @@ fn collect(
     let mut early: BTreeMap<usize, Batch> = BTreeMap::new();
     let mut next = 0;
     let mut part = next_part();
-    let mut cancelling = false;
+    let mut cancelling: Option<Instant> = None;
     let mut thinned = PartThinning::default();
-    progress(Progress {
-        rows: 0,
+    let so_far = |summary: &Summary, part: &Part| Progress {
+        rows: summary.rows + part.rows.len() as u64,
         row_count,
-        entries: 0,
-    });
+        entries: summary.entries + part.indices.len() as u64,
+    };
+    progress(so_far(summary, &part));
     loop {
-        if !cancelling && cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
-            cancelling = true;
+        if cancelling.is_some_and(|since| since.elapsed() > PATIENCE) {
+            abandon.store(true, Ordering::Relaxed);
+        }
+        if cancelling.is_none() && cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
+            cancelling = Some(Instant::now());
             // Whole parts only: the one in which the first batch not yet handed out lies is still computed.
             let handed_out = queue.lock().next;
             queue.stop_at(handed_out.div_ceil(batches_per_part) * batches_per_part);
@@ -846,11 +878,16 @@ fn collect(
         // A time-out, so that a cancellation is noticed while one slow batch is under way.
         let (index, batch) = match receiver.recv_timeout(Duration::from_millis(100)) {
             Ok(received) => received,
-            Err(mpsc::RecvTimeoutError::Timeout) => continue,
+            Err(mpsc::RecvTimeoutError::Timeout) => {
+                // So that what shows the progress can show that time goes by.
+                progress(so_far(summary, &part));
+                continue;
+            }
             Err(mpsc::RecvTimeoutError::Disconnected) => break,
         };
         let batch = batch?;
         summary.row_time += batch.row_time;
+        summary.cut_short += batch.cut_short;
         if let Some((patch, took)) = batch.slowest
             && summary.slowest.is_none_or(|(_, longest)| took > longest)
         {
@@ -902,16 +939,15 @@ fn collect(
             }
         }
         queue.collected(next);
-        progress(Progress {
-            rows: summary.rows + part.rows.len() as u64,
-            row_count,
-            entries: summary.entries + part.indices.len() as u64,
-        });
+        progress(so_far(summary, &part));
     }
     summary.cancelled = summary.rows < row_count;
     summary.thinning = is_thinned.then(|| thinned.finish(plan.min_factor));
     Ok(())
 }
+
+/// How long a run that was told to end may go on with the part that it is at.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 fn empty_part(index: u32) -> Part {
     Part {

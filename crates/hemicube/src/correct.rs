@@ -15,6 +15,7 @@
 use crate::Model;
 use crate::backend::{Hemicube, WHOLE};
 use crate::factor::{Exchanges, FactorRule, PointFactors};
+use crate::grain::Grain;
 pub use crate::refine::{Doubts, Refinement};
 use crate::refine::{Mended, Refined, Refiner};
 use crate::row::RowView;
@@ -22,6 +23,7 @@ use crate::store::RowSums;
 use crate::tree::Tree;
 use crate::walls::Walls;
 use hemicube_scene::InputPatch;
+use std::sync::atomic::AtomicBool;
 
 /// A rung of the accuracy ladder.
 ///
@@ -90,6 +92,9 @@ impl Correction {
             Tree::of(model.geometry());
             Walls::of(model);
         }
+        if !matches!(self, Self::Pixel) {
+            Grain::of(model.geometry());
+        }
     }
 
     /// Whether much is known to escape from the scene, so that odd rows say little.
@@ -118,6 +123,8 @@ pub(crate) struct Converted {
     pub(crate) is_odd: bool,
     /// The share of the hemicubes that showed no receiving patch.
     pub(crate) lost: f64,
+    /// Whether its budget ended it before all was measured that was worth it.
+    pub(crate) cut_short: bool,
 }
 
 /// Rows that sum so badly are odd: in the open, what one hemicube says of the sky is that far off now and then.
@@ -131,7 +138,7 @@ const ALL_VISIBLE: f64 = 0.9999;
 
 /// Converts the rows of one patch at a time. One a thread.
 #[derive(Debug)]
-pub(crate) struct Converter {
+pub(crate) struct Converter<'c> {
     correction: Correction,
     /// (patch, sample, visible, covered) of all samples of the row.
     entries: Vec<(u32, u32, u32, u32)>,
@@ -141,11 +148,12 @@ pub(crate) struct Converter {
     fractions: Vec<f64>,
     values: Vec<f64>,
     points: PointFactors,
-    refiner: Option<Refiner>,
+    refiner: Option<Refiner<'c>>,
 }
 
-impl Converter {
-    pub(crate) fn new(correction: Correction) -> Self {
+impl<'c> Converter<'c> {
+    /// When `cancel` becomes true, rows are left as they are.
+    pub(crate) fn new(correction: Correction, cancel: Option<&'c AtomicBool>) -> Self {
         Self {
             correction,
             entries: Vec::new(),
@@ -154,8 +162,8 @@ impl Converter {
                 Correction::Pixel | Correction::Point | Correction::Tolerance(_) => None,
             },
             refiner: match correction {
-                Correction::Tolerance(refinement) => Some(Refiner::new(refinement)),
-                Correction::Area(rule) => Some(Refiner::new(Refinement::without_tolerance(rule))),
+                Correction::Tolerance(refinement) => Some(Refiner::new(refinement, cancel)),
+                Correction::Area(rule) => Some(Refiner::new(Refinement::without_tolerance(rule), cancel)),
                 Correction::Pixel | Correction::Point => None,
             },
             patches: Vec::new(),
@@ -181,7 +189,7 @@ impl Converter {
         columns: &mut Vec<i32>,
         data: &mut Vec<f32>,
     ) -> Converted {
-        let (mut error, mut rays) = (f32::NAN, 0);
+        let (mut error, mut rays, mut cut_short) = (f32::NAN, 0, false);
         let start = data.len();
         // By far the most rows of a large scene: no list of samples to sort and to group.
         let is_plain = hemicubes.len() == 1 && matches!(self.correction, Correction::Area(_));
@@ -219,6 +227,7 @@ impl Converter {
                 if (!is_odd || is_last) && sums.escaped < escaped_all {
                     let mended = self.mend(model, emitter, hemicubes.len(), receives);
                     rays = mended.rays + mended.points;
+                    cut_short = mended.cut_short;
                     // A centroid inside a solid, of a patch that reaches out of it: what rays find there is not all there is.
                     is_odd |= self.shown(per_area) - shown > bound;
                 }
@@ -232,7 +241,7 @@ impl Converter {
                 let refined = self.tolerance(model, emitter, (hemicubes.len(), care), receives, columns, data);
                 #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
                 let estimate = refined.squared_error.sqrt() as f32;
-                (error, rays) = (estimate, refined.rays + refined.points);
+                (error, rays, cut_short) = (estimate, refined.rays + refined.points, refined.cut_short);
             }
         }
         let partial = match self.correction {
@@ -256,6 +265,7 @@ impl Converter {
             partial: partial as u64,
             is_odd: odd.unwrap_or_else(|| is_odd(sum(&data[start..]))),
             lost,
+            cut_short,
         }
     }
 
@@ -402,7 +412,7 @@ impl Converter {
             )
         });
         let usual = refiner.with_care(care);
-        let refined = refiner.row(model, emitter, seen, receives);
+        let refined = refiner.row(model, emitter, seen, samples, receives);
         refiner.set(usual);
         for pair in &refiner.pairs {
             push(columns, data, pair.patch, pair.fraction * pair.open);

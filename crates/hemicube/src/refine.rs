@@ -26,11 +26,13 @@ use crate::candidates::{Candidates, Least};
 use crate::clip::Clipper;
 use crate::factor::{self, Exchanges, FactorRule};
 use crate::random;
+use crate::segments::Obstacles;
 use crate::shaft::{Cast, RAYS, Shaft};
 use crate::tree::Tree;
 use crate::walls::Walls;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How far the visible fractions of a row are refined.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,6 +103,12 @@ impl Refinement {
                 .fold(price, f64::max);
         }
         Self { price, ..self }
+    }
+
+    /// Steps that one row may take.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10¹¹")]
+    fn most_steps(&self) -> u64 {
+        (TOLERANCE_STEPS * (0.01 / self.tolerance).clamp(1.0, 100.0)) as u64
     }
 
     /// What z √d √μ must be for a pair to be measured.
@@ -305,8 +313,10 @@ pub(crate) struct Pair {
 
 /// Refines the rows of one patch at a time. One a thread.
 #[derive(Debug)]
-pub(crate) struct Refiner {
+pub(crate) struct Refiner<'c> {
     refinement: Refinement,
+    /// When this becomes true, the row is left as it is: nobody wants it any more.
+    cancel: Option<&'c AtomicBool>,
     pub(crate) pairs: Vec<Pair>,
     candidates: Candidates,
     exchanges: Exchanges,
@@ -368,12 +378,29 @@ pub(crate) struct Mended<'r> {
     pub(crate) samples: usize,
 }
 
+impl Mended<'_> {
+    /// Hemicubes along an edge.
+    fn per_edge(&self) -> u32 {
+        u32::try_from(self.samples.isqrt()).unwrap_or(u32::MAX)
+    }
+}
+
 /// From what share of a row's √Σ F² on the expected error of a pair is worth a shaft where no tolerance is asked for.
 const MENDED: f64 = 0.0016;
+/// A row of more hemicubes than this has them for its size, not because it is odd, and asks for no more precision.
+const MOST_ODD: usize = 4;
 /// So many rays the square of that is worth then.
 const MENDING: f64 = 60.0;
 /// How much larger than usual the doubts of a row may prove there.
 const LARGER: f64 = 4.0;
+/// Steps that mending a row may take: so many, and so many for each of its entries, times the hemicubes along its edge. About
+/// what its hemicubes take twice over.
+const MENDING_STEPS: u64 = 200_000;
+const MENDING_STEPS_AN_ENTRY: u64 = 500;
+/// Steps that a row of a tolerance of 1 % may take; of a finer one, more in proportion, up to a hundred times as many.
+const TOLERANCE_STEPS: f64 = 1e9;
+/// Steps that a pair takes about: if a row's budget does for so many a pair, their order does not matter.
+const STEPS_A_PAIR: u64 = 30_000;
 /// What a form factor is taken for in a row of which hemicubes saw nothing.
 const USUAL_FACTOR: f64 = 0.01;
 
@@ -387,6 +414,10 @@ pub(crate) struct Refined {
     pub(crate) rays: u64,
     pub(crate) points: u64,
     pub(crate) shafts: u64,
+    /// What it took, in steps (`shaft.rs`).
+    pub(crate) steps: u64,
+    /// Whether the row's budget ended it before all was measured that was worth it.
+    pub(crate) cut_short: bool,
 }
 
 impl Refined {
@@ -396,6 +427,8 @@ impl Refined {
         self.rays += pair.rays;
         self.points += pair.points;
         self.shafts += pair.shafts;
+        self.steps += pair.steps;
+        self.cut_short |= pair.cut_short;
     }
 }
 
@@ -436,10 +469,11 @@ pub(crate) const MOST_DRAWN: usize = 32;
 /// Rays at one pair, at most.
 const MOST_RAYS: f64 = 262_144.0;
 
-impl Refiner {
-    pub(crate) fn new(refinement: Refinement) -> Self {
+impl<'c> Refiner<'c> {
+    pub(crate) fn new(refinement: Refinement, cancel: Option<&'c AtomicBool>) -> Self {
         Self {
             refinement,
+            cancel,
             pairs: Vec::new(),
             candidates: Candidates::default(),
             exchanges: Exchanges::new(refinement.rule),
@@ -456,6 +490,10 @@ impl Refiner {
             measured_before: 0,
             measured_of: None,
         }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed))
     }
 
     /// From now on takes nothing for known, and half of the error, if it is to take care; returns what it did before.
@@ -476,7 +514,7 @@ impl Refiner {
         self.refinement = refinement;
     }
 
-    /// Refines a row: `seen` are the patches that the centroid's hemicube saw, ascending, with their visible fractions.
+    /// Refines a row: `seen` are the patches that its hemicubes saw, so many `samples`, ascending, with their visible fractions.
     /// Afterwards `pairs` is the row, ascending. Where it is the row of the last emitter again, with more hemicubes, what was
     /// measured of it is not measured again.
     pub(crate) fn row(
@@ -484,6 +522,7 @@ impl Refiner {
         model: &Model,
         emitter: InputPatch,
         seen: impl Iterator<Item = (u32, f64)>,
+        samples: usize,
         receives: impl Fn(u32) -> bool,
     ) -> Refined {
         let own = model.normalised_corners(emitter.0);
@@ -496,11 +535,17 @@ impl Refiner {
 
         self.remember(self.measured_of == Some(emitter));
         self.measured_of = Some(emitter);
+        let usual = self.refinement.doubts;
+        if samples > MOST_ODD {
+            self.refinement.doubts.lower(samples);
+        }
         self.find_stakes();
+        self.refinement.doubts = usual;
         let (price, least) = self.price(budget);
         let mut refined = Refined::default();
         self.find_probes(emitter);
-        self.measure(model, emitter, &own, price, least, &mut refined);
+        let most_steps = self.refinement.most_steps();
+        self.measure(model, emitter, &own, (price, least), most_steps, &mut refined);
         refined.squared_error *= f64::from(self.refinement.estimate);
         self.pairs.sort_unstable_by_key(|pair| pair.patch);
         refined.squared_norm = self.squared_norm();
@@ -549,7 +594,7 @@ impl Refiner {
         } else {
             USUAL_FACTOR
         };
-        let least = MENDED * (usual / row.samples as f64).sqrt();
+        let least = MENDED * (usual / row.samples.min(MOST_ODD) as f64).sqrt();
         let mut doubts = self.refinement.doubts;
         if row.samples > 1 {
             doubts.lower(row.samples);
@@ -636,7 +681,9 @@ impl Refiner {
         self.is_probe.clear();
         self.is_probe.resize(self.pairs.len(), false);
         let price = MENDING / (least * least);
-        self.measure(model, emitter, &own, price, least, &mut refined);
+        let entries = row.patches.len() as u64;
+        let most_steps = (MENDING_STEPS + MENDING_STEPS_AN_ENTRY * entries) * u64::from(row.per_edge());
+        self.measure(model, emitter, &own, (price, least), most_steps, &mut refined);
         for (pair, &place) in self.pairs.iter().zip(&self.places) {
             row.fractions[place] = pair.fraction;
         }
@@ -794,7 +841,11 @@ impl Refiner {
     ) -> f64 {
         let own = model.normalised_corners(emitter.0);
         self.begin(model, emitter, &own, seen, receives);
-        let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(model));
+        let walls = &*Walls::of(model);
+        let obstacles = Obstacles {
+            surfaces: &model.geometry().surfaces,
+            walls,
+        };
         for class in 0..CLASSES {
             let of_class = |pair: &&Pair| usize::from(pair.kind.class) == class;
             let total: f64 = self.pairs.iter().filter(of_class).map(|pair| pair.open).sum();
@@ -808,7 +859,7 @@ impl Refiner {
                 self.shaft.clear();
                 let sighting = self
                     .shaft
-                    .sight(surfaces, walls, (emitter.0, &own), (pair.patch, &corners));
+                    .sight(obstacles, (emitter.0, &own), (pair.patch, &corners));
                 let fraction = if sighting.hidden {
                     0.0
                 } else if sighting.is_open() {
@@ -818,9 +869,9 @@ impl Refiner {
                     let seed = seed(emitter.0, pair.patch);
                     if sighting.near {
                         self.shaft
-                            .cast_near(&sighting, SURVEY_RAYS, MOST_DRAWN * SURVEY_RAYS, seed, &mut cast);
+                            .cast_near(obstacles, &sighting, SURVEY_RAYS, MOST_DRAWN * SURVEY_RAYS, seed, &mut cast);
                     } else {
-                        self.shaft.cast(&sighting, SURVEY_RAYS, seed, &mut cast);
+                        self.shaft.cast(obstacles, &sighting, SURVEY_RAYS, seed, &mut cast);
                     }
                     let Some(fraction) = cast.fraction() else { continue };
                     fraction
@@ -855,14 +906,23 @@ impl Refiner {
 
     /// Measures the fraction of every pair to the tolerance.
     fn measure_each(&mut self, model: &Model, emitter: InputPatch, own: &[DVec3; 3]) -> Refined {
-        let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(model));
+        let walls = &*Walls::of(model);
+        let obstacles = Obstacles {
+            surfaces: &model.geometry().surfaces,
+            walls,
+        };
         let mut refined = Refined::default();
+        let cancel = self.cancel;
         for pair in self.pairs.iter_mut().filter(|pair| pair.open > 0.0) {
+            if cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
+                refined.cut_short = true;
+                break;
+            }
             self.shaft.clear();
             let corners = model.normalised_corners(pair.patch);
             let sighting = self
                 .shaft
-                .sight(surfaces, walls, (emitter.0, own), (pair.patch, &corners));
+                .sight(obstacles, (emitter.0, own), (pair.patch, &corners));
             refined.shafts += 1;
             if sighting.hidden || sighting.is_open() {
                 pair.fraction = f64::from(u8::from(!sighting.hidden));
@@ -883,9 +943,9 @@ impl Refiner {
             let mut cast = Cast::default();
             if sighting.near {
                 self.shaft
-                    .cast_near(&sighting, EACH_RAYS, MOST_DRAWN * EACH_RAYS, seed, &mut cast);
+                    .cast_near(obstacles, &sighting, EACH_RAYS, MOST_DRAWN * EACH_RAYS, seed, &mut cast);
             } else {
-                self.shaft.cast(&sighting, EACH_RAYS, seed, &mut cast);
+                self.shaft.cast(obstacles, &sighting, EACH_RAYS, seed, &mut cast);
             }
             refined.rays += EACH_RAYS as u64;
             if let Some(fraction) = cast.fraction() {
@@ -904,8 +964,8 @@ impl Refiner {
         model: &Model,
         emitter: InputPatch,
         own: &[DVec3; 3],
-        price: f64,
-        least: f64,
+        (price, least): (f64, f64),
+        most_steps: u64,
         refined: &mut Refined,
     ) {
         // Doubts of the groups in this row: where one point stands badly for a patch, all that it says is off at once. So
@@ -915,24 +975,31 @@ impl Refiner {
         self.is_measured.resize(self.pairs.len(), false);
         for pass in 0..PASSES {
             let larger = found.map(|f| f.larger());
-            let mut any = false;
-            for place in 0..self.pairs.len() {
-                let (group, stake) = (self.pairs[place].kind.group(), self.stakes[place]);
-                let is_worth = stake.both * larger[group].sqrt() > least;
-                let is_probe = pass == 0 && self.is_probe[place];
-                if self.is_measured[place] || !(is_worth || is_probe) {
-                    continue;
+            let expected = |place: usize| self.stakes[place].both * larger[self.pairs[place].kind.group()].sqrt();
+            let mut wanted: Vec<(f64, usize)> = (0..self.pairs.len())
+                .filter(|&place| !self.is_measured[place])
+                .map(|place| (expected(place), place))
+                .filter(|&(worth, place)| worth > least || (pass == 0 && self.is_probe[place]))
+                .collect();
+            if wanted.is_empty() {
+                break;
+            }
+            // Where the budget may not do for all, those first that matter most.
+            if refined.steps + wanted.len() as u64 * STEPS_A_PAIR > most_steps {
+                wanted.sort_by(|p, q| q.0.total_cmp(&p.0).then(p.1.cmp(&q.1)));
+            }
+            for (_, place) in wanted {
+                if refined.steps >= most_steps || self.is_cancelled() {
+                    refined.cut_short = true;
+                    break;
                 }
+                let (group, stake) = (self.pairs[place].kind.group(), self.stakes[place]);
                 let before = self.pairs[place].fraction;
                 self.measure_pair(model, (emitter, own), place, price, refined);
                 let pair = &self.pairs[place];
                 found[group].squared += (pair.open * (pair.fraction - before)).powi(2);
                 found[group].expected += stake.own * stake.own;
                 self.is_measured[place] = true;
-                any = true;
-            }
-            if !any {
-                break;
             }
         }
         for (place, stake) in self.stakes.iter().enumerate() {
@@ -1007,14 +1074,19 @@ impl Refiner {
         price: f64,
         refined: &mut Refined,
     ) {
-        let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(model));
+        let walls = &*Walls::of(model);
+        let obstacles = Obstacles {
+            surfaces: &model.geometry().surfaces,
+            walls,
+        };
         let pair = &mut self.pairs[place];
         let corners = model.normalised_corners(pair.patch);
         self.shaft.clear();
         let sighting = self
             .shaft
-            .sight(surfaces, walls, (emitter.0, own), (pair.patch, &corners));
+            .sight(obstacles, (emitter.0, own), (pair.patch, &corners));
         refined.shafts += 1;
+        refined.steps += sighting.steps;
         if sighting.hidden {
             pair.fraction = 0.0;
             return;
@@ -1034,9 +1106,9 @@ impl Refiner {
         let (rays, spread) = loop {
             let rays = if sighting.near {
                 self.shaft
-                    .cast_near(&sighting, next, MOST_DRAWN * next, seed, &mut cast)
+                    .cast_near(obstacles, &sighting, next, MOST_DRAWN * next, seed, &mut cast)
             } else {
-                self.shaft.cast(&sighting, next, seed, &mut cast)
+                self.shaft.cast(obstacles, &sighting, next, seed, &mut cast)
             };
             // A few rays that agree do not prove that all would (Laplace's rule of succession, for half a ray).
             let count = rays as f64;
@@ -1058,7 +1130,9 @@ impl Refiner {
                 let clipped = self
                     .clipper
                     .measure(&self.shaft, walls, &sighting, enough, MOST_POINTS, false);
+                refined.steps += self.clipper.steps();
                 if let Some(clipped) = clipped {
+                    refined.steps += cast.steps;
                     pair.fraction = clipped.fraction;
                     refined.rays += rays as u64;
                     refined.points += clipped.points as u64;
@@ -1079,6 +1153,7 @@ impl Refiner {
             next = wanted.min(GROWTH * next);
         };
         refined.rays += rays as u64;
+        refined.steps += cast.steps;
         // Where no ray had weight, as between planes that all but coincide, the centroid's fraction is all there is.
         if let Some(fraction) = cast.fraction() {
             pair.fraction = fraction;

@@ -160,11 +160,11 @@ pub fn settle(
         effort: f64::INFINITY,
         ..Refinement::for_tolerance(tolerance)
     };
-    let mut refiner = Refiner::new(plain);
+    let mut refiner = Refiner::new(plain, execution.cancel);
     let mut norm = 0.0;
     for (k, &row) in rows.iter().enumerate() {
         go_on()?;
-        norm += refiner.row(model, row, seen(fine.row(k)), receives).squared_norm;
+        norm += refiner.row(model, row, seen(fine.row(k)), 1, receives).squared_norm;
     }
     let mean_squared_norm = norm / rows.len().max(1) as f64;
     let escaped: u64 = (0..rows.len()).map(|k| u64::from(fine.row(k).escaped)).sum();
@@ -175,7 +175,7 @@ pub fn settle(
         ..Refinement::for_tolerance(tolerance)
     };
     let mut sums = DoubtSums::default();
-    let mut refiner = Refiner::new(known);
+    let mut refiner = Refiner::new(known, execution.cancel);
     for &k in &tried {
         go_on()?;
         refiner.survey(model, rows[k], seen(fine.row(k)), receives, &mut sums);
@@ -186,7 +186,7 @@ pub fn settle(
     };
     // What a squared error is worth follows from the error that an effort stands for.
     let priced = |refinement: Refinement| -> Result<Refinement, ComputeError> {
-        let mut refiner = Refiner::new(refinement);
+        let mut refiner = Refiner::new(refinement, execution.cancel);
         let asked: Vec<usize> = if refinement.all {
             (0..rows.len()).collect()
         } else {
@@ -199,8 +199,8 @@ pub fn settle(
         }
         Ok(refinement.priced(&census))
     };
-    let row_of = |refiner: &mut Refiner, block: &RowBlock, k: usize| {
-        let refined = refiner.row(model, rows[k], seen(block.row(k)), receives);
+    let row_of = |refiner: &mut Refiner<'_>, block: &RowBlock, k: usize| {
+        let refined = refiner.row(model, rows[k], seen(block.row(k)), 1, receives);
         (values(&refiner.pairs), refined.squared_error)
     };
     let finest = Refinement {
@@ -276,7 +276,7 @@ fn side_by_side<T: Send>(
     execution: Execution<'_>,
     refinement: Refinement,
     items: &[usize],
-    of: impl Fn(&mut Refiner, usize) -> T + Sync,
+    of: impl Fn(&mut Refiner<'_>, usize) -> T + Sync,
 ) -> Vec<T> {
     let threads = match execution.threads {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -288,7 +288,7 @@ fn side_by_side<T: Send>(
         let workers: Vec<_> = (0..threads)
             .map(|_| {
                 scope.spawn(|| {
-                    let mut refiner = Refiner::new(refinement);
+                    let mut refiner = Refiner::new(refinement, execution.cancel);
                     let mut own = Vec::new();
                     while !execution.is_cancelled() {
                         let place = next.fetch_add(1, Ordering::Relaxed);

@@ -15,6 +15,8 @@
 
 use crate::backend::Surface;
 use crate::random;
+use crate::segments::{Obstacles, Segments};
+use crate::simd::dispatch;
 use crate::tree::{INNER, LANES, Tree, UNUSED, overlap};
 use crate::walls::Walls;
 use glam::DVec3;
@@ -34,6 +36,21 @@ const BESIDE: f64 = 1e-4;
 
 /// See [`Sighting::near`].
 const NEAR: f64 = 2.0;
+
+/// What things cost, in steps of about a nanosecond of one core of 2024 with AVX-512: a shaft, a block of the tree that reaches
+/// into it, a triangle listed; sixteen rays, and a triangle that they are held against; a segment's way down the tree.
+/// Budgets are in steps, so that they depend on the scene and the settings, and on no clock.
+const STEPS_A_SHAFT: u64 = 700;
+const STEPS_A_BLOCK: u64 = 60;
+const STEPS_LISTED: u64 = 30;
+const STEPS_A_GROUP: u64 = 100;
+const STEPS_A_TEST: u64 = 7;
+const STEPS_A_SEGMENT: u64 = 600;
+/// And of a direction drawn between near patches, sixteen together.
+const STEPS_A_DRAW: u64 = 120;
+
+/// Triangles that a shaft lists, at most: a ray held against more of them costs more than its way down the tree.
+const MOST_LISTED: u32 = 256;
 
 /// A triangle that may come in between, relative to the sighting's origin.
 #[derive(Clone, Copy, Debug)]
@@ -191,12 +208,33 @@ pub(crate) struct Sighting {
     pub(crate) over: Vec<[DVec3; 3]>,
     /// One triangle hides all of it.
     pub(crate) hidden: bool,
+    /// More reaches into the shaft than is listed: nothing is proved, and segments walk the tree.
+    pub(crate) crowded: bool,
+    /// The walls that the two are part of.
+    own_walls: [u32; 2],
+    receiver_patch: u32,
+    /// n and d of both planes, relative to `origin`.
+    planes: [(DVec3, f64); 2],
+    /// What listing took, in steps.
+    pub(crate) steps: u64,
 }
 
 impl Sighting {
     /// Whether all is visible: proved, as nothing may come in between.
     pub(crate) fn is_open(&self) -> bool {
-        self.between.is_empty() && self.beside.is_empty() && self.over.is_empty()
+        !self.crowded && self.between.is_empty() && self.beside.is_empty() && self.over.is_empty()
+    }
+
+    /// Segments of a crowded shaft.
+    fn segments<'a>(&self, obstacles: Obstacles<'a>) -> Segments<'a> {
+        let planes = self.planes.map(|(n, d)| (n, d + n.dot(self.origin)));
+        Segments::new(obstacles, self.own_walls, self.receiver_patch, planes)
+    }
+
+    /// Whether a segment between points of the smaller one and of the other, relative to `origin`, is stopped in the tree.
+    fn is_stopped(&self, segments: &mut Segments<'_>, small: DVec3, large: DVec3) -> bool {
+        let (small, large) = (small + self.origin, large + self.origin);
+        segments.is_stopped(small, large, if self.receiver_is_smaller { small } else { large })
     }
 
     /// The smaller of the two, and the other.
@@ -249,6 +287,8 @@ pub(crate) struct Cast {
     pub(crate) sums: (f64, f64),
     /// Σ of weights and of their squares.
     weights: (f64, f64),
+    /// What it took, in steps.
+    pub(crate) steps: u64,
 }
 
 impl Cast {
@@ -267,11 +307,11 @@ impl Shaft {
     /// Lists what may come in between an emitting patch and a receiving one.
     pub(crate) fn sight(
         &mut self,
-        surfaces: &[Surface],
-        walls: &Walls,
+        obstacles: Obstacles<'_>,
         (i, emitter): (u32, &[DVec3; 3]),
         (j, receiver): (u32, &[DVec3; 3]),
     ) -> Sighting {
+        let walls = obstacles.walls;
         // The same for both directions of a pair, so that all that follows has the same bits.
         let origin = if i < j { emitter[0] } else { receiver[0] };
         let local = |t: &[DVec3; 3]| t.map(|p| p - origin);
@@ -323,8 +363,15 @@ impl Shaft {
             beside: Vec::new(),
             over: Vec::new(),
             hidden: false,
+            crowded: false,
+            own_walls: [i, j].map(|p| walls.of_patch[p as usize]),
+            receiver_patch: j,
+            planes,
+            steps: 0,
         };
-        self.list_occluders(surfaces, walls, [i, j], planes, size, &mut sighting);
+        self.list_occluders(obstacles, size, &mut sighting);
+        let listed = self.reached.iter().map(|&(_, kept)| u64::from(kept.count_ones())).sum::<u64>();
+        sighting.steps = STEPS_A_SHAFT + STEPS_A_BLOCK * self.reached.len() as u64 + STEPS_LISTED * listed;
         sighting
     }
 
@@ -351,19 +398,19 @@ impl Shaft {
 
     fn list_occluders(
         &mut self,
-        surfaces: &[Surface],
-        walls: &Walls,
-        own: [u32; 2],
-        [emitter_plane, receiver_plane]: [(DVec3, f64); 2],
+        Obstacles { surfaces, walls }: Obstacles<'_>,
         size: f64,
         sighting: &mut Sighting,
     ) {
-        let origin = sighting.origin;
+        let (origin, own_walls, receiver) = (sighting.origin, sighting.own_walls, sighting.receiver_patch);
+        let [emitter_plane, receiver_plane] = sighting.planes;
         let side = OUTSIDE * size;
         let tree = &walls.tree;
         let tolerance = tree.plane_tolerance;
-        dispatch_reached(tree, &self.sides, origin, &mut self.pending, &mut self.reached);
-        let own_walls = own.map(|p| walls.of_patch[p as usize]);
+        if !dispatch_reached(tree, &self.sides, origin, &mut self.pending, &mut self.reached) {
+            sighting.crowded = true;
+            return;
+        }
         let start = self.occluders.len();
         for &(index, kept) in &self.reached {
             let block = &tree.blocks[index as usize];
@@ -391,7 +438,7 @@ impl Shaft {
                     // In the receiver's plane, or below it at one end.
                     if lowest >= -tolerance && overlap(&[a, b, c], &sighting.receiver, receiver_plane.0, side) {
                         for &piece in walls.pieces(wall) {
-                            sighting.lay_over(&surfaces[piece as usize], own[1], receiver_plane, tolerance, side);
+                            sighting.lay_over(&surfaces[piece as usize], receiver, receiver_plane, tolerance, side);
                         }
                     }
                     continue;
@@ -457,7 +504,14 @@ impl Shaft {
 
     /// Casts rays of a sequence until there are `wanted` (a multiple of 16): the same ones in both directions of a pair. How many
     /// there are.
-    pub(crate) fn cast(&self, sighting: &Sighting, wanted: usize, seed: u64, cast: &mut Cast) -> usize {
+    pub(crate) fn cast(
+        &self,
+        obstacles: Obstacles<'_>,
+        sighting: &Sighting,
+        wanted: usize,
+        seed: u64,
+        cast: &mut Cast,
+    ) -> usize {
         let (small, large) = sighting.by_size();
         let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
         let span = |t: &[DVec3; 3]| [t[0], t[1] - t[0], t[2] - t[0]].map(|p| p.to_array());
@@ -470,12 +524,22 @@ impl Shaft {
         let mut group = Group::new();
         let mut drawn = Drawn::new();
         let mut stopped = [0; RAYS];
+        let mut segments = sighting.segments(obstacles);
+        let steps = self.steps_a_group(sighting);
         while cast.drawn < wanted {
+            cast.steps += steps;
             dispatch_draw_spans(&pair, cast.drawn, &mut drawn, &mut group);
-            sighting.stopped(&drawn, &mut stopped);
-            group.stopped = stopped.map(|s| u32::from(s != 0));
             group.hit = [0; RAYS];
-            self.hit(sighting, &mut group);
+            if sighting.crowded {
+                for l in (0..RAYS).filter(|&l| group.weight[l] > 0.0) {
+                    let (small, large) = drawn.segment(l);
+                    group.hit[l] = u32::from(sighting.is_stopped(&mut segments, small, large));
+                }
+            } else {
+                sighting.stopped(&drawn, &mut stopped);
+                group.stopped = stopped.map(|s| u32::from(s != 0));
+                self.hit(sighting, &mut group);
+            }
             let (mut seen, mut whole) = (0.0, 0.0);
             for l in 0..RAYS {
                 let weight = f64::from(group.weight[l]);
@@ -497,6 +561,7 @@ impl Shaft {
     /// Stops when all so far are worth `wanted` equal ones, or at `most` directions. Returns what those that met are worth.
     pub(crate) fn cast_near(
         &self,
+        obstacles: Obstacles<'_>,
         sighting: &Sighting,
         wanted: usize,
         most: usize,
@@ -512,21 +577,32 @@ impl Shaft {
         let mut stopped = [0; RAYS];
         let mut aim = Aim::new();
         let mut filled = 0;
+        let mut segments = sighting.segments(obstacles);
         loop {
             if cast.drawn.is_multiple_of(FROM_A_POINT * RAYS) {
                 dispatch_aim(&fan, cast.drawn / FROM_A_POINT, &mut drawn, &mut aim);
             }
+            cast.steps += STEPS_A_DRAW;
             let mut mask = dispatch_shoot(&fan, cast.drawn / RAYS % FROM_A_POINT, &aim, &mut drawn);
             cast.drawn += RAYS;
-            if mask != 0 {
+            if mask != 0 && !sighting.crowded {
                 sighting.stopped(&drawn, &mut stopped);
             }
             while mask != 0 {
                 let l = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
                 let (x, y) = drawn.segment(l);
-                group.set(filled, x, y - x, stopped[l] != 0);
                 let weight = drawn.weight[l];
+                if sighting.crowded {
+                    cast.steps += STEPS_A_SEGMENT;
+                    let is_stopped = sighting.is_stopped(&mut segments, x, y);
+                    cast.sums.0 += if is_stopped { 0.0 } else { weight };
+                    cast.sums.1 += weight;
+                    cast.weights.0 += weight;
+                    cast.weights.1 += weight * weight;
+                    continue;
+                }
+                group.set(filled, x, y - x, stopped[l] != 0);
                 #[allow(clippy::cast_possible_truncation, reason = "at most 4")]
                 let single = weight as f32;
                 group.weight[filled] = single;
@@ -534,6 +610,7 @@ impl Shaft {
                 cast.weights.1 += weight * weight;
                 filled += 1;
                 if filled == RAYS {
+                    cast.steps += self.steps_a_group(sighting);
                     self.count(sighting, &mut group, filled, &mut cast.sums);
                     filled = 0;
                 }
@@ -567,6 +644,15 @@ impl Shaft {
             let weight = f64::from(group.weight[l]);
             sums.0 += if group.hit[l] == 0 { weight } else { 0.0 };
             sums.1 += weight;
+        }
+    }
+
+    /// What sixteen rays cost.
+    fn steps_a_group(&self, sighting: &Sighting) -> u64 {
+        if sighting.crowded {
+            RAYS as u64 * STEPS_A_SEGMENT
+        } else {
+            STEPS_A_GROUP + STEPS_A_TEST * (sighting.between.len() + 4 * sighting.beside.len()) as u64
         }
     }
 
@@ -1111,12 +1197,14 @@ fn find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeS
     }
 }
 
-/// Lists the blocks that reach into a shaft, with those of their triangles that may.
+/// Lists the blocks that reach into a shaft, with those of their triangles that may. False where these are more than
+/// [`MOST_LISTED`], and the list is not finished.
 #[inline(always)]
-fn reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, reached: &mut Vec<(u32, u16)>) {
+fn reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, reached: &mut Vec<(u32, u16)>) -> bool {
     pending.clear();
     reached.clear();
     pending.push(0);
+    let mut listed = 0;
     while let Some(index) = pending.pop() {
         let node = &tree.nodes[index as usize];
         if !sides.reach((node.center - origin).to_array(), node.half.to_array()) {
@@ -1129,8 +1217,13 @@ fn reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, re
         let kept = inside(&tree.blocks[node.block as usize].corners, origin.to_array(), sides);
         if kept != 0 {
             reached.push((node.block, kept));
+            listed += kept.count_ones();
+            if listed > MOST_LISTED {
+                return false;
+            }
         }
     }
+    true
 }
 
 /// Marks the segments that a triangle beside cuts, and those that end on a triangle over.
@@ -1239,41 +1332,10 @@ fn hits(occluders: &[Occluder], group: &mut Group) {
     group.hit = hit;
 }
 
-macro_rules! dispatch {
-    ($name:ident, $body:ident, ($($arg:ident: $type:ty),*) $(-> $out:ty)?) => {
-        fn $name($($arg: $type),*) $(-> $out)? {
-            #[cfg(target_arch = "x86_64")]
-            {
-                #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
-                fn avx512($($arg: $type),*) $(-> $out)? {
-                    $body($($arg),*)
-                }
-                #[target_feature(enable = "avx2")]
-                fn avx2($($arg: $type),*) $(-> $out)? {
-                    $body($($arg),*)
-                }
-                if is_x86_feature_detected!("avx512f")
-                    && is_x86_feature_detected!("avx512bw")
-                    && is_x86_feature_detected!("avx512dq")
-                    && is_x86_feature_detected!("avx512vl")
-                {
-                    // SAFETY: the processor has the instruction set.
-                    return unsafe { avx512($($arg),*) };
-                }
-                if is_x86_feature_detected!("avx2") {
-                    // SAFETY: the processor has AVX2.
-                    return unsafe { avx2($($arg),*) };
-                }
-            }
-            $body($($arg),*)
-        }
-    };
-}
-
 dispatch!(
     dispatch_reached,
     reached,
-    (tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, out: &mut Vec<(u32, u16)>)
+    (tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, out: &mut Vec<(u32, u16)>) -> bool
 );
 dispatch!(
     dispatch_find_sides,
