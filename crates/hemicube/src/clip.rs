@@ -615,6 +615,7 @@ fn without(polygons: &Pieces, triangle: &[DVec3; 3], normal: DVec3, covered: &mu
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::segments::Obstacles;
     use crate::{HierarchyOptions, Model};
     use glam::DQuat;
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
@@ -643,6 +644,7 @@ mod tests {
     /// From quad to quad: the factor, and the most by which a pair's fraction may be off by its own account.
     fn factor_of(model: &Model, [from, to]: [[u32; 2]; 2], along_contacts: bool, enough: f64) -> (f64, f64) {
         let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(model));
+        let obstacles = Obstacles { surfaces, walls };
         let (mut exchange, mut whole, mut change) = (0.0, 0.0, 0.0_f64);
         for i in from {
             let own = model.normalised_corners(i);
@@ -650,7 +652,7 @@ mod tests {
             for j in to {
                 let other = model.normalised_corners(j);
                 let mut shaft = Shaft::default();
-                let sighting = shaft.sight(surfaces, walls, (i, &own), (j, &other));
+                let sighting = shaft.sight(obstacles, (i, &own), (j, &other));
                 let rule = crate::factor::FactorRule::for_tolerance(1e-5);
                 let clipped = Clipper::default()
                     .measure(&shaft, walls, &sighting, enough, 20_000, along_contacts)
@@ -709,13 +711,14 @@ mod tests {
         ] {
             let model = model_of(&[floor, wall, low], turn);
             let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(&model));
+            let obstacles = Obstacles { surfaces, walls };
             for (from, to) in [([0, 1], [2, 3]), ([2, 3], [0, 1])] {
                 let mut sum = 0.0;
                 for i in from {
                     for j in to {
                         let (own, other) = (model.normalised_corners(i), model.normalised_corners(j));
                         let mut shaft = Shaft::default();
-                        let sighting = shaft.sight(surfaces, walls, (i, &own), (j, &other));
+                        let sighting = shaft.sight(obstacles, (i, &own), (j, &other));
                         let rule = crate::factor::FactorRule::for_tolerance(1e-4);
                         let open = 2.0 * crate::factor::exchange(&own, &other, &rule)
                             / (own[1] - own[0]).cross(own[2] - own[0]).length();
@@ -724,7 +727,7 @@ mod tests {
                             .expect("a fraction");
                         sum += 0.5 * open * clipped.fraction;
                         let mut cast = crate::shaft::Cast::default();
-                        shaft.cast(&sighting, 1 << 16, 1, &mut cast);
+                        shaft.cast(obstacles, &sighting, 1 << 16, 1, &mut cast);
                         let by_rays = cast.fraction().expect("a fraction");
                         assert!(
                             (clipped.fraction - by_rays).abs() < 5e-3,

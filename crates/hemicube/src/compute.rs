@@ -170,7 +170,9 @@ impl Plan {
     fn per_edge(&self, model: &Model, patch: InputPatch) -> u32 {
         match self.correction {
             Correction::Pixel => self.samples_per_edge,
-            _ => Grain::of(model.geometry()).per_edge(model, patch).max(self.samples_per_edge),
+            _ => Grain::of(model.geometry())
+                .per_edge(model, patch)
+                .max(self.samples_per_edge),
         }
     }
 
@@ -604,7 +606,6 @@ pub fn compute(
                             rows_of_batch(batch),
                             &mut rows,
                             &mut converter,
-                            abandon,
                         );
                         if abandon.load(Ordering::Relaxed) {
                             break;
@@ -694,7 +695,6 @@ fn compute_batch(
     emitters: &[InputPatch],
     rows: &mut RowBlock,
     converter: &mut Converter<'_>,
-    abandon: &AtomicBool,
 ) -> Result<Batch, ComputeError> {
     let mut hemicubes = Vec::with_capacity(emitters.len());
     let mut of_rows = Vec::with_capacity(emitters.len());
@@ -718,7 +718,7 @@ fn compute_batch(
     let mut first = 0;
     let receives = |patch| plan.selection.receives(patch);
     for (&emitter, &(count, per_edge)) in emitters.iter().zip(&of_rows) {
-        if abandon.load(Ordering::Relaxed) {
+        if converter.is_cancelled() {
             break;
         }
         let began = Instant::now();
@@ -727,25 +727,30 @@ fn compute_batch(
         let (columns, data) = (&mut part.indices, &mut part.data);
         let start = data.len();
         let of_row = samples.clone().map(|row| rows.row(row));
+        let mut hemicubes_of_row = count;
+        // A large patch has the hemicubes that it asks for.
+        let most = MOST_PER_EDGE.max(plan.samples_per_edge * 4);
+        let attempts: Vec<u32> = more_samples(&plan.correction)
+            .iter()
+            .map(|more| more * per_edge)
+            .collect();
+        let attempts = &attempts[..attempts.partition_point(|&more| more <= most)];
         let mut converted = converter.convert(
             model,
             emitter,
             &hemicubes[samples],
             of_row,
             receives,
-            false,
+            attempts.is_empty(),
             columns,
             data,
         );
-        let mut hemicubes_of_row = count;
-        let attempts = more_samples(&plan.correction);
-        let most = MOST_PER_EDGE.max(plan.samples_per_edge * 4);
-        for (place, more) in attempts.iter().enumerate() {
-            if !converted.is_odd || more * per_edge > most {
+        for (place, &more) in attempts.iter().enumerate() {
+            if !converted.is_odd {
                 break;
             }
             // The points do not stand for the emitter: a centroid inside a solid, say, of a patch that reaches out of it.
-            let more = model.hemicubes(emitter, more * per_edge, plan.rotate);
+            let more = model.hemicubes(emitter, more, plan.rotate);
             let mut odd = RowBlock::default();
             batch.counters += render(model, settings, backend, emitter, &more, &mut odd)?;
             let of_row = (0..more.len()).map(|row| odd.row(row));

@@ -23,7 +23,7 @@ use crate::store::RowSums;
 use crate::tree::Tree;
 use crate::walls::Walls;
 use hemicube_scene::InputPatch;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A rung of the accuracy ladder.
 ///
@@ -140,6 +140,7 @@ const ALL_VISIBLE: f64 = 0.9999;
 #[derive(Debug)]
 pub(crate) struct Converter<'c> {
     correction: Correction,
+    cancel: Option<&'c AtomicBool>,
     /// (patch, sample, visible, covered) of all samples of the row.
     entries: Vec<(u32, u32, u32, u32)>,
     exchanges: Option<Exchanges>,
@@ -156,6 +157,7 @@ impl<'c> Converter<'c> {
     pub(crate) fn new(correction: Correction, cancel: Option<&'c AtomicBool>) -> Self {
         Self {
             correction,
+            cancel,
             entries: Vec::new(),
             exchanges: match correction {
                 Correction::Area(rule) => Some(Exchanges::new(rule)),
@@ -171,6 +173,11 @@ impl<'c> Converter<'c> {
             values: Vec::new(),
             points: PointFactors::new(),
         }
+    }
+
+    /// Whether nobody wants further rows.
+    pub(crate) fn is_cancelled(&self) -> bool {
+        self.cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed))
     }
 
     /// Appends the columns and form factors of one row, and returns what it came to.

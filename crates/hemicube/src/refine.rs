@@ -21,6 +21,8 @@
 //! are the same in both directions, and so is the fraction that is measured, to the bit: what is not reciprocal is what one
 //! of the two rows leaves as its centroid has it.
 
+mod large;
+
 use crate::Model;
 use crate::candidates::{Candidates, Least};
 use crate::clip::Clipper;
@@ -146,7 +148,8 @@ impl Stake {
         if both <= worth * worth {
             return own;
         }
-        own * left_by(rays_for(both, self.is_near).max(RAYS as f64))
+        let ray = if self.is_near { NEAR_RAY } else { 1.0 };
+        own * left_by(rays_for(both, ray).max(RAYS as f64))
     }
 }
 
@@ -379,24 +382,25 @@ pub(crate) struct Mended<'r> {
 }
 
 impl Mended<'_> {
-    /// Hemicubes along an edge.
-    fn per_edge(&self) -> u32 {
-        u32::try_from(self.samples.isqrt()).unwrap_or(u32::MAX)
+    /// How many times as much work as a row of one hemicube it is worth: the hemicubes along an edge, or a quarter of all of them.
+    fn worth(&self) -> u64 {
+        self.samples.isqrt().max(self.samples / 4) as u64
     }
 }
 
 /// From what share of a row's √Σ F² on the expected error of a pair is worth a shaft where no tolerance is asked for.
 const MENDED: f64 = 0.0016;
-/// A row of more hemicubes than this has them for its size, not because it is odd, and asks for no more precision.
+/// A row of more hemicubes than this has them for its size, not because it is odd: it asks for no more precision, and what is
+/// nearer to it than its hemicubes are to each other is as doubtful as ever.
 const MOST_ODD: usize = 4;
 /// So many rays the square of that is worth then.
 const MENDING: f64 = 60.0;
 /// How much larger than usual the doubts of a row may prove there.
 const LARGER: f64 = 4.0;
-/// Steps that mending a row may take: so many, and so many for each of its entries, times the hemicubes along its edge. About
-/// what its hemicubes take twice over.
-const MENDING_STEPS: u64 = 200_000;
-const MENDING_STEPS_AN_ENTRY: u64 = 500;
+/// Steps that mending a row may take: so many, and so many for each of its entries, times [`Mended::worth`]. About what
+/// its hemicubes take, for most rows twice over.
+const MENDING_STEPS: u64 = 400_000;
+const MENDING_STEPS_AN_ENTRY: u64 = 1_000;
 /// Steps that a row of a tolerance of 1 % may take; of a finer one, more in proportion, up to a hundred times as many.
 const TOLERANCE_STEPS: f64 = 1e9;
 /// Steps that a pair takes about: if a row's budget does for so many a pair, their order does not matter.
@@ -449,6 +453,8 @@ const PAIRS_OF_A_SUM: f64 = 6.0;
 const REACH: f64 = 0.3;
 /// What a ray between near patches costs, in others.
 const NEAR_RAY: f64 = 2.0;
+/// What a ray that walks the tree costs, in others.
+const CROWDED_RAY: f64 = 10.0;
 /// Rays that are cast at a pair before it is asked again how many it takes, as a multiple of those it had.
 const GROWTH: usize = 4;
 /// So many rays say well enough how many more it would take.
@@ -526,7 +532,8 @@ impl<'c> Refiner<'c> {
         receives: impl Fn(u32) -> bool,
     ) -> Refined {
         let own = model.normalised_corners(emitter.0);
-        let budget = self.begin(model, emitter, &own, seen, receives);
+        let is_large = samples > MOST_ODD;
+        let budget = self.begin(model, emitter, &own, (seen, is_large), receives);
         if self.refinement.each {
             let refined = self.measure_each(model, emitter, &own);
             self.pairs.sort_unstable_by_key(|pair| pair.patch);
@@ -535,16 +542,18 @@ impl<'c> Refiner<'c> {
 
         self.remember(self.measured_of == Some(emitter));
         self.measured_of = Some(emitter);
-        let usual = self.refinement.doubts;
-        if samples > MOST_ODD {
-            self.refinement.doubts.lower(samples);
+        let most_steps = self.refinement.most_steps();
+        if is_large {
+            let tolerance = self.refinement.tolerance * self.refinement.effort;
+            let mut refined = self.measure_all(model, (emitter, &own), Some(tolerance), most_steps);
+            self.pairs.sort_unstable_by_key(|pair| pair.patch);
+            refined.squared_norm = self.squared_norm();
+            return refined;
         }
         self.find_stakes();
-        self.refinement.doubts = usual;
         let (price, least) = self.price(budget);
         let mut refined = Refined::default();
         self.find_probes(emitter);
-        let most_steps = self.refinement.most_steps();
         self.measure(model, emitter, &own, (price, least), most_steps, &mut refined);
         refined.squared_error *= f64::from(self.refinement.estimate);
         self.pairs.sort_unstable_by_key(|pair| pair.patch);
@@ -594,10 +603,16 @@ impl<'c> Refiner<'c> {
         } else {
             USUAL_FACTOR
         };
-        let least = MENDED * (usual / row.samples.min(MOST_ODD) as f64).sqrt();
+        let is_large = row.samples > MOST_ODD;
+        let mut least = MENDED * (usual / row.samples.min(MOST_ODD) as f64).sqrt();
         let mut doubts = self.refinement.doubts;
         if row.samples > 1 {
             doubts.lower(row.samples);
+        }
+        if is_large {
+            // From this form factor on, whatever the doubt.
+            doubts = Doubts([[1.0; NEARNESSES]; CLASSES]);
+            least = large::least_factor(row.exchanges.iter().map(|exchange| exchange * per_area));
         }
         let most = doubts.0.map(|of| f64::from(of.into_iter().fold(0.0, f32::max)).sqrt());
         self.pairs.clear();
@@ -606,7 +621,8 @@ impl<'c> Refiner<'c> {
         for (place, ((&patch, &fraction), &exchange)) in pairs.enumerate() {
             let class = Kind::class(fraction);
             let open = exchange * per_area;
-            if open * most[usize::from(class)] * LARGER.sqrt() <= least {
+            let larger = if is_large { 1.0 } else { LARGER.sqrt() };
+            if open * most[usize::from(class)] * larger <= least {
                 continue;
             }
             let corners = model.normalised_corners(patch);
@@ -616,7 +632,7 @@ impl<'c> Refiner<'c> {
                 open,
                 fraction,
                 exchange,
-                stake: stake(self.own_area, area(&corners)),
+                stake: per_area,
                 kind: Kind {
                     class,
                     nearness: Kind::nearness(&own, &corners),
@@ -661,13 +677,13 @@ impl<'c> Refiner<'c> {
                     open,
                     fraction: 0.0,
                     exchange,
-                    stake: stake(self.own_area, area(&corners)),
+                    stake: per_area,
                     kind,
                     is_rough,
                 });
             }
         }
-        // What a pair is worth to the other row is found there.
+        // What a pair is worth to the other row is found there: z is F_ij alone, here and where rays are allotted.
         let stake = |pair: &Pair| {
             let own = pair.open * doubts.of(pair.kind).sqrt();
             Stake {
@@ -682,8 +698,12 @@ impl<'c> Refiner<'c> {
         self.is_probe.resize(self.pairs.len(), false);
         let price = MENDING / (least * least);
         let entries = row.patches.len() as u64;
-        let most_steps = (MENDING_STEPS + MENDING_STEPS_AN_ENTRY * entries) * u64::from(row.per_edge());
-        self.measure(model, emitter, &own, (price, least), most_steps, &mut refined);
+        let most_steps = (MENDING_STEPS + MENDING_STEPS_AN_ENTRY * entries) * row.worth();
+        if is_large {
+            refined = self.measure_all(model, (emitter, &own), None, most_steps);
+        } else {
+            self.measure(model, emitter, &own, (price, least), most_steps, &mut refined);
+        }
         for (pair, &place) in self.pairs.iter().zip(&self.places) {
             row.fractions[place] = pair.fraction;
         }
@@ -705,7 +725,7 @@ impl<'c> Refiner<'c> {
         receives: impl Fn(u32) -> bool,
     ) -> Vec<Stake> {
         let own = model.normalised_corners(emitter.0);
-        self.begin(model, emitter, &own, seen, receives);
+        self.begin(model, emitter, &own, (seen, false), receives);
         self.find_stakes();
         self.stakes.clone()
     }
@@ -757,7 +777,7 @@ impl<'c> Refiner<'c> {
         model: &Model,
         emitter: InputPatch,
         own: &[DVec3; 3],
-        seen: impl Iterator<Item = (u32, f64)>,
+        (seen, is_large): (impl Iterator<Item = (u32, f64)>, bool),
         receives: impl Fn(u32) -> bool,
     ) -> f64 {
         self.pairs.clear();
@@ -780,6 +800,8 @@ impl<'c> Refiner<'c> {
         let budget = self.refinement.budget(self.squared_norm());
         let least = if self.refinement.each || self.refinement.all {
             f64::MIN_POSITIVE
+        } else if is_large {
+            large::least_factor(self.pairs.iter().map(|pair| pair.open))
         } else {
             REACH * budget.sqrt()
         };
@@ -840,7 +862,7 @@ impl<'c> Refiner<'c> {
         sums: &mut DoubtSums,
     ) -> f64 {
         let own = model.normalised_corners(emitter.0);
-        self.begin(model, emitter, &own, seen, receives);
+        self.begin(model, emitter, &own, (seen, false), receives);
         let walls = &*Walls::of(model);
         let obstacles = Obstacles {
             surfaces: &model.geometry().surfaces,
@@ -857,9 +879,7 @@ impl<'c> Refiner<'c> {
                 }
                 let corners = model.normalised_corners(pair.patch);
                 self.shaft.clear();
-                let sighting = self
-                    .shaft
-                    .sight(obstacles, (emitter.0, &own), (pair.patch, &corners));
+                let sighting = self.shaft.sight(obstacles, (emitter.0, &own), (pair.patch, &corners));
                 let fraction = if sighting.hidden {
                     0.0
                 } else if sighting.is_open() {
@@ -868,8 +888,14 @@ impl<'c> Refiner<'c> {
                     let mut cast = Cast::default();
                     let seed = seed(emitter.0, pair.patch);
                     if sighting.near {
-                        self.shaft
-                            .cast_near(obstacles, &sighting, SURVEY_RAYS, MOST_DRAWN * SURVEY_RAYS, seed, &mut cast);
+                        self.shaft.cast_near(
+                            obstacles,
+                            &sighting,
+                            SURVEY_RAYS,
+                            MOST_DRAWN * SURVEY_RAYS,
+                            seed,
+                            &mut cast,
+                        );
                     } else {
                         self.shaft.cast(obstacles, &sighting, SURVEY_RAYS, seed, &mut cast);
                     }
@@ -920,9 +946,7 @@ impl<'c> Refiner<'c> {
             }
             self.shaft.clear();
             let corners = model.normalised_corners(pair.patch);
-            let sighting = self
-                .shaft
-                .sight(obstacles, (emitter.0, own), (pair.patch, &corners));
+            let sighting = self.shaft.sight(obstacles, (emitter.0, own), (pair.patch, &corners));
             refined.shafts += 1;
             if sighting.hidden || sighting.is_open() {
                 pair.fraction = f64::from(u8::from(!sighting.hidden));
@@ -1082,9 +1106,7 @@ impl<'c> Refiner<'c> {
         let pair = &mut self.pairs[place];
         let corners = model.normalised_corners(pair.patch);
         self.shaft.clear();
-        let sighting = self
-            .shaft
-            .sight(obstacles, (emitter.0, own), (pair.patch, &corners));
+        let sighting = self.shaft.sight(obstacles, (emitter.0, own), (pair.patch, &corners));
         refined.shafts += 1;
         refined.steps += sighting.steps;
         if sighting.hidden {
@@ -1101,6 +1123,11 @@ impl<'c> Refiner<'c> {
         }
         let seed = seed(emitter.0, pair.patch);
         let exchanged = pair.exchange * pair.stake;
+        let ray = match (sighting.crowded, sighting.near) {
+            (true, _) => CROWDED_RAY,
+            (false, true) => NEAR_RAY,
+            (false, false) => 1.0,
+        };
         let mut cast = Cast::default();
         let mut next = if sighting.near { 2 * RAYS } else { RAYS };
         let (rays, spread) = loop {
@@ -1115,7 +1142,7 @@ impl<'c> Refiner<'c> {
             let seen = cast.fraction().unwrap_or(0.5);
             let smooth = (seen * count + 0.5) / (count + 1.0);
             let spread = (smooth * (1.0 - smooth)).sqrt();
-            let mut wanted = rays_for((spread * exchanged).powi(2) * price, sighting.near);
+            let mut wanted = rays_for((spread * exchanged).powi(2) * price, ray);
             if self.refinement.all {
                 // A row's sum may be off by what a few dozen such pairs leave, even where their first rays agree by chance. The
                 // larger factor of the two is at most √2 z.
@@ -1199,9 +1226,9 @@ fn left_by(rays: f64) -> f64 {
     1.0 / (rays * rays.sqrt().sqrt())
 }
 
-/// So many rays, that what they cost and what they leave of a squared error, which is worth `worth` rays, come to the least.
-fn rays_for(worth: f64, near: bool) -> f64 {
-    let ray = if near { NEAR_RAY } else { 1.0 };
+/// So many rays, each as dear as `ray` usual ones, that what they cost and what they leave of a squared error, which is worth
+/// `worth` usual rays, come to the least.
+fn rays_for(worth: f64, ray: f64) -> f64 {
     // To the power of 7/16, for 4/9: roots have the same bits everywhere.
     let fourth = (1.25 * worth / ray).sqrt().sqrt();
     let eighth = fourth.sqrt();

@@ -94,10 +94,19 @@ impl<'a> Segments<'a> {
         let (normal, offset) = (DVec3::from_array(self.planes[1].0), self.planes[1].1);
         let [a, b, c] = surface.corners;
         let own = (b - a).cross(c - a);
-        let id = if own.dot(normal) > 0.0 { Some(surface.front) } else { surface.back };
+        let id = if own.dot(normal) > 0.0 {
+            Some(surface.front)
+        } else {
+            surface.back
+        };
         id.is_some_and(|id| id.0 < self.receiver)
-            && surface.corners.iter().all(|&p| (normal.dot(p) - offset).abs() <= self.tolerance)
-            && [(a, b), (b, c), (c, a)].iter().all(|&(p, q)| own.cross(q - p).dot(at - p) >= 0.0)
+            && surface
+                .corners
+                .iter()
+                .all(|&p| (normal.dot(p) - offset).abs() <= self.tolerance)
+            && [(a, b), (b, c), (c, a)]
+                .iter()
+                .all(|&(p, q)| own.cross(q - p).dot(at - p) >= 0.0)
     }
 }
 

@@ -370,7 +370,11 @@ impl Shaft {
             steps: 0,
         };
         self.list_occluders(obstacles, size, &mut sighting);
-        let listed = self.reached.iter().map(|&(_, kept)| u64::from(kept.count_ones())).sum::<u64>();
+        let listed = self
+            .reached
+            .iter()
+            .map(|&(_, kept)| u64::from(kept.count_ones()))
+            .sum::<u64>();
         sighting.steps = STEPS_A_SHAFT + STEPS_A_BLOCK * self.reached.len() as u64 + STEPS_LISTED * listed;
         sighting
     }
@@ -396,12 +400,7 @@ impl Shaft {
         own
     }
 
-    fn list_occluders(
-        &mut self,
-        Obstacles { surfaces, walls }: Obstacles<'_>,
-        size: f64,
-        sighting: &mut Sighting,
-    ) {
+    fn list_occluders(&mut self, Obstacles { surfaces, walls }: Obstacles<'_>, size: f64, sighting: &mut Sighting) {
         let (origin, own_walls, receiver) = (sighting.origin, sighting.own_walls, sighting.receiver_patch);
         let [emitter_plane, receiver_plane] = sighting.planes;
         let side = OUTSIDE * size;
@@ -1405,20 +1404,24 @@ mod tests {
         Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
     }
 
+    fn obstacles<'a>(model: &'a Model, walls: &'a Walls) -> Obstacles<'a> {
+        Obstacles {
+            surfaces: &model.geometry().surfaces,
+            walls,
+        }
+    }
+
     fn fraction(model: &Model, i: u32, j: u32, rays: usize) -> (usize, f64) {
         let corners = |p: u32| model.normalised_corners(p);
         let mut shaft = Shaft::default();
-        let sighting = shaft.sight(
-            &model.geometry().surfaces,
-            &Walls::of(model),
-            (i, &corners(i)),
-            (j, &corners(j)),
-        );
+        let walls = Walls::of(model);
+        let obstacles = obstacles(model, &walls);
+        let sighting = shaft.sight(obstacles, (i, &corners(i)), (j, &corners(j)));
         if sighting.hidden {
             return (1, 0.0);
         }
         let mut cast = Cast::default();
-        shaft.cast(&sighting, rays, 1, &mut cast);
+        shaft.cast(obstacles, &sighting, rays, 1, &mut cast);
         let count = sighting.between.len() + sighting.beside.len() + sighting.over.len();
         (count, cast.sums.0 / cast.sums.1)
     }
@@ -1427,7 +1430,6 @@ mod tests {
     #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
     fn walls_hide_what_their_pieces_hide() {
         let model = city(5, 5);
-        let surfaces = &model.geometry().surfaces;
         let (walls, pieces) = (Walls::of(&model), Walls::pieces_of(&model));
         let count = u64::try_from(model.patches().len()).expect("a number");
         let (mut state, mut partly, mut fewer, mut hidden) = (1, 0, [0, 0], [0, 0]);
@@ -1436,12 +1438,13 @@ mod tests {
             let [emitter, receiver] = pair.map(|patch| model.normalised_corners(patch));
             let fractions = [&*walls, &pieces].map(|walls| {
                 let mut shaft = Shaft::default();
-                let sighting = shaft.sight(surfaces, walls, (pair[0], &emitter), (pair[1], &receiver));
+                let obstacles = obstacles(&model, walls);
+                let sighting = shaft.sight(obstacles, (pair[0], &emitter), (pair[1], &receiver));
                 let at = usize::from(!std::ptr::eq(walls, &pieces));
                 hidden[at] += usize::from(sighting.hidden);
                 fewer[at] += sighting.between.len();
                 let mut cast = Cast::default();
-                shaft.cast(&sighting, 256, 1, &mut cast);
+                shaft.cast(obstacles, &sighting, 256, 1, &mut cast);
                 if sighting.hidden { Some(0.0) } else { cast.fraction() }
             });
             let [Some(by_walls), Some(by_pieces)] = fractions else {
@@ -1456,6 +1459,46 @@ mod tests {
         eprintln!(
             "{count} patches, 20,000 pairs: {fewer:?} pieces and walls in between, {hidden:?} pairs proved hidden by them"
         );
+    }
+
+    /// Rays that walk the tree of walls are stopped where rays held against the shaft's list are.
+    #[test]
+    fn a_tree_stops_the_rays_that_a_list_stops() {
+        let model = city(5, 2);
+        let walls = Walls::of(&model);
+        let obstacles = obstacles(&model, &walls);
+        let count = u64::try_from(model.patches().len()).expect("a number");
+        let (mut state, mut partly, mut near) = (3, 0, 0);
+        for _ in 0..20_000 {
+            let pair = [0, 1].map(|_| u32::try_from(random::next(&mut state) % count).expect("a patch"));
+            let [emitter, receiver] = pair.map(|patch| model.normalised_corners(patch));
+            let mut shaft = Shaft::default();
+            let mut sighting = shaft.sight(obstacles, (pair[0], &emitter), (pair[1], &receiver));
+            if sighting.hidden || sighting.is_open() || sighting.crowded {
+                continue;
+            }
+            let fractions = [false, true].map(|crowded| {
+                sighting.crowded = crowded;
+                let mut cast = Cast::default();
+                if sighting.near {
+                    shaft.cast_near(obstacles, &sighting, 256, MOST_DRAWN * 256, 1, &mut cast);
+                } else {
+                    shaft.cast(obstacles, &sighting, 256, 1, &mut cast);
+                }
+                cast.fraction()
+            });
+            let [Some(by_list), Some(by_tree)] = fractions else {
+                continue;
+            };
+            // Rays of a list are in f32: one may pass an edge on the other side.
+            assert!(
+                (by_list - by_tree).abs() < 0.02,
+                "{pair:?}: {by_list} by list, {by_tree} by tree"
+            );
+            partly += usize::from(by_list > 0.0 && by_list < 1.0);
+            near += usize::from(sighting.near);
+        }
+        assert!(partly > 200 && near > 20, "{partly} pairs partly visible, {near} near");
     }
 
     #[test]
@@ -1511,9 +1554,11 @@ mod tests {
             }
             tried += 1;
             let mut shaft = Shaft::default();
-            let sighting = shaft.sight(&[], &Walls::of(&model), (0, &small), (1, &large));
+            let walls = Walls::of(&model);
+            let obstacles = obstacles(&model, &walls);
+            let sighting = shaft.sight(obstacles, (0, &small), (1, &large));
             let mut cast = Cast::default();
-            shaft.cast_near(&sighting, 1 << 13, 1 << 17, 5, &mut cast);
+            shaft.cast_near(obstacles, &sighting, 1 << 13, 1 << 17, 5, &mut cast);
             let across = (large[1] - large[0]).cross(large[2] - large[0]).normalize();
             let from = crate::factor::contour::in_front(&small, large[0], across, 0.0).expect("it sees something");
             let part: f64 = (1..from.corners().len() - 1)
@@ -1537,7 +1582,8 @@ mod tests {
     #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
     fn rays_leave_less_than_independent_ones() {
         let model = city(6, 2);
-        let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(&model));
+        let walls = Walls::of(&model);
+        let obstacles = obstacles(&model, &walls);
         let rule = crate::factor::FactorRule::for_tolerance(1e-2);
         let count = u32::try_from(model.patches().len()).expect("few patches");
         let area = |t: &[DVec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
@@ -1554,16 +1600,16 @@ mod tests {
                     continue;
                 }
                 let mut shaft = Shaft::default();
-                let sighting = shaft.sight(surfaces, walls, (i, &emitter), (j, &receiver));
+                let sighting = shaft.sight(obstacles, (i, &emitter), (j, &receiver));
                 if sighting.hidden || sighting.is_open() {
                     continue;
                 }
                 let cast = |rays: usize, seed: u64| {
                     let mut cast = Cast::default();
                     let rays = if sighting.near {
-                        shaft.cast_near(&sighting, rays, MOST_DRAWN * rays, seed, &mut cast)
+                        shaft.cast_near(obstacles, &sighting, rays, MOST_DRAWN * rays, seed, &mut cast)
                     } else {
-                        shaft.cast(&sighting, rays, seed, &mut cast)
+                        shaft.cast(obstacles, &sighting, rays, seed, &mut cast)
                     };
                     (rays, cast)
                 };
@@ -1696,12 +1742,8 @@ mod tests {
         let model = scene(&[[p(0.2, 0.1, 0.5), p(0.9, 0.3, 0.4), p(0.4, 0.8, 0.6)]]);
         let corners = |k: u32| model.normalised_corners(k);
         let mut shaft = Shaft::default();
-        let sighting = shaft.sight(
-            &model.geometry().surfaces,
-            &Walls::of(&model),
-            (0, &corners(0)),
-            (2, &corners(2)),
-        );
+        let walls = Walls::of(&model);
+        let sighting = shaft.sight(obstacles(&model, &walls), (0, &corners(0)), (2, &corners(2)));
         assert_eq!(sighting.between.len(), 1);
         let (small, large) = sighting.by_size();
         let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);

@@ -332,6 +332,8 @@ impl Tree {
         #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
         let mut order: Vec<u32> = (0..count as u32).collect();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        // By patch, not as the octree has them, so that the tree is the same whatever the octree.
+        order.sort_unstable_by_key(|&s| surfaces[s as usize].front);
         let boxes: Vec<Bounds> = surfaces.iter().map(Bounds::of).collect();
         // Twice as many pieces as threads, as the halves of a scene are not equally dear.
         let id = |s: u32| surfaces[s as usize].front.0;

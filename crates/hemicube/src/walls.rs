@@ -46,7 +46,10 @@ impl Walls {
     /// The walls of a scene; `triangle` says which of the file's triangles a surface was cut from.
     pub(crate) fn new(geometry: &Geometry, triangle: impl Fn(&Surface) -> usize) -> Self {
         let surfaces = &geometry.surfaces;
-        let mesh = Mesh::of(surfaces);
+        // By patch, not as the octree has them, so that walls are the same whatever the octree.
+        let mut order: Vec<usize> = (0..surfaces.len()).collect();
+        order.sort_unstable_by_key(|&s| surfaces[s].front);
+        let mesh = Mesh::of(surfaces, &order);
         let mut walls = Self::none(geometry);
         let flat = FLAT * geometry.plane_tolerance;
         let mut regions = Regions {
@@ -55,7 +58,7 @@ impl Walls {
             taken: vec![false; surfaces.len()],
         };
         let mut region = Vec::new();
-        for seed in 0..surfaces.len() {
+        for seed in order {
             regions.grow(seed, flat, &mut region);
             if region.is_empty() {
                 continue;
@@ -160,19 +163,20 @@ struct Mesh {
 }
 
 impl Mesh {
-    fn of(surfaces: &[Surface]) -> Self {
+    /// Numbers corners as surfaces in `order` have them.
+    fn of(surfaces: &[Surface], order: &[usize]) -> Self {
         let mut known: HashMap<[u64; 3], u32> = HashMap::with_capacity(surfaces.len());
         let mut places = Vec::new();
-        let mut corners = Vec::with_capacity(surfaces.len());
-        for surface in surfaces {
-            corners.push(surface.corners.map(|place| {
+        let mut corners = vec![[0; 3]; surfaces.len()];
+        for &index in order {
+            corners[index] = surfaces[index].corners.map(|place| {
                 // Both zeros are one place.
                 let bits = (place + DVec3::ZERO).to_array().map(f64::to_bits);
                 *known.entry(bits).or_insert_with(|| {
                     places.push(place);
                     u32::try_from(places.len() - 1).unwrap_or(u32::MAX)
                 })
-            }));
+            });
         }
         let mut along = HashMap::with_capacity(3 * surfaces.len());
         for (surface, triangle) in (0u32..).zip(&corners) {

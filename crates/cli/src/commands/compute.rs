@@ -73,6 +73,11 @@ struct Report {
     corrected: u64,
     /// Pairs among them of which a part only is visible.
     partial: u64,
+    /// Rows of this run that their budget of work ended before all pairs worth it were measured.
+    cut_short: u64,
+    /// The row of this run that took longest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    slowest_row: Option<SlowestRow>,
     /// Rows of this run by second.
     #[serde(skip_serializing_if = "Option::is_none")]
     rows_per_second: Option<f64>,
@@ -85,6 +90,15 @@ struct Report {
     timings: Option<Timings>,
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_memory_bytes: Option<u64>,
+}
+
+/// Rows that take longer than so many seconds are named.
+const LONG_ROW: f64 = 0.5;
+
+#[derive(Clone, Copy, Debug, Serialize)]
+struct SlowestRow {
+    patch: u32,
+    seconds: f64,
 }
 
 /// Histograms over rows: where the effort went.
@@ -515,6 +529,14 @@ fn compute_into(
         rays: tally.rays,
         corrected: summary.corrected,
         partial: summary.partial,
+        cut_short: summary.cut_short,
+        slowest_row: summary
+            .slowest
+            .filter(|_| !arguments.report.no_timings)
+            .map(|(patch, took)| SlowestRow {
+                patch: patch.0,
+                seconds: took.as_secs_f64(),
+            }),
         rows_per_second: (summary.elapsed.as_secs_f64() > 0.0 && !arguments.report.no_timings)
             .then(|| summary.rows as f64 / summary.elapsed.as_secs_f64()),
         effort,
@@ -970,6 +992,20 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
             ),
         );
     }
+    if report.cut_short > 0 {
+        list.add(
+            "budget",
+            format!(
+                "{} met the bound on their work before all pairs worth it were measured{}",
+                counted(report.cut_short, "row"),
+                if report.expected_error.is_some() {
+                    "; their expected error says so"
+                } else {
+                    ""
+                }
+            ),
+        );
+    }
     let seconds = summary.elapsed.as_secs_f64();
     let rate = if seconds > 0.0 {
         summary.hemicubes as f64 / seconds
@@ -990,7 +1026,7 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
         list.add(
             "time",
             format!(
-                "{}, {} rows/s, {} hemicubes/s{}",
+                "{}, {} rows/s, {} hemicubes/s{}{}",
                 duration(seconds),
                 figures(per_second),
                 figures(rate),
@@ -998,6 +1034,11 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
                     format!("; culling spared {} of the triangles", percent(culled))
                 } else {
                     String::new()
+                },
+                match report.slowest_row {
+                    Some(SlowestRow { patch, seconds }) if seconds > LONG_ROW =>
+                        format!("; the slowest row, of patch {patch}, took {}", duration(seconds)),
+                    _ => String::new(),
                 }
             ),
         );
