@@ -42,7 +42,7 @@ mod symmetric;
 
 pub use residual::Residuals;
 
-use crate::store::{Error, Form, Header, Manifest, Part, PatchTable, Result, Store, StoreWriter};
+use crate::store::{Error, Form, Header, Manifest, Part, PatchTable, Result, RowShares, Store, StoreWriter};
 use cut::{Cut, sums};
 use exchange::{Exchange, Survey};
 use residual::{Tally, merge};
@@ -313,11 +313,15 @@ impl Areas {
     }
 }
 
-/// The sum that a row is to have, 1 minus what its hemicubes lost; `None` for a row without hemicubes.
+/// The sum that a row is to have, 1 minus what it loses; `None` for a row without hemicubes.
 pub(crate) fn target_of(part: &Part, row: usize) -> Option<f64> {
     let (sums, hemicubes) = (part.sums.get(row)?, *part.hemicubes.get(row)?);
+    let shares = part.shares.get(row)?;
     if hemicubes == 0 {
         return None;
+    }
+    if *shares != RowShares::of_hemicubes(sums, hemicubes) {
+        return Some((1.0 - shares.lost()).max(0.0));
     }
     let whole = u64::from(hemicubes) * crate::store::HEMICUBE_WEIGHT;
     // In whole numbers: a row that lost everything is to sum to 0, and not to what rounding leaves.

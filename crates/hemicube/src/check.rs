@@ -7,7 +7,8 @@
 //! range        0 ≤ Fᵢⱼ ≤ 1
 //! columns      ascending, of patches that exist
 //! diagonal     Fᵢᵢ = 0: a planar patch does not see itself
-//! closure      |Σⱼ Fᵢⱼ + (escaped + blocked + unselected) / (hemicubes · 2³¹) − 1|
+//! shares       escaped, blocked, unselected from 0 to 1, and 0 where the hemicubes' are; in pixel mode, weight / (hemicubes · 2³¹)
+//! closure      |Σⱼ Fᵢⱼ + escaped + blocked + unselected − 1|, of the shares
 //! reciprocity  √(Σ (Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ)²) / √(Σ (Aᵢ Fᵢⱼ)²), over the entries of sampled rows i whose row j exists
 //! ```
 //!
@@ -15,7 +16,7 @@
 //! two hemicubes at two points.
 
 use crate::sky::{SkyCheck, check_sky, sky_beside};
-use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Result, RowSums, Store};
+use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Result, RowShares, RowSums, Store};
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -64,7 +65,7 @@ pub enum Check {
     Manifest,
     /// The patch table says of every row what the parts say.
     Table,
-    /// A row's weights sum to its hemicubes'.
+    /// A row's weights sum to its hemicubes'; sums of pixels have no other shares than these.
     Weights,
     /// A row's form factors sum to its visible weight.
     Visible,
@@ -139,9 +140,9 @@ pub struct WorstRow {
     pub closure_error: f64,
     /// Σ F.
     pub row_sum: f64,
-    /// Fraction of the hemicube that hit nothing.
+    /// Share of the view that leaves the scene.
     pub escaped: f64,
-    /// Fraction that hit the back of a one-sided patch.
+    /// Share that ends on backs of one-sided patches.
     pub blocked: f64,
 }
 
@@ -171,11 +172,11 @@ pub struct CheckReport {
     pub entries_per_row: EntriesPerRow,
     /// Weights over all rows.
     pub sums: RowSums,
-    /// Average over the rendered rows of the fraction that hit nothing.
+    /// Average over the rendered rows of the share that leaves the scene.
     pub escaped: f64,
-    /// Average over the rendered rows of the fraction that hit the back of a one-sided patch.
+    /// Average over the rendered rows of the share that ends on backs of one-sided patches.
     pub blocked: f64,
-    /// Average over the rendered rows of the fraction that hit patches that were not selected.
+    /// Average over the rendered rows of the share that ends on patches that were not selected.
     pub unselected: f64,
     /// Rows that lost anything to the back of a one-sided patch.
     pub blocked_rows: u64,
@@ -252,16 +253,18 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
             }
         }
     }
-    let row_escaped = row_table.as_ref().map(|table| table.escaped.clone());
-    if let Some(table) = row_table {
+    if let Some(table) = &row_table {
         for (patch, &expected) in row_sums.iter().enumerate() {
             let found = [
                 table.row_sum[patch],
                 table.escaped[patch],
                 table.blocked[patch],
                 table.unselected[patch],
+                table.hemicube_escaped[patch],
+                table.hemicube_blocked[patch],
+                table.hemicube_unselected[patch],
             ];
-            let expected = expected.unwrap_or([f64::NAN; 4]);
+            let expected = expected.unwrap_or([f64::NAN; 7]);
             // NaN marks what is not there, and is equal to itself here.
             let equal = found
                 .iter()
@@ -300,8 +303,8 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
         }
     }
     let sky = sky_beside(store);
-    let sky = match &row_escaped {
-        Some(escaped) if sky.exists() => match check_sky(&sky, escaped) {
+    let sky = match &row_table {
+        Some(rows) if sky.exists() => match check_sky(&sky, &rows.escaped) {
             Ok(found) => Some(found),
             Err(Error::Io { path, action, source }) => return Err(Error::Io { path, action, source }),
             Err(error) => {
@@ -317,20 +320,12 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     })
 }
 
-/// Sum of the form factors and fractions lost, computed as they were when the table was written.
-fn of_row(part: &Part, row: usize) -> [f64; 4] {
+/// Sum of the form factors, shares, and the hemicubes' shares, computed as they were when the table was written.
+fn of_row(part: &Part, row: usize) -> [f64; 7] {
     let sum = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
-    let (sums, hemicubes) = (part.sums[row], part.hemicubes[row]);
-    if hemicubes == 0 {
-        return [sum, f64::NAN, f64::NAN, f64::NAN];
-    }
-    let whole = (u64::from(hemicubes) * HEMICUBE_WEIGHT) as f64;
-    [
-        sum,
-        sums.escaped as f64 / whole,
-        sums.blocked as f64 / whole,
-        sums.unselected as f64 / whole,
-    ]
+    let [a, b, c] = part.shares[row].to_array();
+    let [d, e, f] = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]).to_array();
+    [sum, a, b, c, d, e, f]
 }
 
 #[derive(Debug)]
@@ -413,7 +408,7 @@ impl Tally {
             self.entries_of_rows.push(columns.len() as u64);
             self.entries_of_row(patch, columns, factors);
             of_part = of_part.and_then(|sum| sum.plus(&part.sums[row]));
-            self.weights_of_row(patch, factors, &part.sums[row], part.hemicubes[row]);
+            self.weights_of_row(patch, factors, &part.sums[row], part.shares[row], part.hemicubes[row]);
         }
         let found = (part.data.len() as u64, of_part);
         if let Some(&(entries, sums)) = self.parts.get(place)
@@ -448,7 +443,7 @@ impl Tally {
         }
     }
 
-    fn weights_of_row(&mut self, patch: u32, factors: &[f32], sums: &RowSums, hemicubes: u32) {
+    fn weights_of_row(&mut self, patch: u32, factors: &[f32], sums: &RowSums, shares: RowShares, hemicubes: u32) {
         let whole = u64::from(hemicubes) * HEMICUBE_WEIGHT;
         if sums.total() != Some(whole) {
             let total = sums.total();
@@ -473,11 +468,18 @@ impl Tally {
                 format!("the form factors of patch {patch} sum to {row_sum}, its visible weight is {visible}"),
             );
         }
-        let lost = [sums.escaped, sums.blocked, sums.unselected].map(|weight| weight as f64 / whole);
+        let seen = RowShares::of_hemicubes(sums, hemicubes);
+        if self.is_pixel && shares != seen {
+            self.fail(
+                Check::Weights,
+                format!("the shares of patch {patch} are {shares:?}, those of its weights {seen:?}"),
+            );
+        }
+        let lost = shares.to_array();
         for (total, lost) in self.lost.iter_mut().zip(lost) {
             *total += lost;
         }
-        self.blocked_rows += u64::from(sums.blocked > 0);
+        self.blocked_rows += u64::from(shares.blocked > 0.0);
         let error = (row_sum + lost.iter().sum::<f64>() - 1.0).abs();
         // A row that sums to no number is as far off as can be.
         let error = if error.is_nan() { f64::INFINITY } else { error };

@@ -775,6 +775,7 @@ fn compute_batch(
         part.rows.push(emitter.0);
         part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
         part.sums.push(converted.sums);
+        part.shares.push(converted.shares);
         part.hemicubes.push(u32::try_from(hemicubes_of_row).unwrap_or(u32::MAX));
         part.errors.push(converted.error);
         part.rays.push(u32::try_from(converted.rays).unwrap_or(u32::MAX));
@@ -969,6 +970,7 @@ fn append(part: &mut Part, batch: Part) {
     part.indices.extend(batch.indices);
     part.data.extend(batch.data);
     part.sums.extend(batch.sums);
+    part.shares.extend(batch.shares);
     part.hemicubes.extend(batch.hemicubes);
     part.errors.extend(batch.errors);
     part.rays.extend(batch.rays);

@@ -19,7 +19,7 @@ use crate::grain::Grain;
 pub use crate::refine::{Doubts, Refinement};
 use crate::refine::{Mended, Refined, Refiner};
 use crate::row::RowView;
-use crate::store::RowSums;
+use crate::store::{RowShares, RowSums};
 use crate::tree::Tree;
 use crate::walls::Walls;
 use hemicube_scene::InputPatch;
@@ -112,6 +112,8 @@ impl Correction {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Converted {
     pub(crate) sums: RowSums,
+    /// What of the row is no form factor, refined with its form factors.
+    pub(crate) shares: RowShares,
     /// Expected √Σ (F − true F)²; NaN where the rung does not estimate it.
     pub(crate) error: f32,
     /// Rays and points that fractions were measured with.
@@ -265,8 +267,13 @@ impl<'c> Converter<'c> {
                 refiner.pairs.iter().filter(|pair| is_partial(pair.fraction)).count()
             }),
         };
+        let seen = RowShares::of_hemicubes(&sums, u32::try_from(hemicubes.len()).unwrap_or(u32::MAX));
         Converted {
             sums,
+            shares: match self.correction {
+                Correction::Pixel => seen,
+                _ => seen.refined(sum(&data[start..]), error.into()),
+            },
             error,
             rays,
             partial: partial as u64,

@@ -64,6 +64,7 @@ pub mod selection;
 pub mod settings;
 pub mod settle;
 mod shaft;
+mod shares;
 mod simd;
 pub mod sky;
 pub mod solve;

@@ -255,12 +255,39 @@ pub struct SkyRow {
     pub hemicubes: u32,
     /// By how much the sky view factor changed with the last refinement; NaN where there was none.
     pub change: f64,
+    /// The share of the view that leaves the scene, where it is known better than from the hemicubes, as beside a matrix:
+    /// the columns' shares are then scaled to it.
+    pub refined: Option<f64>,
 }
 
 impl SkyRow {
     /// The weight of all hemicubes.
     pub fn whole(&self) -> u64 {
         u64::from(self.hemicubes) * u64::from(WHOLE)
+    }
+
+    /// What the columns' shares sum to.
+    pub fn escaped_share(&self) -> f64 {
+        self.refined.unwrap_or_else(|| self.share(self.escaped))
+    }
+
+    /// By what a column's weight over that of all hemicubes is multiplied to be its share.
+    pub fn scale(&self) -> f64 {
+        match self.refined {
+            Some(refined) if self.escaped > 0 => refined / self.share(self.escaped),
+            _ => 1.0,
+        }
+    }
+
+    fn share(&self, weight: u64) -> f64 {
+        weight as f64 / self.whole() as f64
+    }
+
+    /// Takes what escapes by the row of a matrix. Whether the columns can be scaled to it.
+    pub fn refine(&mut self, escaped: f64) -> bool {
+        let can = self.hemicubes > 0 && (0.0..=1.0).contains(&escaped) && (self.escaped > 0 || escaped == 0.0);
+        self.refined = can.then_some(escaped);
+        can
     }
 
     /// The sky view factor: which part of the hemisphere, weighted by the cosine, is sky. What escapes below the horizon is
@@ -274,7 +301,7 @@ impl SkyRow {
         if self.hemicubes == 0 {
             return f64::NAN;
         }
-        (self.escaped - ground) as f64 / self.whole() as f64
+        self.share(self.escaped - ground) * self.scale()
     }
 }
 
@@ -376,6 +403,7 @@ impl<'a> Bins<'a> {
             blocked,
             hemicubes,
             change,
+            refined: None,
         }
     }
 }

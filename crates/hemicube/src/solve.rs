@@ -3,8 +3,21 @@
 //! ```text
 //! B  radiosity, what leaves a patch                    F  form factors, F[i, j] from i to j
 //! E  emission, what it leaves with of itself           R  reflectance, diagonal, one a band
-//! H  irradiance from outside the matrix (the sky)      G  irradiance in all, G = F B + H, and so B = E + R G
+//! H  irradiance from outside the matrix (the sky)      G  irradiance in all, G = F B + S B + H, and so B = E + R G
+//! S  what returns to its patch, diagonal
 //! ```
+//!
+//! A row may say of a part of the view neither which patch it meets nor that it leaves the scene: backs of one-sided patches,
+//! patches without a column, and what Σ F + escaped + blocked + unselected lacks of 1. Taken as black and cold, that part
+//! would cool surfaces that are as warm as all around them. It is taken to exchange nothing instead: [`RowTable::returned`],
+//! Sᵢ = 1 − Σⱼ Fᵢⱼ − escapedᵢ, is what the patch gets back of itself. Then, of any row,
+//!
+//! ```text
+//! Bᵢ − Gᵢ = Σⱼ Fᵢⱼ (Bᵢ − Bⱼ) + escapedᵢ (Bᵢ − outside)
+//! ```
+//!
+//! which is Oppenheim's network, a conductance Aᵢ Fᵢⱼ between each two radiosities: with one temperature everywhere no net flux
+//! is left, and in a white furnace no contrast, however large the rows' own errors are.
 //!
 //! Thermal exchange is the same with reflectance 1 − ε, emission ε σ T⁴ and a net flux q = B − G, in W/m² for kelvin
 //! (Modest 2013, chapter 5; Oppenheim 1956).
@@ -88,6 +101,9 @@ impl SolveOptions {
     }
 }
 
+/// What a patch reflects of itself is not solved for where this little is left of its equation.
+const OWN_LEAST: f64 = 1e-9;
+
 /// What is to be solved. Blocks have a row a patch; emission and the irradiance from outside have a column a right-hand side.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Problem {
@@ -99,6 +115,8 @@ pub struct Problem {
     pub emission: Block,
     /// H; `None`: nothing comes from outside.
     pub outside: Option<Block>,
+    /// S, a number a patch: what of its own radiosity it gets back ([`RowTable::returned`]); `None`: nothing.
+    pub returned: Option<Vec<f64>>,
 }
 
 /// How far a solution has come: after every product with the matrix.
@@ -157,6 +175,20 @@ impl Problem {
         {
             return wrong("the irradiance from outside is not of the emission's patches and right-hand sides".into());
         }
+        if let Some(returned) = &self.returned {
+            if returned.len() != patches {
+                return wrong(format!(
+                    "what returns is of {} patches, not of {patches}",
+                    returned.len()
+                ));
+            }
+            if let Some(bad) = returned
+                .iter()
+                .find(|share| !(**share <= 1.0 + 1e-6 && share.is_finite()))
+            {
+                return wrong(format!("{bad} of a view returns; it is at most 1"));
+            }
+        }
         if self.bands.len() != columns || self.bands.iter().any(|&band| band >= self.reflectance.columns()) {
             return wrong("a right-hand side is of a band that has no reflectance".into());
         }
@@ -174,6 +206,20 @@ impl Problem {
     #[inline]
     fn rho(&self, patch: usize, column: usize) -> f64 {
         self.reflectance.of(patch)[self.bands[column]]
+    }
+
+    /// S of a patch.
+    #[inline]
+    fn back(&self, patch: usize) -> f64 {
+        self.returned.as_ref().map_or(0.0, |returned| returned[patch])
+    }
+
+    /// A step of an iteration: from B to the B of which (1 − ρ S) B = E + ρ (F B + H), where E + ρ (F B + S B + H) is `next`.
+    #[inline]
+    fn step(&self, patch: usize, column: usize, b: f64, next: f64) -> f64 {
+        let own = 1.0 - self.rho(patch, column) * self.back(patch);
+        // A patch that reflects all and sees nothing but itself stays as it is.
+        if own > OWN_LEAST { b + (next - b) / own } else { next }
     }
 
     /// E + R H.
@@ -217,10 +263,18 @@ impl Work<'_> {
         self.source.columns()
     }
 
-    /// F X.
+    /// F X + S X.
     fn product(&mut self, x: &Block) -> Result<Block, SolveError> {
         self.iterations += 1;
-        Ok(multiply(self.factors, x, self.options.threads())?)
+        let mut product = multiply(self.factors, x, self.options.threads())?;
+        if let Some(returned) = &self.problem.returned {
+            for (patch, share) in returned.iter().enumerate() {
+                for (sum, x) in product.of_mut(patch).iter_mut().zip(x.of(patch)) {
+                    *sum += share * x;
+                }
+            }
+        }
+        Ok(product)
     }
 
     /// Tells how far it is; whether all are within the tolerance.
@@ -268,6 +322,7 @@ impl Work<'_> {
 ///     bands: vec![0],
 ///     emission: Block::from_fn(2, 1, |plate, _| emissivity[plate] * STEFAN_BOLTZMANN * kelvin[plate].powi(4)),
 ///     outside: None,
+///     returned: None,
 /// };
 /// let options = SolveOptions { tolerance: 1e-12, ..SolveOptions::default() };
 /// let solution = solve(&plates, &problem, options, &mut |_| true)?;
@@ -343,12 +398,14 @@ pub struct EnergyBalance {
     pub absorbed: f64,
     /// Left the scene.
     pub escaped: f64,
-    /// Ended on backs of one-sided patches.
+    /// Ended on backs of one-sided patches; 0 where that returns.
     pub blocked: f64,
-    /// Ended on patches without columns.
+    /// Ended on patches without columns; 0 where that returns.
     pub unselected: f64,
-    /// What rows that do not sum to 1 lost, or made up where it is negative.
+    /// What rows that do not sum to 1 lost, or made up where it is negative; 0 where that returns.
     pub closure: f64,
+    /// What patches got back of themselves (S), and so is not lost; it is in none of the sums.
+    pub returned: f64,
     /// What left towards patches and did not arrive, since Aᵢ Fᵢⱼ and Aⱼ Fⱼᵢ differ.
     pub reciprocity: f64,
     /// What the iteration left.
@@ -388,6 +445,7 @@ impl EnergyBalance {
 ///     bands: vec![0],
 ///     emission: Block::from_fn(count, 1, |patch, _| if patch == 0 { 1.0 } else { 0.0 }),
 ///     outside: None,
+///     returned: Some(store.row_table()?.returned()),
 /// };
 /// let solution = solve(&OutOfCore::new(&store, 0)?, &problem, SolveOptions::default(), &mut |_| true)?;
 /// let areas = store.patches()?.area;
@@ -416,11 +474,17 @@ pub fn energy_balance(problem: &Problem, solution: &Solution, areas: &[f64], row
             balance.emitted += area * emission;
             balance.from_outside += area * outside;
             balance.absorbed += area * (1.0 - rho) * irradiance;
+            let returned = leaving * problem.back(patch);
+            balance.returned += returned;
             balance.escaped += leaving * shares[0];
-            balance.blocked += leaving * shares[1];
-            balance.unselected += leaving * shares[2];
-            balance.closure += leaving * (1.0 - sum - shares.iter().sum::<f64>());
-            balance.reciprocity += leaving * sum - area * (irradiance - outside);
+            if problem.returned.is_none() {
+                balance.blocked += leaving * shares[1];
+                balance.unselected += leaving * shares[2];
+                balance.closure += leaving * (1.0 - sum - shares.iter().sum::<f64>());
+            } else {
+                balance.closure += leaving * (1.0 - sum - shares[0]) - returned;
+            }
+            balance.reciprocity += leaving * sum - (area * (irradiance - outside) - returned);
             balance.residual += area * (emission + rho * irradiance - radiosity);
         }
     }

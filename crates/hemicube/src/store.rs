@@ -3,12 +3,14 @@
 //! ```text
 //! DIR/manifest.json          what it is a matrix of, how it was computed, which parts it has
 //! DIR/patches.npz            one row a patch, in input order: face, object, material, side (0 front, 1 back), area,
-//!                            centroid, normal; escaped, blocked, unselected (fractions of the hemicube), row_sum and
-//!                            error (expected √Σ (F − true F)²), NaN where no row was computed
+//!                            centroid, normal; escaped, blocked, unselected (with the form factors, they sum to 1),
+//!                            row_sum, error (expected √Σ (F − true F)²), and hemicube_escaped, hemicube_blocked,
+//!                            hemicube_unselected (what the hemicubes say); NaN where no row was computed
 //! DIR/parts/part-00000.npz   format, shape, data, indices, indptr: what `scipy.sparse.load_npz` reads, a CSR block of
 //!                            `rows_per_part` rows of the processing order and `patch_count` columns;
 //!                            rows (which input patches its rows are), sums (weights: visible, escaped, blocked,
-//!                            unselected), hemicubes (how many a row was rendered with),
+//!                            unselected), shares (escaped, blocked, unselected, refined with the form factors),
+//!                            hemicubes (how many a row was rendered with),
 //!                            errors (expected √Σ (F − true F)², NaN where not estimated) and rays (that its visible
 //!                            fractions were measured with)
 //! DIR/solutions/NAME/        what was solved of it (`hemicube::solve`), and
@@ -19,7 +21,7 @@
 //! patches*, positions in the scene file's face order; the processing order (Morton) shows only in which rows a part has.
 //!
 //! Weights are fixed point, 2³¹ for each hemicube, so that visible + escaped + blocked + unselected = hemicubes · 2³¹
-//! holds exactly, row by row.
+//! holds exactly, row by row. Shares ([`RowShares`]) are what users want: with form factors of whole patches, they sum to 1.
 //!
 //! In the *compact* form ([`Form`]) a part is a third to a quarter of that: instead of data and indices it has codes, gaps,
 //! lengths and runptr (`store/compact.rs` and `docs/store.md` say what they are), and its form factors are rounded by a
@@ -47,12 +49,13 @@ mod shard;
 mod write;
 
 pub use crate::compute::PartThinning;
+pub use crate::shares::RowShares;
 pub use assembly::{Assembly, Index};
 pub use durable::DurableFile;
 pub use error::{Error, Result};
 pub use manifest::{
     BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,
-    scene_hash,
+    VERSION_MIN, scene_hash,
 };
 pub use matrix::{Matrix, MatrixRow};
 pub use npy::{Element, ElementType};
@@ -163,6 +166,8 @@ pub struct Part {
     pub data: Vec<f32>,
     /// Where each row's weight went.
     pub sums: Vec<RowSums>,
+    /// What of each row is no form factor, as right as its form factors; of sums of pixels, the weights' shares.
+    pub shares: Vec<RowShares>,
     /// How many hemicubes were rendered for each row; 0 for a row that was come by in another way.
     pub hemicubes: Vec<u32>,
     /// The expected √Σ (F − true F)² of each row; NaN where no rung estimates it.
@@ -183,6 +188,7 @@ impl PartialEq for Part {
             && self.indices == other.indices
             && self.data == other.data
             && self.sums == other.sums
+            && self.shares == other.shares
             && self.hemicubes == other.hemicubes
             && bits(self) == bits(other)
             && self.rays == other.rays

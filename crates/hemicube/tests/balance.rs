@@ -103,6 +103,7 @@ fn push_sums(part: &mut Part, patch: u32, escaped: u64, blocked: u64) {
         blocked,
         unselected: 0,
     });
+    part.shares.push(RowShares::of_hemicubes(&part.sums[part.sums.len() - 1], 1));
 }
 
 fn closure() -> BalanceOptions {

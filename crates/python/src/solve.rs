@@ -158,6 +158,7 @@ pub(crate) fn solve(
         bands: (0..sides).map(|side| side % bands).collect(),
         emission: block(&emitted, columns),
         outside: outside.as_ref().map(|(values, columns, _)| block(values, *columns)),
+        returned: Some(matrix.table()?.returned()),
     };
     if !(1e-14..1.0).contains(&tolerance) {
         return Err(errors::input(format!(

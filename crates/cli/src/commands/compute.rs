@@ -18,9 +18,7 @@ use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary
 use hemicube::keep::Keep;
 use hemicube::probe::{Probe, share_left};
 use hemicube::settings::RowSettings;
-use hemicube::store::{
-    Error as StoreError, Form, HEMICUBE_WEIGHT, Kept, Manifest, Part, PatchTable, Shard, Store, StoreWriter,
-};
+use hemicube::store::{Error as StoreError, Form, Kept, Manifest, Part, PatchTable, Shard, Store, StoreWriter};
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
@@ -222,12 +220,11 @@ impl Tally {
         let estimated = part.errors.iter().filter(|error| !error.is_nan());
         self.squared_error += estimated.map(|&error| f64::from(error).powi(2)).sum::<f64>();
         self.squared_norm += part.data.iter().map(|&factor| f64::from(factor).powi(2)).sum::<f64>();
-        for (row, (sums, &hemicubes)) in part.sums.iter().zip(&part.hemicubes).enumerate() {
+        for (row, (shares, &hemicubes)) in part.shares.iter().zip(&part.hemicubes).enumerate() {
             if hemicubes == 0 {
                 continue;
             }
-            let whole = (u64::from(hemicubes) * HEMICUBE_WEIGHT) as f64;
-            let lost = [sums.escaped, sums.blocked, sums.unselected].map(|weight| weight as f64 / whole);
+            let lost = shares.to_array();
             // From 0: the sum of nothing is −0, which reads oddly in a report.
             let sum = part.row(row).1.iter().fold(0.0, |sum, &factor| sum + f64::from(factor));
             self.rendered += 1;

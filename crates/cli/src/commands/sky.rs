@@ -226,10 +226,12 @@ fn read_suns(path: &Path) -> Result<Vec<DVec3>> {
         .collect()
 }
 
-/// What the matrix says of its hemicubes: n of the n² of each patch, and the weight that escaped.
+/// What the matrix says of its hemicubes: n of the n² of each patch, the weight that escaped, and which share of the view that is
+/// of the whole patch.
 struct OfMatrix {
     samples: Vec<u32>,
     escaped: Vec<Option<u64>>,
+    shares: Vec<Option<f64>>,
 }
 
 fn of_matrix(store: &Store) -> Result<OfMatrix> {
@@ -237,12 +239,15 @@ fn of_matrix(store: &Store) -> Result<OfMatrix> {
     let mut found = OfMatrix {
         samples: vec![1; count],
         escaped: vec![None; count],
+        shares: vec![None; count],
     };
     for place in 0..store.manifest().parts.len() {
         let Some(part) = store.part(place)? else { continue };
-        for ((&patch, sums), &hemicubes) in part.rows.iter().zip(&part.sums).zip(&part.hemicubes) {
+        let rows = part.rows.iter().zip(&part.sums).zip(&part.hemicubes).zip(&part.shares);
+        for (((&patch, sums), &hemicubes), shares) in rows {
             found.samples[patch as usize] = hemicubes.isqrt().max(1);
             found.escaped[patch as usize] = (hemicubes > 0).then_some(sums.escaped);
+            found.shares[patch as usize] = (hemicubes > 0).then_some(shares.escaped);
         }
     }
     Ok(found)
@@ -330,9 +335,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     exit::keep(true);
     let found = sky_of_patches(&prepared.model, &rows, &division, horizon, options, backend, &mut go_on)?;
     drop(bar);
-    let Some(found) = found else {
+    let Some(mut found) = found else {
         return Ok(Exit::Interrupted);
     };
+    if let Some(matrix) = &matrix {
+        for (row, share) in found.iter_mut().zip(&matrix.shares) {
+            share.map(|share| row.refine(share));
+        }
+    }
     let lit = sunlit(&prepared, &suns, options.threads)?;
     write_sky(
         &output.join("sky.npz"),
@@ -511,7 +521,7 @@ fn record(
         let own = prepared.patches.area(patch);
         area += own;
         sky += own * factor;
-        ground += own * (row.escaped as f64 / row.whole() as f64 - factor);
+        ground += own * (row.escaped_share() - factor);
         min = min.min(factor);
         max = max.max(factor);
     }

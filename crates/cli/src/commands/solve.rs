@@ -503,6 +503,7 @@ impl<'a> Task<'a> {
                     bands,
                     emission,
                     outside,
+                    returned: Some(self.row_table.returned()),
                 }
             }
             Kind::Heat { materials, ambient } => {
@@ -524,6 +525,7 @@ impl<'a> Task<'a> {
                             }
                         })
                     }),
+                    returned: Some(self.row_table.returned()),
                 }
             }
         })

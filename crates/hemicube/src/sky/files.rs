@@ -7,18 +7,22 @@ use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A CSR matrix of weights as shares of a row's hemicubes. Weights are whole numbers below 2⁵³, and hemicubes powers of
+fn share(weight: u64, whole: u64) -> f64 {
+    if whole > 0 { weight as f64 / whole as f64 } else { 0.0 }
+}
+
+/// A CSR matrix of weights as shares of a row's hemicubes, each row times a scale. Weights are whole numbers below 2⁵³, and hemicubes powers of
 /// two wherever they come from a tolerance: shares are then exact, and so are their sums.
 fn write(
     path: &Path,
     columns: u64,
-    rows: &mut dyn Iterator<Item = (Vec<(u32, u64)>, u64)>,
+    rows: &mut dyn Iterator<Item = (Vec<(u32, u64)>, u64, f64)>,
     more: impl FnOnce(&mut NpzWriter<DurableFile>) -> io::Result<()>,
 ) -> Result<()> {
     let (mut data, mut indices, mut weights, mut indptr) = (Vec::new(), Vec::new(), Vec::new(), vec![0i64]);
-    for (entries, whole) in rows {
+    for (entries, whole, scale) in rows {
         for (column, weight) in entries {
-            data.push(if whole > 0 { weight as f64 / whole as f64 } else { 0.0 });
+            data.push(share(weight, whole) * scale);
             indices.push(column.cast_signed());
             weights.push(weight);
         }
@@ -40,13 +44,16 @@ fn write(
     Ok(())
 }
 
+/// What the columns of each row sum to.
+const ESCAPED_SHARE: &str = "escaped_share";
+
 /// Writes sky rows: `columns` of them, column 0 the ground; beside the matrix `weights`, `escaped`, `blocked`, `hemicubes`,
-/// `sky_view_factor`, `change`; and where suns were asked for `suns`, one row a row, one column a sun.
+/// `sky_view_factor`, `change`, `escaped_share` (what the columns sum to); and where suns were asked for `suns`, one row a row, one column a sun.
 ///
 /// # Errors
 /// When the file cannot be written.
 pub fn write_sky(path: &Path, columns: u32, rows: &[SkyRow], suns: Option<(usize, &[f32])>) -> Result<()> {
-    let mut entries = rows.iter().map(|row| (row.columns.clone(), row.whole()));
+    let mut entries = rows.iter().map(|row| (row.columns.clone(), row.whole(), row.scale()));
     write(path, columns.into(), &mut entries, |npz| {
         let count = [rows.len() as u64];
         npz.array(
@@ -67,6 +74,8 @@ pub fn write_sky(path: &Path, columns: u32, rows: &[SkyRow], suns: Option<(usize
         let factors: Vec<f64> = rows.iter().map(SkyRow::sky_view_factor).collect();
         npz.array("sky_view_factor", &count, &factors)?;
         npz.array("change", &count, &rows.iter().map(|row| row.change).collect::<Vec<_>>())?;
+        let shares: Vec<f64> = rows.iter().map(SkyRow::escaped_share).collect();
+        npz.array(ESCAPED_SHARE, &count, &shares)?;
         match suns {
             Some((suns, visible)) => npz.array("suns", &[rows.len() as u64, suns as u64], visible),
             None => Ok(()),
@@ -81,7 +90,7 @@ pub fn write_sky(path: &Path, columns: u32, rows: &[SkyRow], suns: Option<(usize
 pub fn write_points(path: &Path, patch_count: u32, rows: &[PointRow]) -> Result<()> {
     let mut entries = rows.iter().map(|row| {
         let patches = row.patches.iter().map(|(patch, weight)| (patch.0, *weight)).collect();
-        (patches, row.sky.whole())
+        (patches, row.sky.whole(), 1.0)
     });
     write(path, patch_count.into(), &mut entries, |_| Ok(()))
 }
@@ -207,14 +216,14 @@ pub struct SkyCheck {
     pub columns: u32,
     /// Rows of the matrix.
     pub rows: u64,
-    /// Rows that lost there exactly what they lost in the matrix.
+    /// Rows that lose there exactly what they lose in the matrix.
     pub rows_as_in_matrix: u64,
     /// By how much of the hemisphere the others differ at most.
     pub difference: f64,
 }
 
 /// Holds the sky rows beside a matrix against what they must be: the bytes that were written; columns that add up, in whole
-/// weights, to what escaped; and shares that are those weights. `escaped` is what escaped of the matrix's rows.
+/// weights, to what escaped; and shares that are those weights, scaled. `escaped` is what escapes by the matrix's rows.
 ///
 /// # Errors
 /// The first thing that does not hold, or that the file cannot be read.
@@ -230,7 +239,15 @@ pub fn check_sky(path: &Path, escaped: &[f64]) -> Result<SkyCheck> {
     let weights: Vec<u64> = npz.array("weights")?;
     let (sums, blocked): (Vec<u64>, Vec<u64>) = (npz.array("escaped")?, npz.array("blocked")?);
     let hemicubes: Vec<u32> = npz.array("hemicubes")?;
-    let lengths = [sums.len(), blocked.len(), hemicubes.len(), escaped.len()];
+    // Files of before refined shares have none.
+    let shares = if npz.has(ESCAPED_SHARE) {
+        npz.array(ESCAPED_SHARE)?
+    } else {
+        let whole = |count: u32| u64::from(count) * u64::from(crate::backend::WHOLE);
+        let of_row = |(&sum, &count): (&u64, &u32)| sum as f64 / whole(count) as f64;
+        sums.iter().zip(&hemicubes).map(of_row).collect::<Vec<f64>>()
+    };
+    let lengths = [sums.len(), blocked.len(), hemicubes.len(), escaped.len(), shares.len()];
     if lengths.iter().any(|&length| length != sky.rows()) || weights.len() != sky.data.len() {
         return Err(Error::malformed(path, "is not of the matrix's patches"));
     }
@@ -253,14 +270,23 @@ pub fn check_sky(path: &Path, escaped: &[f64]) -> Result<SkyCheck> {
                 sums[row]
             )));
         }
-        let share = |weight: u64| if whole > 0 { weight as f64 / whole as f64 } else { 0.0 };
-        if range.clone().any(|place| sky.data[place] != share(weights[place])) {
+        let row_of_file = SkyRow {
+            escaped: sums[row],
+            hemicubes: hemicubes[row],
+            refined: (shares[row].to_bits() != (sums[row] as f64 / whole as f64).to_bits()).then_some(shares[row]),
+            ..SkyRow::default()
+        };
+        let scale = row_of_file.scale();
+        if range
+            .clone()
+            .any(|place| sky.data[place] != share(weights[place], whole) * scale)
+        {
             return Err(malformed("a share is not its weight's".to_owned()));
         }
         // Rows that were not computed, or come by without a hemicube, have nothing to differ from.
         if whole > 0 && !escaped[row].is_nan() {
             found.rows += 1;
-            let difference = (share(sums[row]) - escaped[row]).abs();
+            let difference = (shares[row] - escaped[row]).abs();
             found.rows_as_in_matrix += u64::from(difference == 0.0);
             found.difference = found.difference.max(difference);
         }

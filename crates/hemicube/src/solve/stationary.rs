@@ -11,6 +11,11 @@ pub(super) fn jacobi(work: &mut Work<'_>, mut b: Block) -> Result<Block, SolveEr
         let mut next = work.problem.reflect(product);
         next.add_scaled(&vec![1.0; work.columns()], &work.source);
         // What the iteration changes is the residual of where it began.
+        for patch in 0..next.patches() {
+            for (column, value) in next.of_mut(patch).iter_mut().enumerate() {
+                *value = work.problem.step(patch, column, b.of(patch)[column], *value);
+            }
+        }
         let mut change = next.clone();
         change.add_scaled(&minus, &b);
         b = next;
@@ -37,7 +42,9 @@ pub(super) fn gauss_seidel(work: &mut Work<'_>, mut b: Block) -> Result<Block, S
                 let patch = patch as usize;
                 let source = source.of(patch);
                 for (column, value) in b.of_mut(patch).iter_mut().enumerate() {
-                    let new = source[column] + problem.rho(patch, column) * sums[column];
+                    let arriving = sums[column] + problem.back(patch) * *value;
+                    let new = source[column] + problem.rho(patch, column) * arriving;
+                    let new = problem.step(patch, column, *value, new);
                     squares[column] += (new - *value) * (new - *value);
                     *value = new;
                 }

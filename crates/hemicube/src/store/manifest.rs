@@ -19,8 +19,11 @@ use std::path::Path;
 /// What [`Manifest::format`] says in every store.
 pub const FORMAT: &str = "hemicube-store";
 
-/// The version of the format that is written, and the only one that is read.
-pub const VERSION: u32 = 1;
+/// The version of the format that is written.
+pub const VERSION: u32 = 2;
+
+/// The oldest version that is read. Version 1 has no refined shares: its rows' are those of their hemicubes.
+pub const VERSION_MIN: u32 = 1;
 
 /// The most patches that a matrix can have: `i32` columns, and room for marks beyond the last id.
 pub const PATCH_COUNT_MAX: u32 = (1 << 31) - 16;
@@ -126,7 +129,7 @@ pub struct PartEntry {
 pub struct Manifest {
     /// [`FORMAT`].
     pub format: String,
-    /// [`VERSION`].
+    /// From [`VERSION_MIN`] to [`VERSION`].
     pub version: u32,
     /// Version of the program that computed it.
     pub program: String,
@@ -284,6 +287,9 @@ impl Manifest {
         let of = |what: &str, theirs: &dyn std::fmt::Display, ours: &dyn std::fmt::Display| {
             Some(format!("its {what} is {theirs}, here it is {ours}"))
         };
+        if self.version != other.version {
+            return of("format's version", &self.version, &other.version);
+        }
         if self.program != other.program {
             return of("version of hemicube", &self.program, &other.program);
         }
@@ -399,10 +405,10 @@ impl Manifest {
             return Err("is no manifest of a store".into());
         }
         match fields.get("version").and_then(Value::as_u64) {
-            Some(version) if version == u64::from(VERSION) => {}
+            Some(version) if (u64::from(VERSION_MIN)..=u64::from(VERSION)).contains(&version) => {}
             Some(version) => {
                 return Err(format!(
-                    "has version {version}; this program reads version {VERSION}: use the one that wrote it"
+                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION}: use the one that wrote it"
                 ));
             }
             None => return Err("has no version".into()),
@@ -419,6 +425,11 @@ impl Manifest {
             serde_json::from_value(value).map_err(|error| format!("is no manifest of a store: {error}"))?;
         manifest.check()?;
         Ok(manifest)
+    }
+
+    /// Whether parts and the patch table have refined shares.
+    pub(crate) fn has_shares(&self) -> bool {
+        self.version > 1
     }
 
     /// Whether the numbers fit together. Every size that is allocated later rests on this or on a file's size.

@@ -6,7 +6,7 @@
 use super::csr::CsrFile;
 use super::durable::file_checksum;
 use super::npz::Npz;
-use super::{Error, Form, HEMICUBE_WEIGHT, Manifest, Part, PartThinning, PatchTable, Result, RowSums};
+use super::{Error, Form, Manifest, Part, PartThinning, PatchTable, Result, RowShares, RowSums};
 use hemicube_scene::InputPatch;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -18,6 +18,9 @@ const OPEN_FILES_MAX: usize = 128;
 
 /// The array of a part that says what leaving out small form factors did.
 pub(super) const THINNING: &str = "thinning";
+
+/// The array of a part that has the rows' refined shares.
+pub(super) const SHARES: &str = "shares";
 
 /// The array of a part, and of the patch table, that says which run it is of.
 pub(super) const RUN: &str = "run";
@@ -38,16 +41,22 @@ pub struct Row {
 /// was come by without one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RowTable {
-    /// Fraction of the hemicube that hit nothing.
+    /// Fraction of what leaves that leaves the scene, as right as the form factors ([`RowShares`]).
     pub escaped: Vec<f64>,
-    /// Fraction that hit the back of a one-sided patch.
+    /// Fraction that ends on backs of one-sided patches.
     pub blocked: Vec<f64>,
-    /// Fraction that hit patches which were not selected as receivers.
+    /// Fraction that ends on patches which were not selected as receivers.
     pub unselected: Vec<f64>,
     /// Sum of the form factors.
     pub row_sum: Vec<f64>,
     /// Expected √Σ (F − true F)², on rungs that estimate it.
     pub error: Vec<f64>,
+    /// Fraction of the hemicubes that hit nothing.
+    pub hemicube_escaped: Vec<f64>,
+    /// Fraction that hit the back of a one-sided patch.
+    pub hemicube_blocked: Vec<f64>,
+    /// Fraction that hit patches which were not selected as receivers.
+    pub hemicube_unselected: Vec<f64>,
 }
 
 impl RowTable {
@@ -60,6 +69,9 @@ impl RowTable {
             unselected: unknown(),
             row_sum: unknown(),
             error: unknown(),
+            hemicube_escaped: unknown(),
+            hemicube_blocked: unknown(),
+            hemicube_unselected: unknown(),
         }
     }
 
@@ -68,18 +80,35 @@ impl RowTable {
     /// # Panics
     /// When the part has rows of patches that there are not, or arrays that do not fit together.
     pub fn add(&mut self, part: &Part, form: Form) {
-        for (row, ((&patch, sums), &hemicubes)) in part.rows.iter().zip(&part.sums).zip(&part.hemicubes).enumerate() {
+        for (row, &patch) in part.rows.iter().enumerate() {
             let patch = patch as usize;
             let factors = part.row(row).1.iter();
             self.row_sum[patch] = factors.map(|&factor| f64::from(form.round(factor))).sum();
             self.error[patch] = f64::from(part.errors[row]);
-            if hemicubes > 0 {
-                let whole = (u64::from(hemicubes) * HEMICUBE_WEIGHT) as f64;
-                self.escaped[patch] = sums.escaped as f64 / whole;
-                self.blocked[patch] = sums.blocked as f64 / whole;
-                self.unselected[patch] = sums.unselected as f64 / whole;
-            }
+            let seen = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]);
+            (self.hemicube_escaped[patch], self.hemicube_blocked[patch]) = (seen.escaped, seen.blocked);
+            self.hemicube_unselected[patch] = seen.unselected;
+            let shares = part.shares[row];
+            (self.escaped[patch], self.blocked[patch]) = (shares.escaped, shares.blocked);
+            self.unselected[patch] = shares.unselected;
         }
+    }
+
+    /// What of each patch's view exchanges nothing with others, and so is taken to return to it when light or heat is solved
+    /// for: 1 − Σ F − escaped. That is what ends on backs and on patches without a column, and what a row lacks of 1 (less than
+    /// 0 where it has more); 0 for a patch without a row.
+    pub fn returned(&self) -> Vec<f64> {
+        let known = |share: f64| if share.is_nan() { 0.0 } else { share };
+        let rows = self.row_sum.iter().zip(&self.escaped);
+        rows.map(|(sum, &escaped)| known(1.0 - sum - known(escaped))).collect()
+    }
+
+    /// What of a patch's view is no form factor; not numbers where it is not known.
+    ///
+    /// # Panics
+    /// When there is no such patch.
+    pub fn shares(&self, patch: usize) -> RowShares {
+        RowShares::from_array([self.escaped[patch], self.blocked[patch], self.unselected[patch]])
     }
 }
 
@@ -373,7 +402,15 @@ impl Store {
     /// When the patch table is not there, or damaged.
     pub fn row_table(&self) -> Result<RowTable> {
         let (path, mut npz) = self.open_patches()?;
+        let [escaped, blocked, unselected] = if self.manifest.has_shares() {
+            ["hemicube_escaped", "hemicube_blocked", "hemicube_unselected"]
+        } else {
+            ["escaped", "blocked", "unselected"]
+        };
         let table = RowTable {
+            hemicube_escaped: npz.array(escaped)?,
+            hemicube_blocked: npz.array(blocked)?,
+            hemicube_unselected: npz.array(unselected)?,
             escaped: npz.array("escaped")?,
             blocked: npz.array("blocked")?,
             unselected: npz.array("unselected")?,
@@ -387,6 +424,9 @@ impl Store {
             &table.unselected,
             &table.row_sum,
             &table.error,
+            &table.hemicube_escaped,
+            &table.hemicube_blocked,
+            &table.hemicube_unselected,
         ]
         .iter()
         .any(|column| column.len() != count)
@@ -581,6 +621,37 @@ pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Ma
     } else {
         None
     };
+    let sums: Vec<RowSums> = sums
+        .chunks_exact(4)
+        .map(|sums| RowSums {
+            visible: sums[0],
+            escaped: sums[1],
+            blocked: sums[2],
+            unselected: sums[3],
+        })
+        .collect();
+    let of_hemicubes = |(sums, &hemicubes)| RowShares::of_hemicubes(sums, hemicubes);
+    let shares: Vec<RowShares> = if manifest.has_shares() {
+        let shares: Vec<f64> = npz.array(SHARES)?;
+        shares
+            .as_chunks()
+            .0
+            .iter()
+            .copied()
+            .map(RowShares::from_array)
+            .collect()
+    } else {
+        sums.iter().zip(&hemicubes).map(of_hemicubes).collect()
+    };
+    let fit = |row: usize| {
+        shares
+            .get(row)
+            .is_some_and(|shares| shares.fit(&sums[row], hemicubes[row]))
+    };
+    if let Some(row) = (0..count).find(|&row| shares.len() != count || !fit(row)) {
+        let reason = format!("has `{SHARES}` of row {row} that its weights rule out");
+        return Err(Error::malformed(path, reason));
+    }
     let (indices, data) = csr.rows(npz)?;
     Ok(Part {
         index,
@@ -588,15 +659,8 @@ pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Ma
         indptr: npz.array("indptr")?,
         indices,
         data,
-        sums: sums
-            .chunks_exact(4)
-            .map(|sums| RowSums {
-                visible: sums[0],
-                escaped: sums[1],
-                blocked: sums[2],
-                unselected: sums[3],
-            })
-            .collect(),
+        sums,
+        shares,
         hemicubes,
         errors,
         rays,

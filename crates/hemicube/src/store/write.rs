@@ -5,7 +5,7 @@ use super::lock::{Lock, Mode};
 use super::manifest::{FileEntry, PARTS_DIRECTORY, PATCH_COUNT_MAX, PATCHES_FILE, part_file};
 use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
-use super::read::{RUN, THINNING};
+use super::read::{RUN, SHARES, THINNING};
 use super::{
     Error, Form, HEMICUBE_WEIGHT, Header, Manifest, Part, PartEntry, PartThinning, PatchTable, Result, RowSums,
     RowTable, Shard, compact,
@@ -272,6 +272,7 @@ impl StoreWriter {
         let count = self.manifest.rows_of_part(part.index) as usize;
         if part.rows.len() != count
             || part.sums.len() != count
+            || part.shares.len() != count
             || part.hemicubes.len() != count
             || part.errors.len() != count
             || part.rays.len() != count
@@ -319,6 +320,12 @@ impl StoreWriter {
                     sums.total()
                 ));
             }
+            if !part.shares[row].fit(sums, part.hemicubes[row]) {
+                return Err(format!(
+                    "the shares of patch {patch} are {:?}, which its weights rule out",
+                    part.shares[row]
+                ));
+            }
             total = total.plus(sums).ok_or("its weights do not fit 64 bits")?;
         }
         Ok(total)
@@ -326,8 +333,8 @@ impl StoreWriter {
 
     fn write_patches(&mut self, patches: &PatchTable) -> Result<()> {
         let path = self.directory.join(PATCHES_FILE);
-        let wanted = 109 * u64::from(self.manifest.patch_count) + 4096;
-        let (columns, run) = (&self.columns, self.run);
+        let wanted = 133 * u64::from(self.manifest.patch_count) + 4096;
+        let (columns, run, has_shares) = (&self.columns, self.run, self.manifest.has_shares());
         let checksum = write_archive(&path, wanted, &self.label(), |npz| {
             let count = patches.len() as u64;
             npz.array(GEOMETRY[0], &[count], &patches.face)?;
@@ -337,7 +344,7 @@ impl StoreWriter {
             npz.array(GEOMETRY[4], &[count], &patches.area)?;
             npz.array(GEOMETRY[5], &[count, 3], patches.centroid.as_flattened())?;
             npz.array(GEOMETRY[6], &[count, 3], patches.normal.as_flattened())?;
-            columns.write(npz)?;
+            columns.write(npz, has_shares)?;
             npz.array(RUN, &[32], &run)
         })?;
         self.manifest.patches = Some(FileEntry {
@@ -362,8 +369,8 @@ impl StoreWriter {
             sources.push((name, header, elements, size));
         }
         let file = known.into_file();
-        let wanted = 109 * u64::from(self.manifest.patch_count) + 4096;
-        let (columns, run) = (&self.columns, self.run);
+        let wanted = 133 * u64::from(self.manifest.patch_count) + 4096;
+        let (columns, run, has_shares) = (&self.columns, self.run, self.manifest.has_shares());
         let checksum = write_archive(&path, wanted, &self.label(), |npz| {
             let mut buffer = vec![0; COPY];
             for (name, header, elements, size) in &sources {
@@ -381,7 +388,7 @@ impl StoreWriter {
                     }
                 }
             }
-            columns.write(npz)?;
+            columns.write(npz, has_shares)?;
             npz.array(RUN, &[32], &run)
         })?;
         self.manifest.patches = Some(FileEntry {
@@ -393,13 +400,20 @@ impl StoreWriter {
 }
 
 impl RowTable {
-    fn write<W: Write + io::Seek>(&self, npz: &mut NpzWriter<W>) -> io::Result<()> {
+    /// A table of the format's first version has the hemicubes' shares for both.
+    fn write<W: Write + io::Seek>(&self, npz: &mut NpzWriter<W>, has_shares: bool) -> io::Result<()> {
         let count = self.row_sum.len() as u64;
         npz.array("escaped", &[count], &self.escaped)?;
         npz.array("blocked", &[count], &self.blocked)?;
         npz.array("unselected", &[count], &self.unselected)?;
         npz.array("row_sum", &[count], &self.row_sum)?;
-        npz.array("error", &[count], &self.error)
+        npz.array("error", &[count], &self.error)?;
+        if !has_shares {
+            return Ok(());
+        }
+        npz.array("hemicube_escaped", &[count], &self.hemicube_escaped)?;
+        npz.array("hemicube_blocked", &[count], &self.hemicube_blocked)?;
+        npz.array("hemicube_unselected", &[count], &self.hemicube_unselected)
     }
 }
 
@@ -511,7 +525,7 @@ fn write_archive(
 fn encode(part: &Part, patch_count: u32, form: Form, run: &[u8; 32]) -> io::Result<(Vec<u8>, String)> {
     let (rows, entries, columns) = (part.rows.len() as u64, part.data.len() as u64, u64::from(patch_count));
     let per_entry = if form.is_plain() { 8 } else { 3 };
-    let capacity = 4096 + per_entry * part.data.len() + 64 * part.rows.len();
+    let capacity = 4096 + per_entry * part.data.len() + 88 * part.rows.len();
     let mut npz = NpzWriter::new(Cursor::new(Vec::with_capacity(capacity)));
     match form {
         Form::Plain => {
@@ -541,6 +555,8 @@ fn encode(part: &Part, patch_count: u32, form: Form, run: &[u8; 32]) -> io::Resu
         }
     }
     npz.write_all(&bytes)?;
+    let shares: Vec<[f64; 3]> = part.shares.iter().map(|shares| shares.to_array()).collect();
+    npz.array(SHARES, &[rows, 3], shares.as_flattened())?;
     npz.array("hemicubes", &[rows], &part.hemicubes)?;
     npz.array("errors", &[rows], &part.errors)?;
     npz.array("rays", &[rows], &part.rays)?;

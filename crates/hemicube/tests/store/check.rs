@@ -236,7 +236,7 @@ fn a_manifest_with_other_totals_is_found() {
 
 #[test]
 fn a_patch_table_that_says_otherwise_is_found() {
-    for column in ["escaped", "blocked", "unselected", "row_sum"] {
+    for column in ["escaped", "blocked", "unselected", "row_sum", "hemicube_escaped", "hemicube_blocked"] {
         let (directory, _) = written(25);
         let path = directory.path().join("patches.npz");
         let mut values: Vec<f64> = sample::array(&path, column);
@@ -275,6 +275,7 @@ fn pair(directory: &Path, forward: f32, backward: f32) {
             ..Default::default()
         };
     }
+    part.shares = part.sums.iter().map(|sums| RowShares::of_hemicubes(sums, 1)).collect();
     sample.write(directory);
 }
 

@@ -114,6 +114,9 @@ fn push_row(part: &mut Part, patch: u32, patch_count: u32, random: &mut Random) 
         blocked,
         unselected: left - escaped - blocked,
     });
+    // Refined, as far as weights allow.
+    let seen = RowShares::of_hemicubes(&part.sums[part.sums.len() - 1], hemicubes);
+    part.shares.push(seen.refined(visible as f64 / whole as f64 + 0.01 * f64::from(patch % 3), f64::NAN));
     part.hemicubes.push(hemicubes);
     part.errors.push(patch as f32 * 1e-3);
     part.rays.push(16 * patch);
@@ -255,6 +258,7 @@ pub(crate) fn doctor_part(directory: &Path, part: &Part) {
         .iter()
         .flat_map(|sums| [sums.visible, sums.escaped, sums.blocked, sums.unselected])
         .collect();
+    let shares: Vec<[f64; 3]> = part.shares.iter().map(|shares| shares.to_array()).collect();
     let (rows, entries) = (part.rows.len() as u64, part.data.len() as u64);
     replace_members(
         &path,
@@ -264,6 +268,7 @@ pub(crate) fn doctor_part(directory: &Path, part: &Part) {
             ("indptr", npy(&[rows + 1], &part.indptr)),
             ("rows", npy(&[rows], &part.rows)),
             ("sums", npy(&[rows, 4], &sums)),
+            ("shares", npy(&[rows, 3], shares.as_flattened())),
             ("hemicubes", npy(&[rows], &part.hemicubes)),
             ("errors", npy(&[rows], &part.errors)),
             ("rays", npy(&[rows], &part.rays)),

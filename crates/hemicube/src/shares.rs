@@ -1,0 +1,226 @@
+//! What of a patch's view is no form factor: *escaped*, *blocked* and *unselected*, as right as the form factors are.
+//!
+//! A hemicube says of all four what it sees from a point. Corrections make form factors of the whole emitter, by closed
+//! forms and rays, and then the four do not sum to 1 any more, by the *residual*
+//!
+//! ```text
+//! r = 1 − Σ F − E − B − U          E, B, U: the hemicubes' shares
+//! ```
+//!
+//! The residual is the hemicubes' error: they are one point, or a few, where F is of the whole patch. It is dealt out over
+//! the three in proportion to wₓ = X (1 − X), the variance of a quantity that is 0 or 1 and is estimated from one point. No
+//! share falls below 0, none rises by more than that variance's root, and none that is 0 in the hemicubes changes: what
+//! such bounds leave of the residual is dealt out over the others, and what none can take is the form factors' own error.
+
+use crate::store::{HEMICUBE_WEIGHT, RowSums};
+
+/// Shares of a patch's view that go to no column, each from 0 to 1; not numbers for a row without hemicubes.
+///
+/// ```
+/// use hemicube::store::{HEMICUBE_WEIGHT, RowShares, RowSums};
+///
+/// // A hemicube from the middle of a patch loses half to the sky; of the whole patch, form factors sum to 0.45.
+/// let half = HEMICUBE_WEIGHT / 2;
+/// let sums = RowSums { visible: half, escaped: half, ..RowSums::default() };
+/// let shares = RowShares::of_hemicubes(&sums, 1);
+/// assert_eq!((shares.escaped, shares.refined(0.45, f64::NAN).escaped), (0.5, 0.55));
+/// ```
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RowShares {
+    /// To nothing: out of the scene.
+    pub escaped: f64,
+    /// To the backs of one-sided patches.
+    pub blocked: f64,
+    /// To patches that were not selected as receivers.
+    pub unselected: f64,
+}
+
+impl PartialEq for RowShares {
+    /// Bit by bit: what is not known equals itself.
+    fn eq(&self, other: &Self) -> bool {
+        self.to_array().map(f64::to_bits) == other.to_array().map(f64::to_bits)
+    }
+}
+
+/// A share that is all but 1 can still fall: the least 1 − X that its weight is made of, a unit of a hemicube's weight.
+const RESOLUTION: f64 = 1.0 / HEMICUBE_WEIGHT as f64;
+
+/// What the form factors of a row are expected to lack or have too much in all, where their rung does not say.
+const OWN_ERROR: f64 = 0.01;
+
+/// By how many times its expected error a sum of form factors can be off.
+const ERRORS: f64 = 3.0;
+
+impl RowShares {
+    /// Of a row without hemicubes.
+    pub const UNKNOWN: Self = Self::from_array([f64::NAN; 3]);
+
+    /// What the hemicubes of a row say.
+    pub fn of_hemicubes(sums: &RowSums, hemicubes: u32) -> Self {
+        if hemicubes == 0 {
+            return Self::UNKNOWN;
+        }
+        let whole = (u64::from(hemicubes) * HEMICUBE_WEIGHT) as f64;
+        Self::from_array([sums.escaped, sums.blocked, sums.unselected].map(|weight| weight as f64 / whole))
+    }
+
+    /// These shares, with what they and form factors lack of 1 dealt out over them. `factors` is what the form factors sum to,
+    /// and `error` what that sum is expected to be off by; where it is not a number, 1 %.
+    #[must_use]
+    pub fn refined(self, factors: f64, error: f64) -> Self {
+        let residual = 1.0 - factors - self.lost();
+        let before = self.to_array();
+        let likely = before.map(|share| (share + (share * (1.0 - share)).max(0.0).sqrt()).min(1.0));
+        let (shares, left) = self.deal(before, residual, likely);
+        let own = if error.is_nan() { OWN_ERROR } else { ERRORS * error };
+        let shares = if left.abs() > own {
+            self.deal(shares, left, [1.0; 3]).0
+        } else {
+            shares
+        };
+        Self::from_array(shares)
+    }
+
+    /// Deals `residual` out over `shares`, none of which may exceed its `most`: the new shares, and what none could take.
+    fn deal(self, mut shares: [f64; 3], mut residual: f64, most: [f64; 3]) -> ([f64; 3], f64) {
+        let mut weights = self.to_array().map(|share| share * (1.0 - share).max(RESOLUTION));
+        // Each round but the last exhausts a share.
+        for _ in 0..shares.len() {
+            let whole: f64 = weights.iter().sum();
+            // Nothing to deal out, nothing to deal it over; or shares that are not known.
+            if residual == 0.0 || whole.is_nan() || whole <= 0.0 {
+                break;
+            }
+            let round = residual;
+            let mut is_bound = false;
+            for ((share, most), weight) in shares.iter_mut().zip(most).zip(&mut weights) {
+                let wanted = *share + round * *weight / whole;
+                let within = wanted.clamp(0.0, most);
+                residual -= within - *share;
+                *share = within;
+                if within != wanted {
+                    *weight = 0.0;
+                    is_bound = true;
+                }
+            }
+            if !is_bound {
+                break;
+            }
+        }
+        (shares, residual)
+    }
+
+    /// All three together.
+    pub fn lost(self) -> f64 {
+        self.escaped + self.blocked + self.unselected
+    }
+
+    /// Escaped, blocked, unselected: the order in files.
+    pub fn to_array(self) -> [f64; 3] {
+        [self.escaped, self.blocked, self.unselected]
+    }
+
+    /// From what [`Self::to_array`] gave.
+    pub const fn from_array([escaped, blocked, unselected]: [f64; 3]) -> Self {
+        Self {
+            escaped,
+            blocked,
+            unselected,
+        }
+    }
+
+    /// Whether they can be those of a row: from 0 to 1, 0 where the hemicubes lost nothing, unknown where there are none.
+    pub(crate) fn fit(self, sums: &RowSums, hemicubes: u32) -> bool {
+        let weights = [sums.escaped, sums.blocked, sums.unselected];
+        self.to_array().iter().zip(weights).all(|(share, weight)| {
+            if hemicubes == 0 {
+                share.is_nan()
+            } else {
+                (0.0..=1.0).contains(share) && (weight > 0 || *share == 0.0)
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shares(escaped: f64, blocked: f64, unselected: f64) -> RowShares {
+        RowShares::from_array([escaped, blocked, unselected])
+    }
+
+    fn near(a: f64, b: f64) -> bool {
+        (a - b).abs() < 1e-15
+    }
+
+    #[test]
+    fn shares_are_weights_over_all_hemicubes() {
+        let sums = RowSums {
+            visible: HEMICUBE_WEIGHT,
+            escaped: HEMICUBE_WEIGHT / 2,
+            blocked: HEMICUBE_WEIGHT / 4,
+            unselected: HEMICUBE_WEIGHT / 4,
+        };
+        assert_eq!(RowShares::of_hemicubes(&sums, 2), shares(0.25, 0.125, 0.125));
+        assert_eq!(RowShares::of_hemicubes(&RowSums::default(), 0), RowShares::UNKNOWN);
+    }
+
+    #[test]
+    fn the_residual_goes_where_one_point_knows_least() {
+        // Variances 0.25 · 0.75 and 0.05 · 0.95: four fifths, nearly, to what escapes.
+        let (before, sum) = (shares(0.25, 0.05, 0.0), 0.6);
+        let after = before.refined(sum, f64::NAN);
+        let (of_escaped, of_blocked) = (0.25 * 0.75, 0.05 * 0.95);
+        assert!(near(after.escaped, 0.25 + 0.1 * of_escaped / (of_escaped + of_blocked)));
+        assert!(near(after.lost() + sum, 1.0));
+        assert_eq!(after.unselected, 0.0, "what is 0 stays 0");
+    }
+
+    #[test]
+    fn what_is_exhausted_leaves_the_rest_to_the_others() {
+        let after = shares(0.5, 1e-6, 0.2).refined(0.6, f64::NAN);
+        assert!(after.to_array().iter().all(|share| *share >= 0.0));
+        assert!(near(after.lost(), 0.4));
+        let after = shares(0.01, 0.6, 0.0).refined(0.9, f64::NAN);
+        assert!(after.escaped >= 0.0 && near(after.lost(), 0.1), "{after:?}");
+        // More than there is: all of it goes, and the row is over by the rest.
+        assert_eq!(shares(0.1, 0.1, 0.0).refined(1.05, f64::NAN), shares(0.0, 0.0, 0.0));
+    }
+
+    #[test]
+    fn what_one_point_knows_for_certain_moves_only_if_nothing_else_can() {
+        assert!(
+            near(shares(1.0, 0.0, 0.0).refined(0.1, f64::NAN).escaped, 0.9),
+            "rays found more"
+        );
+        assert_eq!(
+            shares(0.0, 0.0, 0.0).refined(0.97, f64::NAN),
+            shares(0.0, 0.0, 0.0),
+            "closed"
+        );
+        // A leak of 10⁻⁹ does not explain 3 ‰: the form factors are off.
+        let leak = shares(1e-9, 0.0, 0.0).refined(0.997, f64::NAN);
+        assert!(leak.escaped < 5e-5, "{leak:?}");
+        // Nor a foot's view of the sky a tenth; but nothing else can, either.
+        let foot = shares(1e-5, 0.0, 0.0);
+        assert!(near(foot.refined(0.9, f64::NAN).escaped, 0.1) && near(foot.refined(0.9, 0.01).escaped, 0.1));
+        assert!(
+            foot.refined(0.9, 0.04).escaped < 4e-3,
+            "form factors that may be off by a tenth"
+        );
+    }
+
+    #[test]
+    fn what_is_not_known_stays_so() {
+        assert_eq!(RowShares::UNKNOWN.refined(0.5, f64::NAN), RowShares::UNKNOWN);
+        assert!(RowShares::UNKNOWN.fit(&RowSums::default(), 0));
+        assert!(!RowShares::UNKNOWN.fit(&RowSums::default(), 1));
+        assert!(!shares(0.1, 0.0, 0.0).fit(&RowSums::default(), 1), "from nothing");
+        let lost = RowSums {
+            escaped: 1,
+            ..RowSums::default()
+        };
+        assert!(shares(0.1, 0.0, 0.0).fit(&lost, 1) && !shares(1.1, 0.0, 0.0).fit(&lost, 1));
+    }
+}
