@@ -9,7 +9,7 @@ mod sample;
 
 use hemicube::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
 use hemicube::check::{Check, CheckOptions, check};
-use hemicube::store::{Error, HEMICUBE_WEIGHT, Part, RowSums, Store};
+use hemicube::store::{Error, HEMICUBE_WEIGHT, Part, RowShares, RowSums, Store};
 use sample::{Random, Sample, doctor_manifest, doctor_part, files, sample};
 use std::path::Path;
 use tempfile::TempDir;
@@ -103,7 +103,8 @@ fn push_sums(part: &mut Part, patch: u32, escaped: u64, blocked: u64) {
         blocked,
         unselected: 0,
     });
-    part.shares.push(RowShares::of_hemicubes(&part.sums[part.sums.len() - 1], 1));
+    part.shares
+        .push(RowShares::of_hemicubes(&part.sums[part.sums.len() - 1], 1));
 }
 
 fn closure() -> BalanceOptions {

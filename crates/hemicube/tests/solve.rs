@@ -41,6 +41,7 @@ fn enclosure(emissivity: &[f64], kelvin: &[f64]) -> Problem {
                 .collect::<Vec<_>>(),
         ),
         outside: None,
+        returned: None,
     }
 }
 
@@ -92,6 +93,7 @@ fn a_closed_room_of_one_material_is_e_over_one_minus_rho() {
                 bands: vec![0],
                 emission: Block::from_fn(50, 1, |_, _| 2.5),
                 outside: None,
+                returned: None,
             };
             let solution = solved(&room, &problem, method);
             for patch in 0..50 {
@@ -123,6 +125,7 @@ fn methods_agree_on_many_right_hand_sides_and_bands() {
         outside: Some(Block::from_fn(40, columns, |patch, c| {
             if c == 3 { 0.0 } else { 0.01 * (patch % 3) as f64 }
         })),
+        returned: None,
     };
     let solutions = METHODS.map(|method| solved(&room, &problem, method));
     for solution in &solutions[1..] {
@@ -155,6 +158,7 @@ fn the_threads_change_nothing() {
         bands: vec![0; 3],
         emission: Block::from_fn(60, 3, |patch, c| ((patch * 7 + c) % 5) as f64),
         outside: None,
+        returned: None,
     };
     for method in METHODS {
         let of = |threads| {
@@ -217,6 +221,7 @@ fn table(rows: usize, escaped: f64, sum: f64) -> RowTable {
         unselected: vec![0.0; rows],
         row_sum: vec![sum; rows],
         error: vec![f64::NAN; rows],
+        ..RowTable::unknown(rows)
     }
 }
 
@@ -232,6 +237,7 @@ fn energy_is_accounted_for() {
         bands: vec![0],
         emission: column(&[1.0, 0.0]),
         outside: Some(column(&[0.0, 2.0])),
+        returned: None,
     };
     let solution = solved(&plates, &problem, Method::Jacobi);
     let balance = energy_balance(&problem, &solution, &[1.0, 1.0], &table(2, 0.5, 0.5))[0];
@@ -257,6 +263,7 @@ fn what_does_not_converge_says_so() {
         bands: vec![0],
         emission: Block::from_fn(30, 1, |patch, _| f64::from(u8::from(patch == 3))),
         outside: None,
+        returned: None,
     };
     for method in METHODS {
         let options = SolveOptions {
@@ -277,6 +284,7 @@ fn an_unsound_problem_is_refused() {
         bands: vec![0],
         emission: Block::from_fn(4, 1, |_, _| 1.0),
         outside: None,
+        returned: None,
     };
     let refused = |problem: &Problem| match solve(&room, problem, SolveOptions::default(), &mut |_| true) {
         Err(SolveError::Problem(reason)) => reason,
@@ -293,4 +301,67 @@ fn an_unsound_problem_is_refused() {
     assert!(with(|p| p.bands = vec![1]).contains("band"));
     let stopped = solve(&room, &sound, SolveOptions::default(), &mut |_| false);
     assert!(matches!(stopped, Err(SolveError::Interrupted)));
+}
+
+/// Rows that lack and have too much, that are blocked in part, and that see nothing at all.
+fn poor_rows() -> (InMemory, RowTable) {
+    let rows = [
+        vec![0.0, 0.4, 0.3, 0.0],
+        vec![0.5, 0.0, 0.6, 0.0],
+        vec![0.1, 0.1, 0.0, 0.0],
+        vec![0.0; 4],
+    ];
+    let mut table = table(4, 0.0, 0.0);
+    table.row_sum = rows
+        .iter()
+        .map(|row| row.iter().map(|&f| f64::from(f as f32)).sum())
+        .collect();
+    table.escaped = vec![0.25, 0.0, 0.3, 0.0];
+    table.blocked = vec![0.0, 0.0, 0.5, 1.0];
+    (InMemory::dense(&rows), table)
+}
+
+#[test]
+fn at_one_temperature_nothing_flows_whatever_rows_lack() {
+    let (factors, table) = poor_rows();
+    let black = STEFAN_BOLTZMANN * 300.0f64.powi(4);
+    for method in METHODS {
+        let problem = Problem {
+            outside: Some(Block::from_fn(4, 1, |patch, _| table.escaped[patch] * black)),
+            returned: Some(table.returned()),
+            ..enclosure(&[0.9, 0.3, 0.05, 0.5], &[300.0; 4])
+        };
+        let solution = solved(&factors, &problem, method);
+        for patch in 0..4 {
+            assert!(flux(&solution, patch).abs() < 1e-6 * black, "{method:?} {patch}");
+        }
+        let balance = energy_balance(&problem, &solution, &[1.0; 4], &table)[0];
+        assert!(balance.closure.abs() + balance.blocked < 1e-9 * black && balance.returned > 0.1 * black);
+        // Without what returns, backs and what rows lack are black and cold.
+        let cold = Problem {
+            returned: None,
+            ..problem
+        };
+        let solution = solved(&factors, &cold, method);
+        assert!(flux(&solution, 2) > 0.01 * black && flux(&solution, 3) > 0.4 * black);
+    }
+}
+
+#[test]
+fn a_white_furnace_is_white_everywhere() {
+    let (factors, table) = poor_rows();
+    for (method, rho) in METHODS.into_iter().flat_map(|method| [(method, 0.3), (method, 0.8)]) {
+        let problem = Problem {
+            reflectance: column(&[rho; 4]),
+            bands: vec![0],
+            emission: column(&[1.0 - rho; 4]),
+            outside: Some(column(&table.escaped)),
+            returned: Some(table.returned()),
+        };
+        let solution = solved(&factors, &problem, method);
+        assert!(
+            solution.radiosity.values().iter().all(|b| (b - 1.0).abs() < 1e-5),
+            "{method:?} {rho}"
+        );
+    }
 }

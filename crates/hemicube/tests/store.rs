@@ -10,7 +10,9 @@ mod compact;
 #[path = "store/sample.rs"]
 mod sample;
 
-use hemicube::store::{Error, Form, HEMICUBE_WEIGHT, Matrix, Part, RowSums, Shard, Store, StoreWriter, merge};
+use hemicube::store::{
+    Error, Form, HEMICUBE_WEIGHT, Matrix, Part, RowShares, RowSums, Shard, Store, StoreWriter, merge,
+};
 use hemicube_scene::InputPatch;
 use sample::{Random, doctor_manifest, files, sample};
 use std::path::Path;
@@ -86,6 +88,7 @@ fn reads_back(form: Form) {
             assert_eq!(table.escaped[patch], part.sums[row].escaped as f64 / whole);
             assert_eq!(table.blocked[patch], part.sums[row].blocked as f64 / whole);
             assert_eq!(table.unselected[patch], part.sums[row].unselected as f64 / whole);
+            assert_eq!(table.hemicube_blocked[patch], table.blocked[patch], "sums of pixels");
             let off = (table.row_sum[patch] - part.sums[row].visible as f64 / whole).abs();
             assert!(off < 1e-7 + form.value_error());
         }
@@ -268,7 +271,7 @@ fn a_part_that_no_reader_could_rely_on_is_refused() {
     let sample = sample(30, 30, 10, 8);
     let mut writer = sample.writer(directory.path());
     let last = sample.parts[1].data.len() - 1;
-    let cases: [(&str, &dyn Fn(&mut Part)); 14] = [
+    let cases: [(&str, &dyn Fn(&mut Part)); 17] = [
         ("part 7 of 3", &|part| part.index = 7),
         ("10 rows", &|part| {
             part.rows.pop();
@@ -286,6 +289,11 @@ fn a_part_that_no_reader_could_rely_on_is_refused() {
         ("do not ascend", &|part| part.indices[1] = part.indices[0]),
         ("NaN", &|part| part.data[5] = f32::NAN),
         ("sum to", &|part| part.sums[0].escaped += 1),
+        ("10 rows", &|part| {
+            part.shares.pop();
+        }),
+        ("rule out", &|part| part.shares[4].blocked = f64::NAN),
+        ("rule out", &|part| part.shares[4].escaped = 1.1),
         ("sum to", &|part| {
             part.sums[2] = RowSums {
                 visible: u64::MAX,
@@ -433,7 +441,7 @@ fn a_manifest_that_claims_too_much_is_refused_without_allocating_it() {
         place
     };
     let cases: [(&str, &dyn Fn(&mut serde_json::Value)); 10] = [
-        ("version 2", &|manifest| manifest["version"] = 2.into()),
+        ("version 3", &|manifest| manifest["version"] = 3.into()),
         ("no manifest", &|manifest| manifest["format"] = "other".into()),
         ("cannot be", &|manifest| {
             manifest["patch_count"] = 4_294_967_295u32.into()
@@ -779,4 +787,91 @@ fn shards_and_resumed_runs_write_the_bytes_of_one_run() {
     sources.push(place.clone());
     assert!(merge(&own[2], &sources, 2).unwrap().manifest.complete);
     assert!(files(&own[2]) == whole);
+}
+
+#[test]
+fn refined_shares_come_back_from_parts_table_and_a_run_that_goes_on() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut sample = sample(40, 40, 16, 7);
+    sample.header.correction = "area".into();
+    for part in &mut sample.parts {
+        for (row, shares) in part.shares.iter_mut().enumerate() {
+            *shares = shares.refined(part.sums[row].visible as f64 / HEMICUBE_WEIGHT as f64 * 0.9, f64::NAN);
+        }
+    }
+    let mut writer = sample.writer(directory.path());
+    writer.write_part(&sample.parts[1]).unwrap();
+    drop(writer);
+    let (mut writer, kept) = StoreWriter::resume(
+        directory.path(),
+        sample.header.clone(),
+        &sample.patches,
+        None,
+        1,
+        &mut |_| (),
+    )
+    .unwrap();
+    assert_eq!(kept.parts, 1);
+    for part in [0, 2] {
+        writer.write_part(&sample.parts[part]).unwrap();
+    }
+    writer.finish().unwrap();
+    let store = Store::open(directory.path()).unwrap();
+    let table = store.row_table().unwrap();
+    let mut moved = 0;
+    for (place, part) in sample.parts.iter().enumerate() {
+        assert_eq!(store.part(place).unwrap().as_ref(), Some(part));
+        for (row, &patch) in part.rows.iter().enumerate() {
+            let seen = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]);
+            assert_eq!(table.shares(patch as usize), part.shares[row]);
+            assert_eq!(table.hemicube_escaped[patch as usize], seen.escaped);
+            moved += u32::from(seen != part.shares[row]);
+        }
+    }
+    assert!(moved > 20, "{moved} of 40 rows are refined");
+}
+
+#[test]
+fn a_store_of_the_first_version_has_the_shares_of_its_hemicubes() {
+    let directory = tempfile::tempdir().unwrap();
+    let sample = sample(20, 20, 10, 8);
+    sample.write(directory.path());
+    for part in &sample.parts {
+        let path = directory.path().join(format!("parts/part-{:05}.npz", part.index));
+        sample::remove_members(&path, &["shares"]);
+        sample::adopt(directory.path(), &path, Some(part.index));
+    }
+    let table = directory.path().join("patches.npz");
+    sample::remove_members(&table, &["hemicube_escaped", "hemicube_blocked", "hemicube_unselected"]);
+    sample::adopt(directory.path(), &table, None);
+    let refused = Store::open(directory.path()).unwrap().part(0).unwrap_err();
+    assert!(refused.to_string().contains("shares"), "{refused}");
+    // The format's name first, as a run that goes on looks for it.
+    let path = directory.path().join("manifest.json");
+    let mut manifest: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let fields = manifest.as_object_mut().unwrap();
+    (fields.remove("blake3"), fields.remove("format"));
+    fields["version"] = 1.into();
+    let text = serde_json::to_string_pretty(&manifest).unwrap();
+    let text = text.replacen("{\n", "{\n  \"format\": \"hemicube-store\",\n", 1);
+    let body = text.strip_suffix("\n}").unwrap();
+    let checksum = blake3::hash(body.as_bytes()).to_hex();
+    std::fs::write(&path, format!("{body},\n  \"blake3\": \"{checksum}\"\n}}\n")).unwrap();
+
+    let store = Store::open(directory.path()).unwrap();
+    for (place, part) in sample.parts.iter().enumerate() {
+        assert_eq!(
+            store.part(place).unwrap().as_ref(),
+            Some(part),
+            "sums of pixels: the same shares"
+        );
+    }
+    let rows = store.row_table().unwrap();
+    assert!(rows.escaped == rows.hemicube_escaped && rows.escaped.iter().any(|&share| share > 0.0));
+    let error =
+        StoreWriter::resume(directory.path(), sample.header, &sample.patches, None, 1, &mut |_| ()).unwrap_err();
+    assert!(
+        error.to_string().contains("format's version is 1, here it is 2"),
+        "{error}"
+    );
 }

@@ -2,7 +2,7 @@
 
 use super::sample::{self, Sample, doctor_manifest, doctor_part, sample};
 use hemicube::check::{Check, CheckOptions, CheckReport, check};
-use hemicube::store::{HEMICUBE_WEIGHT, Part, Store};
+use hemicube::store::{HEMICUBE_WEIGHT, Part, RowShares, Store};
 use std::path::Path;
 
 fn report(directory: &Path, options: &CheckOptions) -> CheckReport {
@@ -94,9 +94,14 @@ fn weights_that_do_not_sum_are_found() {
     // One unit in 2³¹.
     let found = doctored(|part| part.sums[3].escaped += 1);
     assert!(found.contains(&Check::Weights), "{found:?}");
+    let found = doctored(|part| part.shares[3].escaped *= 0.5);
+    assert!(
+        found.contains(&Check::Weights),
+        "shares that are not the weights' of sums of pixels: {found:?}"
+    );
     let found = doctored(|part| part.hemicubes[3] += 1);
     assert!(found.contains(&Check::Weights), "{found:?}");
-    let found = doctored(|part| part.hemicubes[3] = 0);
+    let found = doctored(|part| (part.hemicubes[3], part.shares[3]) = (0, RowShares::UNKNOWN));
     assert!(found.contains(&Check::Weights), "{found:?}");
 }
 
@@ -117,6 +122,7 @@ fn form_factors_that_are_not_the_visible_weight_are_found() {
         let (row, _) = busy_row(part);
         part.sums[row].visible -= 1000;
         part.sums[row].escaped += 1000;
+        part.shares[row] = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]);
     });
     assert!(
         found.contains(&Check::Visible) && !found.contains(&Check::Weights),
@@ -236,7 +242,14 @@ fn a_manifest_with_other_totals_is_found() {
 
 #[test]
 fn a_patch_table_that_says_otherwise_is_found() {
-    for column in ["escaped", "blocked", "unselected", "row_sum", "hemicube_escaped", "hemicube_blocked"] {
+    for column in [
+        "escaped",
+        "blocked",
+        "unselected",
+        "row_sum",
+        "hemicube_escaped",
+        "hemicube_blocked",
+    ] {
         let (directory, _) = written(25);
         let path = directory.path().join("patches.npz");
         let mut values: Vec<f64> = sample::array(&path, column);

@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "each test program uses its share")]
 
 use hemicube::store::{
-    BackendEntry, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowSums, SceneEntry, Store, StoreWriter,
+    BackendEntry, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowShares, RowSums, SceneEntry, Store, StoreWriter,
 };
 use npyz::WriterBuilder;
 use serde_json::json;
@@ -114,9 +114,8 @@ fn push_row(part: &mut Part, patch: u32, patch_count: u32, random: &mut Random) 
         blocked,
         unselected: left - escaped - blocked,
     });
-    // Refined, as far as weights allow.
-    let seen = RowShares::of_hemicubes(&part.sums[part.sums.len() - 1], hemicubes);
-    part.shares.push(seen.refined(visible as f64 / whole as f64 + 0.01 * f64::from(patch % 3), f64::NAN));
+    part.shares
+        .push(RowShares::of_hemicubes(&part.sums[part.sums.len() - 1], hemicubes));
     part.hemicubes.push(hemicubes);
     part.errors.push(patch as f32 * 1e-3);
     part.rays.push(16 * patch);
@@ -227,6 +226,13 @@ pub(crate) fn replace_members(path: &Path, members: &[(&str, Vec<u8>)], method: 
     let options = zip::write::SimpleFileOptions::default().compression_method(method);
     for file_name in names {
         let name = file_name.strip_suffix(".npy").unwrap();
+        // Nothing for a member is one that goes.
+        if members
+            .iter()
+            .any(|(other, content)| *other == name && content.is_empty())
+        {
+            continue;
+        }
         let content = match members.iter().find(|(other, _)| *other == name) {
             Some((_, content)) => content.clone(),
             None => member(&bytes, name),
@@ -235,6 +241,24 @@ pub(crate) fn replace_members(path: &Path, members: &[(&str, Vec<u8>)], method: 
         out.write_all(&content).unwrap();
     }
     std::fs::write(path, out.finish().unwrap().into_inner()).unwrap();
+}
+
+/// Takes members out of an archive.
+pub(crate) fn remove_members(path: &Path, names: &[&str]) {
+    let gone: Vec<(&str, Vec<u8>)> = names.iter().map(|&name| (name, Vec::new())).collect();
+    replace_members(path, &gone, zip::CompressionMethod::Stored);
+}
+
+/// Has the manifest name the bytes that a part, or the patch table, has now.
+pub(crate) fn adopt(directory: &Path, path: &Path, part: Option<u32>) {
+    let checksum = blake3::hash(&std::fs::read(path).unwrap()).to_hex().to_string();
+    doctor_manifest(directory, |manifest| {
+        let entry = match part {
+            Some(index) => &mut manifest["parts"][index as usize],
+            None => &mut manifest["patches"],
+        };
+        entry["blake3"] = json!(checksum);
+    });
 }
 
 /// Changes the manifest through its JSON, and signs it again.
