@@ -7,7 +7,7 @@ use hemicube::InputPatch;
 use hemicube::solve::{ArrayFile, STEFAN_BOLTZMANN, StoredSolution};
 use hemicube::store::Store;
 use hemicube_scene::{Patches, ReadOptions, Subdivision};
-use hemicube_tests::scenes::{program, workspace};
+use hemicube_tests::scenes::{program, scenes_or_skip, workspace};
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::Command;
@@ -240,7 +240,7 @@ fn at_equilibrium(scene: &std::path::Path, settings: &str) {
     let place = Place::new();
     let scene = scene.display().to_string();
     place.line(&format!("compute {scene} -o m {settings} --quiet"));
-    place.write("iso.toml", b"[default]\nemissivity = 0.7\ntemperature = 300\n");
+    place.write("iso.toml", "[default]\nemissivity = 0.7\ntemperature = 300\n");
     place.line("solve m --thermal --materials iso.toml --ambient 300");
     let black = STEFAN_BOLTZMANN * 300.0f64.powi(4);
     let flux = &place.solution("m", "thermal", "flux")[0];
@@ -252,10 +252,10 @@ fn at_equilibrium(scene: &std::path::Path, settings: &str) {
 
     place.write(
         "white.toml",
-        b"bands = [\"all\"]\n[default]\nreflectance = 0.6\nemission = 0.4\n",
+        "bands = [\"all\"]\n[default]\nreflectance = 0.6\nemission = 0.4\n",
     );
     place.line(&format!("sky {scene} --up z --store m --quiet"));
-    place.write("even.npy", &npy(&[vec![std::f64::consts::FRAC_1_PI; 146]]));
+    std::fs::write(place.path("even.npy"), npy(&[vec![std::f64::consts::FRAC_1_PI; 146]])).expect("a file");
     place.line("solve m --materials white.toml --sky-radiance even.npy");
     let light = &place.solution("m", "radiosity", "radiosity")[0];
     let worst = light.iter().fold(0.0f64, |worst, light| worst.max((light - 1.0).abs()));
@@ -265,10 +265,7 @@ fn at_equilibrium(scene: &std::path::Path, settings: &str) {
 #[test]
 fn at_one_temperature_nothing_flows_and_a_furnace_is_white() {
     for settings in ["", "--tolerance 1%"] {
-        at_equilibrium(
-            &hemicube_tests::scenes::workspace().join("crates/scene/data/cornell-box.obj"),
-            settings,
-        );
+        at_equilibrium(&workspace().join("crates/scene/data/cornell-box.obj"), settings);
     }
     if let Some(scenes) = scenes_or_skip("at_one_temperature_nothing_flows_and_a_furnace_is_white") {
         for settings in ["", "--tolerance 1%"] {
