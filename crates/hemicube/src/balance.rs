@@ -21,8 +21,9 @@
 //! would spoil all entries around such a row, so every dᵢ stays within a bound, and rows that want more are counted.
 //!
 //! **What it is for.** Solvers that need energy to balance. It adds nothing that the hemicubes did not see: sums of pixels
-//! come nearer to the reference by it; factors corrected for area usually move away, since tᵢ is still what one hemicube at
-//! the centroid lost. `what_balancing_does_to_the_error` in tests/tests/balance.rs measures it.
+//! come nearer to the reference by it. What a corrected row loses is refined with it
+//! ([`RowShares`](crate::store::RowShares)), so that in the open tᵢ is what the row sums to already, and exact factors stay as
+//! they are; where nothing is lost, tᵢ = 1 moves all of the row alike, and usually away from the reference. `what_balancing_does_to_the_error` in tests/tests/balance.rs measures it.
 //!
 //! Without reciprocity and closure rows stay on their own: entries below the least factor go, and the others of the row
 //! share what it lost in proportion. A row whose entries would grow beyond the bound keeps everything.

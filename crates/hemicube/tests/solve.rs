@@ -305,17 +305,15 @@ fn an_unsound_problem_is_refused() {
 
 /// Rows that lack and have too much, that are blocked in part, and that see nothing at all.
 fn poor_rows() -> (InMemory, RowTable) {
+    // Numbers that f32 holds: the table's sums are the rows'.
     let rows = [
-        vec![0.0, 0.4, 0.3, 0.0],
-        vec![0.5, 0.0, 0.6, 0.0],
-        vec![0.1, 0.1, 0.0, 0.0],
+        vec![0.0, 0.375, 0.3125, 0.0],
+        vec![0.5, 0.0, 0.625, 0.0],
+        vec![0.125, 0.0625, 0.0, 0.0],
         vec![0.0; 4],
     ];
     let mut table = table(4, 0.0, 0.0);
-    table.row_sum = rows
-        .iter()
-        .map(|row| row.iter().map(|&f| f64::from(f as f32)).sum())
-        .collect();
+    table.row_sum = rows.iter().map(|row| row.iter().sum()).collect();
     table.escaped = vec![0.25, 0.0, 0.3, 0.0];
     table.blocked = vec![0.0, 0.0, 0.5, 1.0];
     (InMemory::dense(&rows), table)

@@ -850,7 +850,8 @@ fn a_store_of_the_first_version_has_the_shares_of_its_hemicubes() {
     let path = directory.path().join("manifest.json");
     let mut manifest: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     let fields = manifest.as_object_mut().unwrap();
-    (fields.remove("blake3"), fields.remove("format"));
+    fields.remove("blake3");
+    fields.remove("format");
     fields["version"] = 1.into();
     let text = serde_json::to_string_pretty(&manifest).unwrap();
     let text = text.replacen("{\n", "{\n  \"format\": \"hemicube-store\",\n", 1);

@@ -463,19 +463,19 @@ impl Matrix {
         self.column(py, |table| table.row_sum)
     }
 
-    /// Fraction of each patch's hemicube that hits nothing; NaN where none was rendered.
+    /// Share of what leaves each patch that leaves the scene, refined with its form factors; NaN where no hemicube was rendered.
     #[getter]
     fn escaped<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| table.escaped)
     }
 
-    /// Fraction of each patch's hemicube that hits the back of a one-sided patch.
+    /// Share of what leaves each patch that ends on backs of one-sided patches.
     #[getter]
     fn blocked<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| table.blocked)
     }
 
-    /// Fraction of each patch's hemicube that hits patches without a column.
+    /// Share of what leaves each patch that ends on patches without a column.
     #[getter]
     fn unselected<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| table.unselected)

@@ -101,12 +101,12 @@ impl Use<PyResult<Solved>> for Solving<'_, '_> {
     }
 }
 
-/// Solves (I − R F) B = E + R H for the radiosity B of every patch: light, or heat.
+/// Solves (I − R (F + S)) B = E + R H for the radiosity B of every patch: light, or heat.
 ///
 /// `emission` E and `outside` H (irradiance from outside the matrix, as from the sky) are numbers, (n,) or (n, k) for k
 /// right-hand sides at once. `reflectance` R is a number, (n,) or (n, bands); right-hand side r is of band r modulo the
 /// number of bands. Heat is the same with reflectance 1 − ε and emission ε σ T⁴ (`STEFAN_BOLTZMANN`), and the net flux is
-/// B − G.
+/// B − G. S = 1 − Σ F − escaped returns to its patch: backs, and what a row lacks of 1, exchange nothing.
 ///
 /// `method` is 'gmres', 'gauss-seidel' or 'jacobi'; `tolerance` the relative residual to reach within `max_iterations`
 /// products, and what does not reach it says so with a warning. Of a store, `memory` bytes are used. `progress(iteration,

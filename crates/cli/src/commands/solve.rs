@@ -27,6 +27,8 @@ use std::time::Instant;
 const CSV_COLUMNS_MAX: u64 = 256;
 /// Right-hand sides whose balances are printed.
 const BALANCES_SHOWN: usize = 6;
+/// What returns is printed from this share of the input on.
+const RETURNED_SHOWN: f64 = 1e-4;
 /// Vectors of a right-hand side that are in memory, besides GMRES's.
 const VECTORS: u64 = 9;
 
@@ -687,6 +689,12 @@ fn text(record: &Record, store: &Store, path: &Path, seconds: f64) -> String {
             if power != 0.0 {
                 parts.push(format!("{} {what}", percent(share(power))));
             }
+        }
+        if share(balance.returned).abs() > RETURNED_SHOWN {
+            parts.push(format!(
+                "{} returned from backs and what rows lack",
+                percent(share(balance.returned))
+            ));
         }
         list.add(
             &format!("balance of {}", record.bands[record.band_of_row[row]]),
