@@ -9,7 +9,7 @@ pub use entries::{PartThinning, Thinning};
 
 use crate::Model;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
-use crate::correct::{Converter, Correction};
+use crate::correct::{Attempt, Converter, Correction};
 use crate::grain::{Grain, MOST_PER_EDGE};
 use crate::random;
 use crate::row::{RowBlock, RowError};
@@ -741,7 +741,11 @@ fn compute_batch(
             &hemicubes[samples],
             of_row,
             receives,
-            attempts.is_empty(),
+            Attempt {
+                is_first: true,
+                is_large: per_edge > plan.samples_per_edge,
+                is_last: attempts.is_empty(),
+            },
             columns,
             data,
         );
@@ -756,9 +760,13 @@ fn compute_batch(
             let of_row = (0..more.len()).map(|row| odd.row(row));
             columns.truncate(start);
             data.truncate(start);
-            let is_last = place + 1 == attempts.len();
+            let attempt = Attempt {
+                is_first: false,
+                is_large: per_edge > plan.samples_per_edge,
+                is_last: place + 1 == attempts.len(),
+            };
             let lost = converted.lost;
-            converted = converter.convert(model, emitter, &more, of_row, receives, is_last, columns, data);
+            converted = converter.convert(model, emitter, &more, of_row, receives, attempt, columns, data);
             hemicubes_of_row = more.len();
             if matches!(plan.correction, Correction::Tolerance(_)) && (converted.lost - lost).abs() > LOST {
                 break;
@@ -797,8 +805,9 @@ const LOST: f64 = 0.01;
 /// not, how many then.
 fn more_samples(correction: &Correction) -> &'static [u32] {
     match correction {
-        // What matters of such a row is looked at by rays, and more than four hemicubes make little of the rest better.
-        Correction::Area(_) => &[2],
+        // What matters of such a row is looked at by rays, and more than four hemicubes make little of the rest better, but where
+        // rays say that they still see what the patch does not.
+        Correction::Area(_) => &[2, 4],
         // In the open, a row that sums oddly has a centroid that is a bad place to see the sky from; in the closed, the sum is
         // part of the promise.
         Correction::Tolerance(_) if correction.is_in_the_open() => &[2],

@@ -16,6 +16,7 @@ use crate::Model;
 use crate::backend::{Hemicube, WHOLE};
 use crate::factor::{Exchanges, FactorRule, PointFactors};
 use crate::grain::Grain;
+use crate::lost;
 pub use crate::refine::{Doubts, Refinement};
 use crate::refine::{Mended, Refined, Refiner};
 use crate::row::RowView;
@@ -129,11 +130,23 @@ pub(crate) struct Converted {
     pub(crate) cut_short: bool,
 }
 
+/// Which of the attempts at a row it is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Attempt {
+    pub(crate) is_first: bool,
+    pub(crate) is_last: bool,
+    /// Whether the emitter is so large that it has several hemicubes in any case ([`crate::grain`]).
+    pub(crate) is_large: bool,
+}
+
 /// Rows that sum so badly are odd: in the open, what one hemicube says of the sky is that far off now and then.
 const ODD: f64 = 0.15;
 /// Where nothing escapes, rows know better; but no better than hemicubes know what is blocked.
 const ODD_IN_THE_CLOSED: f64 = 0.05;
 const ODD_AT_LEAST: f64 = 0.01;
+
+/// The share of backs and of patches without a column from which on rays are asked what is lost.
+const BACKS: f64 = 0.02;
 
 /// A visible fraction this near to 1 is 1: what is missing is rounding of weights, not an occluder.
 const ALL_VISIBLE: f64 = 0.9999;
@@ -143,6 +156,8 @@ const ALL_VISIBLE: f64 = 0.9999;
 pub(crate) struct Converter<'c> {
     correction: Correction,
     cancel: Option<&'c AtomicBool>,
+    /// What rays found lost of the last emitter that they were asked about.
+    lost: Option<(InputPatch, RowShares)>,
     /// (patch, sample, visible, covered) of all samples of the row.
     entries: Vec<(u32, u32, u32, u32)>,
     exchanges: Option<Exchanges>,
@@ -160,6 +175,7 @@ impl<'c> Converter<'c> {
         Self {
             correction,
             cancel,
+            lost: None,
             entries: Vec::new(),
             exchanges: match correction {
                 Correction::Area(rule) => Some(Exchanges::new(rule)),
@@ -185,7 +201,7 @@ impl<'c> Converter<'c> {
     /// Appends the columns and form factors of one row, and returns what it came to.
     ///
     /// `hemicubes` and `rows` are the emitter's samples; `receives` says whether a patch has a column. A row that is odd is
-    /// left unfinished where another attempt follows, and is as good as this can be where it `is_last`.
+    /// left unfinished where another attempt follows, and is as good as this can be where it is the last.
     #[allow(clippy::too_many_arguments, reason = "called once, from the driver's inner loop")]
     pub(crate) fn convert<'r>(
         &mut self,
@@ -194,7 +210,7 @@ impl<'c> Converter<'c> {
         hemicubes: &[Hemicube],
         rows: impl Iterator<Item = RowView<'r>>,
         receives: impl Fn(u32) -> bool,
-        is_last: bool,
+        attempt: Attempt,
         columns: &mut Vec<i32>,
         data: &mut Vec<f32>,
     ) -> Converted {
@@ -231,14 +247,25 @@ impl<'c> Converter<'c> {
                 }
                 let per_area = self.exchange(model, emitter);
                 let shown = self.shown(per_area);
-                // What the hemicubes say, before rays say better: they alone know what is lost.
-                let mut is_odd = is_odd(shown);
-                if (!is_odd || is_last) && sums.escaped < escaped_all {
-                    let mended = self.mend(model, emitter, hemicubes.len(), receives);
+                // Where backs are seen, the points may lie in a solid and agree with each other: rays from all over the patch
+                // know better what is lost; so they do where the points do not agree with the form factors.
+                let backs = (sums.blocked + sums.unselected) as f64 / whole;
+                let asks = backs > BACKS || is_odd(shown) || self.is_lost_known(emitter);
+                let bound = if attempt.is_first {
+                    ODD_IN_THE_CLOSED
+                } else {
+                    2.0 * ODD_IN_THE_CLOSED
+                };
+                let mut is_odd = asks && self.is_odd_by_rays(model, emitter, shown, bound, &receives);
+                if (!is_odd || attempt.is_last) && sums.escaped < escaped_all {
+                    let mended = self.mend(model, emitter, (hemicubes.len(), attempt.is_large), &receives);
                     rays = mended.rays + mended.points;
                     cut_short = mended.cut_short;
-                    // A centroid inside a solid, of a patch that reaches out of it: what rays find there is not all there is.
-                    is_odd |= self.shown(per_area) - shown > bound;
+                    // What rays mend of it is not all that there is to mend.
+                    let shown = self.shown(per_area);
+                    if !asks && (shown + lost - 1.0).abs() > bound {
+                        is_odd = self.is_odd_by_rays(model, emitter, shown, bound, &receives);
+                    }
                 }
                 odd = Some(is_odd);
                 for ((&patch, &visible), &exchange) in self.patches.iter().zip(&self.fractions).zip(&self.values) {
@@ -246,8 +273,15 @@ impl<'c> Converter<'c> {
                 }
             }
             Correction::Tolerance(_) => {
-                let care = is_last && !self.correction.is_in_the_open();
-                let refined = self.tolerance(model, emitter, (hemicubes.len(), care), receives, columns, data);
+                let care = attempt.is_last && !self.correction.is_in_the_open();
+                let refined = self.tolerance(
+                    model,
+                    emitter,
+                    (hemicubes.len(), care, attempt.is_large),
+                    &receives,
+                    columns,
+                    data,
+                );
                 #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
                 let estimate = refined.squared_error.sqrt() as f32;
                 (error, rays, cut_short) = (estimate, refined.rays + refined.points, refined.cut_short);
@@ -268,19 +302,86 @@ impl<'c> Converter<'c> {
             }),
         };
         let seen = RowShares::of_hemicubes(&sums, u32::try_from(hemicubes.len()).unwrap_or(u32::MAX));
+        let is_left = odd.unwrap_or(false) && !attempt.is_last;
+        let factors = sum(&data[start..]);
+        let shares = match self.correction {
+            Correction::Pixel => seen,
+            Correction::Point => seen.refined(factors, error.into()),
+            Correction::Area(_) | Correction::Tolerance(_) if is_left => seen,
+            Correction::Area(_) => self.refined(model, emitter, seen, (factors, error, USUAL_SUM), &receives),
+            Correction::Tolerance(refinement) => {
+                let permitted = refinement.tolerance.min(USUAL_SUM);
+                self.refined(model, emitter, seen, (factors, error, permitted), &receives)
+            }
+        };
         Converted {
             sums,
-            shares: match self.correction {
-                Correction::Pixel => seen,
-                _ => seen.refined(sum(&data[start..]), error.into()),
-            },
+            shares,
             error,
             rays,
             partial: partial as u64,
-            is_odd: odd.unwrap_or_else(|| is_odd(sum(&data[start..]))),
+            is_odd: odd.unwrap_or_else(|| is_odd(factors)),
             lost,
             cut_short,
         }
+    }
+
+    /// What of a row is no form factor, as right as its form factors, which sum to `factors`, have this error and may have their
+    /// sum `permitted` off.
+    fn refined(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        seen: RowShares,
+        (factors, error, permitted): (f64, f32, f64),
+        receives: impl Fn(u32) -> bool,
+    ) -> RowShares {
+        let residual = (1.0 - factors - seen.lost()).abs();
+        // Of a row in which only the sky is lost, the sum of the form factors says what the sky has.
+        let is_sky = seen.escaped > 0.0 && seen.blocked == 0.0 && seen.unselected == 0.0;
+        let least = ASKED * permitted * if is_sky { SURE } else { 1.0 };
+        if residual <= least && !self.is_lost_known(emitter) {
+            return seen.refined(factors, error.into());
+        }
+        self.lost(model, emitter, permitted, receives)
+            .map_or(seen.refined(factors, error.into()), |found| {
+                let count = lost::rays_for(permitted);
+                let errors = found.to_array().map(|share| lost::error(share * (1.0 - share), count));
+                found.refined_within(factors, errors)
+            })
+    }
+
+    /// Whether form factors that sum to this, and what rays find lost, are farther off 1 than `bound`.
+    fn is_odd_by_rays(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        factors: f64,
+        bound: f64,
+        receives: impl Fn(u32) -> bool,
+    ) -> bool {
+        let found = self.lost(model, emitter, USUAL_SUM, receives);
+        found.is_some_and(|found| (factors + found.lost() - 1.0).abs() > bound)
+    }
+
+    /// Whether rays were asked what this patch loses.
+    fn is_lost_known(&self, emitter: InputPatch) -> bool {
+        self.lost.is_some_and(|(patch, _)| patch == emitter)
+    }
+
+    /// What rays find lost; `None` for a patch without area.
+    fn lost(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        permitted: f64,
+        receives: impl Fn(u32) -> bool,
+    ) -> Option<RowShares> {
+        if self.lost.is_none_or(|(patch, _)| patch != emitter) {
+            let count = lost::rays_for(permitted);
+            self.lost = lost::measure(model, emitter, count, receives).map(|found| (emitter, found));
+        }
+        self.lost.map(|(_, found)| found)
     }
 
     /// Lists the entries of an emitter's samples; returns where their weight went.
@@ -390,12 +491,19 @@ impl<'c> Converter<'c> {
         per_area * shown.map(|(visible, exchange)| visible * exchange).sum::<f64>()
     }
 
-    fn mend(&mut self, model: &Model, emitter: InputPatch, samples: usize, receives: impl Fn(u32) -> bool) -> Refined {
+    fn mend(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        (samples, is_large): (usize, bool),
+        receives: impl Fn(u32) -> bool,
+    ) -> Refined {
         let row = Mended {
             patches: &mut self.patches,
             fractions: &mut self.fractions,
             exchanges: &mut self.values,
             samples,
+            is_large,
         };
         let refiner = self.refiner.as_mut();
         refiner.map_or_else(Refined::default, |refiner| refiner.mend(model, emitter, row, receives))
@@ -405,7 +513,7 @@ impl<'c> Converter<'c> {
         &mut self,
         model: &Model,
         emitter: InputPatch,
-        (samples, care): (usize, bool),
+        (samples, care, is_large): (usize, bool, bool),
         receives: impl Fn(u32) -> bool,
         columns: &mut Vec<i32>,
         data: &mut Vec<f32>,
@@ -426,7 +534,7 @@ impl<'c> Converter<'c> {
             )
         });
         let usual = refiner.with_care(care);
-        let refined = refiner.row(model, emitter, seen, samples, receives);
+        let refined = refiner.row(model, emitter, seen, is_large, receives);
         refiner.set(usual);
         for pair in &refiner.pairs {
             push(columns, data, pair.patch, pair.fraction * pair.open);
@@ -434,6 +542,13 @@ impl<'c> Converter<'c> {
         refined
     }
 }
+
+/// The part of the error that a row's sum may have from which on rays are asked what is lost.
+const ASKED: f64 = 0.75;
+/// How many times as much it must be where only the sky is lost.
+const SURE: f64 = 4.0;
+/// What the sum of a row may be off by where no tolerance is asked for.
+const USUAL_SUM: f64 = 0.02;
 
 /// What a patch shows of what it would cover alone. Nothing covered is a patch too small for a pixel, seen at its
 /// centroid.

@@ -53,6 +53,7 @@ pub mod factor;
 pub mod frame;
 mod grain;
 pub mod keep;
+mod lost;
 mod model;
 pub mod probe;
 mod random;

@@ -379,6 +379,8 @@ pub(crate) struct Mended<'r> {
     pub(crate) exchanges: &'r mut Vec<f64>,
     /// How many hemicubes.
     pub(crate) samples: usize,
+    /// Whether they are so many for the patch's size ([`crate::grain`]).
+    pub(crate) is_large: bool,
 }
 
 impl Mended<'_> {
@@ -390,8 +392,7 @@ impl Mended<'_> {
 
 /// From what share of a row's √Σ F² on the expected error of a pair is worth a shaft where no tolerance is asked for.
 const MENDED: f64 = 0.0016;
-/// A row of more hemicubes than this has them for its size, not because it is odd: it asks for no more precision, and what is
-/// nearer to it than its hemicubes are to each other is as doubtful as ever.
+/// More hemicubes than this ask for no more precision.
 const MOST_ODD: usize = 4;
 /// So many rays the square of that is worth then.
 const MENDING: f64 = 60.0;
@@ -520,7 +521,8 @@ impl<'c> Refiner<'c> {
         self.refinement = refinement;
     }
 
-    /// Refines a row: `seen` are the patches that its hemicubes saw, so many `samples`, ascending, with their visible fractions.
+    /// Refines a row: `seen` are the patches that its hemicubes saw, ascending, with their visible fractions; whether it is that of
+    /// a large patch.
     /// Afterwards `pairs` is the row, ascending. Where it is the row of the last emitter again, with more hemicubes, what was
     /// measured of it is not measured again.
     pub(crate) fn row(
@@ -528,11 +530,10 @@ impl<'c> Refiner<'c> {
         model: &Model,
         emitter: InputPatch,
         seen: impl Iterator<Item = (u32, f64)>,
-        samples: usize,
+        is_large: bool,
         receives: impl Fn(u32) -> bool,
     ) -> Refined {
         let own = model.normalised_corners(emitter.0);
-        let is_large = samples > MOST_ODD;
         let budget = self.begin(model, emitter, &own, (seen, is_large), receives);
         if self.refinement.each {
             let refined = self.measure_each(model, emitter, &own);
@@ -585,9 +586,8 @@ impl<'c> Refiner<'c> {
         receives: impl Fn(u32) -> bool,
     ) -> Refined {
         let mut refined = Refined::default();
-        // What a row is worth depends on how many hemicubes it is from.
-        self.remember(false);
-        self.measured_of = None;
+        self.remember(self.measured_of == Some(emitter));
+        self.measured_of = Some(emitter);
         let own = model.normalised_corners(emitter.0);
         self.own_area = area(&own);
         let per_area = 1.0 / self.own_area;
@@ -603,7 +603,7 @@ impl<'c> Refiner<'c> {
         } else {
             USUAL_FACTOR
         };
-        let is_large = row.samples > MOST_ODD;
+        let is_large = row.is_large;
         let mut least = MENDED * (usual / row.samples.min(MOST_ODD) as f64).sqrt();
         let mut doubts = self.refinement.doubts;
         if row.samples > 1 {

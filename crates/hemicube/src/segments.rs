@@ -122,7 +122,7 @@ fn lanes(mut mask: u16) -> impl Iterator<Item = usize> {
 
 /// A segment as boxes and triangles are tested against it.
 #[derive(Debug)]
-struct Segment {
+pub(crate) struct Segment {
     start: [f64; 3],
     end: [f64; 3],
     direction: [f64; 3],
@@ -132,7 +132,7 @@ struct Segment {
 }
 
 impl Segment {
-    fn new(start: DVec3, end: DVec3, slack: f64) -> Self {
+    pub(crate) fn new(start: DVec3, end: DVec3, slack: f64) -> Self {
         let direction = (end - start).to_array();
         Self {
             start: start.to_array(),
@@ -239,6 +239,11 @@ fn crossed(block: &Block, segment: &Segment, planes: &[([f64; 3], f64); 2], tole
         masks.1 |= u16::from(flat[l] != 0) << l;
     }
     masks
+}
+
+/// The next block that the boxes along a segment lead to, `pending` the nodes still to look at: at first the root, 0.
+pub(crate) fn next_block(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u32> {
+    dispatch_next_leaf(tree, segment, pending)
 }
 
 dispatch!(

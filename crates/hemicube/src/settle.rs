@@ -164,7 +164,7 @@ pub fn settle(
     let mut norm = 0.0;
     for (k, &row) in rows.iter().enumerate() {
         go_on()?;
-        norm += refiner.row(model, row, seen(fine.row(k)), 1, receives).squared_norm;
+        norm += refiner.row(model, row, seen(fine.row(k)), false, receives).squared_norm;
     }
     let mean_squared_norm = norm / rows.len().max(1) as f64;
     let escaped: u64 = (0..rows.len()).map(|k| u64::from(fine.row(k).escaped)).sum();
@@ -200,7 +200,7 @@ pub fn settle(
         Ok(refinement.priced(&census))
     };
     let row_of = |refiner: &mut Refiner<'_>, block: &RowBlock, k: usize| {
-        let refined = refiner.row(model, rows[k], seen(block.row(k)), 1, receives);
+        let refined = refiner.row(model, rows[k], seen(block.row(k)), false, receives);
         (values(&refiner.pairs), refined.squared_error)
     };
     let finest = Refinement {

@@ -823,17 +823,17 @@ fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
 /// numbers of Joe & Kuo 2008), each dimension's digits permuted in nested order (Owen 1995) by a hash of the seed (Laine &
 /// Karras 2011, Burley 2020).
 #[derive(Clone, Copy, Debug)]
-struct Sequence([u32; 4]);
+pub(crate) struct Sequence([u32; 4]);
 
 impl Sequence {
-    fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         let mut state = seed;
         Self(std::array::from_fn(|_| (random::next(&mut state) >> 32) as u32))
     }
 
     /// The points `at..at + 16`, where `at` is a multiple of 16; each dimension by itself.
     #[inline(always)]
-    fn points(&self, at: usize) -> [[f64; RAYS]; 4] {
+    pub(crate) fn points(&self, at: usize) -> [[f64; RAYS]; 4] {
         let mut out = [[0.0; RAYS]; 4];
         for d in 0..4 {
             let mut first = 0;
@@ -918,7 +918,7 @@ const fn directions() -> [[u32; 32]; 4] {
 
 /// Folds the unit square along its diagonal into the half of it that a triangle is: what is beside it stays beside it.
 #[inline(always)]
-fn fold(u: f64, v: f64) -> (f64, f64) {
+pub(crate) fn fold(u: f64, v: f64) -> (f64, f64) {
     let outside = u + v > 1.0;
     (if outside { 1.0 - v } else { u }, if outside { 1.0 - u } else { v })
 }

@@ -11,6 +11,10 @@
 //! the three in proportion to wₓ = X (1 − X), the variance of a quantity that is 0 or 1 and is estimated from one point. No
 //! share falls below 0, none rises by more than that variance's root, and none that is 0 in the hemicubes changes: what
 //! such bounds leave of the residual is dealt out over the others, and what none can take is the form factors' own error.
+//!
+//! Where the residual is more than form factors are expected to be off by, and backs or unselected patches may have a part in
+//! it, the hemicubes' shares are replaced by rays' from all over the patch ([`crate::lost`]), which are refined by no more than
+//! three times their own error.
 
 use crate::store::{HEMICUBE_WEIGHT, RowSums};
 
@@ -81,6 +85,14 @@ impl RowShares {
         Self::from_array(shares)
     }
 
+    /// As [`Self::refined`], of shares whose errors are known: none moves by more than three times its `errors`, and what that
+    /// leaves of the residual is the form factors'.
+    pub(crate) fn refined_within(self, factors: f64, errors: [f64; 3]) -> Self {
+        let residual = 1.0 - factors - self.lost();
+        let most = ERRORS * errors.iter().map(|error| error * error).sum::<f64>().sqrt();
+        Self::from_array(self.deal(self.to_array(), residual.clamp(-most, most), [1.0; 3]).0)
+    }
+
     /// Deals `residual` out over `shares`, none of which may exceed its `most`: the new shares, and what none could take.
     fn deal(self, mut shares: [f64; 3], mut residual: f64, most: [f64; 3]) -> ([f64; 3], f64) {
         let mut weights = self.to_array().map(|share| share * (1.0 - share).max(RESOLUTION));
@@ -129,16 +141,16 @@ impl RowShares {
         }
     }
 
-    /// Whether they can be those of a row: from 0 to 1, 0 where the hemicubes lost nothing, unknown where there are none.
-    pub(crate) fn fit(self, sums: &RowSums, hemicubes: u32) -> bool {
-        let weights = [sums.escaped, sums.blocked, sums.unselected];
-        self.to_array().iter().zip(weights).all(|(share, weight)| {
+    /// Whether they can be those of a row: from 0 to 1, unknown where there is no hemicube.
+    pub(crate) fn fit(self, hemicubes: u32) -> bool {
+        let fits = |share: &f64| {
             if hemicubes == 0 {
                 share.is_nan()
             } else {
-                (0.0..=1.0).contains(share) && (weight > 0 || *share == 0.0)
+                (0.0..=1.0).contains(share)
             }
-        })
+        };
+        self.to_array().iter().all(fits)
     }
 }
 
@@ -214,13 +226,17 @@ mod tests {
     #[test]
     fn what_is_not_known_stays_so() {
         assert_eq!(RowShares::UNKNOWN.refined(0.5, f64::NAN), RowShares::UNKNOWN);
-        assert!(RowShares::UNKNOWN.fit(&RowSums::default(), 0));
-        assert!(!RowShares::UNKNOWN.fit(&RowSums::default(), 1));
-        assert!(!shares(0.1, 0.0, 0.0).fit(&RowSums::default(), 1), "from nothing");
-        let lost = RowSums {
-            escaped: 1,
-            ..RowSums::default()
-        };
-        assert!(shares(0.1, 0.0, 0.0).fit(&lost, 1) && !shares(1.1, 0.0, 0.0).fit(&lost, 1));
+        assert!(RowShares::UNKNOWN.fit(0) && !RowShares::UNKNOWN.fit(1));
+        assert!(shares(0.1, 0.0, 0.0).fit(1) && !shares(1.1, 0.0, 0.0).fit(1));
+    }
+
+    #[test]
+    fn shares_of_known_errors_move_within_them() {
+        let before = shares(0.2, 0.1, 0.0);
+        let near_by = before.refined_within(0.71, [0.004, 0.003, 0.0]);
+        assert!(near(near_by.lost(), 0.29), "{near_by:?}");
+        // Three times 0.005 of the missing 0.1: the form factors are off.
+        let far_off = before.refined_within(0.6, [0.004, 0.003, 0.0]);
+        assert!(near(far_off.lost(), 0.315), "{far_off:?}");
     }
 }

@@ -643,11 +643,7 @@ pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Ma
     } else {
         sums.iter().zip(&hemicubes).map(of_hemicubes).collect()
     };
-    let fit = |row: usize| {
-        shares
-            .get(row)
-            .is_some_and(|shares| shares.fit(&sums[row], hemicubes[row]))
-    };
+    let fit = |row: usize| shares.get(row).is_some_and(|shares| shares.fit(hemicubes[row]));
     if let Some(row) = (0..count).find(|&row| shares.len() != count || !fit(row)) {
         let reason = format!("has `{SHARES}` of row {row} that its weights rule out");
         return Err(Error::malformed(path, reason));

@@ -320,7 +320,7 @@ impl StoreWriter {
                     sums.total()
                 ));
             }
-            if !part.shares[row].fit(sums, part.hemicubes[row]) {
+            if !part.shares[row].fit(part.hemicubes[row]) {
                 return Err(format!(
                     "the shares of patch {patch} are {:?}, which its weights rule out",
                     part.shares[row]

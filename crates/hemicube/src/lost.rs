@@ -1,0 +1,341 @@
+//! What a patch loses, by rays: to the outside, to backs of one-sided patches, to patches without a column.
+//!
+//! Hemicubes know it from a point. Where a patch reaches out of a solid, or is large, no point stands for it, and form factors
+//! of the whole patch do not say which of the three their sum lacks. Rays from all over the patch do: n of them, cosine
+//! distributed (Malley's method) at points of a scrambled Sobol sequence, leave X (1 − X) n^(−5/4) of a share X's variance.
+#![allow(
+    unsafe_code,
+    reason = "functions compiled for an instruction set are called after it was found"
+)]
+
+use crate::Model;
+use crate::random;
+use crate::segments::{Segment, next_block};
+use crate::shaft::{RAYS, Sequence, fold};
+use crate::shares::RowShares;
+use crate::simd::dispatch;
+use crate::tree::{Block, LANES, Tree, UNUSED};
+use glam::DVec3;
+use hemicube_scene::InputPatch;
+
+/// Rays from a patch, at least and at most.
+const LEAST: usize = 256;
+const MOST: usize = 1 << 14;
+/// The part of a permitted error that rays may leave.
+const PART: f64 = 0.8;
+/// Longer than any way through the scene, which fits a cube of side 2.
+const FAR: f64 = 4.0;
+
+/// The standard error of a share from so many rays, where `variance` is share · (1 − share).
+pub(crate) fn error(variance: f64, count: usize) -> f64 {
+    // n^(5/8), in roots: these have the same bits everywhere.
+    let root = (count as f64).sqrt();
+    let eighth = root.sqrt().sqrt();
+    // A few rays that agree do not prove that all would.
+    variance.max(0.25 / count as f64).sqrt() / (root * eighth)
+}
+
+/// How many rays leave no share a standard error much above `permitted`; from 256 to 16,384.
+pub(crate) fn rays_for(permitted: f64) -> usize {
+    let mut count = LEAST;
+    while count < MOST && error(0.25, count) > PART * permitted {
+        count *= 2;
+    }
+    count
+}
+
+/// Counts what `count` rays from a patch meet, a multiple of 16; `receives` says whether a patch has a column. Nothing for a patch without area.
+pub(crate) fn measure(
+    model: &Model,
+    emitter: InputPatch,
+    count: usize,
+    receives: impl Fn(u32) -> bool,
+) -> Option<RowShares> {
+    let tree = Tree::of(model.geometry());
+    let [a, b, c] = model.normalised_corners(emitter.0);
+    let normal = (b - a).cross(c - a).try_normalize()?;
+    let (x, y) = normal.any_orthonormal_pair();
+    let plane = (normal.to_array(), normal.dot(a));
+    let sequence = Sequence::new(u64::from(emitter.0).wrapping_mul(random::STEP));
+    let (mut escaped, mut blocked, mut unselected) = (0u32, 0u32, 0u32);
+    let mut pending = Vec::new();
+    for at in (0..count).step_by(RAYS) {
+        let u = sequence.points(at);
+        for l in 0..RAYS {
+            let (s, t) = fold(u[0][l], u[1][l]);
+            let from = a + (b - a) * s + (c - a) * t;
+            let (sin, cos) = (std::f64::consts::TAU * u[3][l]).sin_cos();
+            let radius = u[2][l].sqrt();
+            let towards = (x * cos + y * sin) * radius + normal * (1.0 - u[2][l]).sqrt();
+            match first_met(&tree, from, from + towards * FAR, plane, &mut pending) {
+                None => escaped += 1,
+                Some(id) if id >= tree.patch_count => blocked += 1,
+                Some(id) => unselected += u32::from(!receives(id)),
+            }
+        }
+    }
+    let share = |met: u32| f64::from(met) / count as f64;
+    Some(RowShares {
+        escaped: share(escaped),
+        blocked: share(blocked),
+        unselected: share(unselected),
+    })
+}
+
+/// What a segment meets.
+#[derive(Clone, Copy)]
+struct Met {
+    /// As a share of the segment.
+    place: f64,
+    id: u32,
+    corners: [DVec3; 3],
+}
+
+/// The id seen where a segment first meets a triangle that rises above the plane n · p = d; of triangles that lie in one plane
+/// at one place, as the walls of neighbouring buildings do, the smallest: ids of patches are smaller than that of backs.
+fn first_met(tree: &Tree, start: DVec3, end: DVec3, plane: ([f64; 3], f64), pending: &mut Vec<u32>) -> Option<u32> {
+    let along = end - start;
+    let mut segment = Segment::new(start, end, tree.plane_tolerance);
+    let mut first: Option<Met> = None;
+    pending.clear();
+    pending.push(0);
+    while let Some(leaf) = next_block(tree, &segment, pending) {
+        let block = &tree.blocks[leaf as usize];
+        let mut places = [f64::INFINITY; LANES];
+        let ends = (start.to_array(), end.to_array());
+        dispatch_places(block, ends, plane, tree.plane_tolerance, &mut places);
+        for (l, &place) in places.iter().enumerate() {
+            if place.abs() > 1.0 || block.negative[l] == UNUSED {
+                continue;
+            }
+            let ids = if place.is_sign_negative() {
+                &block.positive
+            } else {
+                &block.negative
+            };
+            let found = Met {
+                place: place.abs(),
+                id: ids[l],
+                corners: block.triangle(l),
+            };
+            let tie = found.tie(along, tree.plane_tolerance);
+            let wins = first.is_none_or(|first| {
+                if (found.place - first.place).abs() <= tie && found.is_in_plane_with(&first, tree.plane_tolerance) {
+                    found.id < first.id
+                } else {
+                    found.place < first.place
+                }
+            });
+            if wins {
+                first = Some(found);
+                // What lies at the same place is still looked at.
+                let place = (found.place + tie).min(1.0);
+                segment = Segment::new(start, start + along * place, tree.plane_tolerance);
+            }
+        }
+    }
+    first.map(|met| met.id)
+}
+
+impl Met {
+    /// How far apart along the segment, as a share of it, surfaces in one plane may appear.
+    fn tie(&self, along: DVec3, tolerance: f64) -> f64 {
+        let across = self.normal().dot(along).abs();
+        4.0 * tolerance / across.max(1e-4 * along.length())
+    }
+
+    fn normal(&self) -> DVec3 {
+        let [a, b, c] = self.corners;
+        (b - a).cross(c - a).normalize_or_zero()
+    }
+
+    /// Whether one of two triangles lies in the plane of the other.
+    fn is_in_plane_with(&self, other: &Self, tolerance: f64) -> bool {
+        let lies_in = |p: &Self, q: &Self| {
+            let normal = q.normal();
+            p.corners
+                .iter()
+                .all(|&corner| normal.dot(corner - q.corners[0]).abs() <= tolerance)
+        };
+        lies_in(self, other) || lies_in(other, self)
+    }
+}
+
+/// Where the segment crosses each of 16 triangles, as a share of its length: negative where it comes from the side on which
+/// determinants are positive; infinite where it does not.
+#[inline(always)]
+fn places(
+    block: &Block,
+    (x, y): ([f64; 3], [f64; 3]),
+    (normal, offset): ([f64; 3], f64),
+    tolerance: f64,
+    out: &mut [f64; LANES],
+) {
+    let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+    let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
+    let cross = |p: [f64; 3], q: [f64; 3]| {
+        [
+            p[1] * q[2] - p[2] * q[1],
+            p[2] * q[0] - p[0] * q[2],
+            p[0] * q[1] - p[1] * q[0],
+        ]
+    };
+    let most = |p: f64, q: f64| if p > q { p } else { q };
+    let d = minus(y, x);
+    for l in 0..LANES {
+        let corner = |k: usize| {
+            [
+                block.corners[3 * k][l],
+                block.corners[3 * k + 1][l],
+                block.corners[3 * k + 2][l],
+            ]
+        };
+        let (a, b, c) = (corner(0), corner(1), corner(2));
+        let highest = most(dot(normal, a), most(dot(normal, b), dot(normal, c))) - offset;
+        let (e, f, s) = (minus(b, a), minus(c, a), minus(x, a));
+        let n = cross(e, f);
+        let (at_start, at_end) = (dot(n, s), dot(n, minus(y, a)));
+        // Möller & Trumbore (1997), in terms of the determinant.
+        let determinant = at_start - at_end;
+        let sign = if determinant < 0.0 { -1.0 } else { 1.0 };
+        let q = cross(s, d);
+        let u = dot(f, q) * sign;
+        let v = -dot(e, q) * sign;
+        let within = (u >= 0.0) & (v >= 0.0) & (u + v <= determinant * sign);
+        let between = (at_start > 0.0) & (at_end < 0.0) | (at_start < 0.0) & (at_end > 0.0);
+        let place = at_start / determinant;
+        // Its sign is that of at_start: > 0 where the determinant of the corners, seen from the start, is negative.
+        out[l] = if within & between & (highest > tolerance) {
+            if at_start < 0.0 { -place } else { place }
+        } else {
+            f64::INFINITY
+        };
+    }
+}
+
+dispatch!(
+    dispatch_places,
+    places,
+    (block: &Block, segment: ([f64; 3], [f64; 3]), plane: ([f64; 3], f64), tolerance: f64, out: &mut [f64; LANES])
+);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::HierarchyOptions;
+    use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
+
+    const COUNT: usize = 1024;
+
+    fn model(triangles: &[([DVec3; 3], bool)]) -> Model {
+        let scene = Scene {
+            triangles: triangles
+                .iter()
+                .map(|&(corners, two_sided)| Triangle {
+                    corners,
+                    object: 0,
+                    material: 0,
+                    face: 0,
+                    two_sided,
+                })
+                .collect(),
+            ..Scene::default()
+        };
+        let patches = Patches::new(&scene, Subdivision::None).expect("patches");
+        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
+    }
+
+    /// Two unit squares face each other at distance 1: F = 0.199825 (Howell C-11).
+    const PLATES: f64 = 0.199_824_895_698_387;
+
+    fn plates(above: [bool; 2], two_sided: bool) -> Model {
+        let p = DVec3::new;
+        let low = [
+            [p(0., 0., 0.), p(1., 0., 0.), p(1., 1., 0.)],
+            [p(0., 0., 0.), p(1., 1., 0.), p(0., 1., 0.)],
+        ];
+        let high = low.map(|corners| corners.map(|corner| corner + DVec3::Z));
+        let faces = |[a, b, c]: [DVec3; 3], down: bool| if down { [a, c, b] } else { [a, b, c] };
+        let high = [0, 1].map(|k| (faces(high[k], above[k]), two_sided));
+        model(&[(low[0], false), (low[1], false), high[0], high[1]])
+    }
+
+    /// Both halves of the lower square together.
+    fn of_lower(model: &Model, receives: impl Fn(u32) -> bool + Copy) -> RowShares {
+        let [a, b] = [0, 1].map(|patch| {
+            measure(model, InputPatch(patch), COUNT, receives)
+                .expect("it has area")
+                .to_array()
+        });
+        RowShares::from_array([0, 1, 2].map(|k| 0.5 * (a[k] + b[k])))
+    }
+
+    #[test]
+    fn what_no_plate_takes_escapes() {
+        let shares = of_lower(&plates([true, true], false), |_| true);
+        let most = 4.0 * error(PLATES * (1.0 - PLATES), COUNT);
+        assert!((shares.escaped + PLATES - 1.0).abs() < most, "{shares:?}, {most}");
+        assert_eq!((shares.blocked, shares.unselected), (0.0, 0.0));
+        assert!(most < 0.03, "{most}");
+    }
+
+    #[test]
+    fn backs_block_and_two_sided_patches_do_not() {
+        let shares = of_lower(&plates([false, false], false), |_| true);
+        assert!((shares.blocked - PLATES).abs() < 0.02, "{shares:?}");
+        let shares = of_lower(&plates([false, false], true), |_| true);
+        assert_eq!(shares.blocked, 0.0);
+        let shares = of_lower(&plates([true, false], false), |_| true);
+        assert!((shares.blocked - 0.5 * PLATES).abs() < 0.02, "{shares:?}");
+    }
+
+    #[test]
+    fn patches_without_a_column_are_unselected() {
+        let shares = of_lower(&plates([true, true], false), |patch| patch != 3);
+        assert!((shares.unselected - 0.5 * PLATES).abs() < 0.02, "{shares:?}");
+        assert_eq!(shares.blocked, 0.0);
+    }
+
+    #[test]
+    fn the_nearest_counts() {
+        let p = DVec3::new;
+        let wide = |z: f64, down: bool| {
+            let corners = [p(-99., -99., z), p(99., -99., z), p(0., 150., z)];
+            (
+                if down {
+                    [corners[0], corners[2], corners[1]]
+                } else {
+                    corners
+                },
+                false,
+            )
+        };
+        let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
+        let seen = model(&[small, wide(1.0, true), wide(2.0, false)]);
+        let shares = measure(&seen, InputPatch(0), COUNT, |_| true).expect("it has area");
+        assert!(shares.lost() < 0.01, "{shares:?}");
+        let hidden = model(&[small, wide(2.0, true), wide(1.0, false)]);
+        let shares = measure(&hidden, InputPatch(0), COUNT, |_| true).expect("it has area");
+        assert!(shares.blocked > 0.99, "{shares:?}");
+    }
+
+    #[test]
+    fn finer_errors_take_more_rays() {
+        assert_eq!((rays_for(1.0), rays_for(0.01), rays_for(1e-6)), (256, 1024, 16_384));
+        assert!(error(0.25, rays_for(0.01)) <= 0.008);
+    }
+
+    /// Walls of neighbouring buildings, a rounding apart: each is seen from its own side, whichever is the nearer by rounding.
+    #[test]
+    fn of_coincident_walls_the_front_is_seen() {
+        let p = DVec3::new;
+        for gap in [-1e-12, 0.0, 1e-12] {
+            let wall = |z: f64| [p(-99., -99., z), p(99., -99., z), p(0., 150., z)];
+            let [a, b, c] = wall(1.0 + gap);
+            let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
+            let seen = model(&[small, (wall(1.0), false), ([a, c, b], false)]);
+            let shares = measure(&seen, InputPatch(0), COUNT, |_| true).expect("it has area");
+            assert!(shares.lost() < 0.01, "{gap}: {shares:?}");
+        }
+    }
+}
