@@ -62,7 +62,9 @@ Settings, strongest first:
   3. ./hemicube.toml, which holds the long names: `resolution = 512`
   4. $XDG_CONFIG_HOME/hemicube/hemicube.toml, or ~/.config/hemicube/hemicube.toml
   5. what is built in
-  `--config FILE` stands for 3 and 4; `--print-config` shows each value and where it came from.";
+  `--config FILE` stands for 3 and 4; `--print-config` shows each value and where it came from.
+  ./hemicube.toml may name an installed backend, but no file of one (`backend = \"./x.so\"`) and no `backend-dir`: what
+  runs is for the command line, a variable or `--config` to say.";
 
 const EXPORT_EXAMPLES: &str = "  \
   hemicube export room.hemicube room.npz                         # SciPy: scipy.sparse.load_npz

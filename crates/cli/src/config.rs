@@ -7,6 +7,7 @@ use crate::exit::hinted;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command};
+use hemicube_host::Registry;
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::fmt;
@@ -62,6 +63,10 @@ const AGREES: (&str, &str) = ("correction", "area");
 
 /// Settings that mean something else to a subcommand. It takes them from its command line only.
 const OWN: [(&str, &str); 1] = [("tradeoff", "sample-rows")];
+
+/// Settings that have code of a file run. A file that was merely found may not have it so: the folder that a scene came
+/// in is not trusted as the command line is (`docs/security.md`).
+const RUNS_CODE: [&str; 2] = ["backend", "backend-dir"];
 
 /// The file that is looked for in the working directory.
 const FILE: &str = "hemicube.toml";
@@ -140,6 +145,7 @@ impl Layers {
             if Path::new(FILE).exists() {
                 layers.read(Path::new(FILE), Origin::Project)?;
             }
+            layers.refuse_code()?;
         }
         for name in SETTINGS {
             let variable = variable(name);
@@ -198,6 +204,41 @@ impl Layers {
                     self.0.remove(name);
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// Refuses files of the working directory that name code: all files of backends that `./hemicube.toml` names, and
+    /// those that the user's file names by a path from the working directory.
+    fn refuse_code(&self) -> Result<()> {
+        for name in RUNS_CODE {
+            let Some(Layered { words, origin }) = self.0.get(name) else {
+                continue;
+            };
+            let is_code = |word: &String| match origin {
+                Origin::Project(..) => name != "backend" || Registry::is_path(word),
+                Origin::User(..) => (name != "backend" || Registry::is_path(word)) && !Path::new(word).is_absolute(),
+                Origin::Environment(_) | Origin::CommandLine => false,
+            };
+            let Some(word) = words.iter().find(|word| is_code(word)) else {
+                continue;
+            };
+            let (what, hint) = match origin {
+                Origin::User(..) => (
+                    "a path from the working directory, wherever that is",
+                    "give its whole path".to_owned(),
+                ),
+                _ => (
+                    "code, and what was found in the working directory may not have it run",
+                    format!(
+                        "if you trust it, say so by `--{name} {word}` or `--config {FILE}`; `--no-config` leaves the file out"
+                    ),
+                ),
+            };
+            return Err(hinted(
+                anyhow!("{origin}: `{name} = {}` names {what}", toml_value(word)),
+                hint,
+            ));
         }
         Ok(())
     }
@@ -412,12 +453,15 @@ pub(crate) fn changed(text: &str, path: &Path, changes: &[(&str, &str)], command
     }
     // As for a command line that says nothing of its own.
     layers.exclude(&ArgMatches::default())?;
+    if path == Path::new(FILE) {
+        layers.refuse_code()?;
+    }
     Ok(changed)
 }
 
 fn read_text(path: &Path) -> Result<String> {
     let cannot = || format!("the settings in `{}` cannot be read", path.display());
-    let file = std::fs::File::open(path).with_context(cannot)?;
+    let file = hemicube_scene::open_regular(path).with_context(cannot)?;
     let mut bytes = Vec::new();
     file.take(FILE_SIZE_MAX + 1)
         .read_to_end(&mut bytes)

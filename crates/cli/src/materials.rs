@@ -95,8 +95,8 @@ impl Materials {
         let optics = scene.map(|scene| of_scene(names, scene)).transpose()?;
         let tables: Tables = match path {
             Some(path) => {
-                let text =
-                    std::fs::read_to_string(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
+                let text = hemicube_scene::read_regular_text(path)
+                    .with_context(|| format!("`{}` cannot be read", path.display()))?;
                 toml::from_str(&text).with_context(|| format!("`{}` is no file of materials", path.display()))?
             }
             None => Tables::default(),

@@ -2,15 +2,16 @@
 //! schedulers and whoever asks later; and a span of `tracing` for each stage.
 
 use crate::args::Talk;
-use crate::report::{SCHEMA, TEMPORARY_SUFFIX};
+use crate::report::SCHEMA;
 use anyhow::{Context, Result};
 use hemicube::compute::Progress;
+use hemicube::store::TemporaryFile;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde::Serialize;
 use std::cell::{Cell, RefCell};
 use std::ffi::OsStr;
 use std::fmt::Write;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tracing::span::EnteredSpan;
@@ -214,10 +215,9 @@ impl Status {
         reached.seconds = self.started.elapsed().as_secs_f64();
         let text = serde_json::to_string(&*reached)?;
         // By way of another name, so that who reads it never finds half of it. Not synced: it is of this moment.
-        let mut temporary = file.clone().into_os_string();
-        temporary.push(TEMPORARY_SUFFIX);
-        std::fs::write(&temporary, text + "\n")?;
-        std::fs::rename(&temporary, file)
+        let mut temporary = TemporaryFile::create(file).map_err(std::io::Error::other)?;
+        temporary.write_all((text + "\n").as_bytes())?;
+        temporary.rename()
     }
 }
 

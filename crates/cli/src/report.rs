@@ -3,9 +3,8 @@
 use crate::args::{LogFormat, Talk};
 use crate::exit::OutputClosed;
 use anyhow::{Context, Result, bail};
+use hemicube::store::DurableFile;
 use serde::Serialize;
-use std::ffi::OsString;
-use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use tracing::Level;
@@ -133,8 +132,7 @@ impl JsonReport {
 #[derive(Debug)]
 pub(crate) struct PendingFile {
     path: PathBuf,
-    temporary: PathBuf,
-    file: Option<File>,
+    file: DurableFile,
 }
 
 impl PendingFile {
@@ -143,18 +141,9 @@ impl PendingFile {
     /// # Errors
     /// When there can be none.
     pub(crate) fn create(path: &Path) -> Result<Self> {
-        let Some(name) = path.file_name() else {
-            bail!("`{}` names no file", path.display())
-        };
-        let mut temporary = OsString::from(".");
-        temporary.push(name);
-        temporary.push(TEMPORARY_SUFFIX);
-        let temporary = path.with_file_name(temporary);
-        let file = File::create(&temporary).with_context(|| format!("`{}` cannot be written", path.display()))?;
         Ok(Self {
             path: path.to_owned(),
-            temporary,
-            file: Some(file),
+            file: DurableFile::create(path)?,
         })
     }
 
@@ -162,33 +151,19 @@ impl PendingFile {
     ///
     /// # Errors
     /// When the disk is full, or the name cannot be given.
-    pub(crate) fn commit(mut self) -> Result<()> {
+    pub(crate) fn commit(self) -> Result<()> {
         let cannot = || format!("`{}` cannot be written", self.path.display());
-        if let Some(file) = &self.file {
-            file.sync_all().with_context(cannot)?;
-            std::fs::rename(&self.temporary, &self.path).with_context(cannot)?;
-        }
-        self.file = None;
-        Ok(())
+        self.file.commit().with_context(cannot)
     }
 }
 
 impl Write for PendingFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.file.as_mut().map_or(Ok(0), |file| file.write(bytes))
+        self.file.write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.file.as_mut().map_or(Ok(()), File::flush)
-    }
-}
-
-impl Drop for PendingFile {
-    fn drop(&mut self) {
-        if self.file.take().is_some() {
-            // A file that cannot be removed is known by its name.
-            let _ = std::fs::remove_file(&self.temporary);
-        }
+        self.file.flush()
     }
 }
 
@@ -207,7 +182,7 @@ impl Input {
     /// When it cannot be read.
     pub(crate) fn of(path: &Path) -> Result<Self> {
         let cannot = || format!("`{}` cannot be read", path.display());
-        let mut file = File::open(path).with_context(cannot)?;
+        let mut file = hemicube_scene::open_regular(path).with_context(cannot)?;
         let mut hasher = blake3::Hasher::new();
         let mut buffer = vec![0; 1 << 16];
         let mut bytes = 0;

@@ -114,7 +114,7 @@ fn sky_record(store: &Store) -> Result<Value> {
         ));
     }
     let cannot = || format!("`{}` cannot be read", record.display());
-    let text = std::fs::read_to_string(&record).with_context(cannot)?;
+    let text = hemicube_scene::read_regular_text(&record).with_context(cannot)?;
     let found: Value = serde_json::from_str(&text).with_context(cannot)?;
     if found["scene_blake3"].as_str() != Some(store.manifest().scene.blake3.as_str()) {
         return Err(hinted(

@@ -51,8 +51,9 @@ mod write;
 pub use crate::compute::PartThinning;
 pub use crate::shares::RowShares;
 pub use assembly::{Assembly, Index};
-pub use durable::DurableFile;
+pub use durable::{DurableFile, TemporaryFile};
 pub use error::{Error, Result};
+pub use lock::FolderLock;
 pub use manifest::{
     BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,
     VERSION_MIN, scene_hash,

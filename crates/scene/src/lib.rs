@@ -24,6 +24,7 @@ mod patch;
     feature = "cityjson"
 ))]
 mod polygon;
+mod regular;
 pub mod repair;
 mod subdivide;
 pub mod survey;
@@ -47,6 +48,7 @@ pub mod write;
 pub use error::{Error, ErrorKind};
 pub use load::{Format, load};
 pub use patch::{InputPatch, Patches, Side};
+pub use regular::{open_regular, read_regular, read_regular_text};
 pub use subdivide::Subdivision;
 
 use glam::DVec3;

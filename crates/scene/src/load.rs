@@ -65,7 +65,7 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
         Error::unsupported("the extension names no scene format; .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json and .jsonl (CityJSON) are read")
             .in_file(path)
     })?;
-    let bytes = std::fs::read(path).map_err(|e| Error::new(ErrorKind::Io(e)).in_file(path))?;
+    let bytes = crate::read_regular(path).map_err(|e| Error::new(ErrorKind::Io(e)).in_file(path))?;
     let base = path.parent();
     #[cfg(not(any(
         feature = "obj",

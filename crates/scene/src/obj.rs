@@ -15,7 +15,7 @@
 //! | `o`, `g` | the name of the object of the faces that follow: the latest `g` since the latest `o`; an empty `g` goes back to the name of that `o`. The same name later is the same object. Several groups on one line are one name |
 //! | `usemtl` | the material of the faces that follow; an empty one is the material `""`, as before any |
 //! | `mtllib` | read only when optics are asked for: `Kd` as diffuse reflectance, `Ke` as emission, the numbers taken as linear; the first library and the first entry that has the name counts |
-//! | a library that cannot be read | a warning |
+//! | a library that cannot be read, or does not lie in the scene's folder or below it, links followed | a warning |
 //! | `l`, `p`, curves and surfaces, `call`, `csh` | skipped, counted |
 //! | `vt`, `vn`, `vp`, `s` and the other attributes | skipped |
 //! | other lines | skipped, counted, the first few named in a warning |
@@ -33,7 +33,7 @@ use glam::DVec3;
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Reads an OBJ scene from the bytes of a file. Material libraries are looked for in `base_dir`, and opened only when
 /// `options` ask for optics.
@@ -564,31 +564,23 @@ impl Reader {
 
 /// The names on an `mtllib` line: one with blanks in it, if there is such a file, or several.
 fn library_names<'a>(base_dir: &Path, line: &'a str) -> Vec<&'a str> {
-    if library_path(base_dir, line).exists() {
+    if open(base_dir, line).is_ok() {
         vec![line]
     } else {
         line.split_whitespace().collect()
     }
 }
 
-/// Where a library lies beside the scene; backslashes may stand for slashes.
-fn library_path(base_dir: &Path, name: &str) -> PathBuf {
-    let path = base_dir.join(name);
-    if path.exists() {
-        path
-    } else {
-        base_dir.join(name.replace('\\', "/"))
-    }
-}
-
+/// Opens a library beside the scene; backslashes may stand for slashes.
 fn open(base_dir: &Path, name: &str) -> Result<File, String> {
-    let path = library_path(base_dir, name);
-    // Looked at before it is opened: opening a pipe waits for whoever fills it.
-    let metadata = std::fs::metadata(&path).map_err(|e| e.to_string())?;
-    if !metadata.is_file() {
-        return Err("it is no ordinary file".to_owned());
-    }
-    File::open(&path).map_err(|e| e.to_string())
+    let opened = crate::regular::open_beside(base_dir, name);
+    let opened = match opened {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound && name.contains('\\') => {
+            crate::regular::open_beside(base_dir, &name.replace('\\', "/"))
+        }
+        opened => opened,
+    };
+    opened.map_err(|e| e.to_string())
 }
 
 fn text_of(file: File, budget: &mut u64) -> Result<Vec<u8>, String> {

@@ -774,7 +774,11 @@ fn buffers_are_found_beside_the_scene_or_missed_by_name() {
     }
     let refusals = [
         ("gone.bin", "`buffers[0]` in `gone.bin`"),
-        (".", "is not a regular file"),
+        (".", "it is a directory, and a regular file is needed"),
+        ("%2Fetc%2Fpasswd", "absolute address `/etc/passwd`"),
+        ("%66ile%3A///a.bin", "absolute address `file:///a.bin`"),
+        ("../a.bin", "leads out of the scene's folder"),
+        ("sub%2F..%2f..%2Fa.bin", "leads out of the scene's folder"),
         (
             "http://example.org/a.bin",
             "absolute address `http://example.org/a.bin`",

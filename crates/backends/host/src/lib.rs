@@ -33,6 +33,8 @@
 //! ```
 
 mod discover;
+#[cfg(unix)]
+mod image;
 mod load;
 mod loaded;
 mod registry;

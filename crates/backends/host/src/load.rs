@@ -22,6 +22,20 @@ pub enum LoadError {
     /// There is no such file.
     #[error("no such file")]
     Missing,
+    /// Not all of the file is there: mapping it would end the program.
+    #[error("cut short: it has {size} bytes, and its headers name {named}; copy or build it again")]
+    CutShort {
+        /// Its size in bytes.
+        size: u64,
+        /// Bytes that its headers name.
+        named: u64,
+    },
+    /// It was built for another machine.
+    #[error("built for {found}, this program for {}", std::env::consts::ARCH)]
+    Machine {
+        /// What it was built for.
+        found: String,
+    },
     /// The system's loader refused it.
     #[error("not loaded: {0}")]
     Refused(String),
@@ -70,7 +84,7 @@ pub enum LoadError {
 ///
 /// assert_eq!(Library::load(&path).err(), Some(LoadError::Missing));
 ///
-/// // A file of the right name is not yet a library; the system's loader says why.
+/// // A file of the right name is not yet a library; what is no library of this system is for its loader to say.
 /// std::fs::write(&path, "not a library")?;
 /// assert!(matches!(Library::load(&path), Err(LoadError::Refused(_))));
 /// # Ok::<(), std::io::Error>(())
@@ -100,6 +114,8 @@ impl Library {
         if !path.is_file() {
             return Err(LoadError::Missing);
         }
+        #[cfg(unix)]
+        crate::image::judge(&path)?;
         let address = open(&path)?;
         if address.is_null() || !address.is_aligned() {
             return Err(LoadError::NoTable);

@@ -195,7 +195,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let peers: Peers = match &arguments.peers {
         None => Peers::default(),
         Some(file) => {
-            let text = std::fs::read(file).with_context(|| format!("`{}` cannot be read", file.display()))?;
+            let text =
+                hemicube_scene::read_regular(file).with_context(|| format!("`{}` cannot be read", file.display()))?;
             serde_json::from_slice(&text)
                 .with_context(|| format!("`{}` is not what `scripts/peers` writes", file.display()))?
         }

@@ -610,16 +610,11 @@ fn check_place(directory: &Path) -> Result<()> {
             }
         }
     }
-    let probe = directory.join(format!(".probe{TEMPORARY_SUFFIX}"));
-    let tried = std::fs::File::create(&probe).and_then(|_| match std::fs::remove_file(&probe) {
-        // Another shard tried at the same moment, and has removed what was there of both.
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
-        removed => removed,
-    });
+    let tried = hemicube::store::TemporaryFile::create(&directory.join("probe"));
     if tried.is_err() {
         exit::remove_unused();
     }
-    tried.with_context(|| format!("`{shown}` cannot be written"))
+    tried.map(drop).with_context(|| format!("`{shown}` cannot be written"))
 }
 
 /// The rows that the settings ask for.

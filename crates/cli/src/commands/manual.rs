@@ -3,7 +3,7 @@
 
 use crate::args::{Cli, Completions, Manual};
 use crate::exit::Exit;
-use crate::report::output_error;
+use crate::report::{PendingFile, output_error};
 use anyhow::{Context, Result};
 use clap::{Command, CommandFactory};
 use clap_mangen::Man;
@@ -96,7 +96,10 @@ fn in_full(command: Command) -> Command {
 fn write_pages(command: &Command, directory: &Path) -> Result<()> {
     let (name, page) = page(command).with_context(|| format!("the page of `{command}` cannot be made"))?;
     let path = directory.join(name);
-    std::fs::write(&path, page).with_context(|| format!("`{}` cannot be written", path.display()))?;
+    let mut file = PendingFile::create(&path)?;
+    file.write_all(page.as_bytes())
+        .with_context(|| format!("`{}` cannot be written", path.display()))?;
+    file.commit()?;
     for command in command.get_subcommands().filter(|command| !command.is_hide_set()) {
         write_pages(command, directory)?;
     }

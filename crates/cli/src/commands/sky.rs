@@ -16,7 +16,7 @@ use hemicube::sky::{
     Horizon, LEVELS, PARTS_MAX, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
     write_points, write_sky,
 };
-use hemicube::store::{Store, scene_hash};
+use hemicube::store::{FolderLock, Store, scene_hash};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -169,7 +169,8 @@ struct Report<'a> {
 
 /// Numbers, some a line; `#` begins a comment.
 fn numbers<const N: usize>(path: &Path, form: &str) -> Result<Vec<[f64; N]>> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
+    let text =
+        hemicube_scene::read_regular_text(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
     let mut rows = Vec::new();
     for (line, text) in (1..).zip(text.lines()) {
         let text = text.split('#').next().unwrap_or("");
@@ -316,6 +317,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         threads: arguments.engine.thread_count(),
     };
     std::fs::create_dir_all(&output).with_context(|| format!("`{}` cannot be created", output.display()))?;
+    // Files of two runs would lie side by side otherwise, and say that they belong together.
+    let _lock = FolderLock::take(&output)?;
 
     let rows: Vec<(InputPatch, u32)> = prepared
         .patches

@@ -182,34 +182,20 @@ impl Exchange {
 }
 
 /// A file for what does not fit in memory. Gone when it is dropped; where the system allows it, also when the program is
-/// killed.
+/// killed. Errors call it by a name, which it does not have in the directory.
 #[derive(Debug)]
 pub(crate) struct Scratch {
     path: PathBuf,
-    /// `None` only while it is dropped.
-    file: Option<File>,
+    file: File,
 }
 
 impl Scratch {
     /// Creates it in a store's directory, under a name that the store's writer knows to be nothing of worth.
     pub(crate) fn create(directory: &Path, name: &str) -> Result<Self> {
-        let path = directory.join(format!(".{name}.hemicube-tmp"));
-        let file = File::options()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .open(&path)
-            .map_err(|error| Error::io(&path, "created", error))?;
-        // An open file lives on without its name.
-        #[cfg(unix)]
-        std::fs::remove_file(&path).map_err(|error| Error::io(&path, "removed", error))?;
-        Ok(Self { path, file: Some(file) })
-    }
-
-    fn file(&mut self) -> Result<&mut File> {
-        let closed = || Error::io(&self.path, "read", std::io::Error::other("it is closed"));
-        self.file.as_mut().ok_or_else(closed)
+        let path = directory.join(name);
+        // Without a name where the system allows it, otherwise under one that is removed at once, or with the file.
+        let file = tempfile::tempfile_in(directory).map_err(|error| Error::io(&path, "created", error))?;
+        Ok(Self { path, file })
     }
 
     /// Writes whole records from record `next` on, and empties the buffer.
@@ -223,7 +209,7 @@ impl Scratch {
     /// Writes bytes at an offset.
     pub(crate) fn write(&mut self, offset: u64, bytes: &[u8]) -> Result<()> {
         let path = self.path.clone();
-        let file = self.file()?;
+        let file = &mut self.file;
         file.seek(SeekFrom::Start(offset))
             .and_then(|_| file.write_all(bytes))
             .map_err(|error| Error::write(&path, offset + bytes.len() as u64, error))
@@ -235,19 +221,10 @@ impl Scratch {
         let size = usize::try_from(size)
             .map_err(|_| Error::unsupported(&path, "has a part that is too large for this machine's memory"))?;
         let mut bytes = vec![0; size];
-        let file = self.file()?;
+        let file = &mut self.file;
         file.seek(SeekFrom::Start(offset))
             .and_then(|_| file.read_exact(&mut bytes))
             .map_err(|error| Error::io(&path, "read", error))?;
         Ok(bytes)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        self.file = None;
-        // Best effort: on Unix it has no name any more, elsewhere the next writer of the store removes it.
-        #[cfg(not(unix))]
-        let _ = std::fs::remove_file(&self.path);
     }
 }

@@ -11,7 +11,8 @@
 
 use super::Block;
 use crate::store::{
-    DurableFile, ElementType, Error, Manifest, NpyHeader, NpzWriter, Result, Store, decode, read_exact_at, write_whole,
+    DurableFile, ElementType, Error, FolderLock, Manifest, NpyHeader, NpzWriter, Result, Store, decode, read_exact_at,
+    write_whole,
 };
 use serde_json::{Value, json};
 use std::fs::File;
@@ -72,6 +73,8 @@ fn check_name(store: &Store, name: &str) -> Result<PathBuf> {
 /// ```
 pub struct SolutionWriter {
     directory: PathBuf,
+    /// Two writers of one solution would leave arrays of both under the report of one.
+    lock: FolderLock,
     identity: String,
     patches: u64,
     files: Vec<(String, PathBuf, DurableFile)>,
@@ -94,10 +97,11 @@ impl SolutionWriter {
     /// is there is replaced.
     ///
     /// # Errors
-    /// When `name` is no name, or the place cannot be written.
+    /// When `name` is no name, the place cannot be written, or another process writes a solution of this name.
     pub fn create(store: &Store, name: &str, quantities: &[&str], rows: u64) -> Result<Self> {
         let directory = check_name(store, name)?;
         std::fs::create_dir_all(&directory).map_err(|error| Error::io(&directory, "created", error))?;
+        let lock = FolderLock::take(&directory)?;
         // Without its report what is there is no solution any more.
         match std::fs::remove_file(directory.join(REPORT)) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -118,6 +122,7 @@ impl SolutionWriter {
         Ok(Self {
             identity: identity(store.manifest(), store.directory())?,
             directory,
+            lock,
             patches,
             written: vec![0; files.len()],
             files,
@@ -183,6 +188,7 @@ impl SolutionWriter {
             .map_err(|error| Error::refused(&path, format!("its report is no JSON: {error}")))?;
         text.push('\n');
         write_whole(&path, text.as_bytes(), "")?;
+        drop(self.lock);
         Ok(self.directory)
     }
 }
@@ -203,7 +209,7 @@ impl StoredSolution {
     pub fn open(store: &Store, name: &str) -> Result<Self> {
         let directory = check_name(store, name)?;
         let path = directory.join(REPORT);
-        let text = match std::fs::read_to_string(&path) {
+        let text = match hemicube_scene::read_regular_text(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 let there = Self::names(store);
@@ -318,7 +324,7 @@ impl ArrayFile {
     /// # Errors
     /// When it cannot be read, or is no array of one or two dimensions of f32 or f64 in C order.
     pub fn open(path: &Path) -> Result<Self> {
-        let mut file = File::open(path).map_err(|error| Error::io(path, "opened", error))?;
+        let mut file = hemicube_scene::open_regular(path).map_err(|error| Error::io(path, "opened", error))?;
         let header = NpyHeader::read(&mut file)
             .map_err(|error| Error::io(path, "read", error))?
             .map_err(|reason| Error::malformed(path, reason))?;

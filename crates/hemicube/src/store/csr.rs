@@ -279,7 +279,7 @@ impl CsrFile {
     ) -> Result<()> {
         let [first, second, third] = &mut buffers.0;
         // Each array by a file of its own: systems read ahead of what goes through a file in order, and these take turns.
-        let open = || File::open(&self.path).map_err(|error| Error::io(&self.path, "opened", error));
+        let open = || hemicube_scene::open_regular(&self.path).map_err(|error| Error::io(&self.path, "opened", error));
         let (file_of_second, file_of_third) = (open()?, open()?);
         let mut row = 0;
         while row < self.row_count {

@@ -1,11 +1,14 @@
 //! Files that are there whole or not at all: written under a temporary name in the same directory, synced, renamed, and
 //! the directory synced. Also reading at an offset, which needs no shared position.
+//!
+//! A temporary file is always a new one (`O_CREAT | O_EXCL`) under a name with ten random characters, so that no link can
+//! wait where it will be, and two writers of one file do not meet before the last step, which is a rename.
 
 use super::{Error, Result};
-use std::ffi::OsString;
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use tempfile::TempPath;
 
 /// The end of every temporary name: it says whose file it is, so that one that a killed run left can be removed.
 pub(crate) const TEMPORARY_SUFFIX: &str = ".hemicube-tmp";
@@ -26,6 +29,169 @@ fn tell(step: &'static str, path: &Path) {
     tracing::trace!(target: "hemicube::store", step, file = %path.display());
 }
 
+/// Random characters of a temporary name: 62¹⁰ names.
+const RANDOM: usize = 10;
+
+/// Bytes of the file's own name that its temporary name repeats; file systems take 255 in all.
+const REPEATED_MAX: usize = 180;
+
+/// A new file beside another, under a name of its own, which takes that other's place at the end or is removed when it is
+/// dropped. It is locked while it is open; what a killed run left is not, and the next writer of the same file removes it.
+///
+/// Unlike [`DurableFile`] it is not synced: for what is of the moment.
+///
+/// ```
+/// use hemicube::store::TemporaryFile;
+/// use std::io::Write;
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("progress.json");
+///
+/// let mut file = TemporaryFile::create(&path)?;
+/// file.get_mut().write_all(b"{}")?;
+/// assert!(!path.exists());
+/// file.rename()?;
+/// assert_eq!(std::fs::read(&path)?, b"{}");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+pub struct TemporaryFile {
+    path: PathBuf,
+    temporary: TempPath,
+    file: File,
+}
+
+impl TemporaryFile {
+    /// Creates the file that is to become `path`.
+    ///
+    /// # Errors
+    /// When `path` names no file or something that is none, or its directory cannot be written.
+    pub fn create(path: &Path) -> Result<Self> {
+        let prefix = prefix(path, "")?;
+        remove_left_behind(path, &prefix);
+        Self::create_as(path, &prefix)
+    }
+
+    fn create_as(path: &Path, prefix: &str) -> Result<Self> {
+        let failed = |error| Error::io(path, "created", error);
+        match std::fs::metadata(path) {
+            Ok(metadata) if metadata.is_dir() => {
+                return Err(Error::InTheWay {
+                    path: path.to_owned(),
+                    reason: "is a directory; give the name of a file",
+                });
+            }
+            // A rename would put a file in the place of `/dev/null`.
+            Ok(metadata) if !metadata.is_file() => {
+                return Err(Error::InTheWay {
+                    path: path.to_owned(),
+                    reason: "is a pipe, a device or a socket; give the name of a file",
+                });
+            }
+            _ => {}
+        }
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(prefix).rand_bytes(RANDOM).suffix(TEMPORARY_SUFFIX);
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // As any file is created: the process's mask takes from it.
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        loop {
+            let created = builder.tempfile_in(directory_of(path)).map_err(failed)?;
+            let (file, temporary) = created.into_parts();
+            match file.try_lock() {
+                // Whoever clears away what killed runs left was between our creating and our locking it.
+                Err(TryLockError::WouldBlock) => {}
+                // Where there are no locks, nobody clears away.
+                Ok(()) | Err(TryLockError::Error(_)) => {
+                    return Ok(Self {
+                        path: path.to_owned(),
+                        temporary,
+                        file,
+                    });
+                }
+            }
+        }
+    }
+
+    /// The file.
+    pub fn get_mut(&mut self) -> &mut File {
+        &mut self.file
+    }
+
+    /// Gives the file its name, in the place of what has it.
+    ///
+    /// # Errors
+    /// When the name cannot be given; the file is removed then.
+    pub fn rename(self) -> io::Result<()> {
+        // Open until it has its name, for the lock's sake.
+        self.temporary.persist(&self.path).map_err(|error| error.error)?;
+        drop(self.file);
+        Ok(())
+    }
+}
+
+impl Write for TemporaryFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for TemporaryFile {
+    fn seek(&mut self, target: SeekFrom) -> io::Result<u64> {
+        self.file.seek(target)
+    }
+}
+
+/// The directory that a file lies in.
+fn directory_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// What the temporary names of a file begin with.
+fn prefix(path: &Path, label: &str) -> Result<String> {
+    let name = path.file_name().ok_or_else(|| Error::InTheWay {
+        path: path.to_owned(),
+        reason: "names no file; add a file name",
+    })?;
+    let name = name.to_string_lossy();
+    let mut end = name.len().min(REPEATED_MAX);
+    while !name.is_char_boundary(end) {
+        end -= 1;
+    }
+    Ok(format!(".{}{label}.", &name[..end]))
+}
+
+/// Removes what killed writers of this file left: regular files by our kind of name that nobody has locked. Best effort:
+/// what stays is passed over by all readers.
+fn remove_left_behind(path: &Path, prefix: &str) {
+    let is_left = |name: &str| {
+        let random = name
+            .strip_prefix(prefix)
+            .and_then(|rest| rest.strip_suffix(TEMPORARY_SUFFIX));
+        random.is_some_and(|random| random.len() == RANDOM && random.chars().all(|c| c.is_ascii_alphanumeric()))
+    };
+    for entry in std::fs::read_dir(directory_of(path)).into_iter().flatten().flatten() {
+        let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
+        if !is_file || !is_left(&entry.file_name().to_string_lossy()) {
+            continue;
+        }
+        if let Ok(file) = hemicube_scene::open_regular(&entry.path())
+            && file.try_lock().is_ok()
+        {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
 /// A file that appears under its name when it is committed, and leaves nothing behind when it is dropped before.
 ///
 /// ```
@@ -43,9 +209,8 @@ fn tell(step: &'static str, path: &Path) {
 /// ```
 pub struct DurableFile {
     path: PathBuf,
-    temporary: PathBuf,
     /// `None` once committed.
-    file: Option<BufWriter<File>>,
+    file: Option<BufWriter<TemporaryFile>>,
     /// Set by the first error: from then on nothing reaches the disk, nothing fails, and nothing can be committed. The
     /// zip writer ends its archive when it is dropped, and would complain on the standard error of a full disk.
     failed: bool,
@@ -68,41 +233,25 @@ impl DurableFile {
     /// # Errors
     /// When there can be none.
     pub fn create(path: &Path) -> Result<Self> {
-        Self::create_as(path, "")
+        tell("create", path);
+        Ok(Self::of(TemporaryFile::create(path)?))
     }
 
-    /// The same with a `label` in the temporary name: writers that may be at the same file at once have different ones.
+    /// The same with a `label` in the temporary name, in a directory whose writer clears it of such names itself.
     pub(crate) fn create_as(path: &Path, label: &str) -> Result<Self> {
-        let mut name = OsString::from(".");
-        name.push(path.file_name().ok_or_else(|| Error::InTheWay {
-            path: path.to_owned(),
-            reason: "names no file; add a file name",
-        })?);
-        name.push(label);
-        name.push(TEMPORARY_SUFFIX);
-        let temporary = path.with_file_name(name);
-        match std::fs::remove_file(&temporary) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                return Err(Error::io(&temporary, "removed", error));
-            }
-            _ => {}
-        }
         tell("create", path);
-        let file = File::options()
-            .read(true)
-            .write(true)
-            .create_new(true)
-            .open(&temporary)
-            .map_err(|error| Error::io(path, "created", error))?;
-        tell("write", path);
-        Ok(Self {
-            path: path.to_owned(),
-            temporary,
+        Ok(Self::of(TemporaryFile::create_as(path, &prefix(path, label)?)?))
+    }
+
+    fn of(file: TemporaryFile) -> Self {
+        tell("write", &file.path);
+        Self {
+            path: file.path.clone(),
             file: Some(BufWriter::with_capacity(1 << 20, file)),
             failed: false,
             position: 0,
             end: 0,
-        })
+        }
     }
 
     /// Makes the file durable and gives it its name.
@@ -116,25 +265,15 @@ impl DurableFile {
         if let Some(mut writer) = self.file.take() {
             let synced = writer.flush().and_then(|()| {
                 tell("sync", &self.path);
-                writer.get_ref().sync_all()
+                writer.get_ref().file.sync_all()
             });
             // The flush failed, or nothing is buffered: either way the destructor must not write again.
             let (file, _) = writer.into_parts();
-            drop(file);
-            let renamed = synced.and_then(|()| {
-                tell("rename", &self.path);
-                std::fs::rename(&self.temporary, &self.path)
-            });
-            if let Err(error) = renamed {
-                // The error that counts is the first one; a temporary file that cannot be removed is found by its name.
-                let _ = std::fs::remove_file(&self.temporary);
-                return Err(error);
-            }
+            synced?;
+            tell("rename", &self.path);
+            file.rename()?;
             tell("sync-directory", &self.path);
-            sync_directory(match self.path.parent() {
-                Some(parent) if !parent.as_os_str().is_empty() => parent,
-                _ => Path::new("."),
-            })?;
+            sync_directory(directory_of(&self.path))?;
             tell("written", &self.path);
         }
         Ok(())
@@ -152,7 +291,7 @@ impl DurableFile {
             .ok_or_else(|| io::Error::other("the file has no room for its seal"))?;
         let hasher = self.attempt(|writer| {
             writer.flush()?;
-            let file = writer.get_mut();
+            let file = writer.get_mut().get_mut();
             file.rewind()?;
             let mut hasher = blake3::Hasher::new();
             io::copy(&mut BufReader::with_capacity(1 << 18, &*file).take(body), &mut hasher)?;
@@ -166,7 +305,7 @@ impl DurableFile {
         Ok(whole)
     }
 
-    fn attempt<T>(&mut self, act: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>) -> io::Result<T> {
+    fn attempt<T>(&mut self, act: impl FnOnce(&mut BufWriter<TemporaryFile>) -> io::Result<T>) -> io::Result<T> {
         let writer = self
             .file
             .as_mut()
@@ -220,8 +359,6 @@ impl Drop for DurableFile {
             // What is still buffered is not wanted any more.
             let (file, _) = writer.into_parts();
             drop(file);
-            // Best effort: a destructor cannot report, and the next writer removes what is left by its name.
-            let _ = std::fs::remove_file(&self.temporary);
         }
     }
 }
@@ -278,7 +415,7 @@ pub(crate) fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) 
 
 /// The checksum of a sealed file; `None` when its seal is not that of its bytes.
 pub(crate) fn sealed_checksum(path: &Path) -> Result<Option<String>> {
-    let file = File::open(path).map_err(|error| Error::io(path, "opened", error))?;
+    let file = hemicube_scene::open_regular(path).map_err(|error| Error::io(path, "opened", error))?;
     let read = |error| Error::io(path, "read", error);
     let Some(body) = file.metadata().map_err(read)?.len().checked_sub(SEAL_SIZE) else {
         return Ok(None);
@@ -294,7 +431,7 @@ pub(crate) fn sealed_checksum(path: &Path) -> Result<Option<String>> {
 
 /// The BLAKE3 checksum of a file, in hexadecimal.
 pub(crate) fn file_checksum(path: &Path) -> Result<String> {
-    let file = File::open(path).map_err(|error| Error::io(path, "opened", error))?;
+    let file = hemicube_scene::open_regular(path).map_err(|error| Error::io(path, "opened", error))?;
     let mut hasher = blake3::Hasher::new();
     io::copy(&mut io::BufReader::with_capacity(1 << 18, file), &mut hasher)
         .map_err(|error| Error::io(path, "read", error))?;

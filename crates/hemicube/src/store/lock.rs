@@ -30,6 +30,40 @@ pub(super) struct Lock {
     mode: Mode,
 }
 
+/// Keeps every other writer out of a folder in which several files belong together, such as a solution's, until it is
+/// dropped. Where the file system has no locks it keeps out nobody.
+///
+/// ```
+/// use hemicube::store::FolderLock;
+/// # let folder = tempfile::tempdir()?;
+/// let lock = FolderLock::take(folder.path())?;
+/// assert!(FolderLock::take(folder.path()).is_err(), "one at a time");
+/// drop(lock);
+/// assert_eq!(std::fs::read_dir(folder.path())?.count(), 0, "nothing is left of it");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+pub struct FolderLock {
+    _lock: Lock,
+}
+
+impl FolderLock {
+    /// Takes the lock of a folder, which exists.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] when somebody else has it, and names them.
+    pub fn take(folder: &Path) -> Result<Self> {
+        match Lock::take(folder, "", Mode::Alone) {
+            Ok(lock) => Ok(Self { _lock: lock }),
+            Err(Error::Locked { path, holder }) => Err(Error::Refused {
+                path,
+                reason: format!("{holder} is writing it; wait for that, or choose another place"),
+            }),
+            Err(error) => Err(error),
+        }
+    }
+}
+
 /// The name of a lock of a store.
 pub(super) fn file_name(label: &str) -> String {
     format!(".lock{label}{TEMPORARY_SUFFIX}")
@@ -40,13 +74,7 @@ impl Lock {
     pub(super) fn take(directory: &Path, label: &str, mode: Mode) -> Result<Self> {
         let path = directory.join(file_name(label));
         loop {
-            let mut file = File::options()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(false)
-                .open(&path)
-                .map_err(|error| Error::io(&path, "created", error))?;
+            let mut file = open(&path)?;
             let taken = match mode {
                 Mode::Alone => file.try_lock(),
                 Mode::Shared => file.try_lock_shared(),
@@ -106,6 +134,40 @@ impl Drop for Lock {
     }
 }
 
+/// Opens the lock's file, or makes it. Its name is foreseeable, as it must be, so that whatever has it is not followed,
+/// waited for or written to unless it is a plain file without another name.
+fn open(path: &Path) -> Result<File> {
+    let mut options = File::options();
+    options.read(true).write(true).create(true).truncate(false);
+    #[cfg(unix)]
+    {
+        use rustix::fs::OFlags;
+        use std::os::unix::fs::OpenOptionsExt;
+        options.custom_flags(
+            (OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::NOCTTY)
+                .bits()
+                .cast_signed(),
+        );
+    }
+    let in_the_way = || Error::InTheWay {
+        path: path.to_owned(),
+        reason: "is not the file that writers of the store lock (a link, or no plain file); remove it",
+    };
+    if std::fs::symlink_metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
+        return Err(in_the_way());
+    }
+    let file = options.open(path).map_err(|error| Error::io(path, "created", error))?;
+    let metadata = file.metadata().map_err(|error| Error::io(path, "read", error))?;
+    #[cfg(unix)]
+    let has_other_names = std::os::unix::fs::MetadataExt::nlink(&metadata) > 1;
+    #[cfg(not(unix))]
+    let has_other_names = false;
+    if !metadata.is_file() || has_other_names {
+        return Err(in_the_way());
+    }
+    Ok(file)
+}
+
 fn holder() -> String {
     let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let on = match host.trim() {
@@ -124,7 +186,7 @@ fn is_unsupported(error: &io::Error) -> bool {
 #[cfg(unix)]
 fn is_still_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
-    match (file.metadata(), std::fs::metadata(path)) {
+    match (file.metadata(), std::fs::symlink_metadata(path)) {
         (Ok(ours), Ok(there)) => (ours.dev(), ours.ino()) == (there.dev(), there.ino()),
         _ => false,
     }

@@ -12,7 +12,6 @@ use hemicube_scene::{Patches, Scene, Side};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -370,14 +369,14 @@ impl Manifest {
         // The format's name stands first; what follows may be damaged.
         let start = format!("{{\n  \"format\": \"{FORMAT}\"");
         let mut found = vec![0; start.len()];
-        File::open(directory.join(MANIFEST_FILE))
+        hemicube_scene::open_regular(&directory.join(MANIFEST_FILE))
             .and_then(|mut file| file.read_exact(&mut found))
             .is_ok_and(|()| found == start.as_bytes())
     }
 
     pub(crate) fn read(directory: &Path) -> Result<Self> {
         let path = directory.join(MANIFEST_FILE);
-        let file = match File::open(&path) {
+        let file = match hemicube_scene::open_regular(&path) {
             Ok(file) => file,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound && directory.is_dir() => {
                 return Err(Error::malformed(

@@ -212,7 +212,7 @@ impl Matrix {
     }
 
     fn open_dense(path: &Path) -> Result<Self> {
-        let mut file = File::open(path).map_err(|error| Error::io(path, "opened", error))?;
+        let mut file = hemicube_scene::open_regular(path).map_err(|error| Error::io(path, "opened", error))?;
         let header = Header::read(&mut file)
             .map_err(|error| Error::io(path, "read", error))?
             .map_err(|reason| Error::malformed(path, reason))?;
@@ -245,7 +245,7 @@ impl Matrix {
     }
 
     fn open_market(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|error| Error::io(path, "opened", error))?;
+        let file = hemicube_scene::open_regular(path).map_err(|error| Error::io(path, "opened", error))?;
         let length = file.metadata().map_err(|error| Error::io(path, "read", error))?.len();
         let mut lines = Lines {
             path,

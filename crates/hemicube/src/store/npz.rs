@@ -179,7 +179,7 @@ pub(crate) enum Elements {
 impl Npz {
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let io = |error| Error::io(path, "read", error);
-        let file = File::open(path).map_err(|error| Error::io(path, "opened", error))?;
+        let file = hemicube_scene::open_regular(path).map_err(|error| Error::io(path, "opened", error))?;
         let metadata = file.metadata().map_err(io)?;
         if metadata.is_dir() {
             return Err(Error::malformed(path, "is a directory, not an archive of arrays"));

@@ -447,7 +447,7 @@ impl Store {
     pub(crate) fn read_ahead(&self, place: usize) {
         // Advice: a file that cannot be opened is found out when it is read.
         if let Some(entry) = self.manifest.parts.get(place)
-            && let Ok(file) = File::open(self.directory.join(&entry.file))
+            && let Ok(file) = hemicube_scene::open_regular(&self.directory.join(&entry.file))
         {
             super::csr::will_read(&file);
         }
@@ -508,7 +508,7 @@ impl Store {
             return Ok(Arc::clone(file));
         }
         drop(open);
-        let file = Arc::new(File::open(path).map_err(|error| Error::io(path, "opened", error))?);
+        let file = Arc::new(hemicube_scene::open_regular(path).map_err(|error| Error::io(path, "opened", error))?);
         self.keep_open(place, Arc::clone(&file));
         Ok(file)
     }

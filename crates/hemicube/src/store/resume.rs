@@ -135,9 +135,11 @@ fn patches_of(directory: &Path, run: &[u8; 32]) -> Result<Option<FileEntry>> {
 /// An empty file by which a merge knows of how many shards there are.
 fn mark_shards(directory: &Path, shard: Shard) -> Result<()> {
     let path = directory.join(format!("{SHARDS_MARK}{}{TEMPORARY_SUFFIX}", shard.count()));
-    File::create(&path)
-        .map(|_| ())
-        .map_err(|error| Error::io(&path, "created", error))
+    match File::create_new(&path) {
+        // Another shard's, or whatever has the name: it is not opened.
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
+        created => created.map(|_| ()).map_err(|error| Error::io(&path, "created", error)),
+    }
 }
 
 const SHARDS_MARK: &str = ".shards-";
@@ -456,7 +458,7 @@ pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Me
 }
 
 fn copy(from: &Path, to: &Path) -> Result<()> {
-    let mut source = File::open(from).map_err(|error| Error::io(from, "opened", error))?;
+    let mut source = hemicube_scene::open_regular(from).map_err(|error| Error::io(from, "opened", error))?;
     let size = source.metadata().map_err(|error| Error::io(from, "read", error))?.len();
     let mut file = DurableFile::create(to)?;
     io::copy(&mut source, &mut file)

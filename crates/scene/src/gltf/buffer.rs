@@ -4,7 +4,6 @@ use super::json::Document;
 use super::{MEND, extension};
 use crate::{Error, ErrorKind};
 use std::borrow::Cow;
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
@@ -87,14 +86,17 @@ fn from_base64(text: &str) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// The first `length` bytes of a file beside the scene.
+/// The first `length` bytes of a file in the scene's folder or below it.
 fn from_file(uri: &str, index: usize, length: usize, base_dir: Option<&Path>) -> Result<Vec<u8>, Error> {
-    let shown = super::cut(uri);
-    let has_scheme = uri.split_once(':').is_some_and(|(scheme, _)| {
-        scheme.starts_with(|c: char| c.is_ascii_alphabetic())
-            && scheme.chars().all(|c| c.is_ascii_alphanumeric() || "+-.".contains(c))
-    });
-    if has_scheme || uri.starts_with(['/', '\\']) {
+    let name = percent_decoded(uri).ok_or_else(|| {
+        Error::malformed(format!(
+            "`buffers[{index}].uri` is `{}`, which does not decode to a file name; {MEND}",
+            super::cut(uri)
+        ))
+    })?;
+    let shown = super::cut(&name);
+    // As it stands and decoded: neither form may be an address elsewhere.
+    if is_absolute(uri) || is_absolute(&name) {
         return Err(Error::unsupported(format!(
             "`buffers[{index}].uri` is the absolute address `{shown}`, which is not followed; put the buffer beside the \
              scene and name it there, or export as `.glb`"
@@ -105,32 +107,16 @@ fn from_file(uri: &str, index: usize, length: usize, base_dir: Option<&Path>) ->
             "`buffers[{index}]` is the file `{shown}`, but the scene was not read from a folder; export as `.glb`"
         )));
     };
-    let name = percent_decoded(uri).ok_or_else(|| {
-        Error::malformed(format!(
-            "`buffers[{index}].uri` is `{shown}`, which does not decode to a file name; {MEND}"
-        ))
-    })?;
     let failed = |e: io::Error| {
-        let message = format!(
-            "`buffers[{index}]` in `{}`: {e}; put the file beside the scene",
-            super::cut(&name)
-        );
+        let message = format!("`buffers[{index}]` in `{shown}`: {e}; put the file beside the scene");
         Error::new(ErrorKind::Io(io::Error::new(e.kind(), message)))
     };
-    let path = base_dir.join(&name);
-    // A pipe or a device could hang the reader or never end.
-    let metadata = std::fs::metadata(&path).map_err(failed)?;
-    if !metadata.is_file() {
-        return Err(failed(io::Error::new(
-            io::ErrorKind::InvalidInput,
-            "is not a regular file",
-        )));
-    }
-    if metadata.len() < length as u64 {
+    let file = crate::regular::open_beside(base_dir, &name).map_err(failed)?;
+    let found = file.metadata().map_err(failed)?.len();
+    if found < length as u64 {
         return Err(Error::malformed(format!(
-            "`buffers[{index}]` in `{}` has {} bytes, but its `byteLength` is {length}; fetch or export the file again",
-            super::cut(&name),
-            metadata.len()
+            "`buffers[{index}]` in `{shown}` has {found} bytes, but its `byteLength` is {length}; fetch or export the file \
+             again"
         )));
     }
     let mut bytes = Vec::new();
@@ -139,10 +125,17 @@ fn from_file(uri: &str, index: usize, length: usize, base_dir: Option<&Path>) ->
             "the {length} bytes of `buffers[{index}]` do not fit in this machine's memory; split the scene"
         )))
     })?;
-    File::open(&path)
-        .and_then(|file| file.take(length as u64).read_to_end(&mut bytes))
-        .map_err(failed)?;
+    file.take(length as u64).read_to_end(&mut bytes).map_err(failed)?;
     Ok(bytes)
+}
+
+/// Whether an address has a scheme, as `file:` and a drive's letter are, or begins at a root.
+fn is_absolute(address: &str) -> bool {
+    let has_scheme = address.split_once(':').is_some_and(|(scheme, _)| {
+        scheme.starts_with(|c: char| c.is_ascii_alphabetic())
+            && scheme.chars().all(|c| c.is_ascii_alphanumeric() || "+-.".contains(c))
+    });
+    has_scheme || address.starts_with(['/', '\\'])
 }
 
 /// Percent-decoding (RFC 3986, 2.1). A `%` that no two digits follow stands for itself, as it does in files of writers

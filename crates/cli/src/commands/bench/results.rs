@@ -185,7 +185,7 @@ impl Results {
         std::fs::create_dir_all(folder).with_context(|| format!("`{}` cannot be made", folder.display()))?;
         let machine = Machine::this();
         let path = folder.join(FILE);
-        let cells = match std::fs::read(&path) {
+        let cells = match hemicube_scene::read_regular(&path) {
             Ok(bytes) => {
                 let before: Self = serde_json::from_slice(&bytes).with_context(|| {
                     format!(

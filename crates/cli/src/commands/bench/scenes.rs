@@ -1,13 +1,13 @@
 //! The scenes of the study: those of the thesis by their sizes, and what it left open.
 
 use crate::commands::bench::Size;
+use crate::report::PendingFile;
 use anyhow::{Context, Result, bail};
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::Kind;
 use hemicube_scene::generate::{Generate, generate};
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, load, write};
-use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -111,10 +111,9 @@ impl StudyScene {
         let path = folder.join(format!("{}.obj", self.key));
         let cannot = || format!("`{}` cannot be written", path.display());
         std::fs::create_dir_all(folder).with_context(cannot)?;
-        let mut out = BufWriter::new(std::fs::File::create(&path).with_context(cannot)?);
-        write::obj(&self.read()?, &mut out)
-            .and_then(|_| out.flush())
-            .with_context(cannot)?;
+        let mut out = PendingFile::create(&path)?;
+        write::obj(&self.read()?, &mut out).with_context(cannot)?;
+        out.commit()?;
         Ok((path, self.split))
     }
 }

@@ -50,7 +50,8 @@ fn is_scene(path: &Path) -> bool {
     match Format::from_path(path) {
         Some(Format::CityJson) if is_json => {
             let mut begin = Vec::new();
-            let read = std::fs::File::open(path).and_then(|file| file.take(JSON_LOOKED_AT).read_to_end(&mut begin));
+            let read =
+                hemicube_scene::open_regular(path).and_then(|file| file.take(JSON_LOOKED_AT).read_to_end(&mut begin));
             read.is_ok() && begin.windows(9).any(|window| window == b"\"CityJSON")
         }
         format => format.is_some(),

@@ -215,7 +215,7 @@ impl Settings {
     /// # Errors
     /// When it cannot be read or written, or would not be one that the program reads.
     pub(super) fn write(&mut self, path: &Path, more: &[(&str, &str)]) -> Result<()> {
-        let text = match std::fs::read_to_string(path) {
+        let text = match hemicube_scene::read_regular_text(path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
             Err(error) => return Err(error).with_context(|| format!("`{}` cannot be read", path.display())),
