@@ -561,6 +561,9 @@ pub(crate) struct Tradeoff {
     /// Draw error against time into FILE: .svg or .png
     #[arg(long, value_name = "FILE")]
     pub(crate) plot: Option<PathBuf>,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
     #[command(flatten)]
     pub(crate) patches: SceneSettings,
     #[command(flatten)]
@@ -663,6 +666,9 @@ pub(crate) struct Compare {
     /// or .png
     #[arg(long, value_name = "FILE")]
     pub(crate) plot: Option<PathBuf>,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
     #[command(flatten)]
     pub(crate) report: Report,
 }

@@ -8,6 +8,7 @@ mod exit;
 mod forecast;
 mod log;
 mod materials;
+mod outputs;
 mod prepare;
 mod progress;
 mod report;
@@ -75,6 +76,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         return Ok(Exit::Done);
     }
     talk.detail(settings.trim_end());
+    outputs::check(&cli.command)?;
     match cli.command {
         Command::Interactive(arguments) => commands::interactive::run(&arguments, talk),
         Command::Compute(arguments) => commands::compute::run(*arguments, talk),

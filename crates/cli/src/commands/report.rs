@@ -45,6 +45,9 @@ pub(crate) struct Arguments {
     /// The page: .html
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
     /// How many of the largest entries of each row the page has; 0: no rows [default: 32, and 0 above 250,000 patches]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub(crate) entries: Option<u32>,

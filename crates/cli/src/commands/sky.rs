@@ -29,6 +29,9 @@ const RESOLUTION: u32 = 256;
 /// n of the n² points of a patch from which the sun is looked for.
 const SUN_POINTS: u32 = 4;
 
+/// What is written into the directory.
+pub(crate) const FILES: [&str; 3] = ["sky.npz", "sky.json", "points-sky.npz"];
+
 /// `hemicube sky`
 #[derive(Args, Debug)]
 #[command(group = clap::ArgGroup::new("place").required(true))]
@@ -42,6 +45,9 @@ pub(crate) struct Arguments {
     /// The directory to write to
     #[arg(short, long, value_name = "DIR", group = "place")]
     pub(crate) output: Option<PathBuf>,
+    /// Replace what `-o` names
+    #[arg(long)]
+    pub(crate) overwrite: bool,
     /// How the sky is divided: tregenza (145 patches) or reinhart:N (144 N² + 1)
     #[arg(long, value_name = "tregenza|reinhart:N", default_value = "tregenza")]
     pub(crate) division: Division,

@@ -87,6 +87,9 @@ pub(crate) struct Arguments {
     /// Write the solution to FILE too: .npz or .csv (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
+    /// Replace files that are there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
     /// Radiance of the sky: one row a right-hand side, a number for the ground and one for each patch of it (.npy)
     #[arg(
         long,

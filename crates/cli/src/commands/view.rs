@@ -1,7 +1,7 @@
 //! `hemicube view`: pictures of a scene, a matrix, and what was made of them.
 
 pub(crate) mod canvas;
-mod hemicube;
+pub(crate) mod hemicube;
 mod live;
 pub(crate) mod matrix;
 pub(crate) mod model;

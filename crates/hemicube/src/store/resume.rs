@@ -221,6 +221,9 @@ impl StoreWriter {
             }
         }
         let run = ours.run_id();
+        if !is_there {
+            refuse_what_is_no_part(directory)?;
+        }
         ours.patches = patches_of(directory, &run)?;
         let has_table = ours.patches.is_some();
         let mut writer = Self::new(directory, ours, shard, locks);
@@ -275,6 +278,26 @@ fn refuse_foreign_parts(directory: &Path, ours: &Manifest, error: Error) -> Resu
         let of = Npz::open(&entry.path()).and_then(|mut npz| npz.array::<u8>(RUN));
         if of.is_ok_and(|of| of != run) {
             return Err(error);
+        }
+    }
+    Ok(())
+}
+
+/// Where no manifest says that a directory is a store's, its parts must: a file that only has the name of one is somebody
+/// else's, and would be replaced.
+fn refuse_what_is_no_part(directory: &Path) -> Result<()> {
+    let entries = std::fs::read_dir(directory.join(PARTS_DIRECTORY))
+        .into_iter()
+        .flatten()
+        .flatten();
+    for entry in entries.filter(|entry| entry.file_name().to_string_lossy().ends_with(".npz")) {
+        let path = entry.path();
+        if Npz::open(&path).and_then(|mut npz| npz.array::<u8>(RUN)).is_err() {
+            return Err(Error::InTheWay {
+                path,
+                reason: "is no part of a matrix, and there is no manifest beside it; remove it, or choose another \
+                         directory",
+            });
         }
     }
     Ok(())

@@ -274,9 +274,10 @@ impl Dialogue<'_> {
                 Some(Look::Compare) => self.compare(Some(store))?,
                 Some(Look::Report) => {
                     let Some(scene) = self.scene_of(store)? else { continue };
-                    if let Some((page, _)) = self.file(&file(".html"))? {
+                    if let Some((page, replaces)) = self.file(&file(".html"))? {
                         let line = self.line("report").with_path(store).with_path(&scene);
-                        self.go(&line.with("-o").with_path(&page))?;
+                        let line = line.with("-o").with_path(&page);
+                        self.go(&if replaces { line.with("--overwrite") } else { line })?;
                     }
                 }
                 Some(Look::Export) => {
@@ -286,9 +287,10 @@ impl Dialogue<'_> {
                     }
                 }
                 Some(Look::Picture) => {
-                    if let Some((picture, _)) = self.file(&file(".png"))? {
+                    if let Some((picture, replaces)) = self.file(&file(".png"))? {
                         let line = self.line("view sparsity").with_path(store);
-                        self.go(&line.with("-o").with_path(&picture))?;
+                        let line = line.with("-o").with_path(&picture);
+                        self.go(&if replaces { line.with("--overwrite") } else { line })?;
                     }
                 }
             }

@@ -29,6 +29,9 @@ pub(crate) struct Arguments {
     /// The picture: .png or .svg
     #[arg(short, long, value_name = "FILE", required_unless_present = "live")]
     pub(crate) output: Option<PathBuf>,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
     /// The patch on which the hemicube stands; with --live the first one
     #[arg(long, value_name = "I", required_unless_present = "live")]
     pub(crate) patch: Option<u32>,

@@ -42,6 +42,9 @@ pub(crate) struct Arguments {
     /// The picture: .png or .svg
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
     /// radiosity (or irradiance, flux, temperature of a solution), seen (patches in sight), row, sky, error (expected of each
     /// row), closure (how far each row is from summing to 1)
     #[arg(long, value_name = "WHAT", default_value = "radiosity")]

@@ -1,0 +1,389 @@
+//! What a command writes is none of what it reads, and replaces nothing unasked: one rule for every command, held before
+//! anything is read or computed.
+//!
+//! 1. No output is one of the inputs, by whatever name or link, or another output.
+//! 2. No output lies in a matrix's directory that the command reads or writes; what belongs there it puts there itself.
+//! 3. An output that exists is replaced with `--overwrite` only. A report (`--json`) and a progress file replace a file of
+//!    their own kind, so that a run which goes on may be asked for by the same command line, and never anything else.
+
+use crate::args::{Command, Report};
+use crate::commands::{report, sky, solve, view};
+use crate::exit::hinted;
+use anyhow::{Result, anyhow};
+use std::fs::Metadata;
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+
+/// What an output may take the place of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Replaces {
+    /// Anything with `--overwrite`, and nothing without.
+    Asked(bool),
+    /// What this program wrote as a report or a progress file.
+    Reports,
+}
+
+/// The paths of a command.
+#[derive(Debug, Default)]
+struct Paths {
+    /// Files that are read, and directories that are no matrix.
+    inputs: Vec<PathBuf>,
+    /// Directories of matrices, which are read, written, or both.
+    stores: Vec<PathBuf>,
+    /// Directories of matrices that are made.
+    makes: Vec<PathBuf>,
+    /// Files that are written, and by what they are named on the command line.
+    outputs: Vec<(&'static str, PathBuf, Replaces)>,
+}
+
+impl Paths {
+    fn reads<'a>(mut self, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+        self.inputs.extend(inputs.into_iter().cloned());
+        self
+    }
+
+    fn store<'a>(mut self, stores: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+        self.stores.extend(stores.into_iter().cloned());
+        self
+    }
+
+    fn makes<'a>(mut self, stores: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+        self.makes.extend(stores.into_iter().cloned());
+        self
+    }
+
+    fn writes<'a>(
+        mut self,
+        flag: &'static str,
+        outputs: impl IntoIterator<Item = &'a PathBuf>,
+        overwrite: bool,
+    ) -> Self {
+        let outputs = outputs.into_iter().cloned();
+        self.outputs
+            .extend(outputs.map(|path| (flag, path, Replaces::Asked(overwrite))));
+        self
+    }
+
+    fn tells<'a>(mut self, flag: &'static str, outputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+        let outputs = outputs.into_iter().cloned();
+        self.outputs.extend(outputs.map(|path| (flag, path, Replaces::Reports)));
+        self
+    }
+
+    fn reports(self, report: &Report) -> Self {
+        self.tells("--json", &report.json)
+    }
+
+    /// Those of a command.
+    fn of(command: &Command) -> Self {
+        let paths = Self::default();
+        match command {
+            Command::Compute(a) => paths
+                .reads(&a.scene)
+                .reads(&a.config.config)
+                .makes(&a.output)
+                .tells("--progress-file", &a.process.progress_file)
+                .reports(&a.report),
+            Command::Inspect(a) => paths.reads(&a.scene).reads(&a.config.config).reports(&a.report),
+            Command::Tradeoff(a) => paths
+                .reads(&a.scene)
+                .reads(&a.config.config)
+                .writes("--plot", &a.plot, a.overwrite)
+                .reports(&a.report),
+            Command::Check(a) => paths.store([&a.store]).reports(&a.report),
+            Command::Merge(a) => paths.store([&a.store]).store(&a.sources).reports(&a.report),
+            Command::Balance(a) => paths.store([&a.store]).makes([&a.output]).reports(&a.report),
+            Command::Compare(a) => {
+                let (stores, files): (Vec<_>, Vec<_>) =
+                    [&a.matrix, &a.reference].into_iter().partition(|path| path.is_dir());
+                paths
+                    .store(stores)
+                    .reads(files)
+                    .writes("--plot", &a.plot, a.overwrite)
+                    .reports(&a.report)
+            }
+            Command::Export(a) => {
+                let columns = a.with_sky.then(|| a.output.with_extension("columns.csv"));
+                paths
+                    .store([&a.store])
+                    .reads(&a.scene)
+                    .writes("OUT", [&a.output], a.overwrite)
+                    .writes("--with-sky", &columns, a.overwrite)
+                    .reports(&a.report)
+            }
+            Command::Solve(a) => Self::of_solve(a),
+            Command::Sky(a) => Self::of_sky(a),
+            Command::View { command } => match command {
+                view::View::Hemicube(a) => {
+                    let paths = paths.reads([&a.scene]).store(&a.store);
+                    paths.writes("-o", &a.output, a.overwrite)
+                }
+                view::View::Model(a) => {
+                    let paths = paths.reads([&a.scene]).store([&a.store]);
+                    paths.writes("-o", [&a.output], a.overwrite)
+                }
+                view::View::Sparsity(a) => paths.store([&a.store]).writes("-o", [&a.output], a.overwrite),
+            },
+            Command::Report(a) => Self::of_report(a),
+            Command::Generate(a) => paths.writes("-o", [&a.output], a.overwrite),
+            Command::Backends { command } => match command {
+                crate::args::Backends::List(a) => paths.reports(&a.report),
+                crate::args::Backends::Check(a) => paths.reports(&a.report),
+            },
+            // They write into folders of their own, by their own rules.
+            Command::Bench(_) | Command::Interactive(_) | Command::Manual(_) | Command::Completions(_) => paths,
+        }
+    }
+
+    fn of_solve(a: &solve::Arguments) -> Self {
+        Self::default()
+            .store([&a.store])
+            .reads(&a.scene)
+            .reads(&a.materials)
+            .reads(&a.emission)
+            .reads(&a.sky_radiance)
+            .reads(&a.sky)
+            .writes("-o", &a.output, a.overwrite)
+            .writes("--picture", &a.picture, a.overwrite)
+            .reports(&a.report)
+    }
+
+    fn of_sky(a: &sky::Arguments) -> Self {
+        let files = a
+            .output
+            .iter()
+            .flat_map(|folder| sky::FILES.map(|name| folder.join(name)));
+        let files: Vec<PathBuf> = files.collect();
+        Self::default()
+            .reads([&a.scene])
+            .store(&a.store)
+            .reads(&a.points)
+            .reads(&a.suns)
+            .writes("-o", &files, a.overwrite)
+            .reports(&a.report)
+    }
+
+    fn of_report(a: &report::Arguments) -> Self {
+        Self::default()
+            .store([&a.store])
+            .reads([&a.scene])
+            .writes("-o", [&a.output], a.overwrite)
+            .reports(&a.report)
+    }
+}
+
+/// Holds a command to the rule.
+///
+/// # Errors
+/// When it would write over an input, into a matrix, one file twice, or over what exists.
+pub(crate) fn check(command: &Command) -> Result<()> {
+    let Paths {
+        inputs,
+        stores,
+        makes,
+        outputs,
+    } = Paths::of(command);
+    for made in &makes {
+        if let Some(store) = stores.iter().find(|store| Place::of(made).is_within(&Place::of(store))) {
+            return Err(hinted(
+                anyhow!(
+                    "`-o` would write `{}`, which lies in the directory of the matrix `{}`",
+                    made.display(),
+                    store.display()
+                ),
+                "give it a name outside that",
+            ));
+        }
+    }
+    let mut seen: Vec<(&str, &Path, Place)> = Vec::new();
+    for (flag, path, replaces) in &outputs {
+        if path.as_os_str() == "-" {
+            continue;
+        }
+        let shown = path.display();
+        let place = Place::of(path);
+        let another = "give it another name";
+        if inputs.iter().any(|input| Place::of(input).is(&place)) {
+            return Err(hinted(
+                anyhow!("`{flag}` would write `{shown}`, which is to be read"),
+                another,
+            ));
+        }
+        if let Some(store) = stores
+            .iter()
+            .chain(&makes)
+            .find(|store| place.is_within(&Place::of(store)))
+        {
+            return Err(hinted(
+                anyhow!(
+                    "`{flag}` would write `{shown}`, which lies in the directory of the matrix `{}`",
+                    store.display()
+                ),
+                "give it a name outside that",
+            ));
+        }
+        if let Some((other, ..)) = seen.iter().find(|(.., other)| other.is(&place)) {
+            return Err(hinted(
+                anyhow!("`{flag}` would write `{shown}`, and so would `{other}`"),
+                another,
+            ));
+        }
+        // A directory or a device is refused where it is opened.
+        if place.metadata.as_ref().is_some_and(Metadata::is_file) {
+            match replaces {
+                Replaces::Asked(true) => {}
+                Replaces::Asked(false) => {
+                    return Err(hinted(
+                        anyhow!("`{shown}` exists"),
+                        "`--overwrite` replaces it, or choose another name",
+                    ));
+                }
+                Replaces::Reports if is_report(path) => {}
+                Replaces::Reports => {
+                    return Err(hinted(
+                        anyhow!("`{shown}` exists and is no report of hemicube's, and `{flag}` replaces nothing else"),
+                        another,
+                    ));
+                }
+            }
+        }
+        seen.push((flag, path, place));
+    }
+    Ok(())
+}
+
+/// Whether a file begins as reports and progress files do.
+fn is_report(path: &Path) -> bool {
+    let mut begin = Vec::new();
+    let read = hemicube_scene::open_regular(path).and_then(|file| file.take(64).read_to_end(&mut begin));
+    let text: Vec<u8> = begin.into_iter().filter(|byte| !byte.is_ascii_whitespace()).collect();
+    read.is_ok() && text.starts_with(b"{\"schema\":")
+}
+
+/// Where a path leads.
+#[derive(Debug)]
+struct Place {
+    /// Whole and without links, as far as it exists.
+    path: PathBuf,
+    /// Of what is there.
+    metadata: Option<Metadata>,
+}
+
+impl Place {
+    fn of(path: &Path) -> Self {
+        Self {
+            path: resolved(path),
+            metadata: std::fs::metadata(path).ok(),
+        }
+    }
+
+    /// By name, or as the file system counts: a file may have several names.
+    fn is(&self, other: &Self) -> bool {
+        self.path == other.path
+            || match (&self.metadata, &other.metadata) {
+                (Some(ours), Some(theirs)) => is_one(ours, theirs),
+                _ => false,
+            }
+    }
+
+    fn is_within(&self, folder: &Self) -> bool {
+        self.path.starts_with(&folder.path)
+            || folder.metadata.as_ref().is_some_and(|theirs| {
+                let above = self.path.ancestors().skip(1);
+                above
+                    .filter_map(|above| std::fs::metadata(above).ok())
+                    .any(|ours| is_one(&ours, theirs))
+            })
+            || folder.metadata.is_some() && self.is_linked_into(&folder.path)
+    }
+
+    /// Whether it is another name of one of a matrix's files.
+    fn is_linked_into(&self, folder: &Path) -> bool {
+        #[cfg(unix)]
+        if let Some(ours) = &self.metadata
+            && ours.is_file()
+            && std::os::unix::fs::MetadataExt::nlink(ours) > 1
+        {
+            let folders = [folder.to_owned(), folder.join("parts"), folder.join("sky")];
+            return folders
+                .iter()
+                .filter_map(|folder| std::fs::read_dir(folder).ok())
+                .flat_map(|entries| entries.flatten())
+                .filter_map(|entry| entry.metadata().ok())
+                .any(|theirs| is_one(ours, &theirs));
+        }
+        let _ = folder;
+        false
+    }
+}
+
+#[cfg(unix)]
+fn is_one(one: &Metadata, other: &Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (one.dev(), one.ino()) == (other.dev(), other.ino())
+}
+
+/// Files have no numbers here that the standard library gives; links are followed by `resolved`.
+#[cfg(not(unix))]
+fn is_one(_: &Metadata, _: &Metadata) -> bool {
+    false
+}
+
+/// The path without links, as far as it exists; what does not exist yet is appended, `..` resolved by its text.
+fn resolved(path: &Path) -> PathBuf {
+    let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    // The file itself may be a link that leads nowhere yet: writing replaces the link, not what it names.
+    for existing in whole.ancestors() {
+        let Ok(mut resolved) = existing.canonicalize() else {
+            continue;
+        };
+        for component in whole.strip_prefix(existing).into_iter().flat_map(Path::components) {
+            match component {
+                Component::ParentDir => {
+                    resolved.pop();
+                }
+                component => resolved.push(component),
+            }
+        }
+        return resolved;
+    }
+    whole
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_is_resolved_as_far_as_it_exists() {
+        let place = tempfile::tempdir().expect("a folder");
+        let folder = place.path().canonicalize().expect("a folder");
+        std::fs::create_dir(folder.join("a")).expect("a folder");
+        assert_eq!(resolved(&folder.join("a/../a/b/../c")), folder.join("a/c"));
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(folder.join("a"), folder.join("l")).expect("a link");
+            assert_eq!(resolved(&folder.join("l/new/file")), folder.join("a/new/file"));
+            assert!(Place::of(&folder.join("l/x")).is_within(&Place::of(&folder.join("a"))));
+        }
+        std::fs::write(folder.join("one"), "x").expect("a file");
+        std::fs::hard_link(folder.join("one"), folder.join("two")).expect("a link");
+        let [one, two] = ["one", "two"].map(|name| Place::of(&folder.join(name)));
+        assert_eq!(one.is(&two), cfg!(unix));
+        assert!(!one.is(&Place::of(&folder.join("three"))));
+        std::fs::hard_link(folder.join("one"), folder.join("a/part")).expect("a link");
+        assert_eq!(two.is_within(&Place::of(&folder.join("a"))), cfg!(unix));
+    }
+
+    #[test]
+    fn reports_are_known_by_how_they_begin() {
+        let place = tempfile::tempdir().expect("a folder");
+        let is = |text: &str| {
+            let path = place.path().join("file");
+            std::fs::write(&path, text).expect("a file");
+            is_report(&path)
+        };
+        assert!(is("{\n  \"schema\": 1,\n") && is("{\"schema\":1}"));
+        assert!(!is("") && !is("{\"type\": \"CityJSON\"}") && !is("{\n  \"format\": \"hemicube\""));
+    }
+}
