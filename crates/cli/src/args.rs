@@ -308,6 +308,9 @@ pub(crate) struct SceneSettings {
     /// Keep triangles that lie exactly on others
     #[arg(long, value_name = "WHEN", num_args = 0..=1, require_equals = true, default_missing_value = "on", default_value = "off", hide_short_help = true)]
     pub(crate) keep_duplicates: Switch,
+    /// Read a scene of which more would come than a file of its size may become (docs/security.md)
+    #[arg(long, hide_short_help = true)]
+    pub(crate) allow_large: bool,
 }
 
 /// What renders hemicubes, and how it goes about it. The rows are the same.
@@ -707,6 +710,9 @@ pub(crate) struct Export {
     /// The scene that the matrix is of: it has the corners that .vtp, .vtu, .glb and .ply need
     #[arg(long, value_name = "SCENE", help_heading = "Patches")]
     pub(crate) scene: Option<PathBuf>,
+    /// Read a scene of which more would come than a file of its size may become (docs/security.md)
+    #[arg(long, requires = "scene", help_heading = "Patches", hide_short_help = true)]
+    pub(crate) allow_large: bool,
     /// Which solutions to add (repeatable) [default: all that `hemicube solve` left beside the matrix]
     #[arg(long, value_name = "NAME", help_heading = "Patches")]
     pub(crate) solution: Vec<String>,

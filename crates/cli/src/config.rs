@@ -605,6 +605,8 @@ mod tests {
             "shard",
             "progress-file",
             "memory",
+            // For this scene, not for all.
+            "allow-large",
             "help",
             "version",
         ];

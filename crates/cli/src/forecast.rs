@@ -47,6 +47,48 @@ pub(crate) fn threads_within(limit: u64, resident: u64, threads: usize, rows: Ro
         .find(|&threads| memory(resident, threads, rows) <= limit)
 }
 
+/// Bytes that so many patches take at least: corners, tree and tables of a scene that was not cut (`docs/limits.md`).
+pub(crate) fn patches_at_least(count: u64) -> u64 {
+    count.saturating_mul(400)
+}
+
+/// Bytes that so many patches take at most until the first row: with what finds the triangles that they were cut from.
+pub(crate) fn patches_at_most(count: u64) -> u64 {
+    count.saturating_mul(1_400).saturating_add(20_000_000)
+}
+
+/// The memory that a run may take: what was asked for, otherwise what the machine has, in either case no more than the
+/// process may have; `None` where nobody says.
+pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
+    let least = |limits: &[Option<u64>]| limits.iter().flatten().copied().min();
+    least(&[asked.or_else(free_memory), address_space()])
+}
+
+/// What the system would give: memory that is free or can be freed, and swap; no more than the group of processes may have.
+fn free_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let field = |name: &str| {
+        let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+        line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()
+    };
+    let free = 1024 * (field("MemAvailable:")? + field("SwapFree:").unwrap_or(0));
+    // `max` where there is no limit.
+    let group = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok();
+    let group = group.and_then(|text| text.trim().parse::<u64>().ok());
+    Some(group.map_or(free, |group| group.min(free)))
+}
+
+/// The most memory that the process may have addresses for (`ulimit -v`), if there is a limit.
+#[cfg(unix)]
+fn address_space() -> Option<u64> {
+    rustix::process::getrlimit(rustix::process::Resource::As).current
+}
+
+#[cfg(not(unix))]
+fn address_space() -> Option<u64> {
+    None
+}
+
 /// Bytes that rows take on the disk, to some percent.
 pub(crate) fn disk(rows: u64, entries_per_row: f64, form: Form) -> u64 {
     let entry = match form {

@@ -91,8 +91,8 @@ impl Materials {
     ///
     /// # Errors
     /// When a file cannot be read, the scene is another than the matrix's, or the TOML names no material of it.
-    pub(crate) fn read(names: &[String], scene: Option<&Path>, path: Option<&Path>) -> Result<Self> {
-        let optics = scene.map(|scene| of_scene(names, scene)).transpose()?;
+    pub(crate) fn read(names: &[String], scene: Option<&Path>, path: Option<&Path>, allow_large: bool) -> Result<Self> {
+        let optics = scene.map(|scene| of_scene(names, scene, allow_large)).transpose()?;
         let tables: Tables = match path {
             Some(path) => {
                 let text = hemicube_scene::read_regular_text(path)
@@ -272,8 +272,14 @@ fn entry_of<'t>(name: &str, tables: &'t BTreeMap<String, Entry>) -> Result<Optio
     }
 }
 
-fn of_scene(names: &[String], path: &Path) -> Result<Vec<Material>> {
-    let scene = hemicube_scene::load(path, ReadOptions { optics: true })?;
+fn of_scene(names: &[String], path: &Path, allow_large: bool) -> Result<Vec<Material>> {
+    let scene = hemicube_scene::load(
+        path,
+        ReadOptions {
+            optics: true,
+            allow_large,
+        },
+    )?;
     if !scene.materials.iter().map(|material| &material.name).eq(names) {
         bail!(
             "`{}` is not the scene that the matrix is of: its materials are others",

@@ -3,7 +3,8 @@
 
 use crate::args::{AutoSwitch, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk};
 use crate::exit::hinted;
-use crate::report::{Input, counted};
+use crate::forecast;
+use crate::report::{Input, counted, size};
 use anyhow::{Context, Result, anyhow};
 use hemicube::backend::HemicubeBackend;
 pub(crate) use hemicube::settings::axis_name;
@@ -230,11 +231,16 @@ pub(crate) fn registry(backend_dir: Option<&Path>) -> Registry {
     Registry::new(Search::new(&given, &Environment::of_process()), &[BUILT_IN])
 }
 
-/// Reads the scene at `path` and makes it ready.
+/// Reads the scene at `path` and makes it ready, within `memory` bytes or what the machine has.
 ///
 /// # Errors
-/// When it cannot be read, nothing of it can be used, or there are too many patches.
-pub(crate) fn prepare(path: &Path, settings: &SceneSettings, engine: &impl AsRef<EngineSettings>) -> Result<Prepared> {
+/// When it cannot be read, nothing of it can be used, or there are too many patches, before they are made.
+pub(crate) fn prepare(
+    path: &Path,
+    settings: &SceneSettings,
+    engine: &impl AsRef<EngineSettings>,
+    memory: Option<u64>,
+) -> Result<Prepared> {
     let started = Instant::now();
     if path.is_dir() {
         return Err(anyhow!(
@@ -242,7 +248,13 @@ pub(crate) fn prepare(path: &Path, settings: &SceneSettings, engine: &impl AsRef
             path.display()
         ));
     }
-    let mut scene = hemicube_scene::load(path, ReadOptions::default())?;
+    let mut scene = hemicube_scene::load(
+        path,
+        ReadOptions {
+            optics: false,
+            allow_large: settings.allow_large,
+        },
+    )?;
     let input = Input::of(path)?;
     let triangles_read = scene.triangles.len() as u64;
     if let Some(axis) = settings.up {
@@ -277,6 +289,7 @@ pub(crate) fn prepare(path: &Path, settings: &SceneSettings, engine: &impl AsRef
     }
 
     let started = Instant::now();
+    require_room(path, &scene, settings.subdivision(), memory)?;
     let patches = Patches::new(&scene, settings.subdivision()).map_err(|error| error.in_file(path))?;
     let patches = Arc::new(patches);
     let model = Model::new(Arc::clone(&patches), engine.as_ref().hierarchy())
@@ -292,6 +305,75 @@ pub(crate) fn prepare(path: &Path, settings: &SceneSettings, engine: &impl AsRef
         load_seconds,
         build_seconds,
     })
+}
+
+/// Refuses to cut a scene into more patches than there is memory for, and names what would fit.
+fn require_room(path: &Path, scene: &Scene, cut: Subdivision, asked: Option<u64>) -> Result<()> {
+    let Some(limit) = forecast::memory_limit(asked) else {
+        return Ok(());
+    };
+    let count = Patches::count(scene, cut);
+    let least = forecast::patches_at_least(count);
+    // More than any matrix has is refused as that.
+    if least <= limit || count > u64::from(hemicube::store::PATCH_COUNT_MAX) {
+        return Ok(());
+    }
+    let fits = |cut| forecast::patches_at_most(Patches::count(scene, cut)) <= limit;
+    let advice = match cut {
+        Subdivision::None => None,
+        Subdivision::Levels(levels) => (0..levels)
+            .rev()
+            .find(|&levels| fits(Subdivision::Levels(levels)))
+            .map(|levels| format!("`--subdivide {levels}`")),
+        Subdivision::Split(pieces) => {
+            // The first that does not fit.
+            let (mut low, mut high) = (1, pieces);
+            while low < high {
+                let middle = low + (high - low) / 2;
+                if fits(Subdivision::Split(middle)) {
+                    low = middle + 1;
+                } else {
+                    high = middle;
+                }
+            }
+            (low > 1).then(|| format!("`--split {}`", low - 1))
+        }
+        Subdivision::PatchSize(length) => {
+            // By steps of a tenth: as fine as anybody chooses a length.
+            let lengths = std::iter::successors(Some(length), |length| Some(1.1 * length)).take(2000);
+            lengths
+                .map(round_up)
+                .find(|&length| fits(Subdivision::PatchSize(length)))
+                .map(|length| format!("`--patch-size {length}`"))
+        }
+    };
+    let of = if asked.is_some() {
+        "`--memory` allows"
+    } else {
+        "this machine has"
+    };
+    let error = anyhow!(
+        "`{}` would be {}, which take {} of memory or more, and {of} {}",
+        path.display(),
+        counted(count, "patch"),
+        size(least),
+        size(limit)
+    );
+    Err(hinted(
+        error,
+        match advice {
+            Some(setting) => format!("{setting} is the finest that surely fits"),
+            None => "give it more memory, or cut the scene into several".to_owned(),
+        },
+    ))
+}
+
+/// The next length of two digits.
+fn round_up(length: f64) -> f64 {
+    let unit = 10f64.powf(length.log10().floor() - 1.0);
+    let rounded = (length / unit).ceil() * unit;
+    // Without the last digits of the unit.
+    format!("{rounded:.2e}").parse().unwrap_or(length).max(length)
 }
 
 fn are(count: u64) -> String {

@@ -48,6 +48,7 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
         } else {
             Switch::Off
         },
+        allow_large: false,
     })
 }
 
@@ -55,8 +56,17 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
 ///
 /// # Errors
 /// When it cannot be read, or is another scene than the matrix's.
-pub(crate) fn scene(store: &Store, path: &Path, engine: &impl AsRef<EngineSettings>) -> Result<Prepared> {
-    let prepared = prepare(path, &settings(store)?, engine)?;
+pub(crate) fn scene(
+    store: &Store,
+    path: &Path,
+    engine: &impl AsRef<EngineSettings>,
+    allow_large: bool,
+) -> Result<Prepared> {
+    let settings = SceneSettings {
+        allow_large,
+        ..settings(store)?
+    };
+    let prepared = prepare(path, &settings, engine, None)?;
     if scene_hash(&prepared.scene, &prepared.patches) != store.manifest().scene.blake3 {
         return Err(hinted(
             anyhow!(

@@ -49,7 +49,8 @@
 //! `data` whose length ends within a line: it is then taken to go on to the next keyword. `refs` that promises more
 //! corners than follow is an error, and so is a file that ends within vertices, surfaces or corners.
 
-use crate::polygon::{CORNERS_MAX, Triangulation, triangulate};
+use crate::bounds::Bounds;
+use crate::polygon::{Triangulation, triangulate};
 use crate::{Axis, Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::{DAffine3, DMat3, DVec3};
 use std::borrow::Cow;
@@ -323,6 +324,7 @@ struct Reader<'a> {
     /// Surfaces by the material that they name, where it was not there when they were read: it may still come.
     surfaces_awaiting_material: BTreeMap<u64, u64>,
     first_material_line: Option<u64>,
+    bounds: Bounds,
     // Scratch space of one surface.
     refs: Vec<u32>,
     corners: Vec<DVec3>,
@@ -345,6 +347,7 @@ impl<'a> Reader<'a> {
             lines_named: 0,
             surfaces_awaiting_material: BTreeMap::new(),
             first_material_line: None,
+            bounds: Bounds::new(text.len(), options),
             refs: Vec::new(),
             corners: Vec::new(),
             cut: Vec::new(),
@@ -718,13 +721,10 @@ impl<'a> Reader<'a> {
             return Ok(());
         }
         match flags & 0xF {
-            0 if self.refs.len() > CORNERS_MAX => {
-                return Err(Error::new(ErrorKind::TooLarge(format!(
-                    "a surface has {} corners; at most {CORNERS_MAX} are cut into triangles, so split it first",
-                    self.refs.len()
-                ))));
+            0 => {
+                self.bounds.polygon(self.refs.len())?;
+                self.cut_polygon();
             }
-            0 => self.cut_polygon(),
             1 | 2 => self.findings.count("line element"),
             4 => self.cut_strip(),
             _ => self.findings.count("surface of an unknown type, skipped"),

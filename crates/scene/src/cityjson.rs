@@ -17,8 +17,9 @@
 //! By serde and a few types of our own: what `cityjson` and `cjseq` do besides (validating, attributes, writing) is not
 //! needed here.
 
+use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{CORNERS_MAX, Triangulation, push_triangles, triangulate_with_holes};
+use crate::polygon::{Triangulation, push_triangles, triangulate_with_holes};
 use crate::{Axis, Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::{DMat4, DVec3};
 use serde::Deserialize;
@@ -47,9 +48,12 @@ use std::path::Path;
 /// assert!(scene.triangles.iter().all(|triangle| triangle.corners.iter().all(|corner| corner.z == 3.0)));
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
-pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
+pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
-    let mut city = City::default();
+    let mut city = City {
+        bounds: Bounds::new(bytes.len(), options),
+        ..City::default()
+    };
     // A sequence has one JSON text a line, the first of them the frame of the others.
     let texts = serde_json::Deserializer::from_slice(bytes).into_iter::<Document>();
     let mut frame: Option<(Transform, Option<Templates>)> = None;
@@ -254,6 +258,7 @@ struct City {
     corners: Vec<DVec3>,
     holes: Vec<usize>,
     cut: Vec<[u32; 3]>,
+    bounds: Bounds,
 }
 
 impl City {
@@ -410,13 +415,15 @@ impl City {
                 self.corners.push(vertex);
             }
         }
-        if self.corners.len() > CORNERS_MAX {
-            return Err(Some(Error::new(ErrorKind::TooLarge(format!(
-                "city object `{}`: a surface has {} corners; at most {CORNERS_MAX} are cut into triangles",
-                shown(id),
-                self.corners.len()
-            )))));
-        }
+        let named = |error: Error| match error.kind {
+            ErrorKind::TooLarge(reason) => {
+                Error::new(ErrorKind::TooLarge(format!("city object `{}`: {reason}", shown(id))))
+            }
+            kind => Error::new(kind),
+        };
+        self.bounds
+            .polygon_with_holes(self.corners.len(), self.holes.len())
+            .map_err(named)?;
         let face = self.face;
         self.face = face.checked_add(1).ok_or_else(|| {
             Some(Error::new(ErrorKind::TooLarge(format!(
@@ -440,6 +447,7 @@ impl City {
         let object = self.objects.number(&name)?;
         let material = self.materials.number(material)?;
         push_triangles(&self.corners, &self.cut, (object, material, face), &mut self.triangles);
+        self.bounds.triangles(self.triangles.len() as u64, 0)?;
         Ok(())
     }
 

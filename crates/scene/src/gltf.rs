@@ -28,6 +28,7 @@ mod material;
 mod mesh;
 mod node;
 
+use crate::bounds::Bounds;
 use crate::{Axis, Error, ErrorKind, Findings, ReadOptions, Scene, Triangle};
 use accessor::{Elements, Layout};
 use json::Document;
@@ -101,6 +102,11 @@ pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Resu
     }
 
     let (buffers, layouts) = open_buffers(&document, &meshes, &placed, container.bin, base_dir)?;
+    // What is within the file counts twice, which lets a file of copies have a few more.
+    let beside = buffers
+        .values()
+        .fold(0_u64, |sum, bytes| sum.saturating_add(bytes.len() as u64));
+    Bounds::new(bytes.len(), options).triangles(triangle_count, beside)?;
     // Checking sparse indices costs time in their number, which accessors that share their bytes could multiply.
     let sparse_count = layouts
         .values()

@@ -9,6 +9,16 @@
 //! # Ok::<(), hemicube_scene::Error>(())
 //! ```
 
+#[cfg(any(
+    feature = "obj",
+    feature = "gltf",
+    feature = "ac3d",
+    feature = "stl",
+    feature = "ply",
+    feature = "vs3",
+    feature = "cityjson"
+))]
+mod bounds;
 mod error;
 #[cfg(feature = "generate")]
 pub mod generate;
@@ -166,9 +176,12 @@ pub struct Scene {
     pub metres_per_unit: Option<f64>,
 }
 
-/// What to read beyond geometry.
+/// What to read beyond geometry, and how much may come of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions {
     /// Read diffuse reflectance and emission of materials (and the material libraries that hold them).
     pub optics: bool,
+    /// Read scenes of which more would come than files of their size may become: by default one triangle for each byte, and a
+    /// million in any case, and polygons with holes of up to 16,384 corners. A small file may then take all memory.
+    pub allow_large: bool,
 }

@@ -26,8 +26,9 @@
 //!
 //! No statement of OBJ announces how much is to follow, so memory is bounded by a multiple of the file's length.
 
+use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{CORNERS_MAX, Triangulation, area_excess, push_triangles, triangulate};
+use crate::polygon::{Triangulation, area_excess, push_triangles, triangulate};
 use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
@@ -61,7 +62,10 @@ pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Resu
         [0xEF, 0xBB, 0xBF, rest @ ..] => rest,
         _ => bytes,
     };
-    let mut reader = Reader::default();
+    let mut reader = Reader {
+        bounds: Bounds::new(bytes.len(), options),
+        ..Reader::default()
+    };
     let mut lines = Lines { rest: text, number: 0 };
     let mut joined = Vec::new();
     while let Some(line) = lines.next() {
@@ -219,6 +223,7 @@ fn number(word: &[u8]) -> Option<f64> {
 
 #[derive(Default)]
 struct Reader {
+    bounds: Bounds,
     vertices: Vec<DVec3>,
     triangles: Vec<Triangle>,
     objects: Names,
@@ -381,11 +386,7 @@ impl Reader {
             .ok_or_else(|| Error::new(ErrorKind::TooLarge(format!("has more than {face} faces"))))?;
 
         let count = self.corners.len();
-        if count > CORNERS_MAX {
-            return Err(Error::new(ErrorKind::TooLarge(format!(
-                "a face has {count} corners; at most {CORNERS_MAX} are cut into triangles, so split it first"
-            ))));
-        }
+        self.bounds.polygon(count)?;
         let finite = self.corners.iter().all(|corner| corner.is_finite());
         if !finite {
             self.findings.count("face with a corner that is not finite");

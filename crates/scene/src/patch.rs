@@ -47,6 +47,19 @@ pub struct Patches {
 const BACK: u32 = 1 << 31;
 
 impl Patches {
+    /// How many patches [`Self::new`] would make; nothing is cut for it. Saturates at `u64::MAX`.
+    ///
+    /// ```
+    /// use hemicube_scene::{Patches, Subdivision, generate::cornell_box};
+    /// assert_eq!(Patches::count(&cornell_box(), Subdivision::Levels(10)), 40 << 20);
+    /// ```
+    pub fn count(scene: &Scene, subdivision: Subdivision) -> u64 {
+        scene.triangles.iter().fold(0, |sum, triangle| {
+            let sides = if triangle.two_sided { 2 } else { 1 };
+            sum.saturating_add(subdivision.count(&triangle.corners).saturating_mul(sides))
+        })
+    }
+
     /// Cuts the triangles of `scene` into patches. Triangles are taken as they are: run [`crate::repair`] first.
     ///
     /// # Errors
@@ -54,9 +67,7 @@ impl Patches {
     pub fn new(scene: &Scene, subdivision: Subdivision) -> Result<Self, Error> {
         let counts: Vec<u64> = scene.triangles.iter().map(|t| subdivision.count(&t.corners)).collect();
         let surface_count: u64 = counts.iter().fold(0, |a, &c| a.saturating_add(c));
-        let patch_count: u64 = scene.triangles.iter().zip(&counts).fold(0, |a, (t, &c)| {
-            a.saturating_add(c.saturating_mul(if t.two_sided { 2 } else { 1 }))
-        });
+        let patch_count = Self::count(scene, subdivision);
         if patch_count > u64::from(BACK - 16) {
             // Of an edge, no more than 2³² pieces are counted.
             let asked = if patch_count < 1_000_000_000_000_000_000 {

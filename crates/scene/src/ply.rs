@@ -14,8 +14,9 @@
 //!
 //! PLY names neither objects nor units nor an up axis.
 
-use crate::polygon::{CORNERS_MAX, Triangulation, push_triangles, triangulate};
-use crate::{Error, ErrorKind, Material, ReadOptions, Scene};
+use crate::bounds::Bounds;
+use crate::polygon::{Triangulation, push_triangles, triangulate};
+use crate::{Error, Material, ReadOptions, Scene};
 use glam::DVec3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
@@ -104,7 +105,7 @@ fn indices(value: &Property) -> Option<Vec<u32>> {
 /// assert!(scene.triangles.iter().all(|triangle| triangle.face == 0));
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
-pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
+pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let located = |error: ply_rs_bw::parser::ParseError| {
         let line = error.line();
         // The library's own text may run over several lines, and quotes the whole of one.
@@ -148,6 +149,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Re
                 .count_many(&format!("element `{}`, not read", excerpt(other)), values.len() as u64),
         }
     }
+    let mut bounds = Bounds::new(bytes.len(), options);
     let mut corners = Vec::new();
     let mut cut = Vec::new();
     for (face, element) in (0..).zip(&faces) {
@@ -156,12 +158,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Re
                 "face {face} has a corner that is not the number of a vertex"
             )));
         };
-        if indices.len() > CORNERS_MAX {
-            return Err(Error::new(ErrorKind::TooLarge(format!(
-                "face {face} has {} corners; at most {CORNERS_MAX} are cut into triangles, so split it first",
-                indices.len()
-            ))));
-        }
+        bounds.polygon(indices.len())?;
         corners.clear();
         for &index in indices {
             let Some(vertex) = vertices.get(index as usize) else {

@@ -16,9 +16,6 @@ use crate::repair::{Shape, half_difference, power_of_two, relative};
 use earcut::Earcut;
 use glam::{DVec2, DVec3};
 
-/// The most corners of a polygon that a reader should have cut: time grows with their square, here to some seconds.
-pub(crate) const CORNERS_MAX: usize = 1 << 16;
-
 /// What became of a polygon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Triangulation {
@@ -95,7 +92,7 @@ pub(crate) fn triangulate_with_holes(corners: &[DVec3], holes: &[usize], out: &m
         }
         #[allow(
             clippy::cast_possible_truncation,
-            reason = "readers refuse polygons of more than CORNERS_MAX corners"
+            reason = "`bounds` has polygons of more than 2¹⁶ corners refused"
         )]
         hole.iter_mut().for_each(|corner| corner.0 += begin as u32);
         begins.push(kept.len());
@@ -187,7 +184,7 @@ fn clip(kept: &[(u32, DVec3)], holes: &[usize], out: &mut Vec<[u32; 3]>) -> Tria
     let mut ears: Vec<u32> = Vec::new();
     #[allow(
         clippy::cast_possible_truncation,
-        reason = "readers refuse polygons of more than CORNERS_MAX corners"
+        reason = "`bounds` has polygons of more than 2¹⁶ corners refused"
     )]
     let holes: Vec<u32> = holes.iter().map(|&at| at as u32).collect();
     Earcut::new().earcut_slice(&flat, &holes, &mut ears);

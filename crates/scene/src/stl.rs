@@ -18,8 +18,9 @@
 //!
 //! STL names neither units nor an up axis.
 
+use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{CORNERS_MAX, Triangulation, push_triangles, triangulate};
+use crate::polygon::{Triangulation, push_triangles, triangulate};
 use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::path::Path;
@@ -44,14 +45,14 @@ const RECORD: usize = 50;
 /// assert!(stl::read(&text[..90], None, ReadOptions::default()).is_err(), "cut short");
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
-pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
+pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let mut scene = Scene {
         materials: vec![Material::default()],
         ..Scene::default()
     };
     match announced(bytes) {
         Some(count) if bytes.len() == START + RECORD * count => binary(bytes, count, &mut scene),
-        _ if is_text(bytes) => text(bytes, &mut scene)?,
+        _ if is_text(bytes) => text(bytes, &mut scene, Bounds::new(bytes.len(), options))?,
         Some(count) if bytes.len() > START + RECORD * count => {
             let more = (bytes.len() - START - RECORD * count) as u64;
             scene.findings.count_many("byte after the last triangle", more);
@@ -125,7 +126,7 @@ enum Place {
     AfterLoop,
 }
 
-fn text(bytes: &[u8], scene: &mut Scene) -> Result<(), Error> {
+fn text(bytes: &[u8], scene: &mut Scene, mut bounds: Bounds) -> Result<(), Error> {
     let mut objects = Names::default();
     let mut place = Place::Outside;
     let mut object = 0;
@@ -180,14 +181,11 @@ fn text(bytes: &[u8], scene: &mut Scene) -> Result<(), Error> {
                     })?;
                 }
                 corners.push(DVec3::from_array(numbers));
-                if corners.len() > CORNERS_MAX {
-                    let what = format!("a loop has more than {CORNERS_MAX} vertices; split it first");
-                    return Err(Error::new(ErrorKind::TooLarge(what)).at(number));
-                }
                 Place::Loop
             }
             (Place::Loop, b"endloop") => Place::AfterLoop,
             (Place::AfterLoop, b"endfacet") => {
+                bounds.polygon(corners.len()).map_err(|error| error.at(number))?;
                 compare_normal(normal, &corners, &mut scene.findings);
                 cut.clear();
                 match triangulate(&corners, &mut cut) {

@@ -21,6 +21,7 @@
 //!
 //! Numbers of vertices and surfaces must run from 1 in order, as View3D asks.
 
+use crate::bounds::Bounds;
 use crate::names::Names;
 use crate::{Error, Findings, ReadOptions, Scene, Triangle};
 use glam::DVec3;
@@ -41,7 +42,7 @@ use std::path::Path;
 /// assert_eq!(scene.materials[0].name, "emissivity 0.9");
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
-pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Result<Scene, Error> {
+pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let text = String::from_utf8_lossy(bytes);
     let mut reader = Reader {
         words: Words::new(&text),
@@ -50,7 +51,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, _options: ReadOptions) -> Re
         surfaces: Vec::new(),
     };
     reader.elements()?;
-    reader.scene()
+    reader.scene(Bounds::new(bytes.len(), options))
 }
 
 /// The words of a file with their lines, without comments, up to the end-of-information element.
@@ -273,7 +274,7 @@ impl Reader<'_> {
         Ok(flat.iter().map(|&[x, y]| origin + x * right + y * up).collect())
     }
 
-    fn scene(self) -> Result<Scene, Error> {
+    fn scene(self, mut bounds: Bounds) -> Result<Scene, Error> {
         let mut objects = Names::default();
         let mut materials = Names::default();
         let mut scene = Scene {
@@ -281,15 +282,27 @@ impl Reader<'_> {
             ..Scene::default()
         };
         let mut pieces: Vec<Vec<Vec<DVec3>>> = Vec::with_capacity(self.surfaces.len());
+        // Beyond one for each surface.
+        let mut piece_count = 0_u64;
         for surface in &self.surfaces {
             if let Some(base) = surface.base {
                 let base_of = pieces
                     .get_mut(base)
                     .ok_or_else(|| Error::malformed("no such base").at(surface.line))?;
+                let steps = base_of
+                    .iter()
+                    .map(|piece| piece.len() * surface.corners.len())
+                    .sum::<usize>();
+                bounds.steps(steps as u64).map_err(|error| error.at(surface.line))?;
+                let before = base_of.len();
                 *base_of = base_of
                     .iter()
                     .flat_map(|piece| outside(piece, &surface.corners))
                     .collect();
+                piece_count += base_of.len().saturating_sub(before) as u64;
+                bounds
+                    .triangles(piece_count, 0)
+                    .map_err(|error| error.at(surface.line))?;
             }
             pieces.push(match surface.kind {
                 Kind::Null => Vec::new(),
@@ -383,11 +396,8 @@ fn outside(polygon: &[DVec3], hole: &[DVec3]) -> Vec<Vec<DVec3>> {
         rest = clip(&rest, |p| -side(p), touch);
         if rest.len() < 3 {
             // The two do not overlap.
-            break;
+            return vec![polygon.to_vec()];
         }
-    }
-    if rest.len() < 3 && pieces.is_empty() {
-        return vec![polygon.to_vec()];
     }
     pieces
 }

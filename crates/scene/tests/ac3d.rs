@@ -13,7 +13,10 @@ use std::time::{Duration, Instant};
 
 const HEAD: &str = "AC3Db\nMATERIAL \"white\" rgb 0.7 0.6 0.5  amb 1 1 1  emis 1 2 3  spec 0 0 0  shi 10  trans 0\n";
 
-const OPTICS: ReadOptions = ReadOptions { optics: true };
+const OPTICS: ReadOptions = ReadOptions {
+    optics: true,
+    allow_large: false,
+};
 
 /// A triangle object of three unit corners: (0,0,0), (1,0,0), (0,1,0).
 fn poly(properties: &str, kids: u32) -> String {

@@ -18,7 +18,14 @@ use std::path::Path;
 type Read = fn(&[u8], Option<&Path>, ReadOptions) -> Result<Scene, Error>;
 
 fn open(read: Read, bytes: &[u8]) -> Result<Scene, Error> {
-    read(bytes, None, ReadOptions { optics: true })
+    read(
+        bytes,
+        None,
+        ReadOptions {
+            optics: true,
+            ..ReadOptions::default()
+        },
+    )
 }
 
 fn stl_text(scene: &Scene) -> Vec<u8> {

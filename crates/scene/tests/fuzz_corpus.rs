@@ -25,7 +25,14 @@ fn replay(folder: &Path, read: Read) -> (Vec<String>, [usize; 3]) {
         counts[2] += 1;
         for optics in [false, true] {
             let start = Instant::now();
-            let result = read(&bytes, None, ReadOptions { optics });
+            let result = read(
+                &bytes,
+                None,
+                ReadOptions {
+                    optics,
+                    ..ReadOptions::default()
+                },
+            );
             if start.elapsed() > Duration::from_secs(5) {
                 complaints.push(format!("{name} took {:?}", start.elapsed()));
             }

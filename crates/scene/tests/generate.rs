@@ -147,7 +147,10 @@ fn the_cornell_box_file_is_the_cornell_box() {
 #[cfg(feature = "obj")]
 #[test]
 fn the_cornell_box_file_reads_as_the_cornell_box() {
-    let options = hemicube_scene::ReadOptions { optics: true };
+    let options = hemicube_scene::ReadOptions {
+        optics: true,
+        ..Default::default()
+    };
     let read = hemicube_scene::load(&data_file("cornell-box.obj"), options).unwrap();
     let scene = cornell_box();
     assert_eq!(bits(&corners(&read)), bits(&corners(&scene)));

@@ -26,8 +26,14 @@ fn scenes(test: &str) -> Option<PathBuf> {
     None
 }
 
-const GEOMETRY: ReadOptions = ReadOptions { optics: false };
-const OPTICS: ReadOptions = ReadOptions { optics: true };
+const GEOMETRY: ReadOptions = ReadOptions {
+    optics: false,
+    allow_large: false,
+};
+const OPTICS: ReadOptions = ReadOptions {
+    optics: true,
+    allow_large: false,
+};
 
 fn read_file(path: &Path) -> Result<Scene, Error> {
     gltf::read(&std::fs::read(path).expect("a scene file"), path.parent(), OPTICS)

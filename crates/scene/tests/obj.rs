@@ -273,7 +273,10 @@ fn folder(name: &str) -> PathBuf {
     folder
 }
 
-const OPTICS: ReadOptions = ReadOptions { optics: true };
+const OPTICS: ReadOptions = ReadOptions {
+    optics: true,
+    allow_large: false,
+};
 
 #[test]
 fn libraries_are_read_only_when_asked_for() {

@@ -317,7 +317,12 @@ fn compute_into(
 ) -> Result<Exit> {
     let mut timings = Timings::default();
     let stage = status.stage("load");
-    let mut prepared = prepare(scene_path, &arguments.patches, &arguments.render)?;
+    let mut prepared = prepare(
+        scene_path,
+        &arguments.patches,
+        &arguments.render,
+        arguments.process.memory,
+    )?;
     drop(stage);
     let selection = crate::selection::selection(&prepared.scene, &prepared.patches, &arguments.selection)?;
     #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]

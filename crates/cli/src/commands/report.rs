@@ -54,6 +54,9 @@ pub(crate) struct Arguments {
     /// A solution to colour the model by (repeatable) [default: all that there are]
     #[arg(long, value_name = "NAME")]
     pub(crate) solution: Vec<String>,
+    /// Read a scene of which more would come than a file of its size may become (docs/security.md)
+    #[arg(long, hide_short_help = true)]
+    pub(crate) allow_large: bool,
     #[command(flatten)]
     pub(crate) engine: EngineSettings,
     #[command(flatten)]
@@ -143,7 +146,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     report::require(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     store.require_complete()?;
-    let prepared = stored::scene(&store, &arguments.scene, &arguments.engine)?;
+    let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;
     let bar = Bar::spinner(talk, "checking");
     let mut options = CheckOptions::default();
     options.worst_rows = WORST_ROWS;

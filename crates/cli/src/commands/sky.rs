@@ -291,8 +291,13 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let prepared = match &store {
-        Some(store) => stored::scene(store, &arguments.scene, &arguments.engine)?,
-        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine)?,
+        Some(store) => stored::scene(
+            store,
+            &arguments.scene,
+            &arguments.engine,
+            arguments.patches.allow_large,
+        )?,
+        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, None)?,
     };
     prepared.tell(talk);
     let up = arguments.patches.up.map(Into::into).or(prepared.scene.up);

@@ -41,6 +41,9 @@ pub(crate) struct Arguments {
     /// Take reflectance and emission from the scene's file: glTF, MTL or AC3D
     #[arg(long, value_name = "SCENE", help_heading = "Materials")]
     pub(crate) scene: Option<PathBuf>,
+    /// Read a scene of which more would come than a file of its size may become (docs/security.md)
+    #[arg(long, requires = "scene", help_heading = "Materials", hide_short_help = true)]
+    pub(crate) allow_large: bool,
     /// Materials by name (TOML): reflectance, emission, emissivity, temperature; they go before the scene's
     #[arg(long, value_name = "FILE", help_heading = "Materials")]
     pub(crate) materials: Option<PathBuf>,
@@ -290,7 +293,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         write_output(&stored, &store, &table, &record, output)?;
     }
     if let (Some(picture), Some(scene)) = (&arguments.picture, &arguments.scene) {
-        let prepared = stored::scene(&store, scene, &EngineSettings::default())?;
+        let prepared = stored::scene(&store, scene, &EngineSettings::default(), arguments.allow_large)?;
         let quantity = if arguments.thermal { "flux" } else { "radiosity" };
         model::draw(
             &prepared,
@@ -368,6 +371,7 @@ impl<'a> Task<'a> {
             &manifest.materials,
             arguments.scene.as_deref(),
             arguments.materials.as_deref(),
+            arguments.allow_large,
         )?;
         let mut used = vec![false; manifest.materials.len()];
         for &material in &table.material {

@@ -280,7 +280,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     let mut backend = arguments.engine.open_backend(talk)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
-    let prepared = prepare(path, &arguments.patches, &arguments.engine)?;
+    let prepared = prepare(path, &arguments.patches, &arguments.engine, None)?;
     prepared.tell(talk);
     // An interrupt ends what is under way, so that files which were begun are removed.
     exit::keep(true);
@@ -321,7 +321,7 @@ pub(super) fn measure_scene(arguments: &Arguments, cancel: &AtomicBool, talk: Ta
         bail!("a scene is needed")
     };
     let mut backend = arguments.engine.open_backend(talk)?;
-    let prepared = prepare(path, &arguments.patches, &arguments.engine)?;
+    let prepared = prepare(path, &arguments.patches, &arguments.engine, None)?;
     measure(arguments, prepared, backend.as_mut(), cancel, talk)
 }
 

@@ -12,7 +12,7 @@
 use hemicube_scene::{ReadOptions, ac3d};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
-    if let Ok(scene) = ac3d::read(bytes, None, ReadOptions { optics: true }) {
+    if let Ok(scene) = ac3d::read(bytes, None, ReadOptions { optics: true, ..ReadOptions::default() }) {
         for triangle in &scene.triangles {
             assert!((triangle.object as usize) < scene.objects.len());
             assert!((triangle.material as usize) < scene.materials.len());

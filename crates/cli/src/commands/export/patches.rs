@@ -54,7 +54,7 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
     }
     let mut results = read(&store, arguments, talk)?;
     if let Some(path) = &arguments.scene {
-        let prepared = stored::scene(&store, path, &EngineSettings::default())?;
+        let prepared = stored::scene(&store, path, &EngineSettings::default(), arguments.allow_large)?;
         let up = arguments.up.map(Into::into).or(prepared.scene.up).unwrap_or(Axis::Z);
         results.place(&prepared.patches, up)?;
     }

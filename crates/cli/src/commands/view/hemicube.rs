@@ -179,8 +179,13 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         super::canvas::Format::of(output)?;
     }
     let prepared = match &arguments.store {
-        Some(store) => stored::scene(&Store::open(store)?, &arguments.scene, &arguments.engine)?,
-        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine)?,
+        Some(store) => stored::scene(
+            &Store::open(store)?,
+            &arguments.scene,
+            &arguments.engine,
+            arguments.patches.allow_large,
+        )?,
+        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, None)?,
     };
     let patch = InputPatch(arguments.patch.unwrap_or(0));
     if patch.0 as usize >= prepared.patches.len() {

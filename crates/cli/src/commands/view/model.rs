@@ -55,6 +55,9 @@ pub(crate) struct Arguments {
     /// Which solution
     #[arg(long, value_name = "NAME", default_value = "radiosity")]
     pub(crate) solution: String,
+    /// Read a scene of which more would come than a file of its size may become (docs/security.md)
+    #[arg(long, hide_short_help = true)]
+    pub(crate) allow_large: bool,
     #[command(flatten)]
     pub(crate) camera: Camera,
     #[command(flatten)]
@@ -688,7 +691,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             }
         }
     };
-    let prepared = stored::scene(&store, &arguments.scene, &arguments.engine)?;
+    let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;
     draw(&prepared, &values, &arguments.camera, &arguments.output)?;
     let backs = prepared
         .patches

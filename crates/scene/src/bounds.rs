@@ -1,0 +1,153 @@
+//! How much may come of a file: one rule for all readers.
+//!
+//! Copies (nodes of glTF, templates of CityJSON, pieces around the holes of View3D) let kilobytes stand for gigabytes,
+//! and a polygon takes time by the square of its corners. Both are bounded by the size of the files that are read:
+//!
+//! | | at most | because |
+//! |---|---|---|
+//! | triangles | one a byte, and always [`TRIANGLES`] | without copies a triangle takes two bytes and more |
+//! | corners of a polygon | [`CORNERS_MAX`], [`HOLED_CORNERS_MAX`] with holes | cutting takes time by n², and n³ where holes cross |
+//! | steps of cutting | [`STEPS_A_BYTE`] a byte, and always [`STEPS`] | polygons of up to 2,000 corners never reach it |
+//!
+//! [`ReadOptions::allow_large`](crate::ReadOptions::allow_large) lifts all but [`CORNERS_MAX`].
+
+use crate::{Error, ErrorKind, ReadOptions};
+
+/// Triangles that any file may become.
+const TRIANGLES: u64 = 1_000_000;
+/// Corners of a polygon, whatever is allowed: simple ones take seconds.
+const CORNERS_MAX: usize = 1 << 16;
+/// Corners of a polygon with holes: holes that cross make it minutes from here on.
+#[cfg(feature = "cityjson")]
+const HOLED_CORNERS_MAX: usize = 1 << 14;
+/// Steps of cutting that any file may take: half a minute at most.
+const STEPS: u64 = 1 << 30;
+/// Steps of cutting for each byte.
+const STEPS_A_BYTE: u64 = 1 << 10;
+/// How many corners of a simple polygon make a step, squared; with holes it is one.
+const CORNERS_A_STEP: u64 = 8;
+
+/// What is left of a file's bounds.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Bounds {
+    bytes: u64,
+    allow_large: bool,
+    steps: u64,
+}
+
+impl Bounds {
+    /// Those of a file of `bytes`.
+    pub(crate) fn new(bytes: usize, options: ReadOptions) -> Self {
+        Self {
+            bytes: bytes as u64,
+            allow_large: options.allow_large,
+            steps: 0,
+        }
+    }
+
+    /// Refuses more triangles than files of this size may become, of which `others` lie beside the scene.
+    #[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson"))]
+    pub(crate) fn triangles(&self, count: u64, others: u64) -> Result<(), Error> {
+        let bytes = self.bytes.saturating_add(others);
+        let most = TRIANGLES.max(bytes);
+        if self.allow_large || count <= most {
+            return Ok(());
+        }
+        Err(too_large(format!(
+            "becomes {count} triangles or more by copies, and a file of {bytes} bytes may become {most}; place fewer copies, \
+             or allow it (`--allow-large`)"
+        )))
+    }
+
+    /// Refuses a simple polygon that has too many corners, or too many by now.
+    #[cfg(any(
+        feature = "obj",
+        feature = "ac3d",
+        feature = "stl",
+        feature = "ply",
+        feature = "cityjson"
+    ))]
+    pub(crate) fn polygon(&mut self, corners: usize) -> Result<(), Error> {
+        if corners > CORNERS_MAX {
+            return Err(too_large(format!(
+                "a face has {corners} corners; at most {CORNERS_MAX} are cut into triangles, so split it first"
+            )));
+        }
+        self.steps((corners as u64).pow(2) / CORNERS_A_STEP)
+    }
+
+    /// The same of a polygon with holes, the corners of which are counted with it.
+    #[cfg(feature = "cityjson")]
+    pub(crate) fn polygon_with_holes(&mut self, corners: usize, holes: usize) -> Result<(), Error> {
+        if holes == 0 {
+            return self.polygon(corners);
+        }
+        self.polygon(corners)?;
+        if corners > HOLED_CORNERS_MAX && !self.allow_large {
+            return Err(too_large(format!(
+                "a face with holes has {corners} corners; at most {HOLED_CORNERS_MAX} are cut into triangles unless it is \
+                 allowed (`--allow-large`), so split it first"
+            )));
+        }
+        self.steps((corners as u64).pow(2))
+    }
+
+    /// Counts steps of cutting.
+    pub(crate) fn steps(&mut self, steps: u64) -> Result<(), Error> {
+        self.steps = self.steps.saturating_add(steps);
+        if self.allow_large || self.steps <= STEPS.max(STEPS_A_BYTE.saturating_mul(self.bytes)) {
+            return Ok(());
+        }
+        Err(too_large(
+            "polygons of very many corners would take too long to be cut; split them first, or allow it (`--allow-large`)"
+                .to_owned(),
+        ))
+    }
+}
+
+fn too_large(message: String) -> Error {
+    Error::new(ErrorKind::TooLarge(message))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_hold_and_are_lifted() {
+        let large = ReadOptions {
+            allow_large: true,
+            ..ReadOptions::default()
+        };
+        let of = |bytes, options| Bounds::new(bytes, options);
+        let default = ReadOptions::default();
+        #[cfg(feature = "gltf")]
+        {
+            assert!(of(10, default).triangles(TRIANGLES, 0).is_ok());
+            assert!(of(10, default).triangles(TRIANGLES + 1, 0).is_err());
+            assert!(of(10, default).triangles(TRIANGLES + 1, TRIANGLES).is_ok());
+            assert!(of(10, large).triangles(u64::MAX, 0).is_ok());
+        }
+        assert!(of(10, default).polygon(CORNERS_MAX).is_ok());
+        assert!(of(10, large).polygon(CORNERS_MAX + 1).is_err());
+        let mut some = of(10, default);
+        let fit = (0..10).filter(|_| some.polygon(CORNERS_MAX).is_ok()).count();
+        assert_eq!(fit, 2, "of 2³² / 8 steps each");
+        #[cfg(feature = "cityjson")]
+        {
+            assert!(of(10, default).polygon_with_holes(HOLED_CORNERS_MAX, 9).is_ok());
+            assert!(of(10, default).polygon_with_holes(HOLED_CORNERS_MAX + 1, 9).is_err());
+            assert!(of(10, large).polygon_with_holes(HOLED_CORNERS_MAX + 1, 9).is_ok());
+        }
+    }
+
+    #[test]
+    fn polygons_of_two_thousand_corners_never_reach_it() {
+        // With two bytes a corner, as many as a file of 100 MB can have.
+        let bytes = 100_000_000;
+        let mut bounds = Bounds::new(bytes, ReadOptions::default());
+        for _ in 0..bytes / 4_000 {
+            bounds.steps(2_000 * 2_000).expect("no more than 1024 a byte");
+        }
+    }
+}
