@@ -74,7 +74,12 @@ impl std::error::Error for OutputClosed {}
 fn message(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain() {
-        let cause = cause.to_string();
+        // A line of its own is what the program says: of a name from a file, line ends are escaped.
+        let has_lines = cause.is::<hemicube_host::OpenError>() || cause.is::<toml::de::Error>();
+        let cause = match cause.to_string() {
+            text if has_lines => text,
+            text => crate::report::shown(&text).into_owned(),
+        };
         if text.is_empty() {
             text = cause;
         } else if !text.ends_with(&cause) {
@@ -161,6 +166,12 @@ mod tests {
     fn a_chain_is_said_once() {
         let pasted = anyhow::Error::new(Pasted(std::io::Error::other("full"))).context("`x` was not written");
         assert_eq!(message(&pasted), "`x` was not written: disk: full");
+    }
+
+    #[test]
+    fn a_name_makes_no_line() {
+        let error = anyhow!("`x\nerror: made up\u{1b}[2J` is not read").context("opening");
+        assert_eq!(message(&error), "opening: `x\\nerror: made up\\u{1b}[2J` is not read");
     }
 
     #[test]

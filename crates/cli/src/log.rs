@@ -49,7 +49,7 @@ pub(crate) fn say(level: Level, text: &str) {
     }
     let before = if level == Level::WARN { "warning: " } else { "" };
     // Messages are a courtesy: a closed standard error is no reason to stop.
-    let _ = writeln!(std::io::stderr(), "{before}{text}");
+    let _ = writeln!(std::io::stderr(), "{before}{}", crate::report::shown_lines(text));
 }
 
 /// Says that the first interrupt was understood. A terminal has shown `^C` on the line.
@@ -69,8 +69,8 @@ pub(crate) fn error(message: &str, hint: Option<&str>) {
     }
     // Nobody is left to tell if standard error is closed too.
     let mut stderr = std::io::stderr().lock();
-    let _ = writeln!(stderr, "error: {message}");
+    let _ = writeln!(stderr, "error: {}", crate::report::shown_lines(message));
     if let Some(hint) = hint {
-        let _ = writeln!(stderr, "hint: {hint}");
+        let _ = writeln!(stderr, "hint: {}", crate::report::shown(hint));
     }
 }

@@ -5,6 +5,7 @@ use crate::exit::OutputClosed;
 use anyhow::{Context, Result, bail};
 use hemicube::store::DurableFile;
 use serde::Serialize;
+use std::borrow::Cow;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use tracing::Level;
@@ -46,11 +47,60 @@ impl Talk {
     }
 }
 
-/// Writes data to standard output.
+/// Whether a character moves the cursor, rings, or turns text around: names of scenes and stores may have any.
+fn is_unseen(c: char) -> bool {
+    let turns = matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    c.is_control() || turns
+}
+
+/// A text from a file in one line: what is unseen in it is escaped as in Rust, `\u{1b}`.
+pub(crate) fn shown(text: &str) -> Cow<'_, str> {
+    escaped(text, |_| false)
+}
+
+/// Lines as they are printed: line ends and tabs are ours, what else is unseen came from a file and is escaped.
+pub(crate) fn shown_lines(text: &str) -> Cow<'_, str> {
+    escaped(text, |c| matches!(c, '\n' | '\t'))
+}
+
+fn escaped(text: &str, stays: impl Fn(char) -> bool) -> Cow<'_, str> {
+    if !text.chars().any(|c| is_unseen(c) && !stays(c)) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if is_unseen(c) && !stays(c) {
+            shown.extend(c.escape_default());
+        } else {
+            shown.push(c);
+        }
+    }
+    Cow::Owned(shown)
+}
+
+/// Writes text to standard output, with what is unseen escaped.
 ///
 /// # Errors
 /// [`OutputClosed`] when the reader has gone, which is no failure.
 pub(crate) fn print(text: &str) -> Result<()> {
+    print_raw(&shown_lines(text))
+}
+
+/// Writes JSON to standard output. JSON escapes half of what is unseen; the other half is escaped here, as JSON does it.
+fn print_json(text: &str) -> Result<()> {
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        if is_unseen(c) && c != '\n' {
+            // All of them are of two bytes in UTF-16 or less.
+            shown.push_str(&format!("\\u{:04x}", u32::from(c)));
+        } else {
+            shown.push(c);
+        }
+    }
+    print_raw(&shown)
+}
+
+fn print_raw(text: &str) -> Result<()> {
     let mut stdout = io::stdout().lock();
     stdout
         .write_all(text.as_bytes())
@@ -118,7 +168,7 @@ impl JsonReport {
         let mut text = serde_json::to_string_pretty(report).context("the report is no JSON")?;
         text.push('\n');
         match self.file {
-            None => print(&text),
+            None => print_json(&text),
             Some(mut file) => {
                 file.write_all(text.as_bytes())
                     .with_context(|| format!("`{}` cannot be written", file.path.display()))?;
@@ -246,7 +296,8 @@ pub(crate) struct Listing(Vec<(String, String)>);
 impl Listing {
     /// Adds a line.
     pub(crate) fn add(&mut self, label: &str, value: impl Into<String>) {
-        self.0.push((label.to_owned(), value.into()));
+        self.0
+            .push((shown(label).into_owned(), shown(&value.into()).into_owned()));
     }
 
     /// Labels and values, in order.
@@ -270,7 +321,7 @@ pub(crate) fn table<const N: usize>(headings: [&str; N], rows: impl IntoIterator
     table.load_style(comfy_table::presets::NOTHING);
     table.set_header(headings);
     for row in rows {
-        table.add_row(row);
+        table.add_row(row.map(|cell| shown(&cell).into_owned()));
     }
     let mut text: String = table.lines().map(|line| format!("{}\n", line.trim_end())).collect();
     if text.starts_with(' ') {
@@ -421,6 +472,21 @@ mod tests {
             [3.1e-8, 0.0123, 1234.6, 2e9].map(figures),
             ["3.10e-8", "0.0123", "1,235", "2.00e9"]
         );
+    }
+
+    #[test]
+    fn what_is_unseen_is_escaped() {
+        let name = "a\u{1b}]0;t\u{7}\nerror: no\u{9b}2J\u{202e}é\u{1f600}";
+        assert_eq!(
+            shown(name),
+            "a\\u{1b}]0;t\\u{7}\\nerror: no\\u{9b}2J\\u{202e}é\u{1f600}"
+        );
+        assert_eq!(shown_lines("a\tb\nc\r"), "a\tb\nc\\r");
+        assert!(matches!(shown("wall – 3"), Cow::Borrowed(_)));
+        let mut list = Listing::default();
+        list.add("label", name);
+        assert_eq!(list.text().lines().count(), 1);
+        assert_eq!(table(["name"], [[name.to_owned()]]).lines().count(), 2);
     }
 
     #[test]

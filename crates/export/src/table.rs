@@ -2,6 +2,7 @@
 
 use crate::{PatchResults, Values};
 use hemicube::store::{ElementType, NpzWriter};
+use hemicube::zones::table_text;
 use std::io::{self, Seek, Write};
 
 /// Numbers have the fewest digits that read back to the same f64; what is not known is an empty field.
@@ -12,13 +13,14 @@ pub(crate) fn write_csv(results: &PatchResults, out: &mut impl Write) -> io::Res
     if results.corners.is_some() {
         header.extend(corner_labels.into_iter().flatten());
     }
-    writer.write_record(&header)?;
+    writer.write_record(header.iter().map(|label| table_text(label).into_owned()))?;
     for patch in 0..results.patch_count() {
         for column in &results.columns {
             match &column.values {
                 Values::Whole(values) => writer.write_field(values[patch].to_string())?,
                 Values::Named(values, names) => {
-                    writer.write_field(names.get(values[patch] as usize).map_or("", String::as_str))?;
+                    let name = names.get(values[patch] as usize).map_or("", String::as_str);
+                    writer.write_field(table_text(name).as_bytes())?;
                 }
                 Values::Real(values) => {
                     for value in &values[patch * column.width()..][..column.width()] {

@@ -9,6 +9,7 @@
 
 use crate::store::{Error, Manifest, PatchTable, Result, Store, write_whole};
 use serde::Serialize;
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -222,15 +223,49 @@ pub fn write_zones(
     Ok(text.len() as u64)
 }
 
+/// A text from a file as a cell of a table: spreadsheets take one that begins with `=`, `+`, `-`, `@`, a tab or a line end
+/// for a formula, which may run programs, unless an apostrophe stands before it. Numbers stay numbers; control characters
+/// are escaped, `\u{1b}`.
+///
+/// ```
+/// use hemicube::zones::table_text;
+/// assert_eq!(table_text("=cmd|' /C calc'!A0"), "'=cmd|' /C calc'!A0");
+/// assert_eq!((&*table_text("wall"), &*table_text("-1.5"), &*table_text("a-b")), ("wall", "-1.5", "a-b"));
+/// ```
+pub fn table_text(text: &str) -> Cow<'_, str> {
+    let begins = |c: char| {
+        matches!(
+            c,
+            '=' | '+' | '-' | '@' | '\t' | '\r' | '\n' | '＝' | '＋' | '－' | '＠'
+        )
+    };
+    // Blanks before it are dropped by some of them.
+    let is_formula = text.starts_with(begins) || text.trim_start().starts_with(begins);
+    let is_number = text.trim().parse::<f64>().is_ok_and(f64::is_finite);
+    let has_controls = text.contains(char::is_control);
+    if (!is_formula || is_number) && !has_controls {
+        return Cow::Borrowed(text);
+    }
+    let mut cell = String::from(if is_formula && !is_number { "'" } else { "" });
+    for c in text.chars() {
+        if c.is_control() {
+            cell.extend(c.escape_default());
+        } else {
+            cell.push(c);
+        }
+    }
+    Cow::Owned(cell)
+}
+
 fn csv_of(zones: &[Zone]) -> std::result::Result<Vec<u8>, csv::Error> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     let fixed = ["zone", "patches", "area", "escaped", "blocked", "unselected"];
-    let names = zones.iter().map(|zone| zone.name.as_str());
-    writer.write_record(fixed.into_iter().chain(names))?;
+    let names = zones.iter().map(|zone| table_text(&zone.name));
+    writer.write_record(fixed.into_iter().map(Cow::Borrowed).chain(names).map(Cow::into_owned))?;
     for zone in zones {
         let numbers = [zone.area, zone.escaped, zone.blocked, zone.unselected].map(|number| number.to_string());
         let to = (0..).take(zones.len()).map(|to| zone.factor_to(to).to_string());
-        let start = [zone.name.clone(), zone.patches.to_string()];
+        let start = [table_text(&zone.name).into_owned(), zone.patches.to_string()];
         writer.write_record(start.into_iter().chain(numbers).chain(to))?;
     }
     writer.into_inner().map_err(|error| error.into_error().into())

@@ -53,8 +53,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(if found.ok { Exit::Done } else { Exit::NotHeld })
 }
 
-/// What the matrix is, and where the weight of its rows went.
-pub(super) fn facts(found: &CheckReport, store: &Store) -> Listing {
+/// What the matrix is, and where the weight of its rows went. A page goes to others, and does not name the directory.
+pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listing {
     let manifest = store.manifest();
     let parts = if found.complete {
         "all parts are there".to_owned()
@@ -62,9 +62,14 @@ pub(super) fn facts(found: &CheckReport, store: &Store) -> Listing {
         format!("{} of {} parts are there", manifest.parts.len(), manifest.part_count)
     };
     let mut list = Listing::default();
+    let scene = format!("of `{}`", manifest.scene.file);
     list.add(
         "matrix",
-        format!("{} of `{}`", found.store.display(), manifest.scene.file),
+        if is_named {
+            format!("{} {scene}", found.store.display())
+        } else {
+            scene
+        },
     );
     if found.value_error > 0.0 {
         list.add(
@@ -232,7 +237,7 @@ pub(super) fn name(check: Check) -> String {
 }
 
 fn text(found: &CheckReport, store: &Store) -> String {
-    let mut text = facts(found, store).text();
+    let mut text = facts(found, store, true).text();
     text.push('\n');
     let mut checks = Listing::default();
     for Verdict { name, state, what } in verdicts(found) {

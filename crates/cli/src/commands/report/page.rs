@@ -250,13 +250,15 @@ impl Page<'_> {
              <thead><tr><th scope=\"col\">check</th><th scope=\"col\">state</th><th scope=\"col\">what holds, and its bound</th></tr></thead>\n\
              <tbody>\n{rows}</tbody></table></div>\n"
         );
+        // Files by their names in the store: where that lies is nobody else's business.
+        let directory = format!("{}{}", self.checked.store.display(), std::path::MAIN_SEPARATOR);
         for failure in &self.checked.failures {
             let _ = writeln!(
                 text,
                 "<p class=\"failed\"><b>{} failed</b> in {}, the first: {}</p>",
                 name(failure.check),
                 counted(failure.count, "case"),
-                html(&failure.first)
+                html(&failure.first.replace(&directory, ""))
             );
         }
         text.push_str("</section>\n");
@@ -385,7 +387,7 @@ impl Page<'_> {
         lines.push(("hash of the scene".to_owned(), manifest.scene.blake3.clone()));
         format!(
             "<section aria-labelledby=\"settings\">\n<h2 id=\"settings\">The matrix and how it was computed</h2>\n<div class=\"tables\">\n<div>{}</div>\n<div>{}</div>\n</div>\n</section>\n",
-            definitions(facts(self.checked, self.store).lines()),
+            definitions(facts(self.checked, self.store, false).lines()),
             definitions(lines.iter().map(|(label, value)| (label.as_str(), value.as_str())))
         )
     }
