@@ -97,7 +97,17 @@ impl Materials {
             Some(path) => {
                 let text = hemicube_scene::read_regular_text(path)
                     .with_context(|| format!("`{}` cannot be read", path.display()))?;
-                toml::from_str(&text).with_context(|| format!("`{}` is no file of materials", path.display()))?
+                toml::from_str(&text).map_err(|error: toml::de::Error| {
+                    let start = error.span().map_or(0, |span| span.start);
+                    let line = 1 + text
+                        .as_bytes()
+                        .iter()
+                        .take(start)
+                        .filter(|&&byte| byte == b'\n')
+                        .count();
+                    let reason = error.message().trim().replace('\n', ", ");
+                    anyhow!("{}:{line}: it is no file of materials: {reason}", path.display())
+                })?
             }
             None => Tables::default(),
         };

@@ -4,6 +4,7 @@ use crate::args::{LogFormat, Talk};
 use crate::exit::OutputClosed;
 use anyhow::{Context, Result, bail};
 use hemicube::store::DurableFile;
+use hemicube_scene::is_unseen;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::io::{self, Read, Write};
@@ -45,12 +46,6 @@ impl Talk {
             crate::log::say(Level::WARN, text);
         }
     }
-}
-
-/// Whether a character moves the cursor, rings, or turns text around: names of scenes and stores may have any.
-fn is_unseen(c: char) -> bool {
-    let turns = matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
-    c.is_control() || turns
 }
 
 /// A text from a file in one line: what is unseen in it is escaped as in Rust, `\u{1b}`.

@@ -8,6 +8,7 @@
 //! patches are reciprocal and closed, zones are.
 
 use crate::store::{Error, Manifest, PatchTable, Result, Store, write_whole};
+use hemicube_scene::is_unseen;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -242,13 +243,13 @@ pub fn table_text(text: &str) -> Cow<'_, str> {
     // Blanks before it are dropped by some of them.
     let is_formula = text.starts_with(begins) || text.trim_start().starts_with(begins);
     let is_number = text.trim().parse::<f64>().is_ok_and(f64::is_finite);
-    let has_controls = text.contains(char::is_control);
+    let has_controls = text.contains(is_unseen);
     if (!is_formula || is_number) && !has_controls {
         return Cow::Borrowed(text);
     }
     let mut cell = String::from(if is_formula && !is_number { "'" } else { "" });
     for c in text.chars() {
-        if c.is_control() {
+        if is_unseen(c) {
             cell.extend(c.escape_default());
         } else {
             cell.push(c);

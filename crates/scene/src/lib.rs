@@ -176,6 +176,17 @@ pub struct Scene {
     pub metres_per_unit: Option<f64>,
 }
 
+/// Whether a character moves a terminal's cursor, rings, ends a line or turns text around: names may have any, and whoever
+/// shows one escapes them.
+///
+/// ```
+/// assert!(hemicube_scene::is_unseen('\u{1b}') && hemicube_scene::is_unseen('\n') && !hemicube_scene::is_unseen('é'));
+/// ```
+pub fn is_unseen(c: char) -> bool {
+    let turns = matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    c.is_control() || turns
+}
+
 /// What to read beyond geometry, and how much may come of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions {

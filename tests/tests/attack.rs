@@ -1,0 +1,713 @@
+//! What somebody who sends a folder, a scene or a name may not do, and what two runs side by side may not: each promise of
+//! `docs/security.md` that the command line keeps. Stores that lie are in `crates/hemicube/tests`, mutated scenes in
+//! `mutants.rs`.
+//!
+//! The binary is the one beside this test: build it with the same profile and target directory before.
+
+#![cfg(unix)]
+
+use hemicube_tests::runs::{Place, Ran, files, finish};
+use serde_json::json;
+use std::os::unix::fs::symlink;
+use std::path::Path;
+use std::process::{Child, Command};
+use std::time::{Duration, Instant};
+
+/// What a person would call at once, on a machine that others use too.
+const AT_ONCE: Duration = Duration::from_secs(20);
+
+const COMPUTE: &str = "compute room.obj --resolution 32 --correction pixel -q";
+
+/// A room, its matrix and materials.
+fn room() -> Place {
+    let place = Place::new();
+    place.line("generate room --patches 40 -o room.obj -q").is(0);
+    place.line(&format!("{COMPUTE} -o m")).is(0);
+    let materials = "[default]\nreflectance = 0.5\nemission = 1\n";
+    std::fs::write(place.path("mat.toml"), materials).expect("a file");
+    place
+}
+
+fn write(place: &Place, name: &str, text: impl AsRef<[u8]>) {
+    let path = place.path(name);
+    std::fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
+    std::fs::write(path, text).expect("a file");
+}
+
+/// Runs a line that must end at once.
+#[track_caller]
+fn at_once(place: &Place, line: &str) -> Ran {
+    let mut child = place.spawn(place.command(line));
+    let started = Instant::now();
+    while child.try_wait().expect("a child").is_none() {
+        if started.elapsed() > AT_ONCE {
+            child.kill().expect("a child");
+            panic!("`{line}` waits");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    finish(child)
+}
+
+#[test]
+fn code_of_a_folder_is_not_run() {
+    let place = room();
+    write(&place, "x.so", "no library, and never opened");
+    for (text, words) in [
+        ("backend = \"./x.so\"\n", "hemicube.toml:1: `backend = \"./x.so\"`"),
+        ("\nbackend = \"x.so\"\n", "hemicube.toml:2: "),
+        ("backend-dir = \".\"\n", "hemicube.toml:1: `backend-dir = \".\"`"),
+        ("backend-dir = \"/usr/lib\"\n", "`backend-dir"),
+    ] {
+        write(&place, "hemicube.toml", text);
+        for command in [
+            "inspect room.obj",
+            "compute room.obj -o n",
+            "tradeoff room.obj",
+            "compute --print-config",
+        ] {
+            let ran = place.line(command).is(2).says(&[words, "hint: ", "--no-config"]);
+            assert!(!ran.err.contains("x.so`: "), "it was looked at: {}", ran.err);
+        }
+        place.line(&format!("{COMPUTE} --no-config -o n --overwrite")).is(0);
+    }
+    // Who says so on the command line is taken at their word: then the file is looked at.
+    write(&place, "hemicube.toml", "backend = \"./x.so\"\n");
+    for command in [
+        "inspect room.obj --config hemicube.toml",
+        "inspect room.obj --no-config --backend ./x.so",
+    ] {
+        place.line(command).is(2).says(&["backend `./x.so`: not loaded"]);
+    }
+    // Names of what is installed may stand there.
+    write(&place, "hemicube.toml", "backend = \"cpu\"\n");
+    place.line(&format!("{COMPUTE} -o n --overwrite")).is(0);
+    // In the user's own file a path that hangs on where the program is run is no better.
+    std::fs::remove_file(place.path("hemicube.toml")).expect("a file");
+    write(&place, "home/.config/hemicube/hemicube.toml", "backend = \"./x.so\"\n");
+    place.line("inspect room.obj").is(2).says(&["give its whole path"]);
+    let whole = place.path("x.so");
+    write(
+        &place,
+        "home/.config/hemicube/hemicube.toml",
+        format!("backend = \"{}\"\n", whole.display()),
+    );
+    place.line("inspect room.obj").is(2).says(&["x.so`: not loaded"]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_plugin_that_is_cut_short_is_refused_before_it_is_opened() {
+    let place = room();
+    let program = std::fs::read(hemicube_tests::scenes::program()).expect("the program");
+    // What was cut is mapped by the loader, which then dies of it.
+    for length in [100, 100_000, program.len() / 2, program.len() - 1] {
+        write(&place, "b/libhemicube_backend_vulkan.so", &program[..length]);
+        let listed = place.line("backends list --backend-dir b").is(0);
+        assert!(listed.out.contains("cut short"), "{}", listed.out);
+        place
+            .line(&format!("{COMPUTE} --backend-dir b --backend vulkan -o n"))
+            .is(2)
+            .says(&["cut short"]);
+        place
+            .line(&format!("{COMPUTE} --backend-dir b --backend auto -o a --overwrite"))
+            .is(0);
+    }
+    let mut other = program[..].to_vec();
+    other[18..20].copy_from_slice(&[243, 0]);
+    write(&place, "b/libhemicube_backend_vulkan.so", other);
+    if !cfg!(target_arch = "riscv64") {
+        place
+            .line(&format!("{COMPUTE} --backend-dir b --backend vulkan -o n"))
+            .is(2)
+            .says(&["built for riscv64"]);
+    }
+}
+
+#[test]
+fn links_at_foreseeable_names_are_left_alone() {
+    let place = room();
+    let precious = place.path("precious");
+    std::fs::create_dir(place.path("b")).expect("a folder");
+    let lines = [
+        ("m/.lock.hemicube-tmp", format!("{COMPUTE} -o m"), 2),
+        ("m/.probe.hemicube-tmp", format!("{COMPUTE} -o m"), 0),
+        ("m/.manifest.json.hemicube-tmp", format!("{COMPUTE} -o m"), 0),
+        ("b/.symmetric.hemicube-tmp", "balance m -o b --reciprocity".into(), 0),
+        ("b/.shards-2.hemicube-tmp", format!("{COMPUTE} -o b --overwrite"), 0),
+        (".r.html.hemicube-tmp", "report m room.obj -o r.html".into(), 0),
+        (".p.png.hemicube-tmp", "view sparsity m -o p.png".into(), 0),
+        (".j.json.hemicube-tmp", "check m --json=j.json".into(), 0),
+        (".g.obj.hemicube-tmp", "generate maze --patches 100 -o g.obj".into(), 0),
+        (".q.csv.hemicube-tmp", "solve m --materials mat.toml -o q.csv".into(), 0),
+        (".c.svg.hemicube-tmp", "compare m m --plot c.svg".into(), 0),
+        (".e.npz.hemicube-tmp", "export m e.npz".into(), 0),
+        (
+            "progress.json.hemicube-tmp",
+            format!("{COMPUTE} -o o --progress-file progress.json"),
+            0,
+        ),
+    ];
+    for (name, line, code) in &lines {
+        for hard in [false, true] {
+            std::fs::write(&precious, "precious").expect("a file");
+            let link = place.path(name);
+            let _ = std::fs::remove_file(&link);
+            if hard {
+                std::fs::hard_link(&precious, &link).expect("a link");
+            } else {
+                symlink(&precious, &link).expect("a link");
+            }
+            let line = if hard && !line.starts_with("compute") && !line.contains("check") {
+                format!("{line} --overwrite").replace("solve m", "solve m --name again")
+            } else {
+                line.clone()
+            };
+            place.line(&line).is(*code);
+            assert_eq!(std::fs::read(&precious).expect("a file"), b"precious", "{name}: {line}");
+            let _ = std::fs::remove_file(&link);
+        }
+    }
+    // Nothing is left of temporary files, and what a killed run left goes with the next.
+    let left = |place: &Place| {
+        files(&place.path(""))
+            .into_keys()
+            .filter(|name| name.contains("hemicube-tmp"))
+            .count()
+    };
+    assert_eq!(left(&place), 0);
+    write(&place, ".e.npz.aaaaaaaaaa.hemicube-tmp", "left by a killed run");
+    write(&place, ".e.npz.mine.hemicube-tmp", "not of our kind");
+    place.line("export m e.npz --overwrite").is(0);
+    assert_eq!(left(&place), 1);
+}
+
+#[test]
+fn outputs_are_no_inputs_lie_in_no_matrix_and_replace_nothing_unasked() {
+    let place = room();
+    std::fs::hard_link(place.path("room.obj"), place.path("same.json")).expect("a link");
+    std::fs::hard_link(place.path("m/patches.npz"), place.path("part.csv")).expect("a link");
+    symlink(place.path("m"), place.path("linked")).expect("a link");
+    write(&place, "mine.png", "mine");
+    write(&place, "mine.json", "mine");
+    write(&place, "mine.svg", "mine");
+    write(&place, "mine.csv", "mine");
+    write(&place, "mine.html", "mine");
+    write(&place, "f/parts/part-00000.npz", "mine");
+    let compute = "compute room.obj -o n --no-config --resolution 32";
+    let before = files(&place.path(""));
+    for (line, words) in [
+        ("inspect room.obj --json=room.obj", "is to be read"),
+        ("inspect room.obj --json=./m/../room.obj", "is to be read"),
+        ("inspect room.obj --json=same.json", "is to be read"),
+        (&format!("{compute} --progress-file room.obj"), "is to be read"),
+        (
+            &format!("{compute} --progress-file mine.json"),
+            "is no report of hemicube's",
+        ),
+        (
+            &format!("{compute} --json=n/manifest.json"),
+            "lies in the directory of the matrix `n`",
+        ),
+        (
+            &format!("{compute} --json=x.json --progress-file x.json"),
+            "and so would",
+        ),
+        (
+            "compute room.obj -o f --no-config --resolution 32",
+            "is no part of a matrix",
+        ),
+        (
+            "solve m --materials mat.toml -o m/patches.npz",
+            "lies in the directory of the matrix",
+        ),
+        (
+            "solve m --materials mat.toml -o m/patches.npz --overwrite",
+            "lies in the directory of the matrix",
+        ),
+        (
+            "solve m --materials mat.toml -o part.csv --overwrite",
+            "lies in the directory of the matrix",
+        ),
+        ("solve m --materials mat.toml -o mine.csv", "exists"),
+        ("check m --json=m/manifest.json", "lies in the directory of the matrix"),
+        ("check m --json=linked/new.json", "lies in the directory of the matrix"),
+        ("check m --json=mine.json", "is no report of hemicube's"),
+        (
+            "export m m/manifest.json --format npz --overwrite",
+            "lies in the directory of the matrix",
+        ),
+        ("export m mine.csv", "exists"),
+        (
+            "export m room.obj --format csv --scene room.obj --overwrite",
+            "is to be read",
+        ),
+        ("report m room.obj -o mine.html", "exists"),
+        (
+            "report m room.obj -o m/page.html",
+            "lies in the directory of the matrix",
+        ),
+        ("view sparsity m -o mine.png", "exists"),
+        ("view model m room.obj --show seen -o mine.png", "exists"),
+        ("view hemicube room.obj --patch 1 -o mine.png", "exists"),
+        ("compare m m --plot mine.svg", "exists"),
+        (
+            "compare m m --plot m/x.svg --overwrite",
+            "lies in the directory of the matrix",
+        ),
+        ("tradeoff room.obj --plot mine.svg", "exists"),
+        ("balance m -o m/b --closure", "lies in the directory of the matrix"),
+        (
+            "balance m -o m --closure --overwrite",
+            "lies in the directory of the matrix",
+        ),
+        ("merge m --json=m/x.json", "lies in the directory of the matrix"),
+        ("generate maze -o room.obj", "exists"),
+        ("check m --json=/dev/null", "is a pipe, a device or a socket"),
+    ] {
+        let ran = place.line(line).is(2).says(&[words]);
+        assert_eq!(ran.err.matches("error: ").count(), 1, "{line}: {}", ran.err);
+        assert!(before == files(&place.path("")), "`{line}` changed something");
+    }
+    // With leave they are written; reports replace reports.
+    for line in [
+        "report m room.obj -o mine.html --overwrite",
+        "view sparsity m -o mine.png --overwrite",
+        "compare m m --plot mine.svg --overwrite",
+        "solve m --materials mat.toml -o mine.csv --overwrite",
+        "check m --json=r.json",
+        "check m --json=r.json",
+        "sky room.obj --up z -o s --resolution 32",
+        "sky room.obj --up z -o s --resolution 32 --overwrite",
+    ] {
+        place.line(line).is(0);
+    }
+    place
+        .line("sky room.obj --up z -o s --resolution 32")
+        .is(2)
+        .says(&["s/sky.npz` exists"]);
+    place.line("check m").is(0);
+}
+
+#[test]
+fn what_is_no_regular_file_is_refused_at_once() {
+    let place = room();
+    let fifo = |name: &str| {
+        let path = place.path(name);
+        let _ = std::fs::remove_file(&path);
+        let made = Command::new("mkfifo").arg(&path).status().expect("mkfifo");
+        assert!(made.success());
+    };
+    for name in [
+        "s.obj", "s.gltf", "s.ac", "s.stl", "s.ply", "s.vs3", "s.json", "m.mtx", "m.npz", "m.npy", "c.toml",
+    ] {
+        fifo(name);
+    }
+    symlink("/dev/zero", place.path("zero.obj")).expect("a link");
+    symlink("/dev/zero", place.path("zero.toml")).expect("a link");
+    let copied = |name: &str, file: &str| {
+        place.line(&format!("{COMPUTE} -o {name}")).is(0);
+        place.line(&format!("solve {name} --materials mat.toml -q")).is(0);
+        fifo(&format!("{name}/{file}"));
+    };
+    copied("a", "manifest.json");
+    copied("b", "parts/part-00000.npz");
+    copied("d", "patches.npz");
+    copied("e", "solutions/radiosity/solution.json");
+    copied("g", "solutions/radiosity/radiosity.npy");
+    let mut lines: Vec<String> = ["obj", "gltf", "ac", "stl", "ply", "vs3", "json"]
+        .map(|extension| format!("inspect s.{extension}"))
+        .to_vec();
+    for store in ["a", "b", "d"] {
+        lines.extend([
+            format!("check {store}"),
+            format!("export {store} x.npz --overwrite"),
+            format!("compare {store} m"),
+            format!("solve {store} --materials mat.toml"),
+            format!("report {store} room.obj -o x.html --overwrite"),
+            format!("view sparsity {store} -o x.png --overwrite"),
+            format!("balance {store} -o x --closure"),
+            format!("merge x2-{store} {store}"),
+        ]);
+    }
+    lines.extend(
+        [
+            "inspect zero.obj",
+            "compute s.obj -o x3",
+            "compare m.mtx m",
+            "compare m.npz m",
+            "compare m m.npy",
+            "compute room.obj -o x4 --config c.toml",
+            "compute room.obj -o x4 --config zero.toml",
+            "solve m --materials c.toml",
+            "solve m --materials zero.toml",
+            "solve m --scene s.obj",
+            "solve m --materials mat.toml --emission m.npy",
+            "sky room.obj --up z -o x5 --points c.toml",
+            "sky room.obj --up z -o x5 --suns zero.toml",
+            "view model e room.obj -o x.png --overwrite",
+            "view model g room.obj -o x.png --overwrite",
+        ]
+        .map(str::to_owned),
+    );
+    for line in &lines {
+        let ran = at_once(&place, line);
+        assert!(matches!(ran.code, Some(1 | 2)), "`{line}`: {:?} {}", ran.code, ran.err);
+    }
+    // The folder's own settings, too.
+    fifo("hemicube.toml");
+    at_once(&place, "inspect room.obj")
+        .is(2)
+        .says(&["hemicube.toml", "pipe"]);
+}
+
+/// A scene with nodes that place a mesh of `count` corners; of three those in `uri`, of more the first again and again.
+fn gltf(uri: &str, nodes: usize, count: usize) -> String {
+    let nodes: Vec<_> = (0..nodes).map(|_| json!({ "mesh": 0 })).collect();
+    let primitive = match count {
+        3 => json!({ "attributes": { "POSITION": 0 } }),
+        _ => json!({ "attributes": { "POSITION": 0 }, "indices": 1 }),
+    };
+    json!({
+        "asset": { "version": "2.0" }, "nodes": nodes,
+        "meshes": [{ "primitives": [primitive] }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3" },
+            { "componentType": 5121, "count": count, "type": "SCALAR" },
+        ],
+        "bufferViews": [{ "buffer": 0, "byteLength": 36 }],
+        "buffers": [{ "byteLength": 36, "uri": uri }],
+    })
+    .to_string()
+}
+
+#[test]
+fn a_scene_names_files_of_its_own_folder_only() {
+    let place = Place::new();
+    let corners: Vec<u8> = [0f32, 0., 0., 1., 0., 0., 0., 1., 0.]
+        .iter()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    write(&place, "secret", [&corners[..], b"secret"].concat());
+    write(&place, "scene/sub/own.bin", &corners);
+    symlink(place.path("secret"), place.path("scene/out.bin")).expect("a link");
+    symlink("sub/own.bin", place.path("scene/in.bin")).expect("a link");
+    let whole = place.path("secret").display().to_string();
+    let percent = whole.replace('/', "%2F");
+    for (uri, words) in [
+        (percent.as_str(), "absolute address"),
+        (whole.as_str(), "absolute address"),
+        (&format!("file://{whole}"), "absolute address"),
+        (&format!("%66ile:%2F%2F{whole}"), "absolute address"),
+        ("../secret", "leads out of the scene's folder"),
+        ("%2E%2E%2Fsecret", "leads out of the scene's folder"),
+        ("sub/..%2f../secret", "leads out of the scene's folder"),
+        ("out.bin", "leads out of the scene's folder"),
+    ] {
+        write(&place, "scene/s.gltf", gltf(uri, 1, 3));
+        place.line("inspect scene/s.gltf").is(2).says(&[words, "put"]);
+    }
+    for uri in ["sub/own.bin", "sub%2Fown.bin", "./sub/../sub/own.bin", "in.bin"] {
+        write(&place, "scene/s.gltf", gltf(uri, 1, 3));
+        place
+            .line("compute scene/s.gltf -o m --overwrite --resolution 32 --two-sided on -q")
+            .is(0);
+    }
+    // A library of materials is not worth an error: it is left out, and said.
+    write(&place, "library.mtl", "newmtl a\nKd 0.25 0.25 0.25\n");
+    for (name, is_read) in [("../library.mtl", false), ("own.mtl", true)] {
+        write(&place, "scene/own.mtl", "newmtl a\nKd 0.25 0.25 0.25\n");
+        let text = format!("mtllib {name}\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 2 1 4\n");
+        write(&place, "scene/s.obj", text);
+        place
+            .line("compute scene/s.obj -o m --overwrite --resolution 32 --two-sided on -q")
+            .is(0);
+        let ran = place.line("solve m --scene scene/s.obj");
+        assert_eq!(
+            !ran.err.contains("no reflectance is known"),
+            is_read,
+            "{name}: {}",
+            ran.err
+        );
+    }
+}
+
+#[test]
+fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
+    let place = Place::new();
+    let corners: Vec<u8> = [0f32, 0., 0., 1., 0., 0., 0., 1., 0.]
+        .iter()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    write(&place, "own.bin", &corners);
+    write(&place, "copies.gltf", gltf("own.bin", 200, 300_000));
+    place
+        .line("inspect copies.gltf")
+        .is(2)
+        .says(&["20000000 triangles", "may become 1000000", "--allow-large"]);
+    let instance =
+        json!({ "type": "X", "geometry": [{ "type": "GeometryInstance", "template": 0, "boundaries": [0] }] });
+    let objects: serde_json::Map<_, _> = (0..1500).map(|n| (format!("o{n}"), instance.clone())).collect();
+    let ring = json!([[0, 1, 2]]);
+    let city = json!({
+        "type": "CityJSON", "version": "2.0", "CityObjects": objects, "vertices": [[0, 0, 0]],
+        "geometry-templates": {
+            "templates": [{ "type": "MultiSurface", "lod": "2", "boundaries": vec![ring; 1000] }],
+            "vertices-templates": [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+        },
+    });
+    write(&place, "copies.json", city.to_string());
+    place
+        .line("inspect copies.json")
+        .is(2)
+        .says(&["may become 1000000", "--allow-large"]);
+    // Holes that cross: earcut takes time by the cube of them.
+    let mut rings = vec![json!([0, 1, 2, 3])];
+    let mut vertices = vec![
+        json!([0, 0, 0]),
+        json!([9999, 0, 0]),
+        json!([9999, 9999, 0]),
+        json!([0, 9999, 0]),
+    ];
+    for k in 0..20_000_usize {
+        let (x, y) = (k * 7919 % 9900 + 1, k * 104_729 % 9900 + 1);
+        rings.push(json!([vertices.len(), vertices.len() + 1, vertices.len() + 2]));
+        vertices.extend([json!([x, y, 0]), json!([x + 60, y, 0]), json!([x, y + 60, 0])]);
+    }
+    let city = json!({
+        "type": "CityJSON", "version": "2.0", "vertices": vertices,
+        "CityObjects": { "o": { "type": "X", "geometry": [{ "type": "MultiSurface", "lod": "2", "boundaries": [rings] }] } },
+    });
+    write(&place, "holes.json", city.to_string());
+    at_once(&place, "inspect holes.json")
+        .is(2)
+        .says(&["with holes has 60004 corners", "--allow-large"]);
+
+    place.line("generate room --patches 40 -o room.obj -q").is(0);
+    let (over, finest) = (
+        "of memory or more, and `--memory` allows",
+        "is the finest that surely fits",
+    );
+    for (cut, within) in [
+        ("--subdivide 8", "--subdivide"),
+        ("--split 300", "--split"),
+        ("--patch-size 1", "--patch-size"),
+    ] {
+        let ran = at_once(&place, &format!("{COMPUTE} {cut} --memory 300M -o n"));
+        let ran = ran.is(2).says(&[over, finest]);
+        // What is named does fit.
+        let hint = ran
+            .err
+            .lines()
+            .find_map(|line| line.strip_prefix("hint: `"))
+            .expect("a hint");
+        let named = hint.split('`').next().expect("a setting");
+        assert!(named.starts_with(within), "{hint}");
+        assert!(!place.path("n").exists(), "nothing is left of it");
+    }
+    let ran = place.line(&format!("{COMPUTE} --subdivide 8 --memory 100M -o n")).is(2);
+    let hint = ran
+        .err
+        .lines()
+        .find_map(|line| line.strip_prefix("hint: `"))
+        .expect("a hint");
+    let named = hint.split('`').next().expect("a setting");
+    place
+        .line(&format!(
+            "{COMPUTE} {named} --rows 0..16 --threads 1 --memory 100M -o n"
+        ))
+        .is(0);
+}
+
+#[test]
+fn names_move_no_cursor_make_no_line_and_run_nothing() {
+    let place = Place::new();
+    let bad = "a\u{1b}]0;t\u{7}\u{9b}2J\u{202e}\nerror: made up";
+    let unseen = |text: &str| text.chars().any(|c| c != '\n' && (c.is_control() || c == '\u{202e}'));
+    let node = |name: &str, z: f64| json!({ "name": name, "mesh": 0, "translation": [0.0, 0.0, z] });
+    let corners: Vec<u8> = [0f32, 0., 0., 1., 0., 0., 0., 1., 0.]
+        .iter()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    write(&place, "own.bin", corners);
+    let names = [
+        bad,
+        "=cmd|' /C calc'!A0",
+        "@SUM(1)",
+        "+1+1",
+        "-1+1",
+        "-1.5",
+        "plain",
+        "\t=1",
+        " =1",
+    ];
+    let mut scene: serde_json::Value = serde_json::from_str(&gltf("own.bin", 0, 3)).expect("JSON");
+    scene["nodes"] = (0..).zip(names).map(|(z, name)| node(name, f64::from(z))).collect();
+    scene["materials"] = json!([{ "name": bad }]);
+    scene["meshes"][0]["primitives"][0]["material"] = json!(0);
+    write(&place, "names.gltf", scene.to_string());
+    place
+        .line("compute names.gltf -o m --two-sided on --resolution 32 -q")
+        .is(0);
+    for line in [
+        "inspect names.gltf",
+        "inspect names.gltf --json",
+        "solve m",
+        "solve m --materials none.toml",
+        "check m",
+        "export m p.csv",
+        "export m z.csv --by object",
+        "compute names.gltf -o other --emitters nothing",
+        "sky names.gltf --store m",
+        "solve m --materials default.toml -o s.csv",
+    ] {
+        write(
+            &place,
+            "none.toml",
+            "[\"x\\nerror: made up\\u001b\"]\nreflectance = 0.5\n",
+        );
+        write(&place, "default.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
+        let ran = place.line(line);
+        for text in [&ran.out, &ran.err] {
+            assert!(!unseen(text), "`{line}`: {text:?}");
+            assert!(
+                !text.lines().any(|line| line.starts_with("error: made up")),
+                "`{line}`: {text}"
+            );
+        }
+    }
+    for file in ["p.csv", "z.csv", "s.csv"] {
+        let text = std::fs::read_to_string(place.path(file)).expect("a table");
+        assert!(!unseen(&text), "{file}: {text:?}");
+        for cell in text.lines().flat_map(|line| line.split(',')) {
+            let cell = cell.trim_matches('"').trim_start();
+            let is_formula = cell.starts_with(['=', '+', '-', '@']) && cell.parse::<f64>().is_err();
+            assert!(!is_formula, "{file}: {cell}");
+        }
+        assert!(
+            text.contains("'=cmd|") && text.contains("-1.5") && !text.contains("'-1.5"),
+            "{file}"
+        );
+    }
+    // An error names what the file requires, in one line.
+    write(
+        &place,
+        "e.gltf",
+        json!({ "asset": { "version": "2.0" }, "extensionsRequired": [bad] }).to_string(),
+    );
+    let ran = place.line("inspect e.gltf").is(2);
+    assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
+    assert!(
+        ran.err.contains("\\u{1b}]0;t\\u{7}\\u{9b}2J\\u{202e}\\nerror: made up"),
+        "{}",
+        ran.err
+    );
+}
+
+#[test]
+fn pages_name_no_folder_and_equal_matrices_give_equal_pages() {
+    let place = room();
+    place.line("solve m --materials mat.toml -q").is(0);
+    place
+        .line(&format!("{COMPUTE} -o deep/secret/n").replace("room.obj", "./room.obj"))
+        .is(0);
+    place.line("solve deep/secret/n --materials mat.toml -q").is(0);
+    let whole = |name: &str| place.path(name).display().to_string();
+    place
+        .line(&format!("report {} {} -o a.html", whole("m"), whole("room.obj")))
+        .is(0);
+    place.line("report deep/secret/n room.obj -o b.html").is(0);
+    let page = |name: &str| std::fs::read_to_string(place.path(name)).expect("a page");
+    assert!(page("a.html") == page("b.html"), "equal matrices, other pages");
+    assert!(!page("a.html").contains(&whole("")) && !page("b.html").contains("secret"));
+}
+
+/// Starts a line twice, the second a little later, and waits for both.
+fn race(place: &Place, line: &str, later: Duration) -> [Ran; 2] {
+    let first: Child = place.spawn(place.command(line));
+    std::thread::sleep(later);
+    let second = place.spawn(place.command(line));
+    [finish(first), finish(second)]
+}
+
+/// Has each writing command run against itself, `pairs` times.
+fn race_all(pairs: u64) {
+    let place = room();
+    for (name, line) in [
+        ("g", "generate room --patches 2000 -o g/g.obj --overwrite".to_owned()),
+        ("n", format!("{COMPUTE} --subdivide 2 -o n/n")),
+        (
+            "c",
+            format!("{COMPUTE} -o c/n --json=c/r.json --no-timings --overwrite"),
+        ),
+        ("e", "export m e/e.txt --overwrite".to_owned()),
+        ("p", "export m p/p.csv --overwrite".to_owned()),
+        ("z", "export m z/z.csv --by object --overwrite".to_owned()),
+        ("m/solutions", "solve m --materials mat.toml -q".to_owned()),
+        (
+            "s",
+            "solve m --materials mat.toml --name other -o s/s.csv --overwrite".to_owned(),
+        ),
+        ("m/sky", "sky room.obj --store m --up z".to_owned()),
+        ("k", "sky room.obj --up z --resolution 32 -o k --overwrite".to_owned()),
+        ("r", "report m room.obj -o r/r.html --overwrite".to_owned()),
+        ("v", "view sparsity m -o v/v.png --overwrite".to_owned()),
+        ("b", "balance m -o b/b --closure --overwrite".to_owned()),
+        ("d", "compare m m --plot d/d.svg --json=d/d.json --overwrite".to_owned()),
+        ("w", "merge m --json=w/w.json".to_owned()),
+    ] {
+        if !name.starts_with("m/") {
+            std::fs::create_dir_all(place.path(name)).expect("a folder");
+        }
+        let began = Instant::now();
+        place.line(&line).is(0);
+        let alone = began.elapsed();
+        let whole = files(&place.path(name));
+        assert!(!whole.is_empty(), "{line}");
+        for pair in 0..pairs {
+            let later = alone.mul_f64(((pair * 7919 + 3) % 100) as f64 / 100.0);
+            let fresh = name == "n" && pair % 2 == 0;
+            if fresh {
+                std::fs::remove_dir_all(place.path("n/n")).expect("a store");
+            }
+            let ran = race(&place, &line, later);
+            let codes = [ran[0].code, ran[1].code];
+            assert!(
+                codes.contains(&Some(0)),
+                "`{line}`: {codes:?} {} {}",
+                ran[0].err,
+                ran[1].err
+            );
+            for ran in &ran {
+                let is_refused = ran.code == Some(2) && ran.err.contains("writ");
+                assert!(
+                    ran.code == Some(0) || is_refused,
+                    "`{line}`: {:?} {}",
+                    ran.code,
+                    ran.err
+                );
+            }
+            let now = files(&place.path(name));
+            assert_eq!(
+                now.keys().collect::<Vec<_>>(),
+                whole.keys().collect::<Vec<_>>(),
+                "`{line}` {later:?}"
+            );
+            for (file, bytes) in &whole {
+                assert!(now.get(file) == Some(bytes), "`{line}` {later:?}: {file} is not whole");
+            }
+        }
+    }
+    assert!(Path::new(&place.path("m/manifest.json")).is_file());
+}
+
+#[test]
+fn two_runs_on_one_output_both_end_whole_or_one_is_refused() {
+    race_all(1);
+}
+
+#[test]
+#[ignore = "some minutes; `./test --full` runs it"]
+fn two_hundred_pairs_of_each_command_on_one_output() {
+    race_all(200);
+}
