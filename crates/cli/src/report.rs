@@ -3,7 +3,7 @@
 use crate::args::{LogFormat, Talk};
 use crate::exit::OutputClosed;
 use anyhow::{Context, Result, bail};
-use hemicube::store::DurableFile;
+use hemicube::store::{self, DurableFile};
 use hemicube_scene::is_unseen;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -188,7 +188,12 @@ impl PendingFile {
     pub(crate) fn create(path: &Path) -> Result<Self> {
         Ok(Self {
             path: path.to_owned(),
-            file: DurableFile::create(path)?,
+            file: DurableFile::create(path).map_err(|error| match error {
+                store::Error::Io { source, .. } => {
+                    anyhow::Error::new(source).context(format!("`{}` cannot be written", path.display()))
+                }
+                error => error.into(),
+            })?,
         })
     }
 

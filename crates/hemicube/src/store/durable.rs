@@ -72,7 +72,7 @@ impl TemporaryFile {
     }
 
     fn create_as(path: &Path, prefix: &str) -> Result<Self> {
-        let failed = |error| Error::io(path, "created", error);
+        let failed = |error| Error::io(path, "created", without_path(error));
         match std::fs::metadata(path) {
             Ok(metadata) if metadata.is_dir() => {
                 return Err(Error::InTheWay {
@@ -145,6 +145,17 @@ impl Write for TemporaryFile {
 impl Seek for TemporaryFile {
     fn seek(&mut self, target: SeekFrom) -> io::Result<u64> {
         self.file.seek(target)
+    }
+}
+
+/// The system's error, which `tempfile` wraps with the temporary name.
+fn without_path(error: io::Error) -> io::Error {
+    let inner = error
+        .get_ref()
+        .and_then(|wrapped| wrapped.source()?.downcast_ref::<io::Error>());
+    match inner.and_then(io::Error::raw_os_error) {
+        Some(code) => io::Error::from_raw_os_error(code),
+        None => error,
     }
 }
 
