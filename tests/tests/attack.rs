@@ -485,7 +485,7 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
 
     place.line("generate room --patches 40 -o room.obj -q").is(0);
     let (over, finest) = (
-        "of memory or more, and `--memory` allows",
+        "`--memory` of 300 MB: `room.obj` would be",
         "is the finest that surely fits",
     );
     for (cut, within) in [

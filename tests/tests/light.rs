@@ -612,7 +612,7 @@ fn sky_and_ground_are_what_escaped() {
     place.line("generate city --patches 400 --seed 6 -o other.obj");
     place.line("compute other.obj --up y -o F --overwrite --no-config");
     place.fails(
-        "view model F other.obj --show sky -o sky.png",
+        "view model F other.obj --show sky -o sky.png --overwrite",
         &["another scene", "hemicube sky"],
     );
     place.fails("solve F --materials m.toml --sky-radiance sky.npy", &["another scene"]);

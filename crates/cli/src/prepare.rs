@@ -348,16 +348,15 @@ fn require_room(path: &Path, scene: &Scene, cut: Subdivision, asked: Option<u64>
         }
     };
     let of = if asked.is_some() {
-        "`--memory` allows"
+        format!("`--memory` of {}", size(limit))
     } else {
-        "this machine has"
+        format!("this machine has {} of memory", size(limit))
     };
     let error = anyhow!(
-        "`{}` would be {}, which take {} of memory or more, and {of} {}",
+        "{of}: `{}` would be {}, which take {} or more",
         path.display(),
         counted(count, "patch"),
-        size(least),
-        size(limit)
+        size(least)
     );
     Err(hinted(
         error,

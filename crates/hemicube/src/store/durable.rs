@@ -126,7 +126,9 @@ impl TemporaryFile {
     /// When the name cannot be given; the file is removed then.
     pub fn rename(self) -> io::Result<()> {
         // Open until it has its name, for the lock's sake.
-        self.temporary.persist(&self.path).map_err(|error| error.error)?;
+        std::fs::rename(&self.temporary, &self.path)?;
+        // It has no temporary name any more that could be removed.
+        let _ = self.temporary.keep();
         drop(self.file);
         Ok(())
     }
