@@ -499,7 +499,11 @@ pub(super) fn remove_temporaries(directory: &Path) -> Result<()> {
             let entry = entry.map_err(|error| Error::io(place, "read", error))?;
             let name = entry.file_name();
             if name.to_string_lossy().ends_with(TEMPORARY_SUFFIX) && name != ours.as_str() {
-                std::fs::remove_file(entry.path()).map_err(|error| Error::io(&entry.path(), "removed", error))?;
+                match std::fs::remove_file(entry.path()) {
+                    // Who only tries whether the directory can be written removes its own.
+                    Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                    removed => removed.map_err(|error| Error::io(&entry.path(), "removed", error))?,
+                }
             }
         }
     }
