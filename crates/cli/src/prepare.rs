@@ -12,7 +12,7 @@ use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
-use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision};
+use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, Triangle};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -241,6 +241,21 @@ pub(crate) fn prepare(
     engine: &impl AsRef<EngineSettings>,
     memory: Option<u64>,
 ) -> Result<Prepared> {
+    prepare_of(path, settings, engine, memory, None)?
+        .with_context(|| format!("`{}` cannot be computed", path.display()))
+}
+
+/// The same of a scene that is to have so many patches; `None` where it has not, before it is cut.
+///
+/// # Errors
+/// As [`prepare`].
+pub(crate) fn prepare_of(
+    path: &Path,
+    settings: &SceneSettings,
+    engine: &impl AsRef<EngineSettings>,
+    memory: Option<u64>,
+    patch_count: Option<u32>,
+) -> Result<Option<Prepared>> {
     let started = Instant::now();
     if path.is_dir() {
         return Err(anyhow!(
@@ -288,6 +303,17 @@ pub(crate) fn prepare(
         ));
     }
 
+    if let Some(patch_count) = patch_count {
+        let cut = settings.subdivision();
+        let of_triangle = |triangle: &Triangle| {
+            cut.count(&triangle.corners)
+                .saturating_mul(if triangle.two_sided { 2 } else { 1 })
+        };
+        let found = scene.triangles.iter().map(of_triangle).fold(0, u64::saturating_add);
+        if found != u64::from(patch_count) {
+            return Ok(None);
+        }
+    }
     let started = Instant::now();
     require_room(path, &scene, settings.subdivision(), memory)?;
     let patches = Patches::new(&scene, settings.subdivision()).map_err(|error| error.in_file(path))?;
@@ -295,7 +321,7 @@ pub(crate) fn prepare(
     let model = Model::new(Arc::clone(&patches), engine.as_ref().hierarchy())
         .with_context(|| format!("`{}` cannot be computed", path.display()))?;
     let build_seconds = started.elapsed().as_secs_f64();
-    Ok(Prepared {
+    Ok(Some(Prepared {
         scene,
         repaired,
         triangles_read,
@@ -304,7 +330,7 @@ pub(crate) fn prepare(
         input,
         load_seconds,
         build_seconds,
-    })
+    }))
 }
 
 /// Refuses to cut a scene into more patches than there is memory for, and names what would fit.

@@ -3,7 +3,7 @@
 use crate::args::{AutoSwitch, EngineSettings, SceneSettings, Switch, UpAxis};
 use crate::commands::sky::Division;
 use crate::exit::hinted;
-use crate::prepare::{Prepared, prepare};
+use crate::prepare::{Prepared, prepare_of};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::sky::{SkyDivision, sky_beside};
 use hemicube::store::{Store, scene_hash};
@@ -27,9 +27,27 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
             store.directory().display()
         )
     };
+    let (subdivide, split) = (number("subdivide"), number("split"));
+    // All triangles were cut alike by these two, so that nothing is cut to find out that it is another scene.
+    let pieces = match (subdivide, split) {
+        (Some(levels), _) => 1u64.checked_shl(levels).filter(|_| levels < 32),
+        (_, Some(split)) => Some(u64::from(split)),
+        _ => Some(1),
+    };
+    let each = pieces.map(|pieces| pieces * pieces).filter(|&each| each > 0);
+    if each.is_none_or(|each| !u64::from(store.patch_count()).is_multiple_of(each))
+        || !(scale > 0.0 && scale.is_finite())
+    {
+        bail!(
+            "`{}` says that its scene was scaled by {scale} and cut by {}, which does not come to its {} patches: it is damaged",
+            store.directory().display(),
+            settings["subdivision"],
+            store.patch_count()
+        )
+    }
     Ok(SceneSettings {
-        subdivide: number("subdivide"),
-        split: number("split"),
+        subdivide,
+        split,
         patch_size: settings["subdivision"]["patch_size"].as_f64(),
         two_sided: match settings["two_sided"].as_str() {
             Some("on") => AutoSwitch::On,
@@ -66,8 +84,10 @@ pub(crate) fn scene(
         allow_large,
         ..settings(store)?
     };
-    let prepared = prepare(path, &settings, engine, None)?;
-    if scene_hash(&prepared.scene, &prepared.patches) != store.manifest().scene.blake3 {
+    let prepared = prepare_of(path, &settings, engine, None, Some(store.patch_count()))?;
+    let is_scene =
+        |prepared: &Prepared| scene_hash(&prepared.scene, &prepared.patches) == store.manifest().scene.blake3;
+    let Some(prepared) = prepared.filter(is_scene) else {
         return Err(hinted(
             anyhow!(
                 "`{}` is not the scene that `{}` is the matrix of",
@@ -79,7 +99,7 @@ pub(crate) fn scene(
                 store.manifest().scene.file
             ),
         ));
-    }
+    };
     Ok(prepared)
 }
 

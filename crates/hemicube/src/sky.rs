@@ -14,7 +14,8 @@
 mod files;
 
 pub use files::{
-    SkyCheck, StoredSky, check_sky, read_sky_view_factors, sky_beside, sky_product, write_points, write_sky,
+    SkyCheck, StoredSky, check_sky, read_sky_view_factors, sky_beside, sky_product, sky_view_factors_beside,
+    write_points, write_sky,
 };
 
 use crate::Model;

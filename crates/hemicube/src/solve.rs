@@ -35,7 +35,9 @@
 //! systems that become singular when two of them coincide or one is done before the others.
 //!
 //! The residual of a solution is ‖E + R H − (I − R F) B‖ / ‖E + R H‖, of each right-hand side by itself, and is computed
-//! from B anew when an iteration says that it is done.
+//! from B anew when an iteration says that it is done. Each right-hand side is solved as a multiple of a power of two of
+//! itself, whose largest number is near 1: no norm leaves the range of f64, and no bit of a solution hangs on the unit. A
+//! residual that is no number is an error.
 
 mod block;
 mod factors;
@@ -153,10 +155,24 @@ pub enum SolveError {
     /// The matrix cannot be read.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// The iteration left the range of numbers.
+    #[error(
+        "the residual is {residual} after {iteration} products with the matrix: its rows sum to more than 1 where surfaces \
+         reflect all, or its numbers are none; `hemicube check` says which, and lower reflectances help the first"
+    )]
+    Diverged {
+        /// Products with the matrix so far.
+        iteration: u32,
+        /// What the residual is.
+        residual: f64,
+    },
     /// Whoever watches the progress asked to stop.
     #[error("the solution was interrupted")]
     Interrupted,
 }
+
+/// Magnitudes of the largest number of a right-hand side, between which its squares times areas are numbers.
+const MAGNITUDES: std::ops::RangeInclusive<f64> = 1e-200..=1e200;
 
 impl Problem {
     fn check(&self, patches: usize) -> Result<(), SolveError> {
@@ -198,6 +214,19 @@ impl Problem {
         let outside = self.outside.iter().flat_map(|outside| outside.values());
         if let Some(bad) = self.emission.values().iter().chain(outside).find(|e| !e.is_finite()) {
             return wrong(format!("an emission is {bad}; it is a finite number"));
+        }
+        for block in std::iter::once(&self.emission).chain(&self.outside) {
+            for column in 0..columns {
+                let largest = block.largest(column);
+                if largest != 0.0 && !MAGNITUDES.contains(&largest) {
+                    return wrong(format!(
+                        "the largest emission of a right-hand side is {largest:e}, and from {:e} to {:e} it can be solved for; \
+                         give it in another unit",
+                        MAGNITUDES.start(),
+                        MAGNITUDES.end()
+                    ));
+                }
+            }
         }
         Ok(())
     }
@@ -279,7 +308,20 @@ impl Work<'_> {
 
     /// Tells how far it is; whether all are within the tolerance.
     fn tell(&mut self, relative: &[f64]) -> Result<bool, SolveError> {
-        let residual = relative.iter().copied().fold(0.0, f64::max);
+        // `max` would pass over what is no number.
+        let residual = relative.iter().copied().fold(0.0, |most: f64, residual| {
+            if most.is_nan() || residual.is_nan() {
+                f64::NAN
+            } else {
+                most.max(residual)
+            }
+        });
+        if !residual.is_finite() {
+            return Err(SolveError::Diverged {
+                iteration: self.iterations,
+                residual,
+            });
+        }
         let step = Step {
             iteration: self.iterations,
             residual,
@@ -308,8 +350,9 @@ impl Work<'_> {
 /// A solution that did not reach the tolerance is returned all the same, and says so.
 ///
 /// # Errors
-/// [`SolveError::Problem`] for one that is not of this matrix or out of range, [`SolveError::Store`] when the matrix
-/// cannot be read, [`SolveError::Interrupted`] when `progress` said no.
+/// [`SolveError::Problem`] for one that is not of this matrix or out of range (the largest number of a right-hand side is
+/// 0, or from 10⁻²⁰⁰ to 10²⁰⁰), [`SolveError::Store`] when the matrix cannot be read, or has two rows of a patch,
+/// [`SolveError::Diverged`] when the residual is no number, [`SolveError::Interrupted`] when `progress` said no.
 ///
 /// ```
 /// use hemicube::solve::{Block, InMemory, Problem, STEFAN_BOLTZMANN, SolveOptions, solve};
@@ -339,6 +382,17 @@ pub fn solve(
     progress: &mut dyn FnMut(Step) -> bool,
 ) -> Result<Solution, SolveError> {
     problem.check(factors.patch_count())?;
+    let source = problem.source();
+    let exponents: Vec<i32> = (0..source.columns())
+        .map(|column| exponent(source.largest(column)))
+        .collect();
+    let (down, up): (Vec<i32>, Vec<i32>) = exponents.iter().map(|&e| (-e, e)).unzip();
+    let mut scaled = problem.clone();
+    scaled.emission.scale_by_powers(&down);
+    if let Some(outside) = &mut scaled.outside {
+        outside.scale_by_powers(&down);
+    }
+    let problem = &scaled;
     let source = problem.source();
     let norms = source
         .norms()
@@ -373,6 +427,8 @@ pub fn solve(
         let residuals = work.relative(residual.norms());
         let converged = work.tell(&residuals)?;
         if converged || work.is_out_of_iterations() {
+            radiosity.scale_by_powers(&up);
+            irradiance.scale_by_powers(&up);
             return Ok(Solution {
                 radiosity,
                 irradiance,
@@ -382,6 +438,16 @@ pub fn solve(
             });
         }
     }
+}
+
+/// The exponent of two of a magnitude: 0 for 0 and for what is no magnitude.
+fn exponent(magnitude: f64) -> i32 {
+    if magnitude == 0.0 || !magnitude.is_finite() {
+        return 0;
+    }
+    #[allow(clippy::cast_possible_truncation, reason = "within ±1075")]
+    let exponent = magnitude.log2().floor() as i32;
+    exponent
 }
 
 /// Where the power of one right-hand side goes. In what the emission is in, times area.

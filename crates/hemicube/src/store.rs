@@ -46,6 +46,7 @@ mod read;
 mod resume;
 mod row_product;
 mod shard;
+mod validate;
 mod write;
 
 pub use crate::compute::PartThinning;
@@ -66,7 +67,8 @@ pub use resume::{Kept, Merged, NotKept, merge};
 pub use shard::Shard;
 pub use write::StoreWriter;
 
-pub(crate) use durable::{read_exact_at, sealed_checksum, write_whole};
+pub(crate) use durable::{file_checksum, read_exact_at, sealed_checksum, write_whole};
+pub(crate) use manifest::{is_sealed_or_plain_json, seal_json};
 pub(crate) use matrix::F32_COMMENT;
 pub(crate) use npy::{Header as NpyHeader, decode};
 pub(crate) use npz::Npz;

@@ -9,7 +9,7 @@ mod sample;
 
 use hemicube::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
 use hemicube::check::{Check, CheckOptions, check};
-use hemicube::store::{Error, HEMICUBE_WEIGHT, Part, RowShares, RowSums, Store};
+use hemicube::store::{Error, HEMICUBE_WEIGHT, Part, RowShares, RowSums, Store, StoreWriter};
 use sample::{Random, Sample, doctor_manifest, doctor_part, files, sample};
 use std::path::Path;
 use tempfile::TempDir;
@@ -509,12 +509,15 @@ fn what_cannot_be_balanced_is_refused_with_a_reason() {
                 part.data[5] = value;
                 doctor_part(directory, &part);
             };
-            says(refusal(&good, &options, bad), &["part-00001.npz", "where none can be"]);
+            says(refusal(&good, &options, bad), &["part-00001.npz", "the form factor"]);
         }
         let diagonal = |directory: &Path| {
             let mut part = good.parts[0].clone();
-            part.indices[0] = part.rows[0].cast_signed();
-            part.indices[1..part.indptr[1] as usize].fill(part.rows[0].cast_signed());
+            let own = part.rows[0].cast_signed();
+            let row = &mut part.indices[..part.indptr[1] as usize];
+            // The entry before its own column, or the first, becomes it: columns ascend all the same.
+            let place = row.partition_point(|&column| column < own).saturating_sub(1);
+            row[place] = own;
             doctor_part(directory, &part);
         };
         says(
@@ -522,11 +525,25 @@ fn what_cannot_be_balanced_is_refused_with_a_reason() {
             &["part-00000.npz", "where none can be"],
         );
     }
+    for (area, words) in [(0.0, "patch 7 without area"), (f64::NAN, "patch 7 with the area NaN")] {
+        let flat = |directory: &Path| {
+            let path = directory.join("patches.npz");
+            let mut areas: Vec<f64> = sample::array(&path, "area");
+            areas[7] = area;
+            let member = ("area", sample::npy(&[areas.len() as u64], &areas));
+            sample::replace_members(&path, &[member], zip::CompressionMethod::Stored);
+            let checksum = blake3::hash(&std::fs::read(&path).unwrap()).to_hex().to_string();
+            doctor_manifest(directory, |manifest| manifest["patches"]["blake3"] = checksum.into());
+        };
+        says(refusal(&good, &closure(), flat), &[words]);
+        says(refusal(&good, &cut(0.01), flat), &[words]);
+    }
+    // No such store is written in the first place.
     let mut flat = noisy(RECIPE, 1);
     flat.patches.area[7] = 0.0;
-    says(refusal(&flat, &closure(), |_| {}), &["patch 7 without area"]);
-    flat.patches.area[7] = f64::NAN;
-    says(refusal(&flat, &cut(0.01), |_| {}), &["patch 7 with the area NaN"]);
+    let place = tempfile::tempdir().unwrap();
+    let refused = StoreWriter::create(&place.path().join("F"), flat.header.clone(), &flat.patches, false);
+    says(refused.unwrap_err(), &["patch 7 without area"]);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Radiosity and thermal exchange against closed forms, with matrices written down by hand.
 
 use hemicube::solve::{
-    Block, EnergyBalance, InMemory, Method, Problem, STEFAN_BOLTZMANN, Solution, SolveError, SolveOptions,
+    Block, EnergyBalance, Factors, InMemory, Method, Problem, STEFAN_BOLTZMANN, Solution, SolveError, SolveOptions,
     energy_balance, solve,
 };
 use hemicube::store::{Part, RowTable};
@@ -361,5 +361,47 @@ fn a_white_furnace_is_white_everywhere() {
             solution.radiosity.values().iter().all(|b| (b - 1.0).abs() < 1e-5),
             "{method:?} {rho}"
         );
+    }
+}
+
+#[test]
+fn residuals_that_are_no_numbers_never_converge_and_the_unit_changes_no_bit() {
+    let matrix = random_room(30);
+    let problem = |scale: f64| Problem {
+        reflectance: Block::from_fn(30, 1, |_, _| 0.5),
+        bands: vec![0],
+        emission: Block::from_fn(30, 1, |patch, _| scale * (1.0 + patch as f64)),
+        outside: None,
+        returned: None,
+    };
+    for method in METHODS {
+        let wanted = solved(&matrix, &problem(1.0), method);
+        for exponent in [500, -500] {
+            let scale = 2.0_f64.powi(exponent);
+            let found = solved(&matrix, &problem(scale), method);
+            assert_eq!(found.residuals, wanted.residuals);
+            for (found, wanted) in found.radiosity.values().iter().zip(wanted.radiosity.values()) {
+                assert_eq!(*found, wanted * scale);
+            }
+        }
+        for scale in [1e250, 1e-250] {
+            let refused = solve(&matrix, &problem(scale), options(method), &mut |_| true);
+            assert!(matches!(refused, Err(SolveError::Problem(_))), "{refused:?}");
+        }
+        let mut rows = vec![vec![0.0, 0.5], vec![0.5, 0.0]];
+        let small = Problem {
+            reflectance: Block::from_fn(2, 1, |_, _| 0.5),
+            bands: vec![0],
+            emission: column(&[1.0, 0.0]),
+            outside: None,
+            returned: None,
+        };
+        rows[1][0] = f64::NAN;
+        let refused = solve(&InMemory::dense(&rows), &small, options(method), &mut |_| true);
+        assert!(matches!(refused, Err(SolveError::Diverged { .. })), "{refused:?}");
+        let part = InMemory::dense(&[vec![0.0, 0.5]]).run(0).unwrap();
+        let twice = InMemory::new(2, vec![Part::clone(&part), Part::clone(&part)]);
+        let refused = solve(&twice, &small, options(method), &mut |_| true);
+        assert!(matches!(refused, Err(SolveError::Store(_))), "{refused:?}");
     }
 }

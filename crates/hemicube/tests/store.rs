@@ -7,6 +7,8 @@
 mod check;
 #[path = "store/compact.rs"]
 mod compact;
+#[path = "store/mutants.rs"]
+mod mutants;
 #[path = "store/sample.rs"]
 mod sample;
 

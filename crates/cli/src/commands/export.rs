@@ -215,7 +215,7 @@ struct SkyColumns {
 impl SkyColumns {
     fn open(store: &Store, output: &Path, format: ExportFormat, overwrite: bool) -> Result<Self> {
         let path = stored::sky(store)?;
-        let rows = StoredSky::open(&path)?;
+        let rows = StoredSky::beside(store)?;
         let division = stored::sky_division(store)?;
         if division.columns() != rows.columns() {
             bail!("`{}` does not have the columns that `sky.json` says", path.display());

@@ -16,7 +16,7 @@ use anyhow::{Context, Result, bail};
 use blocks::Blocks;
 use clap::Args;
 use hemicube::check::{CheckOptions, CheckReport, check};
-use hemicube::sky::{read_sky_view_factors, sky_beside};
+use hemicube::sky::{sky_beside, sky_view_factors_beside};
 use hemicube::solve::StoredSolution;
 use hemicube::store::{RowTable, Store};
 use rows::RowPacker;
@@ -267,11 +267,8 @@ fn columns(store: &Store, rows: &RowTable, seen: Vec<f64>, wanted: &[String], ta
     }
     if sky_beside(store).exists() {
         match stored::sky(store) {
-            Ok(path) => {
-                let factors = read_sky_view_factors(&path)?;
-                if factors.len() != seen.len() {
-                    bail!("`{}` is of another number of patches than the matrix", path.display());
-                }
+            Ok(_) => {
+                let factors = sky_view_factors_beside(store)?;
                 let note = "sky view factor: of what leaves a patch, what reaches the sky";
                 columns.add(Field::scale("sky", "Sky view factor", note, false), factors);
             }

@@ -95,12 +95,63 @@ pub fn write_points(path: &Path, patch_count: u32, rows: &[PointRow]) -> Result<
     write(path, patch_count.into(), &mut entries, |_| Ok(()))
 }
 
-/// The sky view factor of each row of a file that [`write_sky`] wrote.
+/// The sky view factor of each row of a file that [`write_sky`] wrote, from 0 to 1.
 ///
 /// # Errors
-/// When it cannot be read, or is no such file.
+/// When it cannot be read, or is no such file as it was written.
 pub fn read_sky_view_factors(path: &Path) -> Result<Vec<f64>> {
-    Npz::open(path)?.array("sky_view_factor")
+    require_seal(path)?;
+    let factors: Vec<f64> = Npz::open(path)?.array("sky_view_factor")?;
+    match (0..)
+        .zip(&factors)
+        .find(|(_, factor)| !(0.0..=1.0 + ROUNDING).contains(*factor))
+    {
+        None => Ok(factors),
+        Some((row, factor)) => {
+            let row: u64 = row;
+            Err(Error::malformed(
+                path,
+                format!("has the sky view factor {factor} in row {row}; `hemicube sky` computes it anew"),
+            ))
+        }
+    }
+}
+
+/// The same of the sky rows beside a matrix, one for each patch.
+///
+/// # Errors
+/// As [`read_sky_view_factors`], and when it is of another number of patches.
+pub fn sky_view_factors_beside(store: &Store) -> Result<Vec<f64>> {
+    let path = sky_beside(store);
+    let factors = read_sky_view_factors(&path)?;
+    require_patches(&path, store, factors.len())?;
+    Ok(factors)
+}
+
+/// By how much shares of one hemisphere may sum to more than 1: what adding them up rounds.
+const ROUNDING: f64 = 1e-9;
+
+fn require_seal(path: &Path) -> Result<()> {
+    if sealed_checksum(path)?.is_some() {
+        return Ok(());
+    }
+    Err(Error::malformed(
+        path,
+        "is not as it was written: its seal does not hold; `hemicube sky` computes it anew",
+    ))
+}
+
+fn require_patches(path: &Path, store: &Store, rows: usize) -> Result<()> {
+    if rows == store.patch_count() as usize {
+        return Ok(());
+    }
+    Err(Error::malformed(
+        path,
+        format!(
+            "has {rows} rows and the matrix {} patches: it is of another one; `hemicube sky` computes it anew",
+            store.patch_count()
+        ),
+    ))
 }
 
 /// Where the sky rows of a matrix are, beside it.
@@ -140,11 +191,24 @@ pub struct StoredSky {
 }
 
 impl StoredSky {
-    /// Reads a file that [`write_sky`] wrote.
+    /// The sky rows beside a matrix, one for each patch.
     ///
     /// # Errors
-    /// When it cannot be read, or is damaged.
+    /// As [`Self::open`], and when they are of another number of patches.
+    pub fn beside(store: &Store) -> Result<Self> {
+        let path = sky_beside(store);
+        let sky = Self::open(&path)?;
+        require_patches(&path, store, sky.rows())?;
+        Ok(sky)
+    }
+
+    /// Reads a file that [`write_sky`] wrote: columns that ascend within the sky, shares from 0 to 1 that sum to no more
+    /// than 1 in a row.
+    ///
+    /// # Errors
+    /// When it cannot be read, or is not as it was written.
     pub fn open(path: &Path) -> Result<Self> {
+        require_seal(path)?;
         let malformed = |reason: &str| Error::malformed(path, reason);
         let mut npz = Npz::open(path)?;
         let shape: Vec<i64> = npz.array("shape")?;
@@ -157,7 +221,7 @@ impl StoredSky {
             ),
             _ => return Err(malformed("is no matrix")),
         };
-        if indptr.len() != rows + 1 || data.len() != indices.len() {
+        if indptr.len() != rows.saturating_add(1) || data.len() != indices.len() {
             return Err(malformed("has arrays that do not fit together"));
         }
         let bounds: Vec<usize> = indptr
@@ -178,6 +242,13 @@ impl StoredSky {
             .any(|row| !indices[row[0]..row[1]].is_sorted_by(|a, b| a < b))
         {
             return Err(malformed("has columns out of order"));
+        }
+        for (row, bounds) in bounds.windows(2).enumerate() {
+            let shares = &data[bounds[0]..bounds[1]];
+            let sum: f64 = shares.iter().sum();
+            if !shares.iter().all(|share| (0.0..=1.0).contains(share)) || sum > 1.0 + ROUNDING {
+                return Err(malformed(&format!("has shares in row {row} that are none of a whole")));
+            }
         }
         Ok(Self {
             columns,
@@ -228,12 +299,6 @@ pub struct SkyCheck {
 /// # Errors
 /// The first thing that does not hold, or that the file cannot be read.
 pub fn check_sky(path: &Path, escaped: &[f64]) -> Result<SkyCheck> {
-    if sealed_checksum(path)?.is_none() {
-        return Err(Error::malformed(
-            path,
-            "is not as it was written: its seal does not hold; `hemicube sky` computes it anew",
-        ));
-    }
     let sky = StoredSky::open(path)?;
     let mut npz = Npz::open(path)?;
     let weights: Vec<u64> = npz.array("weights")?;

@@ -1,5 +1,8 @@
 //! Vectors of one number a patch, several side by side.
 
+/// Sums of squares that have lost nothing to the ends of f64's range.
+const SQUARES: std::ops::Range<f64> = 1e-250..1e300;
+
 /// Several right-hand sides, or bands, of one number a patch. Patch by patch, so that an entry of the matrix is read once
 /// for all of them.
 ///
@@ -103,8 +106,70 @@ impl Block {
         sums
     }
 
-    /// The Euclidean norm of each column.
+    /// The Euclidean norm of each column; of columns whose squares leave the range of f64, too. NaN where a number is none.
     pub fn norms(&self) -> Vec<f64> {
-        self.dot(self).into_iter().map(f64::sqrt).collect()
+        let squares = self.dot(self);
+        let norm = |(column, square): (usize, f64)| {
+            if SQUARES.contains(&square) {
+                return square.sqrt();
+            }
+            let largest = self.largest(column);
+            if largest == 0.0 || !largest.is_finite() {
+                return largest;
+            }
+            let squares = self.column(column).map(|value| (value / largest) * (value / largest));
+            largest * squares.sum::<f64>().sqrt()
+        };
+        squares.into_iter().enumerate().map(norm).collect()
+    }
+
+    /// The largest magnitude in a column; NaN where one is no number.
+    pub(super) fn largest(&self, column: usize) -> f64 {
+        let larger = |most: f64, value: f64| if value.is_nan() { value } else { most.max(value.abs()) };
+        self.column(column).fold(
+            0.0,
+            |most, value| if f64::is_nan(most) { most } else { larger(most, value) },
+        )
+    }
+
+    /// Multiplies column c by 2 to the power of `exponents[c]`, which rounds nothing within the range of f64.
+    pub(super) fn scale_by_powers(&mut self, exponents: &[i32]) {
+        // Half of it twice: 2⁻¹⁰⁷⁴ takes 2¹⁰⁷⁴ to become 1, which is no f64.
+        for half in [|e: i32| e / 2, |e: i32| e - e / 2] {
+            let factors: Vec<f64> = exponents.iter().map(|&e| 2.0_f64.powi(half(e))).collect();
+            self.scale(&factors);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn norms_are_right_wherever_numbers_are() {
+        for scale in [1.0, 1e160, 1e-170, 1e300, 1e-300] {
+            let block = Block::from_fn(2, 2, |patch, column| scale * [[3.0, 4.0], [5.0, 12.0]][column][patch]);
+            for (norm, wanted) in block.norms().into_iter().zip([5.0, 13.0]) {
+                assert!((norm / scale / wanted - 1.0).abs() < 1e-14, "{norm} at {scale}");
+            }
+        }
+        assert_eq!(Block::zeros(3, 1).norms(), [0.0]);
+        for bad in [f64::NAN, f64::INFINITY] {
+            let norms = Block::from_fn(3, 2, |patch, column| if (patch, column) == (1, 1) { bad } else { 1.0 }).norms();
+            assert!(
+                (norms[0] - 3.0_f64.sqrt()).abs() < 1e-15 && !norms[1].is_finite(),
+                "{norms:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn powers_of_two_scale_without_rounding() {
+        let mut block = Block::from_fn(1, 2, |_, column| [0.1, 5e-324][column]);
+        block.scale_by_powers(&[-900, 1074]);
+        assert_eq!(block.of(0), [0.1 * 2.0_f64.powi(-900), 1.0]);
+        block.scale_by_powers(&[900, -1074]);
+        assert_eq!(block.of(0), [0.1, 5e-324]);
     }
 }

@@ -2,6 +2,7 @@
 
 use super::Block;
 use crate::store::{Error, Part, Result, Store};
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
@@ -138,17 +139,6 @@ impl Factors for OutOfCore<'_> {
         let missing = || Error::malformed(self.store.directory(), format!("has no part at place {index}"));
         self.store.read_ahead(index.saturating_add(PARTS_AHEAD));
         let part = self.store.part(index)?.ok_or_else(missing)?;
-        let count = self.store.patch_count();
-        if part
-            .indices
-            .iter()
-            .any(|&column| u32::try_from(column).map_or(true, |column| column >= count))
-        {
-            return Err(Error::malformed(
-                self.store.directory(),
-                format!("has a column in part {index} that is no patch: it is damaged"),
-            ));
-        }
         let part = Arc::new(part);
         let size = 8 * part.data.len() as u64 + 64 * part.rows.len() as u64;
         let mut kept = self.lock();
@@ -195,7 +185,7 @@ fn fixed<const N: usize>(columns: &[i32], factors: &[f32], x: &Block, out: &mut 
 /// F X, by several threads. Each row is one sum in the order of its entries, so the result does not depend on them.
 ///
 /// # Errors
-/// When a run cannot be read.
+/// When a run cannot be read, or a patch has two rows.
 pub fn multiply(factors: &dyn Factors, x: &Block, threads: usize) -> Result<Block> {
     let columns = x.columns();
     let mut product = Block::zeros(factors.patch_count(), columns);
@@ -227,9 +217,17 @@ pub fn multiply(factors: &dyn Factors, x: &Block, threads: usize) -> Result<Bloc
             });
         }
         drop(sender);
+        let mut has_row = vec![false; factors.patch_count()];
         for result in receiver {
             let (part, values) = result?;
             for (&patch, value) in part.rows.iter().zip(values.chunks_exact(columns.max(1))) {
+                match has_row.get_mut(patch as usize) {
+                    Some(has_row @ false) => *has_row = true,
+                    _ => {
+                        let reason = format!("has a row of patch {patch}, which does not exist or has a row already");
+                        return Err(Error::malformed(Path::new("the matrix"), reason));
+                    }
+                }
                 product.of_mut(patch as usize).copy_from_slice(value);
             }
         }

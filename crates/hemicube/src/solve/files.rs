@@ -6,13 +6,15 @@
 //! DIR/solutions/NAME/irradiance.npy  the same of what arrives; and further quantities, one file each
 //! ```
 //!
+//! `solution.json` has the checksum of each array, and as its last field `blake3` that of itself, as a manifest has.
+//!
 //! One row a right-hand side, so that thousands of them are written as they are solved, and `numpy.load(mmap_mode="r")` has
 //! any of them at once.
 
 use super::Block;
 use crate::store::{
-    DurableFile, ElementType, Error, FolderLock, Manifest, NpyHeader, NpzWriter, Result, Store, decode, read_exact_at,
-    write_whole,
+    DurableFile, ElementType, Error, FolderLock, Manifest, NpyHeader, NpzWriter, Result, Store, decode, file_checksum,
+    is_sealed_or_plain_json, read_exact_at, seal_json, write_whole,
 };
 use serde_json::{Value, json};
 use std::fs::File;
@@ -24,6 +26,8 @@ const DIRECTORY: &str = "solutions";
 /// What says that a solution is whole; written last.
 const REPORT: &str = "solution.json";
 const FORMAT: &str = "hemicube solution";
+/// A report of a hundred thousand right-hand sides has 50 MB; larger ones are not ours.
+const REPORT_SIZE_MAX: u64 = 1 << 28;
 
 /// Identifies the matrix that a solution is of: BLAKE3 of its manifest, and with the checksums in it of every bit.
 fn identity(manifest: &Manifest, path: &Path) -> Result<String> {
@@ -49,6 +53,49 @@ fn check_name(store: &Store, name: &str) -> Result<PathBuf> {
             format!("`{name}` is no name for a solution: letters, digits, `-`, `_` and `.` make one"),
         ))
     }
+}
+
+/// Whether a quantity can be called so: a file is.
+fn is_quantity(name: &str) -> bool {
+    !name.is_empty()
+        && name.len() <= 100
+        && name
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'))
+}
+
+/// The right-hand sides of a report that consumers may rely on.
+///
+/// # Errors
+/// The first thing that does not fit the rest, as a clause about the report.
+fn check_report(report: &Value, patches: u64) -> std::result::Result<u64, String> {
+    let rows = report["rows"].as_u64().filter(|&rows| rows > 0);
+    let rows = rows.ok_or("has no right-hand sides; solve again")?;
+    if report["patches"].as_u64() != Some(patches) {
+        return Err(format!("is not of the matrix's {patches} patches"));
+    }
+    let strings = |key: &str| -> Option<Vec<&str>> { report[key].as_array()?.iter().map(Value::as_str).collect() };
+    let quantities = strings("quantities").filter(|names| !names.is_empty());
+    let mut quantities = quantities.ok_or("names no quantities")?;
+    if let Some(bad) = quantities.iter().find(|name| !is_quantity(name)) {
+        return Err(format!("has a quantity called `{}`", bad.escape_debug()));
+    }
+    quantities.sort_unstable();
+    if let Some(twice) = quantities.windows(2).find(|pair| pair[0] == pair[1]) {
+        return Err(format!("has the quantity `{}` twice", twice[0]));
+    }
+    // What was written by embedders need not say its bands.
+    if !report["bands"].is_null() {
+        let bands = strings("bands")
+            .filter(|bands| !bands.is_empty())
+            .ok_or("has bands without names")?;
+        let of_row = report["band_of_row"].as_array().map_or(&[][..], Vec::as_slice);
+        let exists = |band: &Value| band.as_u64().is_some_and(|band| band < bands.len() as u64);
+        if !of_row.is_empty() && of_row.len() as u64 != rows || !of_row.iter().all(exists) {
+            return Err("has right-hand sides of bands that it does not have".into());
+        }
+    }
+    Ok(rows)
 }
 
 /// Writes a solution, right-hand side by right-hand side.
@@ -100,6 +147,12 @@ impl SolutionWriter {
     /// When `name` is no name, the place cannot be written, or another process writes a solution of this name.
     pub fn create(store: &Store, name: &str, quantities: &[&str], rows: u64) -> Result<Self> {
         let directory = check_name(store, name)?;
+        if rows == 0 || !quantities.iter().all(|quantity| is_quantity(quantity)) {
+            return Err(Error::refused(
+                &directory,
+                format!("{quantities:?} of {rows} right-hand sides are no solution"),
+            ));
+        }
         std::fs::create_dir_all(&directory).map_err(|error| Error::io(&directory, "created", error))?;
         let lock = FolderLock::take(&directory)?;
         // Without its report what is there is no solution any more.
@@ -165,9 +218,11 @@ impl SolutionWriter {
             ));
         }
         let mut quantities = Vec::new();
+        let mut checksums = serde_json::Map::new();
         for (name, path, file) in self.files {
             file.commit()
                 .map_err(|error| Error::write(&path, 8 * self.rows * self.patches, error))?;
+            checksums.insert(name.clone(), file_checksum(&path)?.into());
             quantities.push(name);
         }
         let mut whole = json!({
@@ -177,6 +232,7 @@ impl SolutionWriter {
             "quantities": quantities,
             "rows": self.rows,
             "patches": self.patches,
+            "checksums": checksums,
         });
         if let (Some(whole), Some(report)) = (whole.as_object_mut(), report.as_object()) {
             for (key, value) in report {
@@ -184,10 +240,9 @@ impl SolutionWriter {
             }
         }
         let path = self.directory.join(REPORT);
-        let mut text = serde_json::to_string_pretty(&whole)
+        let text = serde_json::to_string_pretty(&whole)
             .map_err(|error| Error::refused(&path, format!("its report is no JSON: {error}")))?;
-        text.push('\n');
-        write_whole(&path, text.as_bytes(), "")?;
+        write_whole(&path, seal_json(text).as_bytes(), "")?;
         drop(self.lock);
         Ok(self.directory)
     }
@@ -199,6 +254,7 @@ pub struct StoredSolution {
     directory: PathBuf,
     report: Value,
     patches: u64,
+    rows: u64,
 }
 
 impl StoredSolution {
@@ -225,6 +281,15 @@ impl StoredSolution {
             }
             Err(error) => return Err(Error::io(&path, "read", error)),
         };
+        if text.len() as u64 > REPORT_SIZE_MAX {
+            return Err(Error::malformed(&path, "is too large for the report of a solution"));
+        }
+        if !is_sealed_or_plain_json(&text) {
+            return Err(Error::malformed(
+                &path,
+                "has changed since it was written: its checksum does not fit; solve again",
+            ));
+        }
         let report: Value =
             serde_json::from_str(&text).map_err(|error| Error::malformed(&path, format!("is no JSON: {error}")))?;
         if report["format"] != FORMAT || report["version"] != 1 {
@@ -236,10 +301,13 @@ impl StoredSolution {
                 "is of another matrix than the one beside it: that was computed anew; solve again",
             ));
         }
+        let patches = u64::from(store.patch_count());
+        let rows = check_report(&report, patches).map_err(|reason| Error::malformed(&path, reason))?;
         Ok(Self {
             directory,
             report,
-            patches: u64::from(store.patch_count()),
+            patches,
+            rows,
         })
     }
 
@@ -274,10 +342,37 @@ impl StoredSolution {
     /// When it was not kept, or its file is damaged.
     pub fn quantity(&self, name: &str) -> Result<ArrayFile> {
         let path = self.directory.join(format!("{name}.npy"));
-        let array = ArrayFile::open(&path)?;
-        if array.columns() != self.patches {
-            return Err(Error::malformed(&path, "is not of the matrix's patches"));
+        if !self.quantities().contains(&name) {
+            let there = self.quantities().join(", ");
+            return Err(Error::malformed(
+                &self.directory,
+                format!("has no `{}`; there are {there}", name.escape_debug()),
+            ));
         }
+        // Solutions of earlier versions have no checksums.
+        if let Some(expected) = self.report["checksums"][name].as_str() {
+            let found = file_checksum(&path)?;
+            if found != expected {
+                return Err(Error::malformed(
+                    &path,
+                    "has changed since it was written: its checksum does not fit; solve again",
+                ));
+            }
+        }
+        let mut array = ArrayFile::open(&path)?;
+        if array.columns() != self.patches || array.rows() != self.rows {
+            return Err(Error::malformed(
+                &path,
+                format!(
+                    "has {} rows and {} columns, where {} right-hand sides of {} patches belong",
+                    array.rows(),
+                    array.columns(),
+                    self.rows,
+                    self.patches
+                ),
+            ));
+        }
+        array.is_finite = true;
         Ok(array)
     }
 
@@ -316,6 +411,8 @@ pub struct ArrayFile {
     offset: u64,
     rows: u64,
     columns: u64,
+    /// Whether it must hold numbers alone.
+    is_finite: bool,
 }
 
 impl ArrayFile {
@@ -355,6 +452,7 @@ impl ArrayFile {
             offset: header.size,
             rows,
             columns,
+            is_finite: false,
         })
     }
 
@@ -383,9 +481,16 @@ impl ArrayFile {
         let mut bytes = vec![0; usize::try_from(size).unwrap_or(usize::MAX)];
         read_exact_at(&self.file, &mut bytes, self.offset + row * size)
             .map_err(|error| Error::io(&self.path, "read", error))?;
-        Ok(match self.element {
+        let values: Vec<f64> = match self.element {
             ElementType::F32 => decode::<f32>(&bytes).into_iter().map(f64::from).collect(),
             _ => decode(&bytes),
-        })
+        };
+        match values.iter().find(|value| !value.is_finite()) {
+            Some(bad) if self.is_finite => Err(Error::malformed(
+                &self.path,
+                format!("has {bad} in row {row}, which is no solution; solve again"),
+            )),
+            _ => Ok(values),
+        }
     }
 }

@@ -18,6 +18,7 @@ struct Sequence {
 
 impl Sequence {
     fn of(npz: &mut Npz, name: &str) -> Result<Self> {
+        npz.require_vector(name)?;
         Ok(Self {
             element: npz.header(name)?.element,
             elements: npz.elements(name)?,

@@ -180,6 +180,29 @@ pub struct Manifest {
     pub balance: Option<BalanceEntry>,
 }
 
+/// A pretty-printed JSON table with the checksum of its text as its last field.
+pub(crate) fn seal_json(mut text: String) -> String {
+    // The closing brace and the line break before it.
+    text.truncate(text.strip_suffix("\n}").map_or(text.len(), str::len));
+    let checksum = blake3::hash(text.as_bytes()).to_hex();
+    text.push_str(CHECKSUM_KEY);
+    text.push_str(&checksum);
+    text.push_str(CHECKSUM_END);
+    text
+}
+
+/// Whether a text of [`seal_json`] is as it was; `None` where it has no checksum.
+fn is_sealed_json(text: &str) -> Option<bool> {
+    let (body, end) = text.rsplit_once(CHECKSUM_KEY)?;
+    let checksum = blake3::hash(body.as_bytes()).to_hex();
+    Some(end.strip_suffix(CHECKSUM_END) == Some(checksum.as_str()))
+}
+
+/// The same of a text that may be of a version which had no checksum there.
+pub(crate) fn is_sealed_or_plain_json(text: &str) -> bool {
+    is_sealed_json(text).unwrap_or(true)
+}
+
 /// How `part` is called, from the store's directory.
 pub(crate) fn part_file(part: u32) -> String {
     format!("{PARTS_DIRECTORY}/part-{part:05}.npz")
@@ -341,14 +364,7 @@ impl Manifest {
     /// # Errors
     /// Only when the settings hold what JSON cannot.
     pub fn to_json(&self) -> serde_json::Result<String> {
-        let mut text = serde_json::to_string_pretty(self)?;
-        // The closing brace and the line break before it.
-        text.truncate(text.strip_suffix("\n}").map_or(text.len(), str::len));
-        let checksum = blake3::hash(text.as_bytes()).to_hex();
-        text.push_str(CHECKSUM_KEY);
-        text.push_str(&checksum);
-        text.push_str(CHECKSUM_END);
-        Ok(text)
+        serde_json::to_string_pretty(self).map(seal_json)
     }
 
     pub(crate) fn write(&self, directory: &Path) -> Result<()> {
@@ -412,11 +428,7 @@ impl Manifest {
             }
             None => return Err("has no version".into()),
         }
-        let (body, end) = text
-            .rsplit_once(CHECKSUM_KEY)
-            .ok_or("has no checksum: it is truncated or damaged")?;
-        let checksum = blake3::hash(body.as_bytes()).to_hex();
-        if end.strip_suffix(CHECKSUM_END) != Some(checksum.as_str()) {
+        if !is_sealed_json(text).ok_or("has no checksum: it is truncated or damaged")? {
             return Err("has changed since it was written: its checksum does not fit".into());
         }
         fields.remove("blake3");

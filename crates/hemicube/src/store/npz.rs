@@ -15,11 +15,17 @@ use zip::{CompressionMethod, DateTime, System, ZipArchive, ZipWriter};
 /// The most members that an archive may have: SciPy writes 5, the patch table has 11.
 const MEMBERS_MAX: usize = 64;
 
-/// Deflate cannot do better than this.
-const DEFLATE_RATIO_MAX: u64 = 1032;
+/// What the arrays of an archive may take that are compressed: so many times its file, or [`INFLATED_MIN`] where that is more.
+const INFLATED_RATIO_MAX: u64 = 10;
+
+/// Bytes that compressed arrays may take of the smallest archive.
+const INFLATED_MIN: u64 = 64 << 20;
 
 /// Elements that are encoded or decoded at a time.
 const CHUNK: usize = 1 << 14;
+
+/// Bytes that are read at a time to be held against their CRC.
+const VERIFIED_AT_A_TIME: usize = 1 << 18;
 
 /// Writes arrays into an archive, one after another: what `numpy.load` opens. Equal arrays give equal bytes.
 ///
@@ -157,6 +163,8 @@ struct Member {
     count: u64,
     /// Where the elements begin in the archive, if they are stored.
     offset: Option<u64>,
+    /// CRC-32 of header and elements, by the archive's directory.
+    crc: u32,
 }
 
 /// An open archive of arrays. Every claimed length has been held against the size of the file.
@@ -165,6 +173,8 @@ pub(crate) struct Npz {
     file: File,
     archive: ZipArchive<io::BufReader<File>>,
     members: Vec<Member>,
+    /// Whether arrays that are read whole are held against their CRC.
+    verifies: bool,
 }
 
 /// The elements of an array, in the file or, if they were compressed, in memory.
@@ -199,6 +209,7 @@ impl Npz {
             return Err(Error::malformed(path, "has too many members, or two of one name"));
         }
         let mut members = Vec::with_capacity(archive.len());
+        let (mut taken, mut inflated) = (0u64, 0u64);
         for index in 0..archive.len() {
             let mut member = archive.by_index(index).map_err(no_archive)?;
             let file_name = member.name().map_err(no_archive)?.into_owned();
@@ -226,15 +237,32 @@ impl Npz {
             if data_start.checked_add(compressed).is_none_or(|end| end > length) {
                 return Err(of_member("reaches past the end of the file: it is truncated"));
             }
-            if stored && size != compressed || size > compressed.saturating_mul(DEFLATE_RATIO_MAX).saturating_add(1024)
-            {
+            taken = taken.saturating_add(compressed);
+            if stored && size != compressed || taken > length {
                 return Err(of_member("claims a size that it cannot have"));
             }
+            if !stored {
+                inflated = inflated.saturating_add(size);
+            }
+            let inflated_max = length.saturating_mul(INFLATED_RATIO_MAX).max(INFLATED_MIN);
+            if inflated > inflated_max {
+                let reason = format!(
+                    "has compressed arrays of {inflated} bytes or more, and {inflated_max} at most are read of a file of its \
+                     size; save it uncompressed"
+                );
+                return Err(Error::unsupported(path, reason));
+            }
+            let crc = member.crc32();
             let header = Header::read(&mut member)
                 .map_err(io)?
                 .map_err(|reason| of_member(&reason))?;
             if header.total_size() != Some(size) {
                 return Err(of_member("has another number of elements than its shape says"));
+            }
+            if header.fortran_order && header.shape.len() > 1 {
+                return Err(of_member(
+                    "is in Fortran order; save it as `numpy.ascontiguousarray` makes it",
+                ));
             }
             let count = header.count().unwrap_or(0);
             let offset = stored.then_some(data_start + header.size);
@@ -243,6 +271,7 @@ impl Npz {
                 header,
                 count,
                 offset,
+                crc,
             });
         }
         Ok(Self {
@@ -250,7 +279,55 @@ impl Npz {
             file,
             archive,
             members,
+            verifies: true,
         })
+    }
+
+    /// The same, whose stored arrays were held against their CRC before.
+    pub(crate) fn verified(mut self) -> Self {
+        self.verifies = false;
+        self
+    }
+
+    /// Reads all stored arrays and holds them against their CRC, for who then reads rows at their offsets.
+    pub(crate) fn verify(&mut self) -> Result<()> {
+        for member in self.members.iter().filter(|member| member.offset.is_some()) {
+            let mut hasher = self.header_crc(member)?;
+            let (mut at, mut left) = (member.offset.unwrap_or(0), member.count * member.header.element.size());
+            let mut buffer = vec![0; VERIFIED_AT_A_TIME];
+            while left > 0 {
+                let size = usize::try_from(left).unwrap_or(usize::MAX).min(buffer.len());
+                read_exact_at(&self.file, &mut buffer[..size], at)
+                    .map_err(|error| Error::io(&self.path, "read", error))?;
+                hasher.update(&buffer[..size]);
+                at += size as u64;
+                left -= size as u64;
+            }
+            self.require_crc(member, hasher)?;
+        }
+        self.verifies = false;
+        Ok(())
+    }
+
+    /// The CRC so far of a stored array's header.
+    fn header_crc(&self, member: &Member) -> Result<crc32fast::Hasher> {
+        let mut hasher = crc32fast::Hasher::new();
+        let start = member.offset.unwrap_or(0).saturating_sub(member.header.size);
+        let mut header = vec![0; usize::try_from(member.header.size).unwrap_or(0)];
+        read_exact_at(&self.file, &mut header, start).map_err(|error| Error::io(&self.path, "read", error))?;
+        hasher.update(&header);
+        Ok(hasher)
+    }
+
+    fn require_crc(&self, member: &Member, hasher: crc32fast::Hasher) -> Result<()> {
+        if hasher.finalize() == member.crc {
+            return Ok(());
+        }
+        let reason = format!(
+            "has an array `{}` whose CRC is not that of its bytes: it is damaged; restore it from a copy or write it again",
+            member.name
+        );
+        Err(Error::malformed(&self.path, reason))
     }
 
     fn member(&self, name: &str) -> Result<(usize, &Member)> {
@@ -302,9 +379,26 @@ impl Npz {
                     .map_err(|_| Error::unsupported(&self.path, "is too large for this machine's memory"))?;
                 let mut bytes = vec![0; size];
                 read_exact_at(&self.file, &mut bytes, offset).map_err(|error| Error::io(&self.path, "read", error))?;
+                if self.verifies {
+                    let mut hasher = self.header_crc(member)?;
+                    hasher.update(&bytes);
+                    self.require_crc(member, hasher)?;
+                }
                 Ok(bytes)
             }
         }
+    }
+
+    /// A whole array of `T` and of exactly this shape.
+    pub(crate) fn shaped<T: Element>(&mut self, name: &str, shape: &[u64]) -> Result<Vec<T>> {
+        let found = &self.header(name)?.shape;
+        if found != shape {
+            return Err(Error::malformed(
+                &self.path,
+                format!("has an array `{name}` of the shape {found:?}, where {shape:?} belongs"),
+            ));
+        }
+        self.array(name)
     }
 
     /// A whole array of `T`.
@@ -319,8 +413,20 @@ impl Npz {
         Ok(decode(&self.bytes(name)?))
     }
 
+    /// Refuses an array that does not have one dimension.
+    pub(crate) fn require_vector(&self, name: &str) -> Result<()> {
+        if self.header(name)?.shape.len() == 1 {
+            return Ok(());
+        }
+        Err(Error::malformed(
+            &self.path,
+            format!("has an array `{name}` that does not have one dimension"),
+        ))
+    }
+
     /// A whole array of signed whole numbers, 4 or 8 bytes wide, none negative.
     pub(crate) fn counts(&mut self, name: &str) -> Result<Vec<u64>> {
+        self.require_vector(name)?;
         let numbers = match self.header(name)?.element {
             ElementType::I32 => self.array::<i32>(name)?.into_iter().map(u64::try_from).collect(),
             _ => self.array::<i64>(name)?.into_iter().map(u64::try_from).collect(),

@@ -3,9 +3,11 @@
 //! Parts are read once, front to back, in pieces that stay in a cache, by as many threads as there are; in memory are x, y
 //! and, for Fᵀ·x, [`SUMS`] vectors more. Sums have a fixed order: the result is the same to the bit whatever the threads.
 
-use super::csr::Buffers;
+use super::csr::{Buffers, CsrFile, EncodedRow};
 use super::row_product::{Scratch, dot, scatter};
+use super::validate::is_plain_row;
 use super::{Error, Result, Store};
+use std::fs::File;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -31,7 +33,7 @@ impl Store {
             let (csr, rows, file) = self.matrix_of_part(place)?;
             let mut sums = vec![0.0; rows.len()];
             let mut scratch = Scratch::default();
-            csr.visit(&file, buffers, &mut |row, encoded| {
+            self.visit(place, &csr, &file, buffers, &mut |row, encoded| {
                 let sum = sums.get_mut(usize::try_from(row).ok()?)?;
                 *sum = dot(encoded, x, &mut scratch)?;
                 Some(())
@@ -62,7 +64,7 @@ impl Store {
             for place in (share..parts).step_by(SUMS) {
                 self.read_ahead(place + SUMS);
                 let (csr, rows, file) = self.matrix_of_part(place)?;
-                csr.visit(&file, buffers, &mut |row, encoded| {
+                self.visit(place, &csr, &file, buffers, &mut |row, encoded| {
                     let patch = *rows.get(usize::try_from(row).ok()?)?;
                     scatter(encoded, *x.get(patch as usize)?, &mut y, &mut scratch)
                 })?;
@@ -76,6 +78,37 @@ impl Store {
             y.iter_mut().zip(sum).for_each(|(y, sum)| *y += sum);
         }
         Ok(y)
+    }
+
+    /// Goes through the rows of a part, and looks at their columns and form factors the first time.
+    fn visit(
+        &self,
+        place: usize,
+        csr: &CsrFile,
+        file: &File,
+        buffers: &mut Buffers,
+        each: &mut dyn FnMut(u64, EncodedRow<'_>) -> Option<()>,
+    ) -> Result<()> {
+        if self.has_valid_entries(place) {
+            return csr.visit(file, buffers, each);
+        }
+        let patch_count = self.patch_count();
+        let visited = csr.visit(file, buffers, &mut |row, encoded| {
+            let holds = match encoded {
+                EncodedRow::Plain { columns, values } => is_plain_row(columns, values, patch_count),
+                // Runs ascend, codes are form factors, and `each` finds no number for a column beyond the last.
+                EncodedRow::Compact { .. } => true,
+            };
+            holds.then_some(())?;
+            each(row, encoded)
+        });
+        // Who reads the whole part says which row, and what is wrong with it.
+        if visited.is_err() {
+            self.part(place)?;
+        }
+        visited?;
+        self.note_valid_entries(place);
+        Ok(())
     }
 
     fn require_factor(&self, x: &[f64]) -> Result<()> {

@@ -1,17 +1,20 @@
 //! Reading a store of either form: the manifest at once, a part's head when a row of it is first wanted, a row by two or
 //! three reads at its offset.
 //!
-//! Memory: 12 bytes a patch for where its row is, 20 or 28 bytes a row for the heads of the parts; entries are never kept.
+//! A part is looked at as a whole before anything of it is handed on (`validate.rs`): its checksum, its run, that no other
+//! part has its rows, and, at the latest when they are read, its columns and form factors.
+//!
+//! Memory: 16 bytes a patch for where its row is, 20 or 28 bytes a row for the heads of the parts; entries are never kept.
 
 use super::csr::CsrFile;
 use super::durable::file_checksum;
 use super::npz::Npz;
-use super::{Error, Form, Manifest, Part, PartThinning, PatchTable, Result, RowShares, RowSums};
+use super::{Error, Form, Manifest, Part, PartThinning, PatchTable, Result, RowShares, RowSums, validate};
 use hemicube_scene::InputPatch;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Files that are kept open. Rows in input order jump from part to part, and the system allows about a thousand.
 const OPEN_FILES_MAX: usize = 128;
@@ -25,8 +28,22 @@ pub(super) const SHARES: &str = "shares";
 /// The array of a part, and of the patch table, that says which run it is of.
 pub(super) const RUN: &str = "run";
 
-/// Bytes that the patch table takes for a patch.
+/// Bytes that the patch table takes at least for a patch.
 const PATCH_SIZE: u64 = 101;
+
+/// What was found to hold of a file, a bit each.
+mod found {
+    /// The checksum of its bytes.
+    pub(super) const CHECKSUM: u8 = 1;
+    /// The CRC of its arrays.
+    pub(super) const CRC: u8 = 2;
+    /// That it is of the store's run.
+    pub(super) const RUN: u8 = 4;
+    /// That its rows are of patches which have no other.
+    pub(super) const ROWS: u8 = 8;
+    /// Its columns and form factors.
+    pub(super) const ENTRIES: u8 = 16;
+}
 
 /// A row of the matrix.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -160,8 +177,12 @@ pub struct Store {
     /// By place of the part, least recently opened first.
     files: Mutex<Vec<(usize, Arc<File>)>>,
     locations: Mutex<Option<Arc<Vec<Location>>>>,
-    /// Files whose checksum was found to hold: the parts by place, and the patch table.
-    verified: Vec<AtomicBool>,
+    /// What was [`found`] to hold of the parts, by place, and of the patch table.
+    found: Vec<AtomicU8>,
+    /// The part that has the row of each patch, from 1 on; 0: none that was looked at.
+    claims: Mutex<Vec<u32>>,
+    /// The run of the first part, which all files are to be of.
+    run: OnceLock<Option<[u8; 32]>>,
 }
 
 impl Store {
@@ -188,24 +209,24 @@ impl Store {
         let manifest = Manifest::read(directory)?;
         let count = manifest.parts.len();
         // The patch count is only a claim until there is a table as long as it says.
-        let table = directory.join(super::manifest::PATCHES_FILE);
-        if manifest.patches.is_some() {
-            let size = std::fs::metadata(&table)
-                .map_err(|error| Error::io(&table, "read", error))?
-                .len();
-            if size < u64::from(manifest.patch_count) * PATCH_SIZE {
-                return Err(Error::malformed(&table, "is shorter than its patches: it is truncated"));
-            }
-        } else if count > 0 {
-            return Err(Error::malformed(directory, "has parts and no patch table"));
+        if manifest.patches.is_none() {
+            return Err(Error::malformed(
+                directory,
+                "has no patch table: its run was ended before it had written one; `hemicube compute` with the scene goes on \
+                 with it",
+            ));
         }
+        require_backed(&directory.join(super::manifest::PATCHES_FILE), manifest.patch_count)?;
+        let known = if trusts { found::CHECKSUM } else { 0 };
         Ok(Self {
             directory: directory.to_owned(),
             manifest,
             heads: Mutex::new(vec![None; count]),
             files: Mutex::default(),
             locations: Mutex::default(),
-            verified: (0..=count).map(|_| AtomicBool::new(trusts)).collect(),
+            found: (0..=count).map(|_| AtomicU8::new(known)).collect(),
+            claims: Mutex::default(),
+            run: OnceLock::new(),
         })
     }
 
@@ -312,16 +333,104 @@ impl Store {
     }
 
     /// A part, by its place among those that are there ([`Manifest::parts`]); `None` beyond the last. Reads the whole
-    /// part into memory, and checks of it what no reader can do without: that its arrays fit together.
+    /// part into memory, and looks at all that a reader relies on: rows of patches that have no other, columns that ascend
+    /// within the matrix, form factors from 0 to below 2, weights that are those of the hemicubes.
     ///
     /// # Errors
-    /// When the part is damaged.
+    /// When the part is damaged, or of another run than the rest.
     pub fn part(&self, place: usize) -> Result<Option<Part>> {
+        let Some((path, part)) = self.part_as_it_is(place)? else {
+            return Ok(None);
+        };
+        self.validate(place, &path, &part)?;
+        Ok(Some(part))
+    }
+
+    /// A part of which no more is known than that its arrays fit together, for who says what is wrong with it.
+    pub(crate) fn part_as_it_is(&self, place: usize) -> Result<Option<(PathBuf, Part)>> {
         let Some(entry) = self.manifest.parts.get(place) else {
             return Ok(None);
         };
         let (path, mut npz, csr) = self.open_part(place)?;
-        read_part(&path, &mut npz, &csr, &self.manifest, entry.index).map(Some)
+        let part = read_part(&path, &mut npz, &csr, &self.manifest, entry.index)?;
+        self.note(place, found::CRC);
+        Ok(Some((path, part)))
+    }
+
+    /// Holds a part against all that readers rely on.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] with the first thing that does not hold.
+    pub(crate) fn validate(&self, place: usize, path: &Path, part: &Part) -> Result<()> {
+        let rows = self.manifest.rows_of_part(part.index) as usize;
+        validate::part(part, rows, self.manifest.patch_count, self.manifest.form)
+            .map_err(|reason| Error::malformed(path, reason))?;
+        self.claim(place, path, &part.rows)?;
+        self.note(place, found::ENTRIES);
+        Ok(())
+    }
+
+    fn has(&self, place: usize, what: u8) -> bool {
+        let of_file = self.found.get(place);
+        of_file.is_some_and(|found| found.load(Ordering::Acquire) & what != 0)
+    }
+
+    fn note(&self, place: usize, what: u8) {
+        if let Some(of_file) = self.found.get(place) {
+            of_file.fetch_or(what, Ordering::AcqRel);
+        }
+    }
+
+    /// Whether the columns and form factors of a part were found to hold.
+    pub(super) fn has_valid_entries(&self, place: usize) -> bool {
+        self.has(place, found::ENTRIES)
+    }
+
+    pub(super) fn note_valid_entries(&self, place: usize) {
+        self.note(place, found::ENTRIES);
+    }
+
+    /// Refuses rows of patches that do not exist, or of which this part or another has a row already.
+    fn claim(&self, place: usize, path: &Path, rows: &[u32]) -> Result<()> {
+        let mut claims = self.claims.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.has(place, found::ROWS) {
+            return Ok(());
+        }
+        claims.resize(self.manifest.patch_count as usize, 0);
+        let claimant = u32::try_from(place).unwrap_or(u32::MAX - 1) + 1;
+        for (row, &patch) in rows.iter().enumerate() {
+            match claims.get_mut(patch as usize) {
+                Some(slot @ 0) => *slot = claimant,
+                _ => {
+                    // Whoever looks again is told the same.
+                    rows[..row].iter().for_each(|&patch| claims[patch as usize] = 0);
+                    return Err(Error::malformed(path, validate::no_row(patch)));
+                }
+            }
+        }
+        self.note(place, found::ROWS);
+        Ok(())
+    }
+
+    /// Refuses a file of another run than the first part, which stands for the store.
+    fn require_run(&self, place: usize, path: &Path, npz: &mut Npz) -> Result<()> {
+        if self.has(place, found::RUN) {
+            return Ok(());
+        }
+        let run: Vec<u8> = npz.shaped(RUN, &[32])?;
+        let of_store = self.run.get_or_init(|| {
+            let first = self.directory.join(&self.manifest.parts.first()?.file);
+            // Where the first part cannot be read, it is refused itself.
+            let run: Vec<u8> = Npz::open(&first).ok()?.shaped(RUN, &[32]).ok()?;
+            run.try_into().ok()
+        });
+        if of_store.is_some_and(|of_store| run != of_store) {
+            let reason = "is of another run than the first part: another scene, other settings or another version; compute \
+                          the matrix again";
+            return Err(Error::malformed(path, reason));
+        }
+        self.note(place, found::RUN);
+        Ok(())
     }
 
     /// Reads a part's file and holds its checksum against the manifest's. Place as in [`Self::part`].
@@ -337,9 +446,10 @@ impl Store {
 
     /// Verifies a file the first time that something of it is wanted.
     fn once(&self, place: usize, verify: impl FnOnce() -> Result<()>) -> Result<()> {
-        match self.verified.get(place) {
-            Some(verified) if !verified.load(Ordering::Acquire) => verify(),
-            _ => Ok(()),
+        if place < self.found.len() && !self.has(place, found::CHECKSUM) {
+            verify()
+        } else {
+            Ok(())
         }
     }
 
@@ -358,9 +468,7 @@ impl Store {
         let path = self.directory.join(file);
         let found = file_checksum(&path)?;
         if found == expected {
-            if let Some(verified) = self.verified.get(place) {
-                verified.store(true, Ordering::Release);
-            }
+            self.note(place, found::CHECKSUM);
             Ok(())
         } else {
             Err(Error::Checksum {
@@ -371,29 +479,13 @@ impl Store {
         }
     }
 
-    /// The patches.
+    /// The patches: of objects and materials that the manifest names, each with an area and a unit normal.
     ///
     /// # Errors
     /// When the patch table is not there, or damaged.
     pub fn patches(&self) -> Result<PatchTable> {
         let (path, mut npz) = self.open_patches()?;
-        let triples = |numbers: Vec<f64>| numbers.as_chunks::<3>().0.to_vec();
-        let table = PatchTable {
-            face: npz.array("face")?,
-            object: npz.array("object")?,
-            material: npz.array("material")?,
-            side: npz.array("side")?,
-            area: npz.array("area")?,
-            centroid: triples(npz.array("centroid")?),
-            normal: triples(npz.array("normal")?),
-        };
-        if !table.is_of(self.manifest.patch_count) {
-            return Err(Error::malformed(
-                &path,
-                format!("does not have {} patches", self.manifest.patch_count),
-            ));
-        }
-        Ok(table)
+        read_patches(&path, &mut npz, &self.manifest)
     }
 
     /// What each row came to. All NaN as long as the store is not complete.
@@ -402,44 +494,44 @@ impl Store {
     /// When the patch table is not there, or damaged.
     pub fn row_table(&self) -> Result<RowTable> {
         let (path, mut npz) = self.open_patches()?;
+        let mut column = |name: &str, most: f64| -> Result<Vec<f64>> {
+            let values: Vec<f64> = npz.shaped(name, &[self.manifest.patch_count.into()])?;
+            validate::column(name, &values, most).map_err(|reason| Error::malformed(&path, reason))?;
+            Ok(values)
+        };
         let [escaped, blocked, unselected] = if self.manifest.has_shares() {
             ["hemicube_escaped", "hemicube_blocked", "hemicube_unselected"]
         } else {
             ["escaped", "blocked", "unselected"]
         };
         let table = RowTable {
-            hemicube_escaped: npz.array(escaped)?,
-            hemicube_blocked: npz.array(blocked)?,
-            hemicube_unselected: npz.array(unselected)?,
-            escaped: npz.array("escaped")?,
-            blocked: npz.array("blocked")?,
-            unselected: npz.array("unselected")?,
-            row_sum: npz.array("row_sum")?,
-            error: npz.array("error")?,
+            hemicube_escaped: column(escaped, 1.0)?,
+            hemicube_blocked: column(blocked, 1.0)?,
+            hemicube_unselected: column(unselected, 1.0)?,
+            escaped: column("escaped", 1.0)?,
+            blocked: column("blocked", 1.0)?,
+            unselected: column("unselected", 1.0)?,
+            row_sum: column("row_sum", f64::MAX)?,
+            error: column("error", f64::MAX)?,
         };
-        let count = self.manifest.patch_count as usize;
-        if [
-            &table.escaped,
-            &table.blocked,
-            &table.unselected,
-            &table.row_sum,
-            &table.error,
-            &table.hemicube_escaped,
-            &table.hemicube_blocked,
-            &table.hemicube_unselected,
-        ]
-        .iter()
-        .any(|column| column.len() != count)
-        {
-            return Err(Error::malformed(&path, format!("does not have {count} patches")));
-        }
+        validate::fractions(&[&table.escaped, &table.blocked, &table.unselected])
+            .and_then(|()| {
+                validate::fractions(&[
+                    &table.hemicube_escaped,
+                    &table.hemicube_blocked,
+                    &table.hemicube_unselected,
+                ])
+            })
+            .map_err(|reason| Error::malformed(&path, reason))?;
         Ok(table)
     }
 
     fn open_patches(&self) -> Result<(PathBuf, Npz)> {
-        self.once(self.manifest.parts.len(), || self.verify_patches())?;
+        let place = self.manifest.parts.len();
+        self.once(place, || self.verify_patches())?;
         let path = self.directory.join(super::manifest::PATCHES_FILE);
-        let npz = Npz::open(&path)?;
+        let mut npz = Npz::open(&path)?;
+        self.require_run(place, &path, &mut npz)?;
         Ok((path, npz))
     }
 
@@ -461,7 +553,11 @@ impl Store {
             .ok_or_else(|| Error::malformed(&self.directory, format!("has no part at place {place}")))?;
         self.once(place, || self.verify_part(place))?;
         let path = self.directory.join(&entry.file);
-        let (npz, csr) = open_part(&path, &self.manifest, entry.index)?;
+        let (mut npz, csr) = open_part(&path, &self.manifest, entry.index)?;
+        if self.has(place, found::CRC) {
+            npz = npz.verified();
+        }
+        self.require_run(place, &path, &mut npz)?;
         if csr.entries() != entry.entries {
             return Err(Error::malformed(
                 &path,
@@ -474,10 +570,8 @@ impl Store {
     /// A part's matrix and its file, for who reads much of it.
     pub(super) fn matrix_of_part(&self, place: usize) -> Result<(CsrFile, Vec<u32>, File)> {
         let (path, mut npz, csr) = self.open_part(place)?;
-        let rows: Vec<u32> = npz.array("rows")?;
-        if rows.len() as u64 != csr.row_count {
-            return Err(Error::malformed(&path, "has another number of `rows` than of rows"));
-        }
+        let rows: Vec<u32> = npz.shaped("rows", &[csr.row_count])?;
+        self.claim(place, &path, &rows)?;
         Ok((csr, rows, npz.into_file()))
     }
 
@@ -514,16 +608,9 @@ impl Store {
     }
 
     fn rows_of_part(&self, place: usize) -> Result<Vec<u32>> {
-        let (path, mut npz, _) = self.open_part(place)?;
-        let rows: Vec<u32> = npz.array("rows")?;
-        if self
-            .manifest
-            .parts
-            .get(place)
-            .is_none_or(|entry| rows.len() != entry.rows as usize)
-        {
-            return Err(Error::malformed(&path, "has another number of `rows` than of rows"));
-        }
+        let (path, mut npz, csr) = self.open_part(place)?;
+        let rows: Vec<u32> = npz.shaped("rows", &[csr.row_count])?;
+        self.claim(place, &path, &rows)?;
         Ok(rows)
     }
 
@@ -539,8 +626,7 @@ impl Store {
                     Some(location @ None) => *location = Some((number, row)),
                     _ => {
                         let path = self.directory.join(&self.manifest.parts[place].file);
-                        let reason = format!("has a row of patch {patch}, which does not exist or has a row already");
-                        return Err(Error::malformed(&path, reason));
+                        return Err(Error::malformed(&path, validate::no_row(patch)));
                     }
                 }
             }
@@ -554,22 +640,44 @@ impl Store {
         let head = self.head(place)?;
         let file = self.file(place, &head.path)?;
         let (columns, data) = head.csr.row(&file, row.into())?;
-        let mut indices = Vec::with_capacity(columns.len());
-        for column in columns {
-            match u32::try_from(column) {
-                Ok(column)
-                    if column < self.manifest.patch_count && indices.last().is_none_or(|&last| last < column) =>
-                {
-                    indices.push(column);
-                }
-                _ => {
-                    let reason = format!("has column {column} in its row {row}, out of range or out of order");
-                    return Err(Error::malformed(&head.path, reason));
-                }
-            }
+        if !validate::are_columns(&columns, self.manifest.patch_count) || !validate::are_factors(data.iter().copied()) {
+            let reason = format!(
+                "has columns in its row {row} that do not ascend, or leave the matrix, or what is no form factor: it is damaged"
+            );
+            return Err(Error::malformed(&head.path, reason));
         }
+        let indices = columns.into_iter().map(i32::cast_unsigned).collect();
         Ok(Row { indices, data })
     }
+}
+
+/// Refuses a table that is shorter than so many patches.
+pub(super) fn require_backed(table: &Path, patch_count: u32) -> Result<()> {
+    let size = std::fs::metadata(table)
+        .map_err(|error| Error::io(table, "read", error))?
+        .len();
+    if size < u64::from(patch_count) * PATCH_SIZE {
+        return Err(Error::malformed(table, "is shorter than its patches: it is truncated"));
+    }
+    Ok(())
+}
+
+/// Reads the patches, and holds them against the manifest.
+pub(super) fn read_patches(path: &Path, npz: &mut Npz, manifest: &Manifest) -> Result<PatchTable> {
+    let count = u64::from(manifest.patch_count);
+    let triples = |numbers: Vec<f64>| numbers.as_chunks::<3>().0.to_vec();
+    let table = PatchTable {
+        face: npz.shaped("face", &[count])?,
+        object: npz.shaped("object", &[count])?,
+        material: npz.shaped("material", &[count])?,
+        side: npz.shaped("side", &[count])?,
+        area: npz.shaped("area", &[count])?,
+        centroid: triples(npz.shaped("centroid", &[count, 3])?),
+        normal: triples(npz.shaped("normal", &[count, 3])?),
+    };
+    validate::patches(&table, manifest.objects.len(), manifest.materials.len())
+        .map_err(|reason| Error::malformed(path, reason))?;
+    Ok(table)
 }
 
 /// Opens the file of a part, and holds its shape against the manifest.
@@ -594,29 +702,22 @@ pub(super) fn open_part(path: &Path, manifest: &Manifest, part: u32) -> Result<(
 
 /// Reads a whole part, and checks of it what no reader can do without: that its arrays fit together.
 pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Manifest, index: u32) -> Result<Part> {
-    let rows: Vec<u32> = npz.array("rows")?;
-    let sums: Vec<u64> = npz.array("sums")?;
-    let hemicubes: Vec<u32> = npz.array("hemicubes")?;
-    let count = manifest.rows_of_part(index) as usize;
-    let (errors, rays): (Vec<f32>, Vec<u32>) = (npz.array("errors")?, npz.array("rays")?);
-    let lengths = [rows.len(), hemicubes.len(), errors.len(), rays.len()];
-    if lengths.iter().any(|&length| length != count) || sums.len() != 4 * count {
-        return Err(Error::malformed(
-            path,
-            format!("does not have `rows`, `sums`, `hemicubes`, `errors` and `rays` of {count} rows"),
-        ));
-    }
-    if let Some(row) = rows.iter().find(|&&row| row >= manifest.patch_count) {
-        return Err(Error::malformed(
-            path,
-            format!("has a row of patch {row}, which does not exist"),
-        ));
+    let count = u64::from(manifest.rows_of_part(index));
+    let rows: Vec<u32> = npz.shaped("rows", &[count])?;
+    let sums: Vec<u64> = npz.shaped("sums", &[count, 4])?;
+    let hemicubes: Vec<u32> = npz.shaped("hemicubes", &[count])?;
+    let (errors, rays): (Vec<f32>, Vec<u32>) = (npz.shaped("errors", &[count])?, npz.shaped("rays", &[count])?);
+    if let Some(&row) = rows.iter().find(|&&row| row >= manifest.patch_count) {
+        return Err(Error::malformed(path, validate::no_row(row)));
     }
     let thinning = if npz.has(THINNING) {
         let numbers: Vec<f64> = npz.array(THINNING)?;
-        let numbers = numbers
+        let numbers: [f64; PartThinning::LENGTH] = numbers
             .try_into()
             .map_err(|_| Error::malformed(path, format!("has a `{THINNING}` of another length")))?;
+        if let Some(bad) = numbers.iter().find(|number| !number.is_finite() || **number < 0.0) {
+            return Err(Error::malformed(path, format!("has {bad} in `{THINNING}`")));
+        }
         Some(PartThinning::from_numbers(numbers))
     } else {
         None
@@ -632,7 +733,7 @@ pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Ma
         .collect();
     let of_hemicubes = |(sums, &hemicubes)| RowShares::of_hemicubes(sums, hemicubes);
     let shares: Vec<RowShares> = if manifest.has_shares() {
-        let shares: Vec<f64> = npz.array(SHARES)?;
+        let shares: Vec<f64> = npz.shaped(SHARES, &[count, 3])?;
         shares
             .as_chunks()
             .0
@@ -643,11 +744,6 @@ pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Ma
     } else {
         sums.iter().zip(&hemicubes).map(of_hemicubes).collect()
     };
-    let fit = |row: usize| shares.get(row).is_some_and(|shares| shares.fit(hemicubes[row]));
-    if let Some(row) = (0..count).find(|&row| shares.len() != count || !fit(row)) {
-        let reason = format!("has `{SHARES}` of row {row} that its weights rule out");
-        return Err(Error::malformed(path, reason));
-    }
     let (indices, data) = csr.rows(npz)?;
     Ok(Part {
         index,

@@ -8,7 +8,7 @@ use super::durable::{DurableFile, TEMPORARY_SUFFIX, sealed_checksum};
 use super::lock::{Lock, Mode};
 use super::manifest::{FileEntry, MANIFEST_FILE, PARTS_DIRECTORY, PATCHES_FILE, part_file};
 use super::npz::Npz;
-use super::read::{RUN, open_part, read_part};
+use super::read::{RUN, open_part, read_part, read_patches, require_backed};
 use super::write::{check_header, claim, remove_temporaries};
 use super::{Error, Header, Manifest, Part, PatchTable, Result, Shard, StoreWriter};
 use std::collections::BTreeSet;
@@ -418,6 +418,10 @@ pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Me
             "is damaged, and no other directory has it; run `compute` with the scene again, which mends it",
         ));
     }
+    // Nothing is made room for by the manifest's word alone, and nothing is put together of what no reader takes.
+    let table = directory.join(PATCHES_FILE);
+    require_backed(&table, ours.patch_count)?;
+    read_patches(&table, &mut Npz::open(&table)?, &ours)?;
     let shard_count = shard_count(&places);
     let mut writer = StoreWriter::new(directory, ours, None, locks);
     if home != directory || !directory.join(PARTS_DIRECTORY).is_dir() {

@@ -7,8 +7,8 @@ use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
 use super::read::{RUN, SHARES, THINNING};
 use super::{
-    Error, Form, HEMICUBE_WEIGHT, Header, Manifest, Part, PartEntry, PartThinning, PatchTable, Result, RowSums,
-    RowTable, Shard, compact,
+    Error, Form, Header, Manifest, Part, PartEntry, PartThinning, PatchTable, Result, RowSums, RowTable, Shard,
+    compact, validate,
 };
 use crate::balance::BalanceEntry;
 use std::collections::BTreeMap;
@@ -270,65 +270,16 @@ impl StoreWriter {
             return Err("it was written before".into());
         }
         let count = self.manifest.rows_of_part(part.index) as usize;
-        if part.rows.len() != count
-            || part.sums.len() != count
-            || part.shares.len() != count
-            || part.hemicubes.len() != count
-            || part.errors.len() != count
-            || part.rays.len() != count
-            || part.indptr.len() != count + 1
+        let total =
+            validate::part(part, count, patch_count, self.manifest.form).map_err(|reason| format!("it {reason}"))?;
+        match part
+            .rows
+            .iter()
+            .find(|&&patch| self.written.get(patch as usize) != Some(&false))
         {
-            return Err(format!("it does not have {count} rows"));
+            Some(&patch) => Err(format!("it {}", validate::no_row(patch))),
+            None => Ok(total),
         }
-        if part.indices.len() != part.data.len()
-            || part.indptr.first() != Some(&0)
-            || part.indptr.last().copied() != i64::try_from(part.data.len()).ok()
-            || part.indptr.windows(2).any(|bounds| bounds[0] > bounds[1])
-        {
-            return Err("its `indptr` does not divide its entries into rows".into());
-        }
-        let mut total = RowSums::default();
-        let mut own = std::collections::BTreeSet::new();
-        for (row, &patch) in part.rows.iter().enumerate() {
-            if patch >= patch_count || self.written.get(patch as usize).copied().unwrap_or(true) || !own.insert(patch) {
-                return Err(format!(
-                    "its row {row} is of patch {patch}, which does not exist or has a row already"
-                ));
-            }
-            let (columns, factors) = part.row(row);
-            let in_range = |&column: &i32| u32::try_from(column).is_ok_and(|column| column < patch_count);
-            if !columns.iter().all(in_range) || columns.windows(2).any(|pair| pair[0] >= pair[1]) {
-                return Err(format!(
-                    "the columns of patch {patch} do not ascend, or leave the matrix"
-                ));
-            }
-            if let Some(bad) = factors.iter().find(|factor| !factor.is_finite()) {
-                return Err(format!("a form factor of patch {patch} is {bad}"));
-            }
-            let misfit = |&&factor: &&f32| compact::code(factor).is_none();
-            if !self.manifest.form.is_plain()
-                && let Some(bad) = factors.iter().find(misfit)
-            {
-                return Err(format!(
-                    "a form factor of patch {patch} is {bad}, which the compact form cannot hold"
-                ));
-            }
-            let (sums, hemicubes) = (&part.sums[row], u64::from(part.hemicubes[row]));
-            if sums.total() != Some(hemicubes * HEMICUBE_WEIGHT) {
-                return Err(format!(
-                    "the weights of patch {patch} sum to {:?}, not to {hemicubes} hemicubes of {HEMICUBE_WEIGHT}",
-                    sums.total()
-                ));
-            }
-            if !part.shares[row].fit(part.hemicubes[row]) {
-                return Err(format!(
-                    "the shares of patch {patch} are {:?}, which its weights rule out",
-                    part.shares[row]
-                ));
-            }
-            total = total.plus(sums).ok_or("its weights do not fit 64 bits")?;
-        }
-        Ok(total)
     }
 
     fn write_patches(&mut self, patches: &PatchTable) -> Result<()> {
@@ -429,7 +380,8 @@ pub(super) fn check_header(directory: &Path, header: &Header, patches: &PatchTab
     if !patches.is_of(header.patch_count) {
         return refused(format!("the patch table does not have {} patches", header.patch_count));
     }
-    Ok(())
+    validate::patches(patches, header.objects.len(), header.materials.len())
+        .or_else(|reason| refused(format!("the patch table {reason}")))
 }
 
 /// Makes `directory`, or sees that it is free for a store or holds one: whether it does. Parts that were put there

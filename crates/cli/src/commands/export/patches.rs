@@ -7,7 +7,7 @@ use crate::exit::{Exit, hinted};
 use crate::report::{self, JsonReport, SCHEMA, counted, figures, size};
 use crate::stored;
 use anyhow::{Result, anyhow};
-use hemicube::sky::read_sky_view_factors;
+use hemicube::sky::sky_view_factors_beside;
 use hemicube::solve::StoredSolution;
 use hemicube::store::Store;
 use hemicube_export::{Colors, Column, Legend, PatchFormat, PatchResults, Values, write_patches};
@@ -121,7 +121,7 @@ fn read(store: &Store, arguments: &Arguments, talk: Talk) -> Result<PatchResults
     let mut results = PatchResults::read(store, &names)?;
     if store.directory().join("sky").join("sky.npz").exists() {
         match stored::sky(store) {
-            Ok(path) => results.push("sky_view_factor", read_sky_view_factors(&path)?)?,
+            Ok(_) => results.push("sky_view_factor", sky_view_factors_beside(store)?)?,
             Err(error) => talk.warn(&format!("the sky is left out: {error}")),
         }
     }

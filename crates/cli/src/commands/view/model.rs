@@ -11,7 +11,7 @@ use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use hemicube::InputPatch;
-use hemicube::sky::read_sky_view_factors;
+use hemicube::sky::sky_view_factors_beside;
 use hemicube::solve::StoredSolution;
 use hemicube::store::Store;
 use hemicube_scene::{Axis, Side};
@@ -677,13 +677,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             }
         }
         Show::Sky => {
-            let path = stored::sky(&store)?;
-            let values = read_sky_view_factors(&path)?;
-            if values.len() != patches {
-                bail!("`{}` is of another number of patches than the matrix", path.display());
-            }
+            stored::sky(&store)?;
             Values::Scale {
-                values,
+                values: sky_view_factors_beside(&store)?,
                 title: "sky view factor".to_owned(),
                 logarithmic: false,
                 marked: None,

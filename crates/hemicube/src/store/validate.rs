@@ -1,0 +1,258 @@
+//! What the arrays of a store must be, beyond fitting together. Writers refuse what is not so before a file is there, and
+//! readers before anything is made of it: nobody gets a row, a patch or a column that was not looked at here.
+
+use super::{Form, HEMICUBE_WEIGHT, Part, PatchTable, RowSums, compact};
+use std::result::Result;
+
+/// Form factors are below this, in either form. A fraction is 1 at most; what closed forms of patches that all but touch are
+/// off by stays far below the other 1.
+pub(super) const FACTOR_END: f32 = 2.0;
+
+/// The most hemicubes of a row: 4096 of `--samples`, and 16 times as many for a row that sums oddly.
+pub(super) const HEMICUBES_MAX: u32 = 1 << 16;
+
+/// By how much the square of a unit normal may be off 1.
+const NORMAL_ERROR: f64 = 1e-6;
+
+/// By how much fractions of one hemicube may sum to more than 1: rounding of three of them.
+const FRACTION_ERROR: f64 = 1e-9;
+
+/// Whether all are form factors: numbers from 0 to below [`FACTOR_END`].
+pub(super) fn are_factors(factors: impl Iterator<Item = f32> + Clone) -> bool {
+    // The two highest bits are those of the sign and of 2 and more, which infinities and what is no number have, too. Without
+    // a branch this is a tenth of the time of two comparisons each.
+    let bits = factors.clone().fold(0, |bits, factor| bits | factor.to_bits());
+    bits & 0xC000_0000 == 0 || factors.into_iter().all(is_factor)
+}
+
+fn is_factor(factor: f32) -> bool {
+    (0.0..FACTOR_END).contains(&factor)
+}
+
+/// Whether columns ascend, and are of a matrix of so many.
+pub(super) fn are_columns(columns: &[i32], patch_count: u32) -> bool {
+    let (Some(&first), Some(&last)) = (columns.first(), columns.last()) else {
+        return true;
+    };
+    let mut ascends = true;
+    for (before, after) in columns.iter().zip(&columns[1..]) {
+        ascends &= before < after;
+    }
+    ascends && first >= 0 && last.cast_unsigned() < patch_count
+}
+
+/// The same of the bytes of a plain row, with its form factors.
+pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32) -> bool {
+    let (columns, values) = (columns.as_chunks::<4>().0, values.as_chunks::<4>().0);
+    let (Some(&first), Some(&last)) = (columns.first(), columns.last()) else {
+        return true;
+    };
+    let mut ascends = true;
+    for (&before, &after) in columns.iter().zip(&columns[1..]) {
+        ascends &= i32::from_le_bytes(before) < i32::from_le_bytes(after);
+    }
+    ascends
+        && i32::from_le_bytes(first) >= 0
+        && i32::from_le_bytes(last).cast_unsigned() < patch_count
+        && are_factors(values.iter().map(|&value| f32::from_le_bytes(value)))
+}
+
+/// Holds a part against what every reader relies on; the sums over its rows.
+///
+/// # Errors
+/// The first thing that is not so, as a clause about the part.
+pub(super) fn part(part: &Part, row_count: usize, patch_count: u32, form: Form) -> Result<RowSums, String> {
+    let lengths = [
+        part.rows.len(),
+        part.sums.len(),
+        part.shares.len(),
+        part.hemicubes.len(),
+        part.errors.len(),
+        part.rays.len(),
+        part.indptr.len().saturating_sub(1),
+    ];
+    if lengths.iter().any(|&length| length != row_count) {
+        return Err(format!("does not have {row_count} rows"));
+    }
+    if part.indices.len() != part.data.len()
+        || part.indptr.first() != Some(&0)
+        || part.indptr.last().copied() != i64::try_from(part.data.len()).ok()
+        || !part.indptr.is_sorted()
+    {
+        return Err("has an `indptr` that does not divide its entries into rows".into());
+    }
+    let mut order: Vec<u32> = (0..).take(row_count).collect();
+    order.sort_unstable_by_key(|&row| part.rows[row as usize]);
+    let twice = order
+        .windows(2)
+        .find(|pair| part.rows[pair[0] as usize] == part.rows[pair[1] as usize])
+        .map(|pair| part.rows[pair[0] as usize]);
+    if let Some(patch) = twice.or_else(|| part.rows.iter().copied().find(|&patch| patch >= patch_count)) {
+        return Err(no_row(patch));
+    }
+    let mut total = RowSums::default();
+    for (row, &patch) in part.rows.iter().enumerate() {
+        let (columns, factors) = part.row(row);
+        if !are_columns(columns, patch_count) {
+            return Err(format!(
+                "has columns in the row of patch {patch} that do not ascend, or leave the matrix"
+            ));
+        }
+        if !are_factors(factors.iter().copied()) {
+            let bad = factors.iter().copied().find(|&factor| !is_factor(factor));
+            return Err(format!(
+                "has the form factor {} in the row of patch {patch}",
+                bad.unwrap_or(f32::NAN)
+            ));
+        }
+        if !form.is_plain()
+            && let Some(bad) = factors.iter().find(|&&factor| compact::code(factor).is_none())
+        {
+            return Err(format!(
+                "has the form factor {bad} in the row of patch {patch}, which the compact form cannot hold"
+            ));
+        }
+        let (sums, hemicubes) = (&part.sums[row], part.hemicubes[row]);
+        if hemicubes > HEMICUBES_MAX {
+            return Err(format!(
+                "has {hemicubes} hemicubes in the row of patch {patch}, where {HEMICUBES_MAX} are the most"
+            ));
+        }
+        if sums.total() != Some(u64::from(hemicubes) * HEMICUBE_WEIGHT) {
+            return Err(format!(
+                "has weights in the row of patch {patch} that sum to {:?}, not to {hemicubes} hemicubes of {HEMICUBE_WEIGHT}",
+                sums.total()
+            ));
+        }
+        if !part.shares[row].fit(hemicubes) {
+            return Err(format!(
+                "has the shares {:?} in the row of patch {patch}",
+                part.shares[row]
+            ));
+        }
+        let error = part.errors[row];
+        if !(error.is_nan() || error >= 0.0 && error.is_finite()) {
+            return Err(format!("has the expected error {error} in the row of patch {patch}"));
+        }
+        total = total.plus(sums).ok_or("has weights that do not fit 64 bits")?;
+    }
+    Ok(total)
+}
+
+/// What is wrong where a patch that is none, or that has a row already, has a row.
+pub(super) fn no_row(patch: u32) -> String {
+    format!("has a row of patch {patch}, which does not exist or has a row already")
+}
+
+/// Holds the patches against the names that they count into, and against what a patch can be.
+///
+/// # Errors
+/// The first thing that is not so, as a clause about the table.
+pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize) -> Result<(), String> {
+    let beyond = |what: &str, numbers: &[u32], names: usize| {
+        let found = (0..).zip(numbers).find(|&(_, &number)| number as usize >= names);
+        found.map_or(Ok(()), |(patch, number): (u32, _)| {
+            Err(format!(
+                "has patch {patch} of the {what} {number}, and the manifest names {names}"
+            ))
+        })
+    };
+    beyond("object", &table.object, objects)?;
+    beyond("material", &table.material, materials)?;
+    for (patch, &side) in table.side.iter().enumerate() {
+        if side > 1 {
+            return Err(format!(
+                "has patch {patch} on the side {side}, which is neither 0 nor 1"
+            ));
+        }
+    }
+    for (patch, &area) in table.area.iter().enumerate() {
+        if area == 0.0 {
+            return Err(format!(
+                "has patch {patch} without area, whose form factors are nothing; take it out of the scene and compute again"
+            ));
+        }
+        if !(area > 0.0 && area.is_finite()) {
+            return Err(format!(
+                "has patch {patch} with the area {area}: it is damaged; compute the matrix again"
+            ));
+        }
+    }
+    for (patch, (centroid, normal)) in table.centroid.iter().zip(&table.normal).enumerate() {
+        if !centroid.iter().all(|coordinate| coordinate.is_finite()) {
+            return Err(format!("has patch {patch} with the centroid {centroid:?}"));
+        }
+        let square: f64 = normal.iter().map(|component| component * component).sum();
+        let off = (square - 1.0).abs();
+        if off > NORMAL_ERROR || off.is_nan() {
+            return Err(format!(
+                "has patch {patch} with the normal {normal:?}, which is no unit vector"
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Holds a column of what rows came to against its range; what is no number says that nothing is known.
+///
+/// # Errors
+/// The first value out of range, as a clause about the table.
+pub(super) fn column(name: &str, values: &[f64], most: f64) -> Result<(), String> {
+    let is_sound = |value: f64| value.is_nan() || value >= 0.0 && value <= most && value.is_finite();
+    match (0..).zip(values).find(|&(_, &value)| !is_sound(value)) {
+        None => Ok(()),
+        Some((patch, value)) => {
+            let patch: u64 = patch;
+            Err(format!("has `{name}` of {value} for patch {patch}"))
+        }
+    }
+}
+
+/// Holds the fractions of each row's hemicubes against the whole.
+///
+/// # Errors
+/// The first row that lost more than there was.
+pub(super) fn fractions(columns: &[&[f64]]) -> Result<(), String> {
+    let count = columns.first().map_or(0, |column| column.len());
+    for patch in 0..count {
+        let sum: f64 = columns.iter().filter_map(|column| column.get(patch)).sum();
+        if sum > 1.0 + FRACTION_ERROR {
+            return Err(format!("has patch {patch} that lost {sum} of its view"));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn factors_are_told_from_what_is_none() {
+        let all = |factors: &[f32]| are_factors(factors.iter().copied());
+        assert!(all(&[]) && all(&[0.0, 1.0, 1.999, f32::MIN_POSITIVE, 1e-45]) && all(&[0.5, -0.0]));
+        for bad in [2.0, -1e-45, -1.0, f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert!(!all(&[bad]) && !all(&[0.5, bad, 0.25]), "{bad}");
+        }
+    }
+
+    #[test]
+    fn columns_ascend_within_the_matrix() {
+        for (columns, holds) in [
+            (vec![], true),
+            (vec![0, 1, 29], true),
+            (vec![30], false),
+            (vec![-1, 3], false),
+            (vec![3, 3], false),
+            (vec![4, 3, 9], false),
+            (vec![0, i32::MIN, 7], false),
+        ] {
+            assert_eq!(are_columns(&columns, 30), holds, "{columns:?}");
+            let bytes: Vec<u8> = columns.iter().flat_map(|column| column.to_le_bytes()).collect();
+            let values: Vec<u8> = columns.iter().flat_map(|_| 0.5_f32.to_le_bytes()).collect();
+            assert_eq!(is_plain_row(&bytes, &values, 30), holds, "{columns:?}");
+            let values: Vec<u8> = columns.iter().flat_map(|_| f32::NAN.to_le_bytes()).collect();
+            assert_eq!(is_plain_row(&bytes, &values, 30), columns.is_empty());
+        }
+    }
+}
