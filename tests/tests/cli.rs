@@ -1045,7 +1045,7 @@ fn real_scenes_from_start_to_end() {
         let report = place.run(line).is(0).json();
         assert_eq!(report["rows"], 10_240);
         assert_eq!(report["escaped"], 0.0, "the room is closed");
-        // Of the 92 whose middles lie under the blocks, five see more than backs from the middles of their quarters.
+        // Those whose middles lie under the blocks.
         assert_eq!(report["rows_mostly_blocked"], 92, "the patches under the blocks");
         place.line("check room").is(0);
     }

@@ -200,7 +200,7 @@ fn a_floor_whose_middle_is_under_a_block_sees_what_its_border_sees() {
     assert!(area < 0.05, "{area}");
     assert_eq!(
         more,
-        [4, 4],
+        [16, 16],
         "what rays find says that the middle does not stand for the floor"
     );
 }
