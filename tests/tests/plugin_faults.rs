@@ -191,7 +191,7 @@ fn fault_01_missing_file_wrong_format_or_architecture() {
     let mut bytes = std::fs::read(rust("rust-minimal")).expect("a library");
     bytes[18] ^= 0xFF;
     std::fs::write(&path, bytes).expect("a file");
-    assert!(matches!(refused(&path), LoadError::Refused(_)));
+    assert!(matches!(refused(&path), LoadError::Machine { .. }));
     let run = Run::new();
     std::fs::write(run.place.path().join("x.so"), "no library").expect("a file");
     let output = run.program(&["compute", "room.obj", "-o", "m", "--backend", "./x.so"]);

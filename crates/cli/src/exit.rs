@@ -75,7 +75,10 @@ fn message(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain() {
         // A line of its own is what the program says: of a name from a file, line ends are escaped.
-        let has_lines = cause.is::<hemicube_host::OpenError>();
+        let has_lines = cause.is::<hemicube_host::OpenError>()
+            || cause
+                .downcast_ref::<Hinted>()
+                .is_some_and(|hinted| hinted.error.is::<hemicube_host::OpenError>());
         let cause = match cause.to_string() {
             text if has_lines => text,
             text => crate::report::shown(&text).into_owned(),

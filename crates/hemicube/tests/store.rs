@@ -294,8 +294,8 @@ fn a_part_that_no_reader_could_rely_on_is_refused() {
         ("10 rows", &|part| {
             part.shares.pop();
         }),
-        ("rule out", &|part| part.shares[4].blocked = f64::NAN),
-        ("rule out", &|part| part.shares[4].escaped = 1.1),
+        ("has the shares", &|part| part.shares[4].blocked = f64::NAN),
+        ("has the shares", &|part| part.shares[4].escaped = 1.1),
         ("sum to", &|part| {
             part.sums[2] = RowSums {
                 visible: u64::MAX,

@@ -477,6 +477,7 @@ impl<'a> Task<'a> {
         let bands: Vec<usize> = rows.clone().map(|row| self.band(row)).collect();
         Ok(match &self.kind {
             Kind::Light { optics, emission, sky } => {
+                let mut returned = self.row_table.returned();
                 let outside = match sky {
                     // A patch of the sky sends π times its radiance, as a white wall would.
                     Some(sky) => {
@@ -485,13 +486,19 @@ impl<'a> Task<'a> {
                             let radiance = sky.radiance.row(row)?;
                             radiances.push(radiance.into_iter().map(|l| std::f64::consts::PI * l).collect());
                         }
-                        let outside = sky_product(&sky.division, &radiances)?;
+                        // What the patches of the sky come to: all that is known to be outside.
+                        radiances.push(vec![1.0; radiances.first().map_or(0, Vec::len)]);
+                        let product = sky_product(&sky.division, &radiances)?;
+                        let (last, columns) = (radiances.len() - 1, product.patches());
+                        let outside = Block::from_fn(columns, last, |patch, row| product.of(patch)[row]);
+                        let seen: Vec<f64> = (0..columns).map(|patch| product.of(patch)[last]).collect();
                         if outside.patches() != patches {
                             bail!(
                                 "`{}` is of another number of patches than the matrix",
                                 sky.division.display()
                             );
                         }
+                        returned = self.row_table.returned_beside(&seen);
                         Some(outside)
                     }
                     None => None,
@@ -512,7 +519,7 @@ impl<'a> Task<'a> {
                     bands,
                     emission,
                     outside,
-                    returned: Some(self.row_table.returned()),
+                    returned: Some(returned),
                 }
             }
             Kind::Heat { materials, ambient } => {

@@ -115,9 +115,15 @@ impl RowTable {
     /// for: 1 − Σ F − escaped. That is what ends on backs and on patches without a column, and what a row lacks of 1 (less than
     /// 0 where it has more); 0 for a patch without a row.
     pub fn returned(&self) -> Vec<f64> {
+        self.returned_beside(&self.escaped)
+    }
+
+    /// The same where so much of each patch's view is taken for the outside, from 0 to 1: what escapes to no known part of the
+    /// sky exchanges nothing.
+    pub fn returned_beside(&self, outside: &[f64]) -> Vec<f64> {
         let known = |share: f64| if share.is_nan() { 0.0 } else { share };
-        let rows = self.row_sum.iter().zip(&self.escaped);
-        rows.map(|(sum, &escaped)| known(1.0 - sum - known(escaped))).collect()
+        let rows = self.row_sum.iter().zip(outside);
+        rows.map(|(sum, &outside)| known(1.0 - sum - known(outside))).collect()
     }
 
     /// What of a patch's view is no form factor; not numbers where it is not known.
