@@ -299,6 +299,9 @@ pub(crate) struct SceneSettings {
         hide_possible_values = true
     )]
     pub(crate) two_sided: AutoSwitch,
+    /// Turn the one-sided triangles of these objects round (repeatable); all: of every object
+    #[arg(long, value_name = "GLOB|all")]
+    pub(crate) flip: Vec<String>,
     /// The axis that points up, where the file does not say or is wrong
     #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,
@@ -586,6 +589,9 @@ pub(crate) struct Check {
     /// Bound on how far from 1 a row may sum [default: 1e-6]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) closure: Option<f64>,
+    /// Bound on the part of a row that escapes, for closed scenes: 0.001 [default: none, it is reported only]
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) escaped: Option<f64>,
     /// Bound on the relative difference of A_i F_ij and A_j F_ji [default: none, it is reported only]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) reciprocity: Option<f64>,

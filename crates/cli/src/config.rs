@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// The flags that are settings: they may stand in a file and in the environment.
-const SETTINGS: [&str; 30] = [
+const SETTINGS: [&str; 31] = [
     "backend",
     "backend-dir",
     "backend-option",
@@ -34,6 +34,7 @@ const SETTINGS: [&str; 30] = [
     "split",
     "patch-size",
     "two-sided",
+    "flip",
     "up",
     "scale",
     "keep-duplicates",

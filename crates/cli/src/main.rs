@@ -4,6 +4,7 @@ mod args;
 mod clock;
 mod commands;
 mod config;
+mod enclosure;
 mod exit;
 mod forecast;
 mod log;
@@ -17,6 +18,7 @@ mod selection;
 mod shard;
 mod sheet;
 mod stored;
+mod table;
 mod verify;
 
 use crate::args::{Cli, Command};

@@ -7,6 +7,7 @@ use crate::forecast;
 use crate::report::{Input, counted, size};
 use anyhow::{Context, Result, anyhow};
 use hemicube::backend::HemicubeBackend;
+use hemicube::selection::flip;
 pub(crate) use hemicube::settings::axis_name;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
@@ -286,6 +287,12 @@ pub(crate) fn prepare_of(
             triangle.two_sided = settings.two_sided == AutoSwitch::On;
         }
     }
+    flip(&mut scene, &settings.flip).map_err(|error| {
+        hinted(
+            anyhow!("`--flip {}` matches no object with one-sided triangles", error.glob),
+            error.there,
+        )
+    })?;
     let repaired = repair(
         &mut scene,
         RepairOptions {

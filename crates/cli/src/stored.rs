@@ -54,6 +54,12 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
             Some("off") => AutoSwitch::Off,
             _ => AutoSwitch::Auto,
         },
+        flip: settings["flip"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .filter_map(|glob| glob.as_str().map(str::to_owned))
+            .collect(),
         up: match settings["up"].as_str() {
             Some("x") => Some(UpAxis::X),
             Some("y") => Some(UpAxis::Y),

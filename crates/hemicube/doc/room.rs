@@ -65,6 +65,7 @@ pub fn settings(correction: &Correction) -> RowSettings {
         rotation: true,
         subdivision: Cut::from(Subdivision::Split(2)),
         two_sided: "auto",
+        flip: Vec::new(),
         keep_duplicates: false,
         scale: 1.0,
         up: Some("y"),

@@ -7,7 +7,9 @@
 //! range        0 ≤ Fᵢⱼ ≤ 1
 //! columns      ascending, of patches that exist
 //! diagonal     Fᵢᵢ = 0: a planar patch does not see itself
-//! shares       escaped, blocked, unselected from 0 to 1, and 0 where the hemicubes' are; in pixel mode, weight / (hemicubes · 2³¹)
+//! shares       escaped, blocked, unselected from 0 to 1; in pixel mode, weight / (hemicubes · 2³¹)
+//! entries      some row has one
+//! escaped      of a row at most what the bound allows, if there is one
 //! closure      |Σⱼ Fᵢⱼ + escaped + blocked + unselected − 1|, of the shares
 //! reciprocity  √(Σ (Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ)²) / √(Σ (Aᵢ Fᵢⱼ)²), over the entries of sampled rows i whose row j exists
 //! ```
@@ -27,6 +29,8 @@ pub struct CheckOptions {
     /// Bound on the closure error of a row; `None` for 1e-6 and the value error of the store's form where form factors
     /// are sums of pixels, and to report it only where they are not: there it is a measure of their error, which nothing has promised.
     pub closure: Option<f64>,
+    /// Bound on the fraction of a row that escapes, for scenes that are closed; `None` to report it only.
+    pub escaped: Option<f64>,
     /// Bound on the reciprocity residual; `None` to report it only.
     pub reciprocity: Option<f64>,
     /// Matrices of no more entries are held in memory to measure reciprocity, at 8 bytes each.
@@ -43,6 +47,7 @@ impl Default for CheckOptions {
     fn default() -> Self {
         Self {
             closure: None,
+            escaped: None,
             reciprocity: None,
             entries_in_memory: 1 << 23,
             reciprocity_pairs: 200_000,
@@ -78,6 +83,10 @@ pub enum Check {
     Diagonal,
     /// A row's form factors and what it lost sum to 1.
     Closure,
+    /// No more of a row escapes than a bound allows.
+    Escaped,
+    /// Some row has an entry: no patch of a scene that sees another is no matrix of one.
+    Entries,
     /// A_i F_ij = A_j F_ji.
     Reciprocity,
     /// The sky rows beside the matrix are as they were written, and add up to what escaped.
@@ -175,6 +184,10 @@ pub struct CheckReport {
     pub sums: RowSums,
     /// Average over the rendered rows of the share that leaves the scene.
     pub escaped: f64,
+    /// Largest such share of a row.
+    pub escaped_max: f64,
+    /// What no row may exceed of it, if there is a bound.
+    pub escaped_bound: Option<f64>,
     /// Average over the rendered rows of the share that ends on backs of one-sided patches.
     pub blocked: f64,
     /// Average over the rendered rows of the share that ends on patches that were not selected.
@@ -224,6 +237,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     let is_pixel = manifest.correction == "pixel";
     let closure_bound = options.closure.or(is_pixel.then_some(1e-6 + manifest.value_error));
     let mut tally = Tally::new(store, is_pixel, closure_bound, options.worst_rows);
+    tally.escaped_bound = options.escaped;
     if !manifest.complete && !options.allow_incomplete {
         let missing = format!("{} of {} parts are there", manifest.parts.len(), manifest.part_count);
         tally.fail(Check::Complete, missing);
@@ -349,6 +363,8 @@ struct Tally {
     parts: Vec<(u64, RowSums)>,
     lost: [f64; 3],
     blocked_rows: u64,
+    escaped_max: f64,
+    escaped_bound: Option<f64>,
     closure: Closure,
     closure_sum: f64,
     worst: Vec<WorstRow>,
@@ -377,6 +393,8 @@ impl Tally {
                 .collect(),
             lost: [0.0; 3],
             blocked_rows: 0,
+            escaped_max: 0.0,
+            escaped_bound: None,
             closure: Closure {
                 bound: closure_bound,
                 ..Closure::default()
@@ -487,6 +505,16 @@ impl Tally {
             *total += lost;
         }
         self.blocked_rows += u64::from(shares.blocked > 0.0);
+        self.escaped_max = self.escaped_max.max(lost[0]);
+        if let Some(bound) = self.escaped_bound.filter(|&bound| lost[0] > bound) {
+            self.fail(
+                Check::Escaped,
+                format!(
+                    "{:.3e} of the view of patch {patch} leaves the scene, the bound is {bound:e}",
+                    lost[0]
+                ),
+            );
+        }
         let error = (row_sum + lost.iter().sum::<f64>() - 1.0).abs();
         // A row that sums to no number is as far off as can be.
         let error = if error.is_nan() { f64::INFINITY } else { error };
@@ -517,6 +545,16 @@ impl Tally {
     }
 
     fn finish(mut self, store: &Store, reciprocity: Reciprocity) -> CheckReport {
+        if self.entries == 0 && self.closure.rows > 0 {
+            let share = |lost: f64| 100.0 * lost / self.closure.rows as f64;
+            let first = format!(
+                "no patch sees another: {:.1} % of the view leaves the scene, {:.1} % is backs of one-sided surfaces; \
+                 `hemicube inspect SCENE` says why, and `--flip all` turns a model that is wound outwards",
+                share(self.lost[0]),
+                share(self.lost[1])
+            );
+            self.fail(Check::Entries, first);
+        }
         self.failures.sort_by_key(|failure| failure.check);
         self.entries_of_rows.sort_unstable();
         let of_rows = &self.entries_of_rows;
@@ -538,6 +576,8 @@ impl Tally {
             },
             sums: self.sums,
             escaped: self.lost[0] / rendered,
+            escaped_max: self.escaped_max,
+            escaped_bound: self.escaped_bound,
             blocked: self.lost[1] / rendered,
             unselected: self.lost[2] / rendered,
             blocked_rows: self.blocked_rows,

@@ -6,12 +6,16 @@
 //! the same findings on every machine and with any number of threads.
 
 mod contact;
+mod enclosure;
+mod place;
 mod precision;
 mod rays;
 mod sample;
 mod sight;
 mod statistics;
 
+pub use enclosure::{Enclosure, Leak, Turn, Winding, enclosure};
+pub use place::{Place, places};
 pub use precision::{Grain, Precision};
 pub use statistics::SceneStatistics;
 
@@ -252,6 +256,9 @@ impl Diagnosis {
         self.findings.iter().find(|finding| finding.kind == kind)
     }
 }
+
+/// Nodes of the tree that the rays of [`enclosure`] may meet: about half a second's worth.
+const WORK_OF_ENCLOSURE: u64 = 25_000_000;
 
 /// How many of the worst places are kept.
 const EXAMPLES_MAX: usize = 5;

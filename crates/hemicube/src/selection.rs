@@ -43,11 +43,73 @@ pub struct Names<'a> {
     pub occluders: &'a [String],
 }
 
+/// Turns the one-sided triangles of objects round whose names match one of `globs`; `all` stands for every object. Both
+/// sides of two-sided triangles radiate, so there is nothing to turn. Returns how many were turned.
+///
+/// # Errors
+/// When a glob matches no object that has one-sided triangles.
+///
+/// ```
+/// use hemicube::selection::flip;
+/// use hemicube_scene::generate;
+///
+/// let room = generate::cornell_box();
+/// let mut turned = room.clone();
+/// let triangles = flip(&mut turned, &["left_*".to_owned()])?;
+/// assert_eq!(triangles, room.triangles.iter().zip(&turned.triangles).filter(|(a, b)| a != b).count());
+/// assert!(triangles > 0 && flip(&mut turned, &["left_*".to_owned()])? == triangles);
+/// assert_eq!(room, turned);
+/// assert!(flip(&mut turned, &["lamp".to_owned()]).is_err_and(|error| error.there.contains("`ceiling`")));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn flip(scene: &mut Scene, globs: &[String]) -> Result<usize, NoMatch> {
+    let mut chosen = vec![false; scene.objects.len().max(1)];
+    for glob in globs {
+        let matching: Vec<bool> = (0..chosen.len())
+            .map(|object| glob == "all" || scene.objects.get(object).is_some_and(|name| matches_glob(glob, name)))
+            .collect();
+        let is_of = |object: u32| matching.get(object as usize).copied().unwrap_or(false);
+        if !scene
+            .triangles
+            .iter()
+            .any(|triangle| !triangle.two_sided && is_of(triangle.object))
+        {
+            let objects: BTreeSet<&str> = scene
+                .triangles
+                .iter()
+                .filter(|triangle| !triangle.two_sided)
+                .filter_map(|triangle| scene.objects.get(triangle.object as usize))
+                .map(String::as_str)
+                .collect();
+            return Err(NoMatch {
+                list: "flip",
+                glob: glob.clone(),
+                there: if objects.is_empty() {
+                    "the scene has none: all of its triangles are two-sided, or its objects have no names".to_owned()
+                } else {
+                    format!("the scene has {}", list("objects", objects))
+                },
+            });
+        }
+        for (chosen, matching) in chosen.iter_mut().zip(matching) {
+            *chosen |= matching;
+        }
+    }
+    let mut turned = 0;
+    for triangle in scene.triangles.iter_mut().filter(|triangle| !triangle.two_sided) {
+        if chosen.get(triangle.object as usize).copied().unwrap_or(false) {
+            triangle.corners.swap(1, 2);
+            turned += 1;
+        }
+    }
+    Ok(turned)
+}
+
 /// A glob matches nothing of the scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{glob}` matches no object and no material of a patch; {there}")]
 pub struct NoMatch {
-    /// Which list it is of: `emitters`, `receivers` or `occluders`.
+    /// Which list it is of: `emitters`, `receivers`, `occluders` or `flip`.
     pub list: &'static str,
     /// The glob.
     pub glob: String,
@@ -127,22 +189,24 @@ fn matching(
     Ok(Some(found))
 }
 
+/// The first few of some names.
+fn list(of: &str, names: BTreeSet<&str>) -> String {
+    let shown: Vec<String> = names.iter().take(NAMES_SHOWN).map(|name| format!("`{name}`")).collect();
+    let more = names.len().saturating_sub(NAMES_SHOWN);
+    let more = if more > 0 {
+        format!(" and {more} more")
+    } else {
+        String::new()
+    };
+    if shown.is_empty() {
+        format!("no {of}")
+    } else {
+        format!("the {of} {}{more}", shown.join(", "))
+    }
+}
+
 /// What there is to match.
 fn names(scene: &Scene) -> String {
-    let list = |of: &str, names: BTreeSet<&str>| {
-        let shown: Vec<String> = names.iter().take(NAMES_SHOWN).map(|name| format!("`{name}`")).collect();
-        let more = names.len().saturating_sub(NAMES_SHOWN);
-        let more = if more > 0 {
-            format!(" and {more} more")
-        } else {
-            String::new()
-        };
-        if shown.is_empty() {
-            format!("no {of}")
-        } else {
-            format!("the {of} {}{more}", shown.join(", "))
-        }
-    };
     let objects = scene
         .objects
         .iter()

@@ -56,6 +56,9 @@ pub struct RowSettings {
     pub subdivision: Cut,
     /// Which triangles radiate from their backs: `auto` as the scene says, `on` all, `off` none.
     pub two_sided: &'static str,
+    /// Names of the objects whose one-sided triangles were turned round, or `all`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub flip: Vec<String>,
     /// Whether triangles that lie exactly on others were kept.
     pub keep_duplicates: bool,
     /// What coordinates were multiplied with.

@@ -126,6 +126,7 @@ impl Request {
             rotation: self.rotate,
             subdivision: scene.subdivision.into(),
             two_sided: scene.two_sided,
+            flip: scene.flip.clone(),
             keep_duplicates: scene.keep_duplicates,
             scale: scene.scale,
             up: scene.triangles.up.map(axis_name),

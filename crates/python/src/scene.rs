@@ -2,6 +2,7 @@
 
 use crate::{errors, numbers};
 use glam::DVec3;
+use hemicube::selection::flip;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
 use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
@@ -15,9 +16,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// How triangles become patches: the keywords that all ways to a scene have in common.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Cutting {
     subdivision: Subdivision,
+    flip: Vec<String>,
     keep_duplicates: bool,
     up: Option<Axis>,
 }
@@ -25,6 +27,7 @@ struct Cutting {
 impl Cutting {
     fn new(
         up: Option<&str>,
+        flip: Option<Vec<String>>,
         subdivide: Option<u32>,
         split: Option<u32>,
         patch_size: Option<f64>,
@@ -55,6 +58,7 @@ impl Cutting {
         Ok(Self {
             subdivision,
             keep_duplicates,
+            flip: flip.unwrap_or_default(),
             up: up.map(axis).transpose()?,
         })
     }
@@ -70,7 +74,7 @@ pub(crate) fn axis(name: &str) -> PyResult<Axis> {
     }
 }
 
-fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
+pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
     let text = CString::new(message.replace('\0', " ")).map_err(|error| errors::input(error.to_string()))?;
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
@@ -79,7 +83,8 @@ fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
 ///
 /// Vertices are (n, 3) numbers, triangles (m, 3) indices into them, counter-clockwise seen from the front. `object` and
 /// `material` are ids of each triangle, which `objects` and `materials` name. A `two_sided` triangle, all of them or those
-/// of a mask, becomes two patches, its front and its back. `up` ('x', 'y' or 'z') says where the sky is.
+/// of a mask, becomes two patches, its front and its back. `flip` lists objects (names, with `*` and `?`, or 'all') whose
+/// one-sided triangles are turned round. `up` ('x', 'y' or 'z') says where the sky is.
 ///
 /// Triangles are cut by at most one of: `subdivide` (halve all edges so many times), `split` (each edge in so many pieces),
 /// `patch_size` (until no edge is longer). Triangles without area, with coordinates that are not finite, or that lie exactly
@@ -93,6 +98,7 @@ pub(crate) struct Scene {
     pub(crate) file: PathBuf,
     pub(crate) subdivision: Subdivision,
     pub(crate) two_sided: &'static str,
+    pub(crate) flip: Vec<String>,
     pub(crate) keep_duplicates: bool,
     pub(crate) scale: f64,
 }
@@ -109,6 +115,12 @@ impl Scene {
         if let Some(axis) = cutting.up {
             triangles.up = Some(axis);
         }
+        flip(&mut triangles, &cutting.flip).map_err(|error| {
+            errors::input(format!(
+                "`flip`: `{}` matches no object with one-sided triangles; {}",
+                error.glob, error.there
+            ))
+        })?;
         let read = triangles.triangles.len();
         let options = RepairOptions {
             keep_duplicates: cutting.keep_duplicates,
@@ -140,6 +152,7 @@ impl Scene {
             subdivision: cutting.subdivision,
             two_sided,
             keep_duplicates: cutting.keep_duplicates,
+            flip: cutting.flip,
             scale,
         })
     }
@@ -198,7 +211,7 @@ fn named(ids: &[i64], names: Option<Vec<String>>, what: &str) -> PyResult<(Vec<u
 #[pymethods]
 impl Scene {
     #[new]
-    #[pyo3(signature = (vertices, triangles, *, object=None, material=None, objects=None, materials=None, two_sided=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
+    #[pyo3(signature = (vertices, triangles, *, object=None, material=None, objects=None, materials=None, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn new(
         py: Python<'_>,
@@ -209,13 +222,14 @@ impl Scene {
         objects: Option<Vec<String>>,
         materials: Option<Vec<String>>,
         two_sided: Option<&Bound<'_, PyAny>>,
+        flip: Option<Vec<String>>,
         up: Option<&str>,
         subdivide: Option<u32>,
         split: Option<u32>,
         patch_size: Option<f64>,
         keep_duplicates: bool,
     ) -> PyResult<Self> {
-        let cutting = Cutting::new(up, subdivide, split, patch_size, keep_duplicates)?;
+        let cutting = Cutting::new(up, flip, subdivide, split, patch_size, keep_duplicates)?;
         let vertices = numbers::points(vertices, "vertices")?;
         let triangles = numbers::triples(triangles, "triangles")?;
         let count = triangles.len();
@@ -282,7 +296,7 @@ impl Scene {
     /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), where None
     /// does as the file says; `up` is for files that do not say, or are wrong. The rest is as for arrays.
     #[classmethod]
-    #[pyo3(signature = (path, *, scale=1.0, two_sided=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
+    #[pyo3(signature = (path, *, scale=1.0, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn load(
         _class: &Bound<'_, PyType>,
@@ -290,13 +304,14 @@ impl Scene {
         path: PathBuf,
         scale: f64,
         two_sided: Option<bool>,
+        flip: Option<Vec<String>>,
         up: Option<&str>,
         subdivide: Option<u32>,
         split: Option<u32>,
         patch_size: Option<f64>,
         keep_duplicates: bool,
     ) -> PyResult<Self> {
-        let cutting = Cutting::new(up, subdivide, split, patch_size, keep_duplicates)?;
+        let cutting = Cutting::new(up, flip, subdivide, split, patch_size, keep_duplicates)?;
         if !(scale > 0.0 && scale.is_finite()) {
             return Err(errors::input(format!("`scale` is {scale}; a number above 0 is needed")));
         }
@@ -334,7 +349,7 @@ impl Scene {
         let mut scene = py.detach(|| generate(spec)).map_err(|error| errors::scene(&error))?;
         // How near it comes is no surprise.
         scene.findings.warnings.clear();
-        let cutting = Cutting::new(None, None, None, None, false)?;
+        let cutting = Cutting::new(None, None, None, None, None, false)?;
         Self::ready(
             py,
             scene,

@@ -1,12 +1,13 @@
 //! `hemicube.sky`: what patches and points see of the sky.
 
 use crate::attended::attended;
-use crate::scene::{Scene, axis};
+use crate::scene::{Scene, axis, warn};
 use crate::session::Wanted;
 use crate::{compute, errors, numbers};
 use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
+use hemicube::diagnose::{Place, places};
 use hemicube::sky::{
     Horizon, LEVELS, PARTS_MAX, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
 };
@@ -284,6 +285,45 @@ pub(crate) fn sky(
     })
 }
 
+/// Warns of points that are not in the open, by their numbers.
+fn warn_of_places(py: Python<'_>, scene: &Scene, points: &[SensorPoint], horizon: Horizon) -> PyResult<()> {
+    const SHOWN: usize = 5;
+    let found = py.detach(|| places(&scene.model, points, horizon.up));
+    for (place, what) in [
+        (
+            Place::InSolid,
+            "in solids, surrounded by backs of one-sided surfaces; move them out",
+        ),
+        (
+            Place::BelowGround,
+            "below the ground, with its back above them; raise them, and look whether `up` is right",
+        ),
+        (
+            Place::BehindSheet,
+            "behind surfaces, with backs in more than half of their view; turn their normals, or make sheets `two_sided`",
+        ),
+    ] {
+        let there: Vec<usize> = (0..)
+            .zip(&found)
+            .filter(|(_, found)| **found == place)
+            .map(|(at, _)| at)
+            .collect();
+        if !there.is_empty() {
+            let shown: Vec<String> = there.iter().take(SHOWN).map(usize::to_string).collect();
+            let more = if there.len() > SHOWN { ", …" } else { "" };
+            let (count, all) = (there.len(), points.len());
+            warn(
+                py,
+                &format!(
+                    "{count} of {all} points (numbers {}{more}, from 0) lie {what}",
+                    shown.join(", ")
+                ),
+            )?;
+        }
+    }
+    Ok(())
+}
+
 /// What free points see: measurements, people, points of a façade. `positions` and `normals` are (m, 3), in the scene's
 /// coordinates. Otherwise as `sky`; points are refined by hemicubes of twice the resolution.
 #[pyfunction]
@@ -335,6 +375,7 @@ pub(crate) fn sky_of_points(
             Ok(SensorPoint { position, normal })
         });
     let points: Vec<SensorPoint> = points.collect::<PyResult<_>>()?;
+    warn_of_places(py, scene, &points, request.horizon)?;
     let found = attended(py, progress, |attendant| -> PyResult<Option<Vec<PointRow>>> {
         let sessions: Vec<_> = (0..LEVELS).map(|_| request.open()).collect::<PyResult<_>>()?;
         rows_of_points(

@@ -130,8 +130,8 @@ fn text_of(bytes: &[u8]) -> Cow<'_, [u8]> {
         [0xFE, 0xFF, rest @ ..] => decode(rest, u16::from_be_bytes),
         [b'A', 0, b'C', 0, ..] => decode(bytes, u16::from_le_bytes),
         [0, b'A', 0, b'C', ..] => decode(bytes, u16::from_be_bytes),
-        [0xEF, 0xBB, 0xBF, rest @ ..] => Cow::Borrowed(rest),
-        _ => Cow::Borrowed(bytes),
+        // What is marked otherwise was decoded above.
+        _ => Cow::Borrowed(crate::text::unmarked(bytes).unwrap_or(bytes)),
     };
     if !text.contains(&b'\r') {
         return text;

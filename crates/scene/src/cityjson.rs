@@ -49,7 +49,7 @@ use std::path::Path;
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
 pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
-    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    let bytes = crate::text::unmarked(bytes)?;
     let mut city = City {
         bounds: Bounds::new(bytes.len(), options),
         ..City::default()

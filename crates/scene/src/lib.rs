@@ -38,6 +38,7 @@ mod regular;
 pub mod repair;
 mod subdivide;
 pub mod survey;
+pub mod text;
 
 #[cfg(feature = "ac3d")]
 pub mod ac3d;

@@ -55,13 +55,7 @@ use std::path::Path;
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
 pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
-    let text = match bytes {
-        [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => {
-            return Err(Error::unsupported("is UTF-16 text; save it as UTF-8"));
-        }
-        [0xEF, 0xBB, 0xBF, rest @ ..] => rest,
-        _ => bytes,
-    };
+    let text = crate::text::unmarked(bytes)?;
     let mut reader = Reader {
         bounds: Bounds::new(bytes.len(), options),
         ..Reader::default()
@@ -526,7 +520,7 @@ impl Reader {
     /// The `newmtl`, `Kd` and `Ke` lines of a material library that `tobj` can read: it gives up at one it cannot,
     /// including those that it has no use for here, and panics at a colour of fewer than three numbers.
     fn library_lines(&mut self, text: &[u8]) -> String {
-        let text = text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(text);
+        let text = crate::text::unmarked(text).unwrap_or(text);
         let mut kept = String::new();
         let mut named = false;
         for line in (Lines { rest: text, number: 0 }) {

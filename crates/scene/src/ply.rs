@@ -116,6 +116,8 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
             None => error,
         }
     };
+    // Its header is text even where what follows is binary.
+    let bytes = crate::text::unmarked(bytes)?;
     let parser = Parser::<Element>::new();
     let mut reader = Reader::new(bytes);
     let header = parser.read_header(&mut reader).map_err(located)?;

@@ -43,7 +43,7 @@ use std::path::Path;
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
 pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = String::from_utf8_lossy(crate::text::unmarked(bytes)?);
     let mut reader = Reader {
         words: Words::new(&text),
         findings: Findings::default(),

@@ -10,6 +10,9 @@ use hemicube::check::{Check, CheckOptions, CheckReport, check};
 use hemicube::store::Store;
 use serde::Serialize;
 
+/// A scene of which no more escapes on average is nearly closed.
+const NEARLY_CLOSED: f64 = 0.05;
+
 #[derive(Serialize)]
 struct Report<'a> {
     schema: u32,
@@ -32,6 +35,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let store = Store::open(&arguments.store)?;
     let mut options = CheckOptions::default();
     options.closure = arguments.closure;
+    options.escaped = arguments.escaped;
     options.reciprocity = arguments.reciprocity;
     options.worst_rows = arguments.worst.into();
     options.allow_incomplete = arguments.allow_incomplete;
@@ -186,6 +190,31 @@ pub(super) fn verdicts(found: &CheckReport) -> Vec<Verdict> {
             )
         ),
     );
+    // Of scenes that are closed but for a little, and where it was asked for.
+    if found.escaped_bound.is_some() || (found.escaped > 0.0 && found.escaped <= NEARLY_CLOSED) {
+        let bound = found.escaped_bound.map_or_else(
+            || {
+                "the scene is nearly closed; no bound (`--escaped X` sets one, `inspect` says where it leaks)"
+                    .to_owned()
+            },
+            |bound| format!("bound {}", figures(bound)),
+        );
+        add(
+            "escaped",
+            if found.escaped_bound.is_some() {
+                failed(&[Check::Escaped])
+            } else {
+                "-"
+            },
+            format!(
+                "at most {} of a row leaves the scene; {bound}",
+                percent(found.escaped_max)
+            ),
+        );
+    }
+    if found.failures.iter().any(|failure| failure.check == Check::Entries) {
+        add("entries", "FAILED", "no row has an entry".to_owned());
+    }
     let pairs = found.reciprocity;
     let (state, bound) = match pairs.bound {
         Some(bound) => (failed(&[Check::Reciprocity]), format!("bound {}", figures(bound))),

@@ -1,6 +1,7 @@
 //! `hemicube compute`: the form-factor matrix of a scene, into a store.
 
 use crate::args::{AutoSwitch, Compute as Arguments, RowRange, SampleSize, SelectionSettings, Switch, Talk};
+use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::forecast;
 use crate::prepare::{Prepared, RepairCounts, axis_name, prepare};
@@ -492,6 +493,7 @@ fn compute_into(
     timings.write += summary.sink.as_secs_f64() + started.elapsed().as_secs_f64();
 
     let [escaped, blocked, unselected] = means;
+    let wound = enclosure::questions(&prepared, tally.rendered, tally.mean(tally.sum), blocked, threads);
     let mut report = Report {
         schema: SCHEMA,
         program: "hemicube",
@@ -548,6 +550,9 @@ fn compute_into(
         peak_memory_bytes: report::peak_memory_bytes().filter(|_| !arguments.report.no_timings),
     };
     talk.say(summarise(&report, &summary, directory).trim_end());
+    for sentence in wound {
+        talk.warn(&sentence);
+    }
     if let (Some(tolerance), Some(error), Some(thinning)) =
         (arguments.render.tolerance, report.expected_error, report.thinning)
         && error > tolerance.0
@@ -774,6 +779,7 @@ fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: RowChoice, run
             AutoSwitch::On => "on",
             AutoSwitch::Off => "off",
         },
+        flip: patches.flip.clone(),
         keep_duplicates: patches.keep_duplicates == Switch::On,
         scale: patches.scale,
         up: prepared.scene.up.map(axis_name),

@@ -4,6 +4,7 @@
 //! figure that a clock enters.
 
 use crate::args::{Inspect as Arguments, Switch, Talk};
+use crate::enclosure;
 use crate::exit::Exit;
 use crate::forecast;
 use crate::prepare::{Prepared, RepairCounts, axis_name, prepare};
@@ -14,7 +15,9 @@ use anyhow::{Result, bail};
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::correct::Correction;
-use hemicube::diagnose::{DiagnoseOptions, Diagnosis, Finding, FindingKind, SceneStatistics, Unit, diagnose};
+use hemicube::diagnose::{
+    DiagnoseOptions, Diagnosis, Enclosure, Finding, FindingKind, SceneStatistics, Unit, diagnose,
+};
 use hemicube::factor::FactorRule;
 use hemicube::keep::Keep;
 use hemicube::row::RowBlock;
@@ -55,6 +58,7 @@ struct Report {
     patches: PatchReport,
     octree: OctreeReport,
     diagnosis: DiagnosisReport,
+    enclosure: EnclosureReport,
     backend: BackendReport,
     statistics: SceneStatistics,
     forecast: Forecast,
@@ -140,6 +144,16 @@ struct DiagnosisReport {
     findings: Vec<FindingReport>,
 }
 
+/// How the scene encloses, with a sentence for each object that faces the wrong way and each leak.
+#[derive(Serialize)]
+struct EnclosureReport {
+    #[serde(flatten)]
+    enclosure: Enclosure,
+    sentences: Vec<String>,
+    #[serde(skip)]
+    leaks_said: Vec<String>,
+}
+
 #[derive(Serialize)]
 struct FindingReport {
     #[serde(flatten)]
@@ -207,6 +221,20 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         ..DiagnoseOptions::default()
     };
     let diagnosis = diagnosis_report(&prepared, diagnose(&prepared.model, options));
+    let enclosure = enclosure::of(&prepared, options);
+    let enclosure = EnclosureReport {
+        sentences: enclosure
+            .winding
+            .iter()
+            .map(|of| enclosure::of_winding(&prepared, of))
+            .collect(),
+        leaks_said: enclosure
+            .leaks
+            .iter()
+            .map(|of| enclosure::of_leak(&prepared, of))
+            .collect(),
+        enclosure,
+    };
     let diagnose_seconds = started.elapsed().as_secs_f64();
     let statistics = SceneStatistics::measure(
         &prepared.model,
@@ -234,6 +262,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         patches: patch_report(&prepared),
         octree: octree_report(&prepared.model),
         diagnosis,
+        enclosure,
         backend: BackendReport {
             name: device.name,
             version: device.version,
@@ -572,6 +601,7 @@ fn text(report: &Report) -> String {
         ),
     );
     let mut text = list.text();
+    text.push_str(&enclosure_text(&report.enclosure));
     text.push_str(&findings_text(&report.diagnosis));
 
     let (forecast, statistics) = (&report.forecast, &report.statistics);
@@ -677,6 +707,44 @@ fn text(report: &Report) -> String {
                 ]
             }),
         ));
+    }
+    text
+}
+
+/// Which objects face the wrong way, and where the scene leaks; nothing when none does and it does not.
+fn enclosure_text(report: &EnclosureReport) -> String {
+    let mut text = String::new();
+    if !report.sentences.is_empty() {
+        text.push_str("\nWound the wrong way:\n");
+        for sentence in &report.sentences {
+            let lines = wrapped(sentence, WIDTH - 2);
+            text.push_str(&format!("  {}\n", lines.join("\n    ")));
+        }
+    }
+    let found = &report.enclosure;
+    if found.apart > 0 {
+        let sentence = format!(
+            "{} of surfaces each see only their own insides: right for rooms; for buildings that are seen from outside, \
+             `--flip all` turns them round",
+            counted(found.apart, "group")
+        );
+        text.push_str(&format!(
+            "\nApart:\n  {}\n",
+            wrapped(&sentence, WIDTH - 2).join("\n    ")
+        ));
+    }
+    if !report.leaks_said.is_empty() {
+        text.push_str(&format!(
+            "\nLeaks: {} of what escapes leaves through {}:\n",
+            percent(found.leaking),
+            counted(found.leaks.len() as u64 + found.leaks_more, "hole")
+        ));
+        for leak in &report.leaks_said {
+            text.push_str(&format!("  {leak}\n"));
+        }
+        if found.leaks_more > 0 {
+            text.push_str(&format!("  and {}\n", counted(found.leaks_more, "smaller hole")));
+        }
     }
     text
 }

@@ -6,11 +6,13 @@ use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
 use crate::report::{self, Input, JsonReport, Listing, PendingFile, SCHEMA, Spread, count, counted, duration, percent};
 use crate::stored;
+use crate::table;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Culling, HemicubeBackend, RESOLUTIONS, RenderSettings, WHOLE};
+use hemicube::diagnose::{Place, places};
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
     Horizon, LEVELS, PARTS_MAX, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
@@ -40,7 +42,7 @@ pub(crate) struct Arguments {
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     /// Take the patches and hemicubes of this matrix, and write into its directory `sky`
-    #[arg(long, value_name = "DIR", group = "place", conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "scale", "keep_duplicates"])]
+    #[arg(long, value_name = "DIR", group = "place", conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"])]
     pub(crate) store: Option<PathBuf>,
     /// The directory to write to
     #[arg(short, long, value_name = "DIR", group = "place")]
@@ -54,10 +56,10 @@ pub(crate) struct Arguments {
     /// Turn north clockwise, seen from above; 0: +y where z is up, −z where y is up, +z where x is up
     #[arg(long, value_name = "DEGREES", default_value = "0", value_parser = degrees, allow_negative_numbers = true)]
     pub(crate) north: f64,
-    /// Rows of points, too: a file with `x y z nx ny nz` a line
+    /// Rows of points, too: a file with `x y z nx ny nz` a line, or columns of these names
     #[arg(long, value_name = "FILE")]
     pub(crate) points: Option<PathBuf>,
-    /// Which part of each patch sees these suns: a file with the direction `x y z` towards one a line
+    /// Which part of each patch sees these suns: a file with the direction `x y z` towards one a line, or columns of these names
     #[arg(long, value_name = "FILE")]
     pub(crate) suns: Option<PathBuf>,
     /// Refine each row until its sky view factor changes by no more than this share: 1%, 0.001
@@ -151,6 +153,12 @@ struct Record {
     patches: u64,
     points: u64,
     suns: u64,
+    /// Suns below the horizon, by their place in the file from 0: nothing is lit by them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    suns_below_horizon: Vec<u64>,
+    /// Where points lie that are not in the open.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    points_not_in_the_open: Vec<Misplaced>,
     /// Rows whose escaped weight is that of the matrix, to the last unit; only beside a matrix.
     #[serde(skip_serializing_if = "Option::is_none")]
     rows_as_in_matrix: Option<u64>,
@@ -159,6 +167,16 @@ struct Record {
     /// Of the rows that were refined, those that still changed by more than the tolerance at the last level.
     unsettled: u64,
     hemicubes: u64,
+}
+
+/// A point that is not in the open.
+#[derive(Clone, Debug, Serialize)]
+struct Misplaced {
+    /// From 0.
+    point: u64,
+    #[serde(skip)]
+    line: u64,
+    place: Place,
 }
 
 #[derive(Serialize)]
@@ -173,64 +191,138 @@ struct Report<'a> {
     seconds: Option<f64>,
 }
 
-/// Numbers, some a line; `#` begins a comment.
-fn numbers<const N: usize>(path: &Path, form: &str) -> Result<Vec<[f64; N]>> {
-    let text =
-        hemicube_scene::read_regular_text(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
-    let mut rows = Vec::new();
-    for (line, text) in (1..).zip(text.lines()) {
-        let text = text.split('#').next().unwrap_or("");
-        let words: Vec<&str> = text
-            .split(|c: char| c.is_whitespace() || c == ',')
-            .filter(|word| !word.is_empty())
-            .collect();
-        if words.is_empty() {
-            continue;
+/// What a file has a line each of, and their lines.
+#[derive(Debug)]
+struct Listed<T> {
+    items: Vec<T>,
+    lines: Vec<u64>,
+}
+
+impl<T> Default for Listed<T> {
+    fn default() -> Self {
+        Self {
+            items: Vec::new(),
+            lines: Vec::new(),
         }
-        let values: Vec<f64> = words
+    }
+}
+
+fn read_points(path: &Path) -> Result<Listed<SensorPoint>> {
+    let mut found = Listed::default();
+    for row in table::read(path, ["x", "y", "z", "nx", "ny", "nz"]).map_err(|error| {
+        hinted(
+            error,
+            "a point needs the direction that it looks in, its normal `nx ny nz`: `0 0 1` looks up where z is up",
+        )
+    })? {
+        let [x, y, z, nx, ny, nz] = row.values;
+        let normal = DVec3::new(nx, ny, nz);
+        if normal.try_normalize().is_none() {
+            bail!(
+                "{}:{}: the point ({x}, {y}, {z}) has no direction to look in: its normal has no length",
+                path.display(),
+                row.line
+            );
+        }
+        found.items.push(SensorPoint {
+            position: DVec3::new(x, y, z),
+            normal,
+        });
+        found.lines.push(row.line);
+    }
+    Ok(found)
+}
+
+fn read_suns(path: &Path) -> Result<Listed<DVec3>> {
+    let mut found = Listed::default();
+    for row in table::read(path, ["x", "y", "z"])? {
+        let sun = DVec3::from_array(row.values)
+            .try_normalize()
+            .ok_or_else(|| anyhow!("{}:{}: a direction without length", path.display(), row.line))?;
+        found.items.push(sun);
+        found.lines.push(row.line);
+    }
+    Ok(found)
+}
+
+/// Whether a sun has set.
+fn is_below(sun: DVec3, horizon: Horizon) -> bool {
+    sun.dot(horizon.up) < 0.0
+}
+
+/// `line 4`, `lines 4, 6 and 9`, `lines 1, 2, 3, 4, 5 and 20 more`.
+fn lines(of: &[u64]) -> String {
+    const SHOWN: usize = 5;
+    let mut shown: Vec<String> = of.iter().take(SHOWN).map(u64::to_string).collect();
+    if of.len() > SHOWN {
+        shown.push(format!("{} more", count((of.len() - SHOWN) as u64)));
+    }
+    match shown.split_last() {
+        Some((last, [])) => format!("line {last}"),
+        Some((last, rest)) => format!("lines {} and {last}", rest.join(", ")),
+        None => String::new(),
+    }
+}
+
+/// Says which suns are below the horizon.
+fn tell_of_suns(arguments: &Arguments, suns: &Listed<DVec3>, horizon: Horizon, talk: Talk) {
+    let below: Vec<u64> = suns
+        .items
+        .iter()
+        .zip(&suns.lines)
+        .filter(|(sun, _)| is_below(**sun, horizon))
+        .map(|(_, &line)| line)
+        .collect();
+    let (Some(path), false) = (&arguments.suns, below.is_empty()) else {
+        return;
+    };
+    talk.warn(&format!(
+        "{} of {} in `{}` {} below the horizon and {} nothing: {}; directions are towards the sun, and `--up` says where up is",
+        count(below.len() as u64),
+        counted(suns.items.len() as u64, "sun"),
+        path.display(),
+        if below.len() == 1 { "is" } else { "are" },
+        if below.len() == 1 { "lights" } else { "light" },
+        lines(&below)
+    ));
+}
+
+/// Says which points are not in the open, by where they are.
+fn tell_of_points(arguments: &Arguments, points: usize, misplaced: &[Misplaced], talk: Talk) {
+    let Some(path) = &arguments.points else { return };
+    let of = counted(points as u64, "point");
+    for (place, what, next) in [
+        (
+            Place::InSolid,
+            "in solids, surrounded by backs of one-sided surfaces",
+            "move them out, or turn the surfaces round (`--flip`) if it is an inside that they are in",
+        ),
+        (
+            Place::BelowGround,
+            "below the ground, with its back above them",
+            "raise them above it, and look whether `--up` is right",
+        ),
+        (
+            Place::BehindSheet,
+            "behind surfaces, with backs in more than half of their view",
+            "move them to the other side, turn their normals, or `--two-sided on` if the surfaces are sheets",
+        ),
+    ] {
+        let there: Vec<u64> = misplaced
             .iter()
-            .filter_map(|word| word.parse().ok())
-            .filter(|value: &f64| value.is_finite())
+            .filter(|at| at.place == place)
+            .map(|at| at.line)
             .collect();
-        match <[f64; N]>::try_from(values) {
-            Ok(row) if words.len() == N => rows.push(row),
-            _ => bail!("{}:{line}: `{}` is not `{form}`", path.display(), text.trim()),
+        if !there.is_empty() {
+            talk.warn(&format!(
+                "{} of {of} in `{}` {} {what}: {}; {next}",
+                count(there.len() as u64),
+                path.display(),
+                if there.len() == 1 { "is" } else { "are" },
+                lines(&there)
+            ));
         }
     }
-    if rows.is_empty() {
-        bail!("`{}` holds no line of `{form}`", path.display());
-    }
-    Ok(rows)
-}
-
-fn read_points(path: &Path) -> Result<Vec<SensorPoint>> {
-    let rows = numbers::<6>(path, "x y z nx ny nz")?;
-    rows.into_iter()
-        .map(|[x, y, z, nx, ny, nz]| {
-            let normal = DVec3::new(nx, ny, nz);
-            if normal.try_normalize().is_none() {
-                bail!(
-                    "`{}` has the point ({x}, {y}, {z}) without a direction to look in",
-                    path.display()
-                );
-            }
-            Ok(SensorPoint {
-                position: DVec3::new(x, y, z),
-                normal,
-            })
-        })
-        .collect()
-}
-
-fn read_suns(path: &Path) -> Result<Vec<DVec3>> {
-    let rows = numbers::<3>(path, "x y z")?;
-    rows.into_iter()
-        .map(|direction| {
-            DVec3::from_array(direction)
-                .try_normalize()
-                .ok_or_else(|| anyhow!("`{}` has a direction without length", path.display()))
-        })
-        .collect()
 }
 
 /// What the matrix says of its hemicubes: n of the n² of each patch, the weight that escaped, and which share of the view that is
@@ -308,6 +400,16 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         ));
     };
     let horizon = Horizon::new(up, arguments.north);
+    tell_of_suns(arguments, &suns, horizon, talk);
+    let suns = suns.items;
+    let misplaced: Vec<Misplaced> = (0..)
+        .zip(places(&prepared.model, &points.items, horizon.up))
+        .zip(&points.lines)
+        .filter(|((_, place), _)| *place != Place::Open)
+        .map(|((point, place), &line)| Misplaced { point, line, place })
+        .collect();
+    tell_of_points(arguments, points.items.len(), &misplaced, talk);
+    let points = points.items;
     let division = SkyDivision::new(arguments.division.0).context("the sky cannot be divided like that")?;
     let (settings, matrix) = match &store {
         Some(store) => (Some(&store.manifest().settings), Some(of_matrix(store)?)),
@@ -357,7 +459,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             share.map(|share| row.refine(share));
         }
     }
-    let lit = sunlit(&prepared, &suns, options.threads)?;
+    let lit = sunlit(&prepared, &suns, horizon, options.threads)?;
     write_sky(
         &output.join("sky.npz"),
         division.columns(),
@@ -383,7 +485,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         let Some(found) = found else {
             return Ok(Exit::Interrupted);
         };
-        keep_points(&output, &prepared, &division, &points, &suns, &found)?;
+        keep_points(&output, &prepared, &division, horizon, &points, &suns, &found)?;
         found
     };
 
@@ -397,6 +499,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         &found,
         &of_points,
         &suns,
+        misplaced.clone(),
         matrix.as_ref(),
     );
     let mut file = PendingFile::create(&output.join("sky.json"))?;
@@ -407,7 +510,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     file.commit()?;
     exit::keep(false);
     let seconds = started.elapsed().as_secs_f64();
-    talk.say(summary(&record, &of_points, &output, seconds).trim_end());
+    talk.say(summary(&record, &of_points, &misplaced, &output, seconds).trim_end());
     if let Some(json) = json {
         json.write(&Report {
             schema: SCHEMA,
@@ -435,8 +538,8 @@ fn require_items(backend: &dyn HemicubeBackend) -> Result<()> {
     ))
 }
 
-/// For each patch and sun the part of the patch that sees it: 0 where it turns away.
-fn sunlit(prepared: &Prepared, suns: &[DVec3], threads: usize) -> Result<Option<Vec<f32>>> {
+/// For each patch and sun the part of the patch that sees it: 0 where it turns away, and of suns below the horizon.
+fn sunlit(prepared: &Prepared, suns: &[DVec3], horizon: Horizon, threads: usize) -> Result<Option<Vec<f32>>> {
     if suns.is_empty() {
         return Ok(None);
     }
@@ -453,7 +556,7 @@ fn sunlit(prepared: &Prepared, suns: &[DVec3], threads: usize) -> Result<Option<
                     let normal = prepared.patches.normal(patch);
                     let points = hemicube::frame::sample_points(prepared.patches.corners(patch), SUN_POINTS);
                     for (lit, &sun) in lit.iter_mut().zip(suns) {
-                        if normal.dot(sun) <= 0.0 {
+                        if normal.dot(sun) <= 0.0 || is_below(sun, horizon) {
                             continue;
                         }
                         let mut seen = 0.0f32;
@@ -484,6 +587,7 @@ fn keep_points(
     output: &Path,
     prepared: &Prepared,
     division: &SkyDivision,
+    horizon: Horizon,
     points: &[SensorPoint],
     suns: &[DVec3],
     found: &[PointRow],
@@ -495,7 +599,7 @@ fn keep_points(
         let mut lit = Vec::new();
         for point in points {
             for &sun in suns {
-                let open = reference.is_open(None, point.position, point.normal, sun)?;
+                let open = !is_below(sun, horizon) && reference.is_open(None, point.position, point.normal, sun)?;
                 lit.push(if open { 1.0f32 } else { 0.0 });
             }
         }
@@ -523,6 +627,7 @@ fn record(
     rows: &[SkyRow],
     points: &[PointRow],
     suns: &[DVec3],
+    misplaced: Vec<Misplaced>,
     matrix: Option<&OfMatrix>,
 ) -> Record {
     let (mut area, mut sky, mut ground) = (0.0, 0.0, 0.0);
@@ -568,6 +673,12 @@ fn record(
         patches: rows.len() as u64,
         points: points.len() as u64,
         suns: suns.len() as u64,
+        suns_below_horizon: (0..)
+            .zip(suns)
+            .filter(|(_, sun)| is_below(**sun, horizon))
+            .map(|(at, _)| at)
+            .collect(),
+        points_not_in_the_open: misplaced,
         rows_as_in_matrix: matrix.map(|matrix| {
             let same = rows
                 .iter()
@@ -590,7 +701,7 @@ fn record(
     }
 }
 
-fn summary(record: &Record, points: &[PointRow], output: &Path, seconds: f64) -> String {
+fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced], output: &Path, seconds: f64) -> String {
     let mut list = Listing::default();
     list.add(
         "sky",
@@ -646,13 +757,19 @@ fn summary(record: &Record, points: &[PointRow], output: &Path, seconds: f64) ->
         list.add(
             &format!("point {index}"),
             format!(
-                "sky {:.4}, {} in sight with {}",
+                "sky {:.4}, {} in sight with {}{}",
                 point.sky.sky_view_factor(),
                 counted(point.patches.len() as u64, "patch"),
                 percent(
                     point.patches.iter().map(|(_, weight)| weight).sum::<u64>() as f64
                         / (f64::from(point.sky.hemicubes.max(1)) * f64::from(WHOLE))
                 ),
+                match misplaced.iter().find(|at| at.point == index as u64).map(|at| at.place) {
+                    Some(Place::InSolid) => ": it is in a solid",
+                    Some(Place::BelowGround) => ": it is below the ground",
+                    Some(_) => ": it is behind a surface",
+                    None => "",
+                },
             ),
         );
     }
@@ -678,7 +795,7 @@ mod tests {
         let path = std::env::temp_dir().join(format!("hemicube-points-{}", std::process::id()));
         std::fs::write(&path, "# here\n0 0 1  0 0 1\n\n1,2,3,0,-1,0 # there\n").expect("a file");
         let points = read_points(&path).expect("good points");
-        assert_eq!(points[1].normal, DVec3::NEG_Y);
+        assert_eq!((points.items[1].normal, points.lines[1]), (DVec3::NEG_Y, 4));
         std::fs::write(&path, "0 0 1 0 0 1\n0 0 1 0 0\n").expect("a file");
         assert!(
             read_points(&path)

@@ -25,6 +25,11 @@ use std::time::Instant;
 
 /// More right-hand sides than this are no columns of a table that a person opens.
 const CSV_COLUMNS_MAX: u64 = 256;
+/// Temperatures below this, in kelvin, are asked about, and how many of them are named.
+const COLD: f64 = 100.0;
+const COLD_SHOWN: usize = 3;
+/// A scene is open when more than this part of its view leaves it.
+const OPEN: f64 = 0.01;
 /// Right-hand sides whose balances are printed.
 const BALANCES_SHOWN: usize = 6;
 /// What returns is printed from this share of the input on.
@@ -50,9 +55,9 @@ pub(crate) struct Arguments {
     /// Exchange heat instead of light: emissivity and temperature to net flux
     #[arg(long, help_heading = "Materials")]
     pub(crate) thermal: bool,
-    /// What lies outside, for heat that leaves the scene, in kelvin
-    #[arg(long, value_name = "KELVIN", default_value = "0", value_parser = kelvin, requires = "thermal", help_heading = "Materials")]
-    pub(crate) ambient: f64,
+    /// What lies outside, for heat that leaves the scene, in kelvin [default: 0, cold space]
+    #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "thermal", help_heading = "Materials")]
+    pub(crate) ambient: Option<f64>,
     /// Emission of each patch: one row a right-hand side (.npy), row r of band r modulo the number of bands
     #[arg(
         long,
@@ -217,6 +222,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let table = store.patches()?;
     let rows = store.row_table()?;
     let task = Task::new(arguments, &store, &table, &rows)?;
+    task.question(arguments, talk);
     let name = arguments
         .name
         .clone()
@@ -387,7 +393,7 @@ impl<'a> Task<'a> {
                 row_table,
                 kind: Kind::Heat {
                     materials: materials.thermal(&used)?,
-                    ambient: arguments.ambient,
+                    ambient: arguments.ambient.unwrap_or(0.0),
                 },
             });
         }
@@ -450,6 +456,49 @@ impl<'a> Task<'a> {
         })
     }
 
+    /// Asks once whether temperatures are in kelvin, and what lies outside of an open scene.
+    fn question(&self, arguments: &Arguments, talk: Talk) {
+        let Kind::Heat { materials, ambient } = &self.kind else {
+            return;
+        };
+        let mut cold: Vec<String> = Vec::new();
+        for (index, material) in (0..).zip(materials) {
+            if let Some(kelvin) = material.temperature.filter(|&kelvin| kelvin < COLD)
+                && self.table.material.contains(&index)
+            {
+                cold.push(format!("{kelvin} K of material `{}`", material.name));
+            }
+        }
+        if arguments.ambient.is_some() && *ambient > 0.0 && *ambient < COLD {
+            cold.push(format!("{ambient} K of `--ambient`"));
+        }
+        let more = cold.len().saturating_sub(COLD_SHOWN);
+        cold.truncate(COLD_SHOWN);
+        if more > 0 {
+            cold.push(format!("{} more", count(more as u64)));
+        }
+        if !cold.is_empty() {
+            talk.warn(&format!(
+                "{}: below {COLD} K; if degrees Celsius are meant, add 273.15, for temperatures are in kelvin",
+                cold.join(", ")
+            ));
+        }
+        let (mut escaped, mut area) = (0.0, 0.0);
+        for (&share, &of) in self.row_table.escaped.iter().zip(&self.table.area) {
+            if !share.is_nan() {
+                escaped += share * of;
+                area += of;
+            }
+        }
+        if arguments.ambient.is_none() && escaped > OPEN * area {
+            talk.warn(&format!(
+                "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--ambient KELVIN` says how \
+                 warm it is, and `--ambient 0` that it is cold space",
+                percent(escaped / area)
+            ));
+        }
+    }
+
     fn band(&self, row: u64) -> usize {
         usize::try_from(row % self.bands.len() as u64).unwrap_or(0)
     }
@@ -466,7 +515,7 @@ impl<'a> Task<'a> {
             Kind::Light { optics, .. } => Surfaces::Light(optics.clone()),
             Kind::Heat { materials, .. } => Surfaces::Heat {
                 materials: materials.clone(),
-                ambient: arguments.ambient,
+                ambient: arguments.ambient.unwrap_or(0.0),
             },
         })
     }

@@ -603,6 +603,9 @@ fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> 
             AutoSwitch::Off => Some("off".to_owned()),
         },
     );
+    for glob in &patches.flip {
+        add("flip", Some(word(glob.as_ref())));
+    }
     add(
         "up",
         patches.up.map(|axis| {

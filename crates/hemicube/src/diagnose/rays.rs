@@ -63,8 +63,8 @@ pub(super) fn directions(count: u32) -> Vec<DVec3> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Met {
     Nothing,
-    /// The back of a one-sided surface.
-    Back,
+    /// The back of a one-sided surface, by its front's patch.
+    Back(u32),
     Patch(u32),
 }
 
@@ -88,6 +88,26 @@ impl<'t> Caster<'t> {
     /// What the ray from a point of `emitter` meets first, of all that rises above the emitter's plane. Of surfaces in one
     /// plane the patch with the smaller id, and any patch before a back.
     pub(super) fn first(&mut self, emitter: &Emitter, origin: DVec3, direction: DVec3) -> Met {
+        self.first_of_side(emitter, 1.0, origin, direction)
+    }
+
+    /// The same from the emitter's front (`side` 1) or its back (−1).
+    pub(super) fn first_of_side(&mut self, emitter: &Emitter, side: f64, origin: DVec3, direction: DVec3) -> Met {
+        let normal = side * emitter.normal();
+        let tolerance = self.tree.plane_tolerance;
+        self.nearest(origin, direction, |slot, corners| {
+            let height = |p: &DVec3| normal.dot(*p - emitter.corners[0]);
+            slot == emitter.slot || corners.iter().all(|p| height(p) <= tolerance)
+        })
+    }
+
+    /// What the ray from a free point meets first.
+    pub(super) fn first_of_point(&mut self, origin: DVec3, direction: DVec3) -> Met {
+        self.nearest(origin, direction, |_, _| false)
+    }
+
+    /// What a ray meets first, of all that is not passed over, by its slot and its corners.
+    fn nearest(&mut self, origin: DVec3, direction: DVec3, passes: impl Fn(usize, &[DVec3; 3]) -> bool) -> Met {
         let tree = self.tree;
         let inverse = direction.recip();
         let enter = |index: u32| {
@@ -129,27 +149,23 @@ impl<'t> Caster<'t> {
             let (distances, determinants) = meet(block, origin, direction);
             for lane in 0..LANES {
                 let (t, determinant) = (distances[lane], determinants[lane]);
-                if !(t > 0.0 && t <= nearest + tie) || node.block as usize * LANES + lane == emitter.slot {
+                if !(t > 0.0 && t <= nearest + tie) || passes(node.block as usize * LANES + lane, &block.triangle(lane))
+                {
                     continue;
                 }
-                let corners = block.triangle(lane);
-                let height = |p: DVec3| emitter.normal().dot(p - emitter.corners[0]);
-                if corners.iter().all(|&p| height(p) <= tree.plane_tolerance) {
-                    continue;
-                }
-                let id = if determinant > 0.0 {
-                    block.negative[lane]
+                let (id, other) = if determinant > 0.0 {
+                    (block.negative[lane], block.positive[lane])
                 } else {
-                    block.positive[lane]
+                    (block.positive[lane], block.negative[lane])
                 };
                 let found = if id < tree.patch_count {
                     Met::Patch(id)
                 } else {
-                    Met::Back
+                    Met::Back(other)
                 };
                 let wins = match (met, found) {
                     _ if t < nearest - tie => true,
-                    (Met::Nothing, _) | (Met::Back, Met::Patch(_)) => true,
+                    (Met::Nothing, _) | (Met::Back(_), Met::Patch(_)) => true,
                     (Met::Patch(old), Met::Patch(new)) => new < old,
                     _ => false,
                 };

@@ -155,7 +155,7 @@ fn bury(model: &Model, caster: &mut Caster<'_>, directions: &[DVec3], patch: Inp
 fn share_out(caster: &mut Caster<'_>, emitter: &Emitter, point: DVec3, directions: &[DVec3]) -> f64 {
     let out = directions
         .iter()
-        .filter(|&&direction| caster.first(emitter, point, emitter.turned(direction)) != Met::Back)
+        .filter(|&&direction| !matches!(caster.first(emitter, point, emitter.turned(direction)), Met::Back(_)))
         .count();
     out as f64 / directions.len().max(1) as f64
 }

@@ -15,10 +15,9 @@ const VALUES_MAX: usize = 1 << 26;
 
 /// Parses the JSON text of a file. Nesting is bounded by `serde_json`'s own limit of 128.
 pub(super) fn parse(container: &Container<'_>, findings: &mut Findings) -> Result<Value, Error> {
-    let mut text = container.json;
-    if let Some(rest) = text.strip_prefix(b"\xef\xbb\xbf") {
+    let mut text = crate::text::unmarked(container.json)?;
+    if text.len() < container.json.len() {
         findings.count("byte order mark");
-        text = rest;
     }
     // Some writers pad the JSON chunk with zeros where the format asks for spaces.
     while let Some(rest) = text.strip_suffix(b"\0") {

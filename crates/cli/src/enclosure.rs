@@ -1,0 +1,207 @@
+//! What is said of how a scene encloses: objects that face the wrong way, and holes that it leaks through.
+
+use crate::prepare::Prepared;
+use crate::report::{count, counted, figures, percent};
+use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Turn, Winding, enclosure};
+use hemicube::selection::matches_glob;
+use std::collections::BTreeSet;
+
+/// Mean row sum at most, and mean blocked share at least, of a matrix whose scene is looked at.
+const LEAST_SUM: f64 = 0.02;
+const MOST_BLOCKED: f64 = 0.02;
+/// Surfaces that are looked at then.
+const SURFACES_MAX: usize = 5000;
+/// Names that a sentence lists.
+const NAMES_SHOWN: usize = 4;
+
+/// How the scene encloses.
+pub(crate) fn of(prepared: &Prepared, options: DiagnoseOptions) -> Enclosure {
+    let object = |patch| {
+        let triangle = prepared.scene.triangles.get(prepared.patches.triangle(patch));
+        triangle.map_or(0, |triangle| triangle.object)
+    };
+    enclosure(&prepared.model, object, options)
+}
+
+/// What a run says of its scene where its rows look odd: nothing is in sight, or much of it is backs. Elsewhere nothing is
+/// looked at.
+pub(crate) fn questions(prepared: &Prepared, rows: u64, row_sum: f64, blocked: f64, threads: usize) -> Vec<String> {
+    if rows == 0 || (row_sum > LEAST_SUM && blocked < MOST_BLOCKED) {
+        return Vec::new();
+    }
+    let options = DiagnoseOptions {
+        threads,
+        surfaces_max: SURFACES_MAX,
+        ..DiagnoseOptions::default()
+    };
+    let found = of(prepared, options);
+    let mut sentences: Vec<String> = found
+        .winding
+        .iter()
+        .map(|winding| of_winding(prepared, winding))
+        .collect();
+    if sentences.is_empty() && row_sum == 0.0 {
+        sentences.push(format!(
+            "the matrix is empty: no patch of these rows sees another; {} of the view leaves the scene, and {} is backs",
+            percent(found.escaped),
+            percent(found.blocked)
+        ));
+    }
+    sentences
+}
+
+/// A word of a command line.
+fn word(text: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./:+@,=".contains(c);
+    if !text.is_empty() && text.chars().all(plain) {
+        text.to_owned()
+    } else {
+        format!("'{}'", text.replace('\'', "'\\''"))
+    }
+}
+
+/// The options that turn these objects round, and no others.
+fn options(prepared: &Prepared, names: &BTreeSet<&str>) -> String {
+    let others = || {
+        prepared
+            .scene
+            .objects
+            .iter()
+            .map(String::as_str)
+            .filter(|name| !names.contains(name))
+    };
+    if names.len() <= NAMES_SHOWN {
+        let options: Vec<String> = names.iter().map(|name| format!("--flip {}", word(name))).collect();
+        return format!("`{}`", options.join(" "));
+    }
+    // One glob, where what they have in common at the beginning or the end tells them from the others.
+    let common = |reversed: bool| {
+        let chars = |name: &str| -> Vec<char> {
+            if reversed {
+                name.chars().rev().collect()
+            } else {
+                name.chars().collect()
+            }
+        };
+        let (first, last) = (
+            chars(names.first().copied().unwrap_or("")),
+            names.iter().map(|name| chars(name)),
+        );
+        let shared = last.fold(first.len(), |shared, name| {
+            shared.min(first.iter().zip(&name).take_while(|(a, b)| a == b).count())
+        });
+        let part = &first[..shared];
+        if reversed {
+            format!("*{}", part.iter().rev().collect::<String>())
+        } else {
+            format!("{}*", part.iter().collect::<String>())
+        }
+    };
+    [common(false), common(true)]
+        .into_iter()
+        .find(|glob| others().all(|name| !matches_glob(glob, name)))
+        .map_or_else(
+            || "`--flip NAME` for each of them (`--json` lists all)".to_owned(),
+            |glob| format!("`--flip {}`", word(&glob)),
+        )
+}
+
+/// What is wrong, and what to try.
+pub(crate) fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
+    let names: BTreeSet<&str> = winding
+        .objects
+        .iter()
+        .filter_map(|&object| prepared.scene.objects.get(object as usize))
+        .map(String::as_str)
+        .collect();
+    let mut shown: Vec<String> = names.iter().take(NAMES_SHOWN).map(|name| format!("`{name}`")).collect();
+    if names.len() > NAMES_SHOWN {
+        shown.push(format!("{} more", count((names.len() - NAMES_SHOWN) as u64)));
+    }
+    let listed = match shown.split_last() {
+        Some((last, [])) => last.clone(),
+        Some((last, rest)) => format!("{} and {last}", rest.join(", ")),
+        None => String::new(),
+    };
+    let lost = percent(winding.lost);
+    match winding.turn {
+        Turn::All => format!(
+            "the model is wound outwards throughout: its patches face away from the space that it encloses, and see no front \
+             of another, which is right for a solid alone that is seen from outside; for the space within, `--flip all` turns it round"
+        ),
+        Turn::InsideOut => format!(
+            "{} face inwards ({listed}): they see only their own insides, and others see their backs, {lost} of all views; \
+             {} turns them round",
+            counted(winding.objects.len() as u64, "object"),
+            options(prepared, &names)
+        ),
+        _ => format!(
+            "{listed} {} the wrong way: {lost} of all views is lost by {}; {} turns {} round, and `--two-sided on` is for sheets",
+            if names.len() == 1 { "faces" } else { "face" },
+            if names.len() == 1 { "its back" } else { "their backs" },
+            options(prepared, &names),
+            if names.len() == 1 { "it" } else { "them" },
+        ),
+    }
+}
+
+/// `x 2.25–3, y 5, z 1.01–1.35`.
+fn extent(low: [f64; 3], high: [f64; 3]) -> String {
+    let across = low.iter().zip(high).map(|(low, high)| high - low).fold(0.0, f64::max);
+    let number = |value: f64| {
+        let text = format!("{value:.3}");
+        let short = text.trim_end_matches('0').trim_end_matches('.');
+        if short == "-0" {
+            "0".to_owned()
+        } else {
+            short.to_owned()
+        }
+    };
+    let parts: Vec<String> = ["x", "y", "z"]
+        .iter()
+        .zip(low.iter().zip(high))
+        .map(|(axis, (&low, high))| {
+            if high - low <= 1e-6 * across {
+                format!("{axis} {}", number(low))
+            } else {
+                format!("{axis} {}–{}", number(low), number(high))
+            }
+        })
+        .collect();
+    parts.join(", ")
+}
+
+/// Where a hole is, and what leaves through it.
+pub(crate) fn of_leak(prepared: &Prepared, leak: &Leak) -> String {
+    let name = prepared
+        .scene
+        .objects
+        .get(leak.object as usize)
+        .map_or("", String::as_str);
+    let name = if name.is_empty() {
+        String::new()
+    } else {
+        format!("`{name}` at ")
+    };
+    format!(
+        "{name}{}: area {}, {} of what escapes",
+        extent(leak.low, leak.high),
+        figures(leak.area),
+        percent(leak.share)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_and_words() {
+        assert_eq!(
+            extent([2.25, 5.0, 1.0125], [3.0, 5.0, 1.35]),
+            "x 2.25–3, y 5, z 1.012–1.35"
+        );
+        assert_eq!(word("north"), "north");
+        assert_eq!(word("b1 *"), "'b1 *'");
+    }
+}

@@ -1,0 +1,277 @@
+//! Tables of numbers in text: points and suns, as people write them and as spreadsheets and simulations export them.
+//!
+//! A line is a row; `#` begins a comment. Without a header, a row has the columns that are asked for, in their order, and
+//! fields are separated by blanks, tabs, commas or semicolons. With one, columns are found by their names, others are
+//! passed over, and fields are separated by what separates them in the header.
+
+use anyhow::{Context, Result, anyhow, bail};
+use std::path::Path;
+
+/// A row and its line in the file, from 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Row<const N: usize> {
+    pub(crate) line: u64,
+    pub(crate) values: [f64; N],
+}
+
+/// What separates fields.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Separator {
+    Char(char),
+    Blanks,
+}
+
+impl Separator {
+    /// That of a line: what cannot be part of a number goes first, as a comma may be a decimal one.
+    fn of(text: &str) -> Self {
+        [';', '\t', ',']
+            .into_iter()
+            .find(|&c| text.contains(c))
+            .map_or(Self::Blanks, Self::Char)
+    }
+
+    fn fields(self, text: &str) -> Vec<&str> {
+        match self {
+            Self::Char(c) => text.split(c).map(unquoted).collect(),
+            Self::Blanks => text.split_whitespace().map(unquoted).collect(),
+        }
+    }
+}
+
+fn unquoted(field: &str) -> &str {
+    let field = field.trim();
+    field
+        .strip_prefix('"')
+        .and_then(|rest| rest.strip_suffix('"'))
+        .map_or(field, str::trim)
+}
+
+/// A header: how many fields it has, how they are separated, and where the columns that are asked for are.
+struct Header<const N: usize> {
+    separator: Separator,
+    count: usize,
+    places: [usize; N],
+}
+
+impl<const N: usize> Header<N> {
+    fn read(text: &str, names: [&str; N]) -> Result<Self> {
+        let separator = Separator::of(text);
+        let fields = separator.fields(text);
+        // `x`, `X`, `x (m)` and `x [m]` are one name.
+        let short = |field: &str| {
+            let name = field.split(['(', '[']).next().unwrap_or(field);
+            name.trim().to_ascii_lowercase()
+        };
+        let mut places = [0; N];
+        for (place, name) in places.iter_mut().zip(names) {
+            let mut found = fields.iter().enumerate().filter(|(_, field)| short(field) == name);
+            *place = match (found.next(), found.next()) {
+                (Some((at, _)), None) => at,
+                (Some(_), Some(_)) => bail!("the header names the column `{name}` twice"),
+                (None, _) => bail!(
+                    "the header `{}` names no column `{name}`; the columns {} are needed",
+                    excerpt(text),
+                    names.map(|name| format!("`{name}`")).join(", ")
+                ),
+            };
+        }
+        Ok(Self {
+            separator,
+            count: fields.len(),
+            places,
+        })
+    }
+}
+
+fn excerpt(text: &str) -> String {
+    let text = text.trim();
+    let mut shown: String = text.chars().take(80).collect();
+    if shown.len() < text.len() {
+        shown.push('…');
+    }
+    shown.escape_debug().to_string()
+}
+
+/// Whether a line is a header: it has no field that is a number.
+fn is_header(text: &str) -> bool {
+    let mut fields = text
+        .split(|c: char| c.is_whitespace() || c == ',' || c == ';')
+        .map(unquoted)
+        .filter(|field| !field.is_empty())
+        .peekable();
+    fields.peek().is_some() && fields.all(|field| field.parse::<f64>().is_err())
+}
+
+/// The fields of a line without a header: separated by blanks too, where that leaves no field empty.
+fn fields_of(text: &str) -> Result<Vec<&str>> {
+    let separator = Separator::of(text);
+    let mut fields = separator.fields(text);
+    while fields.last().is_some_and(|field| field.is_empty()) {
+        fields.pop();
+    }
+    if fields.iter().any(|field| field.is_empty()) {
+        bail!("`{}` has an empty field", excerpt(text));
+    }
+    let split = fields.iter().flat_map(|field| field.split_whitespace());
+    Ok(split.map(unquoted).collect())
+}
+
+fn number(field: &str) -> Result<f64> {
+    match field.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ if field.contains(',') && field.replacen(',', ".", 1).parse::<f64>().is_ok() => {
+            bail!("`{}` has a decimal comma; write a decimal point", excerpt(field))
+        }
+        _ if field.is_empty() => bail!("a field is empty where a number is needed"),
+        _ => bail!("`{}` is no finite number", excerpt(field)),
+    }
+}
+
+/// The rows of the columns `names` in a file.
+///
+/// # Errors
+/// When the file cannot be read, is no UTF-8, holds no row, or a line is malformed: the error names it.
+pub(crate) fn read<const N: usize>(path: &Path, names: [&str; N]) -> Result<Vec<Row<N>>> {
+    let bytes = hemicube_scene::read_regular(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
+    let text = hemicube_scene::text::unmarked(&bytes).map_err(|error| error.in_file(path))?;
+    let text = std::str::from_utf8(text).map_err(|error| {
+        let line = 1 + text[..error.valid_up_to()]
+            .iter()
+            .filter(|&&byte| byte == b'\n')
+            .count();
+        anyhow!("{}:{line}: is no UTF-8 text; save it as UTF-8", path.display())
+    })?;
+    rows(text, names).map_err(|(line, error)| match line {
+        Some(line) => anyhow!("{}:{line}: {error}", path.display()),
+        None => anyhow!("`{}` {error}", path.display()),
+    })
+}
+
+fn rows<const N: usize>(text: &str, names: [&str; N]) -> Result<Vec<Row<N>>, (Option<u64>, anyhow::Error)> {
+    let mut header: Option<Header<N>> = None;
+    let mut rows = Vec::new();
+    for (line, text) in (1..).zip(text.lines()) {
+        let at = |error| (Some(line), error);
+        let text = text.split('#').next().unwrap_or("");
+        if text
+            .trim_matches(|c: char| c.is_whitespace() || c == ',' || c == ';')
+            .is_empty()
+        {
+            continue;
+        }
+        if header.is_none() && rows.is_empty() && is_header(text) {
+            header = Some(Header::read(text, names).map_err(at)?);
+            continue;
+        }
+        rows.push(Row {
+            line,
+            values: row(text, header.as_ref(), names).map_err(at)?,
+        });
+    }
+    if rows.is_empty() {
+        return Err((None, anyhow!("holds no line of `{}`", names.join(" "))));
+    }
+    Ok(rows)
+}
+
+fn row<const N: usize>(text: &str, header: Option<&Header<N>>, names: [&str; N]) -> Result<[f64; N]> {
+    let mut values = [0.0; N];
+    let Some(header) = header else {
+        let fields = fields_of(text)?;
+        // Before their number: a decimal comma makes two of one.
+        let numbers = fields.iter().map(|field| number(field)).collect::<Result<Vec<f64>>>();
+        if fields.len() != N {
+            bail!(
+                "`{}` has {} where {} are needed: `{}`",
+                excerpt(text),
+                crate::report::counted(fields.len() as u64, "number"),
+                N,
+                names.join(" ")
+            );
+        }
+        values.copy_from_slice(&numbers?);
+        return Ok(values);
+    };
+    let fields = header.separator.fields(text);
+    if fields.len() != header.count {
+        bail!(
+            "`{}` has {} where the header has {}",
+            excerpt(text),
+            crate::report::counted(fields.len() as u64, "field"),
+            header.count
+        );
+    }
+    for (value, &place) in values.iter_mut().zip(&header.places) {
+        *value = number(fields[place])?;
+    }
+    Ok(values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POINT: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
+
+    fn values<const N: usize>(text: &str, names: [&str; N]) -> Vec<[f64; N]> {
+        rows(text, names)
+            .expect("a good table")
+            .iter()
+            .map(|row| row.values)
+            .collect()
+    }
+
+    fn error(text: &str) -> String {
+        let (line, error) = rows(text, POINT).expect_err(text);
+        format!("{line:?} {error}")
+    }
+
+    #[test]
+    fn rows_however_they_are_separated() {
+        let expected = [[1.0, 2.0, 3.0, 0.0, -1.0, 0.5]];
+        for text in [
+            "1 2 3 0 -1 .5\n",
+            "# a point\n\n1,2,3,0,-1,.5 # there\n",
+            "1;2;3;0;-1;.5\r\n",
+            "1\t2\t3\t0\t-1\t.5",
+            "  1, 2, 3  0 -1 0.5,\n",
+            "\"1\",\"2\",\"3\",\"0\",\"-1\",\"5e-1\"\n",
+            "x,y,z,nx,ny,nz\n1,2,3,0,-1,.5\n",
+            "X (m);Y (m);Z [m];NX;NY;NZ\n1;2;3;0;-1;.5\n,,,\n",
+            "nx ny nz x y z\n0 -1 .5 1 2 3\n",
+            "name\tx\ty\tz\tnx\tny\tnz\nbus stop 7\t1\t2\t3\t0\t-1\t.5\n",
+        ] {
+            assert_eq!(values(text, POINT), expected, "{text}");
+        }
+        let rows = rows("x y z\n\n0 0 1\n# noon\n0 1 1\n", ["x", "y", "z"]).expect("suns");
+        assert_eq!(rows.iter().map(|row| row.line).collect::<Vec<_>>(), [3, 5]);
+    }
+
+    #[test]
+    fn what_is_malformed_is_refused_by_its_line() {
+        for (text, expected) in [
+            (
+                "0 0 1 0 0 1\n0 0 1 0 0\n",
+                "Some(2) `0 0 1 0 0` has 5 numbers where 6 are needed: `x y z nx ny nz`",
+            ),
+            ("15 5 1.1\n", "Some(1) `15 5 1.1` has 3 numbers"),
+            ("1,,3,0,0,1\n", "Some(1) `1,,3,0,0,1` has an empty field"),
+            ("1;2;3;0;0;0,5\n", "decimal comma"),
+            ("1 2 3 0 0 nan\n", "`nan` is no finite number"),
+            ("1 2 3 0 0 up\n", "`up` is no finite number"),
+            ("x,y,z\n1,2,3\n", "Some(1) the header `x,y,z` names no column `nx`"),
+            ("x,x,y,z,nx,ny,nz\n", "twice"),
+            (
+                "x,y,z,nx,ny,nz\n1,2,3,0,0\n",
+                "Some(2) `1,2,3,0,0` has 5 fields where the header has 6",
+            ),
+            ("x,y,z,nx,ny,nz\n1,2,3,0,0,\n", "empty"),
+            ("1 2 3 0 0 1\nx y z nx ny nz\n", "Some(2) `x` is no finite number"),
+            ("x y z nx ny nz\n", "None holds no line of"),
+            ("", "None holds no line of"),
+        ] {
+            let found = error(text);
+            assert!(found.contains(expected), "{text}: {found}");
+        }
+    }
+}

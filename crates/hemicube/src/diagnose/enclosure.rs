@@ -1,0 +1,725 @@
+//! How a scene encloses: which objects face the wrong way, and where a nearly closed scene leaks. By rays from both sides
+//! of a sample of patches.
+//!
+//! Turning a set S of objects round makes their backs fronts, and what leaves their fronts leaves from the other side. So
+//! what a turn would block is counted from the same rays: a ray from object a to object b is there if it leaves a's active
+//! side, and is blocked if it meets b's other side. With w the weight of a ray (its patch's area by the rays of a patch),
+//!
+//! ```text
+//! J(S) = Σ w [blocked under S] + Σ w [escaped under S, of a group that sees no front and is nearly closed on its other side]
+//! ```
+//!
+//! over the weight of all rays. What escapes counts only where every group of the scene sees no front, or only its own: among
+//! free-standing solids, some see others. The culprit is the set by which J falls most, of: each object, each group of
+//! objects that share corners, the groups that see only themselves while others see their backs, and all; then the next,
+//! until nothing is worth a turn. Of an object or group, turning must face it to a space that is nearly closed. Two-sided
+//! surfaces have no back and are never turned.
+
+use super::rays::{Caster, Emitter, Met, directions};
+use super::sample::{examine, hash, order};
+use super::{DiagnoseOptions, WORK_OF_ENCLOSURE};
+use crate::Model;
+use crate::frame;
+use crate::tree::Tree;
+use glam::DVec3;
+use hemicube_scene::{InputPatch, Side};
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+/// Rays from each side of a patch at least and at most, and from one side of all patches of small scenes.
+const RAYS: [u32; 2] = [32, 1024];
+const RAYS_OF_ALL: usize = 1 << 16;
+/// A group sees no front when less of its view is.
+const BLIND: f64 = 0.02;
+/// The same of the only group of a scene, whose bays see one another from outside.
+const BLIND_ALONE: f64 = 0.1;
+/// A side is nearly closed when no more than this escapes from it.
+const OPEN: f64 = 0.25;
+/// A group sees only itself when so much of its view is its own.
+const ITSELF: f64 = 0.9;
+/// Others see an object's back when so much of what meets it does.
+const BACKS: f64 = 0.8;
+/// Weight, and rays, that a turn must save.
+const WORTH: f64 = 1e-3;
+const WORTH_RAYS: u64 = 8;
+/// Sets that are turned one after the other.
+const TURNS_MAX: usize = 16;
+/// What escapes of a scene that is nearly closed.
+const ESCAPED_MAX: f64 = 0.3;
+/// Leaks that are named.
+const LEAKS_MAX: usize = 5;
+/// Boundary loops that escaping rays are held against, the largest first, and rays.
+const LOOPS_MAX: usize = 512;
+const ESCAPING_MAX: usize = 4096;
+/// Positions nearer than this share of the scene are one.
+const WELD: f64 = 1e-7;
+
+/// What is turned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Turn {
+    /// All: the model is wound outwards, and no patch sees the front of another.
+    All,
+    /// Groups that see only their own inside, of which others see the backs.
+    InsideOut,
+    /// Some objects.
+    Objects,
+}
+
+/// Objects that face the wrong way.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Winding {
+    /// What is turned.
+    pub turn: Turn,
+    /// The objects to turn, by index, ascending; of [`Turn::All`] all that have a back.
+    pub objects: Vec<u32>,
+    /// Share of all views that ends on backs, or is lost from what faces out, because of them.
+    pub lost: f64,
+}
+
+/// A hole that rays escape through.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Leak {
+    /// The object, by index, that most of the hole's rim belongs to.
+    pub object: u32,
+    /// The least coordinates of the rim.
+    pub low: [f64; 3],
+    /// The greatest.
+    pub high: [f64; 3],
+    /// Its area, in the scene's unit squared.
+    pub area: f64,
+    /// Which part of what escapes leaves through it.
+    pub share: f64,
+}
+
+/// How a scene encloses; see [`enclosure`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Enclosure {
+    /// Rays from fronts.
+    pub rays: u64,
+    /// Area-weighted shares of what fronts have in view: fronts,
+    pub visible: f64,
+    /// nothing,
+    pub escaped: f64,
+    /// and backs.
+    pub blocked: f64,
+    /// Objects that face the wrong way, the worst first.
+    pub winding: Vec<Winding>,
+    /// Where every group of objects that share corners sees only its own inside, and nobody else: how many there are.
+    /// Rooms are like that, and buildings that are inside out.
+    pub apart: u64,
+    /// Holes that rays escape through, the largest share first; of scenes that are nearly closed only.
+    pub leaks: Vec<Leak>,
+    /// Holes beyond those.
+    pub leaks_more: u64,
+    /// Which part of what escapes leaves through holes that are named or counted here.
+    pub leaking: f64,
+}
+
+/// Rays of one kind: from an object's side to an object's side, `NONE` standing for what cannot be turned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Kind {
+    from: u32,
+    /// Whether they leave backs.
+    turned: bool,
+    to: To,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum To {
+    Nothing,
+    Front(u32),
+    Back(u32),
+}
+
+const NONE: u32 = u32::MAX;
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Count {
+    weight: f64,
+    rays: u64,
+}
+
+#[derive(Default)]
+struct Sample {
+    counts: BTreeMap<Kind, Count>,
+    /// Escaping rays from fronts, with their objects.
+    escaping: Vec<(u32, DVec3, DVec3, f64)>,
+}
+
+/// Examines how a scene encloses. `object` says which object a patch is of.
+///
+/// ```
+/// use hemicube::diagnose::{DiagnoseOptions, Turn, enclosure};
+/// use hemicube::{HierarchyOptions, Model};
+/// use hemicube_scene::{Patches, Subdivision, generate};
+///
+/// // A room with one wall turned round: that wall is named, not those that see its back.
+/// let mut room = generate::cornell_box();
+/// let wall = room.objects.iter().position(|name| name == "left_wall").ok_or("no such wall")? as u32;
+/// for triangle in room.triangles.iter_mut().filter(|triangle| triangle.object == wall) {
+///     triangle.corners.swap(1, 2);
+/// }
+/// let model = Model::new(Patches::new(&room, Subdivision::Split(4))?.into(), HierarchyOptions::default())?;
+/// let object = |patch| room.triangles[model.patches().triangle(patch)].object;
+/// let found = enclosure(&model, object, DiagnoseOptions::default());
+/// assert_eq!(found.winding.len(), 1);
+/// assert_eq!((found.winding[0].turn, &found.winding[0].objects[..]), (Turn::Objects, &[wall][..]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn enclosure(model: &Model, object: impl Fn(InputPatch) -> u32 + Sync, options: DiagnoseOptions) -> Enclosure {
+    let sample = sample(model, &object, options);
+    let mut found = Enclosure::default();
+    for (kind, count) in sample.counts.iter().filter(|(kind, _)| !kind.turned) {
+        found.rays += count.rays;
+        *match kind.to {
+            To::Nothing => &mut found.escaped,
+            To::Front(_) => &mut found.visible,
+            To::Back(_) => &mut found.blocked,
+        } += count.weight;
+    }
+    let whole = found.visible + found.escaped + found.blocked;
+    if whole <= 0.0 {
+        return found;
+    }
+    let groups = groups(model, &object);
+    (found.winding, found.apart) = windings(&sample.counts, &groups, whole);
+    let turned: BTreeSet<u32> = found.winding.iter().flat_map(|w| w.objects.iter().copied()).collect();
+    let escaping: f64 = sample
+        .counts
+        .iter()
+        .filter(|(kind, _)| kind.to == To::Nothing && kind.turned == turned.contains(&kind.from))
+        .map(|(_, count)| count.weight)
+        .sum();
+    if escaping > 0.0 && escaping <= ESCAPED_MAX * whole {
+        let rays: Vec<_> = sample
+            .escaping
+            .into_iter()
+            .filter(|(from, ..)| !turned.contains(from))
+            .take(ESCAPING_MAX)
+            .collect();
+        leaks(model, &object, &rays, &mut found);
+    }
+    for share in [&mut found.visible, &mut found.escaped, &mut found.blocked] {
+        *share /= whole;
+    }
+    found
+}
+
+fn is_two_sided(model: &Model, patch: InputPatch) -> bool {
+    let index = model.patches().surface(patch);
+    let same = |other: u32| {
+        let other = InputPatch(other);
+        (other.0 as usize) < model.patches().len() && model.patches().surface(other) == index
+    };
+    model.patches().side(patch) == Side::Back || same(patch.0 + 1)
+}
+
+fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: DiagnoseOptions) -> Sample {
+    let tree = &*Tree::of(model.geometry());
+    let order = order(model, options.seed);
+    let order = &order[..order.len().min(options.surfaces_max)];
+    #[allow(clippy::cast_possible_truncation, reason = "at most 65536")]
+    let rays = ((RAYS_OF_ALL / order.len().max(1)) as u32).clamp(RAYS[0], RAYS[1]);
+    let directions = directions(rays);
+    let turnable = |patch: u32| {
+        let patch = InputPatch(patch);
+        if is_two_sided(model, patch) {
+            NONE
+        } else {
+            object(patch)
+        }
+    };
+    let (samples, _) = examine(order, options.threads, WORK_OF_ENCLOSURE, |surfaces, work| {
+        let mut caster = Caster::new(tree);
+        let mut sample = Sample::default();
+        for &index in surfaces {
+            let surface = &model.geometry().surfaces[index as usize];
+            let sides = match surface.back {
+                Some(back) => [(surface.front, 1.0, NONE), (back, 1.0, NONE)],
+                None => [
+                    (surface.front, 1.0, object(surface.front)),
+                    (surface.front, -1.0, object(surface.front)),
+                ],
+            };
+            for (patch, side, from) in sides {
+                let Some(emitter) = Emitter::new(model, tree, patch) else {
+                    continue;
+                };
+                let points = frame::sample_points(emitter.corners, 4);
+                let weight = model.patches().area(patch) / f64::from(rays);
+                for (k, &direction) in (0u64..).zip(&directions) {
+                    #[allow(clippy::cast_possible_truncation, reason = "below the number of points")]
+                    let origin = points[(hash(patch.0.into(), k) % points.len() as u64) as usize];
+                    let direction = side * emitter.turned(direction);
+                    let to = match caster.first_of_side(&emitter, side, origin, direction) {
+                        Met::Nothing => To::Nothing,
+                        Met::Patch(patch) => To::Front(turnable(patch)),
+                        Met::Back(patch) => To::Back(object(InputPatch(patch))),
+                    };
+                    let turned = side < 0.0;
+                    if to == To::Nothing && !turned && sample.escaping.len() < ESCAPING_MAX {
+                        sample.escaping.push((from, origin, direction, weight));
+                    }
+                    let count = sample.counts.entry(Kind { from, turned, to }).or_default();
+                    count.weight += weight;
+                    count.rays += 1;
+                }
+            }
+        }
+        *work += caster.work + 64 * surfaces.len() as u64;
+        sample
+    });
+    let mut all = Sample::default();
+    for sample in samples {
+        for (kind, count) in sample.counts {
+            let sum = all.counts.entry(kind).or_default();
+            sum.weight += count.weight;
+            sum.rays += count.rays;
+        }
+        let room = (4 * ESCAPING_MAX).saturating_sub(all.escaping.len());
+        all.escaping.extend(sample.escaping.into_iter().take(room));
+    }
+    all
+}
+
+/// A position, in steps of [`WELD`].
+fn welded(model: &Model, corner: DVec3) -> [i64; 3] {
+    #[allow(clippy::cast_possible_truncation, reason = "normalised coordinates are about 1")]
+    (model.normalise(corner) / WELD).round().to_array().map(|c| c as i64)
+}
+
+/// For each object the group that it is of: objects that share corners, by the least of their indices.
+fn groups(model: &Model, object: &impl Fn(InputPatch) -> u32) -> BTreeMap<u32, u32> {
+    fn root(parent: &mut BTreeMap<u32, u32>, of: u32) -> u32 {
+        let mut at = of;
+        while let Some(&up) = parent.get(&at)
+            && up != at
+        {
+            at = up;
+        }
+        parent.insert(of, at);
+        at
+    }
+    let mut parent: BTreeMap<u32, u32> = BTreeMap::new();
+    let mut owner: HashMap<[i64; 3], u32> = HashMap::new();
+    for surface in &model.geometry().surfaces {
+        let own = object(surface.front);
+        parent.entry(own).or_insert(own);
+        for corner in model.patches().corners(surface.front) {
+            let first = *owner.entry(welded(model, corner)).or_insert(own);
+            if first != own {
+                let (a, b) = (root(&mut parent, first), root(&mut parent, own));
+                parent.insert(a.max(b), a.min(b));
+            }
+        }
+    }
+    let objects: Vec<u32> = parent.keys().copied().collect();
+    objects.into_iter().map(|of| (of, root(&mut parent, of))).collect()
+}
+
+/// What a group of objects sees from its active side, and how it is seen.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sight {
+    own: f64,
+    others: f64,
+    backs: f64,
+    escaped: f64,
+    /// From the other side.
+    hidden: f64,
+    hidden_escaped: f64,
+    /// By others, front and back.
+    met: [f64; 2],
+}
+
+impl Sight {
+    fn view(&self) -> f64 {
+        self.own + self.others + self.backs + self.escaped
+    }
+
+    fn is_blind(&self, alone: bool) -> bool {
+        let bound = if alone { BLIND_ALONE } else { BLIND };
+        self.hidden > 0.0 && self.own + self.others <= bound * self.view() && self.hidden_escaped <= OPEN * self.hidden
+    }
+
+    fn sees_itself(&self) -> bool {
+        let [fronts, backs] = self.met;
+        self.view() > 0.0 && self.own >= ITSELF * self.view() && backs >= BACKS * (fronts + backs)
+    }
+}
+
+struct Rays<'a> {
+    list: Vec<(Kind, Count)>,
+    /// Entries that an object is part of.
+    of: BTreeMap<u32, Vec<usize>>,
+    groups: &'a BTreeMap<u32, u32>,
+    whole: f64,
+}
+
+impl Rays<'_> {
+    fn is_active(kind: Kind, turned: &BTreeSet<u32>) -> bool {
+        kind.turned == turned.contains(&kind.from)
+    }
+
+    fn meets_back(kind: Kind, turned: &BTreeSet<u32>) -> bool {
+        match kind.to {
+            To::Nothing => false,
+            To::Front(object) => turned.contains(&object),
+            To::Back(object) => !turned.contains(&object),
+        }
+    }
+
+    fn sights(&self, turned: &BTreeSet<u32>) -> BTreeMap<u32, Sight> {
+        let group = |object: u32| self.groups.get(&object).copied().unwrap_or(NONE);
+        let mut sights: BTreeMap<u32, Sight> = BTreeMap::new();
+        for &(kind, Count { weight, .. }) in &self.list {
+            let from = group(kind.from);
+            let to = match kind.to {
+                To::Nothing => None,
+                To::Front(object) | To::Back(object) => Some(group(object)),
+            };
+            let active = Self::is_active(kind, turned);
+            let back = Self::meets_back(kind, turned);
+            let sight = sights.entry(from).or_default();
+            if active {
+                *match to {
+                    None => &mut sight.escaped,
+                    Some(_) if back => &mut sight.backs,
+                    Some(to) if to == from => &mut sight.own,
+                    Some(_) => &mut sight.others,
+                } += weight;
+                if let Some(to) = to.filter(|&to| to != from) {
+                    sights.entry(to).or_default().met[usize::from(back)] += weight;
+                }
+            } else {
+                sight.hidden += weight;
+                sight.hidden_escaped += if to.is_none() { weight } else { 0.0 };
+            }
+        }
+        sights.remove(&NONE);
+        sights
+    }
+
+    /// J of the entries that `objects` are part of, and the rays that count in it. `blind` are the groups whose escaping rays
+    /// do.
+    fn lost(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>, blind: &BTreeSet<u32>) -> (f64, u64) {
+        let mut entries: Vec<usize> = objects
+            .iter()
+            .filter_map(|o| self.of.get(o))
+            .flatten()
+            .copied()
+            .collect();
+        entries.sort_unstable();
+        entries.dedup();
+        let (mut weight, mut rays) = (0.0, 0);
+        for entry in entries {
+            let (kind, count) = self.list[entry];
+            let blind = || self.groups.get(&kind.from).is_some_and(|group| blind.contains(group));
+            // Of blind groups that are turned, what escapes of their other side is a leak at most.
+            let counts =
+                Self::meets_back(kind, turned) || (kind.to == To::Nothing && blind() && !turned.contains(&kind.from));
+            if Self::is_active(kind, turned) && counts {
+                weight += count.weight;
+                rays += count.rays;
+            }
+        }
+        (weight, rays)
+    }
+
+    /// Whether what others see of these objects is backs, or nobody sees them, and their other side faces a space that is
+    /// nearly closed.
+    fn faces_away(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> bool {
+        let (mut met, mut hidden) = ([0.0; 2], [0.0; 2]);
+        for &entry in objects.iter().filter_map(|o| self.of.get(o)).flatten() {
+            let (kind, count) = self.list[entry];
+            let active = Self::is_active(kind, turned);
+            if objects.contains(&kind.from) && !active {
+                hidden[usize::from(kind.to == To::Nothing)] += count.weight;
+            }
+            if let To::Front(to) | To::Back(to) = kind.to
+                && objects.contains(&to)
+                && !objects.contains(&kind.from)
+                && active
+            {
+                met[usize::from(Self::meets_back(kind, turned))] += count.weight;
+            }
+        }
+        met[1] >= BACKS * (met[0] + met[1]) && hidden[1] <= OPEN * (hidden[0] + hidden[1])
+    }
+}
+
+fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: f64) -> (Vec<Winding>, u64) {
+    let list: Vec<(Kind, Count)> = counts.iter().map(|(&kind, &count)| (kind, count)).collect();
+    let mut of: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for (entry, (kind, _)) in list.iter().enumerate() {
+        let to = match kind.to {
+            To::Front(object) | To::Back(object) => object,
+            To::Nothing => NONE,
+        };
+        for object in [kind.from, to] {
+            if object != NONE && of.get(&object).is_none_or(|entries| entries.last() != Some(&entry)) {
+                of.entry(object).or_default().push(entry);
+            }
+        }
+    }
+    let rays = Rays {
+        list,
+        of,
+        groups,
+        whole,
+    };
+    // Objects that have a back.
+    let all: BTreeSet<u32> = rays
+        .list
+        .iter()
+        .filter(|(kind, _)| kind.turned)
+        .map(|(kind, _)| kind.from)
+        .collect();
+    let mut members: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
+    for &object in &all {
+        members
+            .entry(groups.get(&object).copied().unwrap_or(object))
+            .or_default()
+            .insert(object);
+    }
+    let sights = rays.sights(&BTreeSet::new());
+    let alone = members.len() == 1 && sights.len() == 1;
+    let chosen = |wanted: &dyn Fn(&Sight) -> bool| -> BTreeSet<u32> {
+        sights
+            .iter()
+            .filter(|(_, sight)| wanted(sight))
+            .map(|(&group, _)| group)
+            .collect()
+    };
+    // Of a model that is turned throughout: shells face nothing, and what stands in them sees itself.
+    let blind = chosen(&|sight| sight.is_blind(alone));
+    let all_outward = !blind.is_empty()
+        && sights
+            .values()
+            .all(|sight| sight.is_blind(alone) || sight.own >= ITSELF * sight.view());
+    let blind = if all_outward { blind } else { BTreeSet::new() };
+    let inside_out = chosen(&Sight::sees_itself);
+    let union = |chosen: &BTreeSet<u32>| -> BTreeSet<u32> {
+        chosen
+            .iter()
+            .filter_map(|group| members.get(group))
+            .flatten()
+            .copied()
+            .collect()
+    };
+    let mut candidates: Vec<(Turn, BTreeSet<u32>)> = Vec::new();
+    candidates.extend(all.iter().map(|&object| (Turn::Objects, BTreeSet::from([object]))));
+    candidates.extend(
+        members
+            .values()
+            .filter(|of| of.len() > 1)
+            .map(|of| (Turn::Objects, of.clone())),
+    );
+    candidates.push((Turn::InsideOut, union(&inside_out)));
+    candidates.push((Turn::All, all.clone()));
+    candidates.retain(|(_, objects)| !objects.is_empty());
+
+    let mut found: Vec<Winding> = Vec::new();
+    let mut turned = BTreeSet::new();
+    while found.len() < TURNS_MAX {
+        let mut best: Option<(f64, Turn, &BTreeSet<u32>)> = None;
+        for (turn, objects) in &candidates {
+            if !objects.is_disjoint(&turned) {
+                continue;
+            }
+            let after: BTreeSet<u32> = turned.union(objects).copied().collect();
+            let ((before, rays_before), (rest, rays_rest)) =
+                (rays.lost(objects, &turned, &blind), rays.lost(objects, &after, &blind));
+            let saved = before - rest;
+            let worth = saved > WORTH * rays.whole && rays_before.saturating_sub(rays_rest) >= WORTH_RAYS;
+            if worth
+                && best.is_none_or(|(most, ..)| saved > most * (1.0 + 1e-9))
+                && (*turn != Turn::Objects || rays.faces_away(objects, &turned))
+            {
+                best = Some((saved, *turn, objects));
+            }
+        }
+        let Some((saved, turn, objects)) = best else { break };
+        found.push(Winding {
+            turn: match turn {
+                _ if objects.len() == all.len() && all_outward => Turn::All,
+                Turn::All => Turn::Objects,
+                turn => turn,
+            },
+            objects: objects.iter().copied().collect(),
+            lost: saved / rays.whole,
+        });
+        turned.extend(objects.iter().copied());
+    }
+    let is_apart = |sight: &Sight| sight.view() > 0.0 && sight.own >= ITSELF * sight.view() && sight.met == [0.0; 2];
+    let apart = if sights.len() > 1 && sights.values().all(is_apart) {
+        sights.len() as u64
+    } else {
+        0
+    };
+    (found, apart)
+}
+
+/// A boundary loop: its corners in the scene's coordinates, and how much of its length each object has.
+struct Loop {
+    corners: Vec<DVec3>,
+    object: u32,
+    area: f64,
+}
+
+fn loops(model: &Model, object: &impl Fn(InputPatch) -> u32) -> Vec<Loop> {
+    type Vertex = [i64; 3];
+    let mut position: HashMap<Vertex, DVec3> = HashMap::new();
+    let mut uses: HashMap<[Vertex; 2], (u32, u32)> = HashMap::new();
+    for surface in &model.geometry().surfaces {
+        let corners = model.patches().corners(surface.front);
+        let keys = corners.map(|corner| welded(model, corner));
+        for (&key, &corner) in keys.iter().zip(&corners) {
+            position.entry(key).or_insert(corner);
+        }
+        for (a, b) in [(keys[0], keys[1]), (keys[1], keys[2]), (keys[2], keys[0])] {
+            if a != b {
+                let of = uses.entry([a.min(b), a.max(b)]).or_insert((0, object(surface.front)));
+                of.0 += 1;
+            }
+        }
+    }
+    let edges: BTreeMap<[Vertex; 2], u32> = uses
+        .into_iter()
+        .filter(|(_, (count, _))| *count == 1)
+        .map(|(edge, (_, object))| (edge, object))
+        .collect();
+    let mut left: BTreeMap<Vertex, BTreeSet<Vertex>> = BTreeMap::new();
+    for &[a, b] in edges.keys() {
+        left.entry(a).or_default().insert(b);
+        left.entry(b).or_default().insert(a);
+    }
+    let mut found = Vec::new();
+    // From each vertex along edges not yet walked; where the walk meets itself, a loop is cut off.
+    let starts: Vec<Vertex> = left.keys().copied().collect();
+    for start in starts {
+        let mut path = vec![start];
+        let mut place: HashMap<Vertex, usize> = HashMap::from([(start, 0)]);
+        while let Some(&at) = path.last() {
+            let Some(next) = left.get(&at).and_then(|next| next.first().copied()) else {
+                // A dead end: what leads here is no loop.
+                left.remove(&at);
+                place.remove(&at);
+                path.pop();
+                continue;
+            };
+            for (from, to) in [(at, next), (next, at)] {
+                if let Some(ends) = left.get_mut(&from) {
+                    ends.remove(&to);
+                }
+            }
+            match place.get(&next) {
+                Some(&first) => {
+                    found.extend(of_walk(&path[first..], &position, &edges));
+                    for gone in path.drain(first + 1..) {
+                        place.remove(&gone);
+                    }
+                }
+                None => {
+                    place.insert(next, path.len());
+                    path.push(next);
+                }
+            }
+        }
+    }
+    found.sort_by(|a: &Loop, b| b.area.total_cmp(&a.area));
+    found
+}
+
+fn of_walk(
+    walk: &[[i64; 3]],
+    position: &HashMap<[i64; 3], DVec3>,
+    edges: &BTreeMap<[[i64; 3]; 2], u32>,
+) -> Option<Loop> {
+    let corners: Vec<DVec3> = walk.iter().filter_map(|key| position.get(key).copied()).collect();
+    let first = *corners.first()?;
+    let area = 0.5
+        * corners
+            .windows(2)
+            .map(|edge| (edge[0] - first).cross(edge[1] - first))
+            .sum::<DVec3>()
+            .length();
+    let mut lengths: BTreeMap<u32, f64> = BTreeMap::new();
+    for (at, &a) in walk.iter().enumerate() {
+        let b = walk[(at + 1) % walk.len()];
+        if let (Some(&object), Some(p), Some(q)) =
+            (edges.get(&[a.min(b), a.max(b)]), position.get(&a), position.get(&b))
+        {
+            *lengths.entry(object).or_default() += p.distance(*q);
+        }
+    }
+    let object = lengths
+        .iter()
+        .max_by(|a, b| a.1.total_cmp(b.1).then(b.0.cmp(a.0)))
+        .map(|(&object, _)| object)?;
+    (corners.len() > 2).then_some(Loop { corners, object, area })
+}
+
+fn leaks(model: &Model, object: &impl Fn(InputPatch) -> u32, rays: &[(u32, DVec3, DVec3, f64)], found: &mut Enclosure) {
+    let mut loops = loops(model, object);
+    loops.truncate(LOOPS_MAX);
+    // Fans about the loops' middles, in normalised coordinates.
+    let fans: Vec<(DVec3, Vec<DVec3>)> = loops
+        .iter()
+        .map(|of| {
+            let rim: Vec<DVec3> = of.corners.iter().map(|&corner| model.normalise(corner)).collect();
+            (rim.iter().sum::<DVec3>() / rim.len().max(1) as f64, rim)
+        })
+        .collect();
+    let mut through = vec![0.0; loops.len()];
+    let mut escaped = 0.0;
+    for &(_, origin, direction, weight) in rays {
+        escaped += weight;
+        let mut nearest: Option<(f64, usize)> = None;
+        for (index, (middle, rim)) in fans.iter().enumerate() {
+            for at in 0..rim.len() {
+                let triangle = [*middle, rim[at], rim[(at + 1) % rim.len()]];
+                if let Some(t) = crossing(triangle, origin, direction)
+                    && nearest.is_none_or(|(least, _)| t < least)
+                {
+                    nearest = Some((t, index));
+                }
+            }
+        }
+        if let Some((_, index)) = nearest {
+            through[index] += weight;
+        }
+    }
+    let mut leaks: Vec<Leak> = loops
+        .iter()
+        .zip(&through)
+        .filter(|(_, weight)| **weight > 0.0)
+        .map(|(of, weight)| Leak {
+            object: of.object,
+            low: of.corners.iter().fold(DVec3::INFINITY, |low, p| low.min(*p)).to_array(),
+            high: of
+                .corners
+                .iter()
+                .fold(DVec3::NEG_INFINITY, |high, p| high.max(*p))
+                .to_array(),
+            area: of.area,
+            share: weight / escaped,
+        })
+        .collect();
+    leaks.sort_by(|a, b| b.share.total_cmp(&a.share));
+    found.leaking = leaks.iter().fold(0.0, |sum, leak| sum + leak.share);
+    found.leaks_more = leaks.len().saturating_sub(LEAKS_MAX) as u64;
+    leaks.truncate(LEAKS_MAX);
+    found.leaks = leaks;
+}
+
+/// How far along a ray it crosses a triangle, if it does.
+fn crossing([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<f64> {
+    let (e, f, s) = (b - a, c - a, origin - a);
+    let p = direction.cross(f);
+    let inverse = 1.0 / e.dot(p);
+    let q = s.cross(e);
+    let (u, v, t) = (s.dot(p) * inverse, direction.dot(q) * inverse, f.dot(q) * inverse);
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
+}

@@ -1,0 +1,479 @@
+//! Scenes that are wrong are told why: what is wound the wrong way, where they leak, what lies in solids or below the
+//! horizon, and texts as editors and spreadsheets write them.
+
+use hemicube_tests::runs::Place;
+use hemicube_tests::scenes::{skip, workspace};
+use serde_json::Value;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+type Quad = [[f64; 3]; 4];
+
+/// The six sides of a box, wound outwards: bottom, top, south, north, west, east.
+fn sides([x, y, z]: [f64; 3], [a, b, c]: [f64; 3]) -> [(&'static str, Quad); 6] {
+    [
+        ("bottom", [[x, y, z], [x, b, z], [a, b, z], [a, y, z]]),
+        ("top", [[x, y, c], [a, y, c], [a, b, c], [x, b, c]]),
+        ("south", [[x, y, z], [a, y, z], [a, y, c], [x, y, c]]),
+        ("north", [[x, b, z], [x, b, c], [a, b, c], [a, b, z]]),
+        ("west", [[x, y, z], [x, y, c], [x, b, c], [x, b, z]]),
+        ("east", [[a, y, z], [a, b, z], [a, b, c], [a, y, c]]),
+    ]
+}
+
+fn turned(quad: Quad) -> Quad {
+    let [a, b, c, d] = quad;
+    [d, c, b, a]
+}
+
+fn obj(quads: &[(String, Quad)]) -> String {
+    let mut text = String::new();
+    for (number, (name, quad)) in quads.iter().enumerate() {
+        for [x, y, z] in quad {
+            writeln!(text, "v {x} {y} {z}").expect("a string");
+        }
+        let first = 4 * number + 1;
+        writeln!(text, "o {name}\nf {first} {} {} {}", first + 1, first + 2, first + 3).expect("a string");
+    }
+    text
+}
+
+const ROOM: [[f64; 3]; 2] = [[0.0; 3], [6.0, 5.0, 3.0]];
+const TABLE: [[f64; 3]; 2] = [[2.0, 2.0, 0.5], [3.0, 3.0, 1.2]];
+
+/// A room with a table in it, of which the objects that are named face the wrong way.
+fn room(wrong: &[&str]) -> String {
+    let is_wrong = |name: &str| wrong.contains(&name);
+    let mut quads = Vec::new();
+    for (name, quad) in sides(ROOM[0], ROOM[1]) {
+        quads.push((name.to_owned(), if is_wrong(name) { quad } else { turned(quad) }));
+    }
+    for (_, quad) in sides(TABLE[0], TABLE[1]) {
+        quads.push(("table".to_owned(), if is_wrong("table") { turned(quad) } else { quad }));
+    }
+    obj(&quads)
+}
+
+/// Sixteen buildings on a ground, or above none.
+fn city(inside_out: bool, ground: bool) -> String {
+    let mut quads = Vec::new();
+    if ground {
+        let [low, high] = [-60.0, 140.0];
+        let quad = [[low, low, 0.0], [high, low, 0.0], [high, high, 0.0], [low, high, 0.0]];
+        quads.push(("ground".to_owned(), quad));
+    }
+    for number in 0..16 {
+        let (x, y) = (20.0 * f64::from(number / 4), 20.0 * f64::from(number % 4));
+        for (_, quad) in sides([x, y, 0.0], [x + 10.0, y + 10.0, 12.0 + f64::from(3 * (number % 5))]) {
+            quads.push((
+                format!("building {number}"),
+                if inside_out { turned(quad) } else { quad },
+            ));
+        }
+    }
+    obj(&quads)
+}
+
+fn inspected(place: &Place, line: &str) -> Value {
+    place.line(&format!("inspect {line} --json - --no-config")).is(0).json()["enclosure"].clone()
+}
+
+fn sentences(enclosure: &Value) -> Vec<String> {
+    let list = enclosure["sentences"].as_array().expect("a list");
+    list.iter()
+        .map(|text| text.as_str().expect("a text").to_owned())
+        .collect()
+}
+
+/// A folder of the cases, or a loud skip.
+fn case(test: &str, name: &str) -> Option<PathBuf> {
+    let folder = workspace().join("../shared/cases").join(name);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    skip(test, &format!("no ../shared/cases/{name}"), "HEMICUBE_REQUIRE_CASES");
+    None
+}
+
+/// A number of bytes is written to a file, for texts that are not UTF-8.
+fn write(place: &Place, name: &str, bytes: &[u8]) {
+    std::fs::write(place.path(name), bytes).expect("a file");
+}
+
+#[test]
+fn the_object_that_faces_the_wrong_way_is_named_and_not_those_that_see_it() {
+    let place = Place::new();
+    write(&place, "right.obj", room(&[]).as_bytes());
+    assert_eq!(
+        sentences(&inspected(&place, "right.obj --split 3")),
+        Vec::<String>::new()
+    );
+    for wrong in [vec!["west"], vec!["table"], vec!["top", "west"]] {
+        write(&place, "wrong.obj", room(&wrong).as_bytes());
+        let found = inspected(&place, "wrong.obj --split 3");
+        let said = sentences(&found);
+        assert_eq!(said.len(), wrong.len(), "{said:?}");
+        for name in &wrong {
+            let named = |text: &String| {
+                text.starts_with(&format!("`{name}` faces")) && text.contains(&format!("--flip {name}"))
+            };
+            assert!(said.iter().any(named), "{name}: {said:?}");
+        }
+        let run = place
+            .line("compute wrong.obj --split 3 -o W --overwrite --no-config --resolution 64")
+            .is(0);
+        run.says(&[&format!("`{}` faces the wrong way", wrong[0])]);
+
+        // The option that it names rights it, and is in the store, so that readers of the scene turn it too.
+        let flips: String = wrong.iter().map(|name| format!(" --flip {name}")).collect();
+        assert!(sentences(&inspected(&place, &format!("wrong.obj --split 3{flips}"))).is_empty());
+        place
+            .line(&format!(
+                "compute wrong.obj --split 3{flips} -o R --overwrite --no-config --resolution 64"
+            ))
+            .is(0);
+        let manifest: Value =
+            serde_json::from_slice(&std::fs::read(place.path("R/manifest.json")).expect("a manifest")).expect("JSON");
+        let recorded = manifest["settings"]["flip"].as_array().expect("a list");
+        assert!(
+            recorded
+                .iter()
+                .map(|glob| glob.as_str())
+                .eq(wrong.iter().map(|name| Some(*name)))
+        );
+        assert!(manifest["sums"].is_object() || manifest["parts"].is_array());
+        place.line("sky wrong.obj --store R --up z --no-config").is(0);
+        place.line("check R").is(0);
+        // Another way round is another scene: a run does not go on with it.
+        let other = place.line("compute wrong.obj --split 3 -o R --resume --no-config --resolution 64");
+        assert_ne!(other.code, Some(0), "{}", other.err);
+    }
+    let refused = place.line("inspect wrong.obj --flip nothing --no-config");
+    refused
+        .is(2)
+        .says(&["`--flip nothing` matches no object", "`bottom`, `east`"]);
+}
+
+#[test]
+fn a_model_wound_outwards_is_named_and_an_empty_matrix_never_holds() {
+    let place = Place::new();
+    let all = ["bottom", "top", "south", "north", "west", "east", "table"];
+    write(&place, "out.obj", room(&all).as_bytes());
+    let said = sentences(&inspected(&place, "out.obj"));
+    assert!(
+        said.len() == 1 && said[0].contains("wound outwards throughout"),
+        "{said:?}"
+    );
+    assert!(said[0].contains("`--flip all`"), "{said:?}");
+    assert!(sentences(&inspected(&place, "out.obj --flip all")).is_empty());
+    // What stands in it may face the right way.
+    write(&place, "shell.obj", room(&all[..6]).as_bytes());
+    let said = sentences(&inspected(&place, "shell.obj"));
+    assert!(
+        said.len() == 1 && said[0].starts_with("`bottom`, `east`, `north`, `south` and 2 more face"),
+        "{said:?}"
+    );
+
+    let quads: Vec<_> = sides(ROOM[0], ROOM[1])
+        .map(|(name, quad)| (name.to_owned(), quad))
+        .into();
+    write(&place, "box.obj", obj(&quads).as_bytes());
+    place
+        .line("compute box.obj --split 4 -o E --no-config --resolution 64")
+        .is(0)
+        .says(&["wound outwards throughout", "`--flip all`"]);
+    let checked = place.line("check E").is(1);
+    assert!(
+        checked.out.contains("FAILED entries") && !checked.out.contains("Everything holds"),
+        "{}",
+        checked.out
+    );
+    place
+        .line("compute box.obj --split 4 -o F --flip all --no-config --resolution 64")
+        .is(0);
+    let checked = place.line("check F").is(0);
+    assert!(checked.out.contains("Everything holds"), "{}", checked.out);
+    // Both sides of everything radiate: there is nothing to turn, which is said.
+    place
+        .line("inspect box.obj --two-sided on --flip all --no-config")
+        .is(2)
+        .says(&["two-sided"]);
+}
+
+#[test]
+fn an_inside_out_city_is_named_and_a_city_is_not() {
+    let place = Place::new();
+    write(&place, "city.obj", city(false, true).as_bytes());
+    write(&place, "apart.obj", city(false, false).as_bytes());
+    write(&place, "wrong.obj", city(true, true).as_bytes());
+    write(&place, "inside.obj", city(true, false).as_bytes());
+    for right in ["city.obj", "apart.obj"] {
+        let found = inspected(&place, right);
+        assert!(sentences(&found).is_empty() && found["apart"] == 0, "{right}: {found}");
+    }
+    let found = inspected(&place, "wrong.obj");
+    let said = sentences(&found);
+    assert!(
+        said.len() == 1 && said[0].starts_with("16 objects face inwards"),
+        "{said:?}"
+    );
+    assert!(said[0].contains("`--flip 'building *'`"), "{said:?}");
+    let found = place.line("inspect wrong.obj --no-config").is(0);
+    assert!(found.out.contains("Wound the wrong way"), "{}", found.out);
+    // Where there is no ground, nobody sees the backs.
+    let found = inspected(&place, "inside.obj");
+    assert_eq!((sentences(&found).len(), &found["apart"]), (0, &Value::from(16)));
+}
+
+#[test]
+fn a_leak_is_named_and_bounded() {
+    let place = Place::new();
+    // The north wall but for 0.75 x 0.3375, in strips about the hole.
+    let (x, z) = ([0.0, 2.25, 3.0, 6.0], [0.0, 1.0125, 1.35, 3.0]);
+    let mut quads: Vec<(String, Quad)> = Vec::new();
+    for (name, quad) in sides(ROOM[0], ROOM[1]) {
+        if name != "north" {
+            quads.push((name.to_owned(), turned(quad)));
+        }
+    }
+    for i in 0..3 {
+        for k in 0..3 {
+            if (i, k) != (1, 1) {
+                let [a, b, c, d] = [x[i], x[i + 1], z[k], z[k + 1]];
+                quads.push(("north".to_owned(), [[a, 5.0, c], [b, 5.0, c], [b, 5.0, d], [a, 5.0, d]]));
+            }
+        }
+    }
+    write(&place, "hole.obj", obj(&quads).as_bytes());
+    let found = inspected(&place, "hole.obj");
+    let leaks = found["leaks"].as_array().expect("a list");
+    assert_eq!(leaks.len(), 1, "{found}");
+    assert_eq!(leaks[0]["low"], serde_json::json!([2.25, 5.0, 1.0125]));
+    assert_eq!(leaks[0]["high"], serde_json::json!([3.0, 5.0, 1.35]));
+    let area = leaks[0]["area"].as_f64().expect("a number");
+    assert!((area - 0.75 * 0.3375).abs() < 1e-9, "{area}");
+    let said = place.line("inspect hole.obj --no-config").is(0).out;
+    assert!(
+        said.contains("`north` at x 2.25–3, y 5, z 1.012–1.35: area 0.25"),
+        "{said}"
+    );
+
+    place.line("compute hole.obj -o H --no-config --resolution 64").is(0);
+    let checked = place.line("check H").is(0).out;
+    assert!(checked.contains("nearly closed"), "{checked}");
+    place.line("check H --escaped 0.5").is(0);
+    let checked = place.line("check H --escaped 1e-4").is(1).out;
+    assert!(checked.contains("FAILED escaped"), "{checked}");
+    // A closed room has none.
+    write(&place, "closed.obj", room(&[]).as_bytes());
+    assert_eq!(inspected(&place, "closed.obj")["leaks"], serde_json::json!([]));
+}
+
+#[test]
+fn points_in_solids_and_suns_that_have_set_are_told() {
+    let place = Place::new();
+    write(&place, "city.obj", city(false, true).as_bytes());
+    // In the street, in a building, below the ground, on a wall, and on the ground.
+    write(
+        &place,
+        "points.csv",
+        "\u{FEFF}name,nx,ny,nz,x (m),y (m),z (m)\nstreet,0,0,1,15,5,1.5\nin,0,0,1,5,5,1.5\nunder,0,0,1,15,5,-0.5\n\
+         wall,1,0,0,10,5,2\nground,0,0,1,15,5,0\ndown,0,0,-1,5,5,1.5\n"
+            .as_bytes(),
+    );
+    write(
+        &place,
+        "suns.txt",
+        "0 -1 1\n0 0 1\n0 0 -1\n0 -1 0\n0 -1 -0.2\n".as_bytes(),
+    );
+    let run = place
+        .line("sky city.obj --up z --points points.csv --suns suns.txt -o S --json - --no-config")
+        .is(0)
+        .says(&[
+            "2 of 6 points in `points.csv` are in solids, surrounded by backs of one-sided surfaces: lines 3 and 7",
+            "1 of 6 points in `points.csv` is below the ground, with its back above them: line 4",
+            "2 of 5 suns in `suns.txt` are below the horizon and light nothing: lines 3 and 5",
+        ]);
+    let report = run.json();
+    let expected = serde_json::json!([
+        { "point": 1, "place": "in-solid" }, { "point": 2, "place": "below-ground" }, { "point": 5, "place": "in-solid" }
+    ]);
+    assert_eq!(report["points_not_in_the_open"], expected);
+    assert_eq!(report["suns_below_horizon"], serde_json::json!([2, 4]));
+    // A sun that has set lights a wall that faces it as little as one that shines from below a floor.
+    write(&place, "set.txt", b"0 -1 -0.2\n");
+    write(&place, "low.txt", b"0 -1 0.2\n");
+    let sunlit = |file: &str| {
+        place
+            .line(&format!("sky city.obj --up z --suns {file} -o L --no-config"))
+            .is(0);
+        let archive = std::fs::read(place.path("L/sky.npz")).expect("an archive");
+        let at = archive.windows(8).position(|bytes| bytes == b"suns.npy").expect("suns");
+        let magic = archive[at..]
+            .windows(6)
+            .position(|bytes| bytes == b"\x93NUMPY")
+            .expect("an array")
+            + at;
+        let begin = magic + 10 + usize::from(u16::from_le_bytes([archive[magic + 8], archive[magic + 9]]));
+        let patches = 2 * (1 + 16 * 6);
+        archive[begin..begin + 4 * patches]
+            .chunks_exact(4)
+            .filter(|lit| **lit != [0; 4])
+            .count()
+    };
+    assert_eq!(sunlit("set.txt"), 0);
+    assert!(sunlit("low.txt") >= 32, "the south walls");
+
+    write(&place, "spherical.txt", b"15 5 1.1\n");
+    place
+        .line("sky city.obj --up z --points spherical.txt -o N --no-config")
+        .is(2)
+        .says(&["spherical.txt:1: `15 5 1.1` has 3 numbers", "normal `nx ny nz`"]);
+    let utf_16: Vec<u8> = "\u{FEFF}0 0 1 0 0 1\n"
+        .encode_utf16()
+        .flat_map(u16::to_le_bytes)
+        .collect();
+    write(&place, "wide.txt", &utf_16);
+    place
+        .line("sky city.obj --up z --points wide.txt -o N --no-config")
+        .is(2)
+        .says(&["is UTF-16 text; save it as UTF-8"]);
+}
+
+#[test]
+fn marks_of_byte_order_are_taken_by_every_text_format() {
+    let place = Place::new();
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+               element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    let stl = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid s\n";
+    let vs3 = "F 3\nV 1 0 0 0\nV 2 1 0 0\nV 3 0 1 0\nS 1 1 2 3 0 0 0 0.9 wall\nE\n";
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let json = "{\"type\":\"CityJSON\",\"version\":\"2.0\",\"transform\":{\"scale\":[1,1,1],\"translate\":[0,0,0]},\
+                \"vertices\":[[0,0,0],[1,0,0],[0,1,0]],\"CityObjects\":{\"a\":{\"type\":\"Building\",\"geometry\":\
+                [{\"type\":\"MultiSurface\",\"lod\":\"2\",\"boundaries\":[[[0,1,2]]]}]}}}";
+    for (name, text) in [
+        ("s.ply", ply),
+        ("s.stl", stl),
+        ("s.vs3", vs3),
+        ("s.obj", obj),
+        ("s.json", json),
+    ] {
+        write(&place, name, text.as_bytes());
+        let plain = place
+            .line(&format!("inspect {name} --json - --no-config --no-timings"))
+            .is(0)
+            .json();
+        write(&place, name, format!("\u{FEFF}{text}").as_bytes());
+        let marked = place
+            .line(&format!("inspect {name} --json - --no-config --no-timings"))
+            .is(0)
+            .json();
+        assert_eq!(plain["scene"], marked["scene"], "{name}");
+        for to_bytes in [u16::to_le_bytes, u16::to_be_bytes] {
+            let wide: Vec<u8> = format!("\u{FEFF}{text}").encode_utf16().flat_map(to_bytes).collect();
+            write(&place, name, &wide);
+            place
+                .line(&format!("inspect {name} --no-config"))
+                .is(2)
+                .says(&[name, "is UTF-16 text; save it as UTF-8"]);
+        }
+    }
+}
+
+#[test]
+fn cold_temperatures_and_an_open_scene_are_questioned_once() {
+    let place = Place::new();
+    let open: Vec<_> = sides(ROOM[0], ROOM[1])
+        .into_iter()
+        .filter(|(name, _)| *name != "top")
+        .map(|(name, quad)| (name.to_owned(), turned(quad)))
+        .collect();
+    write(&place, "open.obj", obj(&open).as_bytes());
+    write(&place, "closed.obj", room(&[]).as_bytes());
+    write(
+        &place,
+        "celsius.toml",
+        b"[default]\nemissivity = 0.9\ntemperature = 20\n",
+    );
+    write(
+        &place,
+        "kelvin.toml",
+        b"[default]\nemissivity = 0.9\ntemperature = 293.15\n",
+    );
+    for scene in ["open", "closed"] {
+        place
+            .line(&format!("compute {scene}.obj -o {scene} --no-config --resolution 64"))
+            .is(0);
+    }
+    let solve = |line: &str| place.line(&format!("solve {line} --thermal")).is(0).err;
+    let questions = |text: &str| {
+        [
+            text.matches("degrees Celsius").count(),
+            text.matches("`--ambient 0`").count(),
+        ]
+    };
+    assert_eq!(questions(&solve("closed --materials kelvin.toml")), [0, 0]);
+    assert_eq!(questions(&solve("closed --materials celsius.toml")), [1, 0]);
+    assert_eq!(questions(&solve("open --materials kelvin.toml")), [0, 1]);
+    assert_eq!(questions(&solve("open --materials kelvin.toml --ambient 0")), [0, 0]);
+    assert_eq!(questions(&solve("open --materials kelvin.toml --ambient 290")), [0, 0]);
+    let both = solve("open --materials celsius.toml --ambient 15");
+    assert_eq!(questions(&both), [1, 0]);
+    assert!(
+        both.contains("20 K of material") && both.contains("15 K of `--ambient`"),
+        "{both}"
+    );
+}
+
+#[test]
+fn cases_from_the_field() {
+    let test = "cases_from_the_field";
+    let place = Place::new();
+    let of = |file: PathBuf| file.display().to_string();
+    if let Some(folder) = case(test, "winding") {
+        let wall = sentences(&inspected(&place, &of(folder.join("onewall.obj"))));
+        assert!(
+            wall.len() == 1 && wall[0].starts_with("`west` faces the wrong way"),
+            "{wall:?}"
+        );
+        let all = sentences(&inspected(&place, &of(folder.join("allflip.obj"))));
+        assert!(
+            all.len() == 1 && all[0].contains("wound outwards throughout"),
+            "{all:?}"
+        );
+        assert!(sentences(&inspected(&place, &of(folder.join("good.obj")))).is_empty());
+    }
+    if let Some(folder) = case(test, "leak") {
+        let said = place
+            .line(&format!("inspect {} --no-config", of(folder.join("hole.obj"))))
+            .is(0)
+            .out;
+        assert!(said.contains("`north` at x 2.25–3, y 5, z 1.012–1.35"), "{said}");
+    }
+    if let Some(folder) = case(test, "sensor-points") {
+        let line = format!("sky {} --up z -o P --no-config --points ", of(folder.join("two.obj")));
+        place
+            .line(&format!("{line}{}", of(folder.join("pts.txt"))))
+            .is(0)
+            .says(&["lines 2 and 6", "line 4"]);
+        place.line(&format!("{line}{}", of(folder.join("header.csv")))).is(0);
+        place
+            .line(&format!("{line}{}", of(folder.join("spherical.txt"))))
+            .is(2)
+            .says(&[":1: ", "`nx ny nz`"]);
+    }
+    if let Some(folder) = case(test, "bom") {
+        for name in ["bom.ply", "bom.stl", "bom.vs3"] {
+            place
+                .line(&format!("inspect {} --no-config", of(folder.join(name))))
+                .is(0);
+        }
+    }
+    if let Some(folder) = case(test, "sun-below-horizon") {
+        let (scene, suns) = (of(folder.join("shade.obj")), of(folder.join("suns_ok.txt")));
+        place
+            .line(&format!("sky {scene} --up z --suns {suns} -o P --no-config"))
+            .is(0)
+            .says(&["2 of 6 suns", "lines 4 and 6"]);
+    }
+}
