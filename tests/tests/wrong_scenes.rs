@@ -142,7 +142,7 @@ fn the_object_that_faces_the_wrong_way_is_named_and_not_those_that_see_it() {
                 .eq(wrong.iter().map(|name| Some(*name)))
         );
         assert!(manifest["sums"].is_object() || manifest["parts"].is_array());
-        place.line("sky wrong.obj --store R --up z --no-config").is(0);
+        place.line("sky wrong.obj --store R --up z").is(0);
         place.line("check R").is(0);
         // Another way round is another scene: a run does not go on with it.
         let other = place.line("compute wrong.obj --split 3 -o R --resume --no-config --resolution 64");
@@ -287,7 +287,7 @@ fn points_in_solids_and_suns_that_have_set_are_told() {
         "0 -1 1\n0 0 1\n0 0 -1\n0 -1 0\n0 -1 -0.2\n".as_bytes(),
     );
     let run = place
-        .line("sky city.obj --up z --points points.csv --suns suns.txt -o S --json - --no-config")
+        .line("sky city.obj --up z --points points.csv --suns suns.txt -o S --json -")
         .is(0)
         .says(&[
             "2 of 6 points in `points.csv` are in solids, surrounded by backs of one-sided surfaces: lines 3 and 7",
@@ -305,7 +305,7 @@ fn points_in_solids_and_suns_that_have_set_are_told() {
     write(&place, "low.txt", b"0 -1 0.2\n");
     let sunlit = |file: &str| {
         place
-            .line(&format!("sky city.obj --up z --suns {file} -o L --no-config"))
+            .line(&format!("sky city.obj --up z --suns {file} -o L"))
             .is(0);
         let archive = std::fs::read(place.path("L/sky.npz")).expect("an archive");
         let at = archive.windows(8).position(|bytes| bytes == b"suns.npy").expect("suns");
@@ -326,7 +326,7 @@ fn points_in_solids_and_suns_that_have_set_are_told() {
 
     write(&place, "spherical.txt", b"15 5 1.1\n");
     place
-        .line("sky city.obj --up z --points spherical.txt -o N --no-config")
+        .line("sky city.obj --up z --points spherical.txt -o N")
         .is(2)
         .says(&["spherical.txt:1: `15 5 1.1` has 3 numbers", "normal `nx ny nz`"]);
     let utf_16: Vec<u8> = "\u{FEFF}0 0 1 0 0 1\n"
@@ -335,7 +335,7 @@ fn points_in_solids_and_suns_that_have_set_are_told() {
         .collect();
     write(&place, "wide.txt", &utf_16);
     place
-        .line("sky city.obj --up z --points wide.txt -o N --no-config")
+        .line("sky city.obj --up z --points wide.txt -o N")
         .is(2)
         .says(&["is UTF-16 text; save it as UTF-8"]);
 }
@@ -451,7 +451,7 @@ fn cases_from_the_field() {
         assert!(said.contains("`north` at x 2.25–3, y 5, z 1.012–1.35"), "{said}");
     }
     if let Some(folder) = case(test, "sensor-points") {
-        let line = format!("sky {} --up z -o P --no-config --points ", of(folder.join("two.obj")));
+        let line = format!("sky {} --up z -o P --points ", of(folder.join("two.obj")));
         place
             .line(&format!("{line}{}", of(folder.join("pts.txt"))))
             .is(0)
@@ -472,7 +472,7 @@ fn cases_from_the_field() {
     if let Some(folder) = case(test, "sun-below-horizon") {
         let (scene, suns) = (of(folder.join("shade.obj")), of(folder.join("suns_ok.txt")));
         place
-            .line(&format!("sky {scene} --up z --suns {suns} -o P --no-config"))
+            .line(&format!("sky {scene} --up z --suns {suns} -o P"))
             .is(0)
             .says(&["2 of 6 suns", "lines 4 and 6"]);
     }
