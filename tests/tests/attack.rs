@@ -381,13 +381,16 @@ fn gltf(uri: &str, nodes: usize, count: usize) -> String {
     .to_string()
 }
 
+/// A buffer of one triangle's corners.
+fn corners() -> Vec<u8> {
+    let coordinates = [0f32, 0., 0., 1., 0., 0., 0., 1., 0.];
+    coordinates.iter().flat_map(|x| x.to_le_bytes()).collect()
+}
+
 #[test]
 fn a_scene_names_files_of_its_own_folder_only() {
     let place = Place::new();
-    let corners: Vec<u8> = [0f32, 0., 0., 1., 0., 0., 0., 1., 0.]
-        .iter()
-        .flat_map(|x| x.to_le_bytes())
-        .collect();
+    let corners = corners();
     write(&place, "secret", [&corners[..], b"secret"].concat());
     write(&place, "scene/sub/own.bin", &corners);
     symlink(place.path("secret"), place.path("scene/out.bin")).expect("a link");
@@ -435,10 +438,7 @@ fn a_scene_names_files_of_its_own_folder_only() {
 #[test]
 fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
     let place = Place::new();
-    let corners: Vec<u8> = [0f32, 0., 0., 1., 0., 0., 0., 1., 0.]
-        .iter()
-        .flat_map(|x| x.to_le_bytes())
-        .collect();
+    let corners = corners();
     write(&place, "own.bin", &corners);
     write(&place, "copies.gltf", gltf("own.bin", 200, 300_000));
     place
@@ -525,10 +525,7 @@ fn names_move_no_cursor_make_no_line_and_run_nothing() {
     let bad = "a\u{1b}]0;t\u{7}\u{9b}2J\u{202e}\nerror: made up";
     let unseen = |text: &str| text.chars().any(|c| c != '\n' && (c.is_control() || c == '\u{202e}'));
     let node = |name: &str, z: f64| json!({ "name": name, "mesh": 0, "translation": [0.0, 0.0, z] });
-    let corners: Vec<u8> = [0f32, 0., 0., 1., 0., 0., 0., 1., 0.]
-        .iter()
-        .flat_map(|x| x.to_le_bytes())
-        .collect();
+    let corners = corners();
     write(&place, "own.bin", corners);
     let names = [
         bad,

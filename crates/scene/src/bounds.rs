@@ -60,13 +60,7 @@ impl Bounds {
     }
 
     /// Refuses a simple polygon that has too many corners, or too many by now.
-    #[cfg(any(
-        feature = "obj",
-        feature = "ac3d",
-        feature = "stl",
-        feature = "ply",
-        feature = "cityjson"
-    ))]
+    #[cfg(feature = "_polygons")]
     pub(crate) fn polygon(&mut self, corners: usize) -> Result<(), Error> {
         if corners > CORNERS_MAX {
             return Err(too_large(format!(

@@ -9,15 +9,7 @@
 //! # Ok::<(), hemicube_scene::Error>(())
 //! ```
 
-#[cfg(any(
-    feature = "obj",
-    feature = "gltf",
-    feature = "ac3d",
-    feature = "stl",
-    feature = "ply",
-    feature = "vs3",
-    feature = "cityjson"
-))]
+#[cfg(feature = "_readers")]
 mod bounds;
 mod error;
 #[cfg(feature = "generate")]
@@ -26,13 +18,7 @@ mod load;
 #[cfg(any(feature = "obj", feature = "stl", feature = "vs3", feature = "cityjson"))]
 mod names;
 mod patch;
-#[cfg(any(
-    feature = "obj",
-    feature = "ac3d",
-    feature = "stl",
-    feature = "ply",
-    feature = "cityjson"
-))]
+#[cfg(feature = "_polygons")]
 mod polygon;
 mod regular;
 pub mod repair;

@@ -67,15 +67,7 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
     })?;
     let bytes = crate::read_regular(path).map_err(|e| Error::new(ErrorKind::Io(e)).in_file(path))?;
     let base = path.parent();
-    #[cfg(not(any(
-        feature = "obj",
-        feature = "gltf",
-        feature = "ac3d",
-        feature = "stl",
-        feature = "ply",
-        feature = "vs3",
-        feature = "cityjson"
-    )))]
+    #[cfg(not(feature = "_readers"))]
     let _ = (&bytes, base, options);
     let scene: Result<Scene, Error> = match format {
         #[cfg(feature = "obj")]

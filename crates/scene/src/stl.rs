@@ -52,7 +52,11 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
     };
     match announced(bytes) {
         Some(count) if bytes.len() == START + RECORD * count => binary(bytes, count, &mut scene),
-        _ if is_text(bytes) => text(crate::text::unmarked(bytes)?, &mut scene, Bounds::new(bytes.len(), options))?,
+        _ if is_text(bytes) => text(
+            crate::text::unmarked(bytes)?,
+            &mut scene,
+            Bounds::new(bytes.len(), options),
+        )?,
         // A header of a binary file may begin with any bytes, so only where its size does not fit is a mark one.
         _ if bytes.starts_with(&[0xFF, 0xFE]) || bytes.starts_with(&[0xFE, 0xFF]) => {
             crate::text::unmarked(bytes)?;
