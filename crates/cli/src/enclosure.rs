@@ -10,31 +10,38 @@ use std::collections::BTreeSet;
 const LEAST_SUM: f64 = 0.02;
 const MOST_BLOCKED: f64 = 0.02;
 /// Surfaces that are looked at then.
-const SURFACES_MAX: usize = 5000;
+const SURFACES_MAX: usize = 1500;
 /// Names that a sentence lists.
 const NAMES_SHOWN: usize = 4;
 
-/// How the scene encloses.
-pub(crate) fn of(prepared: &Prepared, options: DiagnoseOptions) -> Enclosure {
-    let object = |patch| {
-        let triangle = prepared.scene.triangles.get(prepared.patches.triangle(patch));
-        triangle.map_or(0, |triangle| triangle.object)
-    };
-    enclosure(&prepared.model, object, options)
+/// The object of each triangle of the scene.
+pub(crate) fn objects(prepared: &Prepared) -> Vec<u32> {
+    let triangles = prepared.scene.triangles.iter();
+    triangles.map(|triangle| triangle.object).collect()
 }
 
-/// What a run says of its scene where its rows look odd: nothing is in sight, or much of it is backs. Elsewhere nothing is
-/// looked at.
-pub(crate) fn questions(prepared: &Prepared, rows: u64, row_sum: f64, blocked: f64, threads: usize) -> Vec<String> {
-    if rows == 0 || (row_sum > LEAST_SUM && blocked < MOST_BLOCKED) {
-        return Vec::new();
-    }
+/// How the scene encloses, by the [`objects`] of its triangles.
+pub(crate) fn of(prepared: &Prepared, objects: &[u32], options: DiagnoseOptions) -> Enclosure {
+    enclosure(
+        &prepared.model,
+        |patch| objects[prepared.patches.triangle(patch)],
+        options,
+    )
+}
+
+/// Whether the rows of a run look odd: nothing is in sight, or much of it is backs.
+pub(crate) fn is_odd(row_sum: f64, blocked: f64) -> bool {
+    row_sum <= LEAST_SUM || blocked >= MOST_BLOCKED
+}
+
+/// What a run whose rows look odd says of its scene.
+pub(crate) fn questions(prepared: &Prepared, objects: &[u32], row_sum: f64, threads: usize) -> Vec<String> {
     let options = DiagnoseOptions {
         threads,
         surfaces_max: SURFACES_MAX,
         ..DiagnoseOptions::default()
     };
-    let found = of(prepared, options);
+    let found = of(prepared, objects, options);
     let mut sentences: Vec<String> = found
         .winding
         .iter()

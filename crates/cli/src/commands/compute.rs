@@ -438,6 +438,7 @@ fn compute_into(
         up: prepared.scene.up.map(axis_name),
         metres_per_unit: prepared.scene.metres_per_unit,
     };
+    let objects = enclosure::objects(&prepared);
     // Not needed any more, and as large as the patches.
     prepared.scene.triangles = Vec::new();
 
@@ -493,7 +494,12 @@ fn compute_into(
     timings.write += summary.sink.as_secs_f64() + started.elapsed().as_secs_f64();
 
     let [escaped, blocked, unselected] = means;
-    let wound = enclosure::questions(&prepared, tally.rendered, tally.mean(tally.sum), blocked, threads);
+    let row_sum = tally.mean(tally.sum);
+    let wound = if tally.rendered > 0 && enclosure::is_odd(row_sum, blocked) {
+        enclosure::questions(&prepared, &objects, row_sum, threads)
+    } else {
+        Vec::new()
+    };
     let mut report = Report {
         schema: SCHEMA,
         program: "hemicube",

@@ -221,7 +221,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         ..DiagnoseOptions::default()
     };
     let diagnosis = diagnosis_report(&prepared, diagnose(&prepared.model, options));
-    let enclosure = enclosure::of(&prepared, options);
+    let enclosure = enclosure::of(&prepared, &enclosure::objects(&prepared), options);
     let enclosure = EnclosureReport {
         sentences: enclosure
             .winding
