@@ -37,6 +37,7 @@ pub mod geometry;
 pub mod plugins;
 pub mod promise;
 pub mod quadrature;
+pub mod random;
 pub mod rays;
 pub mod readers;
 pub mod rows;

@@ -10,6 +10,7 @@ use hemicube::row::RowBlock;
 use hemicube::store::{BackendEntry, Header, PatchTable, SceneEntry, StoreWriter, scene_hash};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::Subdivision;
+use hemicube_tests::random::Random;
 use hemicube_tests::rows::{plan, settings};
 use hemicube_tests::runs::{Place, assert_same, files, finish, until};
 use hemicube_tests::scenes::model;
@@ -35,19 +36,6 @@ fn signal(child: &Child, name: &str) {
     let id = child.id().to_string();
     let sent = Command::new("kill").args([name, &id]).status();
     assert!(sent.expect("kill runs").success());
-}
-
-/// Vigna's splitmix64, so that a failure can be had again.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, bound: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (z ^ (z >> 31)) % bound
-    }
 }
 
 /// What a run was doing when it said its last line.
@@ -93,7 +81,7 @@ fn kill(kills: u64) -> BTreeMap<String, u64> {
         let target = (killed < kills).then(|| random.below(2) == 0);
         match target {
             Some(true) => {
-                std::thread::sleep(Duration::from_micros(random.below(500_000)));
+                std::thread::sleep(Duration::from_micros(random.bits() % 500_000));
                 signal(&child, "-KILL");
             }
             Some(false) => {
@@ -389,7 +377,7 @@ fn flipped_bits_are_harmless_or_detected() {
     let started = Instant::now();
     // By the library, as `check` does it: a thousand starts of the program would take half a minute.
     for _ in 0..1_000 {
-        let mut bit = random.below(bits);
+        let mut bit = random.bits() % bits;
         let (name, bytes) = whole
             .iter()
             .find(|(_, bytes)| {

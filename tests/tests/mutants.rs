@@ -5,6 +5,7 @@
 
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{Error, Patches, ReadOptions, Scene, Subdivision, ac3d, cityjson, gltf, obj, ply, stl, vs3};
+use hemicube_tests::random::Random;
 use hemicube_tests::scenes::workspace;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -76,23 +77,6 @@ element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0
 const SOLID: &[u8] =
     b"solid s\nfacet normal 0 0 1\nouter loop\nvertex 0. 0. 0.\nvertex 1. 0. 0.\nvertex 0. 1. 0.\nendloop\n\
 endfacet\nendsolid s\n";
-
-/// SplitMix64 (Steele, Lea & Flood 2014): the same numbers on every machine.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    fn below(&mut self, bound: usize) -> usize {
-        usize::try_from(self.next() % bound.max(1) as u64).expect("below a usize")
-    }
-}
 
 /// What numbers and words are replaced by.
 const WORDS: [&str; 22] = [

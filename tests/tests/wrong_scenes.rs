@@ -223,6 +223,14 @@ fn an_inside_out_city_is_named_and_a_city_is_not() {
     // Where there is no ground, nobody sees the backs.
     let found = inspected(&place, "inside.obj");
     assert_eq!((sentences(&found).len(), &found["apart"]), (0, &Value::from(16)));
+    place
+        .line("compute inside.obj -o I --no-config --resolution 64")
+        .is(0)
+        .says(&["16 groups of surfaces each see only their own insides", "`--flip all`"]);
+    place
+        .line("compute wrong.obj -o W --no-config --resolution 64")
+        .is(0)
+        .says(&["16 objects face inwards", "`--flip 'building *'`"]);
 }
 
 #[test]
@@ -305,7 +313,7 @@ fn points_in_solids_and_suns_that_have_set_are_told() {
     write(&place, "low.txt", b"0 -1 0.2\n");
     let sunlit = |file: &str| {
         place
-            .line(&format!("sky city.obj --up z --suns {file} -o L"))
+            .line(&format!("sky city.obj --up z --suns {file} -o L --overwrite"))
             .is(0);
         let archive = std::fs::read(place.path("L/sky.npz")).expect("an archive");
         let at = archive.windows(8).position(|bytes| bytes == b"suns.npy").expect("suns");
@@ -451,7 +459,7 @@ fn cases_from_the_field() {
         assert!(said.contains("`north` at x 2.25–3, y 5, z 1.012–1.35"), "{said}");
     }
     if let Some(folder) = case(test, "sensor-points") {
-        let line = format!("sky {} --up z -o P --points ", of(folder.join("two.obj")));
+        let line = format!("sky {} --up z -o P --overwrite --points ", of(folder.join("two.obj")));
         place
             .line(&format!("{line}{}", of(folder.join("pts.txt"))))
             .is(0)
@@ -472,7 +480,7 @@ fn cases_from_the_field() {
     if let Some(folder) = case(test, "sun-below-horizon") {
         let (scene, suns) = (of(folder.join("shade.obj")), of(folder.join("suns_ok.txt")));
         place
-            .line(&format!("sky {scene} --up z --suns {suns} -o P"))
+            .line(&format!("sky {scene} --up z --suns {suns} -o P --overwrite"))
             .is(0)
             .says(&["2 of 6 suns", "lines 4 and 6"]);
     }

@@ -300,7 +300,7 @@ pub(crate) struct SceneSettings {
     )]
     pub(crate) two_sided: AutoSwitch,
     /// Turn the one-sided triangles of these objects round (repeatable); all: of every object
-    #[arg(long, value_name = "GLOB|all")]
+    #[arg(long, value_name = "GLOB|all", hide_short_help = true)]
     pub(crate) flip: Vec<String>,
     /// The axis that points up, where the file does not say or is wrong
     #[arg(long, value_name = "x|y|z", hide_possible_values = true)]

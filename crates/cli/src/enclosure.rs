@@ -1,14 +1,16 @@
 //! What is said of how a scene encloses: objects that face the wrong way, and holes that it leaks through.
 
 use crate::prepare::Prepared;
-use crate::report::{count, counted, figures, percent};
+use crate::report::{count, counted, figures, percent, shown};
 use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Turn, Winding, enclosure};
 use hemicube::selection::matches_glob;
 use std::collections::BTreeSet;
 
 /// Mean row sum at most, and mean blocked share at least, of a matrix whose scene is looked at.
 const LEAST_SUM: f64 = 0.02;
-const MOST_BLOCKED: f64 = 0.02;
+const MOST_BLOCKED: f64 = 0.01;
+/// Mean escaped share up to which objects may each see only themselves.
+const LEAST_ESCAPED: f64 = 0.02;
 /// Surfaces that are looked at then.
 const SURFACES_MAX: usize = 1500;
 /// Names that a sentence lists.
@@ -29,9 +31,9 @@ pub(crate) fn of(prepared: &Prepared, objects: &[u32], options: DiagnoseOptions)
     )
 }
 
-/// Whether the rows of a run look odd: nothing is in sight, or much of it is backs.
-pub(crate) fn is_odd(row_sum: f64, blocked: f64) -> bool {
-    row_sum <= LEAST_SUM || blocked >= MOST_BLOCKED
+/// Whether the rows of a run look odd: nothing is in sight, or much of it is backs, or nothing escapes from several objects.
+pub(crate) fn is_odd(objects: usize, [row_sum, escaped, blocked]: [f64; 3]) -> bool {
+    row_sum <= LEAST_SUM || blocked >= MOST_BLOCKED || (objects > 1 && escaped <= LEAST_ESCAPED)
 }
 
 /// What a run whose rows look odd says of its scene.
@@ -54,11 +56,26 @@ pub(crate) fn questions(prepared: &Prepared, objects: &[u32], row_sum: f64, thre
             percent(found.blocked)
         ));
     }
+    if sentences.is_empty() {
+        sentences.extend(of_groups(&found));
+    }
     sentences
+}
+
+/// What is said where groups of surfaces see nothing but themselves.
+pub(crate) fn of_groups(found: &Enclosure) -> Option<String> {
+    (found.apart > 0).then(|| {
+        format!(
+            "{} of surfaces each see only their own insides: right for rooms; for buildings that are seen from outside, \
+             `--flip all` turns them round",
+            counted(found.apart, "group")
+        )
+    })
 }
 
 /// A word of a command line.
 fn word(text: &str) -> String {
+    let text = &*shown(text);
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-./:+@,=".contains(c);
     if !text.is_empty() && text.chars().all(plain) {
         text.to_owned()
@@ -121,11 +138,15 @@ pub(crate) fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
         .filter_map(|&object| prepared.scene.objects.get(object as usize))
         .map(String::as_str)
         .collect();
-    let mut shown: Vec<String> = names.iter().take(NAMES_SHOWN).map(|name| format!("`{name}`")).collect();
+    let mut listed: Vec<String> = names
+        .iter()
+        .take(NAMES_SHOWN)
+        .map(|name| format!("`{}`", shown(name)))
+        .collect();
     if names.len() > NAMES_SHOWN {
-        shown.push(format!("{} more", count((names.len() - NAMES_SHOWN) as u64)));
+        listed.push(format!("{} more", count((names.len() - NAMES_SHOWN) as u64)));
     }
-    let listed = match shown.split_last() {
+    let listed = match listed.split_last() {
         Some((last, [])) => last.clone(),
         Some((last, rest)) => format!("{} and {last}", rest.join(", ")),
         None => String::new(),
@@ -188,7 +209,7 @@ pub(crate) fn of_leak(prepared: &Prepared, leak: &Leak) -> String {
     let name = if name.is_empty() {
         String::new()
     } else {
-        format!("`{name}` at ")
+        format!("`{}` at ", shown(name))
     };
     format!(
         "{name}{}: area {}, {} of what escapes",

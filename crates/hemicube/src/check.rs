@@ -545,7 +545,7 @@ impl Tally {
     }
 
     fn finish(mut self, store: &Store, reciprocity: Reciprocity) -> CheckReport {
-        if self.entries == 0 && self.closure.rows > 0 {
+        if self.entries == 0 && self.closure.rows > 0 && store.manifest().complete {
             let share = |lost: f64| 100.0 * lost / self.closure.rows as f64;
             let first = format!(
                 "no patch sees another: {:.1} % of the view leaves the scene, {:.1} % is backs of one-sided surfaces; \

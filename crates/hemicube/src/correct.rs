@@ -16,9 +16,9 @@ use crate::Model;
 use crate::backend::{Hemicube, WHOLE};
 use crate::factor::{Exchanges, FactorRule, PointFactors};
 use crate::grain::Grain;
-use crate::lost;
+use crate::lost::{self, Lost};
 pub use crate::refine::{Doubts, Refinement};
-use crate::refine::{Mended, Refined, Refiner};
+use crate::refine::{Mended, Refined, Refiner, area};
 use crate::row::RowView;
 use crate::store::{RowShares, RowSums};
 use crate::tree::Tree;
@@ -157,7 +157,7 @@ pub(crate) struct Converter<'c> {
     correction: Correction,
     cancel: Option<&'c AtomicBool>,
     /// What rays found lost of the last emitter that they were asked about.
-    lost: Option<(InputPatch, RowShares)>,
+    lost: Option<(InputPatch, Lost)>,
     /// (patch, sample, visible, covered) of all samples of the row.
     entries: Vec<(u32, u32, u32, u32)>,
     exchanges: Option<Exchanges>,
@@ -226,6 +226,7 @@ impl<'c> Converter<'c> {
         if hemicubes.len() > 1 {
             self.entries.sort_unstable();
         }
+        let seen = RowShares::of_hemicubes(&sums, u32::try_from(hemicubes.len()).unwrap_or(u32::MAX));
         let whole = f64::from(WHOLE) * hemicubes.len().max(1) as f64;
         let escaped_all = u64::from(WHOLE) * hemicubes.len() as u64;
         let lost = (sums.escaped + sums.blocked + sums.unselected) as f64 / whole;
@@ -268,20 +269,27 @@ impl<'c> Converter<'c> {
                     }
                 }
                 odd = Some(is_odd);
+                if (!is_odd || attempt.is_last) && !attempt.is_large && sums.escaped < escaped_all {
+                    let added = self.add_up(model, emitter, (seen, hemicubes.len()), USUAL_SUM, &receives);
+                    rays += added.rays + added.points;
+                }
                 for ((&patch, &visible), &exchange) in self.patches.iter().zip(&self.fractions).zip(&self.values) {
                     push(columns, data, patch, visible * exchange * per_area);
                 }
             }
             Correction::Tolerance(_) => {
                 let care = attempt.is_last && !self.correction.is_in_the_open();
-                let refined = self.tolerance(
-                    model,
-                    emitter,
-                    (hemicubes.len(), care, attempt.is_large),
-                    &receives,
-                    columns,
-                    data,
-                );
+                let mut refined = self.tolerance(model, emitter, (hemicubes.len(), care, attempt.is_large), &receives);
+                let is_each = self.refiner.as_ref().is_some_and(Refiner::measures_each);
+                if !is_each && !attempt.is_large && sums.escaped < escaped_all {
+                    let moves = attempt.is_last || !is_odd(self.factors());
+                    let added = self.add_up_pairs(model, emitter, seen, moves, &receives);
+                    refined.rays += added.rays;
+                    refined.points += added.points;
+                }
+                for pair in self.refiner.iter().flat_map(|refiner| &refiner.pairs) {
+                    push(columns, data, pair.patch, pair.fraction * pair.open);
+                }
                 #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
                 let estimate = refined.squared_error.sqrt() as f32;
                 (error, rays, cut_short) = (estimate, refined.rays + refined.points, refined.cut_short);
@@ -301,7 +309,6 @@ impl<'c> Converter<'c> {
                 refiner.pairs.iter().filter(|pair| is_partial(pair.fraction)).count()
             }),
         };
-        let seen = RowShares::of_hemicubes(&sums, u32::try_from(hemicubes.len()).unwrap_or(u32::MAX));
         let is_left = odd.unwrap_or(false) && !attempt.is_last;
         let factors = sum(&data[start..]);
         let shares = match self.correction {
@@ -336,18 +343,12 @@ impl<'c> Converter<'c> {
         (factors, error, permitted): (f64, f32, f64),
         receives: impl Fn(u32) -> bool,
     ) -> RowShares {
-        let residual = (1.0 - factors - seen.lost()).abs();
-        // Of a row in which only the sky is lost, the sum of the form factors says what the sky has.
-        let is_sky = seen.escaped > 0.0 && seen.blocked == 0.0 && seen.unselected == 0.0;
-        let least = ASKED * permitted * if is_sky { SURE } else { 1.0 };
-        if residual <= least && !self.is_lost_known(emitter) {
+        if !self.asks(emitter, seen, factors, permitted) {
             return seen.refined(factors, error.into());
         }
         self.lost(model, emitter, permitted, receives)
             .map_or(seen.refined(factors, error.into()), |found| {
-                let count = lost::rays_for(permitted);
-                let errors = found.to_array().map(|share| lost::error(share * (1.0 - share), count));
-                found.refined_within(factors, errors)
+                found.shares.refined_within(factors, found.errors())
             })
     }
 
@@ -361,7 +362,7 @@ impl<'c> Converter<'c> {
         receives: impl Fn(u32) -> bool,
     ) -> bool {
         let found = self.lost(model, emitter, USUAL_SUM, receives);
-        found.is_some_and(|found| (factors + found.lost() - 1.0).abs() > bound)
+        found.is_some_and(|found| (factors + found.shares.lost() - 1.0).abs() > bound)
     }
 
     /// Whether rays were asked what this patch loses.
@@ -376,10 +377,9 @@ impl<'c> Converter<'c> {
         emitter: InputPatch,
         permitted: f64,
         receives: impl Fn(u32) -> bool,
-    ) -> Option<RowShares> {
+    ) -> Option<Lost> {
         if self.lost.is_none_or(|(patch, _)| patch != emitter) {
-            let count = lost::rays_for(permitted);
-            self.lost = lost::measure(model, emitter, count, receives).map(|found| (emitter, found));
+            self.lost = lost::measure(model, emitter, permitted, receives).map(|found| (emitter, found));
         }
         self.lost.map(|(_, found)| found)
     }
@@ -515,8 +515,6 @@ impl<'c> Converter<'c> {
         emitter: InputPatch,
         (samples, care, is_large): (usize, bool, bool),
         receives: impl Fn(u32) -> bool,
-        columns: &mut Vec<i32>,
-        data: &mut Vec<f32>,
     ) -> Refined {
         let Some(refiner) = &mut self.refiner else {
             return Refined::default();
@@ -536,12 +534,127 @@ impl<'c> Converter<'c> {
         let usual = refiner.with_care(care);
         let refined = refiner.row(model, emitter, seen, is_large, receives);
         refiner.set(usual);
-        for pair in &refiner.pairs {
-            push(columns, data, pair.patch, pair.fraction * pair.open);
+        refined
+    }
+
+    /// Σ F of the refiner's row.
+    fn factors(&self) -> f64 {
+        let pairs = self.refiner.iter().flat_map(|refiner| &refiner.pairs);
+        pairs.map(|pair| pair.fraction * pair.open).sum()
+    }
+
+    /// Brings the refiner's row nearer to what it is known to sum to, if it is off by more than is permitted: by pairs that it
+    /// lacks, and if it `moves`, by those that are uncertain.
+    fn add_up_pairs(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        seen: RowShares,
+        moves: bool,
+        receives: impl Fn(u32) -> bool,
+    ) -> Refined {
+        let permitted = match self.correction {
+            Correction::Tolerance(refinement) => refinement.tolerance.min(USUAL_SUM),
+            _ => USUAL_SUM,
+        };
+        let mut refined = Refined::default();
+        let Some(lacking) = self.lacking(model, emitter, (seen, self.factors()), permitted, &receives) else {
+            return refined;
+        };
+        let Some(refiner) = &mut self.refiner else {
+            return refined;
+        };
+        if lacking.0 > SURELY * lacking.1 {
+            let mut known: Vec<u32> = refiner
+                .pairs
+                .iter()
+                .filter(|p| p.fraction > 0.0)
+                .map(|p| p.patch)
+                .collect();
+            known.sort_unstable();
+            let is_known = |patch| !receives(patch) || known.binary_search(&patch).is_ok();
+            refined = refiner.find_unseen(model, emitter, lacking.0, is_known);
+            refiner.take_unseen();
+        }
+        let left = self.lacking(model, emitter, (seen, self.factors()), permitted, &receives);
+        if let (true, Some(lacking), Some(refiner)) = (moves, left, &mut self.refiner) {
+            refiner.move_pairs(model, emitter, lacking);
         }
         refined
     }
+
+    /// The same of the row in `patches`, `fractions` and `values`.
+    fn add_up(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        (seen, samples): (RowShares, usize),
+        permitted: f64,
+        receives: impl Fn(u32) -> bool,
+    ) -> Refined {
+        let per_area = 1.0 / area(&model.normalised_corners(emitter.0));
+        let mut refined = Refined::default();
+        let Some(lacking) = self.lacking(model, emitter, (seen, self.shown(per_area)), permitted, &receives) else {
+            return refined;
+        };
+        if let (true, Some(refiner)) = (lacking.0 > SURELY * lacking.1, &mut self.refiner) {
+            let (patches, fractions) = (&self.patches, &self.fractions);
+            let is_known =
+                |patch| !receives(patch) || patches.binary_search(&patch).is_ok_and(|place| fractions[place] > 0.0);
+            refined = refiner.find_unseen(model, emitter, lacking.0, is_known);
+            let mut row = Mended {
+                patches: &mut self.patches,
+                fractions: &mut self.fractions,
+                exchanges: &mut self.values,
+                samples,
+                is_large: false,
+            };
+            row.insert(&refiner.unseen);
+        }
+        let left = self.lacking(model, emitter, (seen, self.shown(per_area)), permitted, &receives);
+        if let (Some(lacking), Some(refiner)) = (left, &mut self.refiner) {
+            let row = Mended {
+                patches: &mut self.patches,
+                fractions: &mut self.fractions,
+                exchanges: &mut self.values,
+                samples,
+                is_large: false,
+            };
+            refiner.move_fractions(model, emitter, row, lacking);
+        }
+        refined
+    }
+
+    /// What form factors that sum to `factors` lack of what they are known to sum to, negative if they have too much, and the
+    /// standard error of that; `None` where it is no more than is permitted.
+    fn lacking(
+        &mut self,
+        model: &Model,
+        emitter: InputPatch,
+        (seen, factors): (RowShares, f64),
+        permitted: f64,
+        receives: impl Fn(u32) -> bool,
+    ) -> Option<(f64, f64)> {
+        if !self.asks(emitter, seen, factors, permitted) {
+            return None;
+        }
+        let found = self.lost(model, emitter, permitted, receives)?;
+        let lacking = 1.0 - factors - found.shares.lost();
+        (lacking.abs() > ASKED * permitted).then(|| (lacking, found.error()))
+    }
+
+    /// Whether rays are to say what a row loses whose form factors sum to `factors`.
+    fn asks(&self, emitter: InputPatch, seen: RowShares, factors: f64, permitted: f64) -> bool {
+        let residual = (1.0 - factors - seen.lost()).abs();
+        // Of a row in which only the sky is lost, the sum of the form factors says what the sky has.
+        let is_sky = seen.escaped > 0.0 && seen.blocked == 0.0 && seen.unselected == 0.0;
+        let is_off = residual > ASKED * permitted * if is_sky { SURE } else { 1.0 };
+        is_off || factors > 1.0 + ASKED * permitted || self.is_lost_known(emitter)
+    }
 }
+
+/// How many standard errors of what is lost a row must lack, so that pairs are looked for.
+const SURELY: f64 = 2.0;
 
 /// The part of the error that a row's sum may have from which on rays are asked what is lost.
 const ASKED: f64 = 0.75;

@@ -10,7 +10,7 @@
 
 use crate::Model;
 use crate::random;
-use crate::segments::{Segment, next_block};
+use crate::segments::{Segment, crossing, dot, minus, next_block};
 use crate::shaft::{RAYS, Sequence, fold};
 use crate::shares::RowShares;
 use crate::simd::dispatch;
@@ -35,22 +35,37 @@ pub(crate) fn error(variance: f64, count: usize) -> f64 {
     variance.max(0.25 / count as f64).sqrt() / (root * eighth)
 }
 
-/// How many rays leave no share a standard error much above `permitted`; from 256 to 16,384.
-pub(crate) fn rays_for(permitted: f64) -> usize {
-    let mut count = LEAST;
-    while count < MOST && error(0.25, count) > PART * permitted {
-        count *= 2;
-    }
-    count
+/// Shares that rays found.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lost {
+    pub(crate) shares: RowShares,
+    /// How many rays.
+    pub(crate) rays: usize,
 }
 
-/// Counts what `count` rays from a patch meet, a multiple of 16; `receives` says whether a patch has a column. Nothing for a patch without area.
+impl Lost {
+    /// The standard errors of the shares.
+    pub(crate) fn errors(&self) -> [f64; 3] {
+        self.shares
+            .to_array()
+            .map(|share| error(share * (1.0 - share), self.rays))
+    }
+
+    /// The standard error of all three together.
+    pub(crate) fn error(&self) -> f64 {
+        let lost = self.shares.lost().min(1.0);
+        error(lost * (1.0 - lost), self.rays)
+    }
+}
+
+/// Measures what a patch loses: by 256 rays, and by twice as many until no share has a standard error much above `permitted`,
+/// or 16,384 were cast. `receives` says whether a patch has a column. Nothing for a patch without area.
 pub(crate) fn measure(
     model: &Model,
     emitter: InputPatch,
-    count: usize,
+    permitted: f64,
     receives: impl Fn(u32) -> bool,
-) -> Option<RowShares> {
+) -> Option<Lost> {
     let tree = Tree::of(model.geometry());
     let [a, b, c] = model.normalised_corners(emitter.0);
     let normal = (b - a).cross(c - a).try_normalize()?;
@@ -59,27 +74,38 @@ pub(crate) fn measure(
     let sequence = Sequence::new(u64::from(emitter.0).wrapping_mul(random::STEP));
     let (mut escaped, mut blocked, mut unselected) = (0u32, 0u32, 0u32);
     let mut pending = Vec::new();
-    for at in (0..count).step_by(RAYS) {
-        let u = sequence.points(at);
-        for l in 0..RAYS {
-            let (s, t) = fold(u[0][l], u[1][l]);
-            let from = a + (b - a) * s + (c - a) * t;
-            let (sin, cos) = (std::f64::consts::TAU * u[3][l]).sin_cos();
-            let radius = u[2][l].sqrt();
-            let towards = (x * cos + y * sin) * radius + normal * (1.0 - u[2][l]).sqrt();
-            match first_met(&tree, from, from + towards * FAR, plane, &mut pending) {
-                None => escaped += 1,
-                Some(id) if id >= tree.patch_count => blocked += 1,
-                Some(id) => unselected += u32::from(!receives(id)),
+    let mut count = 0;
+    loop {
+        let wanted = (2 * count).max(LEAST);
+        for at in (count..wanted).step_by(RAYS) {
+            let u = sequence.points(at);
+            for l in 0..RAYS {
+                let (s, t) = fold(u[0][l], u[1][l]);
+                let from = a + (b - a) * s + (c - a) * t;
+                let (sin, cos) = (std::f64::consts::TAU * u[3][l]).sin_cos();
+                let radius = u[2][l].sqrt();
+                let towards = (x * cos + y * sin) * radius + normal * (1.0 - u[2][l]).sqrt();
+                match first_met(&tree, from, from + towards * FAR, plane, &mut pending) {
+                    None => escaped += 1,
+                    Some(id) if id >= tree.patch_count => blocked += 1,
+                    Some(id) => unselected += u32::from(!receives(id)),
+                }
             }
         }
+        count = wanted;
+        let share = |met: u32| f64::from(met) / count as f64;
+        let found = Lost {
+            shares: RowShares {
+                escaped: share(escaped),
+                blocked: share(blocked),
+                unselected: share(unselected),
+            },
+            rays: count,
+        };
+        if count >= MOST || found.errors().iter().all(|&error| error <= PART * permitted) {
+            return Some(found);
+        }
     }
-    let share = |met: u32| f64::from(met) / count as f64;
-    Some(RowShares {
-        escaped: share(escaped),
-        blocked: share(blocked),
-        unselected: share(unselected),
-    })
 }
 
 /// What a segment meets.
@@ -171,42 +197,15 @@ fn places(
     tolerance: f64,
     out: &mut [f64; LANES],
 ) {
-    let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-    let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
-    let cross = |p: [f64; 3], q: [f64; 3]| {
-        [
-            p[1] * q[2] - p[2] * q[1],
-            p[2] * q[0] - p[0] * q[2],
-            p[0] * q[1] - p[1] * q[0],
-        ]
-    };
     let most = |p: f64, q: f64| if p > q { p } else { q };
     let d = minus(y, x);
     for l in 0..LANES {
-        let corner = |k: usize| {
-            [
-                block.corners[3 * k][l],
-                block.corners[3 * k + 1][l],
-                block.corners[3 * k + 2][l],
-            ]
-        };
-        let (a, b, c) = (corner(0), corner(1), corner(2));
+        let [a, b, c] = block.corners_of(l);
         let highest = most(dot(normal, a), most(dot(normal, b), dot(normal, c))) - offset;
-        let (e, f, s) = (minus(b, a), minus(c, a), minus(x, a));
-        let n = cross(e, f);
-        let (at_start, at_end) = (dot(n, s), dot(n, minus(y, a)));
-        // Möller & Trumbore (1997), in terms of the determinant.
-        let determinant = at_start - at_end;
-        let sign = if determinant < 0.0 { -1.0 } else { 1.0 };
-        let q = cross(s, d);
-        let u = dot(f, q) * sign;
-        let v = -dot(e, q) * sign;
-        let within = (u >= 0.0) & (v >= 0.0) & (u + v <= determinant * sign);
-        let between = (at_start > 0.0) & (at_end < 0.0) | (at_start < 0.0) & (at_end > 0.0);
-        let place = at_start / determinant;
-        // Its sign is that of at_start: > 0 where the determinant of the corners, seen from the start, is negative.
-        out[l] = if within & between & (highest > tolerance) {
-            if at_start < 0.0 { -place } else { place }
+        let crossing = crossing([a, b, c], x, y, d);
+        let place = crossing.at_start / crossing.determinant;
+        out[l] = if crossing.hits & (highest > tolerance) {
+            if crossing.at_start < 0.0 { -place } else { place }
         } else {
             f64::INFINITY
         };
@@ -225,7 +224,7 @@ mod tests {
     use crate::HierarchyOptions;
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
-    const COUNT: usize = 1024;
+    const PERMITTED: f64 = 0.01;
 
     fn model(triangles: &[([DVec3; 3], bool)]) -> Model {
         let scene = Scene {
@@ -263,8 +262,9 @@ mod tests {
     /// Both halves of the lower square together.
     fn of_lower(model: &Model, receives: impl Fn(u32) -> bool + Copy) -> RowShares {
         let [a, b] = [0, 1].map(|patch| {
-            measure(model, InputPatch(patch), COUNT, receives)
+            measure(model, InputPatch(patch), PERMITTED, receives)
                 .expect("it has area")
+                .shares
                 .to_array()
         });
         RowShares::from_array([0, 1, 2].map(|k| 0.5 * (a[k] + b[k])))
@@ -273,7 +273,7 @@ mod tests {
     #[test]
     fn what_no_plate_takes_escapes() {
         let shares = of_lower(&plates([true, true], false), |_| true);
-        let most = 4.0 * error(PLATES * (1.0 - PLATES), COUNT);
+        let most = 4.0 * error(PLATES * (1.0 - PLATES), 1024);
         assert!((shares.escaped + PLATES - 1.0).abs() < most, "{shares:?}, {most}");
         assert_eq!((shares.blocked, shares.unselected), (0.0, 0.0));
         assert!(most < 0.03, "{most}");
@@ -312,17 +312,33 @@ mod tests {
         };
         let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
         let seen = model(&[small, wide(1.0, true), wide(2.0, false)]);
-        let shares = measure(&seen, InputPatch(0), COUNT, |_| true).expect("it has area");
+        let shares = measure(&seen, InputPatch(0), PERMITTED, |_| true)
+            .expect("it has area")
+            .shares;
         assert!(shares.lost() < 0.01, "{shares:?}");
         let hidden = model(&[small, wide(2.0, true), wide(1.0, false)]);
-        let shares = measure(&hidden, InputPatch(0), COUNT, |_| true).expect("it has area");
+        let shares = measure(&hidden, InputPatch(0), PERMITTED, |_| true)
+            .expect("it has area")
+            .shares;
         assert!(shares.blocked > 0.99, "{shares:?}");
     }
 
     #[test]
-    fn finer_errors_take_more_rays() {
-        assert_eq!((rays_for(1.0), rays_for(0.01), rays_for(1e-6)), (256, 1024, 16_384));
-        assert!(error(0.25, rays_for(0.01)) <= 0.008);
+    fn finer_errors_take_more_rays_and_certainty_takes_few() {
+        let model = plates([true, true], false);
+        let rays = |permitted| {
+            measure(&model, InputPatch(0), permitted, |_| true)
+                .expect("it has area")
+                .rays
+        };
+        assert_eq!((rays(1.0), rays(1e-6)), (256, 16_384));
+        assert!(rays(0.01) > 256 && rays(0.01) <= 1024);
+        // Nothing is lost below a plane without end.
+        let p = DVec3::new;
+        let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
+        let wide = ([p(-999., -999., 1.), p(0., 1500., 1.), p(999., -999., 1.)], false);
+        let found = measure(&self::model(&[small, wide]), InputPatch(0), 0.001, |_| true).expect("it has area");
+        assert!(found.rays <= 1024, "{found:?}");
     }
 
     /// Walls of neighbouring buildings, a rounding apart: each is seen from its own side, whichever is the nearer by rounding.
@@ -334,7 +350,9 @@ mod tests {
             let [a, b, c] = wall(1.0 + gap);
             let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
             let seen = model(&[small, (wall(1.0), false), ([a, c, b], false)]);
-            let shares = measure(&seen, InputPatch(0), COUNT, |_| true).expect("it has area");
+            let shares = measure(&seen, InputPatch(0), PERMITTED, |_| true)
+                .expect("it has area")
+                .shares;
             assert!(shares.lost() < 0.01, "{gap}: {shares:?}");
         }
     }

@@ -22,6 +22,7 @@
 //! of the two rows leaves as its centroid has it.
 
 mod large;
+mod sums;
 
 use crate::Model;
 use crate::candidates::{Candidates, Least};
@@ -314,6 +315,24 @@ pub(crate) struct Pair {
     is_rough: bool,
 }
 
+impl Pair {
+    /// Nothing known but the patch.
+    fn unseen(patch: u32) -> Self {
+        Self {
+            patch,
+            open: 0.0,
+            fraction: 0.0,
+            exchange: 0.0,
+            stake: 0.0,
+            kind: Kind {
+                class: Kind::class(0.0),
+                nearness: 0,
+            },
+            is_rough: false,
+        }
+    }
+}
+
 /// Refines the rows of one patch at a time. One a thread.
 #[derive(Debug)]
 pub(crate) struct Refiner<'c> {
@@ -326,6 +345,8 @@ pub(crate) struct Refiner<'c> {
     open: Vec<f64>,
     /// Unseen pairs far from each other.
     far: Vec<Pair>,
+    /// What [`Refiner::find_unseen`] found, ascending.
+    pub(crate) unseen: Vec<Pair>,
     /// Where pairs lie in the row that is mended.
     places: Vec<usize>,
     /// What is expected of each pair.
@@ -387,6 +408,20 @@ impl Mended<'_> {
     /// How many times as much work as a row of one hemicube it is worth: the hemicubes along an edge, or a quarter of all of them.
     fn worth(&self) -> u64 {
         self.samples.isqrt().max(self.samples / 4) as u64
+    }
+
+    /// Puts pairs of which something is visible into the row.
+    pub(crate) fn insert(&mut self, pairs: &[Pair]) {
+        for pair in pairs.iter().filter(|pair| pair.fraction > 0.0) {
+            match self.patches.binary_search(&pair.patch) {
+                Ok(place) => self.fractions[place] = pair.fraction,
+                Err(place) => {
+                    self.patches.insert(place, pair.patch);
+                    self.fractions.insert(place, pair.fraction);
+                    self.exchanges.insert(place, pair.exchange);
+                }
+            }
+        }
     }
 }
 
@@ -486,6 +521,7 @@ impl<'c> Refiner<'c> {
             exchanges: Exchanges::new(refinement.rule),
             open: Vec::new(),
             far: Vec::new(),
+            unseen: Vec::new(),
             places: Vec::new(),
             stakes: Vec::new(),
             own_area: 0.0,
@@ -497,6 +533,11 @@ impl<'c> Refiner<'c> {
             measured_before: 0,
             measured_of: None,
         }
+    }
+
+    /// Whether each pair is measured to the tolerance by itself: nothing of a row is unseen or uncertain then.
+    pub(crate) fn measures_each(&self) -> bool {
+        self.refinement.each
     }
 
     fn is_cancelled(&self) -> bool {
@@ -562,14 +603,20 @@ impl<'c> Refiner<'c> {
         refined
     }
 
+    /// Orders what was measured, so that it can be looked up.
+    fn sort_measured(&mut self) {
+        self.measured.sort_unstable_by_key(|measured| measured.patch);
+    }
+
     /// Keeps what was measured for the row before, or forgets it.
     fn remember(&mut self, keep: bool) {
         if keep {
-            self.measured.sort_unstable_by_key(|measured| measured.patch);
+            self.sort_measured();
         } else {
             self.measured.clear();
         }
         self.measured_before = self.measured.len();
+        self.unseen.clear();
     }
 
     /// Looks again at those pairs of a row that are a good part of what it may be off by, with the doubts that pairs were
@@ -707,12 +754,8 @@ impl<'c> Refiner<'c> {
         for (pair, &place) in self.pairs.iter().zip(&self.places) {
             row.fractions[place] = pair.fraction;
         }
-        for pair in self.pairs[seen_count..].iter().filter(|pair| pair.fraction > 0.0) {
-            let place = row.patches.partition_point(|&patch| patch < pair.patch);
-            row.patches.insert(place, pair.patch);
-            row.fractions.insert(place, pair.fraction);
-            row.exchanges.insert(place, pair.exchange);
-        }
+        let mut row = row;
+        row.insert(&self.pairs[seen_count..]);
         refined
     }
 
@@ -782,16 +825,12 @@ impl<'c> Refiner<'c> {
     ) -> f64 {
         self.pairs.clear();
         self.pairs.extend(seen.map(|(patch, fraction)| Pair {
-            patch,
-            open: 0.0,
             fraction,
-            exchange: 0.0,
-            stake: 0.0,
             kind: Kind {
                 class: Kind::class(fraction),
                 nearness: 0,
             },
-            is_rough: false,
+            ..Pair::unseen(patch)
         }));
         let seen_count = self.pairs.len();
         self.exchanges.begin(own);
@@ -823,18 +862,15 @@ impl<'c> Refiner<'c> {
                 let corners = model.normalised_corners(patch);
                 let nearness = Kind::nearness(own, &corners);
                 let is_rough = nearness >= FAR && !self.refinement.each && !self.refinement.all;
-                let pair = Pair {
-                    patch,
-                    open: if is_rough { by_middles(own, &corners) } else { 0.0 },
-                    fraction: 0.0,
-                    exchange: 0.0,
+                let mut pair = Pair {
                     stake: stake(area(own), area(&corners)),
-                    kind: Kind {
-                        class: Kind::class(0.0),
-                        nearness,
-                    },
                     is_rough,
+                    ..Pair::unseen(patch)
                 };
+                pair.kind.nearness = nearness;
+                if is_rough {
+                    pair.open = by_middles(own, &corners);
+                }
                 if is_rough {
                     self.far.push(pair);
                 } else {
@@ -1206,7 +1242,7 @@ fn stake(i: f64, j: f64) -> f64 {
     (0.5 / (i * i) + 0.5 / (j * j)).sqrt()
 }
 
-fn area([a, b, c]: &[DVec3; 3]) -> f64 {
+pub(crate) fn area([a, b, c]: &[DVec3; 3]) -> f64 {
     0.5 * (*b - *a).cross(*c - *a).length()
 }
 

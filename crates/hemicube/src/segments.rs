@@ -185,52 +185,75 @@ fn next_leaf(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u
     None
 }
 
+/// Where the line of a segment crosses the plane of a triangle.
+pub(crate) struct Crossing {
+    /// Whether the segment crosses the triangle, strictly between its ends.
+    pub(crate) hits: bool,
+    /// Height of the start above the plane, times twice the triangle's area: positive where its front is seen.
+    pub(crate) at_start: f64,
+    /// `at_start` less the same of the end: the crossing is at `at_start / determinant` of the length.
+    pub(crate) determinant: f64,
+}
+
+/// Crosses a segment with a triangle (Möller & Trumbore 1997), `direction` its end less its start.
+#[inline(always)]
+pub(crate) fn crossing([a, b, c]: [[f64; 3]; 3], start: [f64; 3], end: [f64; 3], direction: [f64; 3]) -> Crossing {
+    let (e, f, s) = (minus(b, a), minus(c, a), minus(start, a));
+    let n = cross(e, f);
+    let (at_start, at_end) = (dot(n, s), dot(n, minus(end, a)));
+    let determinant = at_start - at_end;
+    let sign = if determinant < 0.0 { -1.0 } else { 1.0 };
+    let q = cross(s, direction);
+    let u = dot(f, q) * sign;
+    let v = -dot(e, q) * sign;
+    let within = (u >= 0.0) & (v >= 0.0) & (u + v <= determinant * sign);
+    let between = (at_start > 0.0) & (at_end < 0.0) | (at_start < 0.0) & (at_end > 0.0);
+    Crossing {
+        hits: within & between,
+        at_start,
+        determinant,
+    }
+}
+
+#[inline(always)]
+pub(crate) fn dot(p: [f64; 3], q: [f64; 3]) -> f64 {
+    p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
+}
+
+#[inline(always)]
+pub(crate) fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    [p[0] - q[0], p[1] - q[1], p[2] - q[2]]
+}
+
+#[inline(always)]
+fn cross(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    [
+        p[1] * q[2] - p[2] * q[1],
+        p[2] * q[0] - p[0] * q[2],
+        p[0] * q[1] - p[1] * q[0],
+    ]
+}
+
 /// Which of 16 triangles the segment crosses strictly between its ends, of those that rise above both planes; and which lie
 /// in the receiver's plane.
 #[inline(always)]
 fn crossed(block: &Block, segment: &Segment, planes: &[([f64; 3], f64); 2], tolerance: f64) -> (u16, u16) {
     let (d, x, y) = (segment.direction, segment.start, segment.end);
-    let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-    let minus = |p: [f64; 3], q: [f64; 3]| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
-    let cross = |p: [f64; 3], q: [f64; 3]| {
-        [
-            p[1] * q[2] - p[2] * q[1],
-            p[2] * q[0] - p[0] * q[2],
-            p[0] * q[1] - p[1] * q[0],
-        ]
-    };
     let (least, most) = (
         |p: f64, q: f64| if p < q { p } else { q },
         |p: f64, q: f64| if p > q { p } else { q },
     );
     let (mut hit, mut flat) = ([0u64; LANES], [0u64; LANES]);
     for l in 0..LANES {
-        let corner = |k: usize| {
-            [
-                block.corners[3 * k][l],
-                block.corners[3 * k + 1][l],
-                block.corners[3 * k + 2][l],
-            ]
-        };
-        let (a, b, c) = (corner(0), corner(1), corner(2));
+        let [a, b, c] = block.corners_of(l);
         let height = |(n, offset): ([f64; 3], f64), p: [f64; 3]| dot(n, p) - offset;
         let of_emitter = [a, b, c].map(|p| height(planes[0], p));
         let of_receiver = [a, b, c].map(|p| height(planes[1], p));
         let above = most(of_emitter[0], most(of_emitter[1], of_emitter[2])) > tolerance;
         let highest = most(of_receiver[0], most(of_receiver[1], of_receiver[2]));
         let lowest = least(of_receiver[0], least(of_receiver[1], of_receiver[2]));
-        let (e, f, s) = (minus(b, a), minus(c, a), minus(x, a));
-        let n = cross(e, f);
-        let (at_start, at_end) = (dot(n, s), dot(n, minus(y, a)));
-        // Möller & Trumbore (1997), in terms of the determinant.
-        let determinant = at_start - at_end;
-        let sign = if determinant < 0.0 { -1.0 } else { 1.0 };
-        let q = cross(s, d);
-        let u = dot(f, q) * sign;
-        let v = -dot(e, q) * sign;
-        let within = (u >= 0.0) & (v >= 0.0) & (u + v <= determinant * sign);
-        let between = (at_start > 0.0) & (at_end < 0.0) | (at_start < 0.0) & (at_end > 0.0);
-        hit[l] = u64::from(within & between & above & (highest > tolerance));
+        let crossing = crossing([a, b, c], x, y, d);
+        hit[l] = u64::from(crossing.hits & above & (highest > tolerance));
         flat[l] = u64::from(above & (highest <= tolerance) & (lowest >= -tolerance));
     }
     let mut masks = (0u16, 0u16);

@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// What a manifest calls this program: its version, and behind the plus sign that of what follows the hemicubes, raised
 /// whenever the same settings and hemicubes come to other bits. A store is gone on with only by what began it.
-pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+9");
+pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+10");
 
 /// Everything that a row depends on but the scene's triangles, resolved: nothing in it is still to be chosen.
 ///

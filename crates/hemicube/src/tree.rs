@@ -88,13 +88,13 @@ impl Block {
     /// The corners of the triangle in a lane, ascending.
     #[inline(always)]
     pub fn triangle(&self, lane: usize) -> [DVec3; 3] {
-        std::array::from_fn(|k| {
-            DVec3::new(
-                self.corners[3 * k][lane],
-                self.corners[3 * k + 1][lane],
-                self.corners[3 * k + 2][lane],
-            )
-        })
+        self.corners_of(lane).map(DVec3::from_array)
+    }
+
+    /// [`Block::triangle`], for loops over the lanes.
+    #[inline(always)]
+    pub(crate) fn corners_of(&self, lane: usize) -> [[f64; 3]; 3] {
+        std::array::from_fn(|k| std::array::from_fn(|axis| self.corners[3 * k + axis][lane]))
     }
 }
 

@@ -495,7 +495,7 @@ fn compute_into(
 
     let [escaped, blocked, unselected] = means;
     let row_sum = tally.mean(tally.sum);
-    let wound = if tally.rendered > 0 && enclosure::is_odd(row_sum, blocked) {
+    let wound = if tally.rendered > 0 && enclosure::is_odd(prepared.scene.objects.len(), [row_sum, escaped, blocked]) {
         enclosure::questions(&prepared, &objects, row_sum, threads)
     } else {
         Vec::new()

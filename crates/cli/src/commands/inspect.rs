@@ -722,12 +722,7 @@ fn enclosure_text(report: &EnclosureReport) -> String {
         }
     }
     let found = &report.enclosure;
-    if found.apart > 0 {
-        let sentence = format!(
-            "{} of surfaces each see only their own insides: right for rooms; for buildings that are seen from outside, \
-             `--flip all` turns them round",
-            counted(found.apart, "group")
-        );
+    if let Some(sentence) = enclosure::of_groups(found) {
         text.push_str(&format!(
             "\nApart:\n  {}\n",
             wrapped(&sentence, WIDTH - 2).join("\n    ")

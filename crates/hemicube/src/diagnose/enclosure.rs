@@ -11,11 +11,11 @@
 //!
 //! over the weight of all rays. What escapes counts only where every group of the scene sees no front, or only its own: among
 //! free-standing solids, some see others. The culprit is the set by which J falls most, of: each object, each group of
-//! objects that share corners, the groups that see only themselves while others see their backs, and all; then the next,
-//! until nothing is worth a turn. Of an object or group, turning must face it to a space that is nearly closed. Two-sided
+//! objects that share corners, the groups that face a closed inside while others see their backs (by those), and all; then the
+//! next, until nothing is worth a turn. Of an object or group, turning must face it to a space that is nearly closed. Two-sided
 //! surfaces have no back and are never turned.
 
-use super::rays::{Caster, Emitter, Met, directions};
+use super::rays::{Caster, Emitter, Met, crossed, directions};
 use super::sample::{examine, hash, order};
 use super::{DiagnoseOptions, WORK_OF_ENCLOSURE};
 use crate::Model;
@@ -37,6 +37,10 @@ const BLIND_ALONE: f64 = 0.1;
 const OPEN: f64 = 0.25;
 /// A group sees only itself when so much of its view is its own.
 const ITSELF: f64 = 0.9;
+/// A group faces a closed inside when so much of its view is its own, no more than `BLIND` escapes, and no more than this is
+/// backs: the rest may be a floor that it stands on.
+const INSIDE: f64 = 0.5;
+const INSIDE_BACKS: f64 = 0.1;
 /// Others see an object's back when so much of what meets it does.
 const BACKS: f64 = 0.8;
 /// Weight, and rays, that a turn must save.
@@ -329,6 +333,8 @@ struct Sight {
     /// From the other side.
     hidden: f64,
     hidden_escaped: f64,
+    /// Fronts of others, which see its backs.
+    hidden_met: f64,
     /// By others, front and back.
     met: [f64; 2],
 }
@@ -343,9 +349,12 @@ impl Sight {
         self.hidden > 0.0 && self.own + self.others <= bound * self.view() && self.hidden_escaped <= OPEN * self.hidden
     }
 
-    fn sees_itself(&self) -> bool {
-        let [fronts, backs] = self.met;
-        self.view() > 0.0 && self.own >= ITSELF * self.view() && backs >= BACKS * (fronts + backs)
+    /// Whether it faces a closed inside, and others see its backs.
+    fn is_inside_out(&self) -> bool {
+        self.met[1] + self.hidden_met > 0.0
+            && self.own >= INSIDE * self.view()
+            && self.escaped <= BLIND * self.view()
+            && self.backs <= INSIDE_BACKS * self.view()
     }
 }
 
@@ -394,7 +403,11 @@ impl Rays<'_> {
                 }
             } else {
                 sight.hidden += weight;
-                sight.hidden_escaped += if to.is_none() { weight } else { 0.0 };
+                match to {
+                    None => sight.hidden_escaped += weight,
+                    Some(to) if to != from && !back => sight.hidden_met += weight,
+                    Some(_) => {}
+                }
             }
         }
         sights.remove(&NONE);
@@ -499,7 +512,8 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             .values()
             .all(|sight| sight.is_blind(alone) || sight.own >= ITSELF * sight.view());
     let blind = if all_outward { blind } else { BTreeSet::new() };
-    let inside_out = chosen(&Sight::sees_itself);
+    let inside_out = chosen(&Sight::is_inside_out);
+    let backs_of = |of: &BTreeSet<u32>| -> f64 { of.iter().map(|group| sights[group].met[1]).sum() };
     let union = |chosen: &BTreeSet<u32>| -> BTreeSet<u32> {
         chosen
             .iter()
@@ -531,8 +545,13 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             let after: BTreeSet<u32> = turned.union(objects).copied().collect();
             let ((before, rays_before), (rest, rays_rest)) =
                 (rays.lost(objects, &turned, &blind), rays.lost(objects, &after, &blind));
-            let saved = before - rest;
-            let worth = saved > WORTH * rays.whole && rays_before.saturating_sub(rays_rest) >= WORTH_RAYS;
+            // Of what is inside out, the backs that others see: what a floor sees of their insides, from under them, says nothing.
+            let (saved, rays_saved) = if *turn == Turn::InsideOut {
+                (backs_of(&inside_out), WORTH_RAYS)
+            } else {
+                (before - rest, rays_before.saturating_sub(rays_rest))
+            };
+            let worth = saved > WORTH * rays.whole && rays_saved >= WORTH_RAYS;
             if worth
                 && best.is_none_or(|(most, ..)| saved > most * (1.0 + 1e-9))
                 && (*turn != Turn::Objects || rays.faces_away(objects, &turned))
@@ -680,9 +699,8 @@ fn leaks(model: &Model, object: &impl Fn(InputPatch) -> u32, rays: &[(u32, DVec3
         for (index, (middle, rim)) in fans.iter().enumerate() {
             for at in 0..rim.len() {
                 let triangle = [*middle, rim[at], rim[(at + 1) % rim.len()]];
-                if let Some(t) = crossing(triangle, origin, direction)
-                    && nearest.is_none_or(|(least, _)| t < least)
-                {
+                let (t, _) = crossed(triangle, origin, direction);
+                if t > 0.0 && nearest.is_none_or(|(least, _)| t < least) {
                     nearest = Some((t, index));
                 }
             }
@@ -712,14 +730,4 @@ fn leaks(model: &Model, object: &impl Fn(InputPatch) -> u32, rays: &[(u32, DVec3
     found.leaks_more = leaks.len().saturating_sub(LEAKS_MAX) as u64;
     leaks.truncate(LEAKS_MAX);
     found.leaks = leaks;
-}
-
-/// How far along a ray it crosses a triangle, if it does.
-fn crossing([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<f64> {
-    let (e, f, s) = (b - a, c - a, origin - a);
-    let p = direction.cross(f);
-    let inverse = 1.0 / e.dot(p);
-    let q = s.cross(e);
-    let (u, v, t) = (s.dot(p) * inverse, direction.dot(q) * inverse, f.dot(q) * inverse);
-    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
 }

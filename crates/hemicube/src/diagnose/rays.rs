@@ -179,23 +179,26 @@ impl<'t> Caster<'t> {
     }
 }
 
-/// How far along the ray each lane's triangle is met (negative: not at all), and the determinant, whose sign is the side.
+/// [`crossed`] of each lane.
 fn meet(block: &Block, origin: DVec3, direction: DVec3) -> ([f64; LANES], [f64; LANES]) {
     let (mut distances, mut determinants) = ([0.0; LANES], [0.0; LANES]);
     for lane in 0..LANES {
-        let [a, b, c] = block.triangle(lane);
-        let (e, f, s) = (b - a, c - a, origin - a);
-        let p = direction.cross(f);
-        let determinant = e.dot(p);
-        let inverse = 1.0 / determinant;
-        let q = s.cross(e);
-        let (u, v) = (s.dot(p) * inverse, direction.dot(q) * inverse);
-        // Unused lanes have no area: their determinant is 0, and nothing compares with what that divides.
-        let hit = u >= 0.0 && v >= 0.0 && u + v <= 1.0;
-        distances[lane] = if hit { f.dot(q) * inverse } else { -1.0 };
-        determinants[lane] = determinant;
+        (distances[lane], determinants[lane]) = crossed(block.triangle(lane), origin, direction);
     }
     (distances, determinants)
+}
+
+/// How far along the ray a triangle is met (negative: not at all), and the determinant, whose sign is the side.
+pub(super) fn crossed([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> (f64, f64) {
+    let (e, f, s) = (b - a, c - a, origin - a);
+    let p = direction.cross(f);
+    let determinant = e.dot(p);
+    let inverse = 1.0 / determinant;
+    let q = s.cross(e);
+    let (u, v) = (s.dot(p) * inverse, direction.dot(q) * inverse);
+    // Unused lanes have no area: their determinant is 0, and nothing compares with what that divides.
+    let hit = u >= 0.0 && v >= 0.0 && u + v <= 1.0;
+    (if hit { f.dot(q) * inverse } else { -1.0 }, determinant)
 }
 
 #[cfg(test)]
