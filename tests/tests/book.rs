@@ -178,6 +178,7 @@ macro_rules! page_tests {
 page_tests! {
     readme: "README.md",
     tour: "docs/tour.md",
+    wrong_scenes: "docs/wrong-scenes.md",
     interactive: "docs/interactive.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
     light: "docs/light.md",

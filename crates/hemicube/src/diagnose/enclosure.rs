@@ -505,12 +505,12 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             .map(|(&group, _)| group)
             .collect()
     };
-    // Of a model that is turned throughout: shells face nothing, and what stands in them sees itself.
+    // Of a model that is turned throughout: shells face nothing, and what stands in them sees itself and their backs.
     let blind = chosen(&|sight| sight.is_blind(alone));
     let all_outward = !blind.is_empty()
         && sights
             .values()
-            .all(|sight| sight.is_blind(alone) || sight.own >= ITSELF * sight.view());
+            .all(|sight| sight.is_blind(alone) || sight.own + sight.backs >= ITSELF * sight.view());
     let blind = if all_outward { blind } else { BTreeSet::new() };
     let inside_out = chosen(&Sight::is_inside_out);
     let backs_of = |of: &BTreeSet<u32>| -> f64 { of.iter().map(|group| sights[group].met[1]).sum() };
