@@ -12,9 +12,9 @@
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
 use glam::{DVec3, Vec3A};
+use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, RenderSettings};
-use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::correct::Correction;
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::factor::FactorRule;
 use hemicube::reference::{
     EstimatedRow, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against, noise_of,

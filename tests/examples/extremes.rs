@@ -7,7 +7,7 @@
 
 use glam::DVec3;
 use hemicube::backend::HemicubeBackend;
-use hemicube::compute::{Execution, Plan, RowChoice, Selection};
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection};
 use hemicube::reference::{EstimatedRow, Reference, ReferenceRow, ReferenceSettings, errors_against, noise_of};
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};

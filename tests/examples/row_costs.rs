@@ -6,9 +6,9 @@
 //! are bounded by the number of rows.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
+use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, RenderSettings};
-use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::correct::Correction;
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
 use hemicube_backend_cpu::CpuBackend;

@@ -9,14 +9,14 @@
 //! go by.
 #![allow(clippy::print_stdout, reason = "an example talks")]
 
+use hemicube::accuracy::correct::Correction;
+use hemicube::analysis::check::{CheckOptions, check};
 use hemicube::backend::{Culling, RenderSettings};
-use hemicube::check::{CheckOptions, check};
-use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::correct::Correction;
+use hemicube::bvh::{Hierarchy, Tree};
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::export::{ExportFormat, ExportOptions, export};
 use hemicube::factor::FactorRule;
 use hemicube::store::{BackendEntry, Form, Header, PatchTable, SceneEntry, Store, StoreWriter, scene_hash};
-use hemicube::tree::{Hierarchy, Tree};
 use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::repair::{RepairOptions, repair};

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 use hemicube::Model;
+use hemicube::accuracy::calibrate::{Settled, settle};
+use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::backend::{Counters, Culling, Hemicube, HemicubeBackend, RenderSettings};
-use hemicube::compute::{ComputeError, Execution, Plan, RowChoice, Selection, Summary, compute};
-use hemicube::correct::{Correction, Refinement};
+use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection, Summary, compute};
 use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
-use hemicube::settle::{Settled, settle};
 use hemicube::store::{HEMICUBE_WEIGHT, Part};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::InputPatch;

@@ -3,11 +3,11 @@
 //!
 //! Its table: `cargo test --release -p hemicube-tests --test balance -- --ignored --nocapture`
 
+use hemicube::accuracy::correct::Correction;
+use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
+use hemicube::analysis::check::{Check, CheckOptions, check};
 use hemicube::backend::{Culling, RenderSettings};
-use hemicube::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
-use hemicube::check::{Check, CheckOptions, check};
-use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::correct::Correction;
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::factor::FactorRule;
 use hemicube::reference::{EstimatedRow, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against};
 use hemicube::store::{BackendEntry, Header, PatchTable, SceneEntry, Store, StoreWriter, scene_hash};

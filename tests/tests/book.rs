@@ -179,6 +179,7 @@ page_tests! {
     readme: "README.md",
     tour: "docs/tour.md",
     wrong_scenes: "docs/wrong-scenes.md",
+    glossary: "docs/glossary.md",
     interactive: "docs/interactive.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
     light: "docs/light.md",

@@ -4,7 +4,9 @@
 use hemicube::backend::{
     BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, WHOLE,
 };
-use hemicube::compute::{ComputeError, Execution, PartSink, Plan, Progress, RowChoice, Selection, Summary, compute};
+use hemicube::driver::compute::{
+    ComputeError, Execution, PartSink, Plan, Progress, RowChoice, Selection, Summary, compute,
+};
 use hemicube::row::{RowBlock, RowError};
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};

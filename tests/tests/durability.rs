@@ -5,7 +5,7 @@
 #![allow(clippy::print_stderr, reason = "figures, and skipped tests say so")]
 
 use hemicube::backend::{BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings};
-use hemicube::compute::{ComputeError, Execution, compute};
+use hemicube::driver::compute::{ComputeError, Execution, compute};
 use hemicube::row::RowBlock;
 use hemicube::store::{BackendEntry, Header, PatchTable, SceneEntry, StoreWriter, scene_hash};
 use hemicube_backend_cpu::CpuBackend;
@@ -393,7 +393,7 @@ fn flipped_bits_are_harmless_or_detected() {
         std::fs::write(place.path("m").join(name), doctored).expect("a file");
         let detected = match hemicube::store::Store::open(&place.path("m")) {
             Err(_) => true,
-            Ok(store) => hemicube::check::check(&store, &hemicube::check::CheckOptions::default())
+            Ok(store) => hemicube::analysis::check::check(&store, &hemicube::analysis::check::CheckOptions::default())
                 .map_or(true, |report| !report.ok),
         };
         assert!(detected, "bit {bit} of {name}");

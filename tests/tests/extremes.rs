@@ -5,7 +5,7 @@
 use glam::DVec3;
 use hemicube::Model;
 use hemicube::backend::{Culling, Geometry, HemicubeBackend, RenderSettings, WHOLE};
-use hemicube::compute::{Execution, Plan, RowChoice, Selection};
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection};
 use hemicube::row::{RowBlock, RowView};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_scene::generate::cornell_box;

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 use hemicube::backend::{Culling, RenderSettings};
-use hemicube::compute::{Execution, Plan, Summary, compute};
+use hemicube::driver::compute::{Execution, Plan, Summary, compute};
 use hemicube::reference::{Reference, ReferenceRow, ReferenceSettings};
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};

@@ -350,7 +350,7 @@ fn rows_of_a_flat_cavity_add_up_and_its_ends_see_each_other() {
     let [most, rms, _] = off_one(&store);
     assert!(most <= 0.001 && rms <= 0.00025, "{most}, {rms}");
     // Parallel rectangles (Howell C-11): west to east, and south to north.
-    let zones = hemicube::zones::zones(&store, hemicube::zones::GroupBy::Object).expect("zones");
+    let zones = hemicube::analysis::zones::zones(&store, hemicube::analysis::zones::GroupBy::Object).expect("zones");
     let factor = |from: &str, to: &str| {
         let index = |name: &str| zones.iter().position(|zone| zone.name == name).expect("a zone");
         zones[index(from)].factor_to(u32::try_from(index(to)).expect("few zones"))
@@ -379,7 +379,8 @@ fn shares_of_open_scenes_are_refined_and_two_plates_stay_what_they_are() {
     place.line("balance plates --closure -o closed");
     for name in ["plates", "closed"] {
         let store = open(name);
-        for zone in hemicube::zones::zones(&store, hemicube::zones::GroupBy::Object).expect("zones") {
+        for zone in hemicube::analysis::zones::zones(&store, hemicube::analysis::zones::GroupBy::Object).expect("zones")
+        {
             let other: f64 = zone.factors.iter().map(|(_, factor)| factor).sum();
             assert!(
                 (other - 0.199_824_90).abs() < 1e-6 && (zone.escaped - 0.800_175_10).abs() < 1e-6,

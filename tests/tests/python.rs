@@ -3,7 +3,7 @@
 //! Needs Python with SciPy: `HEMICUBE_PYTHON`, otherwise `python3`.
 
 use hemicube::Model;
-use hemicube::compute::Execution;
+use hemicube::driver::compute::Execution;
 use hemicube::export::{ExportFormat, ExportOptions, export};
 use hemicube::store::{BackendEntry, Form, Header, Part, PatchTable, SceneEntry, Store, StoreWriter, scene_hash};
 use hemicube_backend_cpu::CpuBackend;

@@ -8,7 +8,7 @@
 use glam::DVec3;
 use hemicube::Model;
 use hemicube::backend::{Culling, RenderSettings, WHOLE};
-use hemicube::compute::{Execution, Plan, RowChoice, Selection};
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::Subdivision;
 use hemicube_tests::rows::{culled, hemicubes, parts, render, settings, spread};

@@ -9,9 +9,9 @@
 
 use glam::DVec3;
 use hemicube::Model;
-use hemicube::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
-use hemicube::correct::{Correction, Refinement};
-use hemicube::settle::settle;
+use hemicube::accuracy::calibrate::settle;
+use hemicube::accuracy::correct::{Correction, Refinement};
+use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
 use hemicube::store::Part;
 use hemicube_scene::generate::{Generate, Kind, generate, room};
 use hemicube_scene::{InputPatch, Scene, Subdivision};

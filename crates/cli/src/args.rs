@@ -1072,7 +1072,7 @@ fn bytes(text: &str) -> Result<u64, String> {
 
 fn max_scale(text: &str) -> Result<f64, String> {
     let number = number(text)?;
-    if number > 1.0 && number <= hemicube::balance::MAX_SCALE_MAX {
+    if number > 1.0 && number <= hemicube::analysis::balance::MAX_SCALE_MAX {
         Ok(number)
     } else {
         Err("a factor above 1 and up to 16 is needed".to_owned())
@@ -1081,7 +1081,7 @@ fn max_scale(text: &str) -> Result<f64, String> {
 
 fn residual(text: &str) -> Result<f64, String> {
     let number = number(text)?;
-    if (hemicube::balance::TOLERANCE_MIN..1.0).contains(&number) {
+    if (hemicube::analysis::balance::TOLERANCE_MIN..1.0).contains(&number) {
         Ok(number)
     } else {
         Err("a number from 1e-7 up to 1 is needed: form factors are stored with seven digits".to_owned())

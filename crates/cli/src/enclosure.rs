@@ -3,7 +3,7 @@
 use crate::prepare::Prepared;
 use crate::report::{count, counted, figures, percent, shown};
 use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Turn, Winding, enclosure};
-use hemicube::selection::matches_glob;
+use hemicube::driver::selection::matches_glob;
 use std::collections::BTreeSet;
 
 /// Mean row sum at most, and mean blocked share at least, of a matrix whose scene is looked at.
@@ -13,6 +13,8 @@ const MOST_BLOCKED: f64 = 0.01;
 const LEAST_ESCAPED: f64 = 0.02;
 /// Surfaces that are looked at then.
 const SURFACES_MAX: usize = 1500;
+/// And where nothing is odd but that nothing escapes.
+const SURFACES_OF_CLOSED: usize = 400;
 /// Names that a sentence lists.
 const NAMES_SHOWN: usize = 4;
 
@@ -37,10 +39,19 @@ pub(crate) fn is_odd(objects: usize, [row_sum, escaped, blocked]: [f64; 3]) -> b
 }
 
 /// What a run whose rows look odd says of its scene.
-pub(crate) fn questions(prepared: &Prepared, objects: &[u32], row_sum: f64, threads: usize) -> Vec<String> {
+pub(crate) fn questions(
+    prepared: &Prepared,
+    objects: &[u32],
+    [row_sum, blocked]: [f64; 2],
+    threads: usize,
+) -> Vec<String> {
     let options = DiagnoseOptions {
         threads,
-        surfaces_max: SURFACES_MAX,
+        surfaces_max: if is_odd(0, [row_sum, 1.0, blocked]) {
+            SURFACES_MAX
+        } else {
+            SURFACES_OF_CLOSED
+        },
         ..DiagnoseOptions::default()
     };
     let found = of(prepared, objects, options);

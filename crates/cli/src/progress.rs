@@ -4,7 +4,7 @@
 use crate::args::Talk;
 use crate::report::SCHEMA;
 use anyhow::{Context, Result};
-use hemicube::compute::Progress;
+use hemicube::driver::compute::Progress;
 use hemicube::store::TemporaryFile;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde::Serialize;

@@ -5,12 +5,12 @@ use crate::exit::hinted;
 use crate::report::percent;
 use anyhow::{Result, anyhow};
 use hemicube::Model;
+use hemicube::accuracy::calibrate::Settled;
+use hemicube::accuracy::correct::Correction;
+use hemicube::accuracy::level::{Asked, RungError};
+pub(crate) use hemicube::accuracy::level::{Rung, percentage};
 use hemicube::backend::HemicubeBackend;
-use hemicube::compute::{Execution, Selection};
-use hemicube::correct::Correction;
-use hemicube::rung::{Asked, RungError};
-pub(crate) use hemicube::rung::{Rung, percentage};
-use hemicube::settle::Settled;
+use hemicube::driver::compute::{Execution, Selection};
 use hemicube::store::Form;
 
 /// The correction of a name.
@@ -35,7 +35,7 @@ pub(crate) fn within(
         threads,
         ..Execution::default()
     };
-    Ok(hemicube::rung::within(
+    Ok(hemicube::accuracy::level::within(
         model,
         selection,
         rotate,

@@ -3,9 +3,9 @@
 use crate::args::SelectionSettings;
 use crate::exit::hinted;
 use anyhow::{Result, anyhow};
-use hemicube::compute::Selection;
-use hemicube::selection::Names;
-pub(crate) use hemicube::selection::matches_glob;
+use hemicube::driver::compute::Selection;
+use hemicube::driver::selection::Names;
+pub(crate) use hemicube::driver::selection::matches_glob;
 use hemicube_scene::{Patches, Scene};
 
 /// The rows and columns that the settings ask for.

@@ -6,7 +6,7 @@ use crate::progress::Bar;
 use crate::report::{Listing, count, counted, figures, percent};
 use crate::rung::percentage;
 use anyhow::{Context, Result};
-use hemicube::compute::{Plan, Progress, RowChoice, Selection};
+use hemicube::driver::compute::{Plan, Progress, RowChoice, Selection};
 use hemicube::reference::{
     EstimatedRow, Interval, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against,
 };

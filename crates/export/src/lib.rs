@@ -18,7 +18,7 @@
 //! use hemicube_export::{PatchFormat, PatchResults, WriteOptions, write_patches};
 //! use hemicube_scene::{Axis, Patches, Subdivision, generate};
 //! use std::sync::atomic::AtomicBool;
-//! # use hemicube::correct::Correction;
+//! # use hemicube::accuracy::correct::Correction;
 //! # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../hemicube/doc/room.rs")); }
 //! # let folder = tempfile::tempdir()?;
 //! # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
@@ -36,6 +36,13 @@
 //! assert!(write_patches(&results, &path, format, options).is_err(), "what is there stays");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+//!
+//! No vtkio, no PLY crate to write with, because vtkio's last release that is none of a candidate is of March 2021, and
+//! both want a file in memory as values of their own; the formats are a header before plain arrays. No `.mat`, because
+//! the crates that write sparse ones (`mat5`, `matrw`) are first releases; MATLAB reads the triplets.
+//!
+//! No Arrow, no compression in Parquet, because two packed columns of indices are hardly more than a byte an entry,
+//! mantissas do not compress, and both would cost more of the build than everything else of `export`.
 
 mod ascii;
 mod gltf;

@@ -68,7 +68,7 @@ fn column<T: DataType, W: Write + Send>(
 /// ```
 /// use hemicube_export::{WriteOptions, write_parquet};
 /// use std::sync::atomic::AtomicBool;
-/// # use hemicube::correct::Correction;
+/// # use hemicube::accuracy::correct::Correction;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../hemicube/doc/room.rs")); }
 /// # let folder = tempfile::tempdir()?;
 /// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;

@@ -1,8 +1,8 @@
 //! What is known of each patch as a table: CSV for people and spreadsheets, `.npz` for programs.
 
 use crate::{PatchResults, Values};
+use hemicube::analysis::zones::table_text;
 use hemicube::store::{ElementType, NpzWriter};
-use hemicube::zones::table_text;
 use std::io::{self, Seek, Write};
 
 /// Numbers have the fewest digits that read back to the same f64; what is not known is an empty field.

@@ -2,9 +2,9 @@
 // an example cannot call a function of another one, and a store takes more lines than what is to be shown of it.
 
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
-use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::correct::Correction;
-use hemicube::settings::{Cut, RowSettings, Rows};
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
+use hemicube::accuracy::correct::Correction;
+use hemicube::driver::settings::{Cut, RowSettings, Rows};
 use hemicube::store::{Header, Part, PatchTable, Store, StoreWriter};
 use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::CpuBackend;

@@ -97,7 +97,7 @@ pub struct ExportReport {
 /// use hemicube::export::{ExportFormat, ExportOptions, export};
 /// use hemicube::store::Matrix;
 /// # use hemicube::InputPatch;
-/// # use hemicube::correct::Correction;
+/// # use hemicube::accuracy::correct::Correction;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let folder = tempfile::tempdir()?;
 /// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;

@@ -839,7 +839,7 @@ mod tests {
         let wall = [(91.116, -1.986, 3.896), (92.74, -4.605, 3.896), (92.74, -4.605, 6.613)];
         let other = [(95.244, -8.644, 3.77), (91.116, -1.986, 3.77), (91.116, -1.986, 10.319)];
         let [wall, other] = [wall, other].map(|t| t.map(DVec3::from));
-        let area = 0.5 * (wall[1] - wall[0]).cross(wall[2] - wall[0]).length();
+        let area = crate::geometry::area(&wall);
         for tolerance in [COARSE, MIDDLE, 1e-4] {
             let found = exchange(&wall, &other, &FactorRule::for_tolerance(tolerance));
             assert!(found <= area && found > 0.999 * area, "{tolerance}: {found} of {area}");

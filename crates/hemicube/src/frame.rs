@@ -1,7 +1,12 @@
 //! Where a hemicube stands on its patch and how it is turned. Everything in f64: rounding world coordinates to f32
 //! before the rigid transform gives the emitter's own plane a large part of the row, and the row still sums to 1.
+//!
+//! No hemicubes turned by any angle, because boxes of what stands along the scene's axes then lie across the pixels of
+//! the faces, and culling by boxes leaves a fifth more; and none that are not turned, because an edge may then run
+//! along a whole row of pixel centres. `frame::MOST_TURN` is in between: the area rung errs by a twentieth more at
+//! most, pixel sums of an aligned room by a tenth in the median.
 
-use crate::random;
+use crate::sampling::splitmix;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 
@@ -60,7 +65,7 @@ pub fn axes_of(normal: DVec3, turn: f64) -> Option<[DVec3; 3]> {
 /// The turn of a patch's hemicube: a hash of its id, within [`MOST_TURN`]. Turning each hemicube differently decorrelates the
 /// aliasing of neighbouring rows.
 pub fn turn(patch: InputPatch) -> f64 {
-    let drawn = random::unit(random::hash((u64::from(patch.0) + 1).wrapping_mul(random::STEP)));
+    let drawn = splitmix::unit(splitmix::hash((u64::from(patch.0) + 1).wrapping_mul(splitmix::STEP)));
     MOST_TURN * (2.0 * drawn - 1.0)
 }
 

@@ -9,7 +9,7 @@
 //!
 //! ```
 //! use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
-//! use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
+//! use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
 //! use hemicube::store::{PatchTable, Store, StoreWriter};
 //! use hemicube::{HierarchyOptions, InputPatch, Model};
 //! use hemicube_backend_cpu::CpuBackend;
@@ -40,40 +40,23 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-pub mod balance;
-mod candidates;
-pub mod check;
-mod clip;
-pub mod compare;
-pub mod compute;
-pub mod correct;
+pub mod accuracy;
+pub mod analysis;
 pub mod diagnose;
+pub mod driver;
 pub mod export;
 pub mod factor;
 pub mod frame;
-mod grain;
-pub mod keep;
-mod lost;
+mod geometry;
 mod model;
-pub mod probe;
-mod random;
 pub mod reference;
-mod refine;
-pub mod rung;
-mod segments;
-pub mod selection;
-pub mod settings;
-pub mod settle;
-mod shaft;
-mod shares;
+mod sampling;
 mod simd;
 pub mod sky;
 pub mod solve;
 pub mod store;
-pub mod tree;
-mod walls;
-pub mod zones;
+mod visibility;
 
-pub use hemicube_contract::{backend, delta, face, outline, row};
+pub use hemicube_contract::{backend, bvh, delta, face, outline, row};
 pub use hemicube_scene::InputPatch;
 pub use model::{HierarchyOptions, Model, ModelError};

@@ -199,7 +199,7 @@ impl Scratch {
 ///
 /// ```
 /// use hemicube::InputPatch;
-/// use hemicube::correct::Correction;
+/// use hemicube::accuracy::correct::Correction;
 /// use hemicube::reference::{EstimatedRow, Reference, ReferenceSettings, errors_against};
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let model = room::model()?;

@@ -10,6 +10,9 @@
 //! A pixel that escapes goes to the patch of the sky in which its centre lies, with all of its weight: so the columns of a
 //! row add up to what it lost, exactly, in whole weights. Comparisons are made on squares and on the diamond angle, without
 //! trigonometry.
+//!
+//! No sky columns in the parts, because the sky is divided after the matrix is computed, by directions that may change,
+//! and parts would have to be written anew; an export with the sky reads both.
 
 mod files;
 
@@ -20,8 +23,8 @@ pub use files::{
 
 use crate::Model;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, RenderSettings, WHOLE};
-use crate::compute::ComputeError;
 use crate::delta::DeltaTable;
+use crate::driver::compute::ComputeError;
 use crate::face::{Face, Items};
 use crate::frame;
 use glam::DVec3;

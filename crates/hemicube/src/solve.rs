@@ -38,6 +38,9 @@
 //! from B anew when an iteration says that it is done. Each right-hand side is solved as a multiple of a power of two of
 //! itself, whose largest number is near 1: no norm leaves the range of f64, and no bit of a solution hangs on the unit. A
 //! residual that is no number is an error.
+//!
+//! Solutions lie beside the matrix and name it by a checksum (`solve/files.rs`). Rows are summed in the order of their
+//! entries, so threads change no bit.
 
 mod block;
 mod factors;
@@ -499,7 +502,7 @@ impl EnergyBalance {
 ///
 /// ```
 /// use hemicube::solve::{Block, OutOfCore, Problem, SolveOptions, energy_balance, solve};
-/// # use hemicube::correct::Correction;
+/// # use hemicube::accuracy::correct::Correction;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let folder = tempfile::tempdir()?;
 /// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;

@@ -32,6 +32,7 @@
 //! was at, and equal runs give equal bytes.
 
 mod assembly;
+pub(crate) mod closure;
 mod compact;
 mod csr;
 mod durable;
@@ -43,14 +44,15 @@ mod npy;
 mod npz;
 mod product;
 mod read;
+mod records;
 mod resume;
 mod row_product;
 mod shard;
+pub(crate) mod shares;
+pub(crate) mod small_entries;
 mod validate;
 mod write;
 
-pub use crate::compute::PartThinning;
-pub use crate::shares::RowShares;
 pub use assembly::{Assembly, Index};
 pub use durable::{DurableFile, TemporaryFile};
 pub use error::{Error, Result};
@@ -63,8 +65,11 @@ pub use matrix::{Matrix, MatrixRow};
 pub use npy::{Element, ElementType};
 pub use npz::NpzWriter;
 pub use read::{Row, RowTable, Rows, Store};
+pub use records::{BalanceEntry, BalanceSource, Residuals};
 pub use resume::{Kept, Merged, NotKept, merge};
 pub use shard::Shard;
+pub use shares::RowShares;
+pub use small_entries::{PartThinning, Thinning};
 pub use write::StoreWriter;
 
 pub(crate) use durable::{file_checksum, read_exact_at, sealed_checksum, write_whole};

@@ -7,8 +7,8 @@
 #[path = "store/sample.rs"]
 mod sample;
 
-use hemicube::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
-use hemicube::check::{Check, CheckOptions, check};
+use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
+use hemicube::analysis::check::{Check, CheckOptions, check};
 use hemicube::store::{Error, HEMICUBE_WEIGHT, Part, RowShares, RowSums, Store, StoreWriter};
 use sample::{Random, Sample, doctor_manifest, doctor_part, files, sample};
 use std::path::Path;

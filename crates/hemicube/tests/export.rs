@@ -5,7 +5,7 @@
 #[path = "store/sample.rs"]
 mod sample;
 
-use hemicube::compare::{CompareOptions, compare};
+use hemicube::analysis::compare::{CompareOptions, compare};
 use hemicube::export::{ExportFormat, ExportOptions, ExportReport, export};
 use hemicube::store::{Error, Matrix, Store};
 use sample::{Sample, sample};

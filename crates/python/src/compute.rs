@@ -5,14 +5,16 @@ use crate::errors;
 use crate::matrix::Matrix;
 use crate::scene::Scene;
 use crate::session::Wanted;
+use hemicube::accuracy::correct::Correction;
+use hemicube::accuracy::level::{Asked, Rung};
 use hemicube::backend::{Culling, RESOLUTIONS, RenderSettings};
-use hemicube::compute::{ComputeError, Execution, PartSink, Plan, RowChoice, Selection, compute as compute_rows};
-use hemicube::correct::Correction;
-use hemicube::keep::Keep;
-use hemicube::probe::Probe;
-use hemicube::rung::{Asked, Rung};
-use hemicube::selection::Names;
-use hemicube::settings::{RowSettings, axis_name};
+use hemicube::driver::compute::{
+    ComputeError, Execution, PartSink, Plan, RowChoice, Selection, compute as compute_rows,
+};
+use hemicube::driver::probe::Probe;
+use hemicube::driver::selection::Names;
+use hemicube::driver::settings::{RowSettings, axis_name};
+use hemicube::driver::storage_policy::Keep;
 use hemicube::store::{Form, Part, PatchTable, Store, StoreWriter};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
@@ -192,7 +194,7 @@ impl Request {
             render.culling = probe.culling();
         }
         // What it chooses by the scene is part of what the store is made with.
-        hemicube::compute::load(&scene.model, &plan.correction, render, backend.as_mut()).map_err(failed)?;
+        hemicube::driver::compute::load(&scene.model, &plan.correction, render, backend.as_mut()).map_err(failed)?;
         let settings = self.settings(scene, &plan, &rung);
         let header = settings
             .header(&scene.triangles, &scene.patches, &scene.file, &plan, backend.info())

@@ -1,9 +1,9 @@
 //! Our errors as Python's exceptions: classes of `hemicube._errors`, our messages.
 
 use hemicube::ModelError;
-use hemicube::compute::ComputeError;
-use hemicube::rung::RungError;
-use hemicube::selection::NoMatch;
+use hemicube::accuracy::level::RungError;
+use hemicube::driver::compute::ComputeError;
+use hemicube::driver::selection::NoMatch;
 use hemicube::solve::SolveError;
 use hemicube::store::Error as StoreError;
 use hemicube_host::OpenError;

@@ -3,6 +3,11 @@
 //!
 //! Long work runs on a thread of its own while the calling thread, without the interpreter's lock, waits for it, looks for
 //! signals and calls back (`attended.rs`).
+//!
+//! No Rust references into NumPy's arrays beyond a call, because NumPy owns what it is given: a matrix in memory is
+//! read-only arrays, and solving copies a run of rows at a time out of them. Work runs on a thread of its own while the
+//! calling one looks for signals, because Python runs handlers on its main thread only, and settling and reading know
+//! nothing of Python.
 
 mod attended;
 mod compute;

@@ -2,7 +2,7 @@
 
 use crate::{errors, numbers};
 use glam::DVec3;
-use hemicube::selection::flip;
+use hemicube::driver::selection::flip;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
 use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
@@ -448,6 +448,6 @@ impl Scene {
     /// The axis that points up: 'x', 'y', 'z', or None where nobody said.
     #[getter]
     fn up(&self) -> Option<&'static str> {
-        self.triangles.up.map(hemicube::settings::axis_name)
+        self.triangles.up.map(hemicube::driver::settings::axis_name)
     }
 }

@@ -1,4 +1,7 @@
 //! Opens a scene file: format by extension, the reader by format.
+//!
+//! No tobj for geometry, no gltf crate, no stl_io, because they refuse or misread files that people have (their modules
+//! say which); tobj reads material libraries.
 
 use crate::{Error, ErrorKind, ReadOptions, Scene};
 use std::path::Path;

@@ -2,6 +2,10 @@
 //! off, or by position alone.
 //!
 //! An order is a permutation: `order[k]` is the input index of the k-th item.
+//!
+//! No internal patch ids, because renumbering every row costs a sort of it, and ids do nothing for the rasteriser: the
+//! patch's position in the input is its id everywhere. "The smaller id wins" where depths tie then means the first in
+//! the file. The order of work (Morton, by normal and position) is a list beside it.
 
 use crate::Aabb;
 use crate::morton::{Cube, normal_code};

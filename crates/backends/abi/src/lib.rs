@@ -56,6 +56,9 @@
 //!
 //! The package is a `cdylib`, its library is called `hemicube_backend_NAME` (`_` for `-`), and it is built with
 //! `panic = "unwind"`, which the macro insists on.
+//!
+//! No allocation across the boundary and no callback but the log, because nothing can then be freed by the wrong side,
+//! nor called in a state that nobody thought of.
 
 mod adapter;
 mod options;

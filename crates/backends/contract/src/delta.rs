@@ -12,6 +12,9 @@
 //! (Howell's catalogue, B-3 and B-4), so a pixel is a difference of four values. Weights are differences of the rounded
 //! running sum over a face, so that rounding cannot pile up along a span and the whole is exact: the top and four equal
 //! sides sum to 2³¹.
+//!
+//! No one running sum over the whole atlas, because with one sum a face the four sides share a table, which is half as
+//! large. The whole stays exactly 2³¹.
 
 use crate::backend::{RESOLUTIONS, WHOLE};
 use crate::face::Face;

@@ -4,6 +4,7 @@
 //! `hemicube`, has all of it under the same names.
 
 pub mod backend;
+pub mod bvh;
 pub mod delta;
 pub mod face;
 pub mod outline;

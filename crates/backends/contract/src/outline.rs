@@ -4,6 +4,9 @@
 //! along an edge is theirs to choose. A patch of which every pixel is seen that lies certainly within its outline is
 //! therefore seen whole, and its covered weight is what was seen; only of others the outline is counted. So where nothing
 //! is hidden, every visible fraction is exactly 1, whoever draws.
+//!
+//! No visible fraction from two rasterisers to the pixel, because along edges they do not agree: where the host counts
+//! what a plugin does not, a patch is hidden only if a pixel is that lies certainly within its outline.
 
 use crate::backend::{Geometry, Hemicube};
 use crate::delta::DeltaTable;

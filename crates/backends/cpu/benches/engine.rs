@@ -12,9 +12,9 @@ mod clock;
 
 use clock::thread_seconds;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
+use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, Hemicube, HemicubeBackend, RenderSettings};
-use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::correct::Correction;
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
 use hemicube::store::Part;

@@ -7,11 +7,11 @@
 mod clock;
 
 use clock::thread_seconds;
+use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{
     BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings,
 };
-use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::correct::Correction;
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
 use hemicube::store::Part;

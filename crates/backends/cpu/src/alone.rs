@@ -3,8 +3,8 @@
 use crate::Shared;
 use crate::engine::ALL_FACES;
 use crate::kernel::{Frame, Kernel, Transformed};
-use hemicube::face::Face;
-use hemicube::tree::{Block, LANES};
+use hemicube_contract::bvh::{Block, LANES};
+use hemicube_contract::face::Face;
 use std::marker::PhantomData;
 
 /// Counts what patches cover alone, by the rasteriser that draws them.

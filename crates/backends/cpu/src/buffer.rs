@@ -4,9 +4,9 @@ use crate::Shared;
 use crate::kernel::{
     Claims, Coverage, Drawn, GROUP, Kernel, Noted, Reduction, Sums, Target, Transformed, face_of_row, is_small,
 };
-use hemicube::backend::Culling;
-use hemicube::face::Face;
-use hemicube::tree::LANES;
+use hemicube_contract::backend::Culling;
+use hemicube_contract::bvh::LANES;
+use hemicube_contract::face::Face;
 
 /// The nearest surface at each pixel of a hemicube's atlas.
 ///

@@ -37,15 +37,15 @@ mod share;
 mod whole;
 
 use engine::Engine;
-use hemicube::backend::{
+use hemicube_contract::backend::{
     BackendError, BackendInfo, Capabilities, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings,
     Surface,
 };
-use hemicube::delta::{DeltaTable, is_resolution};
-use hemicube::face::Items;
-use hemicube::row::RowBlock;
-pub use hemicube::tree::Hierarchy;
-use hemicube::tree::{Block, LANES, Tree};
+pub use hemicube_contract::bvh::Hierarchy;
+use hemicube_contract::bvh::{Block, LANES, Tree};
+use hemicube_contract::delta::{DeltaTable, is_resolution};
+use hemicube_contract::face::Items;
+use hemicube_contract::row::RowBlock;
 use kernel::{Claims, Target};
 use order::{Limits, Order, Surfaces};
 use ordered::OrderedEngine;

@@ -1,4 +1,12 @@
 //! One session of engine 2: the walk over the order, nearest first, and the row straight from what was drawn.
+//!
+//! The partition of *order* is then of the triangles before they were cut (version `order-2` for fractions, `order-3`
+//! otherwise). It has no buffer that says at the end what is seen where, so it records as it draws: eight words of bits
+//! at a time what a whole shows, and unless pixel sums are all that is asked, of the rows that it touches what was open
+//! before its plane was begun (`Record` in `kernel/bits.rs`). When all is drawn, each whole that is seen is shared out
+//! by what was recorded of it (`share.rs`, which all engines have). Patches without a pixel are asked whether their
+//! centroid was open: in wholes that show something by the record, in wholes without a pixel when these are drawn. What
+//! is in pieces is asked only of patches whose centroid is in the piece, as the others' pieces may have been culled.
 
 use crate::Shared;
 use crate::alone::Alone;
@@ -11,11 +19,11 @@ use crate::order::{NO_PLANE, NONE, Order, PlaneNode};
 use crate::share::{Entry, SeenWhole, Sharing, UNCOUNTED, patches_of, without_pixels};
 use crate::whole::Wholes;
 use glam::DVec3;
-use hemicube::InputPatch;
-use hemicube::backend::{Counters, Culling, Hemicube};
-use hemicube::face::Face;
-use hemicube::row::RowBlock;
-use hemicube::tree::{Block, LANES};
+use hemicube_contract::InputPatch;
+use hemicube_contract::backend::{Counters, Culling, Hemicube};
+use hemicube_contract::bvh::{Block, LANES};
+use hemicube_contract::face::Face;
+use hemicube_contract::row::RowBlock;
 use std::marker::PhantomData;
 use std::ops::Range;
 

@@ -1,13 +1,16 @@
 //! What is seen of triangles that were cut, shared out among their patches: the second step of every engine that draws them whole.
+//!
+//! No pixel counts in place of weights where only ratios are wanted, because weights of whole spans are two loads a row
+//! of pixels, and every row can then be checked to sum to 2³¹. (Gather instructions cost more than those loads.)
 
 use crate::Shared;
 use crate::alone::Alone;
 use crate::kernel::{Coverage, Frame, Kernel, Shown, Transformed, Turns};
 use crate::whole::{Whole, Wholes};
-use hemicube::InputPatch;
-use hemicube::face::Face;
-use hemicube::row::RowBlock;
-use hemicube::tree::{Block, LANES};
+use hemicube_contract::InputPatch;
+use hemicube_contract::bvh::{Block, LANES};
+use hemicube_contract::face::Face;
+use hemicube_contract::row::RowBlock;
 use std::marker::PhantomData;
 
 /// An entry of the row being made.

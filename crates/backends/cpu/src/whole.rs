@@ -6,13 +6,39 @@
 //! A whole triangle is found by its patches: one after the other, as `hemicube_scene::Subdivision` cuts them, row by row from the
 //! first edge, with corners that are the same to the bit where they are shared. Their corners are not kept: they are where the
 //! whole's are and the number of pieces say.
+//!
+//! All draw triangles that were cut into patches as they were before (`whole.rs`). What was cut is found by its
+//! patches, which come one after the other in the rows of a lattice and share corners to the bit: no scene need say so,
+//! and geometry that a caller hands over gains likewise. The tree is over the whole triangles, each drawn with the id
+//! of its first patch on the side that is seen; then the pixels that show one are opened in a coverage that is
+//! otherwise full, and its patches, made from the lattice as they are needed, are drawn into them by the kernel of
+//! *order*. Pixels that rounding leaves over are given to the patch that shows most, or the nearest to the eye where
+//! none does, so that no weight is lost. Pixel sums are those of the patches, to the bit, unless an eye lies on the
+//! edge of a triangle and in its plane; of tiny patches, those of a triangle that covers pixels and shows none are not
+//! asked whether they are seen, so engines say another version where they draw whole. The emitter's triangle is left
+//! out as a whole, as its patches are all below the horizon; a hemicube that does not stand on it, or looks along it,
+//! as only a caller's own does, is drawn patch by patch (`Wholes::is_stood_on`). *Order* draws whole, too, but for
+//! weights of the finest hemicubes (N = 1024), where drawing all pixels twice takes longer than looking for what is
+//! hidden of the patches themselves.
+//!
+//! Corrections make nothing of weights but fractions, and load a backend for those (`load_for_fractions`, by default
+//! the same as `load`; `compute::load` is how a run does it, so that a backend says beforehand what it will be). Then a
+//! whole of which all covered pixels are seen has its patches listed without looking at them, and of another only
+//! patches are rasterised whose box of pixels is not wholly in what is seen of it; patches that show all that they
+//! cover share evenly what the rest leave of the whole's weight. So rows still sum to 2³¹, and fractions are those of
+//! weights, to the bit (`tests/tests/fractions.rs`); what is added are patches without a pixel at the rim of a whole
+//! that is seen. Whether a patch is asked must not hang on what culling left unknown: covered pixels of a whole are
+//! counted where they are not known.
+//!
+//! Triangles that were cut are found, not handed down, because a field for it in `Geometry` would be one more thing
+//! that backends and embedders must keep true; finding them takes less time than the larger tree does that they save.
 
 use crate::kernel::Frame;
 use glam::DVec3;
-use hemicube::InputPatch;
-use hemicube::backend::{Geometry, Hemicube, Surface};
-use hemicube::face::Face;
-use hemicube::tree::{Block, LANES, Tree};
+use hemicube_contract::InputPatch;
+use hemicube_contract::backend::{Geometry, Hemicube, Surface};
+use hemicube_contract::bvh::{Block, LANES, Tree};
+use hemicube_contract::face::Face;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 

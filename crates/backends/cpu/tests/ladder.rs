@@ -1,8 +1,8 @@
 //! The rungs of the accuracy ladder on a closed cube, whose face-to-face factors are known in closed form.
 
+use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::backend::{Culling, RenderSettings};
-use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::correct::{Correction, Refinement};
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::factor::{Exchanges, FactorRule};
 use hemicube::reference::{EstimatedRow, Reference, ReferenceSettings, errors_against};
 use hemicube::store::Part;

@@ -31,6 +31,10 @@
 //! assert!(auto.passed_over.iter().all(|over| !over.installed && over.reason == "not installed"));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+//!
+//! No unloading of plugins, because drivers leave threads and thread-local destructors behind.
+//!
+//! No manifests of plugins, because a file's name and its table say all there is, and a manifest can be wrong.
 
 mod discover;
 #[cfg(unix)]

@@ -5,7 +5,7 @@ use crate::exit::{Exit, hinted, watch_interrupts};
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, percent, size};
 use anyhow::Result;
-use hemicube::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
+use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
 use hemicube::store::{Error, Store};
 use serde::Serialize;
 

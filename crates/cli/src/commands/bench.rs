@@ -3,6 +3,13 @@
 //!
 //! Everything is a *cell*: a scene, a backend, a way. Cells are kept in `study.json` as they are measured; tables and
 //! pictures are made of what is there.
+//!
+//! Ways of one scene and backend are measured in turns over the same rows, runs of neighbours spread over the order of
+//! work, as many as the slowest has time for. What a backend finds by itself is measured anew beside the fastest of the
+//! tables, over rows and in turns of their own. `results.rs` keeps them in `study.json` by machine, version and
+//! settings; `tables.rs` and `plots.rs` make what is there into a report, finished or not. Error against time is
+//! `tradeoff`'s, whole runs are processes of this program watched from outside. `sheet.rs` is what its pictures and
+//! `tradeoff`'s are laid out on.
 
 mod measure;
 mod plots;

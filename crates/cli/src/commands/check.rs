@@ -5,8 +5,8 @@ use crate::exit::Exit;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, SCHEMA, counted, figures, percent};
 use anyhow::Result;
-use hemicube::balance::BalanceEntry;
-use hemicube::check::{Check, CheckOptions, CheckReport, check};
+use hemicube::analysis::balance::BalanceEntry;
+use hemicube::analysis::check::{Check, CheckOptions, CheckReport, check};
 use hemicube::store::Store;
 use serde::Serialize;
 

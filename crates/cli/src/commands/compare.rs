@@ -8,7 +8,7 @@ use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, figures};
 use crate::sheet::Format;
 use anyhow::{Context, Result};
-use hemicube::compare::{CompareOptions, Comparison, OverRows, RowDifference, compare_rows};
+use hemicube::analysis::compare::{CompareOptions, Comparison, OverRows, RowDifference, compare_rows};
 use hemicube::store::Matrix;
 use plot::Picture;
 use serde::Serialize;

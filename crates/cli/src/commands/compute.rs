@@ -15,11 +15,13 @@ use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::Model;
 use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
-use hemicube::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, Thinning, compute};
-use hemicube::keep::Keep;
-use hemicube::probe::{Probe, share_left};
-use hemicube::settings::RowSettings;
-use hemicube::store::{Error as StoreError, Form, Kept, Manifest, Part, PatchTable, Shard, Store, StoreWriter};
+use hemicube::driver::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, compute};
+use hemicube::driver::probe::{Probe, share_left};
+use hemicube::driver::settings::RowSettings;
+use hemicube::driver::storage_policy::Keep;
+use hemicube::store::{
+    Error as StoreError, Form, Kept, Manifest, Part, PatchTable, Shard, Store, StoreWriter, Thinning,
+};
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
@@ -368,7 +370,7 @@ fn compute_into(
         render.culling = culling(probe, talk);
     }
     // What it chooses by the scene is part of what the store is made with.
-    hemicube::compute::load(&prepared.model, &plan.correction, render, backend.as_mut())?;
+    hemicube::driver::compute::load(&prepared.model, &plan.correction, render, backend.as_mut())?;
     // Before memory is asked for: rows would build it.
     plan.correction.prepare(&prepared.model);
     let device = backend.info().clone();
@@ -496,7 +498,7 @@ fn compute_into(
     let [escaped, blocked, unselected] = means;
     let row_sum = tally.mean(tally.sum);
     let wound = if tally.rendered > 0 && enclosure::is_odd(prepared.scene.objects.len(), [row_sum, escaped, blocked]) {
-        enclosure::questions(&prepared, &objects, row_sum, threads)
+        enclosure::questions(&prepared, &objects, [row_sum, blocked], threads)
     } else {
         Vec::new()
     };

@@ -10,10 +10,10 @@ use crate::report::{self, JsonReport, PendingFile, SCHEMA, count, counted, size}
 use crate::stored;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::ValueEnum;
+use hemicube::analysis::zones::{GroupBy, Zone, ZoneFormat, write_zones, zones};
 use hemicube::export::{ExportFormat, ExportOptions, ExportReport, export, export_with_sky};
 use hemicube::sky::{SkyDivision, StoredSky};
 use hemicube::store::Store;
-use hemicube::zones::{GroupBy, Zone, ZoneFormat, write_zones, zones};
 use hemicube_export::{PatchFormat, WriteOptions};
 use serde::Serialize;
 use std::io::Write;

@@ -12,14 +12,14 @@ use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, about, count, counted, duration, figures, percent, size,
 };
 use anyhow::{Result, bail};
+use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
-use hemicube::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::correct::Correction;
 use hemicube::diagnose::{
     DiagnoseOptions, Diagnosis, Enclosure, Finding, FindingKind, SceneStatistics, Unit, diagnose,
 };
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
+use hemicube::driver::storage_policy::Keep;
 use hemicube::factor::FactorRule;
-use hemicube::keep::Keep;
 use hemicube::row::RowBlock;
 use hemicube::store::{Form, Part};
 use hemicube::{InputPatch, Model};

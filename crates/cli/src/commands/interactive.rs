@@ -3,6 +3,11 @@
 //!
 //! Every command is a process of its own, of this program with the words that were shown: nothing can come of the dialogue
 //! that would not come of the command line. What is asked is in `dialogue`, how in `menus` and `lines`.
+//!
+//! `commands/interactive` asks and runs. `dialogue.rs` knows what is asked next and which command line comes of it; a
+//! front behind the trait `Ask` knows how (`menus.rs`, `lines.rs`); `settings.rs` holds choices above the layers of
+//! `config.rs`, by the parsers of `args.rs`, and drops every option without which all settings are the same. A command
+//! is a process of its own, of this program: it handles signals, logs and fails as if it had been typed.
 
 mod ask;
 mod dialogue;

@@ -1,4 +1,17 @@
 //! `hemicube report`: one page about a matrix, to be opened from the disk.
+//!
+//! `commands/report` writes one HTML file: sections as text, histograms as SVG, and arrays (`blocks.rs`: deflated, in
+//! base64, each in a `<script>` that no browser runs), of which the largest entries of each row (`rows.rs`) are
+//! unpacked a thousand at a time when somebody clicks. `viewer/` is what runs in it: one draw of all patches without an
+//! index, so that the number of a vertex says whose it is; colours from a texture; what is under the mouse by a draw of
+//! one pixel whose colours are ids. It is bundled with three.js by `scripts/viewer.sh` and committed, so that the
+//! program is built without Node; `./test` bundles it again and compares. The page's own policy forbids it to load
+//! anything.
+//!
+//! No own WebGL in the page, because three.js has turned and zoomed models on every browser for years; the page's own
+//! code is what is special to patches.
+//!
+//! No zlib-rs in the page, because its output hangs on the processor's instructions; miniz_oxide's does not.
 
 mod blocks;
 mod geometry;
@@ -15,7 +28,7 @@ use crate::stored;
 use anyhow::{Context, Result, bail};
 use blocks::Blocks;
 use clap::Args;
-use hemicube::check::{CheckOptions, CheckReport, check};
+use hemicube::analysis::check::{CheckOptions, CheckReport, check};
 use hemicube::sky::{sky_beside, sky_view_factors_beside};
 use hemicube::solve::StoredSolution;
 use hemicube::store::{RowTable, Store};

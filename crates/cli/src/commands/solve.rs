@@ -663,7 +663,7 @@ fn write_output(
 
 /// A field of a table; names may hold anything.
 fn field(text: &str) -> String {
-    let text = &*hemicube::zones::table_text(text);
+    let text = &*hemicube::analysis::zones::table_text(text);
     if text.contains(['"', ',', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))
     } else {

@@ -9,7 +9,7 @@ use super::precision::Grain;
 use super::sample::{examine, hash};
 use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, scale_of, shape};
 use crate::Model;
-use crate::tree::{Block, INNER, LANES, Tree, UNUSED};
+use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::Arc;

@@ -19,15 +19,17 @@ use super::rays::{Caster, Emitter, Met, crossed, directions};
 use super::sample::{examine, hash, order};
 use super::{DiagnoseOptions, WORK_OF_ENCLOSURE};
 use crate::Model;
+use crate::bvh::Tree;
 use crate::frame;
-use crate::tree::Tree;
 use glam::DVec3;
 use hemicube_scene::{InputPatch, Side};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Rays from each side of a patch at least and at most, and from one side of all patches of small scenes.
+/// Rays from each side of a patch at least and at most; and from one side of all patches of small scenes, so many for each
+/// patch that may be looked at, and at most.
 const RAYS: [u32; 2] = [32, 1024];
+const RAYS_A_PATCH: usize = 16;
 const RAYS_OF_ALL: usize = 1 << 16;
 /// A group sees no front when less of its view is.
 const BLIND: f64 = 0.02;
@@ -224,8 +226,9 @@ fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: 
     let tree = &*Tree::of(model.geometry());
     let order = order(model, options.seed);
     let order = &order[..order.len().min(options.surfaces_max)];
+    let of_all = options.surfaces_max.saturating_mul(RAYS_A_PATCH).min(RAYS_OF_ALL);
     #[allow(clippy::cast_possible_truncation, reason = "at most 65536")]
-    let rays = ((RAYS_OF_ALL / order.len().max(1)) as u32).clamp(RAYS[0], RAYS[1]);
+    let rays = ((of_all / order.len().max(1)) as u32).clamp(RAYS[0], RAYS[1]);
     let directions = directions(rays);
     let turnable = |patch: u32| {
         let patch = InputPatch(patch);

@@ -3,8 +3,8 @@
 
 use super::rays::{Caster, Met, directions};
 use crate::Model;
+use crate::bvh::Tree;
 use crate::sky::SensorPoint;
-use crate::tree::Tree;
 use glam::DVec3;
 use serde::Serialize;
 

@@ -4,8 +4,8 @@
 //! of quasirandom sequences"), of which every beginning is spread evenly, lifted to the hemisphere by Malley's method.
 
 use crate::Model;
+use crate::bvh::{Block, INNER, LANES, Tree};
 use crate::frame;
-use crate::tree::{Block, INNER, LANES, Tree};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::f64::consts::TAU;

@@ -1,7 +1,7 @@
 //! What is looked at: a seeded order of the surfaces, of which a scene's size decides how far it is followed.
 
 use crate::Model;
-use crate::random;
+use crate::sampling::splitmix;
 use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -11,7 +11,7 @@ const CHUNK: usize = 64;
 
 /// A hash of a number that differs from seed to seed.
 pub(super) fn hash(seed: u64, number: u64) -> u64 {
-    random::hash(seed ^ (number + 1).wrapping_mul(random::STEP))
+    splitmix::hash(seed ^ (number + 1).wrapping_mul(splitmix::STEP))
 }
 
 /// The surfaces of a geometry by a hash of their patch: any beginning of this list is a random sample of them.

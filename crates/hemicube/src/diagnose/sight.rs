@@ -8,9 +8,9 @@ use super::rays::{Caster, Emitter, Met, directions};
 use super::sample::{examine, hash};
 use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, rounded, scale_of, shape};
 use crate::Model;
+use crate::bvh::Tree;
 use crate::factor::PointFactors;
 use crate::frame;
-use crate::tree::Tree;
 use glam::DVec3;
 use hemicube_scene::{InputPatch, Subdivision};
 

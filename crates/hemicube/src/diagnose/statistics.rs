@@ -3,7 +3,7 @@
 use super::sample::hash;
 use crate::Model;
 use crate::backend::{BackendError, Culling, HemicubeBackend, RenderSettings, WHOLE};
-use crate::compute::{Plan, RowChoice, Selection};
+use crate::driver::compute::{Plan, RowChoice, Selection};
 use crate::row::RowBlock;
 use glam::DVec3;
 use hemicube_scene::InputPatch;

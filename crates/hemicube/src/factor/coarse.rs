@@ -8,12 +8,9 @@
 //! the centroids.
 //!
 //! Both are sums whose terms change places when the triangles do, so that A_i F_ij = A_j F_ji to the bit.
-#![allow(
-    unsafe_code,
-    reason = "functions compiled for an instruction set are called after it was found"
-)]
 
 use super::SIX;
+use crate::simd::{InstructionSet, dispatch};
 use glam::DVec3;
 
 /// Pairs a call.
@@ -134,51 +131,26 @@ impl Found {
     }
 }
 
-/// Defines a function that runs `$portable` compiled for the best instruction set there is.
-macro_rules! dispatch {
-    ($(#[$doc:meta])* $name:ident = $portable:ident, $avx2:ident, $avx512:ident ( $($arg:ident : $type:ty),* )) => {
-        $(#[$doc])*
-        pub(crate) fn $name($($arg: $type),*) -> Found {
-            let mut out = Found::new();
-            #[cfg(target_arch = "x86_64")]
-            {
-                if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
-                    // SAFETY: the processor has AVX-512 F and DQ.
-                    unsafe { $avx512($($arg,)* &mut out) };
-                    return out;
-                }
-                if is_x86_feature_detected!("avx2") {
-                    // SAFETY: the processor has AVX2.
-                    unsafe { $avx2($($arg,)* &mut out) };
-                    return out;
-                }
-            }
-            $portable($($arg,)* &mut out);
-            out
-        }
+/// Sorts sixteen pairs by how far apart they are, and evaluates those far apart.
+pub(crate) fn far(own: &Shape, others: &Pairs, reach: &Reach) -> Found {
+    let mut out = Found::new();
+    far_by(InstructionSet::widest(), own, others, reach, &mut out);
+    out
+}
 
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx512f,avx512dq")]
-        fn $avx512($($arg: $type,)* out: &mut Found) {
-            $portable($($arg,)* out);
-        }
-
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx2")]
-        fn $avx2($($arg: $type,)* out: &mut Found) {
-            $portable($($arg,)* out);
-        }
-    };
+/// Evaluates sixteen pairs by six points on either triangle.
+pub(crate) fn middle(own: &Shape, others: &Pairs) -> Found {
+    let mut out = Found::new();
+    middle_by(InstructionSet::widest(), own, others, &mut out);
+    out
 }
 
 dispatch! {
-    /// Sorts sixteen pairs by how far apart they are, and evaluates those far apart.
-    far = far_portable, far_avx2, far_avx512 (own: &Shape, others: &Pairs, reach: &Reach)
+    fn far_by = far_portable(own: &Shape, others: &Pairs, reach: &Reach, out: &mut Found)
 }
 
 dispatch! {
-    /// Evaluates sixteen pairs by six points on either triangle.
-    middle = middle_portable, middle_avx2, middle_avx512 (own: &Shape, others: &Pairs)
+    fn middle_by = middle_portable(own: &Shape, others: &Pairs, out: &mut Found)
 }
 
 #[inline(always)]
@@ -360,6 +332,7 @@ fn weigh(own: &Shape, others: &Pairs, kernels: &[f32; WIDTH], out: &mut Found) {
 mod tests {
     use super::*;
     use crate::factor::{FactorRule, exchange, is_cut};
+    use crate::geometry::area;
     use proptest::prelude::*;
 
     const REACH: Reach = Reach {
@@ -382,7 +355,6 @@ mod tests {
 
     /// What the two could exchange at the distance of their centroids, turned to each other.
     fn most_exchanged(i: &[DVec3; 3], j: &[DVec3; 3]) -> f64 {
-        let area = |t: &[DVec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
         let middle = |t: &[DVec3; 3]| (t[0] + t[1] + t[2]) / 3.0;
         area(i) * area(j) / (std::f64::consts::PI * middle(i).distance_squared(middle(j)))
     }
@@ -413,23 +385,11 @@ mod tests {
             far_portable(&own, &pairs, &REACH, &mut portable_far);
             middle_portable(&own, &pairs, &mut portable_middle);
             let same = |p: &Found, q: &Found| p.kind == q.kind && p.exchange.map(f64::to_bits) == q.exchange.map(f64::to_bits);
-            #[cfg(target_arch = "x86_64")]
-            {
+            for set in InstructionSet::all() {
                 let (mut found_far, mut found_middle) = (Found::new(), Found::new());
-                if is_x86_feature_detected!("avx2") {
-                    // SAFETY: the processor has AVX2.
-                    unsafe { far_avx2(&own, &pairs, &REACH, &mut found_far) };
-                    // SAFETY: as above.
-                    unsafe { middle_avx2(&own, &pairs, &mut found_middle) };
-                    prop_assert!(same(&portable_far, &found_far) && same(&portable_middle, &found_middle));
-                }
-                if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
-                    // SAFETY: the processor has AVX-512 F and DQ.
-                    unsafe { far_avx512(&own, &pairs, &REACH, &mut found_far) };
-                    // SAFETY: as above.
-                    unsafe { middle_avx512(&own, &pairs, &mut found_middle) };
-                    prop_assert!(same(&portable_far, &found_far) && same(&portable_middle, &found_middle));
-                }
+                far_by(set, &own, &pairs, &REACH, &mut found_far);
+                middle_by(set, &own, &pairs, &mut found_middle);
+                prop_assert!(same(&portable_far, &found_far) && same(&portable_middle, &found_middle), "{set:?}");
             }
             prop_assert!(same(&portable_far, &far(&own, &pairs, &REACH)));
             prop_assert!(same(&portable_middle, &middle(&own, &pairs)));

@@ -10,13 +10,13 @@
 //! walls that end on a floor, are then like any others. Nothing is singular where the two touch, and plates a hair apart,
 //! whose factor from a point is a step, are smooth here: a quadrature over either's area has trouble with both. In
 //! architecture most edges are parallel or at right angles to each other, and the result is exact but for rounding.
-#![allow(
-    unsafe_code,
-    reason = "functions compiled for an instruction set are called after it was found"
-)]
+//!
+//! No quadrature over areas for near pairs, because plates a hair apart have factors like steps; the contour integral
+//! is smooth there, and where edges are parallel or at right angles it is exact.
 
 use super::GAUSS;
 use super::lanes::{LANES, angle};
+use crate::simd::{InstructionSet, dispatch};
 use glam::DVec3;
 
 /// A triangle cut by a plane: up to four corners, in order.
@@ -154,7 +154,7 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f6
         }
     }
     let closed = closed.sum();
-    let area = 0.5 * (outer[1] - outer[0]).cross(outer[2] - outer[0]).length();
+    let area = crate::geometry::area(&outer);
     let whole = area * std::f64::consts::TAU;
     let (mut enough, least) = (care.absolute * whole, care.least * whole);
     let sum = loop {
@@ -454,33 +454,12 @@ struct Quadratics {
 /// Q = ¼ (x² − h²) ln (h² + x²) − ¾ x² + h x atan (x/h), whose second derivative in x is ½ ln (h² + x²).
 fn quadratics(at: &Quadratics) -> [f64; LANES] {
     let mut out = [0.0; LANES];
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
-            // SAFETY: the processor has AVX-512 F and DQ.
-            unsafe { quadratics_avx512(at, &mut out) };
-            return out;
-        }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2.
-            unsafe { quadratics_avx2(at, &mut out) };
-            return out;
-        }
-    }
-    quadratics_portable(at, &mut out);
+    quadratics_by(InstructionSet::widest(), at, &mut out);
     out
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq")]
-fn quadratics_avx512(at: &Quadratics, out: &mut [f64; LANES]) {
-    quadratics_portable(at, out);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn quadratics_avx2(at: &Quadratics, out: &mut [f64; LANES]) {
-    quadratics_portable(at, out);
+dispatch! {
+    fn quadratics_by = quadratics_portable(at: &Quadratics, out: &mut [f64; LANES])
 }
 
 #[inline(always)]
@@ -496,33 +475,12 @@ fn quadratics_portable(at: &Quadratics, out: &mut [f64; LANES]) {
 /// ½ t ln (h² + t²) − t + h atan (t/h) between its ends.
 fn along(points: &Segments) -> [f64; LANES] {
     let mut out = [0.0; LANES];
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
-            // SAFETY: the processor has AVX-512 F and DQ.
-            unsafe { along_avx512(points, &mut out) };
-            return out;
-        }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2.
-            unsafe { along_avx2(points, &mut out) };
-            return out;
-        }
-    }
-    along_portable(points, &mut out);
+    along_by(InstructionSet::widest(), points, &mut out);
     out
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq")]
-fn along_avx512(points: &Segments, out: &mut [f64; LANES]) {
-    along_portable(points, out);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn along_avx2(points: &Segments, out: &mut [f64; LANES]) {
-    along_portable(points, out);
+dispatch! {
+    fn along_by = along_portable(points: &Segments, out: &mut [f64; LANES])
 }
 
 #[inline(always)]
@@ -686,7 +644,7 @@ mod tests {
             }
             let found = exchange(&i, &j, care(1e-7));
             let fine = by_area(&i, &j, 96);
-            let area = 0.5 * (i[1] - i[0]).cross(i[2] - i[0]).length();
+            let area = crate::geometry::area(&i);
             prop_assert!((found - fine).abs() < 1e-3 * area, "{found} {fine}");
         }
 
@@ -712,13 +670,10 @@ mod tests {
             quadratics_portable(&at, &mut portable_quadratics);
             prop_assert_eq!(along(&segments).map(f64::to_bits), portable.map(f64::to_bits));
             prop_assert_eq!(quadratics(&at).map(f64::to_bits), portable_quadratics.map(f64::to_bits));
-            #[cfg(target_arch = "x86_64")]
-            if is_x86_feature_detected!("avx2") {
+            for set in InstructionSet::all() {
                 let (mut found, mut found_quadratics) = ([0.0; LANES], [0.0; LANES]);
-                // SAFETY: the processor has AVX2.
-                unsafe { along_avx2(&segments, &mut found) };
-                // SAFETY: as above.
-                unsafe { quadratics_avx2(&at, &mut found_quadratics) };
+                along_by(set, &segments, &mut found);
+                quadratics_by(set, &at, &mut found_quadratics);
                 prop_assert_eq!(found.map(f64::to_bits), portable.map(f64::to_bits));
                 prop_assert_eq!(found_quadratics.map(f64::to_bits), portable_quadratics.map(f64::to_bits));
             }

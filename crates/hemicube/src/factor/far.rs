@@ -3,12 +3,9 @@
 //! Beyond some radii of both triangles the kernel cos φ_i cos φ_j / (π r²) is nearly a quadratic over either of them, which the three midpoints of the edges integrate exactly (degree 2; Hammer & Stroud 1956): nine evaluations, no
 //! arc tangent. Products of the two triangles' terms are added in an order that does not change when the two change
 //! places, so that A_i F_ij = A_j F_ji to the bit.
-#![allow(
-    unsafe_code,
-    reason = "functions compiled for an instruction set are called after it was found"
-)]
 
 use super::lanes::LANES;
+use crate::simd::{InstructionSet, dispatch};
 use glam::DVec3;
 
 /// A triangle, such as the one that all eight pairs share.
@@ -103,33 +100,12 @@ impl Far {
 /// Evaluates eight pairs; those nearer than `radii` of both triangles, or that one's plane cuts, are left.
 pub(super) fn evaluate(own: &Own, others: &Others, radii: f64) -> Far {
     let mut out = Far::new();
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
-            // SAFETY: the processor has AVX-512 F and DQ.
-            unsafe { evaluate_avx512(own, others, radii, &mut out) };
-            return out;
-        }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2.
-            unsafe { evaluate_avx2(own, others, radii, &mut out) };
-            return out;
-        }
-    }
-    evaluate_portable(own, others, radii, &mut out);
+    evaluate_by(InstructionSet::widest(), own, others, radii, &mut out);
     out
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq")]
-fn evaluate_avx512(own: &Own, others: &Others, radii: f64, out: &mut Far) {
-    evaluate_portable(own, others, radii, out);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn evaluate_avx2(own: &Own, others: &Others, radii: f64, out: &mut Far) {
-    evaluate_portable(own, others, radii, out);
+dispatch! {
+    fn evaluate_by = evaluate_portable(own: &Own, others: &Others, radii: f64, out: &mut Far)
 }
 
 /// (N_i · d)(−N_j · d) / d⁴: symmetric to the bit.
@@ -178,6 +154,7 @@ fn evaluate_portable(own: &Own, others: &Others, radii: f64, out: &mut Far) {
 mod tests {
     use super::*;
     use crate::factor::{FactorRule, exchange};
+    use crate::geometry::area;
     use proptest::prelude::*;
 
     fn others(triangle: &[DVec3; 3]) -> Others {
@@ -210,20 +187,11 @@ mod tests {
             if portable.kind[0] == DONE {
                 prop_assert_eq!(portable.exchange[0].to_bits(), back.exchange[0].to_bits());
             }
-            #[cfg(target_arch = "x86_64")]
-            {
+            for set in InstructionSet::all() {
                 let mut out = Far::new();
-                if is_x86_feature_detected!("avx2") {
-                    // SAFETY: the processor has AVX2.
-                    unsafe { evaluate_avx2(&own, &other, 6.0, &mut out) };
-                    prop_assert_eq!(out.exchange.map(f64::to_bits), portable.exchange.map(f64::to_bits));
-                }
-                if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
-                    // SAFETY: the processor has AVX-512 F and DQ.
-                    unsafe { evaluate_avx512(&own, &other, 6.0, &mut out) };
-                    prop_assert_eq!(out.exchange.map(f64::to_bits), portable.exchange.map(f64::to_bits));
-                    prop_assert_eq!(out.kind, portable.kind);
-                }
+                evaluate_by(set, &own, &other, 6.0, &mut out);
+                prop_assert_eq!(out.exchange.map(f64::to_bits), portable.exchange.map(f64::to_bits));
+                prop_assert_eq!(out.kind, portable.kind);
             }
         }
 
@@ -236,7 +204,6 @@ mod tests {
                 let far = evaluate(&Own::new(&i), &others(&j), radii);
                 if far.kind[0] == DONE && far.exchange[0] > 0.0 {
                     // The largest the two could exchange at this distance, turned to each other.
-                    let area = |t: &[DVec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
                     let middle = |t: &[DVec3; 3]| (t[0] + t[1] + t[2]) / 3.0;
                     let most = area(&i) * area(&j) / (std::f64::consts::PI * middle(&i).distance_squared(middle(&j)));
                     let exact = exchange(&i, &j, &FactorRule::for_tolerance(1e-6));

@@ -10,10 +10,8 @@
 //! for corners counter-clockwise as seen from the polygon's front, after the polygon is cut at the element's horizon. The
 //! angle comes from its sine and cosine by an own arc tangent, so that values are the same bits on every machine; the
 //! same source is compiled for each instruction set, without fused multiply-add.
-#![allow(
-    unsafe_code,
-    reason = "functions compiled for an instruction set are called after it was found"
-)]
+
+use crate::simd::{InstructionSet, dispatch};
 
 /// Evaluations a call.
 pub(crate) const LANES: usize = 8;
@@ -43,33 +41,12 @@ impl Elements {
 /// The form factor from each element to the front of its triangle; 0 from behind or below the horizon.
 pub(crate) fn evaluate(elements: &Elements) -> [f64; LANES] {
     let mut out = [0.0; LANES];
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f") {
-            // SAFETY: the processor has AVX-512 F.
-            unsafe { evaluate_avx512(elements, &mut out) };
-            return out;
-        }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2.
-            unsafe { evaluate_avx2(elements, &mut out) };
-            return out;
-        }
-    }
-    evaluate_portable(elements, &mut out);
+    evaluate_by(InstructionSet::widest(), elements, &mut out);
     out
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-fn evaluate_avx512(elements: &Elements, out: &mut [f64; LANES]) {
-    evaluate_portable(elements, out);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn evaluate_avx2(elements: &Elements, out: &mut [f64; LANES]) {
-    evaluate_portable(elements, out);
+dispatch! {
+    fn evaluate_by = evaluate_portable(elements: &Elements, out: &mut [f64; LANES])
 }
 
 /// atan(t)/t as a polynomial in t² over |t| ≤ tan(π/8): Chebyshev's fit of degree 12 in 60 digits, whose error is below
@@ -256,19 +233,10 @@ mod tests {
         fn every_path_gives_the_same_bits(elements in elements()) {
             let mut portable = [0.0; LANES];
             evaluate_portable(&elements, &mut portable);
-            #[cfg(target_arch = "x86_64")]
-            {
+            for set in InstructionSet::all() {
                 let mut out = [0.0; LANES];
-                if is_x86_feature_detected!("avx2") {
-                    // SAFETY: the processor has AVX2.
-                    unsafe { evaluate_avx2(&elements, &mut out) };
-                    prop_assert_eq!(out.map(f64::to_bits), portable.map(f64::to_bits));
-                }
-                if is_x86_feature_detected!("avx512f") {
-                    // SAFETY: the processor has AVX-512 F.
-                    unsafe { evaluate_avx512(&elements, &mut out) };
-                    prop_assert_eq!(out.map(f64::to_bits), portable.map(f64::to_bits));
-                }
+                evaluate_by(set, &elements, &mut out);
+                prop_assert_eq!(out.map(f64::to_bits), portable.map(f64::to_bits));
             }
         }
 

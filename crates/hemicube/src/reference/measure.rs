@@ -6,7 +6,7 @@
 
 use super::ReferenceRow;
 use super::random::Random;
-use crate::compare::{OverRows, WorstEntry};
+use crate::analysis::compare::{OverRows, WorstEntry};
 use crate::store::Part;
 use hemicube_scene::InputPatch;
 use serde::Serialize;

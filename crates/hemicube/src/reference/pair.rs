@@ -8,6 +8,7 @@
 use super::random::{Random, point_of};
 use super::visibility::{Occluders, Sight};
 use crate::factor::{FactorRule, exchange, quarters};
+use crate::geometry::area;
 use glam::DVec3;
 
 /// Independent batches of segments of a pair.
@@ -265,10 +266,6 @@ impl Pieces {
             _ => (&self.first, u / self.share, self.share),
         }
     }
-}
-
-fn area([a, b, c]: &[DVec3; 3]) -> f64 {
-    0.5 * (*b - *a).cross(*c - *a).length()
 }
 
 /// A point of `piece`, a part of `inner`, and the weight of the segment to it; `None` where one of the two is seen from

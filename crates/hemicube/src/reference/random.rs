@@ -1,6 +1,6 @@
 //! Streams of random numbers that belong to some keys, and points of a triangle from pairs of them.
 
-use crate::random;
+use crate::sampling::splitmix;
 use glam::DVec3;
 
 /// A stream of random numbers.
@@ -19,7 +19,7 @@ impl Random {
     }
 
     pub(super) fn next(&mut self) -> u64 {
-        random::next(&mut self.0)
+        splitmix::next(&mut self.0)
     }
 
     /// Evenly in (0, 1), never an end: no point lies on an edge.

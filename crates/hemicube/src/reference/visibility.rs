@@ -34,7 +34,7 @@ impl Sight {
     pub(super) fn new(model: &Model, patch: InputPatch) -> Option<Self> {
         let corners = model.patches().corners(patch).map(|p| model.normalise(p));
         let [_, _, normal] = frame::axes(corners, 0.0)?;
-        let area = 0.5 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+        let area = crate::geometry::area(&corners);
         (area > 0.0).then_some(Self {
             patch: patch.0,
             corners,

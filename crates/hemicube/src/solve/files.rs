@@ -102,7 +102,7 @@ fn check_report(report: &Value, patches: u64) -> std::result::Result<u64, String
 ///
 /// ```
 /// use hemicube::solve::{Block, SolutionWriter, StoredSolution};
-/// # use hemicube::correct::Correction;
+/// # use hemicube::accuracy::correct::Correction;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let folder = tempfile::tempdir()?;
 /// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;

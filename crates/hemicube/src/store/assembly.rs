@@ -17,7 +17,7 @@ impl Index for i64 {}
 /// ```
 /// use hemicube::InputPatch;
 /// use hemicube::store::Assembly;
-/// # use hemicube::correct::Correction;
+/// # use hemicube::accuracy::correct::Correction;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let folder = tempfile::tempdir()?;
 /// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;

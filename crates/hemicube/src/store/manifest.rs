@@ -4,10 +4,10 @@
 //! checksum of all bytes before that field's name. It holds no clock, no machine and no thread count, so that equal runs
 //! give equal bytes.
 
+use super::BalanceEntry;
+use super::Thinning;
 use super::durable::write_whole;
 use super::{Error, Form, Result, RowSums};
-use crate::balance::BalanceEntry;
-use crate::compute::Thinning;
 use hemicube_scene::{Patches, Scene, Side};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

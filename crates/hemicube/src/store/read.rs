@@ -150,7 +150,7 @@ type Location = Option<(u32, u32)>;
 /// ```
 /// use hemicube::InputPatch;
 /// use hemicube::store::Store;
-/// # use hemicube::correct::Correction;
+/// # use hemicube::accuracy::correct::Correction;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let folder = tempfile::tempdir()?;
 /// # let directory = folder.path().join("room.hemicube");

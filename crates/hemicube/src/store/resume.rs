@@ -3,6 +3,9 @@
 //! A part's file says of itself whether it is whole (its last bytes are the checksum of those before) and which run it is
 //! of (`run`), so what is kept of a store does not hang on a manifest that a killed run could not write any more. Every
 //! part is read and held against both before it is kept; what does not hold is computed again.
+//!
+//! No journal beside the parts, because a sealed part says all that a journal could, cannot disagree with it, and may
+//! be copied from another machine. Reading every part when a run goes on is a fraction of a per cent of computing it.
 
 use super::durable::{DurableFile, TEMPORARY_SUFFIX, sealed_checksum};
 use super::lock::{Lock, Mode};
@@ -345,9 +348,9 @@ impl Merged {
 /// Two processes with nothing in common but a directory; here one after the other:
 ///
 /// ```
-/// use hemicube::compute::{Execution, compute};
+/// use hemicube::driver::compute::{Execution, compute};
 /// use hemicube::store::{PatchTable, Shard, StoreWriter, merge};
-/// # use hemicube::correct::Correction;
+/// # use hemicube::accuracy::correct::Correction;
 /// # use hemicube_backend_cpu::CpuBackend;
 /// # use hemicube_scene::generate;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }

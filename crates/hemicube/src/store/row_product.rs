@@ -3,13 +3,10 @@
 //! A row of F·x is [`LANES`] sums, entry k to sum k mod [`LANES`], that are added from the first to the last at the end: in
 //! either form, on every instruction set. Multiplications and additions are rounded one by one, never fused; the same source
 //! is compiled for each instruction set, so that all give the same bits.
-#![allow(
-    unsafe_code,
-    reason = "functions compiled for an instruction set are called after it was found"
-)]
 
 use super::compact;
 use super::csr::EncodedRow;
+use crate::simd::{InstructionSet, dispatch};
 
 /// Sums of a row that do not wait for each other.
 const LANES: usize = 8;
@@ -26,34 +23,19 @@ pub(super) struct Scratch {
     long: Vec<Long>,
 }
 
-/// Compiles a function for each instruction set, and calls the one for this machine.
-macro_rules! dispatched {
-    ($(#[$doc:meta])* $name:ident as $source:ident, ($($argument:ident: $type:ty),*) -> $result:ty) => {
-        $(#[$doc])*
-        fn $name($($argument: $type),*) -> $result {
-            #[cfg(target_arch = "x86_64")]
-            {
-                #[target_feature(enable = "avx2")]
-                fn avx2($($argument: $type),*) -> $result {
-                    $source($($argument),*)
-                }
-                if is_x86_feature_detected!("avx2") {
-                    // SAFETY: the processor has AVX2.
-                    return unsafe { avx2($($argument),*) };
-                }
-            }
-            $source($($argument),*)
-        }
-    };
-}
-
 /// Σ F x of a row; `None` when a column is none.
 pub(super) fn dot(row: EncodedRow<'_>, x: &[f64], scratch: &mut Scratch) -> Option<f64> {
     match row {
-        EncodedRow::Plain { columns, values } => dot_plain(columns, values, x),
-        EncodedRow::Compact { gaps, lengths, codes } => {
-            dot_compact(gaps, lengths, codes, x, &mut scratch.of_row, &mut scratch.long)
-        }
+        EncodedRow::Plain { columns, values } => dot_plain(InstructionSet::widest(), columns, values, x),
+        EncodedRow::Compact { gaps, lengths, codes } => dot_compact(
+            InstructionSet::widest(),
+            gaps,
+            lengths,
+            codes,
+            x,
+            &mut scratch.of_row,
+            &mut scratch.long,
+        ),
     }
 }
 
@@ -61,21 +43,28 @@ pub(super) fn dot(row: EncodedRow<'_>, x: &[f64], scratch: &mut Scratch) -> Opti
 pub(super) fn scatter(row: EncodedRow<'_>, x: f64, y: &mut [f64], scratch: &mut Scratch) -> Option<()> {
     match row {
         EncodedRow::Plain { columns, values } => scatter_plain(columns, values, x, y),
-        EncodedRow::Compact { gaps, lengths, codes } => {
-            scatter_compact(gaps, lengths, codes, x, y, &mut scratch.columns, &mut scratch.long)
-        }
+        EncodedRow::Compact { gaps, lengths, codes } => scatter_compact(
+            InstructionSet::widest(),
+            gaps,
+            lengths,
+            codes,
+            x,
+            y,
+            &mut scratch.columns,
+            &mut scratch.long,
+        ),
     }
 }
 
-dispatched!(dot_plain as dot_plain_portable, (columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64>);
-dispatched!(
-    dot_compact as dot_compact_portable,
-    (gaps: &[u8], lengths: &[u8], codes: &[u8], x: &[f64], of_row: &mut Vec<f64>, long: &mut Vec<Long>) -> Option<f64>
-);
-dispatched!(
-    scatter_compact as scatter_compact_portable,
-    (gaps: &[u8], lengths: &[u8], codes: &[u8], x: f64, y: &mut [f64], columns: &mut Vec<u32>, long: &mut Vec<Long>) -> Option<()>
-);
+dispatch! {
+    fn dot_plain = dot_plain_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64>
+}
+dispatch! {
+    fn dot_compact = dot_compact_portable(gaps: &[u8], lengths: &[u8], codes: &[u8], x: &[f64], of_row: &mut Vec<f64>, long: &mut Vec<Long>) -> Option<f64>
+}
+dispatch! {
+    fn scatter_compact = scatter_compact_portable(gaps: &[u8], lengths: &[u8], codes: &[u8], x: f64, y: &mut [f64], columns: &mut Vec<u32>, long: &mut Vec<Long>) -> Option<()>
+}
 
 fn column(bytes: [u8; 4]) -> usize {
     // A negative column is beyond every vector.

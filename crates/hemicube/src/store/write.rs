@@ -1,5 +1,6 @@
 //! Writing a store: everything that can be refused is refused before the first row is computed.
 
+use super::BalanceEntry;
 use super::durable::{DurableFile, SEAL_SIZE, TEMPORARY_SUFFIX, read_exact_at, seal, sync_directory, write_whole};
 use super::lock::{Lock, Mode};
 use super::manifest::{FileEntry, PARTS_DIRECTORY, PATCH_COUNT_MAX, PATCHES_FILE, part_file};
@@ -10,7 +11,6 @@ use super::{
     Error, Form, Header, Manifest, Part, PartEntry, PartThinning, PatchTable, Result, RowSums, RowTable, Shard,
     compact, validate,
 };
-use crate::balance::BalanceEntry;
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
 use std::path::{Path, PathBuf};

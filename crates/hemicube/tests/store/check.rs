@@ -1,7 +1,7 @@
 //! `check` passes what is right, and each of its checks fails on a store that is doctored to break it.
 
 use super::sample::{self, Sample, doctor_manifest, doctor_part, sample};
-use hemicube::check::{Check, CheckOptions, CheckReport, check};
+use hemicube::analysis::check::{Check, CheckOptions, CheckReport, check};
 use hemicube::store::{HEMICUBE_WEIGHT, Part, RowShares, Store};
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! The compact form: what it keeps, what it refuses, and that no reader trusts it blindly.
 
 use super::sample::{Sample, array, doctor_manifest, npy, replace_members, sample};
-use hemicube::check::{Check, CheckOptions, check};
+use hemicube::analysis::check::{Check, CheckOptions, check};
 use hemicube::export::{ExportFormat, ExportOptions, export};
 use hemicube::store::{Error, Form, Matrix, Store};
 use hemicube_scene::InputPatch;

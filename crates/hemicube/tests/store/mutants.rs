@@ -2,7 +2,7 @@
 //! command's product is that of the whole store or an error.
 
 use super::sample::{self, Random, Sample, doctor_manifest, doctor_part, sample};
-use hemicube::check::{CheckOptions, check};
+use hemicube::analysis::check::{CheckOptions, check};
 use hemicube::export::{ExportFormat, ExportOptions, export};
 use hemicube::solve::{Block, OutOfCore, Problem, SolveOptions, solve};
 use hemicube::store::{Error, Form, Matrix, Part, Store};

@@ -8,9 +8,9 @@ use super::{
     spans_within, three, walk,
 };
 use crate::order::Lines;
-use hemicube::delta::DeltaTable;
-use hemicube::face::Face;
-use hemicube::tree::{Block, LANES};
+use hemicube_contract::bvh::{Block, LANES};
+use hemicube_contract::delta::DeltaTable;
+use hemicube_contract::face::Face;
 use std::ops::Range;
 
 /// Pixels of a column of words: one bit each.
@@ -1692,7 +1692,7 @@ mod tests {
         let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let frame = Frame::new([0.0; 3], axes, 1e-9, u32::MAX);
         let resolution = 144;
-        let table = hemicube::delta::DeltaTable::new(resolution);
+        let table = hemicube_contract::delta::DeltaTable::new(resolution);
         let (top, side) = (table.running(Face::Top), table.running(Face::PosX));
         let mut recorded = 0;
         for _ in 0..40 {
@@ -1744,7 +1744,7 @@ mod tests {
             let (top, side) = (table.running(Face::Top), table.running(Face::PosX));
             let mut coverage = Coverage::new(resolution, true).weighing(&table);
             let size = coverage.resolution;
-            assert_eq!(coverage.open_weight(top, side), hemicube::backend::WHOLE);
+            assert_eq!(coverage.open_weight(top, side), hemicube_contract::backend::WHOLE);
             for _ in 0..20 {
                 let (y0, x0) = (draw.below(3 * size), draw.below(size));
                 let (y1, x1) = (
@@ -1760,7 +1760,7 @@ mod tests {
                 });
                 let weight: u32 = weight.sum();
                 assert_eq!(coverage.open_weight(top, side), weight, "N = {resolution}");
-                between += u32::from(weight != 0 && weight != hemicube::backend::WHOLE);
+                between += u32::from(weight != 0 && weight != hemicube_contract::backend::WHOLE);
             }
         }
         assert!(between > 50, "{between}");

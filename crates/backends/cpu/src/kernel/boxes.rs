@@ -2,7 +2,7 @@
 
 use super::bits::{Coverage, all_covered, at};
 use super::{Frame, Lanes, three};
-use hemicube::face::Face;
+use hemicube_contract::face::Face;
 
 /// A lane for each face, and three that are not used.
 const FACES: usize = 8;

@@ -10,9 +10,9 @@ use super::{
     Chunk, Drawn, EdgeLines, Flags, GROUP, Lanes, Noted, PixelBox, Plane, Sums, Transformed, beyond_tiny, boxes,
     edge_lines, face_of_row, greater, lane_box, plane, smaller, spans_within,
 };
-use hemicube::delta::DeltaTable;
-use hemicube::face::Face;
-use hemicube::tree::LANES;
+use hemicube_contract::bvh::LANES;
+use hemicube_contract::delta::DeltaTable;
+use hemicube_contract::face::Face;
 
 /// A triangle on a face, as far as it contends for pixels.
 #[derive(Clone, Copy, Debug)]
@@ -837,7 +837,7 @@ mod tests {
     use super::*;
     use crate::Isa;
     use crate::kernel::{Frame, Kernel, Portable, Reduction, Target};
-    use hemicube::tree::{Block, UNUSED};
+    use hemicube_contract::bvh::{Block, UNUSED};
     use proptest::prelude::*;
 
     /// Coordinates on a coarse grid, where surfaces share planes, edges and corners, and anywhere; a few are absurd, as those of

@@ -11,7 +11,7 @@ use crate::commands::view::matrix::Sparsity;
 use crate::prepare::axis_name;
 use crate::report::{count, counted, figures, percent};
 use anyhow::{Context, Result};
-use hemicube::check::CheckReport;
+use hemicube::analysis::check::CheckReport;
 use hemicube::store::Store;
 use hemicube_scene::Axis;
 use serde::Serialize;

@@ -1,0 +1,191 @@
+//! From what is asked for to a rung of the accuracy ladder: what form factors are made of, from how many pixels and
+//! hemicubes.
+
+use crate::Model;
+use crate::accuracy::calibrate::{Settled, settle};
+use crate::accuracy::correct::Correction;
+use crate::backend::HemicubeBackend;
+use crate::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
+use crate::store::Form;
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is one of it in a run, and it stays `Copy` as what it holds"
+)]
+pub enum Asked {
+    /// A rung by its settings.
+    Settings {
+        /// What form factors are made of.
+        correction: Correction,
+        /// Pixels along an edge of the hemicube.
+        resolution: u32,
+        /// n of the n² hemicubes of a patch.
+        samples_per_edge: u32,
+    },
+    /// A relative Frobenius error.
+    Tolerance(f64),
+}
+
+/// A rung with everything settled that its rows depend on.
+///
+/// ```
+/// use hemicube::driver::compute::{Execution, Selection};
+/// use hemicube::accuracy::level::{Asked, Rung, RungError};
+/// use hemicube::store::Form;
+/// use hemicube_backend_cpu::CpuBackend;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+///
+/// let settle = |asked, form| {
+///     let (selection, mut backend) = (Selection::default(), CpuBackend::new());
+///     Rung::settle(asked, &model, &selection, true, form, &mut backend, Execution::default())
+/// };
+/// let rung = settle(Asked::Tolerance(0.001), Form::Plain)?;
+/// assert_eq!((rung.correction.name(), rung.resolution), ("tolerance", 128));
+/// assert!(rung.reason.is_some_and(|reason| reason.starts_with("tolerance 0.1%: every pair")));
+///
+/// // What a store rounds must leave something of the tolerance.
+/// let refused = settle(Asked::Tolerance(0.0005), Form::Compact);
+/// assert!(matches!(refused, Err(RungError::Rounding { .. })));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rung {
+    /// What form factors are made of.
+    pub correction: Correction,
+    /// Pixels along an edge of the hemicube.
+    pub resolution: u32,
+    /// n of the n² hemicubes of a patch, on rungs that let one choose.
+    pub samples_per_edge: u32,
+    /// Why this one, where a tolerance chose it.
+    pub reason: Option<String>,
+}
+
+/// Why there is no rung.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RungError {
+    /// What a store rounds leaves too little of the tolerance.
+    #[error(
+        "the compact form rounds form factors by up to {}, which leaves too little of a tolerance of {}; the plain form \
+         rounds nothing",
+        percentage(*rounding),
+        percentage(*tolerance)
+    )]
+    Rounding {
+        /// By how much form factors are rounded.
+        rounding: f64,
+        /// The tolerance.
+        tolerance: f64,
+    },
+    /// What keeps the tolerance was not found.
+    #[error(transparent)]
+    Compute(#[from] ComputeError),
+}
+
+/// What keeps a tolerance in a scene, whichever of the selection's rows are then computed.
+///
+/// # Errors
+/// As [`settle`].
+pub fn within(
+    model: &Model,
+    selection: &Selection,
+    rotate: bool,
+    tolerance: f64,
+    backend: &mut dyn HemicubeBackend,
+    execution: Execution<'_>,
+) -> Result<Settled, ComputeError> {
+    let emitters = Plan::new(model, RowChoice::All, selection.clone(), 1, rotate).rows;
+    let receives = |patch: u32| {
+        let chosen = selection.receivers.as_ref();
+        chosen.is_none_or(|receivers| receivers.get(patch as usize).copied().unwrap_or(false))
+    };
+    settle(model, &emitters, &receives, rotate, tolerance, backend, execution)
+}
+
+/// What of a tolerance is left for the rows when the store rounds them: the two errors have nothing to do with each
+/// other, so their squares add.
+fn left_by(form: Form, tolerance: f64) -> Result<f64, RungError> {
+    let rounding = form.value_error();
+    if rounding == 0.0 {
+        return Ok(tolerance);
+    }
+    if tolerance < 2.0 * rounding {
+        return Err(RungError::Rounding { rounding, tolerance });
+    }
+    Ok((tolerance.powi(2) - rounding.powi(2)).sqrt())
+}
+
+impl Rung {
+    /// Settles what is asked for in a scene.
+    ///
+    /// # Errors
+    /// When the store's form leaves too little of the tolerance, or as [`settle`].
+    pub fn settle(
+        asked: Asked,
+        model: &Model,
+        selection: &Selection,
+        rotate: bool,
+        form: Form,
+        backend: &mut dyn HemicubeBackend,
+        execution: Execution<'_>,
+    ) -> Result<Self, RungError> {
+        let tolerance = match asked {
+            Asked::Settings {
+                correction,
+                resolution,
+                samples_per_edge,
+            } => {
+                return Ok(Self {
+                    correction,
+                    resolution,
+                    samples_per_edge,
+                    reason: None,
+                });
+            }
+            Asked::Tolerance(tolerance) => tolerance,
+        };
+        let left = left_by(form, tolerance)?;
+        let settled = within(model, selection, rotate, left, backend, execution)?;
+        Ok(Self {
+            correction: Correction::Tolerance(settled.refinement),
+            resolution: settled.resolution,
+            samples_per_edge: 1,
+            reason: Some(format!("tolerance {}: {}", percentage(tolerance), settled.reason)),
+        })
+    }
+}
+
+/// 0.003 as `0.3%`, as a person types it.
+///
+/// ```
+/// assert_eq!(hemicube::accuracy::level::percentage(0.003), "0.3%");
+/// ```
+pub fn percentage(share: f64) -> String {
+    // Nine digits: enough for what anybody types, and few enough to hide the rounding of the multiplication.
+    let text = format!("{:.9}", 100.0 * share);
+    format!("{}%", text.trim_end_matches('0').trim_end_matches('.'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentages_are_as_short_as_they_can_be() {
+        assert_eq!(
+            [0.01, 0.003, 0.5, 1e-5, 0.0123].map(percentage),
+            ["1%", "0.3%", "50%", "0.001%", "1.23%"]
+        );
+    }
+
+    #[test]
+    fn rounding_takes_its_share_of_a_tolerance() {
+        assert_eq!(left_by(Form::Plain, 1e-9).unwrap(), 1e-9);
+        let left = left_by(Form::Compact, 1e-2).unwrap();
+        assert!((left.hypot(Form::Compact.value_error()) / 1e-2 - 1.0).abs() < 1e-12);
+        assert!(matches!(left_by(Form::Compact, 1e-4), Err(RungError::Rounding { .. })));
+    }
+}

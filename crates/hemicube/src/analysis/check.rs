@@ -1,0 +1,670 @@
+//! Whether a store holds what a form-factor matrix must be.
+//!
+//! ```text
+//! weights      visible + escaped + blocked + unselected = hemicubes · 2³¹, exactly, for every row
+//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ ε Σⱼ Fᵢⱼ: what rounding each factor can do (pixel mode); ε is 2⁻²⁴
+//!              for f32, 2⁻¹¹ more in the compact form, and 2⁻²⁴ more where small factors were left out and shared
+//! range        0 ≤ Fᵢⱼ ≤ 1
+//! columns      ascending, of patches that exist
+//! diagonal     Fᵢᵢ = 0: a planar patch does not see itself
+//! shares       escaped, blocked, unselected from 0 to 1; in pixel mode, weight / (hemicubes · 2³¹)
+//! entries      some row has one
+//! escaped      of a row at most what the bound allows, if there is one
+//! closure      |Σⱼ Fᵢⱼ + escaped + blocked + unselected − 1|, of the shares
+//! reciprocity  √(Σ (Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ)²) / √(Σ (Aᵢ Fᵢⱼ)²), over the entries of sampled rows i whose row j exists
+//! ```
+//!
+//! and whether its files are as they were written. Reciprocity has no bound of its own in pixel mode: the two sides are
+//! two hemicubes at two points.
+
+use crate::sky::{SkyCheck, check_sky, sky_beside};
+use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Result, RowShares, RowSums, Store};
+use hemicube_scene::InputPatch;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// What to check, and within which bounds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CheckOptions {
+    /// Bound on the closure error of a row; `None` for 1e-6 and the value error of the store's form where form factors
+    /// are sums of pixels, and to report it only where they are not: there it is a measure of their error, which nothing has promised.
+    pub closure: Option<f64>,
+    /// Bound on the fraction of a row that escapes, for scenes that are closed; `None` to report it only.
+    pub escaped: Option<f64>,
+    /// Bound on the reciprocity residual; `None` to report it only.
+    pub reciprocity: Option<f64>,
+    /// Matrices of no more entries are held in memory to measure reciprocity, at 8 bytes each.
+    pub entries_in_memory: u64,
+    /// How many pairs of entries may be looked up to measure reciprocity in a matrix that is too large for memory.
+    pub reciprocity_pairs: u64,
+    /// How many rows with the largest closure error are named.
+    pub worst_rows: usize,
+    /// Accept a store of which parts are missing.
+    pub allow_incomplete: bool,
+}
+
+impl Default for CheckOptions {
+    fn default() -> Self {
+        Self {
+            closure: None,
+            escaped: None,
+            reciprocity: None,
+            entries_in_memory: 1 << 23,
+            reciprocity_pairs: 200_000,
+            worst_rows: 5,
+            allow_incomplete: false,
+        }
+    }
+}
+
+/// What a check is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum Check {
+    /// Every part is there.
+    Complete,
+    /// The files are as they were written, and what every reader relies on: rows of patches that have no other, areas above 0,
+    /// unit normals.
+    Files,
+    /// The totals of the manifest are those of the parts.
+    Manifest,
+    /// The patch table says of every row what the parts say.
+    Table,
+    /// A row's weights sum to its hemicubes'; sums of pixels have no other shares than these.
+    Weights,
+    /// A row's form factors sum to its visible weight.
+    Visible,
+    /// Form factors are between 0 and 1.
+    Range,
+    /// Columns ascend, and exist.
+    Columns,
+    /// No patch sees itself.
+    Diagonal,
+    /// A row's form factors and what it lost sum to 1.
+    Closure,
+    /// No more of a row escapes than a bound allows.
+    Escaped,
+    /// Some row has an entry: no patch of a scene that sees another is no matrix of one.
+    Entries,
+    /// A_i F_ij = A_j F_ji.
+    Reciprocity,
+    /// The sky rows beside the matrix are as they were written, and add up to what escaped.
+    Sky,
+}
+
+/// A check that failed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Failure {
+    /// Which one.
+    pub check: Check,
+    /// In how many rows, entries or files.
+    pub count: u64,
+    /// The first case, as a clause for a person.
+    pub first: String,
+}
+
+/// Entries of a row, over the rows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct EntriesPerRow {
+    /// Fewest.
+    pub min: u64,
+    /// Half of the rows have no more.
+    pub median: u64,
+    /// Most.
+    pub max: u64,
+}
+
+/// How far from 1 the rows sum.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Closure {
+    /// Largest error of a row.
+    pub max: f64,
+    /// Average over the rows.
+    pub mean: f64,
+    /// What no row may exceed, if there is a bound.
+    pub bound: Option<f64>,
+    /// Rows that have weights to close with: those that were rendered.
+    pub rows: u64,
+}
+
+/// How far A_i F_ij and A_j F_ji are apart.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Reciprocity {
+    /// √(Σ (A_i F_ij − A_j F_ji)²) / √(Σ (A_i F_ij)²).
+    pub residual: f64,
+    /// How many ordered pairs were compared.
+    pub pairs: u64,
+    /// From how many rows they are: all, or evenly spaced ones.
+    pub rows: u64,
+    /// What it may not exceed, if there is a bound.
+    pub bound: Option<f64>,
+}
+
+/// A row and what it came to.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct WorstRow {
+    /// The input patch.
+    pub patch: u32,
+    /// |Σ F + escaped + blocked + unselected − 1|.
+    pub closure_error: f64,
+    /// Σ F.
+    pub row_sum: f64,
+    /// Share of the view that leaves the scene.
+    pub escaped: f64,
+    /// Share that ends on backs of one-sided patches.
+    pub blocked: f64,
+}
+
+/// What a check found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct CheckReport {
+    /// The store.
+    pub store: PathBuf,
+    /// Whether nothing failed.
+    pub ok: bool,
+    /// What failed.
+    pub failures: Vec<Failure>,
+    /// Whether every part is there.
+    pub complete: bool,
+    /// Patches of the scene.
+    pub patch_count: u32,
+    /// Rows that are there.
+    pub rows: u64,
+    /// Entries that are there.
+    pub entries: u64,
+    /// How its parts are written.
+    pub form: Form,
+    /// By how much of itself a form factor may be off what was computed, by its form.
+    pub value_error: f64,
+    /// Entries of a row, over the rows.
+    pub entries_per_row: EntriesPerRow,
+    /// Weights over all rows.
+    pub sums: RowSums,
+    /// Average over the rendered rows of the share that leaves the scene.
+    pub escaped: f64,
+    /// Largest such share of a row.
+    pub escaped_max: f64,
+    /// What no row may exceed of it, if there is a bound.
+    pub escaped_bound: Option<f64>,
+    /// Average over the rendered rows of the share that ends on backs of one-sided patches.
+    pub blocked: f64,
+    /// Average over the rendered rows of the share that ends on patches that were not selected.
+    pub unselected: f64,
+    /// Rows that lost anything to the back of a one-sided patch.
+    pub blocked_rows: u64,
+    /// How far from 1 the rows sum.
+    pub closure: Closure,
+    /// How far A_i F_ij and A_j F_ji are apart.
+    pub reciprocity: Reciprocity,
+    /// The rows with the largest closure error, largest first.
+    pub worst_rows: Vec<WorstRow>,
+    /// The sky rows beside the matrix, where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sky: Option<SkyCheck>,
+}
+
+/// Checks a store. A damaged file, as far as it can be told apart from a store that is none, is a failure in the report.
+///
+/// # Errors
+/// [`Error::Io`] when a file cannot be read at all.
+///
+/// ```
+/// use hemicube::analysis::check::{Check, CheckOptions, check};
+/// use hemicube::store::Store;
+/// # use hemicube::accuracy::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let folder = tempfile::tempdir()?;
+/// # let directory = folder.path().join("room.hemicube");
+/// # let store = room::stored(&directory, Correction::Pixel)?;
+///
+/// let report = check(&store, &CheckOptions::default())?;
+/// assert!(report.ok && report.closure.max < 1e-6, "{:?}", report.failures);
+///
+/// // One bit of the matrix, on a disk that forgets.
+/// let part = directory.join(&store.manifest().parts[0].file);
+/// let mut bytes = std::fs::read(&part)?;
+/// let middle = bytes.len() / 2;
+/// bytes[middle] ^= 1;
+/// std::fs::write(&part, bytes)?;
+/// let report = check(&Store::open(&directory)?, &CheckOptions::default())?;
+/// assert!(!report.ok && report.failures.iter().any(|failure| failure.check == Check::Files));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
+    let manifest = store.manifest();
+    let is_pixel = manifest.correction == "pixel";
+    let closure_bound = options.closure.or(is_pixel.then_some(1e-6 + manifest.value_error));
+    let mut tally = Tally::new(store, is_pixel, closure_bound, options.worst_rows);
+    tally.escaped_bound = options.escaped;
+    if !manifest.complete && !options.allow_incomplete {
+        let missing = format!("{} of {} parts are there", manifest.parts.len(), manifest.part_count);
+        tally.fail(Check::Complete, missing);
+    }
+    let table = tally.files(store.verify_patches().and_then(|()| store.patches()))?;
+    let row_table = if manifest.complete {
+        tally.files(store.row_table())?
+    } else {
+        None
+    };
+    let mut row_sums = vec![
+        None;
+        if row_table.is_some() {
+            manifest.patch_count as usize
+        } else {
+            0
+        }
+    ];
+    for place in 0..manifest.parts.len() {
+        let part = store.verify_part(place).and_then(|()| store.part_as_it_is(place));
+        let Some((path, part)) = tally.files(part)?.flatten() else {
+            continue;
+        };
+        let failures = tally.failures.iter().map(|failure| failure.count).sum::<u64>();
+        tally.part(place, &part);
+        // What no reader takes and none of the checks above has a name for: rows that another part has, and the like.
+        if failures == tally.failures.iter().map(|failure| failure.count).sum::<u64>() {
+            tally.files(store.validate(place, &path, &part))?;
+        }
+        for row in 0..part.rows.len() {
+            if let Some(slot) = row_sums.get_mut(part.rows[row] as usize) {
+                *slot = Some(of_row(&part, row));
+            }
+        }
+    }
+    if let Some(table) = &row_table {
+        for (patch, &expected) in row_sums.iter().enumerate() {
+            let found = [
+                table.row_sum[patch],
+                table.escaped[patch],
+                table.blocked[patch],
+                table.unselected[patch],
+                table.hemicube_escaped[patch],
+                table.hemicube_blocked[patch],
+                table.hemicube_unselected[patch],
+            ];
+            let expected = expected.unwrap_or([f64::NAN; 7]);
+            // NaN marks what is not there, and is equal to itself here.
+            let equal = found
+                .iter()
+                .zip(expected)
+                .all(|(a, b)| *a == b || a.is_nan() && b.is_nan());
+            if !equal {
+                tally.fail(
+                    Check::Table,
+                    format!("patch {patch} has {found:?}, its row {expected:?}"),
+                );
+            }
+        }
+    }
+    let mut reciprocity = Reciprocity {
+        bound: options.reciprocity,
+        ..Reciprocity::default()
+    };
+    // Rows that cannot be trusted as rows cannot be paired.
+    let readable = !tally
+        .failures
+        .iter()
+        .any(|failure| matches!(failure.check, Check::Files | Check::Columns | Check::Range));
+    if let Some(table) = table.filter(|_| readable)
+        && let Some(found) = tally.files(reciprocal(store, &table.area, options))?
+    {
+        reciprocity = Reciprocity {
+            bound: options.reciprocity,
+            ..found
+        };
+        if let Some(bound) = options.reciprocity
+            && (found.residual > bound || found.residual.is_nan())
+        {
+            tally.fail(
+                Check::Reciprocity,
+                format!("the residual is {:e}, the bound {bound:e}", found.residual),
+            );
+        }
+    }
+    let sky = sky_beside(store);
+    let sky = match &row_table {
+        Some(rows) if sky.exists() => match check_sky(&sky, &rows.escaped) {
+            Ok(found) => Some(found),
+            Err(Error::Io { path, action, source }) => return Err(Error::Io { path, action, source }),
+            Err(error) => {
+                tally.fail(Check::Sky, error.to_string());
+                None
+            }
+        },
+        _ => None,
+    };
+    Ok(CheckReport {
+        sky,
+        ..tally.finish(store, reciprocity)
+    })
+}
+
+/// Sum of the form factors, shares, and the hemicubes' shares, computed as they were when the table was written.
+fn of_row(part: &Part, row: usize) -> [f64; 7] {
+    let sum = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
+    let [a, b, c] = part.shares[row].to_array();
+    let [d, e, f] = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]).to_array();
+    [sum, a, b, c, d, e, f]
+}
+
+#[derive(Debug)]
+struct Tally {
+    patch_count: u32,
+    is_pixel: bool,
+    /// By how much of itself each form factor can be off its weight.
+    rounding: f64,
+    worst_count: usize,
+    failures: Vec<Failure>,
+    entries: u64,
+    entries_of_rows: Vec<u64>,
+    sums: RowSums,
+    parts: Vec<(u64, RowSums)>,
+    lost: [f64; 3],
+    blocked_rows: u64,
+    escaped_max: f64,
+    escaped_bound: Option<f64>,
+    closure: Closure,
+    closure_sum: f64,
+    worst: Vec<WorstRow>,
+}
+
+impl Tally {
+    fn new(store: &Store, is_pixel: bool, closure_bound: Option<f64>, worst_count: usize) -> Self {
+        Self {
+            patch_count: store.patch_count(),
+            is_pixel,
+            rounding: {
+                let once = f64::powi(2.0, -24);
+                let shared = if store.manifest().min_factor > 0.0 { once } else { 0.0 };
+                (1.0 + once) * (1.0 + shared) * (1.0 + store.manifest().value_error) - 1.0
+            },
+            worst_count,
+            failures: Vec::new(),
+            entries: 0,
+            entries_of_rows: Vec::new(),
+            sums: RowSums::default(),
+            parts: store
+                .manifest()
+                .parts
+                .iter()
+                .map(|part| (part.entries, part.sums))
+                .collect(),
+            lost: [0.0; 3],
+            blocked_rows: 0,
+            escaped_max: 0.0,
+            escaped_bound: None,
+            closure: Closure {
+                bound: closure_bound,
+                ..Closure::default()
+            },
+            closure_sum: 0.0,
+            worst: Vec::new(),
+        }
+    }
+
+    fn fail(&mut self, check: Check, first: String) {
+        match self.failures.iter_mut().find(|failure| failure.check == check) {
+            Some(failure) => failure.count += 1,
+            None => self.failures.push(Failure { check, count: 1, first }),
+        }
+    }
+
+    /// A file that is damaged or gone is a finding; one that the system does not let be read is an error.
+    fn files<T>(&mut self, result: Result<T>) -> Result<Option<T>> {
+        match result {
+            Ok(value) => Ok(Some(value)),
+            Err(Error::Io { path, action, source }) if source.kind() != std::io::ErrorKind::NotFound => {
+                Err(Error::Io { path, action, source })
+            }
+            Err(error) => {
+                self.fail(Check::Files, error.to_string());
+                Ok(None)
+            }
+        }
+    }
+
+    fn part(&mut self, place: usize, part: &Part) {
+        let mut of_part = Some(RowSums::default());
+        for (row, &patch) in part.rows.iter().enumerate() {
+            let (columns, factors) = part.row(row);
+            self.entries += columns.len() as u64;
+            self.entries_of_rows.push(columns.len() as u64);
+            self.entries_of_row(patch, columns, factors);
+            of_part = of_part.and_then(|sum| sum.plus(&part.sums[row]));
+            self.weights_of_row(patch, factors, &part.sums[row], part.shares[row], part.hemicubes[row]);
+        }
+        let found = (part.data.len() as u64, of_part);
+        if let Some(&(entries, sums)) = self.parts.get(place)
+            && found != (entries, Some(sums))
+        {
+            self.fail(
+                Check::Manifest,
+                format!("part {} has the sums {found:?}, not {:?}", part.index, (entries, sums)),
+            );
+        }
+        self.sums = of_part.and_then(|sums| sums.plus(&self.sums)).unwrap_or(self.sums);
+    }
+
+    fn entries_of_row(&mut self, patch: u32, columns: &[i32], factors: &[f32]) {
+        let mut before = -1;
+        for (&column, &factor) in columns.iter().zip(factors) {
+            let exists = u32::try_from(column).is_ok_and(|column| column < self.patch_count);
+            if !exists || column <= before {
+                self.fail(
+                    Check::Columns,
+                    format!("patch {patch} has column {column} after {before}"),
+                );
+            }
+            before = column;
+            // Also what is no number.
+            if !(0.0..=1.0).contains(&factor) {
+                self.fail(Check::Range, format!("F[{patch}, {column}] = {factor}"));
+            }
+            if i64::from(column) == i64::from(patch) && factor != 0.0 {
+                self.fail(Check::Diagonal, format!("F[{patch}, {patch}] = {factor}"));
+            }
+        }
+    }
+
+    fn weights_of_row(&mut self, patch: u32, factors: &[f32], sums: &RowSums, shares: RowShares, hemicubes: u32) {
+        let whole = u64::from(hemicubes) * HEMICUBE_WEIGHT;
+        if sums.total() != Some(whole) {
+            let total = sums.total();
+            self.fail(
+                Check::Weights,
+                format!("the weights of patch {patch} sum to {total:?}, not to {whole}"),
+            );
+        }
+        if hemicubes == 0 {
+            return;
+        }
+        let row_sum: f64 = factors.iter().map(|&factor| f64::from(factor)).sum();
+        let whole = whole as f64;
+        let visible = sums.visible as f64 / whole;
+        // Half a unit in the last place of each factor, every time that it was rounded; then what f64 loses in the sum, and
+        // in factors below f32's normal range.
+        let bound = visible * self.rounding + factors.len() as f64 * 1e-16;
+        let is_off = (row_sum - visible).abs() > bound || row_sum.is_nan();
+        if self.is_pixel && is_off {
+            self.fail(
+                Check::Visible,
+                format!("the form factors of patch {patch} sum to {row_sum}, its visible weight is {visible}"),
+            );
+        }
+        let seen = RowShares::of_hemicubes(sums, hemicubes);
+        if self.is_pixel && shares != seen {
+            self.fail(
+                Check::Weights,
+                format!("the shares of patch {patch} are {shares:?}, those of its weights {seen:?}"),
+            );
+        }
+        let lost = shares.to_array();
+        for (total, lost) in self.lost.iter_mut().zip(lost) {
+            *total += lost;
+        }
+        self.blocked_rows += u64::from(shares.blocked > 0.0);
+        self.escaped_max = self.escaped_max.max(lost[0]);
+        if let Some(bound) = self.escaped_bound.filter(|&bound| lost[0] > bound) {
+            self.fail(
+                Check::Escaped,
+                format!(
+                    "{:.3e} of the view of patch {patch} leaves the scene, the bound is {bound:e}",
+                    lost[0]
+                ),
+            );
+        }
+        let error = (row_sum + lost.iter().sum::<f64>() - 1.0).abs();
+        // A row that sums to no number is as far off as can be.
+        let error = if error.is_nan() { f64::INFINITY } else { error };
+        self.closure.rows += 1;
+        self.closure_sum += error;
+        self.closure.max = self.closure.max.max(error);
+        if self.closure.bound.is_some_and(|bound| error > bound) {
+            self.fail(
+                Check::Closure,
+                format!("patch {patch} and what it lost sum to 1 only within {error:e}"),
+            );
+        }
+        let place = self.worst.partition_point(|other| other.closure_error >= error);
+        if place < self.worst_count {
+            let [escaped, blocked, _] = lost;
+            self.worst.insert(
+                place,
+                WorstRow {
+                    patch,
+                    closure_error: error,
+                    row_sum,
+                    escaped,
+                    blocked,
+                },
+            );
+            self.worst.truncate(self.worst_count);
+        }
+    }
+
+    fn finish(mut self, store: &Store, reciprocity: Reciprocity) -> CheckReport {
+        if self.entries == 0 && self.closure.rows > 0 && store.manifest().complete {
+            let share = |lost: f64| 100.0 * lost / self.closure.rows as f64;
+            let first = format!(
+                "no patch sees another: {:.1} % of the view leaves the scene, {:.1} % is backs of one-sided surfaces; \
+                 `hemicube inspect SCENE` says why, and `--flip all` turns a model that is wound outwards",
+                share(self.lost[0]),
+                share(self.lost[1])
+            );
+            self.fail(Check::Entries, first);
+        }
+        self.failures.sort_by_key(|failure| failure.check);
+        self.entries_of_rows.sort_unstable();
+        let of_rows = &self.entries_of_rows;
+        let rendered = self.closure.rows.max(1) as f64;
+        CheckReport {
+            store: store.directory().to_owned(),
+            ok: self.failures.is_empty(),
+            failures: self.failures,
+            complete: store.manifest().complete,
+            patch_count: self.patch_count,
+            rows: of_rows.len() as u64,
+            entries: self.entries,
+            form: store.manifest().form,
+            value_error: store.manifest().value_error,
+            entries_per_row: EntriesPerRow {
+                min: of_rows.first().copied().unwrap_or(0),
+                median: of_rows.get(of_rows.len().saturating_sub(1) / 2).copied().unwrap_or(0),
+                max: of_rows.last().copied().unwrap_or(0),
+            },
+            sums: self.sums,
+            escaped: self.lost[0] / rendered,
+            escaped_max: self.escaped_max,
+            escaped_bound: self.escaped_bound,
+            blocked: self.lost[1] / rendered,
+            unselected: self.lost[2] / rendered,
+            blocked_rows: self.blocked_rows,
+            closure: Closure {
+                mean: self.closure_sum / rendered,
+                ..self.closure
+            },
+            reciprocity,
+            worst_rows: self.worst,
+            sky: None,
+        }
+    }
+}
+
+/// The reciprocity residual: over the whole matrix if it fits in memory, else over evenly spaced rows until enough
+/// entries are looked up.
+fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Reciprocity> {
+    let pairs_max = options.reciprocity_pairs;
+    let manifest = store.manifest();
+    let present = manifest.rows_present();
+    if present == 0 {
+        return Ok(Reciprocity::default());
+    }
+    let held = if manifest.entries <= options.entries_in_memory {
+        let mut rows = vec![None; manifest.patch_count as usize];
+        for row in store.rows_in_processing_order()? {
+            let (patch, row) = row?;
+            rows[patch.0 as usize] = Some(row);
+        }
+        Some(rows)
+    } else {
+        None
+    };
+    let factor = |i: u32, j: u32| -> Result<Option<f64>> {
+        let of = |row: &crate::store::Row| {
+            row.indices
+                .binary_search(&j)
+                .map_or(0.0, |place| f64::from(row.data[place]))
+        };
+        match &held {
+            Some(rows) => Ok(rows[i as usize].as_ref().map(of)),
+            None => Ok(store.row(InputPatch(i))?.as_ref().map(of)),
+        }
+    };
+    let order: Vec<u32> = match &held {
+        Some(rows) => (0..)
+            .zip(rows)
+            .filter_map(|(patch, row)| row.as_ref().map(|_| patch))
+            .collect(),
+        None => {
+            let all: Vec<u32> = store.computed_patches()?.into_iter().map(|patch| patch.0).collect();
+            let per_row = (manifest.entries / present).max(1);
+            let wanted = usize::try_from((pairs_max / per_row).clamp(1, present)).unwrap_or(usize::MAX);
+            (0..wanted).map(|number| all[number * all.len() / wanted]).collect()
+        }
+    };
+    // As shares of the largest, so that no square leaves the range of f64.
+    let largest = areas.iter().copied().fold(0.0, f64::max);
+    let areas: Vec<f64> = areas.iter().map(|area| area / largest).collect();
+    let (mut difference, mut total, mut pairs, mut rows) = (0.0, 0.0, 0u64, 0u64);
+    for &i in &order {
+        if held.is_none() && pairs >= pairs_max {
+            break;
+        }
+        let row = match &held {
+            Some(held) => held[i as usize].clone(),
+            None => store.row(InputPatch(i))?,
+        };
+        let Some(row) = row else { continue };
+        rows += 1;
+        for (&j, &forward) in row.indices.iter().zip(&row.data) {
+            let Some(backward) = factor(j, i)? else { continue };
+            let (forward, backward) = (areas[i as usize] * f64::from(forward), areas[j as usize] * backward);
+            difference += (forward - backward).powi(2);
+            total += forward.powi(2);
+            pairs += 1;
+        }
+    }
+    let residual = if difference == 0.0 {
+        0.0
+    } else {
+        (difference / total).sqrt()
+    };
+    Ok(Reciprocity {
+        residual,
+        pairs,
+        rows,
+        bound: None,
+    })
+}

@@ -1,0 +1,123 @@
+//! A few hemicubes spread over a plan, that say of all of them whether culling pays and how many entries rows have.
+
+use crate::Model;
+use crate::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
+use crate::driver::compute::{ComputeError, Plan, load};
+use crate::row::RowBlock;
+use hemicube_scene::InputPatch;
+
+/// Hemicubes from which it is seen whether culling pays.
+const CULLING_PROBES: usize = 16;
+
+/// Hemicubes at most from which it is seen how many entries rows have.
+const ENTRY_PROBES: usize = 256;
+
+/// Culling that leaves more of the triangles than this is not worth its tests.
+const CULLING_PAYS_BELOW: f64 = 0.97;
+
+/// What a few hemicubes say.
+///
+/// How large a matrix will be is known well enough before it is computed:
+///
+/// ```
+/// use hemicube::driver::probe::Probe;
+/// use hemicube_backend_cpu::CpuBackend;
+/// # use hemicube::accuracy::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+/// # let (plan, settings) = (room::plan(&model, Correction::Pixel), room::RENDER);
+///
+/// let probe = Probe::render(&model, &plan, settings, &mut CpuBackend::new())?;
+/// let forecast = probe.entries_per_row * plan.rows.len() as f64;
+/// let entries: usize = room::parts(&model, Correction::Pixel)?.iter().map(|part| part.data.len()).sum();
+/// assert!((forecast / entries as f64 - 1.0).abs() < 0.2, "{forecast} forecast, {entries} computed");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Probe {
+    /// Hemicubes of which `left` is.
+    pub hemicubes: u64,
+    /// Share of the triangles that culling leaves.
+    pub left: f64,
+    /// Entries of a row, on average.
+    pub entries_per_row: f64,
+}
+
+impl Probe {
+    /// Renders a few hemicubes of `plan`. Leaves the model loaded into the backend, with `settings` and what the plan's correction asks of
+    /// rows.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    pub fn render(
+        model: &Model,
+        plan: &Plan,
+        settings: RenderSettings,
+        backend: &mut dyn HemicubeBackend,
+    ) -> Result<Self, ComputeError> {
+        let probes: Vec<InputPatch> = (0..CULLING_PROBES)
+            .filter_map(|probe| plan.rows.get(probe * plan.rows.len() / CULLING_PROBES).copied())
+            .collect();
+        let hemicubes: Vec<_> = probes
+            .iter()
+            .flat_map(|&patch| model.hemicubes(patch, 1, plan.rotate))
+            .collect();
+        let name = backend.info().name.clone();
+        let failed = |source| ComputeError::Backend {
+            backend: name.clone(),
+            source,
+        };
+        load(model, &plan.correction, settings, backend)?;
+        let mut block = RowBlock::default();
+        let counters = backend.rows(&hemicubes, &mut block).map_err(failed)?;
+        // Entries differ more from row to row than what culling spares.
+        let count = (plan.rows.len() / 32).clamp(CULLING_PROBES, ENTRY_PROBES);
+        let more: Vec<_> = (0..count)
+            .filter_map(|probe| plan.rows.get((2 * probe + 1) * plan.rows.len() / (2 * count)))
+            .flat_map(|&patch| model.hemicubes(patch, 1, plan.rotate))
+            .collect();
+        let seen = counters.hemicubes + backend.rows(&more, &mut block).map_err(failed)?.hemicubes;
+        Ok(Self {
+            hemicubes: counters.hemicubes,
+            left: share_left(&counters, model.geometry().surfaces.len()),
+            entries_per_row: block.patches.len() as f64 / seen.max(1) as f64,
+        })
+    }
+
+    /// Whether culling pays in this scene. No clock, so that the choice is the same in every run.
+    pub fn culling(&self) -> Culling {
+        if self.left > CULLING_PAYS_BELOW {
+            Culling::Off
+        } else {
+            Culling::On
+        }
+    }
+}
+
+/// Which share of the triangles was transformed, over the hemicubes.
+pub fn share_left(counters: &Counters, surfaces: usize) -> f64 {
+    let all = counters.hemicubes as f64 * surfaces as f64;
+    // Blocks of triangles may count what fills them up.
+    if all > 0.0 {
+        (counters.triangles_transformed as f64 / all).min(1.0)
+    } else {
+        1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_share_that_culling_leaves() {
+        let counters = Counters {
+            hemicubes: 4,
+            triangles_transformed: 100,
+            ..Counters::default()
+        };
+        assert_eq!(share_left(&counters, 100), 0.25);
+        assert_eq!(share_left(&counters, 20), 1.0);
+        assert_eq!(share_left(&Counters::default(), 20), 1.0);
+    }
+}

@@ -1,0 +1,328 @@
+//! Which patches have rows and columns, by the names of their objects and materials: `*` stands for any characters, `?` for
+//! one.
+
+use crate::driver::compute::Selection;
+use hemicube_scene::{Patches, Scene};
+use std::collections::BTreeSet;
+
+/// How many names an error lists.
+const NAMES_SHOWN: usize = 5;
+
+/// Globs for the names of objects and materials. An empty list chooses nothing, and so leaves everything chosen.
+///
+/// ```
+/// use hemicube::driver::compute::Selection;
+/// use hemicube::driver::selection::Names;
+/// use hemicube_scene::{Patches, Subdivision, generate};
+///
+/// let scene = generate::cornell_box();
+/// let patches = Patches::new(&scene, Subdivision::Split(2))?;
+/// let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+///
+/// // What the light sends to all but the blocks, which only stand in the way.
+/// let (emitters, occluders) = (names(&["light"]), names(&["*_block"]));
+/// let chosen = Names { emitters: &emitters, occluders: &occluders, ..Names::default() };
+/// let selection = Selection::by_name(&scene, &patches, chosen)?;
+/// let count = |chosen: Option<Vec<bool>>| chosen.map(|chosen| chosen.iter().filter(|&&is| is).count());
+/// assert_eq!(count(selection.emitters), Some(8));
+/// assert_eq!(count(selection.receivers), Some(80));
+///
+/// // A name that nothing has is a mistake, and the error says what there is.
+/// let emitters = names(&["lamp"]);
+/// let error = Selection::by_name(&scene, &patches, Names { emitters: &emitters, ..Names::default() });
+/// assert!(error.is_err_and(|error| error.list == "emitters" && error.there.contains("`ceiling`")));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Names<'a> {
+    /// Patches that have rows; empty: all.
+    pub emitters: &'a [String],
+    /// Patches that have columns; empty: all.
+    pub receivers: &'a [String],
+    /// Patches that have neither, and only hide others.
+    pub occluders: &'a [String],
+}
+
+/// Turns the one-sided triangles of objects round whose names match one of `globs`; `all` stands for every object. Both
+/// sides of two-sided triangles radiate, so there is nothing to turn. Returns how many were turned.
+///
+/// # Errors
+/// When a glob matches no object that has one-sided triangles.
+///
+/// ```
+/// use hemicube::driver::selection::flip;
+/// use hemicube_scene::generate;
+///
+/// let room = generate::cornell_box();
+/// let mut turned = room.clone();
+/// let triangles = flip(&mut turned, &["left_*".to_owned()])?;
+/// assert_eq!(triangles, room.triangles.iter().zip(&turned.triangles).filter(|(a, b)| a != b).count());
+/// assert!(triangles > 0 && flip(&mut turned, &["left_*".to_owned()])? == triangles);
+/// assert_eq!(room, turned);
+/// assert!(flip(&mut turned, &["lamp".to_owned()]).is_err_and(|error| error.there.contains("`ceiling`")));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn flip(scene: &mut Scene, globs: &[String]) -> Result<usize, NoMatch> {
+    let mut chosen = vec![false; scene.objects.len().max(1)];
+    for glob in globs {
+        let matching: Vec<bool> = (0..chosen.len())
+            .map(|object| glob == "all" || scene.objects.get(object).is_some_and(|name| matches_glob(glob, name)))
+            .collect();
+        let is_of = |object: u32| matching.get(object as usize).copied().unwrap_or(false);
+        if !scene
+            .triangles
+            .iter()
+            .any(|triangle| !triangle.two_sided && is_of(triangle.object))
+        {
+            let objects: BTreeSet<&str> = scene
+                .triangles
+                .iter()
+                .filter(|triangle| !triangle.two_sided)
+                .filter_map(|triangle| scene.objects.get(triangle.object as usize))
+                .map(String::as_str)
+                .collect();
+            return Err(NoMatch {
+                list: "flip",
+                glob: glob.clone(),
+                there: if objects.is_empty() {
+                    "the scene has none: all of its triangles are two-sided, or its objects have no names".to_owned()
+                } else {
+                    format!("the scene has {}", list("objects", objects))
+                },
+            });
+        }
+        for (chosen, matching) in chosen.iter_mut().zip(matching) {
+            *chosen |= matching;
+        }
+    }
+    let mut turned = 0;
+    for triangle in scene.triangles.iter_mut().filter(|triangle| !triangle.two_sided) {
+        if chosen.get(triangle.object as usize).copied().unwrap_or(false) {
+            triangle.corners.swap(1, 2);
+            turned += 1;
+        }
+    }
+    Ok(turned)
+}
+
+/// A glob matches nothing of the scene.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{glob}` matches no object and no material of a patch; {there}")]
+pub struct NoMatch {
+    /// Which list it is of: `emitters`, `receivers`, `occluders` or `flip`.
+    pub list: &'static str,
+    /// The glob.
+    pub glob: String,
+    /// What there is to match.
+    pub there: String,
+}
+
+/// Whether `name` matches `glob`, character by character, case and all. Going back to the last star is enough, so the
+/// time is at most the product of the lengths.
+///
+/// ```
+/// use hemicube::driver::selection::matches_glob;
+/// assert!(matches_glob("*_wall", "left_wall") && matches_glob("roof ?", "roof 7"));
+/// assert!(!matches_glob("wall", "left_wall") && !matches_glob("Wall", "wall"));
+/// ```
+pub fn matches_glob(glob: &str, name: &str) -> bool {
+    let (glob, name): (Vec<char>, Vec<char>) = (glob.chars().collect(), name.chars().collect());
+    let (mut at, mut place) = (0, 0);
+    let mut star: Option<(usize, usize)> = None;
+    while place < name.len() {
+        match glob.get(at) {
+            Some('*') => {
+                star = Some((at, place));
+                at += 1;
+            }
+            Some(&wanted) if wanted == '?' || wanted == name[place] => {
+                at += 1;
+                place += 1;
+            }
+            _ => {
+                let Some((star_at, star_place)) = star else {
+                    return false;
+                };
+                star = Some((star_at, star_place + 1));
+                (at, place) = (star_at + 1, star_place + 1);
+            }
+        }
+    }
+    glob[at..].iter().all(|&rest| rest == '*')
+}
+
+/// For each patch whether one of `globs` matches its object or its material; `None` where there is no glob.
+fn matching(
+    scene: &Scene,
+    patches: &Patches,
+    list: &'static str,
+    globs: &[String],
+) -> Result<Option<Vec<bool>>, NoMatch> {
+    if globs.is_empty() {
+        return Ok(None);
+    }
+    let mut found = vec![false; patches.len()];
+    for glob in globs {
+        let objects: Vec<bool> = scene.objects.iter().map(|name| matches_glob(glob, name)).collect();
+        let materials: Vec<bool> = scene
+            .materials
+            .iter()
+            .map(|material| matches_glob(glob, &material.name))
+            .collect();
+        let is = |names: &[bool], index: u32| names.get(index as usize).copied().unwrap_or(false);
+        let mut any = false;
+        for patch in patches.iter() {
+            let triangle = &scene.triangles[patches.triangle(patch)];
+            if is(&objects, triangle.object) || is(&materials, triangle.material) {
+                found[patch.0 as usize] = true;
+                any = true;
+            }
+        }
+        if !any {
+            return Err(NoMatch {
+                list,
+                glob: glob.clone(),
+                there: names(scene),
+            });
+        }
+    }
+    Ok(Some(found))
+}
+
+/// The first few of some names.
+fn list(of: &str, names: BTreeSet<&str>) -> String {
+    let shown: Vec<String> = names.iter().take(NAMES_SHOWN).map(|name| format!("`{name}`")).collect();
+    let more = names.len().saturating_sub(NAMES_SHOWN);
+    let more = if more > 0 {
+        format!(" and {more} more")
+    } else {
+        String::new()
+    };
+    if shown.is_empty() {
+        format!("no {of}")
+    } else {
+        format!("the {of} {}{more}", shown.join(", "))
+    }
+}
+
+/// What there is to match.
+fn names(scene: &Scene) -> String {
+    let objects = scene
+        .objects
+        .iter()
+        .map(String::as_str)
+        .filter(|name| !name.is_empty())
+        .collect();
+    let materials = scene
+        .materials
+        .iter()
+        .map(|m| m.name.as_str())
+        .filter(|name| !name.is_empty())
+        .collect();
+    format!(
+        "the scene has {} and {}",
+        list("objects", objects),
+        list("materials", materials)
+    )
+}
+
+impl Selection {
+    /// The rows and columns of patches of these names.
+    ///
+    /// # Errors
+    /// When a glob matches nothing.
+    pub fn by_name(scene: &Scene, patches: &Patches, names: Names<'_>) -> Result<Self, NoMatch> {
+        let mut selection = Self {
+            emitters: matching(scene, patches, "emitters", names.emitters)?,
+            receivers: matching(scene, patches, "receivers", names.receivers)?,
+        };
+        if let Some(occluders) = matching(scene, patches, "occluders", names.occluders)? {
+            for side in [&mut selection.emitters, &mut selection.receivers] {
+                let chosen = side.get_or_insert_with(|| vec![true; occluders.len()]);
+                for (chosen, &occludes_only) in chosen.iter_mut().zip(&occluders) {
+                    *chosen &= !occludes_only;
+                }
+            }
+        }
+        Ok(selection)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hemicube_scene::{Subdivision, generate};
+
+    #[test]
+    fn globs() {
+        for (glob, name) in [
+            ("", ""),
+            ("*", ""),
+            ("*", "wall"),
+            ("wall", "wall"),
+            ("wa*", "wall"),
+            ("*ll", "wall"),
+            ("w?ll", "wall"),
+            ("*a*l*", "wall"),
+            ("**", "x"),
+            ("a*b*c", "aXbYbZc"),
+            ("f?r", "für"),
+            ("[ab]", "[ab]"),
+        ] {
+            assert!(matches_glob(glob, name), "{glob} {name}");
+        }
+        for (glob, name) in [
+            ("", "a"),
+            ("?", ""),
+            ("wall", "Wall"),
+            ("wa", "wall"),
+            ("*x", "wall"),
+            ("w?l", "wall"),
+            ("a*b", "abc"),
+        ] {
+            assert!(!matches_glob(glob, name), "{glob} {name}");
+        }
+    }
+
+    #[test]
+    fn a_hostile_glob_takes_no_time() {
+        assert!(!matches_glob(&"*a".repeat(200), &format!("{}b", "a".repeat(10_000))));
+    }
+
+    #[test]
+    fn occluders_have_neither_rows_nor_columns() {
+        let scene = generate::cornell_box();
+        let patches = Patches::new(&scene, Subdivision::None).unwrap();
+        assert_eq!(
+            Selection::by_name(&scene, &patches, Names::default()).unwrap(),
+            Selection::default()
+        );
+        let (all, name) = (["*".to_owned()], [scene.objects[0].clone()]);
+        let found = Selection::by_name(
+            &scene,
+            &patches,
+            Names {
+                receivers: &all,
+                occluders: &name,
+                ..Names::default()
+            },
+        );
+        let found = found.unwrap();
+        let (emitters, receivers) = (found.emitters.unwrap(), found.receivers.unwrap());
+        assert_eq!(emitters, receivers);
+        let left = emitters.iter().filter(|&&chosen| chosen).count();
+        assert!(left > 0 && left < patches.len());
+        let none = ["no such thing*".to_owned()];
+        let error = Selection::by_name(
+            &scene,
+            &patches,
+            Names {
+                emitters: &none,
+                ..Names::default()
+            },
+        );
+        let error = error.unwrap_err();
+        assert_eq!((error.list, error.glob.as_str()), ("emitters", "no such thing*"));
+        assert!(error.there.contains("the scene has the objects"), "{error}");
+    }
+}

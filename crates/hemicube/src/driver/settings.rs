@@ -1,0 +1,198 @@
+//! Everything that a row depends on, as manifests and reports have it. Whoever computes with the same settings and scene
+//! makes the same store, byte for byte.
+
+use crate::backend::BackendInfo;
+use crate::driver::compute::{Plan, RowChoice};
+use crate::store::{BackendEntry, Error, Header, SceneEntry, scene_hash};
+use hemicube_scene::{Axis, Patches, Scene, Subdivision};
+use serde::Serialize;
+use std::path::Path;
+
+/// What a manifest calls this program: its version, and behind the plus sign that of what follows the hemicubes, raised
+/// whenever the same settings and hemicubes come to other bits. A store is gone on with only by what began it.
+pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+10");
+
+/// Everything that a row depends on but the scene's triangles, resolved: nothing in it is still to be chosen.
+///
+/// ```
+/// use hemicube::driver::settings::RowSettings;
+/// # use hemicube::backend::HemicubeBackend;
+/// # use hemicube::accuracy::correct::Correction;
+/// # use hemicube_backend_cpu::CpuBackend;
+/// # use hemicube_scene::{Subdivision, generate};
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let (scene, model) = (generate::cornell_box(), room::model()?);
+/// # let (plan, backend) = (room::plan(&model, Correction::Pixel), CpuBackend::new());
+/// # let settings = room::settings(&plan.correction);
+///
+/// let header = |settings: &RowSettings, file: &str| {
+///     settings.header(&scene, model.patches(), file.as_ref(), &plan, backend.info())
+/// };
+/// let (one, other) = (header(&settings, "rooms/a.obj")?, header(&settings, "b.obj")?);
+/// assert_eq!((&*one.scene.file, &*other.scene.file), ("a.obj", "b.obj"));
+/// assert_eq!(one.scene.blake3, other.scene.blake3, "the scene is its triangles, not its name");
+///
+/// // Whatever a row depends on makes another store.
+/// let finer = RowSettings { resolution: 128, ..settings.clone() };
+/// assert_ne!(header(&finer, "b.obj")?.settings, other.settings);
+/// assert_eq!(other.settings["resolution"], 64);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RowSettings {
+    /// Pixels along an edge of the hemicube.
+    pub resolution: u32,
+    /// Hemicubes of a patch.
+    pub samples: u32,
+    /// What form factors are made of.
+    pub correction: &'static str,
+    /// The relative Frobenius error that was asked for.
+    pub tolerance: Option<f64>,
+    /// Why this rung, where a tolerance chose it.
+    pub reason: Option<String>,
+    /// Whether each hemicube is turned a little about its normal.
+    pub rotation: bool,
+    /// How triangles were cut into patches.
+    pub subdivision: Cut,
+    /// Which triangles radiate from their backs: `auto` as the scene says, `on` all, `off` none.
+    pub two_sided: &'static str,
+    /// Names of the objects whose one-sided triangles were turned round, or `all`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub flip: Vec<String>,
+    /// Whether triangles that lie exactly on others were kept.
+    pub keep_duplicates: bool,
+    /// What coordinates were multiplied with.
+    pub scale: f64,
+    /// The axis that points up, where it is known.
+    pub up: Option<&'static str>,
+    /// Which rows were asked for.
+    pub rows: Rows,
+    /// Names of the patches that have rows; empty: all.
+    pub emitters: Vec<String>,
+    /// Names of the patches that have columns; empty: all.
+    pub receivers: Vec<String>,
+    /// Names of the patches that have neither.
+    pub occluders: Vec<String>,
+    /// Below what form factors are left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_factor: Option<f64>,
+}
+
+/// A [`Subdivision`], as it is written down.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cut {
+    /// One patch a triangle.
+    None,
+    /// Levels of halved edges.
+    Subdivide(u32),
+    /// Pieces of each edge.
+    Split(u32),
+    /// The longest piece of an edge.
+    PatchSize(f64),
+}
+
+impl From<Subdivision> for Cut {
+    fn from(subdivision: Subdivision) -> Self {
+        match subdivision {
+            Subdivision::None => Self::None,
+            Subdivision::Levels(levels) => Self::Subdivide(levels),
+            Subdivision::Split(pieces) => Self::Split(pieces),
+            Subdivision::PatchSize(length) => Self::PatchSize(length),
+        }
+    }
+}
+
+/// A [`RowChoice`], as it is written down.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rows {
+    /// All that emit.
+    All,
+    /// Those of a range of input patches.
+    Range {
+        /// The first.
+        start: u32,
+        /// One past the last.
+        end: u32,
+    },
+    /// A sample.
+    Sample {
+        /// Of how many.
+        count: u32,
+        /// Which sample.
+        seed: u64,
+    },
+}
+
+impl From<RowChoice> for Rows {
+    fn from(choice: RowChoice) -> Self {
+        match choice {
+            RowChoice::All => Self::All,
+            RowChoice::Range { start, end } => Self::Range { start, end },
+            RowChoice::Sample { count, seed } => Self::Sample { count, seed },
+        }
+    }
+}
+
+/// An axis' name in settings and reports.
+pub fn axis_name(axis: Axis) -> &'static str {
+    match axis {
+        Axis::X => "x",
+        Axis::Y => "y",
+        Axis::Z => "z",
+    }
+}
+
+impl RowSettings {
+    /// What a store of `plan` says of itself before its first row. `file` is where the scene is from, of which the last step
+    /// is kept.
+    ///
+    /// # Errors
+    /// When there are more patches or rows than a store holds.
+    pub fn header(
+        &self,
+        scene: &Scene,
+        patches: &Patches,
+        file: &Path,
+        plan: &Plan,
+        backend: &BackendInfo,
+    ) -> Result<Header, Error> {
+        let too_many = |what| Error::unsupported(file, format!("has more {what} than a matrix can have"));
+        let name = file.file_name();
+        Ok(Header {
+            program: PROGRAM.to_owned(),
+            scene: SceneEntry {
+                file: name.map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+                blake3: scene_hash(scene, patches),
+            },
+            settings: serde_json::to_value(self)
+                .map_err(|error| Error::unsupported(file, format!("has settings that are no JSON: {error}")))?,
+            correction: self.correction.to_owned(),
+            patch_count: u32::try_from(patches.len()).map_err(|_| too_many("patches"))?,
+            row_count: u32::try_from(plan.rows.len()).map_err(|_| too_many("rows"))?,
+            rows_per_part: plan.rows_per_part,
+            form: plan.form,
+            min_factor: plan.min_factor,
+            backend: BackendEntry {
+                name: backend.name.clone(),
+                version: backend.version.clone(),
+            },
+            objects: scene.objects.clone(),
+            materials: scene.materials.iter().map(|material| material.name.clone()).collect(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_have_readable_names() {
+        let text = serde_json::to_string(&[Cut::None, Cut::PatchSize(0.5), Cut::Split(3)]).unwrap();
+        assert_eq!(text, r#"["none",{"patch_size":0.5},{"split":3}]"#);
+        let text = serde_json::to_string(&Rows::Range { start: 1, end: 4 }).unwrap();
+        assert_eq!(text, r#"{"range":{"start":1,"end":4}}"#);
+    }
+}

@@ -1,0 +1,99 @@
+//! What is kept of a matrix where nobody says: at a million patches and more, what output takes is the limit.
+
+use crate::store::Form;
+
+/// From how many patches on a matrix is kept small.
+pub const LARGE: u32 = 1_000_000;
+
+/// Below what form factors are left out of a large matrix: in a block city of 1.5 million patches two thirds of all entries,
+/// which carry 0.005 % (`docs/store.md`).
+pub const LEAST_OF_LARGE: f64 = 1e-7;
+
+/// A tolerance below this asks for everything, whatever it takes.
+pub const FINE_TOLERANCE: f64 = 0.003;
+
+/// The form of a matrix, and from what form factor on entries are kept.
+///
+/// ```
+/// use hemicube::driver::storage_policy::Keep;
+/// use hemicube::store::Form;
+///
+/// let small = Keep::settle(None, None, 140_000, None);
+/// assert_eq!((small.form, small.min_factor, small.reason), (Form::Plain, 0.0, None));
+///
+/// let large = Keep::settle(None, None, 1_500_000, None);
+/// assert_eq!((large.form, large.min_factor), (Form::Compact, 1e-7));
+/// assert!(large.reason.is_some_and(|reason| reason.contains("below 1e-7 left out")));
+///
+/// let all = Keep::settle(Some(Form::Plain), Some(0.0), 1_500_000, None);
+/// assert_eq!((all.form, all.min_factor, all.reason), (Form::Plain, 0.0, None));
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Keep {
+    /// The form of its parts.
+    pub form: Form,
+    /// Form factors below this are left out; 0 where all are kept.
+    pub min_factor: f64,
+    /// What was chosen because the scene is large, and how to have it otherwise.
+    pub reason: Option<String>,
+}
+
+impl Keep {
+    /// What is kept of a scene's matrix, of which `form` and `min_factor` may have been asked for.
+    ///
+    /// The choice depends on the scene's patches and the tolerance alone, not on which of the rows are computed.
+    pub fn settle(form: Option<Form>, min_factor: Option<f64>, patches: u32, tolerance: Option<f64>) -> Self {
+        let is_large = patches >= LARGE && tolerance.is_none_or(|tolerance| tolerance >= FINE_TOLERANCE);
+        let mut chosen = Vec::new();
+        let mut otherwise = Vec::new();
+        if is_large && form.is_none() {
+            chosen.push("compact form".to_owned());
+            otherwise.push("--store plain");
+        }
+        if is_large && min_factor.is_none() {
+            chosen.push(format!("form factors below {LEAST_OF_LARGE:e} left out"));
+            otherwise.push("--min-factor 0");
+        }
+        Self {
+            form: form.unwrap_or(if is_large { Form::Compact } else { Form::Plain }),
+            min_factor: min_factor.unwrap_or(if is_large { LEAST_OF_LARGE } else { 0.0 }),
+            reason: (!chosen.is_empty()).then(|| {
+                format!(
+                    "{}, as there are a million patches and more; `{}` otherwise",
+                    chosen.join(", "),
+                    otherwise.join(" "),
+                )
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fine_tolerance_keeps_everything() {
+        let kept = |tolerance| Keep::settle(None, None, LARGE, Some(tolerance));
+        assert_eq!(
+            (kept(0.01).form, kept(0.01).min_factor),
+            (Form::Compact, LEAST_OF_LARGE)
+        );
+        assert_eq!((kept(0.001).form, kept(0.001).min_factor), (Form::Plain, 0.0));
+        assert_eq!(kept(0.001).reason, None);
+    }
+
+    #[test]
+    fn what_was_asked_for_stays() {
+        let kept = Keep::settle(Some(Form::Plain), None, LARGE, None);
+        assert_eq!((kept.form, kept.min_factor), (Form::Plain, LEAST_OF_LARGE));
+        let reason = kept.reason.expect("something was chosen");
+        assert!(
+            reason.contains("--min-factor 0") && !reason.contains("compact"),
+            "{reason}"
+        );
+        let kept = Keep::settle(None, Some(1e-5), LARGE, None);
+        assert_eq!((kept.form, kept.min_factor), (Form::Compact, 1e-5));
+        assert_eq!(Keep::settle(None, None, LARGE - 1, None).reason, None);
+    }
+}

@@ -1,0 +1,86 @@
+//! How far rows are from closure, Σⱼ Fᵢⱼ + escapedᵢ + blockedᵢ + unselectedᵢ = 1.
+
+use super::{Part, RowShares};
+
+/// The sum that a row is to have, 1 minus what it loses; `None` for a row without hemicubes.
+pub(crate) fn target_of(part: &Part, row: usize) -> Option<f64> {
+    let (sums, hemicubes) = (part.sums.get(row)?, *part.hemicubes.get(row)?);
+    let shares = part.shares.get(row)?;
+    if hemicubes == 0 {
+        return None;
+    }
+    if *shares != RowShares::of_hemicubes(sums, hemicubes) {
+        return Some((1.0 - shares.lost()).max(0.0));
+    }
+    let whole = u64::from(hemicubes) * super::HEMICUBE_WEIGHT;
+    // In whole numbers: a row that lost everything is to sum to 0, and not to what rounding leaves.
+    let left = whole.checked_sub(sums.escaped.checked_add(sums.blocked)?.checked_add(sums.unselected)?)?;
+    Some(left as f64 / whole as f64)
+}
+
+/// The closure errors of some rows.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct ClosureTally {
+    max: f64,
+    squares: f64,
+    rows: u64,
+}
+
+impl ClosureTally {
+    /// Adds a row that sums to `sum` and should sum to `target`; its error.
+    pub(crate) fn add(&mut self, sum: f64, target: f64) -> f64 {
+        let error = (sum - target).abs();
+        self.max = self.max.max(error);
+        self.squares += error * error;
+        self.rows += 1;
+        error
+    }
+
+    pub(crate) fn max(&self) -> f64 {
+        self.max
+    }
+
+    /// How many rows.
+    pub(crate) fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// Largest error, sum of squares, rows.
+    pub(crate) fn sums(&self) -> [f64; 3] {
+        [self.max, self.squares, self.rows as f64]
+    }
+
+    /// From what [`Self::sums`] gave.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a number of rows"
+    )]
+    pub(crate) fn from_sums([max, squares, rows]: [f64; 3]) -> Self {
+        Self {
+            max,
+            squares,
+            rows: rows as u64,
+        }
+    }
+
+    pub(crate) fn merge(&mut self, other: &Self) {
+        self.max = self.max.max(other.max);
+        self.squares += other.squares;
+        self.rows += other.rows;
+    }
+
+    pub(crate) fn rms(&self) -> f64 {
+        share_of(self.squares, self.rows as f64).sqrt()
+    }
+}
+
+/// A share of something, 0 of nothing.
+pub(crate) fn share_of(share: f64, whole: f64) -> f64 {
+    if whole > 0.0 { share / whole } else { 0.0 }
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "form factors are stored as f32")]
+pub(crate) fn narrow(value: f64) -> f32 {
+    value as f32
+}

@@ -1,0 +1,291 @@
+//! What is kept of a row: small form factors left out while it is computed, and the rounding of the store's form.
+//!
+//! The rule is that of `balance` for rows on their own ([`crate::analysis::balance`]): entries below the least factor go, the others
+//! of the row share what these carried in proportion, and a row whose entries would grow beyond the bound keeps all. What
+//! both steps change is in the row's expected error: √(e² + Σ (F' − F)²), as if it had nothing to do with the error that
+//! was there.
+
+use super::closure::{ClosureTally, narrow, share_of, target_of};
+use super::{Form, Part};
+use serde::{Deserialize, Serialize};
+
+/// By how much a row may be scaled at most where nobody says: an entry by the square of it.
+pub(crate) const MAX_SCALE: f64 = 1.1;
+
+/// What becomes of the entries of a row.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SmallEntryRule {
+    /// Entries below are left out; 0 where the row would lose too much, and keeps all.
+    pub(crate) least: f64,
+    /// The others are multiplied by this.
+    pub(crate) scale: f64,
+}
+
+impl Default for SmallEntryRule {
+    fn default() -> Self {
+        Self { least: 0.0, scale: 1.0 }
+    }
+}
+
+impl SmallEntryRule {
+    /// For a row that sums to `whole`, and to `kept` without what is below `least`.
+    pub(crate) fn new(whole: f64, kept: f64, least: f64, max_scale: f64) -> Self {
+        if kept * max_scale * max_scale < whole {
+            Self::default()
+        } else if kept == whole {
+            Self { least, scale: 1.0 }
+        } else {
+            Self {
+                least,
+                scale: whole / kept,
+            }
+        }
+    }
+
+    pub(crate) fn keeps(self, factor: f32) -> bool {
+        f64::from(factor) >= self.least
+    }
+
+    pub(crate) fn of(self, factor: f32) -> f32 {
+        if self.keeps(factor) {
+            narrow(f64::from(factor) * self.scale)
+        } else {
+            0.0
+        }
+    }
+}
+
+/// What a row sums to, and what it sums to without the entries below `least`.
+pub(crate) fn sums(factors: &[f32], least: f64) -> (f64, f64) {
+    factors.iter().fold((0.0, 0.0), |(whole, kept), &factor| {
+        let factor = f64::from(factor);
+        (whole + factor, if factor >= least { kept + factor } else { kept })
+    })
+}
+
+/// What leaving out small form factors did to the rows of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Thinning {
+    /// Below what form factors were left out.
+    pub min_factor: f64,
+    /// A row in which the others would have grown by more than the square of this kept all.
+    pub max_scale: f64,
+    /// Entries left out.
+    pub entries_dropped: u64,
+    /// What they carried, Σ Aᵢ Fᵢⱼ, as a share of what all did; the others carry it now.
+    pub mass_dropped: f64,
+    /// Rows that kept entries below the least factor because they would have lost too much.
+    pub rows_kept_whole: u64,
+    /// The largest factor that entries were multiplied by.
+    pub scale_max: f64,
+    /// Largest |Σ F + escaped + blocked + unselected − 1| of a row, before.
+    pub closure_max_before: f64,
+    /// Root mean square of it over the rows, before.
+    pub closure_rms_before: f64,
+    /// Largest one, of the rows as they are stored.
+    pub closure_max_after: f64,
+    /// Root mean square, of the rows as they are stored.
+    pub closure_rms_after: f64,
+}
+
+/// What became of a row.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RowChange {
+    whole: f64,
+    dropped: f64,
+    entries_dropped: u64,
+    kept_whole: bool,
+    scale: f64,
+}
+
+/// Leaves small entries out of the last row of a part, which begins at `start`, and rounds the others; `error` is what
+/// was expected of it.
+pub(crate) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, error: &mut f32) -> RowChange {
+    let (whole, kept) = sums(&part.data[start..], min_factor);
+    let cut = if min_factor > 0.0 {
+        SmallEntryRule::new(whole, kept, min_factor, MAX_SCALE)
+    } else {
+        SmallEntryRule::default()
+    };
+    let mut end = start;
+    let mut squares = 0.0;
+    for place in start..part.data.len() {
+        let factor = part.data[place];
+        let stored = form.round(cut.of(factor));
+        squares += (f64::from(stored) - f64::from(factor)).powi(2);
+        if cut.keeps(factor) {
+            part.indices[end] = part.indices[place];
+            part.data[end] = stored;
+            end += 1;
+        }
+    }
+    let entries_dropped = (part.data.len() - end) as u64;
+    part.indices.truncate(end);
+    part.data.truncate(end);
+    // Not a number where nothing was expected, and then still.
+    if squares > 0.0 {
+        *error = narrow((f64::from(*error).powi(2) + squares).sqrt());
+    }
+    RowChange {
+        whole,
+        dropped: if cut.least > 0.0 { whole - kept } else { 0.0 },
+        entries_dropped,
+        kept_whole: kept < whole && cut.least == 0.0,
+        scale: cut.scale,
+    }
+}
+
+/// What leaving out small form factors did to the rows of one part: what the figures of a run are added up from, part by
+/// part, whoever computed them and when.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PartThinning {
+    entries_dropped: u64,
+    rows_kept_whole: u64,
+    scale_max: f64,
+    /// Σ Aᵢ Fᵢⱼ over all entries, and over those left out.
+    mass: f64,
+    dropped: f64,
+    before: ClosureTally,
+    after: ClosureTally,
+}
+
+impl PartThinning {
+    /// How many numbers [`Self::numbers`] has.
+    pub(crate) const LENGTH: usize = 11;
+
+    /// Adds a row of a part, in the order of work.
+    pub(crate) fn add(&mut self, part: &Part, row: usize, area: f64, change: &RowChange) {
+        self.mass += area * change.whole;
+        self.dropped += area * change.dropped;
+        self.entries_dropped += change.entries_dropped;
+        self.rows_kept_whole += u64::from(change.kept_whole);
+        self.scale_max = self.scale_max.max(change.scale);
+        if let Some(target) = target_of(part, row) {
+            self.before.add(change.whole, target);
+            let stored: f64 = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
+            self.after.add(stored, target);
+        }
+    }
+
+    /// Adds another part, in the order of the parts.
+    pub(crate) fn merge(&mut self, other: &Self) {
+        self.mass += other.mass;
+        self.dropped += other.dropped;
+        self.entries_dropped += other.entries_dropped;
+        self.rows_kept_whole += other.rows_kept_whole;
+        self.scale_max = self.scale_max.max(other.scale_max);
+        self.before.merge(&other.before);
+        self.after.merge(&other.after);
+    }
+
+    pub(crate) fn finish(&self, min_factor: f64) -> Thinning {
+        Thinning {
+            min_factor,
+            max_scale: MAX_SCALE,
+            entries_dropped: self.entries_dropped,
+            mass_dropped: share_of(self.dropped, self.mass),
+            rows_kept_whole: self.rows_kept_whole,
+            scale_max: self.scale_max,
+            closure_max_before: self.before.max(),
+            closure_rms_before: self.before.rms(),
+            closure_max_after: self.after.max(),
+            closure_rms_after: self.after.rms(),
+        }
+    }
+
+    /// As a part's file has it. Numbers of entries and rows are exact: they are far below 2⁵³.
+    pub(crate) fn numbers(&self) -> [f64; Self::LENGTH] {
+        let ([a, b, c], [d, e, f]) = (self.before.sums(), self.after.sums());
+        [
+            self.entries_dropped as f64,
+            self.rows_kept_whole as f64,
+            self.scale_max,
+            self.mass,
+            self.dropped,
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
+        ]
+    }
+
+    /// From what [`Self::numbers`] gave.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "numbers of entries and rows"
+    )]
+    pub(crate) fn from_numbers(numbers: [f64; Self::LENGTH]) -> Self {
+        let [entries, whole, scale_max, mass, dropped, a, b, c, d, e, f] = numbers;
+        Self {
+            entries_dropped: entries as u64,
+            rows_kept_whole: whole as u64,
+            scale_max,
+            mass,
+            dropped,
+            before: ClosureTally::from_sums([a, b, c]),
+            after: ClosureTally::from_sums([d, e, f]),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn part(data: &[f32]) -> Part {
+        Part {
+            indices: (0..).step_by(2).take(data.len()).collect(),
+            data: data.to_vec(),
+            ..Part::default()
+        }
+    }
+
+    #[test]
+    fn the_others_share_what_is_left_out() {
+        let mut row = part(&[9.0, 0.5, 0.01, 0.3, 0.02, 0.17]);
+        let mut error = 0.3f32;
+        let change = keep(&mut row, 1, 0.05, Form::Plain, &mut error);
+        assert_eq!(row.indices, [0, 2, 6, 10]);
+        let sum: f64 = row.data[1..].iter().map(|&factor| f64::from(factor)).sum();
+        assert!((sum - 1.0).abs() < 1e-7 && (change.whole - 1.0).abs() < 1e-7);
+        assert!((f64::from(row.data[1]) / f64::from(row.data[2]) - 5.0 / 3.0).abs() < 1e-6);
+        assert_eq!((change.entries_dropped, change.kept_whole), (2, false));
+        assert!((change.dropped - 0.03).abs() < 1e-8 && (change.scale - 1.0 / 0.97).abs() < 1e-7);
+        assert_eq!(row.data[0], 9.0, "another row was touched");
+        let moved = [0.5, 0.3, 0.17].map(|factor| (factor / 0.97 - factor) * (factor / 0.97 - factor));
+        let squares = 0.09 + moved.iter().sum::<f64>() + 0.01f64.powi(2) + 0.02f64.powi(2);
+        assert!((f64::from(error) - squares.sqrt()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_row_that_would_lose_too_much_keeps_all() {
+        let mut row = part(&[0.5, 0.04, 0.04, 0.04, 0.04]);
+        let mut error = f32::NAN;
+        let change = keep(&mut row, 0, 0.05, Form::Plain, &mut error);
+        assert_eq!((row.data.len(), change.kept_whole, change.dropped), (5, true, 0.0));
+        assert!(error.is_nan());
+    }
+
+    #[test]
+    fn nothing_changes_in_the_plain_form_without_a_least_factor() {
+        let mut row = part(&[0.1, 1e-20, 0.7]);
+        let (before, mut error) = (row.clone(), 0.25);
+        let change = keep(&mut row, 0, 0.0, Form::Plain, &mut error);
+        assert_eq!((row, error), (before, 0.25));
+        assert!(!change.kept_whole && change.entries_dropped == 0);
+    }
+
+    #[test]
+    fn rounding_is_in_the_expected_error() {
+        let mut row = part(&[0.1, 0.2]);
+        let mut error = 0.0;
+        keep(&mut row, 0, 0.0, Form::Compact, &mut error);
+        assert_ne!(row.data, [0.1, 0.2]);
+        let off = [0.1f32, 0.2].map(|factor| f64::from(Form::Compact.round(factor)) - f64::from(factor));
+        assert!((f64::from(error) - (off[0].powi(2) + off[1].powi(2)).sqrt()).abs() < 1e-10);
+    }
+}

@@ -1,0 +1,429 @@
+//! Walls: surfaces of one plane that make up a convex polygon together, as one thing that occludes.
+//!
+//! A patch is cut fine for what it radiates; what it hides is the same however it is cut. Between two patches of a finely
+//! cut city lie dozens of pieces of the same few façades: a shaft that lists façades has fewer triangles to test and to send
+//! rays at, and a façade proves a pair hidden where none of its pieces does.
+
+use crate::Model;
+use crate::backend::{Geometry, Surface};
+use crate::bvh::Tree;
+use glam::DVec3;
+use hemicube_scene::InputPatch;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// How far corners may be off the plane of a wall, as a part of the tolerance by which patches count as in one plane.
+const FLAT: f64 = 0.25;
+/// Walls of more corners than this are left in pieces.
+const MOST_CORNERS: usize = 8;
+/// How much of its area a wall may be off the sum of its pieces.
+const SAME_AREA: f64 = 1e-9;
+
+/// The walls of a scene.
+#[derive(Debug)]
+pub(crate) struct Walls {
+    /// Of the triangles that walls fall into; the ids in its blocks are walls, not patches.
+    pub(crate) tree: Tree,
+    /// Index of the wall that a patch is a piece of.
+    pub(crate) of_patch: Vec<u32>,
+    /// Each wall's corners, counter-clockwise, from `corner_start[wall]` on.
+    corners: Vec<DVec3>,
+    corner_start: Vec<u32>,
+    /// Each wall's pieces, as indices into the scene's surfaces, from `piece_start[wall]` on.
+    pieces: Vec<u32>,
+    piece_start: Vec<u32>,
+}
+
+impl Walls {
+    /// The walls of a model, made when first asked for and shared from then on.
+    pub(crate) fn of(model: &Model) -> Arc<Self> {
+        let patches = model.patches();
+        model
+            .geometry()
+            .kept(|geometry| Self::new(geometry, |surface| patches.triangle(surface.front)))
+    }
+
+    /// The walls of a scene; `triangle` says which of the file's triangles a surface was cut from.
+    pub(crate) fn new(geometry: &Geometry, triangle: impl Fn(&Surface) -> usize) -> Self {
+        let surfaces = &geometry.surfaces;
+        // By patch, not as the octree has them, so that walls are the same whatever the octree.
+        let mut order: Vec<usize> = (0..surfaces.len()).collect();
+        order.sort_unstable_by_key(|&s| surfaces[s].front);
+        let mesh = Mesh::of(surfaces, &order);
+        let mut walls = Self::none(geometry);
+        let flat = FLAT * geometry.plane_tolerance;
+        let mut regions = Regions {
+            mesh: &mesh,
+            surfaces,
+            taken: vec![false; surfaces.len()],
+        };
+        let mut region = Vec::new();
+        for seed in order {
+            regions.grow(seed, flat, &mut region);
+            if region.is_empty() {
+                continue;
+            }
+            if let Some(polygon) = mesh.polygon(surfaces, &region, flat) {
+                walls.push(surfaces, &region, &polygon);
+                continue;
+            }
+            // What the file has as one triangle is convex.
+            region.sort_by_key(|&s| triangle(&surfaces[s as usize]));
+            for pieces in region.chunk_by(|&a, &b| triangle(&surfaces[a as usize]) == triangle(&surfaces[b as usize])) {
+                match mesh.polygon(surfaces, pieces, flat) {
+                    Some(polygon) => walls.push(surfaces, pieces, &polygon),
+                    None => {
+                        for &piece in pieces {
+                            walls.push(surfaces, &[piece], &surfaces[piece as usize].corners);
+                        }
+                    }
+                }
+            }
+        }
+        walls.plant(surfaces);
+        walls
+    }
+
+    fn none(geometry: &Geometry) -> Self {
+        Self {
+            tree: Tree::empty(0, 0, geometry.plane_tolerance),
+            of_patch: vec![u32::MAX; geometry.patch_count as usize],
+            corners: Vec::new(),
+            corner_start: vec![0],
+            pieces: Vec::with_capacity(geometry.surfaces.len()),
+            piece_start: vec![0],
+        }
+    }
+
+    /// Puts a tree over the triangles that the walls fall into.
+    fn plant(&mut self, surfaces: &[Surface]) {
+        let mut triangles = Vec::new();
+        for wall in 0..self.len() {
+            let fan = match *self.pieces(wall) {
+                // Left as it is, so that its corners keep their order.
+                [piece] => vec![surfaces[piece as usize].corners],
+                _ => {
+                    let corners = self.corners(wall);
+                    let sides = corners[1..].windows(2);
+                    sides.map(|side| [corners[0], side[0], side[1]]).collect()
+                }
+            };
+            triangles.extend(fan.into_iter().map(|corners| Surface {
+                corners,
+                front: InputPatch(wall),
+                back: Some(InputPatch(wall)),
+            }));
+        }
+        self.tree = Tree::of_surfaces(&triangles, self.len(), self.tree.plane_tolerance);
+    }
+
+    fn push(&mut self, surfaces: &[Surface], pieces: &[u32], polygon: &[DVec3]) {
+        let wall = self.len();
+        for &piece in pieces {
+            let surface = &surfaces[piece as usize];
+            for patch in std::iter::once(surface.front).chain(surface.back) {
+                self.of_patch[patch.0 as usize] = wall;
+            }
+        }
+        self.pieces.extend_from_slice(pieces);
+        self.corners.extend_from_slice(polygon);
+        let end = |len: usize| u32::try_from(len).unwrap_or(u32::MAX);
+        self.piece_start.push(end(self.pieces.len()));
+        self.corner_start.push(end(self.corners.len()));
+    }
+
+    /// How many there are.
+    pub(crate) fn len(&self) -> u32 {
+        u32::try_from(self.piece_start.len() - 1).unwrap_or(u32::MAX)
+    }
+
+    /// The corners of a wall.
+    pub(crate) fn corners(&self, wall: u32) -> &[DVec3] {
+        let wall = wall as usize;
+        &self.corners[self.corner_start[wall] as usize..self.corner_start[wall + 1] as usize]
+    }
+
+    /// The surfaces that a wall is made of.
+    pub(crate) fn pieces(&self, wall: u32) -> &[u32] {
+        let wall = wall as usize;
+        &self.pieces[self.piece_start[wall] as usize..self.piece_start[wall + 1] as usize]
+    }
+}
+
+/// Two surfaces run along an edge the same way: they overlap, or one of them is the other's back.
+const TWICE: u32 = u32::MAX;
+
+/// The corners that surfaces share.
+struct Mesh {
+    /// By surface.
+    corners: Vec<[u32; 3]>,
+    places: Vec<DVec3>,
+    /// Which surface runs along an edge from one corner to the other.
+    along: HashMap<(u32, u32), u32>,
+}
+
+impl Mesh {
+    /// Numbers corners as surfaces in `order` have them.
+    fn of(surfaces: &[Surface], order: &[usize]) -> Self {
+        let mut known: HashMap<[u64; 3], u32> = HashMap::with_capacity(surfaces.len());
+        let mut places = Vec::new();
+        let mut corners = vec![[0; 3]; surfaces.len()];
+        for &index in order {
+            corners[index] = surfaces[index].corners.map(|place| {
+                // Both zeros are one place.
+                let bits = (place + DVec3::ZERO).to_array().map(f64::to_bits);
+                *known.entry(bits).or_insert_with(|| {
+                    places.push(place);
+                    u32::try_from(places.len() - 1).unwrap_or(u32::MAX)
+                })
+            });
+        }
+        let mut along = HashMap::with_capacity(3 * surfaces.len());
+        for (surface, triangle) in (0u32..).zip(&corners) {
+            for edge in edges(*triangle) {
+                along.entry(edge).and_modify(|of| *of = TWICE).or_insert(surface);
+            }
+        }
+        Self { corners, places, along }
+    }
+
+    /// The surface on the other side of an edge, if there is just one.
+    fn across(&self, (from, to): (u32, u32)) -> Option<u32> {
+        let is_single = self.along.get(&(from, to)) != Some(&TWICE);
+        self.along
+            .get(&(to, from))
+            .copied()
+            .filter(|&of| is_single && of != TWICE)
+    }
+
+    /// The convex polygon that surfaces of one plane make up, without corners on its sides; `None` where they make up
+    /// something else.
+    fn polygon(&self, surfaces: &[Surface], region: &[u32], flat: f64) -> Option<Vec<DVec3>> {
+        if region.len() < 2 {
+            return None;
+        }
+        let mut edges_of_region: HashMap<u32, u32> = HashMap::new();
+        let inside: HashMap<(u32, u32), ()> = region
+            .iter()
+            .flat_map(|&s| edges(self.corners[s as usize]))
+            .map(|edge| (edge, ()))
+            .collect();
+        let mut first = u32::MAX;
+        for &(from, to) in inside.keys() {
+            if inside.contains_key(&(to, from)) {
+                continue;
+            }
+            if edges_of_region.insert(from, to).is_some() {
+                return None;
+            }
+            first = first.min(from);
+        }
+        let mut outline = Vec::with_capacity(edges_of_region.len());
+        let mut at = first;
+        loop {
+            outline.push(self.places[at as usize]);
+            at = edges_of_region.remove(&at)?;
+            if at == first {
+                break;
+            }
+        }
+        // Another outline is a hole, or an island.
+        if !edges_of_region.is_empty() {
+            return None;
+        }
+        let normals = region.iter().map(|&s| cross(&surfaces[s as usize].corners));
+        let (sum, area) = normals.fold((DVec3::ZERO, 0.0), |(sum, area), n| (sum + n, area + n.length()));
+        let normal = sum.try_normalize()?;
+        let count = outline.len();
+        let mut corners = Vec::new();
+        for k in 0..count {
+            let before = corners.last().copied().unwrap_or(outline[(k + count - 1) % count]);
+            let (p, after) = (outline[k], outline[(k + 1) % count]);
+            let turn = normal.dot((p - before).cross(after - p));
+            let lengths = (p - before).length() + (after - p).length();
+            // How far the corner is off the side that would be without it.
+            if turn > flat * lengths {
+                corners.push(p);
+            } else if turn < -flat * lengths {
+                return None;
+            }
+        }
+        if !(3..=MOST_CORNERS).contains(&corners.len()) {
+            return None;
+        }
+        let fan: f64 = (1..corners.len() - 1)
+            .map(|k| normal.dot((corners[k] - corners[0]).cross(corners[k + 1] - corners[0])))
+            .sum();
+        ((fan - area).abs() <= SAME_AREA * area).then_some(corners)
+    }
+}
+
+/// Surfaces that no wall has yet.
+struct Regions<'a> {
+    mesh: &'a Mesh,
+    surfaces: &'a [Surface],
+    taken: Vec<bool>,
+}
+
+impl Regions<'_> {
+    /// Takes what hangs together with a surface in its plane; nothing where that is taken.
+    fn grow(&mut self, seed: usize, flat: f64, region: &mut Vec<u32>) {
+        region.clear();
+        if std::mem::replace(&mut self.taken[seed], true) {
+            return;
+        }
+        region.push(u32::try_from(seed).unwrap_or(u32::MAX));
+        let of_seed = &self.surfaces[seed];
+        let Some(normal) = cross(&of_seed.corners).try_normalize() else {
+            return;
+        };
+        let is_within = |s: &Surface| {
+            s.back.is_some() == of_seed.back.is_some()
+                && cross(&s.corners).dot(normal) > 0.0
+                && s.corners
+                    .iter()
+                    .all(|p| normal.dot(*p - of_seed.corners[0]).abs() <= flat)
+        };
+        let mut at = 0;
+        while at < region.len() {
+            for edge in edges(self.mesh.corners[region[at] as usize]) {
+                let Some(next) = self.mesh.across(edge) else { continue };
+                if !self.taken[next as usize] && is_within(&self.surfaces[next as usize]) {
+                    self.taken[next as usize] = true;
+                    region.push(next);
+                }
+            }
+            at += 1;
+        }
+    }
+}
+
+fn edges([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
+    [(a, b), (b, c), (c, a)]
+}
+
+fn cross([a, b, c]: &[DVec3; 3]) -> DVec3 {
+    (*b - *a).cross(*c - *a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::HierarchyOptions;
+    use hemicube_scene::generate::{BlockCityParameters, cornell_box};
+    use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
+
+    impl Walls {
+        /// Each surface by itself.
+        pub(crate) fn pieces_of(model: &Model) -> Self {
+            let surfaces = &model.geometry().surfaces;
+            let mut walls = Self::none(model.geometry());
+            for (piece, surface) in (0u32..).zip(surfaces) {
+                walls.push(surfaces, &[piece], &surface.corners);
+            }
+            walls.plant(surfaces);
+            walls
+        }
+    }
+
+    fn model(scene: &Scene, subdivision: Subdivision) -> Model {
+        let patches = Patches::new(scene, subdivision).expect("patches");
+        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
+    }
+
+    fn scene(triangles: &[[[f64; 3]; 3]]) -> Scene {
+        Scene {
+            triangles: (0u32..)
+                .zip(triangles)
+                .map(|(face, corners)| Triangle {
+                    corners: corners.map(DVec3::from_array),
+                    object: 0,
+                    material: 0,
+                    face,
+                    two_sided: false,
+                })
+                .collect(),
+            ..Scene::default()
+        }
+    }
+
+    /// Every surface is a piece of one wall, lies in it, and walls have the area of their pieces. Returns how many corners
+    /// each wall has.
+    fn sound(model: &Model) -> Vec<usize> {
+        let walls = Walls::of(model);
+        let surfaces = &model.geometry().surfaces;
+        let mut seen = vec![0; surfaces.len()];
+        let area = |t: &[DVec3; 3]| 0.5 * cross(t).length();
+        let counts = (0..walls.len()).map(|wall| {
+            let corners = walls.corners(wall);
+            let normal = cross(&[corners[0], corners[1], corners[2]]).normalize();
+            let mut sum = 0.0;
+            for &piece in walls.pieces(wall) {
+                seen[piece as usize] += 1;
+                let surface = &surfaces[piece as usize];
+                sum += area(&surface.corners);
+                assert_eq!(walls.of_patch[surface.front.0 as usize], wall);
+                for p in surface.corners {
+                    assert!(normal.dot(p - corners[0]).abs() < 1e-9, "wall {wall}: off its plane");
+                    for k in 0..corners.len() {
+                        let side = corners[(k + 1) % corners.len()] - corners[k];
+                        let inside = normal.cross(side.normalize()).dot(p - corners[k]);
+                        assert!(inside > -1e-9, "wall {wall}: {inside} outside");
+                    }
+                }
+            }
+            let fan: f64 = (1..corners.len() - 1)
+                .map(|k| area(&[corners[0], corners[k], corners[k + 1]]))
+                .sum();
+            assert!((fan - sum).abs() <= 1e-9 * sum, "wall {wall}: {fan} of {sum}");
+            corners.len()
+        });
+        let counts: Vec<usize> = counts.collect();
+        assert!(seen.iter().all(|&times| times == 1));
+        counts
+    }
+
+    #[test]
+    fn a_finely_cut_box_is_its_walls() {
+        for subdivision in [Subdivision::None, Subdivision::Split(5), Subdivision::Levels(2)] {
+            // Five walls of a room and six sides of two blocks less the two they stand on: the light is a part of the ceiling
+            // that leaves it a frame, which is not convex.
+            let corners = sound(&model(&cornell_box(), subdivision));
+            let quadrangles = corners.iter().filter(|&&count| count == 4).count();
+            assert!(quadrangles >= 14, "{subdivision:?}: {corners:?}");
+            assert!(corners.len() <= 32, "{subdivision:?}: {corners:?}");
+        }
+    }
+
+    #[test]
+    fn a_city_has_far_fewer_walls_than_patches() {
+        let city = BlockCityParameters {
+            blocks: 6,
+            split: 6,
+            ..BlockCityParameters::for_target(1000, 1)
+        };
+        let model = model(&city.generate().expect("a city"), Subdivision::None);
+        let (walls, patches) = (sound(&model).len(), model.patches().len());
+        assert!(walls * 2 < patches, "{walls} walls of {patches} patches");
+    }
+
+    #[test]
+    fn what_is_not_one_convex_wall_stays_in_pieces() {
+        let (a, b, c, d) = ([0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]);
+        // A square is one wall; bent by a hair it is two.
+        assert_eq!(sound(&model(&scene(&[[a, b, c], [a, c, d]]), Subdivision::None)), [4]);
+        let bent = [0., 1., 1e-6];
+        assert_eq!(
+            sound(&model(&scene(&[[a, b, c], [a, c, bent]]), Subdivision::None)),
+            [3, 3]
+        );
+        // Given twice, each triangle is by itself.
+        let twice = [[a, b, c], [a, c, d], [a, b, c], [a, c, d]];
+        assert_eq!(sound(&model(&scene(&twice), Subdivision::None)), [3; 4]);
+        // Three squares round a corner are not convex: cut, each triangle is a wall again.
+        let (e, f, g, h) = ([2., 0., 0.], [2., 1., 0.], [0., 2., 0.], [1., 2., 0.]);
+        let angle = [[a, b, c], [a, c, d], [b, e, f], [b, f, c], [d, c, h], [d, h, g]];
+        assert_eq!(sound(&model(&scene(&angle), Subdivision::None)), [3; 6]);
+        assert_eq!(sound(&model(&scene(&angle), Subdivision::Levels(2))), [3; 6]);
+    }
+}
