@@ -147,7 +147,7 @@ const ODD_IN_THE_CLOSED: f64 = 0.05;
 const ODD_AT_LEAST: f64 = 0.01;
 
 /// The share of backs and of patches without a column from which on rays are asked what is lost.
-const BACKS: f64 = 0.02;
+const BACKS: f64 = 0.1;
 
 /// A visible fraction this near to 1 is 1: what is missing is rounding of weights, not an occluder.
 const ALL_VISIBLE: f64 = 0.9999;
