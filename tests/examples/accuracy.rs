@@ -1,14 +1,14 @@
 //! What accuracy costs, held against the reference by rays; prints the tables of docs/accuracy.md.
 //!
-//! `accuracy ladder [ROWS [SCENE…]]`: every rung on generated scenes and a real tile.
-//! `accuracy rays [ROWS [SCENE…]]`: what casting rays costs for the error that the default has.
-//! `accuracy calibration [ROWS [SCENE…]]`: whether what is asked for is what one gets, over real scenes and tolerances, of the
-//! matrix (relative Frobenius) and of each row's sum (Σ F against the reference's, and Σ F + what is lost against 1).
+//! `accuracy ladder [ROWS [SCENE…]]`: every rung on generated scenes and a real tile. `accuracy rays [ROWS [SCENE…]]`:
+//! what casting rays costs for the error that the default has. `accuracy calibration [ROWS [SCENE…]]`: whether what is
+//! asked for is what one gets, over real scenes and tolerances, of the matrix (relative Frobenius) and of each row's
+//! sum (Σ F against the reference's, and Σ F + what is lost against 1).
 //!
-//! With `REFERENCE_CACHE=DIR`, reference rows are kept there for the next run; with `RUNGS=WORD`, only the rungs whose name
-//! has the word are climbed; with `WORST=1`, the entries that are farthest off are listed; with `ENGINE=Depth|Order`, rungs without
-//! a tolerance have that engine of the CPU backend; with `EMBREE_RAYS=PROGRAM`, `rays` casts by Intel Embree, too: see
-//! `scripts/embree-rays`, which builds that program.
+//! With `REFERENCE_CACHE=DIR`, reference rows are kept there for the next run; with `RUNGS=WORD`, only the rungs whose
+//! name has the word are climbed; with `WORST=1`, the entries that are farthest off are listed; with
+//! `ENGINE=Depth|Order`, rungs without a tolerance have that engine of the CPU backend; with `EMBREE_RAYS=PROGRAM`,
+//! `rays` casts by Intel Embree, too: see `scripts/embree-rays`, which builds that program.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
 use glam::{DVec3, Vec3A};
@@ -188,8 +188,8 @@ fn ladder(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>
     Ok(())
 }
 
-/// Rays from points of the emitter, directions by the cosine, against obvhs's hierarchy and triangles: F_ij is the share
-/// that meets j.
+/// Rays from points of the emitter, directions by the cosine, against obvhs's hierarchy and triangles: F_ij is the
+/// share that meets j.
 struct Caster {
     hierarchy: Bvh2,
     triangles: Vec<Triangle>,
@@ -309,8 +309,8 @@ struct Run {
 struct Runs(Vec<Run>);
 
 impl Runs {
-    /// Cells of a table: how many rays have that error, their time, and how often ours is in it. Between two runs, the one
-    /// where the error passes; beyond the last one, by the square of the error.
+    /// Cells of a table: how many rays have that error, their time, and how often ours is in it. Between two runs, the
+    /// one where the error passes; beyond the last one, by the square of the error.
     fn cells(&self, error: f64, ours: f64) -> [String; 3] {
         let [.., before, _, last] = self.0.as_slice() else {
             return std::array::from_fn(|_| "–".into());
@@ -431,8 +431,8 @@ fn cast(caster: &Caster, emitters: &[InputPatch], exact: &[ReferenceRow]) -> Run
     Runs((POWERS.0..=POWERS.1).map(run).collect())
 }
 
-/// Runs of the same rays by Intel Embree, without and with what it takes to make them, a ray in so many seconds, and to lay them out:
-/// `tests/embree/rays.cpp` says what goes to that program and what comes back.
+/// Runs of the same rays by Intel Embree, without and with what it takes to make them, a ray in so many seconds, and to
+/// lay them out: `tests/embree/rays.cpp` says what goes to that program and what comes back.
 fn cast_by_embree(
     program: &Path,
     caster: &Caster,

@@ -1,7 +1,8 @@
 //! Whether two sessions at once are sound on a device: opened at once, with the rows of one alone, time after time.
 //!
-//! `at_once BACKEND [ROUNDS]`: rounds over a city at N = 64 and the tile `denhaag-8897` in 16 at N = 128. What an unsound
-//! driver does wrong it does seldom, and mostly where sessions begin: run this many times, each a process of its own.
+//! `at_once BACKEND [ROUNDS]`: rounds over a city at N = 64 and the tile `denhaag-8897` in 16 at N = 128. What an
+//! unsound driver does wrong it does seldom, and mostly where sessions begin: run this many times, each a process of
+//! its own.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 use hemicube::Model;

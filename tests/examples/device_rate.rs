@@ -7,8 +7,8 @@
 //! weights; `TWO=1`, two sessions on two threads against one, by the clock on the wall, so only on an idle machine or
 //! ahead of all else (`chrt -r 1`); with it, how many processors they kept busy.
 //!
-//! Time is processor time of all threads, the less of three turns, so that other programs count little: on software the GPU
-//! is the processor. On a GPU the clock on the wall is the one that tells.
+//! Time is processor time of all threads, the less of three turns, so that other programs count little: on software the
+//! GPU is the processor. On a GPU the clock on the wall is the one that tells.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 use hemicube::Model;

@@ -1,8 +1,8 @@
 //! What holds at the extremes, on every backend and rung; prints the table of docs/extremes.md.
 //!
-//! `extremes [large] [BACKEND…]`: over the built-in backend and the plugins named, each of which must open; with `large`,
-//! also a scene of more than 2²⁴ patches, which takes 9 GB and a few minutes. Plugins are those of
-//! `cargo build --release --workspace`.
+//! `extremes [large] [BACKEND…]`: over the built-in backend and the plugins named, each of which must open; with
+//! `large`, also a scene of more than 2²⁴ patches, which takes 9 GB and a few minutes. Plugins are those of `cargo
+//! build --release --workspace`.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 use glam::DVec3;
@@ -35,8 +35,8 @@ struct Case {
     scene: Scene,
     /// Whether nothing can escape.
     closed: bool,
-    /// Whether every patch sees another whole or not at all, so that quadrature of the closed form is exact. Where nearly
-    /// nothing of the view is filled, rays find nothing.
+    /// Whether every patch sees another whole or not at all, so that quadrature of the closed form is exact. Where
+    /// nearly nothing of the view is filled, rays find nothing.
     is_unoccluded: bool,
     /// Which rows; `None`: all.
     rows: Option<RowChoice>,

@@ -1,16 +1,16 @@
 //! How soon the model of a page that `hemicube report` wrote is shown, and how smoothly it turns.
 //!
-//! `page_speed PAGE...`: each page is opened from the disk in Chromium without a window, whose renderer is software, and its
-//! model turned for three seconds: with all pixels, and as it is for who drags it (`crates/cli/viewer/src/scene.js`: fewer
-//! where pictures come late). Needs Chromium with its driver.
+//! `page_speed PAGE...`: each page is opened from the disk in Chromium without a window, whose renderer is software,
+//! and its model turned for three seconds: with all pixels, and as it is for who drags it
+//! (`crates/cli/viewer/src/scene.js`: fewer where pictures come late). Needs Chromium with its driver.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 use hemicube_tests::browser::Browser;
 use std::path::Path;
 use std::time::Instant;
 
-/// Turns the model round its vertical axis, a step a picture, and gives the times between pictures in milliseconds and the
-/// width of the last, in pixels.
+/// Turns the model round its vertical axis, a step a picture, and gives the times between pictures in milliseconds and
+/// the width of the last, in pixels.
 const TURN: &str = "
     const { model } = hemicube, { camera, controls } = model;
     const times = [];

@@ -1,9 +1,9 @@
-//! Prints what a row costs by rung, for every scene of the folder of real scenes: milliseconds on one thread, over a seeded
-//! sample of rows and the rows of the largest patches; the slowest row, and its share of a whole run's time.
+//! Prints what a row costs by rung, for every scene of the folder of real scenes: milliseconds on one thread, over a
+//! seeded sample of rows and the rows of the largest patches; the slowest row, and its share of a whole run's time.
 //!
-//! `row_costs [ROWS [SCENE…]]`: ROWS of the sample (default 200); SCENE is a path below the folder of real scenes or any
-//! other path. With `RUNGS=WORD,WORD`, only those of pixel, point, area, tolerance. Memory, and time a rung (a minute or so),
-//! are bounded by the number of rows.
+//! `row_costs [ROWS [SCENE…]]`: ROWS of the sample (default 200); SCENE is a path below the folder of real scenes or
+//! any other path. With `RUNGS=WORD,WORD`, only those of pixel, point, area, tolerance. Memory, and time a rung (a
+//! minute or so), are bounded by the number of rows.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
 use hemicube::accuracy::correct::Correction;

@@ -4,9 +4,9 @@
 //! cargo run --release -p hemicube-tests --example stages -- city.obj 1 2000 compact
 //! ```
 //!
-//! SPLIT is as for `compute --split`, ROWS how many rows are sampled (0: all), FORM `plain` or `compact`. Times are seconds of
-//! the clock and of the processor, all threads together; on a machine that does something else the second is the one to
-//! go by.
+//! SPLIT is as for `compute --split`, ROWS how many rows are sampled (0: all), FORM `plain` or `compact`. Times are
+//! seconds of the clock and of the processor, all threads together; on a machine that does something else the second is
+//! the one to go by.
 #![allow(clippy::print_stdout, reason = "an example talks")]
 
 use hemicube::accuracy::correct::Correction;

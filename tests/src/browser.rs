@@ -1,5 +1,5 @@
-//! A browser without a window, by WebDriver (<https://www.w3.org/TR/webdriver2/>): `chromedriver` is started, and asked over
-//! HTTP on this machine.
+//! A browser without a window, by WebDriver (<https://www.w3.org/TR/webdriver2/>): `chromedriver` is started, and asked
+//! over HTTP on this machine.
 
 use crate::scenes::skip;
 use serde_json::{Value, json};
@@ -196,7 +196,8 @@ impl Browser {
         events.collect()
     }
 
-    /// Presses the main button at the first place, goes to the others, and lets go; in pixels of the page that is in view.
+    /// Presses the main button at the first place, goes to the others, and lets go; in pixels of the page that is in
+    /// view.
     pub fn drag(&self, places: &[[f64; 2]]) {
         let go = |place: &[f64; 2]| json!({ "type": "pointerMove", "duration": 50, "x": place[0].round(), "y": place[1].round() });
         let mut actions = vec![go(&places[0]), json!({ "type": "pointerDown", "button": 0 })];

@@ -1,4 +1,5 @@
-//! The public cases of `reference_cases.json`: pairs of quads with what lies between them, and enclosures and discs by name.
+//! The public cases of `reference_cases.json`: pairs of quads with what lies between them, and enclosures and discs by
+//! name.
 
 use crate::geometry::quad;
 use crate::scenes::{scenes_or_skip, skip};

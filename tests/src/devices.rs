@@ -1,6 +1,6 @@
-//! What every backend on a device must show, given a way to open one: rows that do not depend on culling, batches or the run,
-//! that are the sums of the item buffer, and that agree with the CPU backend. Scenes for that, moved off all symmetry so that
-//! no edge passes through a pixel's centre.
+//! What every backend on a device must show, given a way to open one: rows that do not depend on culling, batches or
+//! the run, that are the sums of the item buffer, and that agree with the CPU backend. Scenes for that, moved off all
+//! symmetry so that no edge passes through a pixel's centre.
 
 use crate::extremes;
 use crate::geometry::{box_inside, even, flipped, grid, irrational_rotation, moved, scene_of, scene_with_sides};
@@ -23,7 +23,7 @@ pub type Opened = Result<Box<dyn HemicubeBackend>, BackendError>;
 /// Opens a session with options.
 pub type Open<'a> = &'a dyn Fn(&str) -> Opened;
 
-/// Whether tests of a backend may go on: a session could be opened. Else says that they are skipped.
+/// Returns whether tests of a backend may go on: a session could be opened. Else says that they are skipped.
 ///
 /// # Panics
 /// When there is no device and `HEMICUBE_REQUIRE_BACKENDS` (a list with commas) names the backend.
@@ -78,8 +78,8 @@ pub fn scenes() -> Vec<(&'static str, Model)> {
     ]
 }
 
-/// A block city in which every seventh triangle is there twice, every fourteenth the other way round. Twelve blocks along
-/// each side make 36,864 triangles.
+/// A block city in which every seventh triangle is there twice, every fourteenth the other way round. Twelve blocks
+/// along each side make 36,864 triangles.
 pub fn city_with_duplicates(blocks: u32) -> Model {
     let city = BlockCityParameters {
         blocks,
@@ -183,7 +183,7 @@ fn row_distance(a: RowView<'_>, b: RowView<'_>) -> f64 {
     sum as f64 / f64::from(WHOLE)
 }
 
-/// How many pixels of two item buffers differ.
+/// Number of pixels in which two item buffers differ.
 ///
 /// # Panics
 /// When they are of different resolutions.
@@ -192,7 +192,7 @@ pub fn compare_items(a: &Items, b: &Items) -> usize {
     a.seen.iter().zip(&b.seen).filter(|(a, b)| a != b).count()
 }
 
-/// Whether a row is the sum of an item buffer, to the bit; entries without weight, as tiny patches have, aside.
+/// Returns whether a row is the sum of an item buffer, to the bit; entries without weight, as tiny patches have, aside.
 pub fn is_sum_of(row: RowView<'_>, items: &Items, table: &DeltaTable) -> bool {
     let (weights, escaped, blocked) = items.reduce(table);
     let entries = row.patches.iter().zip(row.visible).filter(|(_, v)| **v > 0);
@@ -276,20 +276,20 @@ pub fn rows_do_not_depend(
     first
 }
 
-/// How far a backend may be from the CPU backend.
+/// Distance that a backend may have from the CPU backend.
 #[derive(Clone, Copy, Debug)]
 pub struct Most {
     /// The share of pixels that differ.
     pub pixels: f64,
-    /// The share that differ without an edge so near that snapping explains it ([`unexplained`]): where depths tie but for their
-    /// rounding.
+    /// The share that differ without an edge so near that snapping explains it ([`unexplained`]): where depths tie but
+    /// for their rounding.
     pub unexplained: f64,
     /// By how much a row differs, as a part of its weight.
     pub row: f64,
 }
 
-/// Drivers snap corners to 1/256 of a pixel, and the CPU backend samples edges exactly, so that some of the pixels on edges
-/// differ: of scenes in which a patch has about 20 pixels, like these, 3 in 10,000.
+/// Drivers snap corners to 1/256 of a pixel, and the CPU backend samples edges exactly, so that some of the pixels on
+/// edges differ: of scenes in which a patch has about 20 pixels, like these, 3 in 10,000.
 pub const DRIVERS_EDGES: Most = Most {
     pixels: 3e-4,
     unexplained: 1e-5,
@@ -302,8 +302,8 @@ pub const EXACT_EDGES: Most = Most {
     ..DRIVERS_EDGES
 };
 
-/// Where houses share walls, some of them but for 10⁻⁵ of their distance, all pixels of a wall may differ; which rows have one in
-/// front of them is chance, see `docs/gpu.md`.
+/// Where houses share walls, some of them but for 10⁻⁵ of their distance, all pixels of a wall may differ; which rows
+/// have one in front of them is chance, see `docs/gpu.md`.
 pub const SHARED_WALLS: Most = Most {
     pixels: 5e-4,
     unexplained: 5e-4,
@@ -318,8 +318,8 @@ fn settings(resolution: u32, culling: Culling, covered: bool) -> RenderSettings 
     }
 }
 
-/// Of the pixels that differ between two item buffers of a hemicube, those of which no edge passes within 1/256 of a pixel, so
-/// that corners snapped to that do not explain them. By every triangle of the scene in f64.
+/// Of the pixels that differ between two item buffers of a hemicube, those of which no edge passes within 1/256 of a
+/// pixel, so that corners snapped to that do not explain them. By every triangle of the scene in f64.
 pub fn unexplained(model: &Model, hemicube: &Hemicube, a: &Items, b: &Items) -> usize {
     let differing = pixels(a.resolution)
         .zip(a.seen.iter().zip(&b.seen))
@@ -329,7 +329,7 @@ pub fn unexplained(model: &Model, hemicube: &Hemicube, a: &Items, b: &Items) -> 
         .count()
 }
 
-/// Whether an edge that nothing hides passes within 1/256 of a pixel of the pixel's centre.
+/// Returns whether an edge that nothing hides passes within 1/256 of a pixel of the pixel's centre.
 fn edge_passes(model: &Model, hemicube: &Hemicube, face: Face, [x, y]: [u32; 2], n: f64) -> bool {
     let (from, sign) = face.axes();
     let centre = |k: u32| (2.0 * f64::from(k) + 1.0) / n;
@@ -361,8 +361,8 @@ fn edge_passes(model: &Model, hemicube: &Hemicube, face: Face, [x, y]: [u32; 2],
         .any(|(inside, depth)| inside.abs() <= 1.0 / 256.0 && *depth <= nearest * (1.0 + 1e-4))
 }
 
-/// How many pixels of two sessions' item buffers differ, how many of these without an edge ([`unexplained`]), and how many that
-/// are beside no pixel which the second shows so.
+/// How many pixels of two sessions' item buffers differ, how many of these without an edge ([`unexplained`]), and how
+/// many that are beside no pixel which the second shows so.
 fn pixels_apart(
     one: &mut dyn HemicubeBackend,
     other: &mut dyn HemicubeBackend,
@@ -392,7 +392,8 @@ fn pixels_apart(
 /// Pixels along an edge where sessions are held against the CPU backend's.
 const AGAINST_THE_CPU: u32 = 256;
 
-/// With the driver's edges, more pixels of the room differ than [`EXACT_EDGES`] allows: that bound tells them from exact ones.
+/// With the driver's edges, more pixels of the room differ than [`EXACT_EDGES`] allows: that bound tells them from
+/// exact ones.
 ///
 /// # Panics
 /// When it does not.
@@ -417,8 +418,8 @@ pub fn the_drivers_edges_are_told_from_exact_ones(open: Open<'_>) {
 }
 
 /// What a scene has in common with the CPU backend: the share of pixels that differ, and how far rows are apart. Of the
-/// pixels that differ, most are on an edge: next to one that the CPU backend sees so. (Not where patches are smaller than
-/// pixels, and not on shared walls.)
+/// pixels that differ, most are on an edge: next to one that the CPU backend sees so. (Not where patches are smaller
+/// than pixels, and not on shared walls.)
 ///
 /// # Panics
 /// When more differ than `most` allows, or all rows by more than 10⁻³ in the mean.

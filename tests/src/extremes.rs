@@ -67,9 +67,9 @@ pub fn duplicates() -> Scene {
     scene_of(once.flat_map(|[a, b, c]| [[a, b, c], [b, c, a]]))
 }
 
-/// Walls of a room from under an unsplit ground to a ceiling, and ground on both sides of them; the ground is face 0. Its
-/// twin, `split`, has the ground cut along all the lines where something crosses it. With each triangle the number of its
-/// face.
+/// Walls of a room from under an unsplit ground to a ceiling, and ground on both sides of them; the ground is face 0.
+/// Its twin, `split`, has the ground cut along all the lines where something crosses it. With each triangle the number
+/// of its face.
 pub fn walls_through_the_ground(split: bool) -> Vec<(usize, Triangle)> {
     let [_, ceiling, walls @ ..] = box_inside(DVec3::ONE);
     let lowered = |face: [DVec3; 4]| face.map(|p| if p.z == 0.0 { p - DVec3::Z * 0.23 } else { p });

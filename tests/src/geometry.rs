@@ -213,8 +213,8 @@ pub fn parallel_rectangles(a: f64, b: f64, c: f64) -> f64 {
             - y * y.atan())
 }
 
-/// From the rectangle `from` to the rectangle `to` of a parallel plane at distance c, each the product of two intervals,
-/// edges along the same axes (Howell's catalogue, C-13): a signed sum of factors of opposite rectangles.
+/// From the rectangle `from` to the rectangle `to` of a parallel plane at distance c, each the product of two
+/// intervals, edges along the same axes (Howell's catalogue, C-13): a signed sum of factors of opposite rectangles.
 pub fn parallel_rectangles_apart(from: [[f64; 2]; 2], to: [[f64; 2]; 2], c: f64) -> f64 {
     let exchange = |a: f64, b: f64| {
         if a == 0.0 || b == 0.0 {
@@ -312,7 +312,8 @@ mod tests {
         );
         assert!(off < 1e-4, "{off}");
         assert!((polygon_area(&box_[4]) - 1.0).abs() < 1e-15);
-        // The floor's mean over its points is the factor between the areas: the midpoint rule converges with its square.
+        // The floor's mean over its points is the factor between the areas: the midpoint rule converges with its
+        // square.
         let [floor, ceiling, wall, ..] = box_inside(DVec3::ONE);
         let (mut up, mut aside) = (0.0, 0.0);
         let n = 100;

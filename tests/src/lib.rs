@@ -1,6 +1,6 @@
-//! What the tests of the whole workspace share: real scenes and when to skip, the public cases, geometry with closed forms,
-//! scenes at the extremes, what backends on devices must show, rays in f64 to hold item buffers against, rows in memory,
-//! plugins to load, and programs of others that read what we write.
+//! What the tests of the whole workspace share: real scenes and when to skip, the public cases, geometry with closed
+//! forms, scenes at the extremes, what backends on devices must show, rays in f64 to hold item buffers against, rows in
+//! memory, plugins to load, and programs of others that read what we write.
 //!
 //! | variable | meaning |
 //! | --- | --- |

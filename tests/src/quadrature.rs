@@ -1,11 +1,12 @@
-//! Form factors between rectangles with plates between them, by quadrature from which every jump and kink is cut out: what
-//! random pairs are held against, and independent of all that `hemicube` computes with.
+//! Form factors between rectangles with plates between them, by quadrature from which every jump and kink is cut out:
+//! what random pairs are held against, and independent of all that `hemicube` computes with.
 //!
-//! At a point of the emitter the factor is exact: from the receiver the shadow of each plate is cut away, which from there
-//! is the part of a cone that lies beyond the plate, and what is left is summed by its outline ([`point_to_polygon`]). As
-//! the point moves, that factor is smooth but where a corner of one shape passes an edge of another. Such places lie in
-//! planes, so that the emitter is cut along all of them first; each piece is then integrated by Radon's rule of degree 5
-//! (1948), and what changes most when cut into four is cut until all of it together changes less than what is asked for.
+//! At a point of the emitter the factor is exact: from the receiver the shadow of each plate is cut away, which from
+//! there is the part of a cone that lies beyond the plate, and what is left is summed by its outline
+//! ([`point_to_polygon`]). As the point moves, that factor is smooth but where a corner of one shape passes an edge of
+//! another. Such places lie in planes, so that the emitter is cut along all of them first; each piece is then
+//! integrated by Radon's rule of degree 5 (1948), and what changes most when cut into four is cut until all of it
+//! together changes less than what is asked for.
 
 use crate::geometry::{point_to_polygon, polygon_area};
 use glam::DVec3;
@@ -168,8 +169,8 @@ impl Obstructed<'_> {
         planes
     }
 
-    /// The form factor from emitter to receiver, and how far it may be off: at most `accuracy` of itself, or of a hundredth
-    /// where it is less than that.
+    /// The form factor from emitter to receiver, and how far it may be off: at most `accuracy` of itself, or of a
+    /// hundredth where it is less than that.
     ///
     /// # Panics
     /// When half a million triangles are not enough.

@@ -1,5 +1,5 @@
-//! What a hemicube's pixels see by rays alone: f64, one ray through each pixel's centre, nothing shared with any backend
-//! but the layout of the atlas. Slow and plain on purpose.
+//! What a hemicube's pixels see by rays alone: f64, one ray through each pixel's centre, nothing shared with any
+//! backend but the layout of the atlas. Slow and plain on purpose.
 //!
 //! Ray and triangle: Möller & Trumbore 1997. The hierarchy halves the longest side of the centroids' box at the median;
 //! its boxes are widened, so that it can only ever cost time.
@@ -10,7 +10,7 @@ use hemicube::face::{Face, Items, pixel_count};
 use hemicube_scene::InputPatch;
 
 const LEAF: usize = 4;
-/// How far boxes are widened, in normalised units: far above rounding.
+/// Margin by which boxes are widened, in normalised units: far above rounding.
 const WIDEN: f64 = 1e-9;
 
 /// Triangles with a hierarchy over them.
@@ -167,7 +167,7 @@ impl RayScene {
         best
     }
 
-    /// Whether a ray meets `seen` at this distance, to a relative tolerance.
+    /// Returns whether a ray meets `seen` at this distance, to a relative tolerance.
     pub fn meets_at(&self, hemicube: &Hemicube, direction: DVec3, seen: u32, distance: f64, tolerance: f64) -> bool {
         let mut met = false;
         let limit = distance * (1.0 + tolerance);
@@ -206,7 +206,7 @@ pub fn direction(hemicube: &Hemicube, resolution: u32, face: Face, x: u32, y: u3
     hemicube.axes[axis[0]] * (sign[0] * u) + hemicube.axes[axis[1]] * (sign[1] * v) + hemicube.axes[axis[2]] * sign[2]
 }
 
-/// How far two item buffers of one hemicube agree.
+/// Agreement of two item buffers of one hemicube.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Agreement {
     /// Pixels compared.

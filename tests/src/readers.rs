@@ -5,8 +5,8 @@ use serde_json::Value;
 use std::ffi::{OsStr, OsString};
 use std::process::Command;
 
-/// A Python that can import `modules`, or a skip: `HEMICUBE_PYTHON`, otherwise `python3`. `HEMICUBE_REQUIRE_PYTHON=1` makes
-/// a failure of it.
+/// A Python that can import `modules`, or a skip: `HEMICUBE_PYTHON`, otherwise `python3`. `HEMICUBE_REQUIRE_PYTHON=1`
+/// makes a failure of it.
 ///
 /// # Panics
 /// When the Python that is named cannot be run, or lacks SciPy: who names one means it.
@@ -50,8 +50,8 @@ pub fn json_of(command: &mut Command) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{command:?}: {error}"))
 }
 
-/// Node with a package: `HEMICUBE_NODE_MODULES` is the folder that npm installed it in. A skip without it, and a failure
-/// with `HEMICUBE_REQUIRE_NODE=1`.
+/// Node with a package: `HEMICUBE_NODE_MODULES` is the folder that npm installed it in. A skip without it, and a
+/// failure with `HEMICUBE_REQUIRE_NODE=1`.
 pub fn node(test: &str, package: &str) -> Option<Command> {
     let modules = std::env::var_os("HEMICUBE_NODE_MODULES").filter(|folder| !folder.is_empty());
     let mut command = Command::new("node");

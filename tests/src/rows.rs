@@ -45,8 +45,8 @@ pub fn rolled(mut hemicube: Hemicube, angle: f64) -> Hemicube {
     hemicube
 }
 
-/// A session of the backend that `HEMICUBE_TEST_BACKEND` names, of the built-in one where it is not set: what is tested of
-/// form factors must hold over every backend.
+/// A session of the backend that `HEMICUBE_TEST_BACKEND` names, of the built-in one where it is not set: what is tested
+/// of form factors must hold over every backend.
 ///
 /// # Panics
 /// When it does not open.

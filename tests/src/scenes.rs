@@ -1,4 +1,5 @@
-//! The program and real scenes: where they are, how a compressed one is opened, and when a test that lacks them may skip.
+//! The program and real scenes: where they are, how a compressed one is opened, and when a test that lacks them may
+//! skip.
 
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{self, Kind};
@@ -42,7 +43,8 @@ pub fn program() -> PathBuf {
     path
 }
 
-/// The folder that Cargo builds programs and plugins into: target/PROFILE, as the running test is in target/PROFILE/deps.
+/// The folder that Cargo builds programs and plugins into: target/PROFILE, as the running test is in
+/// target/PROFILE/deps.
 ///
 /// # Panics
 /// When the test is somewhere else.

@@ -1,5 +1,5 @@
-//! What somebody who sends a folder, a scene or a name may not do, and what two runs side by side may not: each promise of
-//! `docs/security.md` that the command line keeps. Stores that lie are in `crates/hemicube/tests`, mutated scenes in
+//! What somebody who sends a folder, a scene or a name may not do, and what two runs side by side may not: each promise
+//! of `docs/security.md` that the command line keeps. Stores that lie are in `crates/hemicube/tests`, mutated scenes in
 //! `mutants.rs`.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.

@@ -1,5 +1,5 @@
-//! Balancing real matrices: a closed room becomes closed and reciprocal, small entries can go, and what that does to the
-//! error against the reference is measured, not assumed.
+//! Balancing real matrices: a closed room becomes closed and reciprocal, small entries can go, and what that does to
+//! the error against the reference is measured, not assumed.
 //!
 //! Its table: `cargo test --release -p hemicube-tests --test balance -- --ignored --nocapture`
 

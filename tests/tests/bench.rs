@@ -1,5 +1,5 @@
-//! `hemicube bench` on tiny scenes: every table and picture is there, what was measured is kept, and a second run measures
-//! nothing. Times are not judged: they are the machine's.
+//! `hemicube bench` on tiny scenes: every table and picture is there, what was measured is kept, and a second run
+//! measures nothing. Times are not judged: they are the machine's.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 

@@ -1,7 +1,9 @@
-//! The book, `docs/SUMMARY.md` and its chapters, and the README: every command and every piece of code is run, output that
-//! stands beside a command is what it says, links lead somewhere, and pictures of a page are those that its commands make.
+//! The book, `docs/SUMMARY.md` and its chapters, and the README: every command and every piece of code is run, output
+//! that stands beside a command is what it says, links lead somewhere, and pictures of a page are those that its
+//! commands make.
 //!
-//! Each page has a test, which runs what takes seconds, and one more for `./test --full`. `BLESS=1` takes over pictures.
+//! Each page has a test, which runs what takes seconds, and one more for `./test --full`. `BLESS=1` takes over
+//! pictures.
 
 #![cfg(unix)]
 
@@ -179,7 +181,6 @@ page_tests! {
     readme: "README.md",
     tour: "docs/tour.md",
     wrong_scenes: "docs/wrong-scenes.md",
-    glossary: "docs/glossary.md",
     interactive: "docs/interactive.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
     light: "docs/light.md",

@@ -1,9 +1,9 @@
 //! In a closed room no light is lost, wherever the room is, however it is turned and whatever its unit; patches under a
 //! block without a bottom are blocked, and no others; and the mass that a flipped wall blocks is the closed form's.
 //!
-//! The measured Cornell box cut ×256 has 10,240 patches. Its blocks have no bottoms, so a hemicube on the floor under one
-//! sees the inside of the block and nothing else: all of its weight is blocked. That is so for 92 patches, those of the
-//! floor whose centroids lie inside a block's footprint.
+//! The measured Cornell box cut ×256 has 10,240 patches. Its blocks have no bottoms, so a hemicube on the floor under
+//! one sees the inside of the block and nothing else: all of its weight is blocked. That is so for 92 patches, those of
+//! the floor whose centroids lie inside a block's footprint.
 
 use glam::DVec3;
 use hemicube::Model;
@@ -213,8 +213,8 @@ fn a_flipped_wall_blocks_what_the_closed_form_says() {
             "open box, {name}: rms error {:.1e} at N = 32, {:.1e} at 512, slope {falls:.2}",
             points[0].1, points[4].1
         ));
-        // An edge along the normal runs along the columns of a side face however the hemicube is turned, so that its N/2
-        // pixels err together: 1/N. Other edges do better.
+        // An edge along the normal runs along the columns of a side face however the hemicube is turned, so that its
+        // N/2 pixels err together: 1/N. Other edges do better.
         assert!(points[0].1 < 4e-3, "{name}: {points:?}");
         assert!(points[4].1 < 2e-4, "{name}: {points:?}");
         assert!(falls < -0.9, "{name}: {points:?}");

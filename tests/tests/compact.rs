@@ -1,5 +1,5 @@
-//! What is kept of a matrix, as a user meets it: the compact form, small form factors left out, and `balance` with its exit
-//! codes.
+//! What is kept of a matrix, as a user meets it: the compact form, small form factors left out, and `balance` with its
+//! exit codes.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 

@@ -1,5 +1,5 @@
-//! Covered weights and tiny patches: a patch's covered weight is, to the bit, what it shows where nothing else is; and a
-//! patch that covers no pixel's centre is reported where a ray to its centroid meets it first.
+//! Covered weights and tiny patches: a patch's covered weight is, to the bit, what it shows where nothing else is; and
+//! a patch that covers no pixel's centre is reported where a ray to its centroid meets it first.
 
 use hemicube::Model;
 use hemicube::backend::{Geometry, HemicubeBackend, RenderSettings};
@@ -99,11 +99,11 @@ fn holds(name: &str, model: &Model, engine: EngineChoice) -> usize {
     ));
     assert!(partly > 50 && tiny > 50, "{name}: nothing was tested");
     // Where the patch seen at the nearest pixel's centre reaches the centroid, its depth there decides. Elsewhere being
-    // about as near as the pixel does: in a soup of crossing triangles that lets some through that are hidden (the price of
-    // finding those behind silhouettes, of which 501 of 835 were once missed on the spheres); near the horizon, where
-    // depth changes fast, patches on the ground are missed, up to twice as many as are found. In order, what is nearer at
-    // the pixel's centre hides them, which misses some more; and those of one block are let through together, which in a
-    // soup, whose blocks hold what crosses each other, lets more through.
+    // about as near as the pixel does: in a soup of crossing triangles that lets some through that are hidden (the
+    // price of finding those behind silhouettes, of which 501 of 835 were once missed on the spheres); near the
+    // horizon, where depth changes fast, patches on the ground are missed, up to twice as many as are found. In order,
+    // what is nearer at the pixel's centre hides them, which misses some more; and those of one block are let through
+    // together, which in a soup, whose blocks hold what crosses each other, lets more through.
     let let_through = if engine == EngineChoice::Order { 3 } else { 4 };
     assert!(false_tiny * let_through <= tiny, "{name}: {false_tiny} of {tiny}");
     if engine == EngineChoice::Depth {
@@ -112,8 +112,8 @@ fn holds(name: &str, model: &Model, engine: EngineChoice) -> usize {
     missed
 }
 
-/// Both engines find tiny patches, and engine 2 misses at most half as many again as engine 1; in a soup, which it is not for,
-/// at most twice as many.
+/// Both engines find tiny patches, and engine 2 misses at most half as many again as engine 1; in a soup, which it is
+/// not for, at most twice as many.
 fn both_hold(name: &str, model: &Model) {
     let [depth, order] = [EngineChoice::Depth, EngineChoice::Order].map(|engine| holds(name, model, engine));
     let most = if name == "soup" { 2 * depth } else { 3 * depth / 2 };
@@ -127,8 +127,8 @@ fn city() {
 
 #[test]
 fn spheres() {
-    // On curved surfaces, which do not get it, engine 2 misses patches that a neighbour covers at the pixel's centre: 250
-    // where engine 1, which compares depths, misses 10.
+    // On curved surfaces, which do not get it, engine 2 misses patches that a neighbour covers at the pixel's centre:
+    // 250 where engine 1, which compares depths, misses 10.
     holds("spheres", &generated(Kind::Spheres, 4_000), EngineChoice::Depth);
 }
 

@@ -1,5 +1,5 @@
-//! One glam in the tree, and it is the one that obvhs takes: two would give two `DVec3` types, and a user of obvhs could
-//! not hand over our points.
+//! One glam in the tree, and it is the one that obvhs takes: two would give two `DVec3` types, and a user of obvhs
+//! could not hand over our points.
 
 use hemicube_tests::scenes::workspace;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};

@@ -1,5 +1,5 @@
-//! The package that `./dist` makes: what is in it, that it works wherever it is put, and that its pages and completions are
-//! what their readers take.
+//! The package that `./dist` makes: what is in it, that it works wherever it is put, and that its pages and completions
+//! are what their readers take.
 
 use hemicube_tests::scenes::{profile_folder, say, workspace};
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! The engines of the CPU backend see the same: pixel sums are the same bits, covered weights too, and engine 2 is as
-//! lossless and as independent of the instruction set when it is forced on scenes that do not suit it. Rows of engine 3 are
-//! those of engine 1, to the last bit of the last tiny patch.
+//! lossless and as independent of the instruction set when it is forced on scenes that do not suit it. Rows of engine 3
+//! are those of engine 1, to the last bit of the last tiny patch.
 
 use glam::DVec3;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
@@ -112,7 +112,8 @@ fn what_was_cut_shows_what_its_patches_show() {
     }
 }
 
-/// Where a hemicube does not stand on its emitter, or does not look away from it, the other patches that were cut from the same triangle are seen.
+/// Where a hemicube does not stand on its emitter, or does not look away from it, the other patches that were cut from
+/// the same triangle are seen.
 #[test]
 fn from_off_a_triangle_its_other_patches_are_seen() {
     for (name, model) in cut_scenes() {

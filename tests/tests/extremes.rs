@@ -1,6 +1,6 @@
-//! What breaks hemicubes elsewhere: plates a millionth apart, slivers a million times as long as high, triangles that lie
-//! on one another, units of a nanometre and of a million kilometres, one patch, no view, a patch inside a solid, plates with
-//! two sides, walls that pierce the ground.
+//! What breaks hemicubes elsewhere: plates a millionth apart, slivers a million times as long as high, triangles that
+//! lie on one another, units of a nanometre and of a million kilometres, one patch, no view, a patch inside a solid,
+//! plates with two sides, walls that pierce the ground.
 
 use glam::DVec3;
 use hemicube::Model;
@@ -102,8 +102,8 @@ fn a_sheet_a_millionth_above_the_floor_hides_it() {
     }
 }
 
-/// A cube's inside whose faces are cut at 0, 0.1, 0.3, … and a ten-millionth after each: slivers of up to 10⁶ : 1 between
-/// ordinary patches, with common corners.
+/// A cube's inside whose faces are cut at 0, 0.1, 0.3, … and a ten-millionth after each: slivers of up to 10⁶ : 1
+/// between ordinary patches, with common corners.
 fn slivers() -> Scene {
     let width = 1e-7;
     let mut places = vec![0.0];
@@ -502,9 +502,9 @@ fn a_patch_a_million_times_smaller_than_the_room() {
     }
 }
 
-/// The mean share of rows that goes to patches in the emitter's own plane, or to the backs of one-sided ones, of which a
-/// closed room shows none: with frames in f64 as they are, or made of f32 world coordinates, where the emitter is hit like
-/// anything else.
+/// The mean share of rows that goes to patches in the emitter's own plane, or to the backs of one-sided ones, of which
+/// a closed room shows none: with frames in f64 as they are, or made of f32 world coordinates, where the emitter is hit
+/// like anything else.
 fn self_hits(model: &Model, is_single: bool) -> f64 {
     #[allow(clippy::cast_possible_truncation, reason = "the loss is what is shown")]
     let single = |p: DVec3| p.as_vec3().as_dvec3();
@@ -557,8 +557,9 @@ fn world_coordinates_in_f32_hit_the_emitter_s_own_plane() {
     assert!(share > 0.1, "{share}");
 }
 
-/// Crossing solids are cut by each other's planes, and a point that stands for a buried centroid may lie in such a plane but for
-/// rounding. There a patch's pieces once showed more than the patch was counted to cover, and the run was refused.
+/// Crossing solids are cut by each other's planes, and a point that stands for a buried centroid may lie in such a
+/// plane but for rounding. There a patch's pieces once showed more than the patch was counted to cover, and the run was
+/// refused.
 #[test]
 fn points_in_the_plane_of_a_cut_patch_have_rows_that_hold() {
     let scene = moved(buried_centroids(), |p| irrational_rotation() * p);

@@ -1,5 +1,5 @@
-//! What `hemicube export` writes of patches, and the matrix as Parquet and as triplets, opened by readers of others: every
-//! value is the store's, every corner where the store says the patch is.
+//! What `hemicube export` writes of patches, and the matrix as Parquet and as triplets, opened by readers of others:
+//! every value is the store's, every corner where the store says the patch is.
 //!
 //! meshio, trimesh, DuckDB and Khronos's glTF validator in every run; VTK itself, pyarrow and GNU Octave, hundreds of
 //! megabytes each, in `./test --full`.

@@ -1,5 +1,5 @@
-//! Rows of which only visible fractions are asked: the CPU backend then lists patches that were cut from a triangle and show all that they
-//! cover without finding out how much that is of each.
+//! Rows of which only visible fractions are asked: the CPU backend then lists patches that were cut from a triangle and
+//! show all that they cover without finding out how much that is of each.
 
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::row::{RowBlock, RowView};
@@ -116,8 +116,9 @@ fn assert_fractions_are_those_of_weights(
         apart.other == 0 && apart.lost <= most_lost && apart.rows <= most_rows,
         "{name}, N = {resolution}: {apart:?}"
     );
-    // At the rim of a triangle whose pixels are all seen, patches without a pixel are, too. Engine 2 asks for them what was covered before a
-    // plane or a leaf was begun, and wholes have others than patches, above all in cities whose terrain is cut to pieces.
+    // At the rim of a triangle whose pixels are all seen, patches without a pixel are, too. Engine 2 asks for them what
+    // was covered before a plane or a leaf was begun, and wholes have others than patches, above all in cities whose
+    // terrain is cut to pieces.
     let most = if choice == EngineChoice::Order { 5 } else { 10 };
     assert!(
         apart.tiny.iter().sum::<usize>() <= apart.alike / most + 8,
@@ -141,7 +142,8 @@ fn fractions_of_real_scenes_are_those_of_weights() {
     let Some(folder) = scenes_or_skip("fractions::fractions_of_real_scenes_are_those_of_weights") else {
         return;
     };
-    // Engine 2 where it suits the scene: it finds fewer of the patches without a pixel where terrain must be cut to pieces.
+    // Engine 2 where it suits the scene: it finds fewer of the patches without a pixel where terrain must be cut to
+    // pieces.
     let (depth, both) = (
         &[EngineChoice::Depth][..],
         &[EngineChoice::Depth, EngineChoice::Order][..],
@@ -149,8 +151,8 @@ fn fractions_of_real_scenes_are_those_of_weights() {
     for (file, subdivision, choices, most) in [
         ("city/denhaag-8897.obj", Subdivision::Split(4), both, (0, 0)),
         ("city/rotterdam-delfshaven.obj", Subdivision::Split(3), depth, (0, 0)),
-        // One eye lies on the edge of a floor, whose pixels no patch of it covers: where the floor is drawn they are given to one that is
-        // hardly seen, and where patches are, they are seen of what is behind.
+        // One eye lies on the edge of a floor, whose pixels no patch of it covers: where the floor is drawn they are
+        // given to one that is hardly seen, and where patches are, they are seen of what is behind.
         ("interior/aggressor.obj", Subdivision::Split(3), both, (1, 1)),
         (
             "cornell/cornell-measured-closed-20q.obj",

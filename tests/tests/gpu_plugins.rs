@@ -1,5 +1,5 @@
-//! The plugins for GPUs as the program loads them, on whatever device there is: the conformance suite, the corrections over
-//! them, and all of them at once in one process.
+//! The plugins for GPUs as the program loads them, on whatever device there is: the conformance suite, the corrections
+//! over them, and all of them at once in one process.
 //!
 //! `./test` also runs the public cases at a tolerance over each of them (`HEMICUBE_TEST_BACKEND`).
 
@@ -138,7 +138,8 @@ fn measured(place: &Path, scene: &str, backend: &str, how: &[&str]) -> f64 {
             "--backend-dir",
             &folder(),
         ])
-        // A few pairs that the centroid sees and hardly any other point does make up most of the error: 48 rows cannot tell.
+        // A few pairs that the centroid sees and hardly any other point does make up most of the error: 48 rows cannot
+        // tell.
         .args(["--verify", "192", "--json", "-"])
         .args(how)
         .output()

@@ -1,8 +1,8 @@
 //! `hemicube interactive`, on a terminal: what is on the screen, what is run, and what is left behind.
 //!
-//! The terminal is a pseudo-terminal, and what the program writes to it goes through an emulator: tests read the screen as a
-//! person does, and type.
-//! The binary is the one beside this test: build it with the same profile and target directory before.
+//! The terminal is a pseudo-terminal, and what the program writes to it goes through an emulator: tests read the screen
+//! as a person does, and type. The binary is the one beside this test: build it with the same profile and target
+//! directory before.
 #![cfg(unix)]
 
 use hemicube_tests::runs::{Place, Ran, assert_same, until};
@@ -249,8 +249,8 @@ const SCENE: &str = "Select the scene to process:";
 const RUN: &str = "Run this command?";
 const CHANGE: &str = "Change which setting:";
 
-/// Figure 3.6 of the thesis, and what its text says the interface is for: a scene is chosen, parameters are changed, the
-/// error between matrices is computed.
+/// Figure 3.6 of the thesis, and what its text says the interface is for: a scene is chosen, parameters are changed,
+/// the error between matrices is computed.
 #[test]
 fn the_dialogue_of_the_thesis() {
     let place = Place::new();

@@ -19,7 +19,8 @@ use hemicube_tests::scenes::{generated, model, read, say, scenes_or_skip};
 
 const GOLDEN: f64 = 2.399_963_229_728_653;
 
-/// Compares `count` hemicubes of a scene at each of some resolutions with rays, and all instruction sets with each other.
+/// Compares `count` hemicubes of a scene at each of some resolutions with rays, and all instruction sets with each
+/// other.
 fn agreement(model: &Model, count: usize) -> Agreement {
     let rays = RayScene::new(model.geometry());
     let mut sum = Agreement::default();
@@ -52,7 +53,8 @@ fn agreement(model: &Model, count: usize) -> Agreement {
     sum
 }
 
-/// Holds a scene's item buffers against rays. Off silhouettes and ties nothing differs; these are at most the shares given.
+/// Holds a scene's item buffers against rays. Off silhouettes and ties nothing differs; these are at most the shares
+/// given.
 fn holds(name: &str, model: &Model, silhouette_share: f64, tied_share: f64) {
     let found = agreement(model, 40);
     let share = |count: usize| count as f64 / found.pixels as f64;
@@ -112,7 +114,8 @@ fn real_interior_and_house() {
     let Some(folder) = scenes_or_skip("item_buffer::real_interior_and_house") else {
         return;
     };
-    // Games and aircraft lay surfaces onto surfaces: there, which of the two is seen hangs on the last bit of the depth.
+    // Games and aircraft lay surfaces onto surfaces: there, which of the two is seen hangs on the last bit of the
+    // depth.
     for (file, tied_share) in [("interior/aggressor.obj", 2e-2), ("ac/fg-zone_maisons-ba.ac", 2e-2)] {
         let scene = read(&folder, file).unwrap_or_else(|error| panic!("{error}"));
         holds(file, &model(scene, Subdivision::None), 1e-4, tied_share);

@@ -1,5 +1,5 @@
-//! Rows of patches that much stands on: a city on a ground of two triangles. They end, are near the reference, and say so
-//! where their bound on work ended them.
+//! Rows of patches that much stands on: a city on a ground of two triangles. They end, are near the reference, and say
+//! so where their bound on work ended them.
 
 use glam::DVec3;
 use hemicube::backend::{Culling, RenderSettings};

@@ -1,5 +1,5 @@
-//! Light, heat and sky by the program, against what is known of them: closed forms, conservation, and the measured Cornell
-//! box.
+//! Light, heat and sky by the program, against what is known of them: closed forms, conservation, and the measured
+//! Cornell box.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 
@@ -285,8 +285,8 @@ fn a_city_on_two_triangles_is_at_equilibrium_and_its_rows_add_up() {
     }
 }
 
-/// What |Σ F + escaped + blocked + unselected − 1| is at most, its area-weighted root mean square, and that of the hemicubes'
-/// shares.
+/// What |Σ F + escaped + blocked + unselected − 1| is at most, its area-weighted root mean square, and that of the
+/// hemicubes' shares.
 fn off_one(store: &Store) -> [f64; 3] {
     let (areas, rows) = (store.patches().expect("patches").area, store.row_table().expect("rows"));
     let off = |of: [&[f64]; 3]| -> Vec<f64> {
@@ -306,8 +306,8 @@ fn off_one(store: &Store) -> [f64; 3] {
     [refined.iter().copied().fold(0.0, f64::max), rms(&refined), rms(&seen)]
 }
 
-/// Every row of a scene sums to 1 within the tolerance, and within a quarter of it by root mean square, by the default (2 %)
-/// and at 1 %.
+/// Every row of a scene sums to 1 within the tolerance, and within a quarter of it by root mean square, by the default
+/// (2 %) and at 1 %.
 fn adds_up(scene: &std::path::Path, cut: &str) {
     let place = Place::new();
     for (name, settings, tolerance) in [("area", "", 0.02), ("one", "--tolerance 1%", 0.01)] {
@@ -337,7 +337,8 @@ fn every_row_adds_up() {
     }
 }
 
-/// A box of 1.2 × 1.5 × 0.016, finely cut: from most patches some are seen at grazing angles only, by no pixel of a hemicube.
+/// A box of 1.2 × 1.5 × 0.016, finely cut: from most patches some are seen at grazing angles only, by no pixel of a
+/// hemicube.
 #[test]
 fn rows_of_a_flat_cavity_add_up_and_its_ends_see_each_other() {
     let Some(scenes) = scenes_or_skip("rows_of_a_flat_cavity_add_up_and_its_ends_see_each_other") else {
@@ -419,9 +420,9 @@ fn two_plates_exchange_what_the_textbook_says() {
     }
 }
 
-/// A regular tetrahedron of which two faces reradiate, and so are one surface: F = 1/3 between any two faces, and
-/// Q₁ = A σ(T₁⁴ − T₂⁴) / ((1−ε₁)/ε₁ + 1/(F₁₂ + 1/(1/F₁ᵣ + 1/F₂ᵣ)) + (1−ε₂)/ε₂) with F₁ᵣ = F₂ᵣ = 2/3 (three-surface enclosure,
-/// Incropera & DeWitt, section 13.3.5). A face is one patch, as the textbook's surfaces are.
+/// A regular tetrahedron of which two faces reradiate, and so are one surface: F = 1/3 between any two faces, and Q₁ =
+/// A σ(T₁⁴ − T₂⁴) / ((1−ε₁)/ε₁ + 1/(F₁₂ + 1/(1/F₁ᵣ + 1/F₂ᵣ)) + (1−ε₂)/ε₂) with F₁ᵣ = F₂ᵣ = 2/3 (three-surface
+/// enclosure, Incropera & DeWitt, section 13.3.5). A face is one patch, as the textbook's surfaces are.
 #[test]
 fn an_enclosure_of_three_surfaces_exchanges_what_the_textbook_says() {
     let place = Place::new();
@@ -455,9 +456,9 @@ fn an_enclosure_of_three_surfaces_exchanges_what_the_textbook_says() {
     }
 }
 
-/// From the measured box and published reflectances to a picture. What is known of the picture: the side of the tall block
-/// that faces the red wall is redder than the one that faces the green wall; the ceiling is lit from below only; shadows
-/// have soft edges.
+/// From the measured box and published reflectances to a picture. What is known of the picture: the side of the tall
+/// block that faces the red wall is redder than the one that faces the green wall; the ceiling is lit from below only;
+/// shadows have soft edges.
 #[test]
 fn the_cornell_box_bleeds_colour() {
     let place = Place::new();
@@ -496,7 +497,8 @@ fn the_cornell_box_bleeds_colour() {
         let (red, green) = (side(block, 1.0), side(block, -1.0));
         assert!(red > 1.3 * green, "{block}: {red} towards red, {green} towards green");
     }
-    // On the floor, going out of the tall block's shadow, no step between neighbours is more than half of what there is.
+    // On the floor, going out of the tall block's shadow, no step between neighbours is more than half of what there
+    // is.
     let floor = |patch: usize| objects[table.object[patch] as usize] == "floor";
     let lit = mean(&|patch| floor(patch) && table.centroid[patch][2] < 60.0, 1);
     let dark = (0..table.len())
@@ -564,8 +566,8 @@ fn canyon(width: f64, height: f64, strips: usize) -> String {
     obj(&quads)
 }
 
-/// Along the floor the sky view factor is (sin α + sin β) / 2 with the angles from the vertical to the eaves, and on average
-/// √(1 + (H/W)²) − H/W (crossed strings, Hottel 1954).
+/// Along the floor the sky view factor is (sin α + sin β) / 2 with the angles from the vertical to the eaves, and on
+/// average √(1 + (H/W)²) − H/W (crossed strings, Hottel 1954).
 #[test]
 fn the_sky_over_a_street_is_that_of_the_closed_form() {
     const STRIPS: usize = 8;
@@ -676,8 +678,8 @@ fn sky_and_ground_are_what_escaped() {
     place.fails("solve F --materials m.toml --sky-radiance sky.npy", &["another scene"]);
 }
 
-/// In an export with the sky, rows and what is blocked sum to 1 in all formats, the columns are named, and `check` sees every
-/// changed byte of the sky rows.
+/// In an export with the sky, rows and what is blocked sum to 1 in all formats, the columns are named, and `check` sees
+/// every changed byte of the sky rows.
 #[test]
 #[allow(
     clippy::cast_possible_truncation,
@@ -880,8 +882,8 @@ fn gltf(positions: &[u8]) -> Vec<u8> {
     document.to_string().into_bytes()
 }
 
-/// Rays towards a sun and the sky's weights are of the same scene: where the sun in the zenith is open all over a patch, the
-/// cap of the sky has weight.
+/// Rays towards a sun and the sky's weights are of the same scene: where the sun in the zenith is open all over a
+/// patch, the cap of the sky has weight.
 #[test]
 fn suns_are_seen_where_the_sky_is_open() {
     let place = Place::new();

@@ -1,5 +1,6 @@
-//! Scenes as an attacker sends them: files of every format, changed by a seeded mutator. A reader refuses one or makes of
-//! it a scene that can be repaired and cut; it never panics, never hangs, and never makes more than `docs/security.md` allows.
+//! Scenes as an attacker sends them: files of every format, changed by a seeded mutator. A reader refuses one or makes
+//! of it a scene that can be repaired and cut; it never panics, never hangs, and never makes more than
+//! `docs/security.md` allows.
 //!
 //! A short run each time; `cargo test --release -p hemicube-tests --test mutants -- --ignored` is the long one.
 

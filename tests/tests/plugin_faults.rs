@@ -112,8 +112,8 @@ impl Run {
         self.compute_command(options).output().expect("the program runs")
     }
 
-    /// What is stored is a store, begun and not finished, of which nothing is wrong: every part is that of a run without
-    /// a fault, byte by byte.
+    /// What is stored is a store, begun and not finished, of which nothing is wrong: every part is that of a run
+    /// without a fault, byte by byte.
     #[track_caller]
     fn store_is_intact(&self) {
         let checked = self.program(&["check", "m"]);
@@ -499,8 +499,8 @@ fn fault_13_light_lost_or_invented() {
 
 #[test]
 fn fault_14_not_a_number() {
-    // Weights are integers, and anything but a legal sum of them is fault 13. What could be no number goes the other way,
-    // and is refused before a plugin sees it; the session stays usable.
+    // Weights are integers, and anything but a legal sum of them is fault 13. What could be no number goes the other
+    // way, and is refused before a plugin sees it; the session stays usable.
     let mut backend = faulty("none");
     let room = model(hemicube_scene::generate::cornell_box(), Subdivision::None);
     backend.load(room.geometry(), settings(RESOLUTION)).expect("it loads");

@@ -1,4 +1,5 @@
-//! Backends loaded at run time: the smallest ones in Rust and in C do what the built-in one does, alone and side by side.
+//! Backends loaded at run time: the smallest ones in Rust and in C do what the built-in one does, alone and side by
+//! side.
 
 use hemicube::Model;
 use hemicube::backend::{BackendInfo, Counters, HemicubeBackend, RenderSettings};

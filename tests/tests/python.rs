@@ -1,4 +1,5 @@
-//! SciPy and NumPy open what is written: a part of a store, and the exports. Each value is compared with the computed one.
+//! SciPy and NumPy open what is written: a part of a store, and the exports. Each value is compared with the computed
+//! one.
 //!
 //! Needs Python with SciPy: `HEMICUBE_PYTHON`, otherwise `python3`.
 

@@ -1,5 +1,5 @@
-//! Pairs of rectangles drawn at random, with up to two plates between them that may stand on the emitter's plane or stick
-//! through the receiver and through each other: what is asked for is kept on cases that nobody chose.
+//! Pairs of rectangles drawn at random, with up to two plates between them that may stand on the emitter's plane or
+//! stick through the receiver and through each other: what is asked for is kept on cases that nobody chose.
 
 use glam::DVec3;
 use hemicube_scene::Subdivision;

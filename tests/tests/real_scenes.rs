@@ -81,9 +81,10 @@ const REFUSED: &[(&str, &str)] = &[
     ("obj/tobj/lines.obj", "holds no triangle"),
 ];
 
-/// Areas of files with concave polygons, or bent ones, which the manifest's fans get wrong. Rotterdam's is the manifest's
-/// own for the same polygons cut right. Of the others the sums of |Σ p × q|/2 over the polygons' edges, below which no
-/// triangulation can be, are 1,571.9, 11,549.1 and 216,584.6; truman's one polygon of 46 corners is 13,358 too large as a fan.
+/// Areas of files with concave polygons, or bent ones, which the manifest's fans get wrong. Rotterdam's is the
+/// manifest's own for the same polygons cut right. Of the others the sums of |Σ p × q|/2 over the polygons' edges,
+/// below which no triangulation can be, are 1,571.9, 11,549.1 and 216,584.6; truman's one polygon of 46 corners is
+/// 13,358 too large as a fan.
 const AREAS: &[(&str, f64)] = &[
     ("ac/fg-KC135.ac", 1_573.029_116),
     ("ac/fg-clem-superstructure.ac", 11_574.535_284),

@@ -1,5 +1,5 @@
-//! The built-in backend's rows are, to the bit, the plain pixel-by-pixel reduction of its own item buffers. That keeps the
-//! reduction's correctness apart from the rasteriser's.
+//! The built-in backend's rows are, to the bit, the plain pixel-by-pixel reduction of its own item buffers. That keeps
+//! the reduction's correctness apart from the rasteriser's.
 
 use hemicube::Model;
 use hemicube::backend::{HemicubeBackend, RenderSettings};

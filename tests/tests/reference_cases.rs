@@ -1,9 +1,9 @@
 //! Form factors against closed forms: the public cases of `reference_cases.json`, and two that need no file.
 //!
-//! A plain hemicube at each centroid errs twice. *Aliasing* falls with the resolution N: it is measured against the mean of
-//! the closed point-to-polygon factor over the same centroids. *Point instead of area* does not; it falls as the emitter is
-//! cut finer: it is measured against the factor between the areas, at a resolution where aliasing is small. Of either the
-//! slope is tested, and a bound at the finest setting.
+//! A plain hemicube at each centroid errs twice. *Aliasing* falls with the resolution N: it is measured against the
+//! mean of the closed point-to-polygon factor over the same centroids. *Point instead of area* does not; it falls as
+//! the emitter is cut finer: it is measured against the factor between the areas, at a resolution where aliasing is
+//! small. Of either the slope is tested, and a bound at the finest setting.
 
 use glam::DVec3;
 use hemicube::Model;
@@ -32,8 +32,8 @@ struct Pair {
 }
 
 impl Pair {
-    /// The factor by hemicubes of `resolution`, the edges of all triangles cut into `pieces`; and the mean over the same
-    /// points of the closed point-to-area factor, without the plates.
+    /// The factor by hemicubes of `resolution`, the edges of all triangles cut into `pieces`; and the mean over the
+    /// same points of the closed point-to-area factor, without the plates.
     fn estimate(&self, pieces: u32, resolution: u32) -> (f64, f64) {
         let triangles = |quads: &[Quad]| quads.iter().copied().flat_map(quad).collect::<Vec<Triangle>>();
         let (emitter, receiver) = (triangles(&self.emitter), triangles(&self.receiver));
@@ -287,7 +287,8 @@ fn expect(cases: &[Value], id: &str, key: &str) -> f64 {
     number(&case["expected"][key])
 }
 
-/// Error of an enclosure for some finenesses: the largest difference of the factors that `pick` names from the expected.
+/// Error of an enclosure for some finenesses: the largest difference of the factors that `pick` names from the
+/// expected.
 fn enclosure(
     name: &str,
     finenesses: [u32; 3],

@@ -1,6 +1,6 @@
-//! Matrices, solutions and sky rows as an attacker sends them, to every command: whatever is changed, and sealed again, a
-//! command ends with a code of its own, never by a panic or a signal, takes no memory beyond a bound, and makes nothing of
-//! what no matrix can hold.
+//! Matrices, solutions and sky rows as an attacker sends them, to every command: whatever is changed, and sealed again,
+//! a command ends with a code of its own, never by a panic or a signal, takes no memory beyond a bound, and makes
+//! nothing of what no matrix can hold.
 //!
 //! A short run each time; `cargo test --release -p hemicube-tests --test store_mutants -- --ignored` is the long one.
 #![cfg(unix)]
@@ -293,7 +293,6 @@ fn mutants(count: usize, seed: u64) {
         }
         refused += usize::from(code != Some(0));
     }
-    eprintln!("{refused} of {count} mutants refused");
     assert!(refused * 2 > count, "{refused} of {count}: most mutants are none");
 }
 

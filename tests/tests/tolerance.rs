@@ -1,11 +1,11 @@
-//! Ask for 0.1 %, get 0.1 %: the public cases of `reference_cases.json` at a tolerance of 0.1 % and of 0.01 %, both ways,
-//! whole and cut, wherever the scene is and whatever its unit; closed rooms; crossing surfaces; plates in near contact and
-//! in one plane.
+//! Ask for 0.1 %, get 0.1 %: the public cases of `reference_cases.json` at a tolerance of 0.1 % and of 0.01 %, both
+//! ways, whole and cut, wherever the scene is and whatever its unit; closed rooms; crossing surfaces; plates in near
+//! contact and in one plane.
 //!
-//! What is promised of a factor is the tolerance as a share of it, and of a factor under 0.01 a hundredth of the tolerance.
-//! Curved cases are held against the values of the polyhedra that stand for them, which are exact: a convex shape that only
-//! sees another has the factor 1, reciprocity and closure give the rest, and between two polygons apart from each other
-//! there is the contour integral. That these values tend to those of the file is tested too.
+//! What is promised of a factor is the tolerance as a share of it, and of a factor under 0.01 a hundredth of the
+//! tolerance. Curved cases are held against the values of the polyhedra that stand for them, which are exact: a convex
+//! shape that only sees another has the factor 1, reciprocity and closure give the rest, and between two polygons apart
+//! from each other there is the contour integral. That these values tend to those of the file is tested too.
 
 use glam::DVec3;
 use hemicube::Model;

@@ -304,8 +304,8 @@ fn error_against_time() {
         front.len()
     );
 
-    // What it recommends is what `compute --tolerance` takes, if that is good enough, or else the cheapest that is; as a
-    // line that runs and keeps it.
+    // What it recommends is what `compute --tolerance` takes, if that is good enough, or else the cheapest that is; as
+    // a line that runs and keeps it.
     let recommended = &report["recommended"];
     let command = recommended["command"].as_str().expect("a command");
     assert!(

@@ -1,6 +1,6 @@
-//! Three scenes of View3D, of growing difficulty, from its input format to its output format: values of its manual, exact
-//! values, and closure and reciprocity of an L-shaped room that is given in both of its geometry formats. And zones of a
-//! city, from a CityJSON tile and from its OBJ twin.
+//! Three scenes of View3D, of growing difficulty, from its input format to its output format: values of its manual,
+//! exact values, and closure and reciprocity of an L-shaped room that is given in both of its geometry formats. And
+//! zones of a city, from a CityJSON tile and from its OBJ twin.
 
 use assert_cmd::Command;
 use hemicube_scene::generate::{Generate, Kind, generate};

@@ -329,8 +329,8 @@ pub(crate) struct EngineSettings {
     /// An option of the backend, such as `device=1` (repeatable)
     #[arg(long, value_name = "KEY=VALUE", hide_short_help = true)]
     pub(crate) backend_option: Vec<String>,
-    /// How the CPU backend finds what is visible: by depth, for any scene, in order, for polygonal ones, or by claims, which
-    /// gives the rows of depth and is faster where hemicubes are fine, or triangles are cut into many patches
+    /// How the CPU backend finds what is visible: by depth, for any scene, in order, for polygonal ones, or by claims,
+    /// which gives the rows of depth and is faster where hemicubes are fine, or triangles are cut into many patches
     #[arg(
         long,
         value_name = "auto|depth|order|claims",
@@ -671,8 +671,8 @@ pub(crate) struct Compare {
     /// Compare only the rows A to B − 1, counted from 0
     #[arg(long, value_name = "A..B")]
     pub(crate) rows: Option<RowRange>,
-    /// Draw how many rows have which error into FILE, beside what A expected of them if it was computed to a tolerance: .svg
-    /// or .png
+    /// Draw how many rows have which error into FILE, beside what A expected of them if it was computed to a tolerance:
+    /// .svg or .png
     #[arg(long, value_name = "FILE")]
     pub(crate) plot: Option<PathBuf>,
     /// Replace a file that is there
@@ -688,20 +688,20 @@ pub(crate) struct Export {
     /// The matrix
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
-    /// The file to write; its extension says what: the matrix as .npz (SciPy), .mtx (Matrix Market), .txt or .dat (MATLAB's
-    /// `spconvert`), .npy (dense), .parquet (triplets); a row of results for each patch, on the model, as .vtp or .vtu
-    /// (ParaView), .glb (glTF), .ply, or as a table, .csv
+    /// The file to write; its extension says what: the matrix as .npz (SciPy), .mtx (Matrix Market), .txt or .dat
+    /// (MATLAB's `spconvert`), .npy (dense), .parquet (triplets); a row of results for each patch, on the model, as
+    /// .vtp or .vtu (ParaView), .glb (glTF), .ply, or as a table, .csv
     #[arg(value_name = "OUT")]
     pub(crate) output: PathBuf,
     /// The format, where OUT's extension does not say
     #[arg(long, value_name = "FORMAT")]
     pub(crate) format: Option<FormatName>,
-    /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table, `.csv`, or
-    /// what View3D writes, `.vf`
+    /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table, `.csv`,
+    /// or what View3D writes, `.vf`
     #[arg(long, value_name = "WHAT", conflicts_with_all = ["format", "allow_incomplete", "patches", "scene", "show", "range", "solution", "up"])]
     pub(crate) by: Option<ZoneName>,
-    /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --store` found them.
-    /// OUT with `.columns.csv` in place of its ending says what each is
+    /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --store` found
+    /// them. OUT with `.columns.csv` in place of its ending says what each is
     #[arg(long, conflicts_with = "by")]
     pub(crate) with_sky: bool,
     /// Replace a file that is there
@@ -722,8 +722,8 @@ pub(crate) struct Export {
     /// Which solutions to add (repeatable) [default: all that `hemicube solve` left beside the matrix]
     #[arg(long, value_name = "NAME", help_heading = "Patches")]
     pub(crate) solution: Vec<String>,
-    /// What colours .glb and .ply: a column such as flux, radiosity, sky_view_factor, escaped, seen [default: the first of
-    /// these that says something]
+    /// What colours .glb and .ply: a column such as flux, radiosity, sky_view_factor, escaped, seen [default: the first
+    /// of these that says something]
     #[arg(long, value_name = "COLUMN", help_heading = "Patches")]
     pub(crate) show: Option<String>,
     /// What the first and the last colour stand for [default: the least and the greatest value]
@@ -1158,8 +1158,8 @@ fn min_patches(text: &str) -> Result<Auto, String> {
 }
 
 /// Joins `--json` with a file that follows it as a word of its own. The value is optional, so `--json scene.obj` would
-/// otherwise be ambiguous, and taking the scene for the report's file would overwrite it: only `-` and names that end in
-/// `.json` are joined.
+/// otherwise be ambiguous, and taking the scene for the report's file would overwrite it: only `-` and names that end
+/// in `.json` are joined.
 pub(crate) fn join_json(arguments: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     let mut joined: Vec<OsString> = Vec::new();
     let mut literal = false;

@@ -399,8 +399,8 @@ pub(crate) fn refusal(command: &Command, name: &str, words: &[String]) -> Option
     ))
 }
 
-/// The file that settings are written to for who asks for that: the one in the working directory, or else the user's, or
-/// where there is neither, a new one in the working directory.
+/// The file that settings are written to for who asks for that: the one in the working directory, or else the user's,
+/// or where there is neither, a new one in the working directory.
 pub(crate) fn file_to_write() -> PathBuf {
     let project = PathBuf::from(FILE);
     match user_file() {
@@ -409,8 +409,8 @@ pub(crate) fn file_to_write() -> PathBuf {
     }
 }
 
-/// The text of a file of settings with some of them changed, everything else as it was. What excludes a changed one becomes
-/// a comment.
+/// The text of a file of settings with some of them changed, everything else as it was. What excludes a changed one
+/// becomes a comment.
 ///
 /// # Errors
 /// When the text is not as the program would read it, before or after.

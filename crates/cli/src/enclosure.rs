@@ -33,7 +33,8 @@ pub(crate) fn of(prepared: &Prepared, objects: &[u32], options: DiagnoseOptions)
     )
 }
 
-/// Whether the rows of a run look odd: nothing is in sight, or much of it is backs, or nothing escapes from several objects.
+/// Whether the rows of a run look odd: nothing is in sight, or much of it is backs, or nothing escapes from several
+/// objects.
 pub(crate) fn is_odd(objects: usize, [row_sum, escaped, blocked]: [f64; 3]) -> bool {
     row_sum <= LEAST_SUM || blocked >= MOST_BLOCKED || (objects > 1 && escaped <= LEAST_ESCAPED)
 }
@@ -164,10 +165,9 @@ pub(crate) fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
     };
     let lost = percent(winding.lost);
     match winding.turn {
-        Turn::All => format!(
-            "the model is wound outwards throughout: its patches face away from the space that it encloses, and see no front \
+        Turn::All => "the model is wound outwards throughout: its patches face away from the space that it encloses, and see no front \
              of another, which is right for a solid alone that is seen from outside; for the space within, `--flip all` turns it round"
-        ),
+            .to_owned(),
         Turn::InsideOut => format!(
             "{} face inwards ({listed}): they see only their own insides, and others see their backs, {lost} of all views; \
              {} turns them round",

@@ -110,8 +110,8 @@ static KEEPING: AtomicBool = AtomicBool::new(false);
 /// A directory that is still empty, to be removed when nothing comes of it.
 static UNUSED: Mutex<Option<PathBuf>> = Mutex::new(None);
 
-/// From now on Ctrl-C (and a request to terminate) ends the program with code 130: at once, or, between [`keep`] and the
-/// end of the computation, after the part that is being computed; the second one always at once.
+/// From now on Ctrl-C (and a request to terminate) ends the program with code 130: at once, or, between [`keep`] and
+/// the end of the computation, after the part that is being computed; the second one always at once.
 ///
 /// # Errors
 /// When the system lets no handler be set.

@@ -13,7 +13,8 @@
 use hemicube::store::Form;
 use std::path::Path;
 
-/// What each further thread of the CPU backend has for itself: buffers of pixels, lists, and room that the allocator keeps.
+/// What each further thread of the CPU backend has for itself: buffers of pixels, lists, and room that the allocator
+/// keeps.
 const SESSION: f64 = 12e6;
 /// What is not counted elsewhere.
 const REST: f64 = 16e6;
@@ -64,7 +65,8 @@ pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
     least(&[asked.or_else(free_memory), address_space()])
 }
 
-/// What the system would give: memory that is free or can be freed, and swap; no more than the group of processes may have.
+/// What the system would give: memory that is free or can be freed, and swap; no more than the group of processes may
+/// have.
 fn free_memory() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let field = |name: &str| {

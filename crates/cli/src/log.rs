@@ -1,5 +1,5 @@
-//! Messages on standard error: lines for people, or JSON for programs; and what the libraries and the stages of a run log
-//! through `tracing`, by `HEMICUBE_LOG`.
+//! Messages on standard error: lines for people, or JSON for programs; and what the libraries and the stages of a run
+//! log through `tracing`, by `HEMICUBE_LOG`.
 
 use crate::args::{LogFormat, Talk};
 use std::io::Write;

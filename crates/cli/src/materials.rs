@@ -1,5 +1,5 @@
-//! What surfaces are made of: reflectance and emission of the scene's own materials, and a TOML of materials by name that
-//! goes before them.
+//! What surfaces are made of: reflectance and emission of the scene's own materials, and a TOML of materials by name
+//! that goes before them.
 //!
 //! ```toml
 //! bands = ["red", "green", "blue"]        # or any others; a number stands for all of them

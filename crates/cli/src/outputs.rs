@@ -1,10 +1,11 @@
-//! What a command writes is none of what it reads, and replaces nothing unasked: one rule for every command, held before
-//! anything is read or computed.
+//! What a command writes is none of what it reads, and replaces nothing unasked: one rule for every command, held
+//! before anything is read or computed.
 //!
 //! 1. No output is one of the inputs, by whatever name or link, or another output.
 //! 2. No output lies in a matrix's directory that the command reads or writes; what belongs there it puts there itself.
-//! 3. An output that exists is replaced with `--overwrite` only. A report (`--json`) and a progress file replace a file of
-//!    their own kind, so that a run which goes on may be asked for by the same command line, and never anything else.
+//! 3. An output that exists is replaced with `--overwrite` only. A report (`--json`) and a progress file replace a file
+//!    of their own kind, so that a run which goes on may be asked for by the same command line, and never anything
+//!    else.
 
 use crate::args::{Command, Report};
 use crate::commands::{report, sky, solve, view};

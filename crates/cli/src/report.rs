@@ -81,7 +81,8 @@ pub(crate) fn print(text: &str) -> Result<()> {
     print_raw(&shown_lines(text))
 }
 
-/// Writes JSON to standard output. JSON escapes half of what is unseen; the other half is escaped here, as JSON does it.
+/// Writes JSON to standard output. JSON escapes half of what is unseen; the other half is escaped here, as JSON does
+/// it.
 fn print_json(text: &str) -> Result<()> {
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {

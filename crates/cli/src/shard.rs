@@ -8,9 +8,9 @@
 //! | PMI (MPICH, Intel MPI, Slurm with PMI) | `PMI_RANK` | `PMI_SIZE` | 0 |
 //! | Slurm's `srun` | `SLURM_PROCID` | `SLURM_STEP_NUM_TASKS` or `SLURM_NTASKS` | 0 |
 //!
-//! The first two say which job of several this is, the others which process of a job. Where both do, each job's share is
-//! divided among its processes. Only asked when `--shard auto` is: an allocation's variables are also set for a program
-//! that somebody starts in it by hand, once, to compute everything.
+//! The first two say which job of several this is, the others which process of a job. Where both do, each job's share
+//! is divided among its processes. Only asked when `--shard auto` is: an allocation's variables are also set for a
+//! program that somebody starts in it by hand, once, to compute everything.
 //!
 //! No shard without being asked, because an allocation's variables are also set for a program that somebody starts in
 //! it once, to compute everything: `--shard auto` asks, and says what it found.

@@ -1,8 +1,9 @@
-//! A sheet that a diagram is laid out on, as SVG or PNG: axes, markers, letters. The pictures of `tradeoff`, `compare` and `bench`.
+//! A sheet that a diagram is laid out on, as SVG or PNG: axes, markers, letters. The pictures of `tradeoff`, `compare`
+//! and `bench`.
 //!
-//! Everything is laid out once, in units of which the sheet is [`WIDTH`] × [`HEIGHT`]; plotters draws the shapes of either
-//! format. Letters are text in the SVG. In the PNG they are set from a built-in font (DejaVu Sans) glyph by glyph, because
-//! plotters places glyphs at whole pixels and without their bearings.
+//! Everything is laid out once, in units of which the sheet is [`WIDTH`] × [`HEIGHT`]; plotters draws the shapes of
+//! either format. Letters are text in the SVG. In the PNG they are set from a built-in font (DejaVu Sans) glyph by
+//! glyph, because plotters places glyphs at whole pixels and without their bearings.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
 use anyhow::{Result, anyhow, bail};
@@ -260,7 +261,8 @@ impl Sheet {
         self.write(subtitle, (24.0, 60.0), fitting(subtitle, 13.5), GREY, Anchor::Start);
     }
 
-    /// Two logarithmic axes: what stands beneath the one and over the other, and the unit behind the numbers of that one.
+    /// Two logarithmic axes: what stands beneath the one and over the other, and the unit behind the numbers of that
+    /// one.
     pub(crate) fn axes(&mut self, x: Axis, y: Axis, beneath: &str, over: &str, unit: &str) {
         const SIZE: f64 = 13.0;
         for (value, label) in x.ticks() {

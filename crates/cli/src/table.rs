@@ -1,8 +1,8 @@
 //! Tables of numbers in text: points and suns, as people write them and as spreadsheets and simulations export them.
 //!
-//! A line is a row; `#` begins a comment. Without a header, a row has the columns that are asked for, in their order, and
-//! fields are separated by blanks, tabs, commas or semicolons. With one, columns are found by their names, others are
-//! passed over, and fields are separated by what separates them in the header.
+//! A line is a row; `#` begins a comment. Without a header, a row has the columns that are asked for, in their order,
+//! and fields are separated by blanks, tabs, commas or semicolons. With one, columns are found by their names, others
+//! are passed over, and fields are separated by what separates them in the header.
 
 use anyhow::{Context, Result, anyhow, bail};
 use std::path::Path;

@@ -1,9 +1,10 @@
 //! Binary glTF 2.0 (Khronos, *glTF 2.0 Specification*): the model in the colours of one result.
 //!
-//! A node and a mesh for each object. Every patch has three vertices of its own, which carry its colour (`COLOR_0`, linear,
-//! 16 bits) and its id (`_PATCH`, a float, exact below 2²⁴). The material is unlit and one-sided: a closed room can be
-//! looked into, and two patches on two sides of a surface each show their own colour. glTF is y up; the root node turns the
-//! scene, and moves it: positions are f32 relative to the middle of the scene, its place is a number of JSON.
+//! A node and a mesh for each object. Every patch has three vertices of its own, which carry its colour (`COLOR_0`,
+//! linear, 16 bits) and its id (`_PATCH`, a float, exact below 2²⁴). The material is unlit and one-sided: a closed room
+//! can be looked into, and two patches on two sides of a surface each show their own colour. glTF is y up; the root
+//! node turns the scene, and moves it: positions are f32 relative to the middle of the scene, its place is a number of
+//! JSON.
 
 use crate::{Colors, PatchResults, Values};
 use hemicube_scene::Axis;

@@ -11,8 +11,9 @@
 //! Patches have the ids, the order and the orientation that they have in the matrix. Equal stores give equal bytes: no
 //! file holds a clock. Files appear whole or not at all, and nothing is left of one that was cancelled.
 //!
-//! The writers are our own: crates for VTK and PLY want all of a file in memory as their own values, and both formats are
-//! a header before plain arrays. What they write is opened by VTK, meshio, trimesh and Khronos's validator in the tests.
+//! The writers are our own: crates for VTK and PLY want all of a file in memory as their own values, and both formats
+//! are a header before plain arrays. What they write is opened by VTK, meshio, trimesh and Khronos's validator in the
+//! tests.
 //!
 //! ```
 //! use hemicube_export::{PatchFormat, PatchResults, WriteOptions, write_patches};

@@ -2,9 +2,9 @@
 //!
 //! Columns `row`, `col` (INT32, from 0) and `value` (FLOAT), sorted by row and column; F\[row, col\] is from `row` to
 //! `col`. `row` and `col` are packed differences, hardly more than a byte an entry, `value` is plain; of a store in the
-//! compact form, whose values repeat, it has a dictionary. Not compressed beyond that: factors are noise to a compressor.
-//! Rows that were not computed and rows without entries have no triplets, so that the size of the matrix is metadata:
-//! `patch_count`.
+//! compact form, whose values repeat, it has a dictionary. Not compressed beyond that: factors are noise to a
+//! compressor. Rows that were not computed and rows without entries have no triplets, so that the size of the matrix is
+//! metadata: `patch_count`.
 
 use crate::write::{on_write, write_file};
 use crate::{Error, Result, WriteOptions};
@@ -62,8 +62,8 @@ fn column<T: DataType, W: Write + Send>(
 /// Writes the matrix of `store` to `path` as triplets; returns the file's size.
 ///
 /// # Errors
-/// When the store is incomplete and `allow_incomplete` is not set, or cannot be read; when the file exists and is not to be
-/// replaced, cannot be written, or was cancelled.
+/// When the store is incomplete and `allow_incomplete` is not set, or cannot be read; when the file exists and is not
+/// to be replaced, cannot be written, or was cancelled.
 ///
 /// ```
 /// use hemicube_export::{WriteOptions, write_parquet};

@@ -27,7 +27,7 @@ pub enum Values {
 /// Something that is known of each patch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// What it is called.
+    /// Name.
     pub name: String,
     /// The names of its components; empty where it is one number.
     pub components: Vec<String>,
@@ -36,7 +36,7 @@ pub struct Column {
 }
 
 impl Column {
-    /// How many numbers it has of each patch.
+    /// Number of numbers that it has of each patch.
     pub fn width(&self) -> usize {
         self.components.len().max(1)
     }
@@ -87,7 +87,7 @@ pub struct Colors {
     pub legend: Legend,
 }
 
-/// What is known of the patches of a matrix, ready to be written.
+/// The patch table of a matrix, ready to be written.
 ///
 /// ```
 /// use hemicube_export::{PatchResults, Values};
@@ -120,8 +120,8 @@ pub struct PatchResults {
 }
 
 impl PatchResults {
-    /// What a store knows: the patch table, how each row was divided, how many patches each sees, and these solutions of
-    /// it. With more than one solution their quantities are called by its name, too.
+    /// What a store knows: the patch table, how each row was divided, how many patches each sees, and these solutions
+    /// of it. With more than one solution their quantities are called by its name, too.
     ///
     /// # Errors
     /// When something of it cannot be read, or a solution has too many right-hand sides for columns.
@@ -218,7 +218,7 @@ impl PatchResults {
         Ok(())
     }
 
-    /// How many patches there are.
+    /// Number of patches.
     pub fn patch_count(&self) -> usize {
         self.patch_count
     }

@@ -2,8 +2,8 @@
 //! the end of the file.
 //!
 //! Points are shared where corners are equal bit for bit, which those of neighbouring patches are. Names of objects and
-//! materials are field data of PolyData: the string arrays `object_names` and `material_names`. An UnstructuredGrid has none:
-//! meshio, for which it is written, refuses a file with strings.
+//! materials are field data of PolyData: the string arrays `object_names` and `material_names`. An UnstructuredGrid has
+//! none: meshio, for which it is written, refuses a file with strings.
 
 use crate::{PatchResults, Values};
 use std::collections::HashMap;

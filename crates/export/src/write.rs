@@ -44,9 +44,9 @@ pub enum Error {
     OtherPatches {
         /// What does not fit.
         what: String,
-        /// How many it has.
+        /// The number that it has.
         found: usize,
-        /// How many it should have.
+        /// The number that it should have.
         expected: usize,
     },
     /// A solution of thousands of right-hand sides is no table of patches.
@@ -57,9 +57,9 @@ pub enum Error {
     TooManyRightHandSides {
         /// Its name.
         solution: String,
-        /// How many it has.
+        /// The number that it has.
         rows: u64,
-        /// How many it might have.
+        /// The number that it might have.
         most: u64,
     },
     /// It was cancelled; nothing is left of the file.
@@ -116,12 +116,12 @@ impl PatchFormat {
         })
     }
 
-    /// Whether it is nothing without the corners of patches.
+    /// Returns whether it is nothing without the corners of patches.
     pub fn needs_corners(self) -> bool {
         !matches!(self, Self::Csv | Self::Npz)
     }
 
-    /// Whether it shows patches in colours.
+    /// Returns whether it shows patches in colours.
     pub fn has_colors(self) -> bool {
         matches!(self, Self::Glb | Self::Ply)
     }
@@ -206,8 +206,8 @@ pub(crate) fn on_write(path: &Path, source: io::Error) -> Error {
 /// Writes what is known of each patch to `path`; returns the file's size.
 ///
 /// # Errors
-/// When the format needs corners or colours that are not there, or cannot hold as many patches; when the file exists and
-/// is not to be replaced, cannot be written, or was cancelled.
+/// When the format needs corners or colours that are not there, or cannot hold as many patches; when the file exists
+/// and is not to be replaced, cannot be written, or was cancelled.
 pub fn write_patches(
     results: &PatchResults,
     path: &Path,

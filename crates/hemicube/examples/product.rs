@@ -4,12 +4,13 @@
 //! cargo run --release -p hemicube --example product -- STORE [THREADS]
 //! ```
 //!
-//! Each figure is the best of five, taken in turns, in gigabytes of the parts' files a second: of the thread's processor
-//! time where there is one thread, so that a busy machine measures the same as an idle one, else of wall time. What is
-//! read comes from the page cache as far as it has room there; `first` is the product that also verifies every checksum.
+//! Each figure is the best of five, taken in turns, in gigabytes of the parts' files a second: of the thread's
+//! processor time where there is one thread, so that a busy machine measures the same as an idle one, else of wall
+//! time. What is read comes from the page cache as far as it has room there; `first` is the product that also verifies
+//! every checksum.
 //!
-//! With `COLD=1` in the environment the store is put out of the page cache before each (by `dd` of GNU coreutils), and each
-//! is done once, by the clock on the wall: what a disk gives that holds more than memory does.
+//! With `COLD=1` in the environment the store is put out of the page cache before each (by `dd` of GNU coreutils), and
+//! each is done once, by the clock on the wall: what a disk gives that holds more than memory does.
 
 #![allow(clippy::print_stdout, reason = "it is what it is for")]
 

@@ -4,9 +4,9 @@
 //! cargo run --release -p hemicube --example store_forms -- STORE...
 //! ```
 //!
-//! Beside the two forms: the members of plain and of compact parts deflated, which is what they were chosen against. Times
-//! are processor time of the one thread that does it, the least of three turns; the disk is not in them. *Reading* is a
-//! whole part into memory; *rows* is one row after the other in input order.
+//! Beside the two forms: the members of plain and of compact parts deflated, which is what they were chosen against.
+//! Times are processor time of the one thread that does it, the least of three turns; the disk is not in them.
+//! *Reading* is a whole part into memory; *rows* is one row after the other in input order.
 #![allow(clippy::print_stdout, reason = "an example talks")]
 
 use hemicube::store::{Form, Header, Part, Store, StoreWriter};

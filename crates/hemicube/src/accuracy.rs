@@ -1,8 +1,9 @@
 //! How right a row is: from weights to form factors, and what that costs.
 //!
-//! [`correct`] makes form factors of the weights of hemicubes, at an accuracy [`level`] that the user chose. A tolerance is
-//! kept by refining the visible fractions of some pairs (`refine`), with what [`calibrate`] learnt from a sample of the scene's rows.
-//! Large patches get several hemicubes (`grain`), and what a row loses is measured by rays where its sum does not say (`lost`).
+//! [`correct`] makes form factors of the weights of hemicubes, at an accuracy [`level`] that the user chose. A
+//! tolerance is kept by refining the visible fractions of some pairs (`refine`), with what [`calibrate`] learnt from a
+//! sample of the scene's rows. Large patches get several hemicubes (`grain`), and what a row loses is measured by rays
+//! where its sum does not say (`lost`).
 //!
 //! `settle.rs` draws rows by a seed, learns from rays how far visible fractions from one hemicube are off in this scene
 //! (the *doubts*, by what the hemicube says and how near the pair is), and takes the cheapest effort whose rows, held

@@ -45,7 +45,7 @@ impl Default for DiagnoseOptions {
     }
 }
 
-/// What is wrong.
+/// Kind of defect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -215,13 +215,13 @@ fn coordinates<S: serde::Serializer>(at: &DVec3, serializer: S) -> Result<S::Ok,
 pub struct Finding {
     /// What.
     pub kind: FindingKind,
-    /// How often it was met among those looked at.
+    /// Number of times that it was met among those looked at.
     pub count: u64,
-    /// How many patches, or triangles, were looked at.
+    /// Number of patches, or triangles, that were looked at.
     pub examined: u64,
-    /// How many there are.
+    /// The number that there are.
     pub population: u64,
-    /// How often it is there in all: `count` when all were looked at, otherwise extrapolated.
+    /// Number of times that it is there in all: `count` when all were looked at, otherwise extrapolated.
     pub estimate: f64,
     /// The sum that [`FindingKind::total`] names, over those met; extrapolated like `estimate` where it is no share.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -233,7 +233,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// Whether only a sample was looked at.
+    /// Returns whether only a sample was looked at.
     pub fn is_estimate(&self) -> bool {
         self.examined < self.population
     }
@@ -260,7 +260,7 @@ impl Diagnosis {
 /// Nodes of the tree that the rays of [`enclosure`] may meet: about half a second's worth.
 const WORK_OF_ENCLOSURE: u64 = 25_000_000;
 
-/// How many of the worst places are kept.
+/// Number of the worst places that are kept.
 const EXAMPLES_MAX: usize = 5;
 
 /// Counts places and keeps the worst.
@@ -328,7 +328,7 @@ impl Tally {
     }
 }
 
-/// How many were looked at, of how many.
+/// Numbers looked at, and of how many.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Examined {
     examined: u64,

@@ -1,7 +1,7 @@
 //! The matrix in the files that other programs read: SciPy, Matrix Market, MATLAB and Octave, NumPy.
 //!
-//! F\[i, j\] is from i to j. Rows and columns are input patches; a row that was not computed is empty. Everything streams:
-//! a row is in memory, and what each row's length is. Files appear whole or not at all.
+//! F\[i, j\] is from i to j. Rows and columns are input patches; a row that was not computed is empty. Everything
+//! streams: a row is in memory, and what each row's length is. Files appear whole or not at all.
 
 mod array;
 mod text;
@@ -25,8 +25,8 @@ pub enum ExportFormat {
     Npz,
     /// `.mtx`: Matrix Market, coordinate real general, 1-based.
     MatrixMarket,
-    /// `.txt`, `.dat`: `row column value` lines, 1-based, for MATLAB's and Octave's `spconvert`; the last line gives the
-    /// size.
+    /// `.txt`, `.dat`: `row column value` lines, 1-based, for MATLAB's and Octave's `spconvert`; the last line gives
+    /// the size.
     Triplets,
     /// `.npy`: a dense array of f32.
     Npy,
@@ -118,8 +118,8 @@ pub fn export(store: &Store, path: &Path, format: ExportFormat, options: ExportO
     write(&Source { store, sky: None }, path, format, options)
 }
 
-/// Writes the matrix of `store` with more columns: after those of the patches the ground, and then the patches of the sky, by
-/// what of each row's view they are. With what is blocked, rows then sum to 1 as far as the matrix's close.
+/// Writes the matrix of `store` with more columns: after those of the patches the ground, and then the patches of the
+/// sky, by what of each row's view they are. With what is blocked, rows then sum to 1 as far as the matrix's close.
 ///
 /// # Errors
 /// As [`export`], and when `sky` is of another number of patches.
@@ -253,7 +253,7 @@ impl Source<'_> {
         Ok(entries)
     }
 
-    /// How many entries a row has; 0 for one that was not computed.
+    /// Number of entries that a row has; 0 for one that was not computed.
     fn entries_of_row(&self, patch: InputPatch) -> Result<u64> {
         let Some(entries) = self.store.entries_of_row(patch)? else {
             return Ok(0);

@@ -37,7 +37,8 @@ pub struct FactorRule {
 impl FactorRule {
     /// The rule whose own error is well below a relative tolerance.
     pub fn for_tolerance(tolerance: f64) -> Self {
-        // Each step's own error is measured on real rows in `backends/cpu/tests/ladder.rs`: below 6e-4 for the first, 4e-5 for the third.
+        // Each step's own error is measured on real rows in `backends/cpu/tests/ladder.rs`: below 6e-4 for the first,
+        // 4e-5 for the third.
         let (far, one, six, twenty_four, care) = match tolerance {
             t if t >= 2.5e-3 => (3.5, 8.0, 1.5, 0.6, Care::of_both(1e-4, 2e-3)),
             t if t >= 1.5e-3 => (6.5, 15.0, 2.1, 0.85, Care::of_both(3e-5, 6e-4)),
@@ -461,7 +462,7 @@ impl Exchanges {
     }
 }
 
-/// Whether two triangles are farther apart than `radii` radii of the outer one, by the spheres round them.
+/// Returns whether two triangles are farther apart than `radii` radii of the outer one, by the spheres round them.
 fn is_far(outer: &[DVec3; 3], inner: &[DVec3; 3], radii: f64) -> bool {
     let sphere = |t: &[DVec3; 3]| {
         let center = (t[0] + t[1] + t[2]) / 3.0;
@@ -491,7 +492,7 @@ fn near(outer: &[DVec3; 3], inner: &[DVec3; 3], normal: DVec3, area: f64, rule: 
     area * sum.finish()
 }
 
-/// Whether the inner triangle's plane cuts the outer one: the factor from a point has a kink there.
+/// Returns whether the inner triangle's plane cuts the outer one: the factor from a point has a kink there.
 fn is_cut(outer: &[DVec3; 3], inner: &[DVec3; 3]) -> bool {
     let normal = (inner[1] - inner[0]).cross(inner[2] - inner[0]);
     let heights = outer.map(|p| normal.dot(p - inner[0]));
@@ -597,8 +598,8 @@ impl Quadrature {
     }
 }
 
-/// Points and weights of degree 4 on a triangle (Dunavant 1985, n = 6): two orbits of three, (large, small, small) in its
-/// turns.
+/// Points and weights of degree 4 on a triangle (Dunavant 1985, n = 6): two orbits of three, (large, small, small) in
+/// its turns.
 pub(crate) const SIX: [(f64, f64, f64); 2] = [
     (0.816_847_572_980_459, 0.091_576_213_509_771, 0.109_951_743_655_322),
     (0.108_103_018_168_070, 0.445_948_490_915_965, 0.223_381_589_678_011),
@@ -669,8 +670,9 @@ mod tests {
         (between(&floor, &wall, tolerance) / exact - 1.0).abs()
     }
 
-    /// A_i F_ij from the triangle on the edge x = z = 0, 0 ≤ y ≤ 1, in the plane z = 0 with a third corner at `apex`, or from
-    /// the unit square on that edge, by the closed form from points that crowd towards the edge and the `breaks` along it.
+    /// A_i F_ij from the triangle on the edge x = z = 0, 0 ≤ y ≤ 1, in the plane z = 0 with a third corner at `apex`,
+    /// or from the unit square on that edge, by the closed form from points that crowd towards the edge and the
+    /// `breaks` along it.
     fn by_points(apex: Option<(f64, f64)>, breaks: &[f64], inner: &[[DVec3; 3]]) -> f64 {
         // Eight Gauss points on each of panels that halve towards both ends.
         let graded = |a: f64, b: f64| {
@@ -716,8 +718,8 @@ mod tests {
 
     #[test]
     fn triangles_with_a_common_edge_at_any_angle() {
-        // Third corners of floor and wall, and the wall's part of the edge: of right angles, slanted, slivers, walls that
-        // stand on a part of the edge, and one that reaches far beyond it.
+        // Third corners of floor and wall, and the wall's part of the edge: of right angles, slanted, slivers, walls
+        // that stand on a part of the edge, and one that reaches far beyond it.
         let cases = [
             ((1.0, 0.0), (1.0, 1.0), (0.0, 1.0)),
             ((1.0, 1.0), (1.0, 1.0), (0.0, 1.0)),

@@ -46,8 +46,8 @@ pub fn axes([a, b, c]: [DVec3; 3], turn: f64) -> Option<[DVec3; 3]> {
     ])
 }
 
-/// The same about a normal that belongs to no triangle: the tangent lies in the plane of the normal and the axis that it is
-/// farthest from. Returns `None` for a normal without length.
+/// The same about a normal that belongs to no triangle: the tangent lies in the plane of the normal and the axis that
+/// it is farthest from. Returns `None` for a normal without length.
 pub fn axes_of(normal: DVec3, turn: f64) -> Option<[DVec3; 3]> {
     let normal = normal.try_normalize()?;
     let [x, y, z] = normal.abs().to_array();
@@ -62,16 +62,16 @@ pub fn axes_of(normal: DVec3, turn: f64) -> Option<[DVec3; 3]> {
     axes([DVec3::ZERO, bitangent.cross(normal), bitangent], turn)
 }
 
-/// The turn of a patch's hemicube: a hash of its id, within [`MOST_TURN`]. Turning each hemicube differently decorrelates the
-/// aliasing of neighbouring rows.
+/// The turn of a patch's hemicube: a hash of its id, within [`MOST_TURN`]. Turning each hemicube differently
+/// decorrelates the aliasing of neighbouring rows.
 pub fn turn(patch: InputPatch) -> f64 {
     let drawn = splitmix::unit(splitmix::hash((u64::from(patch.0) + 1).wrapping_mul(splitmix::STEP)));
     MOST_TURN * (2.0 * drawn - 1.0)
 }
 
-/// How far a hemicube is turned at most, either way, from one along the scene's axes: 11°. Freely turned, axis-aligned boxes, and
-/// walls that are upright, lie across the pixels of its faces, and culling takes a fifth longer; not turned at all, an edge may
-/// run along a whole row of pixel centres, and all of them err the same way.
+/// How far a hemicube is turned at most, either way, from one along the scene's axes: 11°. Freely turned, axis-aligned
+/// boxes, and walls that are upright, lie across the pixels of its faces, and culling takes a fifth longer; not turned
+/// at all, an edge may run along a whole row of pixel centres, and all of them err the same way.
 pub const MOST_TURN: f64 = 0.1;
 
 /// The centroids of the K = n² equal sub-triangles of a triangle, at which K hemicubes sample it. One is the centroid.

@@ -27,12 +27,13 @@ impl Default for HierarchyOptions {
     }
 }
 
-/// The longest half side of a scene's box, in its own unit: an area is the root of a sum of fourth powers of lengths, which must neither
-/// overflow nor, for the smallest patch that the box's own coordinates can tell, be 0.
+/// The longest half side of a scene's box, in its own unit: an area is the root of a sum of fourth powers of lengths,
+/// which must neither overflow nor, for the smallest patch that the box's own coordinates can tell, be 0.
 const EXTENTS: std::ops::RangeInclusive<f64> = 1e-60..=1e60;
 
-/// How many times the height up to which corners are taken to lie in a plane a triangle's longest edge must be. A room of triangles
-/// that just are has the rows that it has by itself (`tests/tests/extremes.rs`); of those as short as that height, nothing sees anything.
+/// How many times the height up to which corners are taken to lie in a plane a triangle's longest edge must be. A room
+/// of triangles that just are has the rows that it has by itself (`tests/tests/extremes.rs`); of those as short as that
+/// height, nothing sees anything.
 const DWARFED: f64 = 16.0;
 
 /// Why a model could not be made.
@@ -52,15 +53,15 @@ pub enum ModelError {
         /// The longest half side of the scene's box.
         extent: f64,
     },
-    /// Most triangles are so small beside the scene that none can be told from the plane of its neighbour: something stands far off, or
-    /// coordinates are given so far from the origin that nothing is left of them.
+    /// Most triangles are so small beside the scene that none can be told from the plane of its neighbour: something
+    /// stands far off, or coordinates are given so far from the origin that nothing is left of them.
     #[error(
         "{small} of {surfaces} triangles are less than {least:.1e} of the scene's extent {extent:.3e} long, too small to be told apart; is \
          something far off? the farthest from the middle of all is patch {} at ({:.4e} {:.4e} {:.4e}): delete it, or move the scene to the origin",
         farthest.0, at.x, at.y, at.z
     )]
     Dwarfed {
-        /// How many triangles are that small.
+        /// Number of triangles that are that small.
         small: usize,
         /// Of how many, cut as they are.
         surfaces: usize,
@@ -116,8 +117,8 @@ impl Model {
     /// Prepares `patches`.
     ///
     /// # Errors
-    /// When there is no patch, coordinates are not finite or all alike, half the scene's box is not from 10⁻⁶⁰ to 10⁶⁰ long, or
-    /// most triangles have no edge of 1.6·10⁻⁹ of that.
+    /// When there is no patch, coordinates are not finite or all alike, half the scene's box is not from 10⁻⁶⁰ to 10⁶⁰
+    /// long, or most triangles have no edge of 1.6·10⁻⁹ of that.
     pub fn new(patches: Arc<Patches>, hierarchy: HierarchyOptions) -> Result<Self, ModelError> {
         if patches.is_empty() {
             return Err(ModelError::Empty);
@@ -247,9 +248,9 @@ impl Model {
         })
     }
 
-    /// The hemicubes of a patch: `n`² of them at the centroids of its sub-triangles, along the scene's axes as far as its normal
-    /// lets them ([`frame::axes_of`]), and turned a little about it by a hash of the patch when `rotate` is on ([`frame::turn`]).
-    /// Empty for a patch without area.
+    /// The hemicubes of a patch: `n`² of them at the centroids of its sub-triangles, along the scene's axes as far as
+    /// its normal lets them ([`frame::axes_of`]), and turned a little about it by a hash of the patch when `rotate` is
+    /// on ([`frame::turn`]). Empty for a patch without area.
     pub fn hemicubes(&self, patch: InputPatch, n: u32, rotate: bool) -> Vec<Hemicube> {
         let corners = self.normalised_corners(patch.0);
         let turn = if rotate { frame::turn(patch) } else { 0.0 };

@@ -9,20 +9,21 @@
 //! exactly where patches are near each other. Segments are drawn as points of the smaller patch and directions over the
 //! solid angle of the other (Arvo 1995), which leaves only a cosine as weight: nothing is singular where patches touch.
 //!
-//! Which pairs there are is found by cosine-distributed rays from stratified points of the emitter. What these rays hit is
-//! also a row by itself, without closed form and without visible fractions: the two must agree
+//! Which pairs there are is found by cosine-distributed rays from stratified points of the emitter. What these rays hit
+//! is also a row by itself, without closed form and without visible fractions: the two must agree
 //! ([`ReferenceRow::agreement`]).
 //!
-//! What they did not hit is estimated from what they hit once or twice (Good 1953). Patches that no ray met are then taken
-//! up by a bound of their form factor, all from some least bound on: so low that what is below it is likely
-//! less than the target, of the row's norm and of its sum. Segments measure their visibility as that of the others. Where
+//! What they did not hit is estimated from what they hit once or twice (Good 1953). Patches that no ray met are then
+//! taken up by a bound of their form factor, all from some least bound on: so low that what is below it is likely less
+//! than the target, of the row's norm and of its sum. Segments measure their visibility as that of the others. Where
 //! more rays are cheaper than looking at that many patches, rays are cast first; where both would take more than
-//! [`ReferenceSettings::max_rays`] allows, the largest bounds are looked at, and [`ReferenceRow::missed`] holds the rest.
+//! [`ReferenceSettings::max_rays`] allows, the largest bounds are looked at, and [`ReferenceRow::missed`] holds the
+//! rest.
 //!
-//! What is seen is what backends are told to see ([`crate::backend`]): the emitter's own surface never, nor anything that
-//! lies in or below its plane; of surfaces in one plane the patch with the smaller id; the back of a one-sided surface
-//! occludes, and loses to any patch in its own plane. Rays are traced through a hierarchy with f32 boxes, widened by more
-//! than their rounding, and meet triangles in f64.
+//! What is seen is what backends are told to see ([`crate::backend`]): the emitter's own surface never, nor anything
+//! that lies in or below its plane; of surfaces in one plane the patch with the smaller id; the back of a one-sided
+//! surface occludes, and loses to any patch in its own plane. Rays are traced through a hierarchy with f32 boxes,
+//! widened by more than their rounding, and meet triangles in f64.
 //!
 //! Rows depend on the scene, the settings and the emitter only.
 
@@ -48,8 +49,8 @@ use visibility::{Met, Occluders, Sight};
 /// How carefully reference rows are computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceSettings {
-    /// The standard error of a row that is aimed at, as a share of its Euclidean norm. What is likely missing of a row is
-    /// as small a share of its sum, and the error of what escaped is no larger.
+    /// The standard error of a row that is aimed at, as a share of its Euclidean norm. What is likely missing of a row
+    /// is as small a share of its sum, and the error of what escaped is no larger.
     pub target: f64,
     /// Where a row stops even if it has not reached the target; its error says so.
     pub max_rays: u64,
@@ -76,7 +77,7 @@ pub enum ReferenceError {
     NoSuchPatch {
         /// The patch asked for.
         patch: u32,
-        /// How many there are.
+        /// The number that there are.
         count: u32,
     },
     /// A target that no number of rays reaches, or that says nothing.
@@ -233,7 +234,7 @@ const SHARE_OF_UNMET: u64 = 4;
 const RAYS_OF_A_LOOK: u64 = 48;
 /// As many patches are looked at without asking whether rays are cheaper.
 const LOOKS_FOR_NOTHING: u64 = 4096;
-/// How often segments to patches that hardly any reached are doubled.
+/// Number of times that segments to patches that hardly any reached are doubled.
 const LOOKS: usize = 4;
 /// The share of the error aimed at that a pair's closed form may have.
 const SHARE_OF_CLOSED_FORM: f64 = 0.1;
@@ -287,8 +288,9 @@ impl<'m> Reference<'m> {
         Ok(self.occluders.sees(&emitter, from, &receiver, to, &mut None))
     }
 
-    /// Whether a ray from a point, of a patch or free, in a direction meets nothing; all in the scene's coordinates. What
-    /// lies in or below the plane through the point across `normal` is out of the way, and so is the patch's own surface.
+    /// Whether a ray from a point, of a patch or free, in a direction meets nothing; all in the scene's coordinates.
+    /// What lies in or below the plane through the point across `normal` is out of the way, and so is the patch's own
+    /// surface.
     ///
     /// # Errors
     /// When there is no such patch.
@@ -322,7 +324,8 @@ impl<'m> Reference<'m> {
         Ok(self.compute(emitter, &mut Scratch::new(self.model)))
     }
 
-    /// The rows of several emitters, in order, by several threads (0: one a core). `progress` is told how many are done.
+    /// The rows of several emitters, in order, by several threads (0: one a core). `progress` is told how many are
+    /// done.
     ///
     /// # Errors
     /// When there is no such patch.
@@ -433,7 +436,8 @@ impl<'m> Reference<'m> {
     }
 
     /// Casts rays over the hemisphere until patches that none met can be looked at for no more than the rays took, and
-    /// says from which bound on that must be done for the target; from which it can be done where there are no more rays.
+    /// says from which bound on that must be done for the target; from which it can be done where there are no more
+    /// rays.
     fn find(&self, sight: &Sight, Scratch { hemisphere, facing }: &mut Scratch) -> f64 {
         let ReferenceSettings { target, max_rays, seed } = self.settings;
         facing.find(self.model, sight);
@@ -456,8 +460,8 @@ impl<'m> Reference<'m> {
         }
     }
 
-    /// The bound from which on patches must be looked at: what rays met once or twice below it says that what they did not
-    /// meet is less than the target.
+    /// The bound from which on patches must be looked at: what rays met once or twice below it says that what they did
+    /// not meet is less than the target.
     fn least(&self, hemisphere: &Hemisphere, facing: &Facing) -> f64 {
         let target = self.settings.target;
         let rays = hemisphere.rays() as f64;
@@ -482,9 +486,9 @@ impl<'m> Reference<'m> {
         limit(1, once).min(limit(2, twice))
     }
 
-    /// Casts the first segments to patches that no ray over the hemisphere met, more to those with a larger form factor,
-    /// and says what is likely missing in those that no segment reached: of pairs with n segments each,
-    /// Σ F = Σ F⁰ / n over pairs that one reached, Σ F² = Σ 2 F⁰² / (n (n − 1)) over pairs that two reached.
+    /// Casts the first segments to patches that no ray over the hemisphere met, more to those with a larger form
+    /// factor, and says what is likely missing in those that no segment reached: of pairs with n segments each, Σ F = Σ
+    /// F⁰ / n over pairs that one reached, Σ F² = Σ 2 F⁰² / (n (n − 1)) over pairs that two reached.
     fn look(&self, sight: &Sight, unmet: &mut [Pair], hemisphere: &Hemisphere) -> Missing {
         let ReferenceSettings { target, max_rays, .. } = self.settings;
         let batches = BATCHES as f64;

@@ -1,7 +1,7 @@
 //! Code compiled for several instruction sets, and the one that is used.
 //!
-//! No `multiversion` crate, because its functions choose for themselves: here a test can ask for each instruction set, and
-//! whoever calls in a loop asks the processor once.
+//! No `multiversion` crate, because its functions choose for themselves: here a test can ask for each instruction set,
+//! and whoever calls in a loop asks the processor once.
 
 /// An instruction set that this processor has: whoever holds one may call what is compiled for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,8 +60,8 @@ impl InstructionSet {
     }
 }
 
-/// Defines a function that calls `$body`, an `#[inline(always)]` function, as compiled for an [`InstructionSet`], its first
-/// argument. All give the same bits: there is no fused multiply-add, and no sum changes its order.
+/// Defines a function that calls `$body`, an `#[inline(always)]` function, as compiled for an [`InstructionSet`], its
+/// first argument. All give the same bits: there is no fused multiply-add, and no sum changes its order.
 macro_rules! dispatch {
     ($(#[$doc:meta])* $vis:vis fn $name:ident = $body:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)?) => {
         $(#[$doc])*

@@ -1,15 +1,15 @@
 //! The sky as a receiver: what escapes of a hemicube, divided over patches of the sky, and one *ground* column for what
 //! goes down.
 //!
-//! The division is Reinhart's (Reinhart & Walkenhorst 2001) of which Tregenza's 145 patches (Tregenza 1987) are the first:
-//! seven rings of 30, 30, 24, 24, 18, 12, 6 patches and a cap, each ring cut into n and each patch of it into n. The height
-//! of a ring is 90° / (7 n + ½). Order and orientation are those of Radiance's `gendaymtx` and `rfluxmtx`: column 0 is the
-//! ground, column 1 the patch of the lowest ring whose middle lies due north, and on clockwise (north, east, south, west),
-//! ring by ring upwards. A sky matrix of theirs can be multiplied with what is written here.
+//! The division is Reinhart's (Reinhart & Walkenhorst 2001) of which Tregenza's 145 patches (Tregenza 1987) are the
+//! first: seven rings of 30, 30, 24, 24, 18, 12, 6 patches and a cap, each ring cut into n and each patch of it into n.
+//! The height of a ring is 90° / (7 n + ½). Order and orientation are those of Radiance's `gendaymtx` and `rfluxmtx`:
+//! column 0 is the ground, column 1 the patch of the lowest ring whose middle lies due north, and on clockwise (north,
+//! east, south, west), ring by ring upwards. A sky matrix of theirs can be multiplied with what is written here.
 //!
-//! A pixel that escapes goes to the patch of the sky in which its centre lies, with all of its weight: so the columns of a
-//! row add up to what it lost, exactly, in whole weights. Comparisons are made on squares and on the diamond angle, without
-//! trigonometry.
+//! A pixel that escapes goes to the patch of the sky in which its centre lies, with all of its weight: so the columns
+//! of a row add up to what it lost, exactly, in whole weights. Comparisons are made on squares and on the diamond
+//! angle, without trigonometry.
 //!
 //! No sky columns in the parts, because the sky is divided after the matrix is computed, by directions that may change,
 //! and parts would have to be written anew; an export with the sky reads both.
@@ -53,8 +53,8 @@ pub struct Horizon {
 }
 
 impl Horizon {
-    /// The horizon of a scene whose `up` axis points up, with north turned clockwise, seen from above, by `turn` degrees.
-    /// North is +y where z is up, −z where y is up (x is east in both), and +z where x is up (y is east).
+    /// The horizon of a scene whose `up` axis points up, with north turned clockwise, seen from above, by `turn`
+    /// degrees. North is +y where z is up, −z where y is up (x is east in both), and +z where x is up (y is east).
     pub fn new(up: Axis, turn: f64) -> Self {
         let (east, north, up) = match up {
             Axis::Z => (DVec3::X, DVec3::Y, DVec3::Z),
@@ -86,7 +86,8 @@ struct Ring {
     first: u32,
     /// Altitude at which it begins and ends, radians.
     altitude: [f64; 2],
-    /// Diamond angles, from north clockwise, at which its patches but the first end: the first lies on both sides of north.
+    /// Diamond angles, from north clockwise, at which its patches but the first end: the first lies on both sides of
+    /// north.
     ends: Vec<f64>,
 }
 
@@ -176,7 +177,7 @@ impl SkyDivision {
         self.parts
     }
 
-    /// How many columns there are: the ground and the patches of the sky.
+    /// Number of columns: the ground and the patches of the sky.
     pub fn columns(&self) -> u32 {
         self.rings.last().map_or(1, |cap| cap.first + 1)
     }
@@ -259,8 +260,8 @@ pub struct SkyRow {
     pub hemicubes: u32,
     /// By how much the sky view factor changed with the last refinement; NaN where there was none.
     pub change: f64,
-    /// The share of the view that leaves the scene, where it is known better than from the hemicubes, as beside a matrix:
-    /// the columns' shares are then scaled to it.
+    /// The share of the view that leaves the scene, where it is known better than from the hemicubes, as beside a
+    /// matrix: the columns' shares are then scaled to it.
     pub refined: Option<f64>,
 }
 
@@ -294,8 +295,8 @@ impl SkyRow {
         can
     }
 
-    /// The sky view factor: which part of the hemisphere, weighted by the cosine, is sky. What escapes below the horizon is
-    /// none.
+    /// The sky view factor: which part of the hemisphere, weighted by the cosine, is sky. What escapes below the
+    /// horizon is none.
     pub fn sky_view_factor(&self) -> f64 {
         let ground = self
             .columns
@@ -334,10 +335,10 @@ pub struct SkyOptions {
     pub render: RenderSettings,
     /// n of the n² hemicubes of a patch, where no tolerance is asked for.
     pub samples_per_edge: u32,
-    /// Refine rows until their sky view factor changes by at most this share: patches by four times as many hemicubes, up
-    /// to 64, points by hemicubes of twice the resolution and another turn.
+    /// Refine rows until their sky view factor changes by at most this share: patches by four times as many hemicubes,
+    /// up to 64, points by hemicubes of twice the resolution and another turn.
     pub tolerance: Option<f64>,
-    /// Whether each hemicube is turned about its normal.
+    /// True if each hemicube is turned about its normal.
     pub rotate: bool,
     /// Threads; 0: one a core.
     pub threads: usize,
@@ -419,7 +420,7 @@ fn failed(backend: &dyn HemicubeBackend, source: BackendError) -> ComputeError {
     }
 }
 
-/// Whether a refinement changed little enough.
+/// Returns whether a refinement changed little enough.
 fn is_settled(before: f64, after: f64, tolerance: f64) -> bool {
     (after - before).abs() <= (tolerance * after.abs()).max(NEGLIGIBLE)
 }
@@ -551,8 +552,8 @@ fn threads_of(options: SkyOptions) -> usize {
     }
 }
 
-/// What patches lose to the sky, row by row, in the order asked for; `samples` of each is n of its n² hemicubes, where no
-/// tolerance is asked for. `progress` is told how many rows are done and says whether to go on; `None`: it said no.
+/// What patches lose to the sky, row by row, in the order asked for; `samples` of each is n of its n² hemicubes, where
+/// no tolerance is asked for. `progress` is told how many rows are done and says whether to go on; `None`: it said no.
 ///
 /// # Errors
 /// When the backend hands out no item buffers, or fails.
@@ -606,9 +607,9 @@ pub fn sky_of_patches(
     )
 }
 
-/// What free points see: rows of their own. Otherwise as [`sky_of_patches`]. `sessions` are of one backend, a level each: the
-/// first renders at the resolution asked for, each further one at twice that of the one before; levels beyond what can be
-/// rendered, and all but the first where no tolerance is asked for, are not used.
+/// What free points see: rows of their own. Otherwise as [`sky_of_patches`]. `sessions` are of one backend, a level
+/// each: the first renders at the resolution asked for, each further one at twice that of the one before; levels beyond
+/// what can be rendered, and all but the first where no tolerance is asked for, are not used.
 ///
 /// # Errors
 /// As for patches.

@@ -1,4 +1,5 @@
-//! Light and heat from a form-factor matrix: (I − R F) B = E + R H, for any number of bands and right-hand sides at once.
+//! Light and heat from a form-factor matrix: (I − R F) B = E + R H, for any number of bands and right-hand sides at
+//! once.
 //!
 //! ```text
 //! B  radiosity, what leaves a patch                    F  form factors, F[i, j] from i to j
@@ -7,37 +8,39 @@
 //! S  what returns to its patch, diagonal
 //! ```
 //!
-//! A row may say of a part of the view neither which patch it meets nor that it leaves the scene: backs of one-sided patches,
-//! patches without a column, and what Σ F + escaped + blocked + unselected lacks of 1. Taken as black and cold, that part
-//! would cool surfaces that are as warm as all around them. It is taken to exchange nothing instead: [`RowTable::returned`],
-//! Sᵢ = 1 − Σⱼ Fᵢⱼ − escapedᵢ, is what the patch gets back of itself. Then, of any row,
+//! A row may say of a part of the view neither which patch it meets nor that it leaves the scene: backs of one-sided
+//! patches, patches without a column, and what Σ F + escaped + blocked + unselected lacks of 1. Taken as black and
+//! cold, that part would cool surfaces that are as warm as all around them. It is taken to exchange nothing instead:
+//! [`RowTable::returned`], Sᵢ = 1 − Σⱼ Fᵢⱼ − escapedᵢ, is what the patch gets back of itself. Then, of any row,
 //!
 //! ```text
 //! Bᵢ − Gᵢ = Σⱼ Fᵢⱼ (Bᵢ − Bⱼ) + escapedᵢ (Bᵢ − outside)
 //! ```
 //!
-//! which is Oppenheim's network, a conductance Aᵢ Fᵢⱼ between each two radiosities: with one temperature everywhere no net flux
-//! is left, and in a white furnace no contrast, however large the rows' own errors are.
+//! which is Oppenheim's network, a conductance Aᵢ Fᵢⱼ between each two radiosities: with one temperature everywhere no
+//! net flux is left, and in a white furnace no contrast, however large the rows' own errors are.
 //!
 //! Thermal exchange is the same with reflectance 1 − ε, emission ε σ T⁴ and a net flux q = B − G, in W/m² for kelvin
 //! (Modest 2013, chapter 5; Oppenheim 1956).
 //!
-//! The matrix is gone through in runs of rows and is never whole in memory ([`Factors`]). Each method needs F times some
-//! vectors, once an iteration, for all right-hand sides together:
+//! The matrix is gone through in runs of rows and is never whole in memory ([`Factors`]). Each method needs F times
+//! some vectors, once an iteration, for all right-hand sides together:
 //!
 //! - *Jacobi*: B ← E + R (F B + H). The residual falls by the largest ρᵢ Σⱼ Fᵢⱼ or better.
-//! - *Gauss–Seidel*: the same with the newest values, row by row in the processing order; one thread computes, another reads.
-//! - *GMRES* (Saad & Schultz 1986), restarted, each right-hand side with a Krylov space of its own and products in common.
-//!   ‖I − (I − R F)‖ < 1, so that no preconditioner is needed. It keeps `restart` + 2 vectors a right-hand side.
+//! - *Gauss–Seidel*: the same with the newest values, row by row in the processing order; one thread computes, another
+//!   reads.
+//! - *GMRES* (Saad & Schultz 1986), restarted, each right-hand side with a Krylov space of its own and products in
+//!   common. ‖I − (I − R F)‖ < 1, so that no preconditioner is needed. It keeps `restart` + 2 vectors a right-hand
+//!   side.
 //!
-//! GMRES is written here, since an operator that is read from a disk can fail and can be interrupted: `faer`'s, the crate
-//! that fits best, asks for a product that cannot fail (`LinOp::apply`), and its BiCGSTAB couples right-hand sides by small
-//! systems that become singular when two of them coincide or one is done before the others.
+//! GMRES is written here, since an operator that is read from a disk can fail and can be interrupted: `faer`'s, the
+//! crate that fits best, asks for a product that cannot fail (`LinOp::apply`), and its BiCGSTAB couples right-hand
+//! sides by small systems that become singular when two of them coincide or one is done before the others.
 //!
-//! The residual of a solution is ‖E + R H − (I − R F) B‖ / ‖E + R H‖, of each right-hand side by itself, and is computed
-//! from B anew when an iteration says that it is done. Each right-hand side is solved as a multiple of a power of two of
-//! itself, whose largest number is near 1: no norm leaves the range of f64, and no bit of a solution hangs on the unit. A
-//! residual that is no number is an error.
+//! The residual of a solution is ‖E + R H − (I − R F) B‖ / ‖E + R H‖, of each right-hand side by itself, and is
+//! computed from B anew when an iteration says that it is done. Each right-hand side is solved as a multiple of a power
+//! of two of itself, whose largest number is near 1: no norm leaves the range of f64, and no bit of a solution hangs on
+//! the unit. A residual that is no number is an error.
 //!
 //! Solutions lie beside the matrix and name it by a checksum (`solve/files.rs`). Rows are summed in the order of their
 //! entries, so threads change no bit.
@@ -109,7 +112,8 @@ impl SolveOptions {
 /// What a patch reflects of itself is not solved for where this little is left of its equation.
 const OWN_LEAST: f64 = 1e-9;
 
-/// What is to be solved. Blocks have a row a patch; emission and the irradiance from outside have a column a right-hand side.
+/// What is to be solved. Blocks have a row a patch; emission and the irradiance from outside have a column a right-hand
+/// side.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Problem {
     /// R: a column a band, each value from 0 to 1.
@@ -124,7 +128,7 @@ pub struct Problem {
     pub returned: Option<Vec<f64>>,
 }
 
-/// How far a solution has come: after every product with the matrix.
+/// Progress of a solution: after every product with the matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
     /// Products with the matrix so far.
@@ -144,7 +148,7 @@ pub struct Solution {
     pub residuals: Vec<f64>,
     /// Products with the matrix, the one for the residuals included.
     pub iterations: u32,
-    /// Whether every residual is at most the tolerance.
+    /// True if every residual is at most the tolerance.
     pub converged: bool,
 }
 
@@ -246,7 +250,8 @@ impl Problem {
         self.returned.as_ref().map_or(0.0, |returned| returned[patch])
     }
 
-    /// A step of an iteration: from B to the B of which (1 − ρ S) B = E + ρ (F B + H), where E + ρ (F B + S B + H) is `next`.
+    /// A step of an iteration: from B to the B of which (1 − ρ S) B = E + ρ (F B + H), where E + ρ (F B + S B + H) is
+    /// `next`.
     #[inline]
     fn step(&self, patch: usize, column: usize, b: f64, next: f64) -> f64 {
         let own = 1.0 - self.rho(patch, column) * self.back(patch);
@@ -353,8 +358,8 @@ impl Work<'_> {
 /// A solution that did not reach the tolerance is returned all the same, and says so.
 ///
 /// # Errors
-/// [`SolveError::Problem`] for one that is not of this matrix or out of range (the largest number of a right-hand side is
-/// 0, or from 10⁻²⁰⁰ to 10²⁰⁰), [`SolveError::Store`] when the matrix cannot be read, or has two rows of a patch,
+/// [`SolveError::Problem`] for one that is not of this matrix or out of range (the largest number of a right-hand side
+/// is 0, or from 10⁻²⁰⁰ to 10²⁰⁰), [`SolveError::Store`] when the matrix cannot be read, or has two rows of a patch,
 /// [`SolveError::Diverged`] when the residual is no number, [`SolveError::Interrupted`] when `progress` said no.
 ///
 /// ```
@@ -455,8 +460,8 @@ fn exponent(magnitude: f64) -> i32 {
 
 /// Where the power of one right-hand side goes. In what the emission is in, times area.
 ///
-/// emitted + from_outside = absorbed + escaped + blocked + unselected + closure + reciprocity + residual, to rounding: the
-/// last three are what the matrix and the iteration got wrong, and are 0 for a perfect one.
+/// emitted + from_outside = absorbed + escaped + blocked + unselected + closure + reciprocity + residual, to rounding:
+/// the last three are what the matrix and the iteration got wrong, and are 0 for a perfect one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct EnergyBalance {
     /// Σ A E.
@@ -497,8 +502,8 @@ impl EnergyBalance {
     }
 }
 
-/// The balance of each right-hand side. `areas` and `rows` are of the matrix; a row whose hemicubes are not known (NaN) is
-/// taken to have lost nothing.
+/// The balance of each right-hand side. `areas` and `rows` are of the matrix; a row whose hemicubes are not known (NaN)
+/// is taken to have lost nothing.
 ///
 /// ```
 /// use hemicube::solve::{Block, OutOfCore, Problem, SolveOptions, energy_balance, solve};

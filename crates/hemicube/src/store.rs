@@ -18,18 +18,20 @@
 //! ```
 //!
 //! F\[i, j\] is from i to j: the fraction of what leaves patch i that reaches patch j. Rows and columns are *input
-//! patches*, positions in the scene file's face order; the processing order (Morton) shows only in which rows a part has.
+//! patches*, positions in the scene file's face order; the processing order (Morton) shows only in which rows a part
+//! has.
 //!
 //! Weights are fixed point, 2³¹ for each hemicube, so that visible + escaped + blocked + unselected = hemicubes · 2³¹
-//! holds exactly, row by row. Shares ([`RowShares`]) are what users want: with form factors of whole patches, they sum to 1.
+//! holds exactly, row by row. Shares ([`RowShares`]) are what users want: with form factors of whole patches, they sum
+//! to 1.
 //!
-//! In the *compact* form ([`Form`]) a part is a third to a quarter of that: instead of data and indices it has codes, gaps,
-//! lengths and runptr (`store/compact.rs` and `docs/store.md` say what they are), and its form factors are rounded by a
-//! relative error that the manifest states. Everything that reads a store reads both.
+//! In the *compact* form ([`Form`]) a part is a third to a quarter of that: instead of data and indices it has codes,
+//! gaps, lengths and runptr (`store/compact.rs` and `docs/store.md` say what they are), and its form factors are
+//! rounded by a relative error that the manifest states. Everything that reads a store reads both.
 //!
 //! Every file is written under a temporary name, synced and renamed; parts do not depend on each other, and the files
-//! depend on scene and settings alone. A part that is there is whole, so a run that was killed loses at most the part it
-//! was at, and equal runs give equal bytes.
+//! depend on scene and settings alone. A part that is there is whole, so a run that was killed loses at most the part
+//! it was at, and equal runs give equal bytes.
 
 mod assembly;
 pub(crate) mod closure;
@@ -176,7 +178,7 @@ pub struct Part {
     pub sums: Vec<RowSums>,
     /// What of each row is no form factor, as right as its form factors; of sums of pixels, the weights' shares.
     pub shares: Vec<RowShares>,
-    /// How many hemicubes were rendered for each row; 0 for a row that was come by in another way.
+    /// Number of hemicubes that were rendered for each row; 0 for a row that was come by in another way.
     pub hemicubes: Vec<u32>,
     /// The expected √Σ (F − true F)² of each row; NaN where no rung estimates it.
     pub errors: Vec<f32>,

@@ -1,5 +1,5 @@
-//! Balancing a store: rows close and pairs agree, small entries go and their mass stays, what cannot be balanced is refused
-//! or counted, and equal input gives equal bytes.
+//! Balancing a store: rows close and pairs agree, small entries go and their mass stays, what cannot be balanced is
+//! refused or counted, and equal input gives equal bytes.
 #![allow(clippy::cast_possible_truncation, reason = "test matrices are small")]
 #![allow(clippy::cast_sign_loss, reason = "weights are not negative")]
 #![allow(clippy::print_stderr, reason = "a test that is skipped says so")]
@@ -19,7 +19,7 @@ use tempfile::TempDir;
 struct Recipe {
     patches: u32,
     rows_per_part: u32,
-    /// How far form factors are off, relative.
+    /// Relative error of form factors.
     noise: f64,
     /// Entries of which every so manieth is missing from one of its rows; 0: none.
     one_sided: u64,
@@ -592,8 +592,8 @@ fn by_hand(rows: &[(&[(i32, f32)], f64)]) -> Sample {
 
 #[test]
 fn rows_that_no_scaling_closes_are_counted_and_do_no_harm() {
-    // 0 and 1 see only each other, and disagree on how much; 2 sees 3 and 4, who see it; 5 is to sum to something and has
-    // nothing; 6 is to sum to nothing, and 2 sees it.
+    // 0 and 1 see only each other, and disagree on how much; 2 sees 3 and 4, who see it; 5 is to sum to something and
+    // has nothing; 6 is to sum to nothing, and 2 sees it.
     let made = by_hand(&[
         (&[(1, 0.9)], 0.0),
         (&[(0, 0.5)], 0.5),

@@ -1,4 +1,5 @@
-//! Each detector on scenes small enough to know the answer: where it must fire, with what measure, and where it must not.
+//! Each detector on scenes small enough to know the answer: where it must fire, with what measure, and where it must
+//! not.
 
 use glam::{DQuat, DVec3};
 use hemicube::diagnose::{DiagnoseOptions, Diagnosis, Finding, FindingKind, Grain, diagnose};

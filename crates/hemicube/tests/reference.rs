@@ -162,8 +162,8 @@ fn slat() -> Case {
 
 /// A floor and a wall with a common edge, and a low fence close to the wall, where the kernel is largest.
 ///
-/// From x on the floor beyond the fence, the part of the wall below `height · x / (x − distance)` is hidden over its whole
-/// width, so what is left is a rectangle, whose closed form is integrated over the floor.
+/// From x on the floor beyond the fence, the part of the wall below `height · x / (x − distance)` is hidden over its
+/// whole width, so what is left is a rectangle, whose closed form is integrated over the floor.
 fn fence(distance: f64, height: f64) -> Case {
     let strip = |from: f64, to: f64, steps: u32, bottom: &dyn Fn(f64) -> f64| {
         let mut sum = 0.0;
@@ -499,8 +499,8 @@ fn flat_box(size: [f64; 3], cuts: [u32; 3], open: &[usize]) -> Vec<[DVec3; 3]> {
     triangles
 }
 
-/// Thin, finely cut spaces, closed and with a side open: rays meet few of the patches that are in view, and what they do
-/// not meet adds up.
+/// Thin, finely cut spaces, closed and with a side open: rays meet few of the patches that are in view, and what they
+/// do not meet adds up.
 #[test]
 fn rows_of_flat_spaces_close() {
     for (size, cuts, open) in [
@@ -675,8 +675,8 @@ fn coplanar_duplicates() {
     }
 }
 
-/// A back that crosses a lid at a small angle is in no plane with it, however near the two are where they cross: half of
-/// the lid is hidden, for rays over the hemisphere as for segments.
+/// A back that crosses a lid at a small angle is in no plane with it, however near the two are where they cross: half
+/// of the lid is hidden, for rays over the hemisphere as for segments.
 #[test]
 fn surfaces_that_cross_at_a_small_angle_are_not_in_one_plane() {
     let floor = cut(quad([[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]]));

@@ -185,8 +185,8 @@ fn two_parallel_plates() {
     }
 }
 
-/// Concentric spheres: Q = A₁σ(T₁⁴ − T₂⁴) / (1/ε₁ + (A₁/A₂)(1/ε₂ − 1)), with an inner sphere of a quarter of the area. The
-/// outer one sees itself, which no planar patch does; solvers do not mind.
+/// Concentric spheres: Q = A₁σ(T₁⁴ − T₂⁴) / (1/ε₁ + (A₁/A₂)(1/ε₂ − 1)), with an inner sphere of a quarter of the area.
+/// The outer one sees itself, which no planar patch does; solvers do not mind.
 #[test]
 fn concentric_spheres() {
     let spheres = InMemory::dense(&[vec![0.0, 1.0], vec![0.25, 0.75]]);
@@ -198,8 +198,8 @@ fn concentric_spheres() {
     }
 }
 
-/// A long duct of equal width with one wall that reradiates (Incropera, example 13.5's kind): F = ½ between any two walls,
-/// Q₁ = σ(T₁⁴ − T₂⁴) / ((1−ε₁)/ε₁ + 1/(F₁₂ + 1/(1/F₁ᵣ + 1/F₂ᵣ)) + (1−ε₂)/ε₂) for a unit of area.
+/// A long duct of equal width with one wall that reradiates (Incropera, example 13.5's kind): F = ½ between any two
+/// walls, Q₁ = σ(T₁⁴ − T₂⁴) / ((1−ε₁)/ε₁ + 1/(F₁₂ + 1/(1/F₁ᵣ + 1/F₂ᵣ)) + (1−ε₂)/ε₂) for a unit of area.
 #[test]
 fn a_duct_of_three_surfaces() {
     let duct = InMemory::dense(&[vec![0.0, 0.5, 0.5], vec![0.5, 0.0, 0.5], vec![0.5, 0.5, 0.0]]);

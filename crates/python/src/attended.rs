@@ -47,8 +47,9 @@ fn wait<P>(reports: &Receiver<P>) -> (Option<P>, bool) {
     (latest, done)
 }
 
-/// Does `work`. `callback` is called, on this thread, with the latest of what it tells. After a signal whose handler raises
-/// (Ctrl-C does), or when the callback raises, the work is told to end, and that exception is what is raised then.
+/// Does `work`. `callback` is called, on this thread, with the latest of what it tells. After a signal whose handler
+/// raises (Ctrl-C does), or when the callback raises, the work is told to end, and that exception is what is raised
+/// then.
 pub(crate) fn attended<P, T>(
     py: Python<'_>,
     callback: Option<&Bound<'_, PyAny>>,

@@ -216,7 +216,8 @@ enum Source {
 
 /// A form-factor matrix: F[i, j] is the fraction of what leaves patch i that reaches patch j.
 ///
-/// `compute` makes one, in memory or in a store, and `open` opens a store. Rows of a store are read when they are asked for.
+/// `compute` makes one, in memory or in a store, and `open` opens a store. Rows of a store are read when they are asked
+/// for.
 #[pyclass(frozen, module = "hemicube")]
 #[derive(Debug)]
 pub(crate) struct Matrix {
@@ -463,7 +464,8 @@ impl Matrix {
         self.column(py, |table| table.row_sum)
     }
 
-    /// Share of what leaves each patch that leaves the scene, refined with its form factors; NaN where no hemicube was rendered.
+    /// Share of what leaves each patch that leaves the scene, refined with its form factors; NaN where no hemicube was
+    /// rendered.
     #[getter]
     fn escaped<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| table.escaped)
@@ -559,8 +561,8 @@ impl Matrix {
         self.entries_of(py, patch)
     }
 
-    /// All rows that were computed, one after the other: (patch, columns, form factors). Of a store one row at a time is in
-    /// memory; `stored_order` goes through its files from the first to the last instead of by patches.
+    /// All rows that were computed, one after the other: (patch, columns, form factors). Of a store one row at a time
+    /// is in memory; `stored_order` goes through its files from the first to the last instead of by patches.
     #[pyo3(signature = (*, stored_order=false))]
     fn rows(slf: &Bound<'_, Self>, stored_order: bool) -> PyResult<Rows> {
         let matrix = slf.get();

@@ -84,8 +84,8 @@ pub(crate) fn vector(given: &Bound<'_, PyAny>, what: &str, len: usize) -> PyResu
     one(array(given, what, "fiu", "numbers", "float64")?, what, len)
 }
 
-/// A number for all patches, one a patch, or a row of them a patch: the values, patch by patch, how many a patch has, and
-/// whether that was a dimension of its own.
+/// A number for all patches, one a patch, or a row of them a patch: the values, patch by patch, how many a patch has,
+/// and whether that was a dimension of its own.
 pub(crate) fn columns(given: &Bound<'_, PyAny>, what: &str, patches: usize) -> PyResult<(Vec<f64>, usize, bool)> {
     let array = array(given, what, "fiu", "numbers", "float64")?;
     // `ascontiguousarray` makes one number an array of one.
@@ -122,8 +122,8 @@ pub(crate) fn columns(given: &Bound<'_, PyAny>, what: &str, patches: usize) -> P
     }
 }
 
-/// A vector of ours as an array that owns it, without copying. Nobody can write to it: arrays that are handed out more than
-/// once, and that other threads read, stay as they are.
+/// A vector of ours as an array that owns it, without copying. Nobody can write to it: arrays that are handed out more
+/// than once, and that other threads read, stay as they are.
 pub(crate) fn frozen<T: Element>(py: Python<'_>, values: Vec<T>) -> Bound<'_, PyArray1<T>> {
     let array = PyArray1::from_vec(py, values);
     drop(array.readwrite().make_nonwriteable());

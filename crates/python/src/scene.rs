@@ -82,13 +82,14 @@ pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
 /// A scene: triangles cut into the patches that rows and columns of a matrix are of.
 ///
 /// Vertices are (n, 3) numbers, triangles (m, 3) indices into them, counter-clockwise seen from the front. `object` and
-/// `material` are ids of each triangle, which `objects` and `materials` name. A `two_sided` triangle, all of them or those
-/// of a mask, becomes two patches, its front and its back. `flip` lists objects (names, with `*` and `?`, or 'all') whose
-/// one-sided triangles are turned round. `up` ('x', 'y' or 'z') says where the sky is.
+/// `material` are ids of each triangle, which `objects` and `materials` name. A `two_sided` triangle, all of them or
+/// those of a mask, becomes two patches, its front and its back. `flip` lists objects (names, with `*` and `?`, or
+/// 'all') whose one-sided triangles are turned round. `up` ('x', 'y' or 'z') says where the sky is.
 ///
-/// Triangles are cut by at most one of: `subdivide` (halve all edges so many times), `split` (each edge in so many pieces),
-/// `patch_size` (until no edge is longer). Triangles without area, with coordinates that are not finite, or that lie exactly
-/// on others (unless `keep_duplicates`) are dropped with a warning; `face` says which triangle each patch is of.
+/// Triangles are cut by at most one of: `subdivide` (halve all edges so many times), `split` (each edge in so many
+/// pieces), `patch_size` (until no edge is longer). Triangles without area, with coordinates that are not finite, or
+/// that lie exactly on others (unless `keep_duplicates`) are dropped with a warning; `face` says which triangle each
+/// patch is of.
 #[pyclass(frozen, module = "hemicube")]
 #[derive(Debug)]
 pub(crate) struct Scene {
@@ -293,8 +294,8 @@ impl Scene {
 
     /// The scene in a file: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON).
     ///
-    /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), where None
-    /// does as the file says; `up` is for files that do not say, or are wrong. The rest is as for arrays.
+    /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), where
+    /// None does as the file says; `up` is for files that do not say, or are wrong. The rest is as for arrays.
     #[classmethod]
     #[pyo3(signature = (path, *, scale=1.0, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]

@@ -125,8 +125,8 @@ impl Sky {
         fractions(py, rows, self.division.columns() as usize)
     }
 
-    /// Fractions of what points see that are patches of the scene: a `scipy.sparse.csr_matrix`; None for rows of patches,
-    /// whose matrix `compute` makes.
+    /// Fractions of what points see that are patches of the scene: a `scipy.sparse.csr_matrix`; None for rows of
+    /// patches, whose matrix `compute` makes.
     fn patches_to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let Some((seen, patches)) = &self.seen else {
             return Ok(None);
@@ -235,10 +235,10 @@ fn pairs(options: Option<BTreeMap<String, String>>) -> Vec<(String, String)> {
 
 /// What each patch of a scene sees of the sky: sky view factors, and how it divides over patches of the sky.
 ///
-/// `division` is 'tregenza' (145 patches) or 'reinhart:N' (144 N² + 1). `up` is needed where the scene does not say; `north`
-/// turns it clockwise, in degrees, from +y where z is up, −z where y is up. `tolerance` refines each row until its sky view
-/// factor changes by no more than this share; without it a patch gets `samples` hemicubes of `resolution` pixels an edge.
-/// `progress(done, total)` is called with rows every now and then.
+/// `division` is 'tregenza' (145 patches) or 'reinhart:N' (144 N² + 1). `up` is needed where the scene does not say;
+/// `north` turns it clockwise, in degrees, from +y where z is up, −z where y is up. `tolerance` refines each row until
+/// its sky view factor changes by no more than this share; without it a patch gets `samples` hemicubes of `resolution`
+/// pixels an edge. `progress(done, total)` is called with rows every now and then.
 #[pyfunction]
 #[pyo3(signature = (scene, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=256, samples=1, rotation=true, backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]

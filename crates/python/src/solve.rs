@@ -105,12 +105,12 @@ impl Use<PyResult<Solved>> for Solving<'_, '_> {
 ///
 /// `emission` E and `outside` H (irradiance from outside the matrix, as from the sky) are numbers, (n,) or (n, k) for k
 /// right-hand sides at once. `reflectance` R is a number, (n,) or (n, bands); right-hand side r is of band r modulo the
-/// number of bands. Heat is the same with reflectance 1 − ε and emission ε σ T⁴ (`STEFAN_BOLTZMANN`), and the net flux is
-/// B − G. S = 1 − Σ F − escaped returns to its patch: backs, and what a row lacks of 1, exchange nothing.
+/// number of bands. Heat is the same with reflectance 1 − ε and emission ε σ T⁴ (`STEFAN_BOLTZMANN`), and the net flux
+/// is B − G. S = 1 − Σ F − escaped returns to its patch: backs, and what a row lacks of 1, exchange nothing.
 ///
 /// `method` is 'gmres', 'gauss-seidel' or 'jacobi'; `tolerance` the relative residual to reach within `max_iterations`
-/// products, and what does not reach it says so with a warning. Of a store, `memory` bytes are used. `progress(iteration,
-/// residual)` is called now and then.
+/// products, and what does not reach it says so with a warning. Of a store, `memory` bytes are used.
+/// `progress(iteration, residual)` is called now and then.
 #[pyfunction]
 #[pyo3(signature = (matrix, reflectance, emission, *, outside=None, method="gmres", restart=20, tolerance=1e-6, max_iterations=500, memory=1_000_000_000, threads=0, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]

@@ -112,7 +112,7 @@ const KEYWORDS: [&[u8]; 23] = [
     b"refs",
 ];
 
-/// How many lines that are not understood are named in a warning; the rest are only counted.
+/// Number of lines not understood that a warning names; the rest are only counted.
 const NAMED_LINES: u64 = 3;
 
 /// The text of a file without its byte order mark, as bytes that agree with ASCII, each line ended by LF.

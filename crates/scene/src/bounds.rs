@@ -24,10 +24,10 @@ const HOLED_CORNERS_MAX: usize = 1 << 14;
 const STEPS: u64 = 1 << 30;
 /// Steps of cutting for each byte.
 const STEPS_A_BYTE: u64 = 1 << 10;
-/// How many corners of a simple polygon make a step, squared; with holes it is one.
+/// Number of corners of a simple polygon that make a step, squared; with holes it is one.
 const CORNERS_A_STEP: u64 = 8;
 
-/// What is left of a file's bounds.
+/// Remainder of a file's bounds.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bounds {
     bytes: u64,
@@ -70,7 +70,7 @@ impl Bounds {
         self.steps((corners as u64).pow(2) / CORNERS_A_STEP)
     }
 
-    /// The same of a polygon with holes, the corners of which are counted with it.
+    /// Likewise for a polygon with holes, the corners of which are counted with it.
     #[cfg(feature = "cityjson")]
     pub(crate) fn polygon_with_holes(&mut self, corners: usize, holes: usize) -> Result<(), Error> {
         if holes == 0 {

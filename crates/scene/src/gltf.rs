@@ -9,15 +9,16 @@
 //!
 //! What is refused: a file whose nodes, meshes, accessors and views refer to what is not there, whose accessors of
 //! positions and indices do not fit their buffers, or whose geometry only a decoder could open (Draco, meshopt). What
-//! the geometry does not need is never opened or checked: images, textures, animations, skins, cameras, and buffers that
-//! only those use.
+//! the geometry does not need is never opened or checked: images, textures, animations, skins, cameras, and buffers
+//! that only those use.
 //!
 //! Not the crate `gltf-json`, because its types round node transforms to f32, take an index modulo 2³² (so that
 //! 4294967296 silently means 0), refuse legal scenes without nodes, and refuse the whole file for a fault in a part
 //! that no geometry needs. The JSON is held as `serde_json::Value` and typed where it is asked for.
 //!
-//! Work and memory: vertices are read straight from the buffers when a triangle asks for them, so both are in proportion
-//! to the size of the file and to the triangles that come out. The triangles are counted before the first is made.
+//! Work and memory: vertices are read straight from the buffers when a triangle asks for them, so both are in
+//! proportion to the size of the file and to the triangles that come out. The triangles are counted before the first is
+//! made.
 
 mod accessor;
 mod buffer;

@@ -64,7 +64,7 @@ pub struct Triangle {
     /// Position of the face (polygon, or triangle where the format has only triangles) in the file, from 0, counting
     /// those that were later dropped. A polygon's triangles share it.
     pub face: u32,
-    /// Whether the back radiates and receives as the front does: such a triangle becomes two patches.
+    /// True if the back radiates and receives as the front does: such a triangle becomes two patches.
     pub two_sided: bool,
 }
 
@@ -119,7 +119,7 @@ impl Findings {
         }
     }
 
-    /// How often `reason` was counted.
+    /// Number of times that `reason` was counted.
     pub fn get(&self, reason: &str) -> u64 {
         self.counts.get(reason).copied().unwrap_or(0)
     }
@@ -163,8 +163,8 @@ pub struct Scene {
     pub metres_per_unit: Option<f64>,
 }
 
-/// Whether a character moves a terminal's cursor, rings, ends a line or turns text around: names may have any, and whoever
-/// shows one escapes them.
+/// Whether a character moves a terminal's cursor, rings, ends a line or turns text around: names may have any, and
+/// whoever shows one escapes them.
 ///
 /// ```
 /// assert!(hemicube_scene::is_unseen('\u{1b}') && hemicube_scene::is_unseen('\n') && !hemicube_scene::is_unseen('é'));
@@ -179,7 +179,8 @@ pub fn is_unseen(c: char) -> bool {
 pub struct ReadOptions {
     /// Read diffuse reflectance and emission of materials (and the material libraries that hold them).
     pub optics: bool,
-    /// Read scenes of which more would come than files of their size may become: by default one triangle for each byte, and a
-    /// million in any case, and polygons with holes of up to 16,384 corners. A small file may then take all memory.
+    /// Read scenes of which more would come than files of their size may become: by default one triangle for each byte,
+    /// and a million in any case, and polygons with holes of up to 16,384 corners. A small file may then take all
+    /// memory.
     pub allow_large: bool,
 }

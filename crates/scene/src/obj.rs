@@ -1,8 +1,8 @@
 //! Reads Wavefront OBJ scenes, and the reflectance and emission of their materials from `.mtl` libraries.
 //!
-//! Source: *Appendix B1. Object Files*, Advanced Visualizer manual (Wavefront 1993). The text is read by a parser of our
-//! own, as `tobj` cuts polygons into fans, names no lines, and refuses much of what real files hold; `tobj` reads the
-//! material libraries.
+//! Source: *Appendix B1. Object Files*, Advanced Visualizer manual (Wavefront 1993). The text is read by a parser of
+//! our own, as `tobj` cuts polygons into fans, names no lines, and refuses much of what real files hold; `tobj` reads
+//! the material libraries.
 //!
 //! # What becomes of what
 //! | in the file | here |
@@ -91,11 +91,11 @@ pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Resu
     Ok(reader.scene())
 }
 
-/// How many lines that are not understood, or libraries that cannot be read, are named in warnings.
+/// Number of lines not understood, or libraries not readable, that warnings name.
 const NAMED: u64 = 3;
-/// How many bytes of material libraries are read for one scene.
+/// Number of bytes of material libraries that are read for one scene.
 const LIBRARY_BYTES_MAX: u64 = 64 << 20;
-/// How many material libraries are opened for one scene.
+/// Number of material libraries that are opened for one scene.
 const LIBRARIES_MAX: usize = 1000;
 /// By how much the triangles of a polygon may differ in area from its outline before it is counted as not planar.
 const AREA_EXCESS_MAX: f64 = 1e-6;
@@ -140,7 +140,7 @@ struct Line<'a> {
     /// From 1.
     number: u64,
     text: &'a [u8],
-    /// Whether there is a `#` in it.
+    /// True if there is a `#` in it.
     hash: bool,
 }
 

@@ -47,7 +47,7 @@ pub struct Patches {
 const BACK: u32 = 1 << 31;
 
 impl Patches {
-    /// How many patches [`Self::new`] would make; nothing is cut for it. Saturates at `u64::MAX`.
+    /// Number of patches that [`Self::new`] would make; nothing is cut for it. Saturates at `u64::MAX`.
     ///
     /// ```
     /// use hemicube_scene::{Patches, Subdivision, generate::cornell_box};
@@ -118,12 +118,12 @@ impl Patches {
         Ok(patches)
     }
 
-    /// How many patches there are.
+    /// Number of patches.
     pub fn len(&self) -> usize {
         self.surface_of_patch.len()
     }
 
-    /// Whether there is no patch.
+    /// Returns whether there is no patch.
     pub fn is_empty(&self) -> bool {
         self.surface_of_patch.is_empty()
     }

@@ -22,7 +22,7 @@ use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 use std::path::Path;
 
-/// What is kept of a vertex or a face.
+/// Kept part of a vertex or a face.
 #[derive(Debug)]
 struct Element {
     position: DVec3,

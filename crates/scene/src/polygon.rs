@@ -8,8 +8,8 @@
 //! ```
 //!
 //! and the projection drops the coordinate in which n is largest. Unlike turning the polygon into its plane, that keeps
-//! the coordinates as they are, and what lies on a line stays on it. Everything is relative to the first corner, so that
-//! coordinates in the millions cost no digits, and in units of a power of two near the extent.
+//! the coordinates as they are, and what lies on a line stays on it. Everything is relative to the first corner, so
+//! that coordinates in the millions cost no digits, and in units of a power of two near the extent.
 
 use crate::Triangle;
 use crate::repair::{Shape, half_difference, power_of_two, relative};
@@ -74,8 +74,8 @@ pub(crate) fn triangulate(corners: &[DVec3], out: &mut Vec<[u32; 3]>) -> Triangu
     }
 }
 
-/// Appends the triangles of a polygon with holes, as [`triangulate`] does: `corners` are those of the outline, then those
-/// of each hole, of which `holes` has where they begin. A hole may wind either way.
+/// Appends the triangles of a polygon with holes, as [`triangulate`] does: `corners` are those of the outline, then
+/// those of each hole, of which `holes` has where they begin. A hole may wind either way.
 ///
 /// A hole without area, or with a corner that is not finite, is left out.
 #[cfg(feature = "cityjson")]

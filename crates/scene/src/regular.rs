@@ -1,4 +1,5 @@
-//! Files that are opened for reading: regular ones only, so that nothing waits for a pipe or reads a device without end.
+//! Files that are opened for reading: regular ones only, so that nothing waits for a pipe or reads a device without
+//! end.
 
 use std::fs::{File, FileType, Metadata};
 use std::io;
@@ -59,8 +60,8 @@ pub fn read_regular_text(path: &Path) -> io::Result<String> {
         .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "it is no text in UTF-8"))
 }
 
-/// Opens the file that a scene names, if it lies in the scene's folder or beneath it once all links are followed. A scene
-/// may come from anywhere; what it has read comes out again, as coordinates or colours.
+/// Opens the file that a scene names, if it lies in the scene's folder or beneath it once all links are followed. A
+/// scene may come from anywhere; what it has read comes out again, as coordinates or colours.
 ///
 /// # Errors
 /// As [`open_regular`]; [`io::ErrorKind::PermissionDenied`] for a name that leads out of the folder.

@@ -1,5 +1,5 @@
-//! Drops the triangles that can be no patch, by rules that depend on the triangle alone and not on where or how large it
-//! is, and counts every one.
+//! Drops the triangles that can be no patch, by rules that depend on the triangle alone and not on where or how large
+//! it is, and counts every one.
 //!
 //! 1. **Not finite**: a corner with a coordinate that is infinite or no number. Dropped.
 //! 2. **Degenerate**: with ℓ the longest edge, h the height over it and m the largest coordinate by magnitude,
@@ -34,7 +34,7 @@ pub struct RepairOptions {
     pub keep_duplicates: bool,
 }
 
-/// How many triangles [`repair`] met of each kind; see the [rules](self).
+/// Number of triangles that [`repair`] met of each kind; see the [rules](self).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RepairReport {
     /// Dropped: a coordinate that is not finite.

@@ -81,7 +81,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
     Ok(scene)
 }
 
-/// How many triangles a binary file says that it has.
+/// Number of triangles that a binary file says that it has.
 fn announced(bytes: &[u8]) -> Option<usize> {
     let count = bytes.get(HEADER..START)?.first_chunk::<4>()?;
     Some(u32::from_le_bytes(*count) as usize)

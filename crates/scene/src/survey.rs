@@ -2,8 +2,8 @@
 //! looks like a mistake.
 //!
 //! Two triangles join where they have an edge's two end points in common, as positions, whatever vertices the file gave
-//! them. A *boundary* edge belongs to one triangle, a *non-manifold* one to three and more, and an *inconsistent* one to
-//! two that run along it the same way, so that one shows its front where the other shows its back.
+//! them. A *boundary* edge belongs to one triangle, a *non-manifold* one to three and more, and an *inconsistent* one
+//! to two that run along it the same way, so that one shows its front where the other shows its back.
 
 use crate::repair::{RepairReport, Shape};
 use crate::{Axis, Scene, Triangle};
@@ -14,7 +14,7 @@ use std::hash::Hash;
 
 /// The part of the largest extent within which [`Survey::welded_edges`] takes positions for the same.
 pub const WELD: f64 = 1e-7;
-/// How many of the worst triangles [`Survey::worst`] names.
+/// Number of the worst triangles that [`Survey::worst`] names.
 pub const WORST_MAX: usize = 5;
 
 /// What there is to say about a scene; see [`survey`].
@@ -42,8 +42,8 @@ pub struct Survey {
     pub area_max: f64,
     /// How the triangles join where positions are equal to the last bit.
     pub edges: Edges,
-    /// How they join where positions are equal after rounding to steps of [`WELD`] of the largest extent. Fewer boundary
-    /// edges than in [`Survey::edges`] mean cracks too narrow to be meant.
+    /// How they join where positions are equal after rounding to steps of [`WELD`] of the largest extent. Fewer
+    /// boundary edges than in [`Survey::edges`] mean cracks too narrow to be meant.
     pub welded_edges: Edges,
     /// Objects that are closed each on its own, positions equal to the last bit.
     pub closed_object_count: usize,
@@ -53,7 +53,7 @@ pub struct Survey {
     pub up: Axis,
     /// Why that axis is taken to point up.
     pub up_reason: String,
-    /// Whether the axis is a guess and not the format's word.
+    /// True if the axis is a guess and not the format's word.
     pub up_guessed: bool,
     /// Sentences about units and coordinates that are worth a second look.
     pub unit_hints: Vec<String>,
@@ -73,7 +73,7 @@ pub struct Edges {
 }
 
 impl Edges {
-    /// Whether the surface is closed: every edge joins two triangles, front to front.
+    /// Returns whether the surface is closed: every edge joins two triangles, front to front.
     pub fn are_closed(&self) -> bool {
         self.count > 0 && self.boundary == 0 && self.non_manifold == 0 && self.inconsistent == 0
     }
@@ -197,7 +197,7 @@ struct Edge {
     /// Numbers of the end points, the smaller first.
     ends: [usize; 2],
     object: u32,
-    /// Whether the triangle runs from the smaller to the larger number.
+    /// True if the triangle runs from the smaller to the larger number.
     forward: bool,
 }
 

@@ -2,8 +2,8 @@
 
 use crate::Error;
 
-/// The text of a file without the byte-order mark of UTF-8, which editors and spreadsheets put before it. Where there is no
-/// mark, all of it.
+/// The text of a file without the byte-order mark of UTF-8, which editors and spreadsheets put before it. Where there
+/// is no mark, all of it.
 ///
 /// # Errors
 /// When the mark is that of UTF-16 or UTF-32, whose texts are not read.

@@ -164,8 +164,8 @@ fn invalid(message: String) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, message)
 }
 
-/// A name as a line of OBJ can hold it: what a reader would take for the line's end, a comment or a continuation becomes
-/// `_`, and so does space at either end.
+/// A name as a line of OBJ can hold it: what a reader would take for the line's end, a comment or a continuation
+/// becomes `_`, and so does space at either end.
 fn line_text(name: &str) -> Cow<'_, str> {
     let breaks = |c: char| c.is_control() || c == '#' || c == '\\';
     if !name.contains(breaks) && name.trim() == name {

@@ -1033,8 +1033,8 @@ fn bytes_of(root: &Path, path: &str) -> Option<Vec<u8>> {
 
 /// Files with concave polygons, of which the manifest's fans cover some area twice (6.6 % of `fg-truman`). Beside the
 /// path the sum of the areas that the polygons' outlines enclose, ½ |Σ pᵢ × pᵢ₊₁| each, by an independent program; and
-/// how many triangles fewer than corners − 2 there are, in polygons without area (2 in `fg-clem-superstructure`) or whose
-/// outline touches itself.
+/// how many triangles fewer than corners − 2 there are, in polygons without area (2 in `fg-clem-superstructure`) or
+/// whose outline touches itself.
 const CONCAVE: &[(&str, f64, usize)] = &[
     ("ac/fg-KC135.ac", 1571.941132029, 2),
     ("ac/fg-clem-superstructure.ac", 11549.083810586, 5),

@@ -650,8 +650,9 @@ fn cities_occlude_as_measured() {
         height_median,
         ..CityParameters::default()
     };
-    // Visible pairs, and visible of facing, of another implementation of the same rules with another seed. It lost sight along the gaps between buildings, which line up from block to block, but for the wall
-    // opposite; `visible` has all of it.
+    // Visible pairs, and visible of facing, of another implementation of the same rules with another seed. It lost
+    // sight along the gaps between buildings, which line up from block to block, but for the wall opposite; `visible`
+    // has all of it.
     let table = [
         (city(10, 9, 3, [1, 1], 10.0, 40.0), 0.0040, 0.020),
         (city(10, 9, 3, [1, 1], 18.0, 25.0), 0.0046, 0.023),

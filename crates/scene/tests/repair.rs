@@ -60,7 +60,7 @@ fn corners_that_are_not_finite() {
     assert_eq!(faces(&scene), [0, 10]);
 }
 
-/// Whether a triangle is dropped as degenerate.
+/// Returns whether a triangle is dropped as degenerate.
 fn drops(corners: [DVec3; 3]) -> bool {
     let mut scene = one_sided([corners]);
     let report = repair(&mut scene, RepairOptions::default());
@@ -470,8 +470,8 @@ fn hints_about_units() {
 /// Files of which the manifest has other counts, with ours: boundary, non-manifold and inconsistent edges, degenerate
 /// triangles, duplicates of either winding.
 ///
-/// The manifest cuts polygons into fans, welds before it looks for degenerate triangles, and calls those degenerate that
-/// then have no area or two corners at one place.
+/// The manifest cuts polygons into fans, welds before it looks for degenerate triangles, and calls those degenerate
+/// that then have no area or two corners at one place.
 #[cfg(feature = "obj")]
 const NOT_AS_MANIFEST: [(&str, [u64; 5]); 3] = [
     // A triangle 7.5 · 10⁻⁷ high that welding flattens is kept here: it closes three edges of its neighbours.

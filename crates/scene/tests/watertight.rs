@@ -1,6 +1,7 @@
 //! Every directed edge of the patches is met by its reverse, corner bits compared: no crack that light could pass.
 //!
-//! Left out: `Subdivision::PatchSize`, which cuts neighbours into different numbers of pieces and so leaves T-junctions.
+//! Left out: `Subdivision::PatchSize`, which cuts neighbours into different numbers of pieces and so leaves
+//! T-junctions.
 #![cfg(feature = "generate")]
 
 use glam::DVec3;

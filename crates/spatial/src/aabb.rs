@@ -80,12 +80,12 @@ impl Aabb {
         self.min.x > self.max.x || self.min.y > self.max.y || self.min.z > self.max.z
     }
 
-    /// Whether all six bounds are finite numbers.
+    /// Returns whether all six bounds are finite numbers.
     pub fn is_finite(&self) -> bool {
         self.min.is_finite() && self.max.is_finite()
     }
 
-    /// Whether a point is inside or on the border. False for a NaN on either side.
+    /// Returns whether a point is inside or on the border. False for a NaN on either side.
     pub fn contains(&self, point: DVec3) -> bool {
         point.cmpge(self.min).all() && point.cmple(self.max).all()
     }
@@ -97,7 +97,7 @@ impl Aabb {
         (other.is_empty() && !nan) || (other.min.cmpge(self.min).all() && other.max.cmple(self.max).all())
     }
 
-    /// Whether the two share a point, borders included. False if either is empty or has a NaN.
+    /// Returns whether the two share a point, borders included. False if either is empty or has a NaN.
     pub fn intersects(&self, other: &Self) -> bool {
         !self.is_empty() && !other.is_empty() && self.min.cmple(other.max).all() && self.max.cmpge(other.min).all()
     }

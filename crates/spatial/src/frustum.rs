@@ -33,7 +33,7 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// How far a point is on the inner side, in units of the normal's length; negative on the outer side.
+    /// Distance of a point on the inner side, in units of the normal's length; negative on the outer side.
     pub fn offset(&self, p: DVec3) -> f64 {
         self.normal.dot(p - self.point)
     }

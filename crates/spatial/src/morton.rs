@@ -9,8 +9,8 @@
 //!      level 1      level 2         level 21
 //! ```
 //!
-//! Directions go through the octahedral map (Meyer et al. 2010, "On floating-point normal vectors"; compared with others
-//! by Cigolle et al. 2014, "A survey of efficient representations for independent unit vectors"): the sphere is
+//! Directions go through the octahedral map (Meyer et al. 2010, "On floating-point normal vectors"; compared with
+//! others by Cigolle et al. 2014, "A survey of efficient representations for independent unit vectors"): the sphere is
 //! projected to the octahedron |x| + |y| + |z| = 1, whose lower half is folded outwards into the square [−1, 1]².
 
 use crate::Aabb;
@@ -87,9 +87,9 @@ pub fn position_code(unit: DVec3) -> u64 {
 /// wall's normals does not tear the wall apart.
 ///
 /// So few, because what is sorted by normal first is sorted by position only within a cell. On two spheres of 20,000
-/// patches each (the `order_points` example) the mean step from one patch to the next is 0.07 radii with 13 levels, 0.13 with
-/// 25, 0.57 with 61 and 3.0 with 253, where each cell holds one patch of either sphere; the mean turn is 2.7°, 2.6°,
-/// 2.3° and 1.3°.
+/// patches each (the `order_points` example) the mean step from one patch to the next is 0.07 radii with 13 levels,
+/// 0.13 with 25, 0.57 with 61 and 3.0 with 253, where each cell holds one patch of either sphere; the mean turn is
+/// 2.7°, 2.6°, 2.3° and 1.3°.
 const LAST_NORMAL_LEVEL: u32 = 12;
 
 /// The code of a direction: the Morton code of its octahedral coordinates, 4 bits each. The vector may have any length;

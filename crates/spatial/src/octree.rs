@@ -1,11 +1,11 @@
 //! An octree over boxes, as one sorted array of items and one array of nodes.
 //!
-//! The cells are the halvings of the cube over all boxes ([`Cube::around`]). A box fits a cell when it lies wholly in it,
-//! borders included; the deepest cell that it fits follows from the first bit in which the quantised corners differ. In a
-//! loose octree (Ulrich 2000, "Loose octrees", Game Programming Gems) it fits when its middle is in the cell and no edge
-//! is longer than the cell's, so that size alone decides on the level.
-//! Items sorted by that cell's Morton code, a shallower cell before the deeper ones with the same code, are in the order
-//! of the finished octree, in which every node is one contiguous range:
+//! The cells are the halvings of the cube over all boxes ([`Cube::around`]). A box fits a cell when it lies wholly in
+//! it, borders included; the deepest cell that it fits follows from the first bit in which the quantised corners
+//! differ. In a loose octree (Ulrich 2000, "Loose octrees", Game Programming Gems) it fits when its middle is in the
+//! cell and no edge is longer than the cell's, so that size alone decides on the level. Items sorted by that cell's
+//! Morton code, a shallower cell before the deeper ones with the same code, are in the order of the finished octree, in
+//! which every node is one contiguous range:
 //!
 //! ```text
 //! items   [ own │ octant 0 │ octant 2 │ octant 7 ]      of one node: own() then the ranges of its children
@@ -79,7 +79,7 @@ pub enum OctreeError {
     },
     /// There are more boxes than [`MAX_ITEM_COUNT`].
     TooMany {
-        /// How many there are.
+        /// The number that there are.
         count: usize,
     },
 }
@@ -136,7 +136,7 @@ pub struct Node {
     pub item_end: u32,
     /// The first child; meaningless in a leaf.
     pub first_child: u32,
-    /// How many children there are: only octants with items have a node.
+    /// Number of children: only octants with items have a node.
     pub child_count: u32,
     /// The node whose child this is; `None` for the root.
     pub parent: Option<u32>,
@@ -158,7 +158,7 @@ impl Node {
         self.first_child..self.first_child.saturating_add(self.child_count)
     }
 
-    /// Whether there are no children.
+    /// Returns whether there are no children.
     pub fn is_leaf(&self) -> bool {
         self.child_count == 0
     }
@@ -184,9 +184,9 @@ pub struct Octree {
 impl Octree {
     /// Builds the octree of a set of boxes; of none, an octree without nodes.
     ///
-    /// The items of each node's own are in Morton order of their middles (as far as nine levels below the node), ties by
-    /// input index; a leaf's are in the order that further subdivision would give them. The result depends on the input
-    /// only.
+    /// The items of each node's own are in Morton order of their middles (as far as nine levels below the node), ties
+    /// by input index; a leaf's are in the order that further subdivision would give them. The result depends on the
+    /// input only.
     ///
     /// # Errors
     /// [`OctreeError`] when a box is not finite or empty, `max_level` is too deep, or there are too many boxes.
@@ -289,7 +289,7 @@ impl Octree {
         Ok(octree)
     }
 
-    /// What it took for a box to fit a cell.
+    /// Size of a box, at most, that fits a cell.
     pub fn fit(&self) -> Fit {
         self.fit
     }

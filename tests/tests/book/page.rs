@@ -1,4 +1,5 @@
-//! Pages of the book as text: their fenced blocks and tags, headings, links; and what is wrong with them before anything runs.
+//! Pages of the book as text: their fenced blocks and tags, headings, links; and what is wrong with them before
+//! anything runs.
 //!
 //! A block begins with its language and its tags, with commas:
 //!
@@ -292,8 +293,8 @@ fn faults_of_cargo(line: &str) -> Vec<String> {
 
 /// What is wrong with the blocks of a page before any is run: none may be of a kind that nothing runs.
 ///
-/// `not_run` are page, first line and reason of the blocks that are run elsewhere or nowhere; `doctested` and `packaged` the
-/// texts in which Rust's and Python's documentation tests name their pages.
+/// `not_run` are page, first line and reason of the blocks that are run elsewhere or nowhere; `doctested` and
+/// `packaged` the texts in which Rust's and Python's documentation tests name their pages.
 pub(crate) fn faults_of_blocks(
     page: &Page,
     not_run: &[(&str, &str, &str)],

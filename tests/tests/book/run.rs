@@ -1,5 +1,5 @@
-//! A page's blocks, run in their order in a folder of their own, from which the repository is in reach by the paths that
-//! the book uses: `hemicube` and `./run` are the program, `cargo run --example` what is built already.
+//! A page's blocks, run in their order in a folder of their own, from which the repository is in reach by the paths
+//! that the book uses: `hemicube` and `./run` are the program, `cargo run --example` what is built already.
 
 use super::page::{Block, Page};
 use hemicube_tests::readers::python;

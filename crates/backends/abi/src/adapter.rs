@@ -13,7 +13,7 @@ use hemicube_contract::InputPatch;
 use hemicube_contract::backend::{
     BackendError, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes, Surface,
 };
-use hemicube_contract::delta::{DeltaTable, is_resolution};
+use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::face::pixel_count;
 use hemicube_contract::row::RowBlock;
 use hemicube_spatial::morton::Cube;
@@ -305,11 +305,16 @@ unsafe extern "C" fn load<P: Plugin>(
 /// `weights` is as long as the resolution makes it.
 unsafe fn render_settings(settings: &HcSettings) -> Result<RenderSettings, BackendError> {
     let resolution = settings.resolution;
-    if !is_resolution(resolution) {
-        return invalid(format!(
-            "resolution {resolution}: a multiple of 16 from 16 to 1024 is needed"
-        ));
-    }
+    let wanted = RenderSettings {
+        resolution,
+        culling: if settings.culling == 1 {
+            Culling::On
+        } else {
+            Culling::Off
+        },
+        covered: settings.covered == 1,
+    };
+    wanted.check()?;
     if settings.culling > 1 || settings.covered > 1 {
         return invalid("`culling` and `covered` are 0 or 1");
     }
@@ -321,15 +326,7 @@ unsafe fn render_settings(settings: &HcSettings) -> Result<RenderSettings, Backe
             "the host's weights at resolution {resolution} are not this plugin's; build both from the same version of hemicube"
         )));
     }
-    Ok(RenderSettings {
-        resolution,
-        culling: if settings.culling == 1 {
-            Culling::On
-        } else {
-            Culling::Off
-        },
-        covered: settings.covered == 1,
-    })
+    Ok(wanted)
 }
 
 /// Scenes that sessions of this plugin hold, so that those over one scene share what they make of it.
@@ -447,15 +444,7 @@ fn hemicube(raw: &HcHemicube, patch_count: u32) -> Result<Hemicube, BackendError
         origin: raw.origin.into(),
         axes: [0, 3, 6].map(|k| DVec3::new(a[k], a[k + 1], a[k + 2])),
     };
-    if hemicube.emitter.is_some_and(|patch| patch.0 >= patch_count) {
-        return invalid(format!(
-            "a hemicube names patch {} of a scene of {patch_count} patches",
-            raw.emitter
-        ));
-    }
-    if !(hemicube.origin.is_finite() && hemicube.axes.iter().all(|axis| axis.is_finite())) {
-        return invalid("a hemicube's frame is not finite");
-    }
+    hemicube.check(patch_count)?;
     Ok(hemicube)
 }
 

@@ -19,10 +19,10 @@ const RESOLUTION: u32 = 64;
 const REFERENCE_RESOLUTION: u32 = 256;
 /// A resolution at which many patches are tiny.
 const COARSE: u32 = 16;
-/// Share of the pixels that may differ from the reference. Drivers snap corners to 1/256 of a pixel, so that pixels on edges
-/// differ: 2.3 · 10⁻⁴ of them where small triangles fill the view (docs/gpu.md, which has a setting for less).
+/// Share of the pixels that may differ from the reference. Drivers snap corners to 1/256 of a pixel, so that pixels on
+/// edges differ: 2.3 · 10⁻⁴ of them where small triangles fill the view (docs/gpu.md, which has a setting for less).
 const PIXELS: f64 = 3e-4;
-/// How far a row may be from the reference's, in L1.
+/// Distance that a row may have from the reference's, in L1.
 const ROW: f64 = 5e-3;
 /// Fewer tiny patches than this of the reference say nothing.
 const TINY_ENOUGH: usize = 20;
@@ -85,7 +85,7 @@ impl Check {
         }
     }
 
-    /// Whether it says something about that scene.
+    /// Returns whether it says something about that scene.
     fn suits(self, scene: TestScene) -> bool {
         match self {
             Self::Culls => matches!(scene, TestScene::Maze | TestScene::Towers),
@@ -378,6 +378,13 @@ impl Subject<'_> {
                     ..hemicubes[0]
                 },
             ),
+            (
+                "an axis that is not finite",
+                Hemicube {
+                    axes: hemicubes[0].axes.map(|axis| axis * f64::INFINITY),
+                    ..hemicubes[0]
+                },
+            ),
         ] {
             match self.backend.rows(&[hemicube], &mut rows) {
                 Err(BackendError::InvalidArgument(_)) => {}
@@ -394,7 +401,7 @@ impl Subject<'_> {
             ..settings
         };
         if none.is_empty() && self.backend.load(self.model.geometry(), odd).is_err() {
-            Ok("3 requests refused, and the session stays usable".to_owned())
+            Ok("4 requests refused, and the session stays usable".to_owned())
         } else {
             Err(format!("a resolution of {} is not refused", odd.resolution))
         }

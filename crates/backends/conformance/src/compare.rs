@@ -253,13 +253,13 @@ fn tiny(rows: &RowBlock) -> Vec<(usize, u32)> {
     (0..rows.len()).flat_map(of_row).collect()
 }
 
-/// How many tiny patches a block of rows reports.
+/// Number of tiny patches that a block of rows reports.
 pub fn tiny_count(rows: &RowBlock) -> usize {
     tiny(rows).len()
 }
 
-/// Most tiny patches that the reference reports are found, as tiny ones or by a pixel of their own. What is nearest at a
-/// centroid depends on how depth is held there: the two engines of the CPU backend agree on six of seven.
+/// Most tiny patches that the reference reports are found, as tiny ones or by a pixel of their own. What is nearest at
+/// a centroid depends on how depth is held there: the two engines of the CPU backend agree on six of seven.
 ///
 /// # Errors
 /// When fewer than half are.

@@ -1,8 +1,8 @@
 //! What every backend must show, over any session of it: the rules of the [contract](hemicube::backend), the same rows
 //! whatever the batches, culling on and off, and nearness to a reference.
 //!
-//! A [`Case`] is a check on a scene. What a backend does not claim is reported as [`Outcome::NotClaimed`], never as held.
-//! Every comparator of [`compare`] is shown refusing doctored input by a test.
+//! A [`Case`] is a check on a scene. What a backend does not claim is reported as [`Outcome::NotClaimed`], never as
+//! held. Every comparator of [`compare`] is shown refusing doctored input by a test.
 //!
 //! ```
 //! use hemicube_backend_cpu::CpuBackend;

@@ -1,5 +1,5 @@
-//! The scenes: made by rule, and turned and moved by irrational amounts, so that no edge passes through a pixel's centre
-//! by construction.
+//! The scenes: made by rule, and turned and moved by irrational amounts, so that no edge passes through a pixel's
+//! centre by construction.
 
 use glam::{DQuat, DVec3};
 use hemicube::backend::Hemicube;
@@ -92,7 +92,7 @@ impl TestScene {
         Model::new(patches.into(), HierarchyOptions::default()).expect("a scene with an extent")
     }
 
-    /// How many hemicubes of it are rendered.
+    /// Number of its hemicubes that are rendered.
     pub fn hemicube_count(self) -> usize {
         if self == Self::Towers { 10 } else { 20 }
     }

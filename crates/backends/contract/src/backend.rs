@@ -70,6 +70,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+use crate::delta::is_resolution;
 use crate::row::RowBlock;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
@@ -105,7 +106,7 @@ pub struct Geometry {
     pub surfaces: Vec<Surface>,
     /// The hierarchy over `surfaces`; its nodes are ranges of them.
     pub octree: Octree,
-    /// How many patches there are: ids run from 0 to one below.
+    /// Number of patches: ids run from 0 to one below.
     pub patch_count: u32,
     /// A corner nearer than this to the emitter's plane counts as lying in it, in normalised units.
     pub plane_tolerance: f64,
@@ -177,7 +178,32 @@ pub struct Hemicube {
     pub axes: [DVec3; 3],
 }
 
-/// Whether subtrees that cannot be seen are skipped. Rows are the same bits either way.
+impl Hemicube {
+    /// Refuses a patch that a scene of `patch_count` patches has not, and a frame that is not finite. Every backend asks this
+    /// before it renders.
+    ///
+    /// # Errors
+    /// [`BackendError::InvalidArgument`], which names the patch.
+    pub fn check(&self, patch_count: u32) -> Result<(), BackendError> {
+        if let Some(patch) = self.emitter
+            && patch.0 >= patch_count
+        {
+            return Err(BackendError::InvalidArgument(format!(
+                "a hemicube names patch {} of a scene of {patch_count} patches",
+                patch.0
+            )));
+        }
+        if self.origin.is_finite() && self.axes.iter().all(|axis| axis.is_finite()) {
+            Ok(())
+        } else {
+            Err(BackendError::InvalidArgument(
+                "a hemicube's frame is not finite".to_owned(),
+            ))
+        }
+    }
+}
+
+/// True if subtrees that cannot be seen are skipped. Rows are the same bits either way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Culling {
     /// Frustum and occlusion culling.
@@ -191,10 +217,29 @@ pub enum Culling {
 pub struct RenderSettings {
     /// Pixels along the edge of the top face: a multiple of 16 in [`RESOLUTIONS`].
     pub resolution: u32,
-    /// Whether subtrees that cannot be seen are skipped.
+    /// True if subtrees that cannot be seen are skipped.
     pub culling: Culling,
-    /// Whether rows carry covered weights and tiny patches (see [`RowBlock`]).
+    /// True if rows carry covered weights and tiny patches (see [`RowBlock`]).
     pub covered: bool,
+}
+
+impl RenderSettings {
+    /// Refuses a resolution that no backend renders. Every backend asks this when it loads a scene.
+    ///
+    /// # Errors
+    /// [`BackendError::InvalidArgument`], which names the resolution.
+    pub fn check(&self) -> Result<(), BackendError> {
+        if is_resolution(self.resolution) {
+            Ok(())
+        } else {
+            Err(BackendError::InvalidArgument(format!(
+                "resolution {}: a multiple of 16 from {} to {} is needed",
+                self.resolution,
+                RESOLUTIONS.start(),
+                RESOLUTIONS.end()
+            )))
+        }
+    }
 }
 
 /// What a backend can do.
@@ -215,19 +260,20 @@ pub struct Capabilities {
 pub struct BackendInfo {
     /// Name, `[a-z0-9-]{1,32}`.
     pub name: String,
-    /// Version of the arithmetic: stores of different versions are not mixed. Of a backend that chooses between several by
-    /// the scene, that of the one chosen, from `load` on.
+    /// Version of the arithmetic: stores of different versions are not mixed. Of a backend that chooses between several
+    /// by the scene, that of the one chosen, from `load` on.
     pub version: String,
     /// The device, in words (an instruction set, a GPU and its driver).
     pub device: String,
     /// What it can do.
     pub capabilities: Capabilities,
-    /// How many hemicubes it likes to be given at once.
+    /// Number of hemicubes that it likes to be given at once.
     pub preferred_rows: usize,
 }
 
-/// What was done for some rows. Sums; the same for the same rows, whatever the batches and threads, but for a backend that
-/// begins with what the hemicube before saw: of that one, nodes, triangles and queries depend on the order of hemicubes.
+/// What was done for some rows. Sums; the same for the same rows, whatever the batches and threads, but for a backend
+/// that begins with what the hemicube before saw: of that one, nodes, triangles and queries depend on the order of
+/// hemicubes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Counters {
     /// Hemicubes rendered.
@@ -308,9 +354,10 @@ pub trait HemicubeBackend: Send {
     /// When the settings are out of range or unsupported, or memory runs out.
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError>;
 
-    /// Takes a scene as [`Self::load`] does, with covered weights, for a caller that makes nothing of the rows but visible fractions, and the
-    /// sums of weights. A patch that shows all that it covers may then have any two weights that are the same, 0 too, beside others of the
-    /// same triangle of the scene, as long as their sum is what they show together. For a backend that gains nothing by it, the same as `load`.
+    /// Takes a scene as [`Self::load`] does, with covered weights, for a caller that makes nothing of the rows but
+    /// visible fractions, and the sums of weights. A patch that shows all that it covers may then have any two weights
+    /// that are the same, 0 too, beside others of the same triangle of the scene, as long as their sum is what they
+    /// show together. For a backend that gains nothing by it, the same as `load`.
     ///
     /// # Errors
     /// Those of [`Self::load`].

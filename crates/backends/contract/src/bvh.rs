@@ -2,9 +2,9 @@
 //! shafts between two patches are tested against.
 //!
 //! The tree is cut by the surface area heuristic (MacDonald & Booth 1990, "Heuristics for ray tracing using space
-//! subdivision", with Wald's binning of 2007). The octree that comes with a scene can be packed into blocks instead; bench
-//! `engine` of the CPU backend compares the two. The heuristic's tight boxes make blocks fuller and let more of them be
-//! skipped than the cells of an octree do.
+//! subdivision", with Wald's binning of 2007). The octree that comes with a scene can be packed into blocks instead;
+//! bench `engine` of the CPU backend compares the two. The heuristic's tight boxes make blocks fuller and let more of
+//! them be skipped than the cells of an octree do.
 //!
 //! No octree in the CPU backend, because a tree cut by the surface area heuristic is as fast or faster on every scene
 //! of `docs/performance.md`, which compares them. The octree comes with every scene for backends that draw ranges of
@@ -33,7 +33,8 @@ pub const UNUSED: u32 = u32::MAX;
 /// Up to 16 triangles as a structure of arrays, ready for SIMD.
 ///
 /// Corners are sorted by coordinates, so that a triangle given twice, in any vertex order or winding, has the same
-/// arithmetic and thus the same depth to the bit; the winding is kept in which of `negative` and `positive` is the front.
+/// arithmetic and thus the same depth to the bit; the winding is kept in which of `negative` and `positive` is the
+/// front.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Block {
@@ -55,8 +56,8 @@ impl Block {
         }
     }
 
-    /// Packs up to 16 of some surfaces. The back of a one-sided one shows `blocked`: an id above all patches, so that any
-    /// patch at the same depth wins.
+    /// Packs up to 16 of some surfaces. The back of a one-sided one shows `blocked`: an id above all patches, so that
+    /// any patch at the same depth wins.
     ///
     /// # Panics
     /// When `lanes` is empty.
@@ -152,7 +153,7 @@ pub struct Tree {
     pub blocks: Vec<Block>,
     /// block × 16 + lane of each patch's surface.
     pub slot_of_patch: Vec<u32>,
-    /// How many patches there are, which is also the id that stands for blocked.
+    /// Number of patches, which is also the id that stands for blocked.
     pub patch_count: u32,
     /// See [`Geometry::plane_tolerance`].
     pub plane_tolerance: f64,
@@ -375,7 +376,8 @@ impl Tree {
     }
 }
 
-/// Whether two triangles in one plane, whose normal is given, overlap by more than `touch`: no edge of either parts them.
+/// Whether two triangles in one plane, whose normal is given, overlap by more than `touch`: no edge of either parts
+/// them.
 pub fn overlap(p: &[DVec3; 3], q: &[DVec3; 3], normal: DVec3, touch: f64) -> bool {
     let apart = |of: &[DVec3; 3], other: &[DVec3; 3]| {
         (0..3).any(|k| {
@@ -393,7 +395,7 @@ pub fn overlap(p: &[DVec3; 3], q: &[DVec3; 3], normal: DVec3, touch: f64) -> boo
 /// A part of the tree by itself: its root first, children and blocks counted from its own first.
 struct Piece {
     nodes: Vec<Node>,
-    /// How many surfaces each leaf has, in the order of the surfaces.
+    /// Number of surfaces that each leaf has, in the order of the surfaces.
     leaves: Vec<usize>,
 }
 
@@ -424,8 +426,9 @@ fn bounds_of(boxes: &[Bounds], range: &[u32]) -> (Bounds, Bounds) {
         })
 }
 
-/// Sorts the surfaces of `range` into leaves and puts a tree over them, in up to about `pieces` pieces at the same time.
-/// `id` names a surface's patch. Neither half of a node looks at the other, so the tree is the same whatever the pieces.
+/// Sorts the surfaces of `range` into leaves and puts a tree over them, in up to about `pieces` pieces at the same
+/// time. `id` names a surface's patch. Neither half of a node looks at the other, so the tree is the same whatever the
+/// pieces.
 fn cut(boxes: &[Bounds], id: &(impl Fn(u32) -> u32 + Sync), range: &mut [u32], pieces: usize) -> Piece {
     if pieces <= 1 || range.len() < PARALLEL_FROM {
         return cut_alone(boxes, id, range);

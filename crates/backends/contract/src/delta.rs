@@ -99,7 +99,7 @@ impl DeltaTable {
     }
 }
 
-/// Whether hemicubes can be rendered at this resolution.
+/// Returns whether hemicubes can be rendered at this resolution.
 pub fn is_resolution(resolution: u32) -> bool {
     RESOLUTIONS.contains(&resolution) && resolution.is_multiple_of(16)
 }

@@ -55,7 +55,7 @@ impl Face {
         }
     }
 
-    /// Whether this is the top.
+    /// Returns whether this is the top.
     pub const fn is_top(self) -> bool {
         matches!(self, Self::Top)
     }
@@ -77,7 +77,7 @@ impl Face {
     }
 }
 
-/// How many pixels a hemicube has: 3N².
+/// Number of pixels that a hemicube has: 3N².
 pub const fn pixel_count(resolution: u32) -> usize {
     3 * resolution as usize * resolution as usize
 }

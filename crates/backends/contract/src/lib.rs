@@ -1,7 +1,7 @@
 //! The contract between the driver and what renders: hemicubes in, rows of integer weights out.
 //!
-//! A crate of its own, so that a backend compiles without the driver, the store and the closed forms. The driver's crate,
-//! `hemicube`, has all of it under the same names.
+//! A crate of its own, so that a backend compiles without the driver, the store and the closed forms. The driver's
+//! crate, `hemicube`, has all of it under the same names.
 
 pub mod backend;
 pub mod bvh;

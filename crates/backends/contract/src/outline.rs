@@ -1,9 +1,9 @@
 //! What patches would cover alone, counted on the processor: for backends that supply no covered weights.
 //!
-//! A pixel whose centre lies within a patch's outline is the patch's, but drivers snap corners to a grid: what they draw
-//! along an edge is theirs to choose. A patch of which every pixel is seen that lies certainly within its outline is
-//! therefore seen whole, and its covered weight is what was seen; only of others the outline is counted. So where nothing
-//! is hidden, every visible fraction is exactly 1, whoever draws.
+//! A pixel whose centre lies within a patch's outline is the patch's, but drivers snap corners to a grid: what they
+//! draw along an edge is theirs to choose. A patch of which every pixel is seen that lies certainly within its outline
+//! is therefore seen whole, and its covered weight is what was seen; only of others the outline is counted. So where
+//! nothing is hidden, every visible fraction is exactly 1, whoever draws.
 //!
 //! No visible fraction from two rasterisers to the pixel, because along edges they do not agree: where the host counts
 //! what a plugin does not, a patch is hidden only if a pixel is that lies certainly within its outline.
@@ -15,8 +15,9 @@ use crate::row::RowBlock;
 use glam::DVec3;
 use std::sync::Arc;
 
-/// How far from an edge of the outline a pixel's centre may be drawn as if it were on the other side, in pixels. Drivers
-/// keep at least four bits of a pixel (Vulkan 1.3, `subPixelPrecisionBits`), which is half of this at each corner.
+/// How far from an edge of the outline a pixel's centre may be drawn as if it were on the other side, in pixels.
+/// Drivers keep at least four bits of a pixel (Vulkan 1.3, `subPixelPrecisionBits`), which is half of this at each
+/// corner.
 const SNAPPED: f64 = 1.0 / 16.0;
 
 /// The corners of every patch of a scene; `None` for a patch without a surface.
@@ -119,11 +120,11 @@ impl Outlines {
         }
     }
 
-    /// The weight of the pixels of a face whose centres lie certainly within the outline of a triangle, and of those that
-    /// lie within it. Corners are in the patch frame.
+    /// The weight of the pixels of a face whose centres lie certainly within the outline of a triangle, and of those
+    /// that lie within it. Corners are in the patch frame.
     ///
-    /// A ray through a pixel meets the triangle where it is on the inner side of the three planes through the eye and an
-    /// edge, which holds of triangles that reach behind the eye, too.
+    /// A ray through a pixel meets the triangle where it is on the inner side of the three planes through the eye and
+    /// an edge, which holds of triangles that reach behind the eye, too.
     fn on_face(&self, face: Face, corners: &[[f64; 3]; 3]) -> (u32, u32) {
         let (from, sign) = face.axes();
         let [a, b, c] = corners.map(|corner| {

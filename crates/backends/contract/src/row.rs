@@ -79,7 +79,7 @@ pub enum RowError {
         row: usize,
         /// The id.
         patch: u32,
-        /// How many patches there are.
+        /// Number of patches.
         patch_count: u32,
     },
     /// Patches not strictly ascending.
@@ -125,12 +125,12 @@ impl RowBlock {
         self.blocked.clear();
     }
 
-    /// How many rows it holds.
+    /// Number of rows that it holds.
     pub fn len(&self) -> usize {
         self.row_end.len()
     }
 
-    /// Whether it holds no row.
+    /// Returns whether it holds no row.
     pub fn is_empty(&self) -> bool {
         self.row_end.is_empty()
     }

@@ -1,5 +1,5 @@
-//! Hemicubes a second of the three engines: by scene, against engine 1 patch by patch and against brute force, by hierarchy,
-//! instruction set and resolution. `cargo bench -p hemicube-backend-cpu --bench engine`.
+//! Hemicubes a second of the three engines: by scene, against engine 1 patch by patch and against brute force, by
+//! hierarchy, instruction set and resolution. `cargo bench -p hemicube-backend-cpu --bench engine`.
 //!
 //! Before criterion's own groups, a table of ratios is printed whose two sides were measured in turns in this run, in
 //! processor time of the thread: those are what claims rest on. `HEMICUBE_BENCH=small` leaves the scenes of 1.5 million

@@ -1,4 +1,5 @@
-//! What it costs to make form factors of weights, and what the closed form's own error is: `convert [ROWS [N [SCENE…]]]`.
+//! What it costs to make form factors of weights, and what the closed form's own error is: `convert [ROWS [N
+//! [SCENE…]]]`.
 //!
 //! Rows are rendered once; a backend that only hands them out then stands in for the renderer, so that what its thread
 //! spends is the conversion. Times are processor time of that thread, the best of several in turns.

@@ -1,11 +1,12 @@
 //! What a set of surfaces that neighbours share could gain (from-region visibility, Wonka, Wimmer & Schmalstieg 2000):
 //! `from_region [RESOLUTION [CLUSTERS [FILE SPLIT]…]]`, on generated scenes where no file is named.
 //!
-//! Patches that follow each other in the order of work form a cluster, and are rendered from three scenes: the whole one; one
-//! without what lies behind all their planes, which is conservative and cheap to find; and one with nothing but what at least
-//! one of them sees. The last is an oracle: no conservative set is smaller, so no algorithm gains more than it does. Rows must
-//! be the same bits from all three. Milliseconds of processor time a row; with *and loading*, what it takes to put the set
-//! into a tree is shared by the rows of the cluster, and finding the set costs nothing.
+//! Patches that follow each other in the order of work form a cluster, and are rendered from three scenes: the whole
+//! one; one without what lies behind all their planes, which is conservative and cheap to find; and one with nothing
+//! but what at least one of them sees. The last is an oracle: no conservative set is smaller, so no algorithm gains
+//! more than it does. Rows must be the same bits from all three. Milliseconds of processor time a row; with *and
+//! loading*, what it takes to put the set into a tree is shared by the rows of the cluster, and finding the set costs
+//! nothing.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 mod clock;

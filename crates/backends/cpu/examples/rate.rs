@@ -1,8 +1,9 @@
 //! Hemicubes a second of one thread on a scene: `rate KIND PATCHES [RESOLUTION] [ROWS]`, KIND a generated scene or a
 //! file, PATCHES a target count or, for a file, into how many each edge is cut.
 //!
-//! `ISA=Avx512|Avx2|Portable` and `ENGINE=Depth|Claims|Order` leave out the others; with `COVERED=1` only rows with covered weights
-//! are measured, with `COVERED=0` only pixel sums; with `FRACTIONS=1` those are rows for fractions; with `WHOLE=0` triangles that were cut are drawn patch by patch.
+//! `ISA=Avx512|Avx2|Portable` and `ENGINE=Depth|Claims|Order` leave out the others; with `COVERED=1` only rows with
+//! covered weights are measured, with `COVERED=0` only pixel sums; with `FRACTIONS=1` those are rows for fractions;
+//! with `WHOLE=0` triangles that were cut are drawn patch by patch.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 mod clock;

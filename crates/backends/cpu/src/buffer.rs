@@ -25,7 +25,8 @@ pub(crate) trait Buffer {
         pixels: &mut [u32; LANES],
     ) -> Drawn;
 
-    /// Whether all of a box of the atlas (inclusive), on a face, is nearer than `bound`, in 1/w. It may say no where it is.
+    /// Whether all of a box of the atlas (inclusive), on a face, is nearer than `bound`, in 1/w. It may say no where it
+    /// is.
     fn is_hidden<K: Kernel>(&mut self, face: Face, pixels: [usize; 4], bound: f32) -> bool;
 
     /// What 1/w at a pixel will be at least.
@@ -34,11 +35,12 @@ pub(crate) trait Buffer {
     /// The id of what is seen at a pixel, and its 1/w.
     fn seen_at(&self, row: usize, column: usize) -> (u32, f32);
 
-    /// Adds up what each id shows. Where the scene has triangles that were cut, it is known from then on which pixels each of them
-    /// shows, until it is forgotten; else the buffer may be cleared.
+    /// Adds up what each id shows. Where the scene has triangles that were cut, it is known from then on which pixels
+    /// each of them shows, until it is forgotten; else the buffer may be cleared.
     fn reduce<K: Kernel>(&mut self, shared: &Shared, sums: &mut Sums);
 
-    /// Uncovers in `coverage` the pixels that a triangle that was cut shows, by its id; returns the faces that they are on.
+    /// Uncovers in `coverage` the pixels that a triangle that was cut shows, by its id; returns the faces that they are
+    /// on.
     fn open(&self, id: u32, coverage: &mut Coverage) -> u8;
 
     /// Covers them.

@@ -1,5 +1,5 @@
-//! One session of engine 1 or engine 3: the walk over the tree, then the reduction of the row. The two differ in what they draw
-//! into.
+//! One session of engine 1 or engine 3: the walk over the tree, then the reduction of the row. The two differ in what
+//! they draw into.
 //!
 //! *Depth* walks a tree of boxes roughly front to back, draws into a buffer of depths and ids, and drops what lies
 //! behind. It takes any scene. *Order* walks a binary space partition strictly front to back and has one bit a pixel:
@@ -96,7 +96,7 @@ struct DrawnWhole {
     pixels: Pixels,
 }
 
-/// Whether a triangle covers the centre of a pixel.
+/// True if a triangle covers the centre of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pixels {
     /// It does, or it is so far behind that it does not matter.
@@ -105,7 +105,7 @@ enum Pixels {
     Unknown,
 }
 
-/// What is known of the lanes of a block that was drawn.
+/// Results for the lanes of a block that was drawn.
 #[derive(Clone, Copy, Debug)]
 struct LanesOn {
     /// Those that can be seen at all.
@@ -124,7 +124,7 @@ struct LanesOn {
 #[derive(Clone, Copy, Debug)]
 struct TinyCandidate {
     patch: u32,
-    /// Whether it is still to be shown that it covers none: it was left out on some face.
+    /// True if it is still to be shown that it covers none: it was left out on some face.
     unproved: bool,
     /// The pixel of its centroid, in the atlas.
     row: u32,
@@ -304,7 +304,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         is_known.then_some(drawn.pixels[lane])
     }
 
-    /// Whether what is seen of a triangle that was cut, so many pixels, is all that it covers.
+    /// Returns whether what is seen of a triangle that was cut, so many pixels, is all that it covers.
     fn shows_all(&mut self, shared: &Shared, frame: &Frame, seen: &SeenWhole<'_>, pixels: u32) -> bool {
         let known = self.known_pixels(&shared.tree, seen.id);
         // What culling left unknown must not decide.
@@ -330,8 +330,8 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         }
     }
 
-    /// Lists the lanes of a block that are triangles that were cut and may be seen, if only in part between pixel centres; returns all
-    /// that are such triangles.
+    /// Lists the lanes of a block that are triangles that were cut and may be seen, if only in part between pixel
+    /// centres; returns all that are such triangles.
     fn list_wholes(&mut self, wholes: &Wholes, block: usize, of: LanesOn) -> u16 {
         let lanes = wholes.lanes(block);
         let mut left = of.live & lanes.cut;
@@ -484,7 +484,8 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         self.counters.triangles_transformed += LANES as u64;
         let mut pixels = [0; LANES];
         let mut incomplete = if hidden == 0 { 0 } else { u16::MAX };
-        // Lanes that are on each face or may be, and those that are hidden on one even where what is about as near may be seen.
+        // Lanes that are on each face or may be, and those that are hidden on one even where what is about as near may
+        // be seen.
         let mut on = std::array::from_fn(|face| if hidden >> face & 1 != 0 { live } else { 0 });
         let mut behind = 0;
         if live != 0 {
@@ -529,8 +530,8 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         }
     }
 
-    /// Lists patches of a block that covered no pixel centre, but for those whose centroid is behind what was drawn already.
-    /// Of those in `unproved`, that they cover none is still to be shown.
+    /// Lists patches of a block that covered no pixel centre, but for those whose centroid is behind what was drawn
+    /// already. Of those in `unproved`, that they cover none is still to be shown.
     fn list_tiny(&mut self, shared: &Shared, frame: &Frame, candidates: u16, unproved: u16) {
         let resolution = shared.settings.resolution as usize;
         // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
@@ -595,7 +596,7 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         (visible, hidden)
     }
 
-    /// Whether all of a box of the atlas (inclusive), on a face, is nearer than `nearest`, in 1/w.
+    /// Returns whether all of a box of the atlas (inclusive), on a face, is nearer than `nearest`, in 1/w.
     #[inline]
     fn is_hidden<const COVERED: bool>(
         &mut self,
@@ -604,8 +605,8 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
         pixels: [usize; 4],
         nearest: f64,
     ) -> bool {
-        // Depths are within rounding of the corners' 1/w, widened by a millionth. With tiny patches, what is about as near
-        // as the pixels in front of it may be seen.
+        // Depths are within rounding of the corners' 1/w, widened by a millionth. With tiny patches, what is about as
+        // near as the pixels in front of it may be seen.
         let slack = if COVERED {
             1.0 + tiny_slack(shared.settings.resolution)
         } else {
@@ -618,9 +619,9 @@ impl<K: Kernel, B: Buffer> Engine<K, B> {
 
     /// Among the patches that were drawn and covered no pixel centre, finds those that are nearest at their centroid.
     ///
-    /// "Nearest" means: not behind what is seen at the pixel there. A neighbour in the same surface must not hide it, as it
-    /// would if depths at the pixel's centre were compared; but for culling to change nothing, it must also be about as near
-    /// as the pixel, for what culling drops is not.
+    /// "Nearest" means: not behind what is seen at the pixel there. A neighbour in the same surface must not hide it,
+    /// as it would if depths at the pixel's centre were compared; but for culling to change nothing, it must also be
+    /// about as near as the pixel, for what culling drops is not.
     fn find_tiny(&mut self, shared: &Shared, frame: &Frame) {
         let tree = &shared.tree;
         let mut candidates = std::mem::take(&mut self.tiny_candidates);
@@ -686,7 +687,8 @@ impl<K: Kernel> Engine<K, Target> {
         }
     }
 
-    /// Gives the pixels of a triangle that was cut, and drawn as `id`, to its patches, as [`Self::share`] does their weights.
+    /// Gives the pixels of a triangle that was cut, and drawn as `id`, to its patches, as [`Self::share`] does their
+    /// weights.
     fn share_items(
         &mut self,
         shared: &Shared,
@@ -746,8 +748,9 @@ impl<K: Kernel> Engine<K, Target> {
     }
 }
 
-/// Among lanes of a block of patches, parts of what was drawn as `whole` and is on `faces`, finds those that cover no pixel centre and are nearest at
-/// their centroid, as [`Engine::find_tiny`] does, when all is drawn. That they cover none is still to be shown of those in `unproved`.
+/// Among lanes of a block of patches, parts of what was drawn as `whole` and is on `faces`, finds those that cover no
+/// pixel centre and are nearest at their centroid, as [`Engine::find_tiny`] does, when all is drawn. That they cover
+/// none is still to be shown of those in `unproved`.
 #[allow(
     clippy::too_many_arguments,
     reason = "private: parts of an engine, of which others are in use"
@@ -839,8 +842,8 @@ fn corners_in_frame(block: &Block, lane: usize, frame: &Frame) -> [[f64; 3]; 3] 
     })
 }
 
-/// Whether a centroid, in a direction and by its 1/w, is in front of what is seen at its pixel. Where that reaches the centroid, its
-/// depth there decides; where it does not, as beyond a silhouette, being about as near as the pixel does.
+/// Whether a centroid, in a direction and by its 1/w, is in front of what is seen at its pixel. Where that reaches the
+/// centroid, its depth there decides; where it does not, as beyond a silhouette, being about as near as the pixel does.
 fn is_in_front(tree: &Tree, seen: u32, frame: &Frame, depth: f64, direction: [f64; 3]) -> bool {
     seen >= tree.patch_count
         || depth_there(tree, seen, frame, direction).is_none_or(|there| depth >= there * (1.0 - 1e-6))

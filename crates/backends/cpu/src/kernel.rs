@@ -1,11 +1,11 @@
 //! The arithmetic of engine 1, written once and compiled for each instruction set: transform of 16 triangles,
 //! bounding boxes, spans, depth test, reduction.
 //!
-//! Homogeneous rasterisation (Olano & Greer 1997): a pixel's direction d is inside a triangle with corners v0, v1, v2 as
-//! seen from the origin iff d · (v_i × v_j) has one sign for the three edges. No near plane and no clipping. The edge
-//! vectors are computed once for all five faces, in f64 and without fused multiply-add, so that the edge that two
-//! triangles share is the same to the bit with opposite signs: every pixel centre belongs to exactly one of them.
-//! 1/w is affine in the pixel and serves as depth: greater is nearer, 0 is nothing.
+//! Homogeneous rasterisation (Olano & Greer 1997): a pixel's direction d is inside a triangle with corners v0, v1, v2
+//! as seen from the origin iff d · (v_i × v_j) has one sign for the three edges. No near plane and no clipping. The
+//! edge vectors are computed once for all five faces, in f64 and without fused multiply-add, so that the edge that two
+//! triangles share is the same to the bit with opposite signs: every pixel centre belongs to exactly one of them. 1/w
+//! is affine in the pixel and serves as depth: greater is nearer, 0 is nothing.
 //!
 //! The three paths (AVX-512, AVX2, portable) perform the same operations in the same order and give the same bits; the
 //! tests compare them.
@@ -145,13 +145,13 @@ pub(crate) struct Target {
     pub(crate) depth: Vec<Chunk<f32>>,
     /// What is seen, likewise.
     pub(crate) items: Vec<Chunk<u32>>,
-    /// Whether a tile of 16 × 8 pixels was drawn on since its depth was last taken.
+    /// True if a tile of 16 × 8 pixels was drawn on since its depth was last taken.
     pub(crate) dirty: Vec<bool>,
     /// The farthest depth in each tile.
     pub(crate) tile_depth: Vec<f32>,
     /// The id of pixels that hit nothing.
     pub(crate) nothing: u32,
-    /// Whether triangles that cannot be seen are left out.
+    /// True if triangles that cannot be seen are left out.
     pub(crate) culling: bool,
     beyond_tiny: f32,
     /// Runs of pixels of one id in a row, of the ids that are noted.
@@ -177,8 +177,8 @@ pub(crate) struct Noted {
 }
 
 impl Transformed {
-    /// Whether a face shows all of a lane that is above the horizon: its corners lie in the pyramid over the face, and so does what is
-    /// between them.
+    /// Whether a face shows all of a lane that is above the horizon: its corners lie in the pyramid over the face, and
+    /// so does what is between them.
     pub(crate) fn is_within(&self, face: Face, lane: usize) -> bool {
         let (axis, sign) = face.axes();
         (0..3).all(|k| {
@@ -199,12 +199,12 @@ impl Noted {
         }
     }
 
-    /// Whether any id is noted.
+    /// Returns whether any id is noted.
     pub(crate) fn any(&self) -> bool {
         !self.last.is_empty()
     }
 
-    /// Whether an id is.
+    /// Returns whether an id is.
     #[inline(always)]
     pub(crate) fn is_noted(&self, id: u32) -> bool {
         self.last[id as usize] != UNUSED
@@ -417,7 +417,8 @@ pub(crate) trait Kernel: Send + 'static {
     /// The machine has the instruction set.
     unsafe fn centroids(triangles: &Transformed, tolerance: f64, resolution: usize, out: &mut Centroids);
 
-    /// The pixels that a box of the scene touches on each of `faces`; without `touched`, those whose centres it may cover.
+    /// The pixels that a box of the scene touches on each of `faces`; without `touched`, those whose centres it may
+    /// cover.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -432,7 +433,8 @@ pub(crate) trait Kernel: Send + 'static {
     );
 
     /// On which faces the boxes in `used` of a group may be seen, and on which they are hidden by what is covered; with
-    /// `COVERED`, those that a box touches are asked, and remembered of leaves that may be seen; see [`Self::on_faces`].
+    /// `COVERED`, those that a box touches are asked, and remembered of leaves that may be seen; see
+    /// [`Self::on_faces`].
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -456,8 +458,8 @@ pub(crate) trait Kernel: Send + 'static {
         pixels: &mut [u32; LANES],
     ) -> Drawn;
 
-    /// Draws lanes of a block on one face for engine 3; `running` is the face's running sum of delta form factors. With `COUNT`,
-    /// adds the pixels that each lane covers to `pixels`.
+    /// Draws lanes of a block on one face for engine 3; `running` is the face's running sum of delta form factors. With
+    /// `COUNT`, adds the pixels that each lane covers to `pixels`.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -470,7 +472,7 @@ pub(crate) trait Kernel: Send + 'static {
         pixels: &mut [u32; LANES],
     ) -> Drawn;
 
-    /// Whether every pixel of a box of the atlas (inclusive), on a face, is nearer than `bound`.
+    /// Returns whether every pixel of a box of the atlas (inclusive), on a face, is nearer than `bound`.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -490,8 +492,8 @@ pub(crate) trait Kernel: Send + 'static {
         out: &mut [(u32, u32); LANES],
     );
 
-    /// Draws lanes of a block into the coverage, in turn. With `cut`, lanes are pieces, whose edges are those of what they were cut
-    /// from.
+    /// Draws lanes of a block into the coverage, in turn. With `cut`, lanes are pieces, whose edges are those of what
+    /// they were cut from.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -507,8 +509,8 @@ pub(crate) trait Kernel: Send + 'static {
         shown: &mut Shown,
     );
 
-    /// Those of these lanes of a block whose centroid lies above the horizon, at a pixel of one of these faces that nothing covers, or
-    /// covered when that was remembered.
+    /// Those of these lanes of a block whose centroid lies above the horizon, at a pixel of one of these faces that
+    /// nothing covers, or covered when that was remembered.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -520,8 +522,8 @@ pub(crate) trait Kernel: Send + 'static {
         remembered: bool,
     ) -> u16;
 
-    /// Those of these lanes of a block that may have a point on one of these faces at a pixel that was not covered when that was
-    /// remembered: at least those that do.
+    /// Those of these lanes of a block that may have a point on one of these faces at a pixel that was not covered when
+    /// that was remembered: at least those that do.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -533,13 +535,13 @@ pub(crate) trait Kernel: Send + 'static {
     /// The machine has the instruction set.
     unsafe fn in_the_open(triangles: &Transformed, faces: u8, coverage: &Coverage) -> u16;
 
-    /// Whether every pixel of a box of the atlas (inclusive) is covered.
+    /// Returns whether every pixel of a box of the atlas (inclusive) is covered.
     ///
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn all_covered(coverage: &Coverage, pixels: [usize; 4]) -> bool;
 
-    /// Whether every pixel of a box of the atlas (inclusive) is nearer than `bound`.
+    /// Returns whether every pixel of a box of the atlas (inclusive) is nearer than `bound`.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -590,7 +592,7 @@ pub(crate) trait Lanes {
         id: u32,
     ) -> bool;
 
-    /// Whether all pixels of `mask` in a chunk are nearer than `bound`.
+    /// Returns whether all pixels of `mask` in a chunk are nearer than `bound`.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -675,8 +677,8 @@ pub(crate) trait Lanes {
         bits::lacking(rows, mask)
     }
 
-    /// Covers the part of eight spans that lies in one column of words: `shows` is what nothing covered before, `over` what
-    /// something did. Returns the rows that have any of the first, and those that have any of the second.
+    /// Covers the part of eight spans that lies in one column of words: `shows` is what nothing covered before, `over`
+    /// what something did. Returns the rows that have any of the first, and those that have any of the second.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -711,8 +713,8 @@ pub(crate) trait Lanes {
         (0..GROUP).fold(0, |any, k| any | u8::from(words[k] & with != 0) << k)
     }
 
-    /// Moves the bits of `left` that are in `shows` to `common`; returns the rows that have any, and what others have left, as
-    /// [`Self::occupied`].
+    /// Moves the bits of `left` that are in `shows` to `common`; returns the rows that have any, and what others have
+    /// left, as [`Self::occupied`].
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -728,7 +730,7 @@ pub(crate) trait Lanes {
         (rows, unsafe { Self::occupied(left) })
     }
 
-    /// How many pixels some of eight spans have.
+    /// Number of pixels that some of eight spans have.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -814,8 +816,8 @@ pub(crate) struct Flags([u32; LANES]);
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct DepthPlane {
-    /// i × step, for i in 0..16. In f64, and rounded to f32 only with the base added: on a steep plane the base is far from
-    /// the depths in the chunk, and their last digits would be lost.
+    /// i × step, for i in 0..16. In f64, and rounded to f32 only with the base added: on a steep plane the base is far
+    /// from the depths in the chunk, and their last digits would be lost.
     steps: [f64; LANES],
     plane: Plane,
 }
@@ -840,7 +842,7 @@ pub(crate) struct EdgeLines {
     left: [u8; 3],
     /// All ones for edges that bound it from the right.
     right: [u8; 3],
-    /// Whether an edge runs along the rows, which are then inside it or not.
+    /// True if an edge runs along the rows, which are then inside it or not.
     any_flat: bool,
     flat_y: [f64; 3],
     flat_constant: [f64; 3],
@@ -955,7 +957,8 @@ pub(crate) unsafe fn transform<L: Lanes>(block: &Block, frame: &Frame, out: &mut
     out.live = unsafe { L::mask(&live) };
 }
 
-/// Finds where centroids are seen. A corner within `tolerance` of the horizon lies in it, as `transform` has put it there.
+/// Finds where centroids are seen. A corner within `tolerance` of the horizon lies in it, as `transform` has put it
+/// there.
 #[inline(always)]
 pub(crate) unsafe fn centroids<L: Lanes>(t: &Transformed, tolerance: f64, resolution: usize, out: &mut Centroids) {
     let half = resolution as f64 * 0.5;
@@ -1023,7 +1026,8 @@ fn clamped(x: f64, most: f64) -> f64 {
     if x < most { x } else { most }
 }
 
-/// Bounding boxes of sixteen triangles on a face. Aligned, so that what was stored by the register is soon read by the lane.
+/// Bounding boxes of sixteen triangles on a face. Aligned, so that what was stored by the register is soon read by the
+/// lane.
 #[repr(C, align(64))]
 struct Boxes {
     x0: [i32; LANES],
@@ -1045,8 +1049,8 @@ const STRADDLE: f32 = 1e-6;
 /// How much 1/w at a corner is widened so that rounding inside the triangle is not cut off.
 const DEPTH_SLACK: f32 = 1e-6;
 
-/// By how much the depth of a blocking back is lowered: two to four units in the last place of f32, above the rounding of
-/// two depths.
+/// By how much the depth of a blocking back is lowered: two to four units in the last place of f32, above the rounding
+/// of two depths.
 const BACK: f64 = 1.0 - 1.0 / 4_194_304.0;
 #[allow(clippy::cast_possible_truncation, reason = "exact in f32")]
 const BACK_F32: f32 = BACK as f32;
@@ -1277,7 +1281,8 @@ fn lane_box(
     Some((pixels, boxes.low[lane], boxes.high[lane]))
 }
 
-/// 1/w of a lane over a face's pixels, from the sum of its edge vectors; what seeing nothing is called tells what is blocked.
+/// 1/w of a lane over a face's pixels, from the sum of its edge vectors; what seeing nothing is called tells what is
+/// blocked.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "numbers that stay in registers")]
 fn plane(
@@ -1372,13 +1377,13 @@ unsafe fn walk<L: Lanes>(lines: &EdgeLines, pixels: PixelBox, mut each: impl FnM
 /// Boxes of at most this many rows and two chunks across are tested pixel by pixel, larger ones by tiles.
 const FEW_ROWS: usize = 2 * GROUP;
 
-/// Whether `box` is small enough to be tested pixel by pixel.
+/// Returns whether `box` is small enough to be tested pixel by pixel.
 #[inline(always)]
 pub(crate) fn is_small([x0, x1, y0, y1]: [usize; 4]) -> bool {
     x1 / LANES - x0 / LANES < 2 && y1 - y0 < FEW_ROWS
 }
 
-/// Whether every pixel of a box of the atlas (inclusive) is nearer than `bound`.
+/// Returns whether every pixel of a box of the atlas (inclusive) is nearer than `bound`.
 #[inline(always)]
 pub(crate) unsafe fn all_nearer<L: Lanes>(
     depth: &[Chunk<f32>],
@@ -1403,8 +1408,8 @@ pub(crate) unsafe fn all_nearer<L: Lanes>(
     true
 }
 
-/// Whether all that a triangle's box touches is nearer than `high`: by its pixels when it is small, else by what is known
-/// of its tiles. Depths only grow, so that a tile's depth taken earlier is a bound.
+/// Whether all that a triangle's box touches is nearer than `high`: by its pixels when it is small, else by what is
+/// known of its tiles. Depths only grow, so that a tile's depth taken earlier is a bound.
 #[inline(always)]
 unsafe fn is_hidden<L: Lanes>(target: &Target, first_row: usize, pixels: PixelBox, high: f32) -> bool {
     if !target.culling {
@@ -2088,7 +2093,8 @@ pub(crate) mod x86 {
                     let old_id = _mm512_load_si512(items.0.as_ptr().cast());
                     won |= _mm512_mask_cmplt_epu32_mask(equal, id, old_id);
                 }
-                // Whether any wins is as good as random: no branch. Whole stores, as what was stored in part is soon read whole.
+                // Whether any wins is as good as random: no branch. Whole stores, as what was stored in part is soon
+                // read whole.
                 _mm512_store_ps(depth.0.as_mut_ptr(), _mm512_mask_mov_ps(old, won, z));
                 let old_id = _mm512_load_si512(items.0.as_ptr().cast());
                 _mm512_store_si512(items.0.as_mut_ptr().cast(), _mm512_mask_mov_epi32(old_id, won, id));

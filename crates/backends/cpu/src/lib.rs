@@ -2,13 +2,14 @@
 //!
 //! Engine 1 is Greene's hierarchical z-buffer (Greene, Kass & Miller 1993): a tree over blocks of 16 triangles, walked
 //! front to back, whose nodes are dropped where they lie outside all faces or behind what is already drawn. All five
-//! faces are drawn in one walk. Engine 2 draws strictly front to back, in the order of a binary space partition, and has one
-//! coverage bit a pixel. Engine 3 walks the tree of engine 1, has the coverage bits of engine 2, and works out depths only of
-//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. All of them draw triangles
-//! that were cut into patches as they were before, and share out what is seen of them (engine 2 not at N = 1024, unless visible
-//! fractions are all that is asked): patches that follow each other as `hemicube_scene::Subdivision` cuts them. Rows are the same
-//! bits on every instruction set and with culling on or off; those of
-//! engines 1 and 3 are the same bits, and pixel sums of engine 2 the same wherever f32 depths can tell surfaces apart.
+//! faces are drawn in one walk. Engine 2 draws strictly front to back, in the order of a binary space partition, and
+//! has one coverage bit a pixel. Engine 3 walks the tree of engine 1, has the coverage bits of engine 2, and works out
+//! depths only of pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. All of them draw
+//! triangles that were cut into patches as they were before, and share out what is seen of them (engine 2 not at N =
+//! 1024, unless visible fractions are all that is asked): patches that follow each other as
+//! `hemicube_scene::Subdivision` cuts them. Rows are the same bits on every instruction set and with culling on or off;
+//! those of engines 1 and 3 are the same bits, and pixel sums of engine 2 the same wherever f32 depths can tell
+//! surfaces apart.
 //!
 //! ```
 //! use hemicube::{HierarchyOptions, Model, backend::*, row::RowBlock};
@@ -43,7 +44,7 @@ use hemicube_contract::backend::{
 };
 pub use hemicube_contract::bvh::Hierarchy;
 use hemicube_contract::bvh::{Block, LANES, Tree};
-use hemicube_contract::delta::{DeltaTable, is_resolution};
+use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
 use kernel::{Claims, Target};
@@ -102,9 +103,9 @@ impl Isa {
 /// Which of the three engines renders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EngineChoice {
-    /// The one that suits the scene: [`EngineChoice::Order`] where few surfaces must be cut to put them in order and blocks
-    /// stay well filled, else [`EngineChoice::Claims`] where what is seen has many pixels, else [`EngineChoice::Depth`]. What
-    /// patches were cut from is put in order where it is drawn.
+    /// The one that suits the scene: [`EngineChoice::Order`] where few surfaces must be cut to put them in order and
+    /// blocks stay well filled, else [`EngineChoice::Claims`] where what is seen has many pixels, else
+    /// [`EngineChoice::Depth`]. What patches were cut from is put in order where it is drawn.
     #[default]
     Auto,
     /// Engine 1, the hierarchical z-buffer: for any scene.
@@ -148,7 +149,7 @@ pub struct CpuBackend {
     isa: Isa,
     hierarchy: Hierarchy,
     choice: EngineChoice,
-    /// Whether triangles that were cut are drawn as they were before.
+    /// True if triangles that were cut are drawn as they were before.
     whole: bool,
     /// Why the engine of the loaded scene is the one it is.
     reason: String,
@@ -160,8 +161,8 @@ struct Loaded {
     geometry: Arc<Geometry>,
     shared: Arc<Shared>,
     engine: AnyEngine,
-    /// Draws patch by patch what is seen from off the triangle that an emitter was cut from, as its other patches are seen there; once that was
-    /// asked for.
+    /// Draws patch by patch what is seen from off the triangle that an emitter was cut from, as its other patches are
+    /// seen there; once that was asked for.
     parted: Option<Box<CpuBackend>>,
 }
 
@@ -183,8 +184,8 @@ pub(crate) struct Shared {
     way: Way,
     pub(crate) table: DeltaTable,
     pub(crate) settings: RenderSettings,
-    /// Whether of a patch that was cut from something, and shows all that it covers, nothing else is asked. Only with `wholes`, and
-    /// with covered weights.
+    /// Whether of a patch that was cut from something, and shows all that it covers, nothing else is asked. Only with
+    /// `wholes`, and with covered weights.
     pub(crate) fractions: bool,
 }
 
@@ -285,8 +286,8 @@ impl CpuBackend {
         self
     }
 
-    /// The same session; from its next `load` on, every patch is drawn by itself, where otherwise what was cut into patches is drawn whole
-    /// and shared out. For measurements and tests.
+    /// The same session; from its next `load` on, every patch is drawn by itself, where otherwise what was cut into
+    /// patches is drawn whole and shared out. For measurements and tests.
     #[must_use]
     pub fn patch_by_patch(mut self) -> Self {
         self.whole = false;
@@ -330,7 +331,8 @@ impl CpuBackend {
         Self {
             info: BackendInfo {
                 name: "cpu".to_owned(),
-                // The version of the arithmetic. It changes when any row could change by a bit. `load` says which engine's.
+                // The version of the arithmetic. It changes when any row could change by a bit. `load` says which
+                // engine's.
                 version: "1".to_owned(),
                 device: format!("this machine's processor, {}", isa.name()),
                 capabilities: Capabilities {
@@ -356,12 +358,7 @@ impl CpuBackend {
         settings: RenderSettings,
         fractions: bool,
     ) -> Result<(), BackendError> {
-        if !is_resolution(settings.resolution) {
-            return Err(BackendError::InvalidArgument(format!(
-                "resolution {}: a multiple of 16 from 16 to 1024 is needed",
-                settings.resolution
-            )));
-        }
+        settings.check()?;
         let cut_from = || {
             let can_be = self.whole && self.hierarchy == Hierarchy::SurfaceArea;
             can_be.then(|| geometry.kept(CutFrom::new).0.clone()).flatten()
@@ -475,8 +472,8 @@ impl<const ASKED: bool, const WHOLE: bool> InOrder<ASKED, WHOLE> {
     }
 }
 
-/// What a few patches see of the scene: where that is much of it, putting surfaces in order or looking for what is hidden takes
-/// longer than drawing everything; and where it is little, each of what they see has many pixels.
+/// What a few patches see of the scene: where that is much of it, putting surfaces in order or looking for what is
+/// hidden takes longer than drawing everything; and where it is little, each of what they see has many pixels.
 #[derive(Debug)]
 struct Look {
     /// Patches that a patch sees, of all.
@@ -485,8 +482,8 @@ struct Look {
     drawn: f64,
 }
 
-/// Where patches see a larger share of the scene, everything is drawn, unless blocks in order are filled better than this
-/// (`docs/study.md` has the scenes). Smaller scenes take no time either way.
+/// Where patches see a larger share of the scene, everything is drawn, unless blocks in order are filled better than
+/// this (`docs/study.md` has the scenes). Smaller scenes take no time either way.
 const OPEN: f64 = 1.0 / 3.0;
 const WELL_FILLED: f64 = 12.0;
 const LEAST_TO_LOOK_AT: usize = 1000;
@@ -494,11 +491,12 @@ const LEAST_TO_LOOK_AT: usize = 1000;
 const LOOKED_FROM: usize = 8;
 /// Whatever the settings': the choice must not hang on them.
 const RESOLUTION_LOOKED_WITH: u32 = 128;
-/// With more pixels of it for each triangle drawn, triangles that were cut are put in order even where patches see much of the scene: a room
-/// has 1,000, an open field of 2,500 triangles 22 (`docs/performance.md`).
+/// With more pixels of it for each triangle drawn, triangles that were cut are put in order even where patches see much
+/// of the scene: a room has 1,000, an open field of 2,500 triangles 22 (`docs/performance.md`).
 const PIXELS_OF_COARSE: f64 = 100.0;
-/// From this resolution on, engine 2 takes longer to draw pixels twice, of triangles that were cut and of their patches, than to look for what is
-/// hidden of the patches themselves, unless most of these need not be drawn (`docs/performance.md`).
+/// From this resolution on, engine 2 takes longer to draw pixels twice, of triangles that were cut and of their
+/// patches, than to look for what is hidden of the patches themselves, unless most of these need not be drawn
+/// (`docs/performance.md`).
 const FINE: u32 = 1024;
 /// With more pixels of a hemicube for each triangle drawn, engine 3 is faster than engine 1 (`docs/performance.md`).
 const PIXELS_TO_CLAIM: f64 = 350.0;
@@ -576,7 +574,7 @@ impl Loaded {
         }
     }
 
-    /// Whether what was cut may be drawn whole for a hemicube.
+    /// Returns whether what was cut may be drawn whole for a hemicube.
     fn is_whole(&self, hemicube: &Hemicube) -> bool {
         let wholes = self.shared.wholes.as_ref();
         wholes.is_none_or(|wholes| wholes.is_stood_on(hemicube, self.shared.tree.plane_tolerance))
@@ -593,22 +591,7 @@ impl Loaded {
     }
 
     fn check(&self, hemicube: &Hemicube) -> Result<(), BackendError> {
-        let count = self.shared.tree.patch_count;
-        if let Some(patch) = hemicube.emitter
-            && patch.0 >= count
-        {
-            return Err(BackendError::InvalidArgument(format!(
-                "a hemicube names patch {} of a scene of {count} patches",
-                patch.0
-            )));
-        }
-        let finite = hemicube.origin.is_finite() && hemicube.axes.iter().all(|a| a.is_finite());
-        if !finite {
-            return Err(BackendError::InvalidArgument(
-                "a hemicube's frame is not finite".to_owned(),
-            ));
-        }
-        Ok(())
+        hemicube.check(self.shared.tree.patch_count)
     }
 }
 

@@ -1,12 +1,12 @@
 //! A scene in an order that can be drawn strictly front to back from any eye: what engine 2 walks.
 //!
-//! A binary space partition (Fuchs, Kedem & Naylor 1980) in f64. Planes are those of surfaces, or run along an axis where
-//! that cuts nothing; surfaces in a plane are packed into blocks of sixteen under a small tree of boxes. Where few
-//! surfaces are left, they share one block and a list of planes that gives the order of its lanes, for a block of sixteen
-//! is drawn at little more than the price of one surface.
+//! A binary space partition (Fuchs, Kedem & Naylor 1980) in f64. Planes are those of surfaces, or run along an axis
+//! where that cuts nothing; surfaces in a plane are packed into blocks of sixteen under a small tree of boxes. Where
+//! few surfaces are left, they share one block and a list of planes that gives the order of its lanes, for a block of
+//! sixteen is drawn at little more than the price of one surface.
 //!
-//! A surface that a plane cuts becomes pieces. A piece's outer edges keep the line of the edge they are part of, and both
-//! sides of a cut share its two end points, so that pieces are as watertight as whole surfaces are, to the bit.
+//! A surface that a plane cuts becomes pieces. A piece's outer edges keep the line of the edge they are part of, and
+//! both sides of a cut share its two end points, so that pieces are as watertight as whole surfaces are, to the bit.
 //!
 //! `order.rs` builds the partition: planes of surfaces, or along an axis, that cut few of a sample; what lies in a
 //! plane is packed into blocks of sixteen, in layers where surfaces overlap so that the smaller id is drawn first; a
@@ -36,7 +36,7 @@ pub(crate) struct PlaneNode {
     pub(crate) back: u32,
     /// What lies in the plane, for an eye in front of it and behind it; in a leaf both are its list of planes.
     pub(crate) here: [Packs; 2],
-    /// Whether this is a leaf.
+    /// True if this is a leaf.
     pub(crate) is_leaf: bool,
 }
 
@@ -55,7 +55,7 @@ pub(crate) struct LeafPlane {
     pub(crate) distance: f64,
     /// The lanes in the plane.
     pub(crate) here: u16,
-    /// Whether those overlap, so that their ids decide which is seen.
+    /// True if those overlap, so that their ids decide which is seen.
     pub(crate) overlap: bool,
     /// The leaf's planes in front and behind, from its first one, or `NO_PLANE`.
     pub(crate) front: u8,
@@ -99,7 +99,7 @@ pub(crate) struct Order {
     /// For each block, which of `lines` its pieces have, or `NONE` where all its surfaces are whole.
     pub(crate) lines_of_block: Vec<u32>,
     pub(crate) lines: Vec<Lines>,
-    /// Whether a patch's surface is in pieces; one bit each.
+    /// True if a patch's surface is in pieces; one bit each.
     pub(crate) is_cut: Vec<u64>,
     /// Lanes in use.
     fragments: usize,
@@ -285,13 +285,13 @@ impl Draw {
 
 /// Into how many slices items are sorted to find where to halve them.
 const BINS: usize = 32;
-/// How many surfaces at most share a leaf's block.
+/// Number of surfaces that share a leaf's block at most.
 const LEAF: usize = 12;
-/// How many planes at most a leaf has.
+/// Number of planes that a leaf has at most.
 const LEAF_PLANES: usize = 40;
 /// What cutting one item costs, where having it in the plane gains ½: pieces multiply from plane to plane.
 const CUT: f64 = 8.0;
-/// How many pieces a plane is judged by.
+/// Number of pieces that a plane is judged by.
 const JUDGED: usize = 200;
 
 /// What an order may cost at most.
@@ -316,7 +316,7 @@ pub(crate) struct Surfaces<'g> {
     pub(crate) of: &'g [Surface],
     /// The patches that they may be: their ids are below this.
     pub(crate) patch_count: u32,
-    /// How far from a plane a corner may be and count as in it.
+    /// Distance from a plane up to which a corner counts as in it.
     pub(crate) plane_tolerance: f64,
 }
 
@@ -338,7 +338,7 @@ struct Builder<'g> {
     /// What was cut. An item below the number of surfaces is a whole surface, one above is a piece.
     pieces: Vec<Piece>,
     draw: Draw,
-    /// How many pieces there may be.
+    /// Number of pieces at most.
     limit: usize,
 }
 
@@ -593,7 +593,7 @@ impl Builder<'_> {
             .or_else(|| items.iter().find_map(|&i| Some((self.plane(i)?, Some(i)))))
     }
 
-    /// How many of a sample lie here, in front, behind, and on both sides.
+    /// Numbers of a sample that lie here, in front, behind, and on both sides.
     fn judge(&mut self, items: &[u32], plane: (DVec3, f64)) -> [f64; 4] {
         let mut counts = [0.0; 4];
         let sample = items.len().min(JUDGED);
@@ -678,8 +678,8 @@ impl Builder<'_> {
         let len = items.len();
         let mut pending = vec![(root, 0..len)];
         while let Some((node, range)) = pending.pop() {
-            // Parts of what the node is around, each with its box; the one of the largest surface is halved as long as there
-            // is room.
+            // Parts of what the node is around, each with its box; the one of the largest surface is halved as long as
+            // there is room.
             let mut parts = vec![(self.bounds_of(&items[range.clone()]), range)];
             while parts.len() < BOXES {
                 let halved = parts
@@ -754,8 +754,9 @@ impl Builder<'_> {
         first
     }
 
-    /// Along which axis to sort items, and how many of them make up the first half: so that the two halves' boxes, each as often as
-    /// it has blocks, have the least surface (MacDonald & Booth 1990), in whole blocks, which keeps lanes full.
+    /// Along which axis to sort items, and how many of them make up the first half: so that the two halves' boxes, each
+    /// as often as it has blocks, have the least surface (MacDonald & Booth 1990), in whole blocks, which keeps lanes
+    /// full.
     fn halves(&self, items: &[u32], centers: Bounds) -> (usize, usize) {
         let len = items.len();
         let extent = centers.high - centers.low;

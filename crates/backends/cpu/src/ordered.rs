@@ -61,7 +61,7 @@ pub(crate) struct OrderedEngine<K> {
     kernel: PhantomData<K>,
 }
 
-/// What is known of triangles that were cut, when all is drawn.
+/// Results for triangles that were cut, when all is drawn.
 #[derive(Debug)]
 struct Parts {
     /// What was recorded of each of them, in the order of `noted`.
@@ -86,7 +86,7 @@ struct TinyWhole {
     id: u32,
     /// Its patches that are seen, in a list of all such patches.
     patches: Range<usize>,
-    /// Whether that it covers no pixel is proved.
+    /// True if it is proved to cover no pixel.
     proved: bool,
 }
 
@@ -118,7 +118,7 @@ struct Listed {
     patch: u32,
     visible: u32,
     covered: u32,
-    /// Whether it has no pixel, and is to be left out if it turns out to cover one.
+    /// True if it has no pixel, and is to be left out if it turns out to cover one.
     tiny: bool,
 }
 
@@ -283,8 +283,8 @@ impl<K: Kernel> OrderedEngine<K> {
         let counts = self.alone.count(shared, &frame, &self.patches);
         for (&place, &(pixels, weight)) in self.uncounted.iter().zip(counts) {
             let entry = &mut self.row[place as usize];
-            // Of a tiny one, only whether it covers a pixel. Pieces of a cut patch may show more than it covers whole, where the eye
-            // lies in its plane but for rounding: what shows of a patch, it covers.
+            // Of a tiny one, only whether it covers a pixel. Pieces of a cut patch may show more than it covers whole,
+            // where the eye lies in its plane but for rounding: what shows of a patch, it covers.
             entry.covered = if entry.tiny { pixels } else { weight.max(entry.visible) };
         }
         for entry in &self.row {
@@ -366,7 +366,8 @@ impl<K: Kernel> OrderedEngine<K> {
                             is_open = true;
                             recorded().for_each(|of| record.uncover_open(of, open));
                         }
-                        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was made.
+                        // SAFETY: `Isa::available` checked the machine for K's instruction set before this engine was
+                        // made.
                         let centered = unsafe { K::open_centroids(t, lanes, seen.faces, open, false) };
                         let without = without_pixels::<K>(shared, t, centered, hidden, seen.faces);
                         patches_of(t, without).for_each(|patch| tiny.insert(patch));
@@ -393,8 +394,8 @@ impl<K: Kernel> OrderedEngine<K> {
             .end_row::<COVERED>(shared, frame, &self.parts.found, (escaped, blocked), out);
     }
 
-    /// Finds the other patches that are seen and have no pixel: those that are not part of anything, and those of triangles that have none
-    /// either.
+    /// Finds the other patches that are seen and have no pixel: those that are not part of anything, and those of
+    /// triangles that have none either.
     fn find_tiny(&mut self, shared: &Shared, frame: &Frame) {
         let Parts {
             ids,
@@ -599,7 +600,8 @@ impl<K: Kernel> OrderedEngine<K> {
         visible != 0
     }
 
-    /// Draws what lies in a plane. Its surfaces hide nothing of each other, so that all of them are tested before any is drawn.
+    /// Draws what lies in a plane. Its surfaces hide nothing of each other, so that all of them are tested before any
+    /// is drawn.
     fn draw_layer<const COVERED: bool>(&mut self, shared: &Shared, order: &Order, root: InLayer, frame: &Frame) {
         let (mut nodes, mut blocks) = (
             std::mem::take(&mut self.layer_nodes),
@@ -857,7 +859,8 @@ fn corners(t: &Transformed, lane: usize) -> [DVec3; 3] {
     [0, 1, 2].map(|k| DVec3::from_array([0, 1, 2].map(|c| t.corners[3 * k + c][lane])))
 }
 
-/// Those of these lanes, in the plane of a piece, whose centroids lie in it: the others are in pieces that are drawn at other times.
+/// Those of these lanes, in the plane of a piece, whose centroids lie in it: the others are in pieces that are drawn at
+/// other times.
 ///
 /// Found in the plane and not as the eye sees it, which may be edge-on.
 fn centroids_in(t: &Transformed, mut lanes: u16, piece: [DVec3; 3]) -> u16 {

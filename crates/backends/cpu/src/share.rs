@@ -1,4 +1,5 @@
-//! What is seen of triangles that were cut, shared out among their patches: the second step of every engine that draws them whole.
+//! What is seen of triangles that were cut, shared out among their patches: the second step of every engine that draws
+//! them whole.
 //!
 //! No pixel counts in place of weights where only ratios are wanted, because weights of whole spans are two loads a row
 //! of pixels, and every row can then be checked to sum to 2³¹. (Gather instructions cost more than those loads.)
@@ -86,7 +87,7 @@ impl<K: Kernel> Sharing<K> {
         }
     }
 
-    /// How many patches were brought into a frame since this was last asked.
+    /// Number of patches that were brought into a frame since this was last asked.
     pub(crate) fn take_transformed(&mut self) -> u64 {
         std::mem::take(&mut self.transformed)
     }
@@ -120,10 +121,11 @@ impl<K: Kernel> Sharing<K> {
         self.give(wholes, frame, seen, seen.weight, first);
     }
 
-    /// Shares out what is seen of a triangle that was cut, whose pixels are open, among its patches; returns whether some may still be.
+    /// Shares out what is seen of a triangle that was cut, whose pixels are open, among its patches; returns whether
+    /// some may still be.
     ///
-    /// `tiny` is given lanes of patches that were found to cover no pixel, and those of them that were left out somewhere, so that this does
-    /// not say much.
+    /// `tiny` is given lanes of patches that were found to cover no pixel, and those of them that were left out
+    /// somewhere, so that this does not say much.
     pub(crate) fn share<const COVERED: bool>(
         &mut self,
         shared: &Shared,
@@ -181,9 +183,9 @@ impl<K: Kernel> Sharing<K> {
         left != 0 || stays_open
     }
 
-    /// Gives what is left of a whole's weight to its entries, those from `first` on: to those that show all that they cover an equal part
-    /// each; where there are none, it is what rounding leaves, which has the outline of the patches at the other side of a pixel's centre:
-    /// whose that is hardly matters; that it is somebody's does.
+    /// Gives what is left of a whole's weight to its entries, those from `first` on: to those that show all that they
+    /// cover an equal part each; where there are none, it is what rounding leaves, which has the outline of the patches
+    /// at the other side of a pixel's centre: whose that is hardly matters; that it is somebody's does.
     fn give(&mut self, wholes: &Wholes, frame: &Frame, seen: &SeenWhole<'_>, left: u32, first: usize) {
         let of_whole = &mut self.entries[first..];
         #[allow(clippy::cast_possible_truncation, reason = "fewer than patches")]
@@ -205,8 +207,8 @@ impl<K: Kernel> Sharing<K> {
         }
     }
 
-    /// Adds the row of the entries, which are forgotten, and of what was found tiny, in ascending order; what is not known of covered weights
-    /// is counted.
+    /// Adds the row of the entries, which are forgotten, and of what was found tiny, in ascending order; what is not
+    /// known of covered weights is counted.
     pub(crate) fn end_row<const COVERED: bool>(
         &mut self,
         shared: &Shared,
@@ -249,7 +251,8 @@ impl<K: Kernel> Sharing<K> {
     }
 }
 
-/// Those of these lanes that cover no pixel, which is to be shown of those in `unproved`: of parts of a triangle that is on these faces.
+/// Those of these lanes that cover no pixel, which is to be shown of those in `unproved`: of parts of a triangle that
+/// is on these faces.
 pub(crate) fn without_pixels<K: Kernel>(shared: &Shared, t: &Transformed, lanes: u16, unproved: u16, faces: u8) -> u16 {
     let mut without = lanes;
     if lanes & unproved != 0 {

@@ -1,11 +1,12 @@
-//! Triangles that were cut into patches, put together again: what hides what is the same however finely a triangle is cut.
+//! Triangles that were cut into patches, put together again: what hides what is the same however finely a triangle is
+//! cut.
 //!
-//! Engines draw the whole triangles, and what is seen of one is then shared out among its patches, none of which hides another.
-//! So the work for what is hidden, and for contending for pixels, is that of the scene before it was cut.
+//! Engines draw the whole triangles, and what is seen of one is then shared out among its patches, none of which hides
+//! another. So the work for what is hidden, and for contending for pixels, is that of the scene before it was cut.
 //!
-//! A whole triangle is found by its patches: one after the other, as `hemicube_scene::Subdivision` cuts them, row by row from the
-//! first edge, with corners that are the same to the bit where they are shared. Their corners are not kept: they are where the
-//! whole's are and the number of pieces say.
+//! A whole triangle is found by its patches: one after the other, as `hemicube_scene::Subdivision` cuts them, row by
+//! row from the first edge, with corners that are the same to the bit where they are shared. Their corners are not
+//! kept: they are where the whole's are and the number of pieces say.
 //!
 //! All draw triangles that were cut into patches as they were before (`whole.rs`). What was cut is found by its
 //! patches, which come one after the other in the rows of a lattice and share corners to the bit: no scene need say so,
@@ -46,12 +47,12 @@ use std::sync::Arc;
 const LEAST_PATCHES: usize = 4;
 /// The finest cut that is looked for: pieces of an edge.
 const MOST_PIECES: usize = 256;
-/// How far a corner may be off the place that it has in the whole triangle, as a part of the tolerance by which patches count as
-/// in one plane: rounding of coordinates.
+/// How far a corner may be off the place that it has in the whole triangle, as a part of the tolerance by which patches
+/// count as in one plane: rounding of coordinates.
 const OFF: f64 = 1.0 / 16.0;
 
-/// The whole triangles of a scene, some of which may be patches themselves. Each is drawn with the id of its first patch on the side
-/// that is seen.
+/// The whole triangles of a scene, some of which may be patches themselves. Each is drawn with the id of its first
+/// patch on the side that is seen.
 #[derive(Debug)]
 pub(crate) struct Wholes {
     /// Over the whole triangles.
@@ -71,9 +72,9 @@ pub(crate) struct Whole {
     corners: [DVec3; 3],
     /// The first patch, on the front.
     front: u32,
-    /// How many numbers further the next patch on the same side is: 2 where both sides are patches.
+    /// Step in numbers to the next patch on the same side is: 2 where both sides are patches.
     step: u32,
-    /// How many patches a side has.
+    /// Number of patches that a side has.
     count: u32,
     lattice: u32,
 }
@@ -93,7 +94,8 @@ struct Lattice {
     blocks: Vec<LatticeBlock>,
 }
 
-/// How far along the first edge and along the last, from the first corner, each corner is. Lanes without a patch have no area.
+/// How far along the first edge and along the last, from the first corner, each corner is. Lanes without a patch have
+/// no area.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 struct LatticeBlock {
@@ -202,7 +204,7 @@ impl Wholes {
         &self.lanes[block]
     }
 
-    /// How many there are.
+    /// The number that there are.
     pub(crate) fn len(&self) -> usize {
         self.wholes.len()
     }
@@ -211,8 +213,8 @@ impl Wholes {
         &self.wholes[whole as usize]
     }
 
-    /// Whether a hemicube stands on the whole triangle of its emitter and looks away from it, so that none of the triangle's other patches is
-    /// seen either; so does one that has no emitter.
+    /// Whether a hemicube stands on the whole triangle of its emitter and looks away from it, so that none of the
+    /// triangle's other patches is seen either; so does one that has no emitter.
     pub(crate) fn is_stood_on(&self, hemicube: &Hemicube, tolerance: f64) -> bool {
         /// A thousandth of a radian: of slivers, normals are not known better.
         const ALONG: f64 = 1.0 - 0.5e-6;
@@ -253,12 +255,13 @@ impl Wholes {
         whole.front + (patch - whole.front) % whole.step
     }
 
-    /// How many blocks the patches of a whole take.
+    /// Number of blocks that the patches of a whole take.
     pub(crate) fn block_count(&self, whole: &Whole) -> usize {
         self.lattices[whole.lattice as usize].blocks.len()
     }
 
-    /// The patches of a whole that is drawn with an id, sixteen of them. Which side of one is seen is not told: see [`Whole::sign`].
+    /// The patches of a whole that is drawn with an id, sixteen of them. Which side of one is seen is not told: see
+    /// [`Whole::sign`].
     #[inline(always)]
     pub(crate) fn patches(&self, whole: &Whole, id: u32, block: usize, out: &mut Block) {
         let lattice = &self.lattices[whole.lattice as usize].blocks[block];
@@ -323,13 +326,13 @@ impl Wholes {
 }
 
 impl Whole {
-    /// The sign that edges of its patches are multiplied by where the side is seen that is drawn with an id. Of a patch that is all but
-    /// in line with the eye, rounding may have the other.
+    /// The sign that edges of its patches are multiplied by where the side is seen that is drawn with an id. Of a patch
+    /// that is all but in line with the eye, rounding may have the other.
     pub(crate) fn sign(&self, id: u32) -> f64 {
         if id == self.front { -1.0 } else { 1.0 }
     }
 
-    /// Whether all of its patches reach above a frame's horizon.
+    /// Returns whether all of its patches reach above a frame's horizon.
     pub(crate) fn is_above(&self, frame: &Frame) -> bool {
         let [normal, origin] = [frame.axes[2], frame.origin].map(DVec3::from_array);
         let [a, b, c] = self.corners.map(|corner| normal.dot(corner - origin));
@@ -342,7 +345,8 @@ impl Whole {
     pub(crate) fn faces(&self, frame: &Frame) -> u8 {
         let [x_axis, y_axis, z_axis] = frame.axes.map(DVec3::from_array);
         let origin = DVec3::from_array(frame.origin);
-        // What the planes between faces are made of: x, y, z, x - y, x + y and z - x, z + x, z - y, z + y; the least and the most.
+        // What the planes between faces are made of: x, y, z, x - y, x + y and z - x, z + x, z - y, z + y; the least
+        // and the most.
         let (mut least, mut most) = ([f64::INFINITY; 9], [f64::NEG_INFINITY; 9]);
         for corner in &self.corners {
             let d = *corner - origin;
@@ -381,7 +385,8 @@ impl Whole {
     }
 }
 
-/// A scene's surfaces in the order of their patches; `None` where patches are numbered otherwise than surface by surface.
+/// A scene's surfaces in the order of their patches; `None` where patches are numbered otherwise than surface by
+/// surface.
 fn in_order(geometry: &Geometry) -> Option<Vec<&Surface>> {
     let mut surfaces: Vec<&Surface> = geometry.surfaces.iter().collect();
     surfaces.sort_unstable_by_key(|s| s.front.0);
@@ -406,7 +411,8 @@ fn whole(surfaces: &[&Surface], pieces: usize) -> Surface {
     }
 }
 
-/// Into how many pieces the edges of the triangle are cut that begins with the first of these surfaces; 1 where it was not cut.
+/// Into how many pieces the edges of the triangle are cut that begins with the first of these surfaces; 1 where it was
+/// not cut.
 fn pieces_from(surfaces: &[&Surface], off: f64) -> usize {
     let pieces = first_row(surfaces);
     if pieces > 1 && surfaces.len() >= pieces * pieces && is_cut(&surfaces[..pieces * pieces], pieces, off) {
@@ -416,7 +422,8 @@ fn pieces_from(surfaces: &[&Surface], off: f64) -> usize {
     }
 }
 
-/// The pieces in the first row that look the same way as the whole: between two of them lies one that looks the other way.
+/// The pieces in the first row that look the same way as the whole: between two of them lies one that looks the other
+/// way.
 fn first_row(surfaces: &[&Surface]) -> usize {
     let mut pieces = 1;
     while pieces < MOST_PIECES
@@ -432,7 +439,7 @@ fn first_row(surfaces: &[&Surface]) -> usize {
     pieces
 }
 
-/// Whether surfaces are what a triangle is cut into.
+/// Returns whether surfaces are what a triangle is cut into.
 fn is_cut(surfaces: &[&Surface], pieces: usize, off: f64) -> bool {
     let Surface {
         corners: [a, b, c],
@@ -440,7 +447,8 @@ fn is_cut(surfaces: &[&Surface], pieces: usize, off: f64) -> bool {
         ..
     } = whole(surfaces, pieces);
     let step = 1.0 / pieces as f64;
-    // The corners of the row's lower side; each must be where it is in the triangle, and be the same in all that share it.
+    // The corners of the row's lower side; each must be where it is in the triangle, and be the same in all that share
+    // it.
     let place = |i: usize, j: usize| a + (b - a) * (i as f64 * step) + (c - a) * (j as f64 * step);
     let is_there = |p: DVec3, i: usize, j: usize| (p - place(i, j)).abs().max_element() <= off;
     let mut rest = surfaces.iter();
@@ -522,7 +530,8 @@ mod tests {
             };
             generate(spec).expect("a scene")
         };
-        // A wall a thousand times as long as it is high, and one that is ten million times as long, far from the middle and turned.
+        // A wall a thousand times as long as it is high, and one that is ten million times as long, far from the middle
+        // and turned.
         let mut slivers = of(Kind::Soup, 400);
         let turn = glam::DMat3::from_euler(glam::EulerRot::XYZ, 0.7, 0.4, 0.2);
         for (k, height) in [1e-3, 1e-7].into_iter().enumerate() {
@@ -670,8 +679,8 @@ mod tests {
         let triangles = cornell_box().triangles.len();
         assert_eq!(wholes_with(0.0, true), triangles);
         assert_eq!(wholes_with(0.5 * off, true), triangles);
-        // The corner is between the first row, of nine patches, and the second, of seven. The nine in the other rows are still what a
-        // triangle is cut into.
+        // The corner is between the first row, of nine patches, and the second, of seven. The nine in the other rows
+        // are still what a triangle is cut into.
         assert_eq!(wholes_with(2.0 * off, true), triangles - 1 + 9 + 7 + 1);
         assert_eq!(wholes_with(0.5 * off, false), triangles - 1 + 9 + 7 + 1, "a gap");
     }

@@ -129,8 +129,8 @@ fn more_samples_help_points_and_do_not_hurt_areas() {
     assert!(error(&area_four) < 2e-4);
 }
 
-/// A floor, a block on it that hides the middle of it, and a wall along one side: what sees the wall is what reaches out
-/// from under the block.
+/// A floor, a block on it that hides the middle of it, and a wall along one side: what sees the wall is what reaches
+/// out from under the block.
 fn under_a_block() -> Scene {
     let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
     let quad = |a, b, c, d| [[a, b, c], [a, c, d]];
@@ -252,7 +252,8 @@ fn a_tolerance_brings_a_city_nearer_to_the_reference() {
     assert!(fine < 0.6 * one_percent, "{fine} {one_percent}");
 }
 
-/// √(Σ (F − exact F)² / Σ exact F²) of a rule for closed forms over sampled rows of a scene, all with the same visibility.
+/// √(Σ (F − exact F)² / Σ exact F²) of a rule for closed forms over sampled rows of a scene, all with the same
+/// visibility.
 fn error_of_rule(scene: &Scene, subdivision: Subdivision, tolerance: f64) -> f64 {
     let patches = Patches::new(scene, subdivision).expect("patches");
     let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");

@@ -1,14 +1,14 @@
 //! Occlusion culling from the host: which nodes of the hierarchy are in front of the depths drawn so far.
 //!
-//! Two queues, as in the thesis (Vázquez and Guartes 2017, §3.2). What the hemicube before saw is drawn at once, as depths,
-//! and asked about behind all that this one sees, for the hemicube after. Of what it did not see, the topmost nodes are asked
-//! about and waited for; of those that are in front, the children. Nodes of few triangles are drawn unasked, and with them
-//! the node above is asked about.
+//! Two queues, as in the thesis (Vázquez and Guartes 2017, §3.2). What the hemicube before saw is drawn at once, as
+//! depths, and asked about behind all that this one sees, for the hemicube after. Of what it did not see, the topmost
+//! nodes are asked about and waited for; of those that are in front, the children. Nodes of few triangles are drawn
+//! unasked, and with them the node above is asked about.
 //!
-//! There are two ways of asking. *Queries* are hardware occlusion queries, one a node and face. *Marks* draws the boxes of
-//! all nodes in one go, and fragments that pass the depth test set the node's bit: a software driver takes some 15 µs for a
-//! query, and for a box in a long draw less than one. The answers for the next hemicube are then there for this one too, and
-//! the ids of what turned out to be hidden need not be drawn.
+//! There are two ways of asking. *Queries* are hardware occlusion queries, one a node and face. *Marks* draws the boxes
+//! of all nodes in one go, and fragments that pass the depth test set the node's bit: a software driver takes some 15
+//! µs for a query, and for a box in a long draw less than one. The answers for the next hemicube are then there for
+//! this one too, and the ids of what turned out to be hidden need not be drawn.
 
 use crate::cull::{ALL_FACES, Descend, FacePlanes, Hierarchy, WalkCounters};
 use std::ops::Range;
@@ -21,7 +21,7 @@ pub(crate) type OnFaces = (u32, u8);
 #[derive(Debug, Default)]
 pub(crate) struct Coherence {
     seen: Vec<bool>,
-    /// How many nodes before each were seen; one more at the end.
+    /// Number of nodes seen before each; one more at the end.
     before: Vec<u32>,
 }
 
@@ -91,8 +91,8 @@ impl Asking {
         asking
     }
 
-    /// Sorts what is in view beneath a node into what is drawn and what is asked about. `found`: the node itself is known to
-    /// be in front.
+    /// Sorts what is in view beneath a node into what is drawn and what is asked about. `found`: the node itself is
+    /// known to be in front.
     fn descend(&mut self, from: u32, faces: u8, seen: impl Fn(Range<u32>) -> bool, found: bool) {
         let (hierarchy, few) = (&self.hierarchy, self.few);
         let (fresh, asked, drawn) = (&mut self.fresh, &mut self.asked, &mut self.drawn);

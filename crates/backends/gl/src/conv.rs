@@ -7,7 +7,6 @@ use hemicube_abi::{DeviceKind, Log, Plugin};
 use hemicube_contract::backend::{
     BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes,
 };
-use hemicube_contract::delta::is_resolution;
 use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::Edges;
@@ -145,17 +144,7 @@ impl Session {
             return Err(BackendError::InvalidArgument("no scene is loaded".to_owned()));
         };
         let count = scene.geometry.patch_count;
-        for hemicube in hemicubes {
-            if let Some(emitter) = hemicube.emitter
-                && emitter.0 >= count
-            {
-                return Err(BackendError::InvalidArgument(format!(
-                    "a hemicube of patch {} of a scene of {count} patches",
-                    emitter.0
-                )));
-            }
-        }
-        Ok(())
+        hemicubes.iter().try_for_each(|hemicube| hemicube.check(count))
     }
 
     fn render(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
@@ -188,12 +177,7 @@ impl HemicubeBackend for Session {
 
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
         self.usable()?;
-        if !is_resolution(settings.resolution) {
-            return Err(BackendError::InvalidArgument(format!(
-                "resolution {} is not a multiple of 16 from 16 to 1024",
-                settings.resolution
-            )));
-        }
+        settings.check()?;
         if settings.covered && !self.info.capabilities.covered {
             return Err(BackendError::Unsupported(
                 "the baselines have pixel sums only: leave out covered weights, or the option `baseline`".to_owned(),

@@ -1,16 +1,18 @@
-//! What may be seen from a hemicube: a hierarchy over the chunks of triangles, the walk of it by frustum with three outcomes,
-//! and which chunks the hemicube before saw.
+//! What may be seen from a hemicube: a hierarchy over the chunks of triangles, the walk of it by frustum with three
+//! outcomes, and which chunks the hemicube before saw.
 //!
-//! The hierarchy is the scene's octree down to a level, after Vázquez and Guartes 2017, over the chunks that are drawn. Those
-//! of a node's own triangles are leaves beside its children, so that leaves in their order are the chunks in theirs.
+//! The hierarchy is the scene's octree down to a level, after Vázquez and Guartes 2017, over the chunks that are drawn.
+//! Those of a node's own triangles are leaves beside its children, so that leaves in their order are the chunks in
+//! theirs.
 //!
-//! A face is the intersection of four half-spaces through the eye, and the ten sides of the five faces lie in seven planes:
-//! x ± y = 0, z ± x = 0, z ± y = 0 and z = 0. A box with centre c and half sides h lies within n·c ± |n|·h of each. The
-//! faces share no inner point, so what is inside one is outside the others.
+//! A face is the intersection of four half-spaces through the eye, and the ten sides of the five faces lie in seven
+//! planes: x ± y = 0, z ± x = 0, z ± y = 0 and z = 0. A box with centre c and half sides h lies within n·c ± |n|·h of
+//! each. The faces share no inner point, so what is inside one is outside the others.
 //!
-//! *Coherence*: consecutive hemicubes see much the same. What the one before saw on any of its faces is taken as visible
-//! at once, the rest is tested behind it. The thesis keeps this apart by the nearest face of the hemicube before; here
-//! hemicubes are turned about their normals at random, so that faces do not correspond, and the frustum sorts it out.
+//! *Coherence*: consecutive hemicubes see much the same. What the one before saw on any of its faces is taken as
+//! visible at once, the rest is tested behind it. The thesis keeps this apart by the nearest face of the hemicube
+//! before; here hemicubes are turned about their normals at random, so that faces do not correspond, and the frustum
+//! sorts it out.
 
 use glam::DVec3;
 use hemicube_contract::backend::Hemicube;
@@ -62,7 +64,8 @@ pub(crate) fn runs(upload: &Upload) -> Vec<Run> {
         })
         .collect();
     for (&chunk, &surface) in upload.chunk_of_patch.iter().zip(&upload.surface_of_patch) {
-        // Of surfaces that are one triangle the first is drawn, so the smallest number is that of one that lies in the chunk.
+        // Of surfaces that are one triangle the first is drawn, so the smallest number is that of one that lies in the
+        // chunk.
         let first = &mut found[chunk as usize].first_item;
         *first = surface.min(*first);
     }
@@ -75,17 +78,17 @@ pub(crate) struct Node {
     pub(crate) bounds: CullBox,
     /// The chunks beneath it.
     pub(crate) chunks: Range<u32>,
-    /// One past the last node beneath it: nodes are in the order of a walk that visits a node before its children, so what
-    /// is beneath a node follows it at once.
+    /// One past the last node beneath it: nodes are in the order of a walk that visits a node before its children, so
+    /// what is beneath a node follows it at once.
     pub(crate) skip: u32,
-    /// How many triangles are beneath it.
+    /// Number of triangles that are beneath it.
     pub(crate) triangles: u32,
     /// The node above it; the root's is itself.
     pub(crate) parent: u32,
 }
 
 impl Node {
-    /// Whether nothing but chunks is beneath it; `place` is its own.
+    /// Returns whether nothing but chunks is beneath it; `place` is its own.
     pub(crate) fn is_leaf(&self, place: u32) -> bool {
         self.skip == place + 1
     }
@@ -105,8 +108,8 @@ struct Making<'a> {
 }
 
 impl Hierarchy {
-    /// Puts the nodes of `octree` down to `max_level` over the chunks, which follow the order of its items. A chunk that
-    /// reaches from one node into another is the first one's.
+    /// Puts the nodes of `octree` down to `max_level` over the chunks, which follow the order of its items. A chunk
+    /// that reaches from one node into another is the first one's.
     pub(crate) fn new(octree: &Octree, chunks: &[Run], max_level: u32) -> Self {
         let mut made = Self::default();
         if !octree.nodes().is_empty() {
@@ -297,8 +300,8 @@ pub(crate) enum Descend {
 }
 
 impl Hierarchy {
-    /// Visits what may be in view beneath the node `from`, known to touch `faces`: a node's place, the faces that it may be
-    /// seen on, and it before its children.
+    /// Visits what may be in view beneath the node `from`, known to touch `faces`: a node's place, the faces that it
+    /// may be seen on, and it before its children.
     pub(crate) fn walk(
         &self,
         from: u32,

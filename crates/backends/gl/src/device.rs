@@ -1,18 +1,18 @@
 //! Devices and contexts: EGL without a window, and the functions of OpenGL that glow lacks.
 //!
-//! Displays are opened by the device platform (`EGL_EXT_platform_device`); by Mesa's surfaceless one only where that gives
-//! none, or for a second session at once (below): a display of the latter kind is one for the whole process, and whoever
-//! else terminates it takes our contexts with it. For the same reason displays are never terminated here; they live as long
-//! as the process.
+//! Displays are opened by the device platform (`EGL_EXT_platform_device`); by Mesa's surfaceless one only where that
+//! gives none, or for a second session at once (below): a display of the latter kind is one for the whole process, and
+//! whoever else terminates it takes our contexts with it. For the same reason displays are never terminated here; they
+//! live as long as the process.
 //!
-//! A context is made current when a call of the backend begins and released when it ends, so that the next call may come
-//! from any thread.
+//! A context is made current when a call of the backend begins and released when it ends, so that the next call may
+//! come from any thread.
 //!
 //! Contexts of one display of Mesa's llvmpipe share what it rasterises with, and not soundly (22.3.6: about one run in
-//! thirty of two sessions at once ended in a segmentation fault inside the driver). So where a device is a program on the
-//! processor, contexts of a display take turns. Another display has a rasteriser of its own: a software device's contexts are
-//! spread over its display and the surfaceless one, where that leads to the same driver, so that two go on at once. There
-//! is no third: a platform gives the same display whenever it is asked.
+//! thirty of two sessions at once ended in a segmentation fault inside the driver). So where a device is a program on
+//! the processor, contexts of a display take turns. Another display has a rasteriser of its own: a software device's
+//! contexts are spread over its display and the surfaceless one, where that leads to the same driver, so that two go on
+//! at once. There is no third: a platform gives the same display whenever it is asked.
 
 use glow::HasContext;
 use hemicube_contract::backend::BackendError;
@@ -56,8 +56,8 @@ impl Egl {
     fn load() -> Result<Self, String> {
         let name = "libEGL.so.1";
         let missing = |error: libloading::Error| format!("`{name}` cannot be loaded: {error}");
-        // SAFETY: the library is EGL's loader, whose initialisers have no preconditions, and each symbol is given the type
-        // that EGL 1.5 declares for it.
+        // SAFETY: the library is EGL's loader, whose initialisers have no preconditions, and each symbol is given the
+        // type that EGL 1.5 declares for it.
         unsafe {
             let library = libloading::Library::new(name).map_err(missing)?;
             macro_rules! symbol {
@@ -227,7 +227,7 @@ struct Display {
     software: bool,
     /// Name of the GPU and its driver, once asked for; `None` where that did not open.
     driver: OnceLock<Option<String>>,
-    /// How many contexts it has.
+    /// Number of contexts that it has.
     contexts: AtomicUsize,
     /// Held while a context of it is in use, where it is a software device's, and while one is made.
     turn: Mutex<()>,
@@ -344,7 +344,7 @@ fn system() -> Result<&'static System, String> {
 pub(crate) struct DeviceInfo {
     /// The GPU and its driver, in the driver's words.
     pub(crate) name: String,
-    /// Whether it is a program on the CPU that stands in for a GPU.
+    /// True if it is a program on the CPU that stands in for a GPU.
     pub(crate) software: bool,
     /// The largest resolution.
     pub(crate) max_resolution: u32,
@@ -440,15 +440,15 @@ impl Drop for Device {
     fn drop(&mut self) {
         let display = self.place.0;
         let _turn = self.software.then(|| display.turn());
-        // SAFETY: the context is this device's own and, as nothing borrows the device, current in no thread. What it holds
-        // of buffers and textures goes with it, as it shares with no other.
+        // SAFETY: the context is this device's own and, as nothing borrows the device, current in no thread. What it
+        // holds of buffers and textures goes with it, as it shares with no other.
         unsafe { (self.system.egl.destroy_context)(display.handle, self.context) };
     }
 }
 
 impl Device {
-    /// Opens the device with a context of its own. With `debug`, the driver checks what it is asked to do and its messages
-    /// become errors (see [`Entered::check`]).
+    /// Opens the device with a context of its own. With `debug`, the driver checks what it is asked to do and its
+    /// messages become errors (see [`Entered::check`]).
     pub(crate) fn open(number: u32, debug: bool) -> Result<Self, BackendError> {
         let system = system().map_err(|_| no_device())?;
         let Some(display) = system.displays.get(number as usize) else {
@@ -584,7 +584,7 @@ impl Device {
         })
     }
 
-    /// Whether indirect draws can take their number from a buffer.
+    /// Returns whether indirect draws can take their number from a buffer.
     pub(crate) fn can_count_draws(&self) -> bool {
         self.more.multi_draw_elements_indirect_count.is_some()
     }
@@ -617,8 +617,8 @@ impl Device {
 }
 
 impl Entered<'_> {
-    /// Sets what the shaders are written for and OpenGL does otherwise: depth from 0 to 1, rows upwards, and flat values
-    /// from a triangle's first corner.
+    /// Sets what the shaders are written for and OpenGL does otherwise: depth from 0 to 1, rows upwards, and flat
+    /// values from a triangle's first corner.
     pub(crate) fn set_conventions(&self) {
         // SAFETY: the context is current.
         unsafe {
@@ -634,8 +634,8 @@ impl Entered<'_> {
     pub(crate) unsafe fn draw_runs(&self, firsts: &[usize], counts: &[i32]) {
         assert_eq!(firsts.len(), counts.len(), "one count for each run");
         let runs = i32::try_from(firsts.len()).unwrap_or(i32::MAX);
-        // SAFETY: the lists are as long as is said, and places in bytes go where pointers went before there were buffers;
-        // the rest is the caller's.
+        // SAFETY: the lists are as long as is said, and places in bytes go where pointers went before there were
+        // buffers; the rest is the caller's.
         unsafe {
             (self.device.more.multi_draw_elements)(
                 glow::TRIANGLES,
@@ -647,8 +647,8 @@ impl Entered<'_> {
         }
     }
 
-    /// Draws as the bound indirect buffer says from byte `first`, as often as the parameter buffer says at byte `count`.
-    /// Only where the device [`can_count_draws`](Device::can_count_draws).
+    /// Draws as the bound indirect buffer says from byte `first`, as often as the parameter buffer says at byte
+    /// `count`. Only where the device [`can_count_draws`](Device::can_count_draws).
     ///
     /// # Safety
     /// As `glMultiDrawElementsIndirectCount`.
@@ -676,7 +676,8 @@ impl Entered<'_> {
     /// Fills whole words of a buffer with zeros.
     pub(crate) fn clear_words(&self, buffer: glow::Buffer, words: std::ops::Range<usize>) {
         let byte = |word: usize| isize::try_from(word * 4).unwrap_or(isize::MAX);
-        // SAFETY: the context is current, the buffer is its own, and a range beyond it is an error of OpenGL, not of memory.
+        // SAFETY: the context is current, the buffer is its own, and a range beyond it is an error of OpenGL, not of
+        // memory.
         unsafe {
             (self.device.more.clear_named_buffer_sub_data)(
                 buffer.0.get(),
@@ -763,7 +764,7 @@ mod tests {
         entered.check("after it").expect("a mistake is told once");
     }
 
-    /// Whether a thread can use a context, given up after that, while another thread uses `used`.
+    /// Returns whether a thread can use a context, given up after that, while another thread uses `used`.
     fn can_be_used_beside(used: &Device, other: Device) -> bool {
         let entered = used.enter().expect("a context of our own");
         let (sender, receiver) = std::sync::mpsc::channel();

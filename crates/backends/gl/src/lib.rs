@@ -1,13 +1,13 @@
 //! A hemicube backend on OpenGL 4.5, without a window.
 //!
-//! Shaders, and the form in which a scene is uploaded, are those of the other GPU backends (`hemicube-shaders`); here are
-//! EGL, the culling that OpenGL alone has, by hardware occlusion queries, and two baselines as settings: *original*, without
-//! culling, one hemicube a call and whole rows read back, and *thesis*, the octree with occlusion queries and coherence of
-//! Vázquez and Guartes 2017.
+//! Shaders, and the form in which a scene is uploaded, are those of the other GPU backends (`hemicube-shaders`); here
+//! are EGL, the culling that OpenGL alone has, by hardware occlusion queries, and two baselines as settings:
+//! *original*, without culling, one hemicube a call and whole rows read back, and *thesis*, the octree with occlusion
+//! queries and coherence of Vázquez and Guartes 2017.
 //!
-//! Options: `baseline=best|original|thesis`, `cull=auto|off|view|frustum|queries|marks|depth`,
-//! `edges=exact|driver` (who says on which side of an edge a pixel lies: docs/gpu.md), `max_level=N` and `min_patches=N` of the
-//! octree for queries and marks, `batch=N`, `group=N`, `memory=BYTES`, `timing=on`, `debug=on`.
+//! Options: `baseline=best|original|thesis`, `cull=auto|off|view|frustum|queries|marks|depth`, `edges=exact|driver`
+//! (who says on which side of an edge a pixel lies: docs/gpu.md), `max_level=N` and `min_patches=N` of the octree for
+//! queries and marks, `batch=N`, `group=N`, `memory=BYTES`, `timing=on`, `debug=on`.
 
 mod ask;
 mod conv;

@@ -164,7 +164,8 @@ impl Objects {
     /// Gives everything back to the driver.
     pub(crate) fn delete(self, entered: &Entered<'_>) {
         let gl = entered.gl;
-        // SAFETY: the context is current, and all names are its own and named nowhere else. Deleting a mapped buffer unmaps it.
+        // SAFETY: the context is current, and all names are its own and named nowhere else. Deleting a mapped buffer
+        // unmaps it.
         unsafe {
             self.framebuffers.into_iter().for_each(|f| gl.delete_framebuffer(f));
             self.textures.into_iter().for_each(|t| gl.delete_texture(t));
@@ -216,8 +217,8 @@ impl Mapped {
                 self.length
             )));
         }
-        // SAFETY: the range is within the mapping, which lasts as long as the buffer; reads are volatile in that the copy
-        // is made after the fence was waited for.
+        // SAFETY: the range is within the mapping, which lasts as long as the buffer; reads are volatile in that the
+        // copy is made after the fence was waited for.
         Ok(unsafe { std::slice::from_raw_parts(self.words.add(range.start), range.len()) }.to_vec())
     }
 }

@@ -137,7 +137,7 @@ impl Options {
         Ok(options)
     }
 
-    /// Whether whole rows are read back, one hemicube at a time.
+    /// Returns whether whole rows are read back, one hemicube at a time.
     pub(crate) fn dense(&self) -> bool {
         self.baseline != Baseline::Best
     }
@@ -165,7 +165,7 @@ impl Options {
         }
     }
 
-    /// Whether occlusion culling may be given up where it does not pay.
+    /// Returns whether occlusion culling may be given up where it does not pay.
     pub(crate) fn may_switch_off(&self) -> bool {
         self.cull.is_none() && self.baseline == Baseline::Best
     }

@@ -6,8 +6,8 @@
 //!
 //! With `edges=exact`, pixels near edges are settled after `reduce`: see `hemicube_shaders`.
 //!
-//! What is culled never shows in a row: culling looks at depths only, and then the ids of all that may be seen are drawn
-//! anew, in the fixed order of the chunks, into a cleared depth buffer.
+//! What is culled never shows in a row: culling looks at depths only, and then the ids of all that may be seen are
+//! drawn anew, in the fixed order of the chunks, into a cleared depth buffer.
 
 use crate::ask::{Asking, Coherence, OnFaces, add};
 use crate::cull::{ALL_FACES, Descend, FacePlanes, Hierarchy, WalkCounters, runs};
@@ -142,7 +142,7 @@ pub(crate) struct Scene {
     clock: Instant,
 }
 
-/// Whether culling pays, by what it did for the first hemicubes.
+/// True if culling pays, by what it did for the first hemicubes.
 #[derive(Clone, Copy, Debug, Default)]
 struct Trial {
     in_view: u64,
@@ -161,10 +161,11 @@ const ROUNDS: u64 = 6000;
 /// Hemicubes after which it is decided whether occlusion culling pays.
 const TRIAL: u64 = 32;
 
-/// Nodes of more triangles than this are asked about, where nobody says: chunks have up to 256, so that these are most nodes.
+/// Nodes of more triangles than this are asked about, where nobody says: chunks have up to 256, so that these are most
+/// nodes.
 const FEW: u32 = 64;
-/// The same where hardly anything is hidden, so that most answers say nothing, and the share of the triangles in view that
-/// counts as hardly anything (`docs/study.md` has what was measured).
+/// The same where hardly anything is hidden, so that most answers say nothing, and the share of the triangles in view
+/// that counts as hardly anything (`docs/study.md` has what was measured).
 const FEW_IN_THE_OPEN: u32 = 600;
 const IN_THE_OPEN: f64 = 0.125;
 
@@ -185,8 +186,8 @@ struct Place {
     half: usize,
 }
 
-/// Boxes to be drawn: for each in the shader's list which of the nodes asked about it is, and on which face; the list's end
-/// for each face; and the faces of each node that need not be asked about.
+/// Boxes to be drawn: for each in the shader's list which of the nodes asked about it is, and on which face; the list's
+/// end for each face; and the faces of each node that need not be asked about.
 struct Boxes {
     within: Vec<u8>,
     places: Vec<(usize, u8)>,
@@ -410,8 +411,8 @@ impl Scene {
     /// The boxes that queries draw, and marks of drawn chunks where nothing will be culled.
     fn upload_boxes(&mut self, entered: &Entered<'_>) -> Result<(), BackendError> {
         let n = f64::from(self.settings.resolution);
-        // Boxes are nearer than what is in them by more than depths can be off, and where tiny patches are asked for by as
-        // much as these may lie behind what is seen.
+        // Boxes are nearer than what is in them by more than depths can be off, and where tiny patches are asked for by
+        // as much as these may lie behind what is seen.
         let wider = 1.0 / 256.0 + if self.settings.covered { 16.0 / n } else { 0.0 };
         #[allow(clippy::cast_possible_truncation, reason = "the widening is above the rounding")]
         let words: Vec<u32> = self
@@ -454,7 +455,8 @@ impl Scene {
 
     fn write(&self, entered: &Entered<'_>, buffer: glow::Buffer, word: usize, words: &[u32]) {
         let place = i32::try_from(word * 4).unwrap_or(i32::MAX);
-        // SAFETY: the context is current; a range beyond the buffer is an error of OpenGL. The words are copied by the call.
+        // SAFETY: the context is current; a range beyond the buffer is an error of OpenGL. The words are copied by the
+        // call.
         unsafe {
             entered
                 .gl
@@ -464,8 +466,8 @@ impl Scene {
 
     /// Ends a stage, where stages are timed: the time until the device has done all that it was asked.
     ///
-    /// Not by timer queries: of a software driver they see the threads that rasterise and not the one that transforms and
-    /// bins triangles, which is where most of its time goes.
+    /// Not by timer queries: of a software driver they see the threads that rasterise and not the one that transforms
+    /// and bins triangles, which is where most of its time goes.
     fn timed(&mut self, entered: &Entered<'_>, stage: Time) {
         if !self.options.timing {
             return;
@@ -484,7 +486,8 @@ impl Scene {
         } += spent;
     }
 
-    /// Sends a batch to the device, at most [`Plan::batch`] hemicubes. `half` says which of the two sets of buffers is free.
+    /// Sends a batch to the device, at most [`Plan::batch`] hemicubes. `half` says which of the two sets of buffers is
+    /// free.
     pub(crate) fn submit(
         &mut self,
         entered: &Entered<'_>,
@@ -562,7 +565,8 @@ impl Scene {
     }
 
     fn dispatch(&self, entered: &Entered<'_>, program: glow::Program, groups: [u32; 3]) {
-        // SAFETY: the context is current. Each stage writes within its buffers, whose sizes and groups the shared plan gives.
+        // SAFETY: the context is current. Each stage writes within its buffers, whose sizes and groups the shared plan
+        // gives.
         unsafe {
             entered.gl.use_program(Some(program));
             entered.gl.dispatch_compute(groups[0], groups[1], groups[2]);
@@ -714,8 +718,8 @@ impl Scene {
     /// Draws what the cull stage has listed for a layer.
     fn draw_counted(&self, entered: &Entered<'_>, at: Place) {
         let chunks = u32::try_from(self.upload.chunks.len()).unwrap_or(u32::MAX);
-        // SAFETY: the context is current; the buffers have draws of five words for every face and chunk, and a count for
-        // every face.
+        // SAFETY: the context is current; the buffers have draws of five words for every face and chunk, and a count
+        // for every face.
         unsafe {
             entered.gl.bind_buffer(glow::DRAW_INDIRECT_BUFFER, Some(self.draws));
             entered.gl.bind_buffer(glow::PARAMETER_BUFFER, Some(self.draw_counts));
@@ -877,8 +881,8 @@ impl Scene {
             .sum()
     }
 
-    /// Lists the nodes to be asked about by face, for the shader, and gives where each face's begin. A node whose box the
-    /// eye is in, or almost, is not asked about: its faces in `within`.
+    /// Lists the nodes to be asked about by face, for the shader, and gives where each face's begin. A node whose box
+    /// the eye is in, or almost, is not asked about: its faces in `within`.
     fn list_boxes(&self, entered: &Entered<'_>, hemicube: &Hemicube, asked: &[OnFaces]) -> Boxes {
         let mut boxes = Boxes {
             within: vec![0; asked.len()],
@@ -1034,8 +1038,8 @@ impl Scene {
         if let Some(settling) = programs.settling {
             self.dispatch(entered, settling.near_edges, [SETTLE_GROUPS, layers, 1]);
             self.dispatch(entered, settling.settle, [SETTLE_GROUPS, layers, 1]);
-            // SAFETY: the context is current. The item buffer is written as an image after it was read as a texture, and
-            // read and drawn to after that.
+            // SAFETY: the context is current. The item buffer is written as an image after it was read as a texture,
+            // and read and drawn to after that.
             unsafe { gl.memory_barrier(glow::SHADER_IMAGE_ACCESS_BARRIER_BIT) };
             self.dispatch(entered, settling.put_settled, [SETTLE_GROUPS, layers, 1]);
             // SAFETY: as above.
@@ -1053,8 +1057,8 @@ impl Scene {
         self.timed(entered, Time::Reduce);
         if self.settings.covered {
             for layer in 0..layers {
-                // SAFETY: the context is current, and all names are its own. The draw's length was written by the compact
-                // stage; each corner is found by its number.
+                // SAFETY: the context is current, and all names are its own. The draw's length was written by the
+                // compact stage; each corner is found by its number.
                 unsafe {
                     gl.bind_framebuffer(glow::FRAMEBUFFER, Some(self.framebuffers[layer as usize][1]));
                     gl.disable(glow::DEPTH_TEST);
@@ -1079,7 +1083,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Whether a batch is read before the next is begun: the baselines know no other way.
+    /// Returns whether a batch is read before the next is begun: the baselines know no other way.
     pub(crate) fn one_by_one(&self) -> bool {
         self.options.dense()
     }
@@ -1140,14 +1144,14 @@ impl Scene {
         entered.check("reading a row")
     }
 
-    /// Whether hemicubes are counted still to decide how to cull.
+    /// Returns whether hemicubes are counted still to decide how to cull.
     fn is_tried(&self) -> bool {
         let finds_few = self.cull == Cull::Queries && self.options.min_patches.is_none();
         !self.trial.over && (self.options.may_switch_off() || finds_few)
     }
 
-    /// Leaves out occlusion culling from here on where it has found too little to be worth its time, or asks less. Rows stay
-    /// the same.
+    /// Leaves out occlusion culling from here on where it has found too little to be worth its time, or asks less. Rows
+    /// stay the same.
     fn judge(&mut self, counters: &Counters) {
         if !self.is_tried() {
             return;

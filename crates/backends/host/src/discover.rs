@@ -1,8 +1,8 @@
 //! Where backends are looked for, in which order.
 //!
-//! `--backend-dir`, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, `../lib/hemicube/backends` from
-//! there, the user's data folder, the system's. Not recursive, and no manifest: the file's name says it all. With raised
-//! privileges, what whoever started the program may choose is left out.
+//! `--backend-dir`, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, `../lib/hemicube/backends`
+//! from there, the user's data folder, the system's. Not recursive, and no manifest: the file's name says it all. With
+//! raised privileges, what whoever started the program may choose is left out.
 
 use std::env::consts::{DLL_PREFIX, DLL_SUFFIX};
 use std::ffi::OsString;
@@ -81,7 +81,7 @@ pub struct Environment {
     pub user_data: Option<PathBuf>,
     /// Folders of libraries.
     pub system: Vec<PathBuf>,
-    /// Whether the program has privileges that whoever started it has not.
+    /// True if the program has privileges that whoever started it has not.
     pub raised: bool,
 }
 
@@ -113,7 +113,7 @@ impl Environment {
     }
 }
 
-/// Whether the process runs with rights that whoever started it has not (set-user-id, file capabilities).
+/// Returns whether the process runs with rights that whoever started it has not (set-user-id, file capabilities).
 #[cfg(unix)]
 fn is_raised() -> bool {
     #[cfg(any(target_os = "linux", target_os = "android"))]
@@ -201,7 +201,7 @@ impl Search {
         &self.folders
     }
 
-    /// Whether the process has raised privileges, so that only fixed folders are looked into.
+    /// Returns whether the process has raised privileges, so that only fixed folders are looked into.
     pub fn is_raised(&self) -> bool {
         self.raised
     }

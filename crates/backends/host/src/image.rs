@@ -1,5 +1,5 @@
-//! What a shared library's headers say, before the system's loader maps it. The loader trusts them: of a file that was cut
-//! short it maps pages that are not there, and the program dies of a SIGBUS.
+//! What a shared library's headers say, before the system's loader maps it. The loader trusts them: of a file that was
+//! cut short it maps pages that are not there, and the program dies of a SIGBUS.
 //!
 //! Only ELF is judged, as on Linux and the BSDs; other formats are their loaders' to refuse.
 

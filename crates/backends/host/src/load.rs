@@ -62,7 +62,7 @@ pub enum LoadError {
     Text {
         /// Name or version.
         what: &'static str,
-        /// What is wrong.
+        /// Kind of defect.
         defect: String,
     },
     /// It has another name than its file or whoever asked for it says.

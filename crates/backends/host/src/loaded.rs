@@ -10,7 +10,7 @@ use hemicube_abi::{CHOICES_SIZE, Device, capabilities_from_raw};
 use hemicube_contract::backend::{
     BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes,
 };
-use hemicube_contract::delta::{DeltaTable, is_resolution};
+use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::outline::Outlines;
 use hemicube_contract::row::RowBlock;
@@ -514,11 +514,7 @@ impl HemicubeBackend for LoadedBackend {
 
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
         let resolution = settings.resolution;
-        if !is_resolution(resolution) {
-            return Err(BackendError::InvalidArgument(format!(
-                "resolution {resolution}: a multiple of 16 from 16 to 1024 is needed"
-            )));
-        }
+        settings.check()?;
         if resolution > self.device.max_resolution {
             return Err(BackendError::Unsupported(format!(
                 "resolution {resolution} is more than the {} that `{}` takes",
@@ -612,22 +608,7 @@ impl HemicubeBackend for LoadedBackend {
 
 /// Refuses what the contract does not allow before a plugin sees it.
 fn check_hemicubes(hemicubes: &[Hemicube], patch_count: u32) -> Result<(), BackendError> {
-    for hemicube in hemicubes {
-        if let Some(patch) = hemicube.emitter
-            && patch.0 >= patch_count
-        {
-            return Err(BackendError::InvalidArgument(format!(
-                "a hemicube names patch {} of a scene of {patch_count} patches",
-                patch.0
-            )));
-        }
-        if !(hemicube.origin.is_finite() && hemicube.axes.iter().all(|axis| axis.is_finite())) {
-            return Err(BackendError::InvalidArgument(
-                "a hemicube's frame is not finite".to_owned(),
-            ));
-        }
-    }
-    Ok(())
+    hemicubes.iter().try_for_each(|hemicube| hemicube.check(patch_count))
 }
 
 fn raw_hemicube(hemicube: &Hemicube) -> HcHemicube {

@@ -136,7 +136,7 @@ impl Options {
         Ok(Self(options))
     }
 
-    /// Whether there is none.
+    /// Returns whether there is none.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -200,7 +200,7 @@ pub struct PassedOver {
     pub name: String,
     /// Why.
     pub reason: String,
-    /// Whether there is a file for it at all.
+    /// True if there is a file for it at all.
     pub installed: bool,
 }
 
@@ -235,7 +235,7 @@ impl Registry {
         &self.search
     }
 
-    /// Whether what a user asks for is a file rather than a name.
+    /// Returns whether what a user asks for is a file rather than a name.
     pub fn is_path(asked: &str) -> bool {
         asked.contains(std::path::is_separator) || asked.ends_with(DLL_SUFFIX)
     }
@@ -291,8 +291,8 @@ impl Registry {
     }
 
     /// The best backend: the first of Vulkan, wgpu and GL that is installed, has a GPU and gives all that the ladder of
-    /// accuracy needs; otherwise none, which stands for the one built in. A driver that runs on the processor is not taken:
-    /// what is built in is faster.
+    /// accuracy needs; otherwise none, which stands for the one built in. A driver that runs on the processor is not
+    /// taken: what is built in is faster.
     ///
     /// A backend that fails is passed over, and the reason kept.
     pub fn auto(&self, options: &Options) -> Auto {
@@ -350,8 +350,8 @@ impl Registry {
         open_on(Arc::new(library), devices, options).map_err(|error| no(error.to_string()))
     }
 
-    /// All files in the folders that look like backends, in the order in which they would be found. Nothing is opened but
-    /// the libraries, and nothing asked of them but their devices.
+    /// All files in the folders that look like backends, in the order in which they would be found. Nothing is opened
+    /// but the libraries, and nothing asked of them but their devices.
     ///
     /// ```
     /// use hemicube_host::{Environment, LoadError, Registry, Search, State, file_name};

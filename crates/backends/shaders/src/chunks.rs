@@ -10,7 +10,8 @@ use std::ops::Range;
 /// (`docs/gpu.md`).
 pub const MOST_TRIANGLES: u32 = 256;
 
-/// With fewer triangles in a scene, drawing what is hidden costs less on a software driver than finding it out (`docs/gpu.md`).
+/// With fewer triangles in a scene, drawing what is hidden costs less on a software driver than finding it out
+/// (`docs/gpu.md`).
 pub const FEWEST_FOR_OCCLUSION: usize = 20_000;
 
 /// A run of triangles in the order in which they are drawn, and its box. `Chunk` of `wgsl/shared.wgsl`.
@@ -18,7 +19,7 @@ pub const FEWEST_FOR_OCCLUSION: usize = 20_000;
 pub struct Chunk {
     /// Its first index in [`crate::Upload::indices`].
     pub first_index: u32,
-    /// How many indices.
+    /// Number of indices.
     pub index_count: u32,
     /// The middle of its box.
     pub center: DVec3,
@@ -56,8 +57,8 @@ impl Chunk {
     }
 }
 
-/// Runs of surfaces of at most `most`, in the octree's order: nodes that are small enough with all beneath them, and the own
-/// surfaces of the others. Small neighbours are joined where that does not make a much larger box.
+/// Runs of surfaces of at most `most`, in the octree's order: nodes that are small enough with all beneath them, and
+/// the own surfaces of the others. Small neighbours are joined where that does not make a much larger box.
 pub fn runs(octree: &Octree, surfaces: &[Surface], most: u32) -> Vec<Range<u32>> {
     let nodes = octree.nodes();
     let mut found: Vec<Range<u32>> = Vec::new();

@@ -47,8 +47,8 @@ pub struct Limits {
     pub group: u32,
     /// Hemicubes of a submission.
     pub batch: u32,
-    /// Whether depths are copied to a buffer for the pyramid ([`crate::stage::PYRAMID_OF_COPY`]): for software, which reads
-    /// buffers faster than textures.
+    /// Whether depths are copied to a buffer for the pyramid ([`crate::stage::PYRAMID_OF_COPY`]): for software, which
+    /// reads buffers faster than textures.
     pub copies_depths: bool,
     /// Who says where edges pass.
     pub edges: Edges,
@@ -67,9 +67,9 @@ pub struct Plan {
     pub capacity: u32,
     /// Words of a bit a patch.
     pub word_count: u32,
-    /// Whether rows are covered, so that tiny patches are looked for.
+    /// True if rows are covered, so that tiny patches are looked for.
     pub covered: bool,
-    /// Whether depths are copied to a buffer before they are read: [`Limits::copies_depths`].
+    /// True if depths are copied to a buffer before they are read: [`Limits::copies_depths`].
     pub copies_depths: bool,
     /// Who says where edges pass: [`Limits::edges`].
     pub edges: Edges,
@@ -90,8 +90,8 @@ impl Plan {
     /// Chooses the largest group and batch that fit.
     ///
     /// # Errors
-    /// [`BackendError::Unsupported`] where a single buffer is beyond the device's limits, [`BackendError::OutOfMemory`] where
-    /// all together are.
+    /// [`BackendError::Unsupported`] where a single buffer is beyond the device's limits, [`BackendError::OutOfMemory`]
+    /// where all together are.
     pub fn new(upload: &Upload, settings: RenderSettings, limits: Limits) -> Result<Self, BackendError> {
         let resolution = settings.resolution;
         let pixels = u32::try_from(pixel_count(resolution)).unwrap_or(u32::MAX);

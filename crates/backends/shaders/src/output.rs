@@ -9,13 +9,13 @@ use hemicube_contract::InputPatch;
 use hemicube_contract::backend::{BackendError, Counters};
 use hemicube_contract::row::RowBlock;
 
-/// Words of a header: entries, escaped, blocked, chunks tested on faces, outside, hidden, triangles drawn for ids, triangles
-/// drawn for depths alone.
+/// Words of a header: entries, escaped, blocked, chunks tested on faces, outside, hidden, triangles drawn for ids,
+/// triangles drawn for depths alone.
 pub const HEADER_WORDS: u32 = 8;
 /// Words of an entry: patch, visible weight, weight hidden behind others.
 pub const ENTRY_WORDS: u32 = 3;
 
-/// How many words to read of the entries, once the headers are there.
+/// Number of words to read of the entries, once the headers are there.
 ///
 /// # Errors
 /// [`BackendError::Internal`] when a header cannot be.

@@ -1,9 +1,9 @@
 //! A scene as the device is given it.
 //!
 //! Coordinates are pairs of f32 whose sum has 48 bits, so that what is near the eye keeps its precision when the eye is
-//! subtracted. Each triangle owns its first corner, which carries its patches; the others may be any triangle's of the same
-//! chunk. That makes about one vertex a triangle instead of three, and it is the vertices that a software rasteriser is slow
-//! at.
+//! subtracted. Each triangle owns its first corner, which carries its patches; the others may be any triangle's of the
+//! same chunk. That makes about one vertex a triangle instead of three, and it is the vertices that a software
+//! rasteriser is slow at.
 
 use crate::chunks::{self, Bounds, Chunk, MOST_TRIANGLES};
 use glam::DVec3;
@@ -30,7 +30,7 @@ pub struct Upload {
     pub chunk_of_patch: Vec<u32>,
     /// The surface of each patch in [`Geometry::surfaces`]. Not for the device.
     pub surface_of_patch: Vec<u32>,
-    /// How many patches there are, which is also the id for blocked; one more is the id for escaped.
+    /// Number of patches, which is also the id for blocked; one more is the id for escaped.
     pub patch_count: u32,
     /// Surfaces that were exactly another's and are drawn with it.
     pub merged: usize,
@@ -41,7 +41,7 @@ struct Drawn {
     corners: [DVec3; 3],
     front: u32,
     back: u32,
-    /// Whether sorting its corners turns it over.
+    /// True if sorting its corners turns it over.
     flipped: bool,
 }
 
@@ -126,7 +126,7 @@ impl Upload {
         Ok(upload)
     }
 
-    /// How many triangles are drawn.
+    /// Number of triangles that are drawn.
     pub fn triangle_count(&self) -> usize {
         self.indices.len() / 3
     }
@@ -154,8 +154,8 @@ impl Upload {
     }
 }
 
-/// Surfaces that are the same triangle are drawn as the first of them: of the patches on one side, the smallest id is seen.
-/// Returns what is drawn for each surface, and for each surface which one is drawn for it.
+/// Surfaces that are the same triangle are drawn as the first of them: of the patches on one side, the smallest id is
+/// seen. Returns what is drawn for each surface, and for each surface which one is drawn for it.
 fn merge(surfaces: &[Surface], blocked: u32) -> (Vec<Option<Drawn>>, Vec<u32>) {
     let mut first: HashMap<[u64; 9], u32> = HashMap::with_capacity(surfaces.len());
     let mut drawn: Vec<Option<Drawn>> = Vec::with_capacity(surfaces.len());
@@ -209,7 +209,7 @@ fn key(corners: [DVec3; 3]) -> ([u64; 9], bool) {
 struct Corners {
     vertices: Vec<[u32; VERTEX_WORDS]>,
     indices: Vec<u32>,
-    /// Whether a vertex is some triangle's first corner.
+    /// True if a vertex is some triangle's first corner.
     owned: Vec<bool>,
     /// By position: any vertex there, and one that nobody owns, if there is one.
     at: HashMap<[u64; 3], (u32, Option<u32>)>,

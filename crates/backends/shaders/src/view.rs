@@ -19,12 +19,13 @@ pub struct View {
     pub slot: u32,
     /// Its layer of the images.
     pub layer: u32,
-    /// The number of its group, from [`FIRST_STAMP`] and always rising: what groups shortly before saw is taken to be in front.
+    /// The number of its group, from [`FIRST_STAMP`] and always rising: what groups shortly before saw is taken to be
+    /// in front.
     pub stamp: u32,
 }
 
-/// What was seen from one of so many hemicubes before is drawn first. Neighbours are turned and see past different edges: with
-/// one, a fifth more triangles are left to draw in `denhaag-8897` ×16.
+/// What was seen from one of so many hemicubes before is drawn first. Neighbours are turned and see past different
+/// edges: with one, a fifth more triangles are left to draw in `denhaag-8897` ×16.
 const HEMICUBES_BACK: u32 = 8;
 
 /// The first [`View::stamp`]: a chunk that nobody saw has 0, which must lie further back than the shaders look.
@@ -65,8 +66,8 @@ pub fn views(geometry: &Geometry, hemicube: &Hemicube, resolution: u32, at: View
     })
 }
 
-/// Whether a hemicube stands in its emitter's plane, so that the shaders put the emitter on the horizon and need not leave it
-/// out by its id. False only for origins or axes that were moved off the patch.
+/// Whether a hemicube stands in its emitter's plane, so that the shaders put the emitter on the horizon and need not
+/// leave it out by its id. False only for origins or axes that were moved off the patch.
 pub fn stands_on_emitter(geometry: &Geometry, upload: &Upload, hemicube: &Hemicube) -> bool {
     let Some(emitter) = hemicube.emitter else {
         return true;

@@ -1,4 +1,5 @@
-//! What is uploaded is the scene: every surface is drawn, once, with its patches on its sides, in a chunk whose box holds it.
+//! What is uploaded is the scene: every surface is drawn, once, with its patches on its sides, in a chunk whose box
+//! holds it.
 
 use glam::DVec3;
 use hemicube::{HierarchyOptions, Model};
@@ -46,7 +47,7 @@ fn corners(upload: &Upload, triangle: u32) -> [DVec3; 3] {
     [0, 1, 2].map(|k| point(&upload.vertices[upload.indices[first + k] as usize]))
 }
 
-/// Whether two triangles are the same up to a turn of the corners (1), turned over (−1) or different (0).
+/// Returns whether two triangles are the same up to a turn of the corners (1), turned over (−1) or different (0).
 fn same(a: [DVec3; 3], b: [DVec3; 3]) -> i32 {
     let near = |p: DVec3, q: DVec3| (p - q).length() < 1e-13;
     let turned = |b: [DVec3; 3]| (0..3).any(|t| (0..3).all(|k| near(a[k], b[(k + t) % 3])));

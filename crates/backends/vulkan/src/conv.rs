@@ -29,7 +29,7 @@ pub(crate) fn error(what: &str, result: vk::Result) -> BackendError {
     }
 }
 
-/// Whether a session can go on after an error.
+/// Returns whether a session can go on after an error.
 pub(crate) fn is_fatal(error: &BackendError) -> bool {
     !matches!(
         error,

@@ -27,8 +27,8 @@ pub(crate) enum Mode {
 const FEWEST_FOR_FRUSTUM: usize = hemicube_shaders::chunks::MOST_TRIANGLES as usize + 1;
 /// After how many hemicubes it is looked at whether culling what is hidden pays.
 const TRIAL: u64 = 32;
-/// What it costs to hold a chunk against the pyramid of a face, in triangles; measured on Mesa's software driver with a city of
-/// 1.5 million patches, where that was four fifths of the price.
+/// What it costs to hold a chunk against the pyramid of a face, in triangles; measured on Mesa's software driver with a
+/// city of 1.5 million patches, where that was four fifths of the price.
 const TRIANGLES_A_TEST: f64 = 1.5;
 
 /// The way in use and what it has brought so far.

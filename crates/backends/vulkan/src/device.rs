@@ -568,7 +568,8 @@ impl Image {
             .tiling(vk::ImageTiling::OPTIMAL)
             .usage(usage | besides | vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_SRC);
         let failed = |r| conv::error(what, r);
-        // SAFETY: an image of this device, bound to memory of its needs before anyone uses it; `drop` destroys what is there.
+        // SAFETY: an image of this device, bound to memory of its needs before anyone uses it; `drop` destroys what is
+        // there.
         unsafe {
             let raw = gpu.raw.create_image(&create, None).map_err(failed)?;
             let needs = gpu.raw.get_image_memory_requirements(raw);

@@ -1,7 +1,8 @@
 //! A hemicube backend on Vulkan: culling, rendering and reduction on the GPU, several hemicubes a submission, two
 //! submissions under way, nothing but rows read back.
 //!
-//! Vulkan is loaded when a session is opened; any device of version 1.3 that draws and computes will do, software included.
+//! Vulkan is loaded when a session is opened; any device of version 1.3 that draws and computes will do, software
+//! included.
 //!
 //! Options, `key=value,key=value`:
 //!
@@ -30,7 +31,6 @@ use hemicube_contract::backend::{
     BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RESOLUTIONS,
     RenderSettings, StageTimes,
 };
-use hemicube_contract::delta::is_resolution;
 use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
@@ -314,21 +314,7 @@ impl Session {
         self.alive()?;
         let loaded = self.loaded.as_mut().ok_or_else(not_loaded)?;
         let count = loaded.geometry.patch_count;
-        for hemicube in hemicubes {
-            if let Some(patch) = hemicube.emitter
-                && patch.0 >= count
-            {
-                return Err(BackendError::InvalidArgument(format!(
-                    "a hemicube names patch {} of a scene of {count} patches",
-                    patch.0
-                )));
-            }
-            if !(hemicube.origin.is_finite() && hemicube.axes.iter().all(|a| a.is_finite())) {
-                return Err(BackendError::InvalidArgument(
-                    "a hemicube's frame is not finite".to_owned(),
-                ));
-            }
-        }
+        hemicubes.iter().try_for_each(|hemicube| hemicube.check(count))?;
         Ok(loaded)
     }
 }
@@ -342,8 +328,8 @@ fn preferred_rows(batch: u32) -> usize {
     4 * batch as usize
 }
 
-/// How many hemicubes go side by side, and how many into a submission. On software nothing is gained by hemicubes side by
-/// side, and caches are lost.
+/// How many hemicubes go side by side, and how many into a submission. On software nothing is gained by hemicubes side
+/// by side, and caches are lost.
 fn batch_of(is_software: bool) -> (u32, u32) {
     if is_software { (1, 8) } else { (16, 64) }
 }
@@ -610,12 +596,7 @@ impl HemicubeBackend for Session {
 
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
         self.alive()?;
-        if !is_resolution(settings.resolution) {
-            return Err(BackendError::InvalidArgument(format!(
-                "resolution {}: a multiple of 16 from 16 to 1024 is needed",
-                settings.resolution
-            )));
-        }
+        settings.check()?;
         // What was loaded before makes room first.
         self.loaded = None;
         let loaded = Loaded::new(&self.gpu, self.options, geometry, settings);

@@ -44,11 +44,11 @@ struct Settling {
 /// What a submission does.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Work {
-    /// How many hemicubes.
+    /// Number of hemicubes.
     pub(crate) slots: u32,
     pub(crate) mode: Mode,
     pub(crate) covered: bool,
-    /// Whether some hemicube does not stand on its emitter.
+    /// True if some hemicube does not stand on its emitter.
     pub(crate) without_emitter: bool,
     /// Where marks of the clock go, if they do.
     pub(crate) marks: Option<vk::QueryPool>,

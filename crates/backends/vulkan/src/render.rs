@@ -259,7 +259,8 @@ impl Render {
         let device = &self.gpu.raw;
         #[allow(clippy::cast_possible_truncation, reason = "checked when the scene was prepared")]
         let (chunks, indices) = (scene.upload.chunks.len() as u32, scene.upload.indices.len() as u32);
-        // SAFETY: everything recorded lives until the submission is done; draws and counts are in their buffers' bounds.
+        // SAFETY: everything recorded lives until the submission is done; draws and counts are in their buffers'
+        // bounds.
         unsafe {
             device.cmd_begin_rendering(commands, &rendering);
             device.cmd_bind_pipeline(

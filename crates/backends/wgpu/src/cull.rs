@@ -41,7 +41,8 @@ const AGAIN: u64 = 512;
 /// What finding the hidden costs besides drawing, in triangles a pixel of the top face: the depths of what was seen are
 /// drawn and gone through for the pyramid. Measured on Mesa's software driver.
 const TRIANGLES_A_PIXEL: f64 = 0.3;
-/// And in triangles a chunk that is held against the pyramid of a face: there are more of these than pixels in vast scenes.
+/// And in triangles a chunk that is held against the pyramid of a face: there are more of these than pixels in vast
+/// scenes.
 const TRIANGLES_A_TEST: f64 = 1.5;
 /// The part of a scene's triangles that is in view of a hemicube's faces, until it is known: more is seldom hidden.
 const IN_VIEW: f64 = 0.25;
@@ -51,7 +52,7 @@ const IN_VIEW: f64 = 0.25;
 pub(crate) struct Policy {
     fixed: Option<Cull>,
     now: Cull,
-    /// Whether finding what is hidden is worth a trial.
+    /// True if finding what is hidden is worth a trial.
     may_pay: bool,
     all: u64,
     triangles: f64,
@@ -85,7 +86,7 @@ impl Policy {
         }
     }
 
-    /// How many triangles a hemicube draws where nothing is left out, counted once a face.
+    /// Number of triangles that a hemicube draws where nothing is left out, counted once a face.
     pub(crate) fn all_triangles(&self) -> u64 {
         self.all
     }

@@ -1,7 +1,7 @@
 //! Adapters, a device with its queue, and what goes wrong on it.
 //!
-//! wgpu reports errors to a callback, not to the call that caused them; on the APIs it is built with here, the callback has
-//! run when the call returns. So [`Device::check`] after some calls finds what went wrong in them.
+//! wgpu reports errors to a callback, not to the call that caused them; on the APIs it is built with here, the callback
+//! has run when the call returns. So [`Device::check`] after some calls finds what went wrong in them.
 
 use crate::conv::{self, Uses};
 use hemicube_contract::backend::{BackendError, RESOLUTIONS};
@@ -14,13 +14,13 @@ use wgpu::{
     PipelineLayout, RenderPipeline, ShaderModule,
 };
 
-/// Hemicubes that go through the stages side by side, and of a submission: on a processor nothing is gained by more, and
-/// caches are lost; a GPU wants its units filled.
+/// Hemicubes that go through the stages side by side, and of a submission: on a processor nothing is gained by more,
+/// and caches are lost; a GPU wants its units filled.
 const ON_SOFTWARE: (u32, u32) = (1, 16);
 const ON_GPU: (u32, u32) = (16, 64);
 
-/// The memory that is taken of a driver that runs on the processor: Mesa's has a heap of 2 GiB. wgpu does not tell how much
-/// a GPU has; there, an allocation that fails is reported.
+/// The memory that is taken of a driver that runs on the processor: Mesa's has a heap of 2 GiB. wgpu does not tell how
+/// much a GPU has; there, an allocation that fails is reported.
 const SOFTWARE_MEMORY: u64 = 7 << 28;
 
 /// What went wrong on a device, noted by wgpu's callbacks.
@@ -36,9 +36,9 @@ pub(crate) struct Device {
     pub(crate) raw: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     limits: Limits,
-    /// Whether it is a program on the processor.
+    /// True if it is a program on the processor.
     pub(crate) is_software: bool,
-    /// Whether the number of indirect draws may come from a buffer.
+    /// True if the number of indirect draws may come from a buffer.
     pub(crate) counts_draws: bool,
     faults: Arc<Faults>,
 }
@@ -58,7 +58,7 @@ pub(crate) struct Wanted {
     pub(crate) timing: bool,
     /// The driver's own validation, where it is installed.
     pub(crate) validation: bool,
-    /// Whether to do without draw counts from a buffer even where the device has them, as it must on Metal.
+    /// True to do without draw counts from a buffer even where the device has them, as it must on Metal.
     pub(crate) fixed_draws: bool,
 }
 
@@ -66,8 +66,9 @@ pub(crate) struct Wanted {
 pub(crate) fn adapters(validation: bool) -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = Backends::VULKAN | Backends::METAL | Backends::DX12;
-    // Without `VALIDATION_INDIRECT_CALL`: our own shaders write the draws, and checking each costs more than culling saves.
-    // Direct3D needs it for the number of a vertex, which the cover stage's indirect draws leave at their first of 0.
+    // Without `VALIDATION_INDIRECT_CALL`: our own shaders write the draws, and checking each costs more than culling
+    // saves. Direct3D needs it for the number of a vertex, which the cover stage's indirect draws leave at their first
+    // of 0.
     descriptor.flags = if validation {
         InstanceFlags::VALIDATION
     } else {
@@ -167,7 +168,7 @@ impl Device {
         })
     }
 
-    /// How many hemicubes a call should bring so that submissions follow one another.
+    /// Number of hemicubes that a call should bring so that submissions follow one another.
     pub(crate) fn preferred_rows(&self) -> usize {
         4 * self.limits.batch as usize
     }

@@ -1,10 +1,10 @@
 //! Hemicubes rendered and reduced through wgpu: Vulkan, Metal or Direct3D 12, with one source and no `unsafe`.
 //!
-//! The stages are those of [`hemicube_shaders`], given to wgpu as WGSL. What the GL and Vulkan backends do by hand, wgpu does
-//! here: barriers between stages, memory, and checks of all that a shader reads or writes. It has no conditional drawing and
-//! hands out results of occlusion queries only through a buffer, which would take a round trip to the host for each
-//! hemicube: 18 ms of processor time on Mesa's software driver for a city of 144 000 triangles at N = 256, where finding
-//! what is hidden on the device, against a pyramid of depths, takes 10. So that is what is done.
+//! The stages are those of [`hemicube_shaders`], given to wgpu as WGSL. What the GL and Vulkan backends do by hand,
+//! wgpu does here: barriers between stages, memory, and checks of all that a shader reads or writes. It has no
+//! conditional drawing and hands out results of occlusion queries only through a buffer, which would take a round trip
+//! to the host for each hemicube: 18 ms of processor time on Mesa's software driver for a city of 144 000 triangles at
+//! N = 256, where finding what is hidden on the device, against a pyramid of depths, takes 10. So that is what is done.
 //!
 //! Options, `key=value,key=value`:
 //!
@@ -35,7 +35,6 @@ use hemicube_contract::backend::{
     BackendError, BackendInfo, Capabilities, Counters, Culling as Asked, Geometry, Hemicube, HemicubeBackend,
     RenderSettings, StageTimes,
 };
-use hemicube_contract::delta::is_resolution;
 use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::stage::binding as b;
@@ -194,7 +193,7 @@ struct Loaded {
     policy: Policy,
     /// The number of the last group of hemicubes.
     stamp: u32,
-    /// Whether the device's marks say that every chunk is drawn.
+    /// True if the device's marks say that every chunk is drawn.
     all_marked: bool,
     times: StageTimes,
 }
@@ -249,8 +248,8 @@ impl Session {
         })
     }
 
-    /// Ends the device as a driver's reset would: every call after it says that the device is lost. For tests of what goes
-    /// on after that.
+    /// Ends the device as a driver's reset would: every call after it says that the device is lost. For tests of what
+    /// goes on after that.
     pub fn lose_device(&self) {
         self.device.raw.destroy();
         // The callback that notes it runs while the device is asked.
@@ -269,8 +268,8 @@ impl Session {
         Side::new(&scene, &self.reduction, &self.view_layout, self.choice.wanted.timing)
     }
 
-    /// After a call that failed: what was on its way is not waited for, and the buffers that it may still hold are given up
-    /// for others. Where there are no others, the scene is no longer loaded.
+    /// After a call that failed: what was on its way is not waited for, and the buffers that it may still hold are
+    /// given up for others. Where there are no others, the scene is no longer loaded.
     fn give_up(&mut self) {
         let Some(mut loaded) = self.loaded.take() else { return };
         let side = || self.side(&loaded.store, &loaded.plan, &loaded.upload);
@@ -289,13 +288,7 @@ impl Session {
 }
 
 fn check(hemicubes: &[Hemicube], patch_count: u32) -> Result<(), BackendError> {
-    let wrong = hemicubes.iter().filter_map(|h| h.emitter).find(|p| p.0 >= patch_count);
-    wrong.map_or(Ok(()), |patch| {
-        Err(BackendError::InvalidArgument(format!(
-            "a hemicube of patch {} in a scene of {patch_count} patches",
-            patch.0
-        )))
-    })
+    hemicubes.iter().try_for_each(|hemicube| hemicube.check(patch_count))
 }
 
 impl Loaded {
@@ -388,8 +381,8 @@ impl Rest<'_> {
         (encoder, slots, cull)
     }
 
-    /// Two submissions are on the device at any time: when the first has counted its entries, they are asked for and the
-    /// third is sent, on the side of the first; only then the entries are waited for.
+    /// Two submissions are on the device at any time: when the first has counted its entries, they are asked for and
+    /// the third is sent, on the side of the first; only then the entries are waited for.
     fn rows(
         &mut self,
         scene: &Scene<'_>,
@@ -495,12 +488,7 @@ impl HemicubeBackend for Session {
 
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
         self.device.check()?;
-        if !is_resolution(settings.resolution) {
-            return Err(BackendError::InvalidArgument(format!(
-                "resolution {} is not a multiple of 16 from 16 to 1024",
-                settings.resolution
-            )));
-        }
+        settings.check()?;
         // What was loaded may take the room that this needs.
         self.loaded = None;
         let upload = upload::prepare(geometry)?;

@@ -1,4 +1,5 @@
-//! Draws ids and depths, and records what goes before and after into a submission, with the time that each stretch takes.
+//! Draws ids and depths, and records what goes before and after into a submission, with the time that each stretch
+//! takes.
 
 use crate::conv::{self, uses};
 use crate::cull::{self, Cull, Culling, SceneGroups};
@@ -126,7 +127,8 @@ impl Recorder<'_> {
         write(&mut pass);
     }
 
-    /// A pass that draws a layer, face by face: `write` is called with each, its view bound and its rows of the image set.
+    /// A pass that draws a layer, face by face: `write` is called with each, its view bound and its rows of the image
+    /// set.
     pub(crate) fn draw(
         &mut self,
         stretch: Stretch,
@@ -279,7 +281,7 @@ pub(crate) fn depth_test(compare: wgpu::CompareFunction) -> wgpu::DepthStencilSt
 pub(crate) struct Group {
     /// How many.
     pub(crate) layers: u32,
-    /// Whether some does not stand on its emitter.
+    /// True if one does not stand on its emitter.
     pub(crate) others: bool,
 }
 

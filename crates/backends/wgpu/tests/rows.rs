@@ -70,7 +70,7 @@ fn settings(resolution: u32, covered: bool) -> RenderSettings {
     }
 }
 
-/// Whether no more was read back than the entries and a constant for each submission of 16 hemicubes.
+/// Returns whether no more was read back than the entries and a constant for each submission of 16 hemicubes.
 fn few_bytes(counters: Counters, entries: usize, hemicubes: usize) -> bool {
     counters.bytes_read_back <= 16 * entries as u64 + 512 * hemicubes.div_ceil(16) as u64
 }

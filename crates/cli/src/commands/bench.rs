@@ -1,5 +1,5 @@
-//! `hemicube bench`: the study of Vázquez and Guartes 2017 once more, on this machine and its backends, and what it left
-//! open: mazes, open scenes, parameters that find themselves, error against rays.
+//! `hemicube bench`: the study of Vázquez and Guartes 2017 once more, on this machine and its backends, and what it
+//! left open: mazes, open scenes, parameters that find themselves, error against rays.
 //!
 //! Everything is a *cell*: a scene, a backend, a way. Cells are kept in `study.json` as they are measured; tables and
 //! pictures are made of what is there.

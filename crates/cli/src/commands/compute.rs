@@ -107,7 +107,8 @@ struct SlowestRow {
 struct Effort {
     /// Rows by the hemicubes they took.
     hemicubes: std::collections::BTreeMap<u32, u64>,
-    /// Rows by the rays and points their visible fractions took: up to this many, powers of 4, and more than the last before.
+    /// Rows by the rays and points their visible fractions took: up to this many, powers of 4, and more than the last
+    /// before.
     rays: std::collections::BTreeMap<u64, u64>,
 }
 
@@ -601,8 +602,8 @@ fn compute_into(
     Ok(exit)
 }
 
-/// Refuses a place that cannot become a store, before a large scene is read; makes the directory. The store's writer has
-/// the last word.
+/// Refuses a place that cannot become a store, before a large scene is read; makes the directory. The store's writer
+/// has the last word.
 fn check_place(directory: &Path) -> Result<()> {
     let shown = directory.display();
     match std::fs::metadata(directory) {

@@ -1,7 +1,7 @@
 //! `hemicube inspect`: what a scene is, what in it looks like a mistake, and what its matrix would cost.
 //!
-//! The forecast and the statistics come from the hemicubes of a random sample of patches; the forecast's time is the only
-//! figure that a clock enters.
+//! The forecast and the statistics come from the hemicubes of a random sample of patches; the forecast's time is the
+//! only figure that a clock enters.
 
 use crate::args::{Inspect as Arguments, Switch, Talk};
 use crate::enclosure;
@@ -421,8 +421,8 @@ fn forecast(model: &Model, arguments: &Arguments, backend: &mut dyn HemicubeBack
         visible.push(seen.len() as u64);
     }
     let patch_count = model.patches().len() as f64;
-    // The rows as `compute` makes them when nothing else is asked for. The first time fetches the scene into the caches,
-    // where a full run has it; the second is measured.
+    // The rows as `compute` makes them when nothing else is asked for. The first time fetches the scene into the
+    // caches, where a full run has it; the second is measured.
     let choice = RowChoice::Sample {
         count: FORECAST_ROWS,
         seed: arguments.seed,

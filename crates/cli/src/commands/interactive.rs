@@ -1,8 +1,8 @@
-//! `hemicube interactive`, which `hemicube` alone is on a terminal: asks what to do, shows the command line that does it, and
-//! runs that.
+//! `hemicube interactive`, which `hemicube` alone is on a terminal: asks what to do, shows the command line that does
+//! it, and runs that.
 //!
-//! Every command is a process of its own, of this program with the words that were shown: nothing can come of the dialogue
-//! that would not come of the command line. What is asked is in `dialogue`, how in `menus` and `lines`.
+//! Every command is a process of its own, of this program with the words that were shown: nothing can come of the
+//! dialogue that would not come of the command line. What is asked is in `dialogue`, how in `menus` and `lines`.
 //!
 //! `commands/interactive` asks and runs. `dialogue.rs` knows what is asked next and which command line comes of it; a
 //! front behind the trait `Ask` knows how (`menus.rs`, `lines.rs`); `settings.rs` holds choices above the layers of

@@ -1,5 +1,5 @@
-//! `hemicube manual` and `hemicube completions`: what a package of the program holds besides it, from the one definition of
-//! the command line.
+//! `hemicube manual` and `hemicube completions`: what a package of the program holds besides it, from the one
+//! definition of the command line.
 
 use crate::args::{Cli, Completions, Manual};
 use crate::exit::Exit;
@@ -25,7 +25,8 @@ fn literal(text: &str) -> String {
     lines
 }
 
-/// What stands below the options: sections, each with its name in a line of its own, or behind it the first of its lines.
+/// What stands below the options: sections, each with its name in a line of its own, or behind it the first of its
+/// lines.
 fn sections(text: &str) -> String {
     let mut page = String::new();
     let mut open = false;
@@ -55,8 +56,8 @@ const APOSTROPHE: &str = ".ie \\n(.g .ds Aq \\(aq\n.el .ds Aq '\n";
 /// A paragraph between two breaks, which typesetters complain of.
 const EMPTY_PARAGRAPH: &str = "\n.br\n\n.br\n";
 
-/// The page of a command: its definition, and its examples as they are in `--help`. Without a date: the same program has the
-/// same pages.
+/// The page of a command: its definition, and its examples as they are in `--help`. Without a date: the same program
+/// has the same pages.
 fn page(command: &Command) -> io::Result<(String, String)> {
     let below = command
         .get_after_long_help()

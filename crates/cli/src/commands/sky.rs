@@ -59,7 +59,8 @@ pub(crate) struct Arguments {
     /// Rows of points, too: a file with `x y z nx ny nz` a line, or columns of these names
     #[arg(long, value_name = "FILE")]
     pub(crate) points: Option<PathBuf>,
-    /// Which part of each patch sees these suns: a file with the direction `x y z` towards one a line, or columns of these names
+    /// Which part of each patch sees these suns: a file with the direction `x y z` towards one a line, or columns of
+    /// these names
     #[arg(long, value_name = "FILE")]
     pub(crate) suns: Option<PathBuf>,
     /// Refine each row until its sky view factor changes by no more than this share: 1%, 0.001
@@ -325,8 +326,8 @@ fn tell_of_points(arguments: &Arguments, points: usize, misplaced: &[Misplaced],
     }
 }
 
-/// What the matrix says of its hemicubes: n of the n² of each patch, the weight that escaped, and which share of the view that is
-/// of the whole patch.
+/// What the matrix says of its hemicubes: n of the n² of each patch, the weight that escaped, and which share of the
+/// view that is of the whole patch.
 struct OfMatrix {
     samples: Vec<u32>,
     escaped: Vec<Option<u64>>,

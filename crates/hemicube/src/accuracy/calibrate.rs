@@ -1,10 +1,10 @@
 //! What a tolerance takes on a given scene: the resolution and the effort, from a seeded sample of its rows.
 //!
 //! A few hundred rows from one hemicube each tell the norm that the tolerance is a share of; some dozens of them, held
-//! against rays, how far visible fractions from one hemicube are off in this scene ([`crate::accuracy::correct::Doubts`]). Then
-//! efforts, from the cheapest on, are tried on some rows against the same rows with a quarter of the tolerance: the first
-//! that keeps the tolerance with a margin is taken. Everything depends on the scene, the settings and the seed: never on a
-//! clock.
+//! against rays, how far visible fractions from one hemicube are off in this scene
+//! ([`crate::accuracy::correct::Doubts`]). Then efforts, from the cheapest on, are tried on some rows against the same
+//! rows with a quarter of the tolerance: the first that keeps the tolerance with a margin is taken. Everything depends
+//! on the scene, the settings and the seed: never on a clock.
 //!
 //! No settled tolerance in the store, because settling again from its seed comes to the same and takes seconds; a
 //! stored one would be a second truth.
@@ -54,7 +54,7 @@ pub struct Settled {
 }
 
 impl Settled {
-    /// Whether the tolerance is expected to be kept.
+    /// Returns whether the tolerance is expected to be kept.
     pub fn keeps(&self, tolerance: f64) -> bool {
         self.at_most <= tolerance
     }
@@ -78,8 +78,8 @@ const LEAST_ESTIMATE: f64 = 0.05;
 const MOST_ESTIMATE: f64 = 4.0;
 const SEED: u64 = 0x7E57_0F70;
 
-/// Effort and resolution, from the cheapest to the dearest. Even the cheapest looks for pairs that its hemicube missed: few
-/// rows of a scene have any, and a sample may have none of these.
+/// Effort and resolution, from the cheapest to the dearest. Even the cheapest looks for pairs that its hemicube missed:
+/// few rows of a scene have any, and a sample may have none of these.
 const RUNGS: [(f64, u32); 24] = [
     (8.0, 64),
     (4.0, 64),
@@ -113,8 +113,8 @@ type Row = Vec<(u32, f64)>;
 /// Finds what keeps `tolerance` over the rows of `emitters`. How it is run does not change it.
 ///
 /// # Errors
-/// When the backend fails or breaks the contract, and [`ComputeError::Cancelled`] when it is told to end: half of what is
-/// looked at is no answer.
+/// When the backend fails or breaks the contract, and [`ComputeError::Cancelled`] when it is told to end: half of what
+/// is looked at is no answer.
 pub fn settle(
     model: &Model,
     emitters: &[InputPatch],
@@ -216,7 +216,8 @@ pub fn settle(
     let numbered: Vec<usize> = (0..tried.len()).collect();
     let try_rung = |(effort, resolution): (f64, u32)| -> Result<Settled, ComputeError> {
         let refinement = priced(Refinement { effort, ..known })?;
-        // Where all pairs are measured, hemicubes only say what escapes and what is blocked, and no rung need save there.
+        // Where all pairs are measured, hemicubes only say what escapes and what is blocked, and no rung need save
+        // there.
         let resolution = if known.all { FINEST } else { resolution };
         let block = if resolution == 64 { &coarse } else { &fine };
         let found: Vec<(f64, f64)> = side_by_side(execution, refinement, &numbered, |refiner, n| {

@@ -2,15 +2,15 @@
 //!
 //! - *pixel*: F_ij = Σ visible weight. Aliasing falls with the resolution; that the emitter is a point does not.
 //! - *point*: F_ij = visible fraction × the closed form from the hemicube's centre.
-//! - *area*: F_ij = visible fraction × the closed form from the whole emitter, as symmetric as visibility allows. The few
-//!   pairs that one point is most wrong about are looked at by rays: patches that all but touch, seen or not, and large
-//!   ones that are partly seen.
+//! - *area*: F_ij = visible fraction × the closed form from the whole emitter, as symmetric as visibility allows. The
+//!   few pairs that one point is most wrong about are looked at by rays: patches that all but touch, seen or not, and
+//!   large ones that are partly seen.
 //! - *tolerance*: the area rung, with the visible fraction of all pairs whose penumbra matters measured by rays in the
 //!   shaft between the two patches ([`Refinement`]).
 //!
-//! The *visible fraction* is what a patch shows over what it would cover alone, by the same rasteriser. With K hemicubes a
-//! patch, fractions are averaged with the closed form from each centre as weight, for that is the share that each part of
-//! the emitter has in the whole.
+//! The *visible fraction* is what a patch shows over what it would cover alone, by the same rasteriser. With K
+//! hemicubes a patch, fractions are averaged with the closed form from each centre as weight, for that is the share
+//! that each part of the emitter has in the whole.
 
 use crate::Model;
 use crate::accuracy::grain::Grain;
@@ -87,8 +87,8 @@ impl Correction {
         }
     }
 
-    /// Builds now, and not with the first row, what a row of this looks things up in: a tree over the scene's surfaces and
-    /// one over its walls. They are kept with the scene, so that asking again costs nothing.
+    /// Builds now, and not with the first row, what a row of this looks things up in: a tree over the scene's surfaces
+    /// and one over its walls. They are kept with the scene, so that asking again costs nothing.
     pub fn prepare(&self, model: &Model) {
         if matches!(self, Self::Area(_) | Self::Tolerance(_)) {
             Tree::of(model.geometry());
@@ -99,12 +99,12 @@ impl Correction {
         }
     }
 
-    /// Whether much is known to escape from the scene, so that odd rows say little.
+    /// Returns whether much is known to escape from the scene, so that odd rows say little.
     pub(crate) fn is_in_the_open(&self) -> bool {
         matches!(self, Self::Tolerance(refinement) if refinement.open)
     }
 
-    /// Whether rows must carry covered weights.
+    /// Returns whether rows must carry covered weights.
     pub fn needs_covered(&self) -> bool {
         !matches!(self, Self::Pixel)
     }
@@ -122,12 +122,12 @@ pub(crate) struct Converted {
     pub(crate) rays: u64,
     /// Pairs of which a part only is visible, on rungs that know.
     pub(crate) partial: u64,
-    /// Whether the form factors and what was lost are so far from summing to 1 that the hemicubes cannot stand for the
+    /// True if the form factors and what was lost are so far from summing to 1 that the hemicubes cannot stand for the
     /// emitter.
     pub(crate) is_odd: bool,
     /// The share of the hemicubes that showed no receiving patch.
     pub(crate) lost: f64,
-    /// Whether its budget ended it before all was measured that was worth it.
+    /// True if its budget ended it before all was measured that was worth it.
     pub(crate) cut_short: bool,
 }
 
@@ -136,7 +136,7 @@ pub(crate) struct Converted {
 pub(crate) struct Attempt {
     pub(crate) is_first: bool,
     pub(crate) is_last: bool,
-    /// Whether the emitter is so large that it has several hemicubes in any case ([`crate::grain`]).
+    /// True if the emitter is so large that it has several hemicubes in any case ([`crate::grain`]).
     pub(crate) is_large: bool,
 }
 
@@ -194,15 +194,15 @@ impl<'c> Converter<'c> {
         }
     }
 
-    /// Whether nobody wants further rows.
+    /// Returns whether nobody wants further rows.
     pub(crate) fn is_cancelled(&self) -> bool {
         self.cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed))
     }
 
     /// Appends the columns and form factors of one row, and returns what it came to.
     ///
-    /// `hemicubes` and `rows` are the emitter's samples; `receives` says whether a patch has a column. A row that is odd is
-    /// left unfinished where another attempt follows, and is as good as this can be where it is the last.
+    /// `hemicubes` and `rows` are the emitter's samples; `receives` says whether a patch has a column. A row that is
+    /// odd is left unfinished where another attempt follows, and is as good as this can be where it is the last.
     #[allow(clippy::too_many_arguments, reason = "called once, from the driver's inner loop")]
     pub(crate) fn convert<'r>(
         &mut self,
@@ -249,8 +249,8 @@ impl<'c> Converter<'c> {
                 }
                 let per_area = self.exchange(model, emitter);
                 let shown = self.shown(per_area);
-                // Where backs are seen, the points may lie in a solid and agree with each other: rays from all over the patch
-                // know better what is lost; so they do where the points do not agree with the form factors.
+                // Where backs are seen, the points may lie in a solid and agree with each other: rays from all over the
+                // patch know better what is lost; so they do where the points do not agree with the form factors.
                 let backs = (sums.blocked + sums.unselected) as f64 / whole;
                 let asks = backs > BACKS || is_odd(shown) || self.is_lost_known(emitter);
                 let bound = if attempt.is_first {
@@ -334,8 +334,8 @@ impl<'c> Converter<'c> {
         }
     }
 
-    /// What of a row is no form factor, as right as its form factors, which sum to `factors`, have this error and may have their
-    /// sum `permitted` off.
+    /// What of a row is no form factor, as right as its form factors, which sum to `factors`, have this error and may
+    /// have their sum `permitted` off.
     fn refined(
         &mut self,
         model: &Model,
@@ -353,7 +353,7 @@ impl<'c> Converter<'c> {
             })
     }
 
-    /// Whether form factors that sum to this, and what rays find lost, are farther off 1 than `bound`.
+    /// Returns whether form factors that sum to this, and what rays find lost, are farther off 1 than `bound`.
     fn is_odd_by_rays(
         &mut self,
         model: &Model,
@@ -366,7 +366,7 @@ impl<'c> Converter<'c> {
         found.is_some_and(|found| (factors + found.shares.lost() - 1.0).abs() > bound)
     }
 
-    /// Whether rays were asked what this patch loses.
+    /// Returns whether rays were asked what this patch loses.
     fn is_lost_known(&self, emitter: InputPatch) -> bool {
         self.lost.is_some_and(|(patch, _)| patch == emitter)
     }
@@ -544,8 +544,8 @@ impl<'c> Converter<'c> {
         pairs.map(|pair| pair.fraction * pair.open).sum()
     }
 
-    /// Brings the refiner's row nearer to what it is known to sum to, if it is off by more than is permitted: by pairs that it
-    /// lacks, and if it `moves`, by those that are uncertain.
+    /// Brings the refiner's row nearer to what it is known to sum to, if it is off by more than is permitted: by pairs
+    /// that it lacks, and if it `moves`, by those that are uncertain.
     fn add_up_pairs(
         &mut self,
         model: &Model,
@@ -584,7 +584,7 @@ impl<'c> Converter<'c> {
         refined
     }
 
-    /// The same of the row in `patches`, `fractions` and `values`.
+    /// Likewise for the row in `patches`, `fractions` and `values`.
     fn add_up(
         &mut self,
         model: &Model,
@@ -626,8 +626,8 @@ impl<'c> Converter<'c> {
         refined
     }
 
-    /// What form factors that sum to `factors` lack of what they are known to sum to, negative if they have too much, and the
-    /// standard error of that; `None` where it is no more than is permitted.
+    /// What form factors that sum to `factors` lack of what they are known to sum to, negative if they have too much,
+    /// and the standard error of that; `None` where it is no more than is permitted.
     fn lacking(
         &mut self,
         model: &Model,
@@ -644,7 +644,7 @@ impl<'c> Converter<'c> {
         (lacking.abs() > ASKED * permitted).then(|| (lacking, found.error()))
     }
 
-    /// Whether rays are to say what a row loses whose form factors sum to `factors`.
+    /// Returns whether rays are to say what a row loses whose form factors sum to `factors`.
     fn asks(&self, emitter: InputPatch, seen: RowShares, factors: f64, permitted: f64) -> bool {
         let residual = (1.0 - factors - seen.lost()).abs();
         // Of a row in which only the sky is lost, the sum of the form factors says what the sky has.
@@ -654,12 +654,12 @@ impl<'c> Converter<'c> {
     }
 }
 
-/// How many standard errors of what is lost a row must lack, so that pairs are looked for.
+/// Number of standard errors of the lost share that a row must lack before pairs are looked for.
 const SURELY: f64 = 2.0;
 
 /// The part of the error that a row's sum may have from which on rays are asked what is lost.
 const ASKED: f64 = 0.75;
-/// How many times as much it must be where only the sky is lost.
+/// Factor on that part where only the sky is lost.
 const SURE: f64 = 4.0;
 /// What the sum of a row may be off by where no tolerance is asked for.
 const USUAL_SUM: f64 = 0.02;

@@ -1,8 +1,9 @@
 //! How many hemicubes a patch needs for its points to stand for it.
 //!
-//! One hemicube at the centroid stands for a patch that is as small as what it sees. On a ground of square kilometres with a
-//! city on it, the centroid may lie within a building, and whatever it sees, the rest of the ground sees something else. Such
-//! a patch gets n² hemicubes, one in each of n² equal parts of it: n² in proportion to the surfaces that stand on it.
+//! One hemicube at the centroid stands for a patch that is as small as what it sees. On a ground of square kilometres
+//! with a city on it, the centroid may lie within a building, and whatever it sees, the rest of the ground sees
+//! something else. Such a patch gets n² hemicubes, one in each of n² equal parts of it: n² in proportion to the
+//! surfaces that stand on it.
 
 use crate::Model;
 use crate::backend::Geometry;
@@ -61,8 +62,8 @@ impl Grain {
     }
 }
 
-/// How many surfaces, small beside the patch, have their middle above it, no farther from it than it is large; at most
-/// [`ENOUGH`].
+/// Number of surfaces, small beside the patch, that have their middle above it, no farther from it than it is large; at
+/// most [`ENOUGH`].
 fn standing_on(tree: &Tree, patch: InputPatch, corners: &[DVec3; 3]) -> usize {
     let [a, b, c] = *corners;
     let cross = (b - a).cross(c - a);

@@ -1,8 +1,9 @@
 //! What a patch loses, by rays: to the outside, to backs of one-sided patches, to patches without a column.
 //!
-//! Hemicubes know it from a point. Where a patch reaches out of a solid, or is large, no point stands for it, and form factors
-//! of the whole patch do not say which of the three their sum lacks. Rays from all over the patch do: n of them, cosine
-//! distributed (Malley's method) at points of a scrambled Sobol sequence, leave X (1 − X) n^(−5/4) of a share X's variance.
+//! Hemicubes know it from a point. Where a patch reaches out of a solid, or is large, no point stands for it, and form
+//! factors of the whole patch do not say which of the three their sum lacks. Rays from all over the patch do: n of
+//! them, cosine distributed (Malley's method) at points of a scrambled Sobol sequence, leave X (1 − X) n^(−5/4) of a
+//! share X's variance.
 
 use crate::Model;
 use crate::bvh::{Block, LANES, Tree, UNUSED};
@@ -35,7 +36,7 @@ pub(crate) fn error(variance: f64, count: usize) -> f64 {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lost {
     pub(crate) shares: RowShares,
-    /// How many rays.
+    /// Number of rays.
     pub(crate) rays: usize,
 }
 
@@ -54,8 +55,8 @@ impl Lost {
     }
 }
 
-/// Measures what a patch loses: by 256 rays, and by twice as many until no share has a standard error much above `permitted`,
-/// or 16,384 were cast. `receives` says whether a patch has a column. Nothing for a patch without area.
+/// Measures what a patch loses: by 256 rays, and by twice as many until no share has a standard error much above
+/// `permitted`, or 16,384 were cast. `receives` says whether a patch has a column. Nothing for a patch without area.
 pub(crate) fn measure(
     model: &Model,
     emitter: InputPatch,
@@ -113,8 +114,9 @@ struct Met {
     corners: [DVec3; 3],
 }
 
-/// The id seen where a segment first meets a triangle that rises above the plane n · p = d; of triangles that lie in one plane
-/// at one place, as the walls of neighbouring buildings do, the smallest: ids of patches are smaller than that of backs.
+/// The id seen where a segment first meets a triangle that rises above the plane n · p = d; of triangles that lie in
+/// one plane at one place, as the walls of neighbouring buildings do, the smallest: ids of patches are smaller than
+/// that of backs.
 fn first_met(tree: &Tree, start: DVec3, end: DVec3, plane: ([f64; 3], f64), pending: &mut Vec<u32>) -> Option<u32> {
     let along = end - start;
     let mut segment = Segment::new(start, end, tree.plane_tolerance);
@@ -167,7 +169,7 @@ fn first_met(tree: &Tree, start: DVec3, end: DVec3, plane: ([f64; 3], f64), pend
 }
 
 impl Met {
-    /// How far apart along the segment, as a share of it, surfaces in one plane may appear.
+    /// Distance along the segment, as a share of it, within which surfaces of one plane may appear.
     fn tie(&self, along: DVec3, tolerance: f64) -> f64 {
         let across = self.normal().dot(along).abs();
         4.0 * tolerance / across.max(1e-4 * along.length())
@@ -178,7 +180,7 @@ impl Met {
         (b - a).cross(c - a).normalize_or_zero()
     }
 
-    /// Whether one of two triangles lies in the plane of the other.
+    /// Returns whether one of two triangles lies in the plane of the other.
     fn is_in_plane_with(&self, other: &Self, tolerance: f64) -> bool {
         let lies_in = |p: &Self, q: &Self| {
             let normal = q.normal();
@@ -190,8 +192,8 @@ impl Met {
     }
 }
 
-/// Where the segment crosses each of 16 triangles, as a share of its length: negative where it comes from the side on which
-/// determinants are positive; infinite where it does not.
+/// Where the segment crosses each of 16 triangles, as a share of its length: negative where it comes from the side on
+/// which determinants are positive; infinite where it does not.
 #[inline(always)]
 fn places(
     block: &Block,
@@ -342,7 +344,8 @@ mod tests {
         assert!(found.rays <= 1024, "{found:?}");
     }
 
-    /// Walls of neighbouring buildings, a rounding apart: each is seen from its own side, whichever is the nearer by rounding.
+    /// Walls of neighbouring buildings, a rounding apart: each is seen from its own side, whichever is the nearer by
+    /// rounding.
     #[test]
     fn of_coincident_walls_the_front_is_seen() {
         let p = DVec3::new;

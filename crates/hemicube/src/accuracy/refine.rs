@@ -1,25 +1,25 @@
 //! Rows to a tolerance: effort goes where the error is.
 //!
-//! A row begins with one hemicube at the centroid and the area-to-area closed form of every pair. What is wrong then is the
-//! visible fraction of some pairs, and few of them matter. Candidates are what the hemicube saw and what it did not see but
-//! could be large ([`Candidates`]). Each has a doubt, the mean squared error that fractions are known to have in such a case;
-//! those whose doubt hardly matters for the row keep their fraction. For the others the shaft between the two patches is
-//! listed: an empty one proves that all is visible, one blocked by a single triangle that nothing is. A few rays tell how
-//! the rest stand, and then each pair gets rays in proportion to its part in the error, or is measured exactly from points
-//! ([`Clipper`]) where that is cheaper.
+//! A row begins with one hemicube at the centroid and the area-to-area closed form of every pair. What is wrong then is
+//! the visible fraction of some pairs, and few of them matter. Candidates are what the hemicube saw and what it did not
+//! see but could be large ([`Candidates`]). Each has a doubt, the mean squared error that fractions are known to have
+//! in such a case; those whose doubt hardly matters for the row keep their fraction. For the others the shaft between
+//! the two patches is listed: an empty one proves that all is visible, one blocked by a single triangle that nothing
+//! is. A few rays tell how the rest stand, and then each pair gets rays in proportion to its part in the error, or is
+//! measured exactly from points ([`Clipper`]) where that is cheaper.
 //!
-//! Errors of different pairs are independent, so squares add up. Let one unit of squared error be worth μ rays, the same
-//! all over the scene. n rays of a sequence that fills four dimensions evenly leave z² s² n^(−5/4) of a pair with the stake z and
-//! the spread s, so that the pair gets n = (5/4 μ z² s²)^(4/9) of them; one whose doubt is d is left as it is where μ z² d is
-//! less than the shaft and its rays would cost. μ follows from the error that is asked for, over a sample of the scene's rows
-//! ([`Refinement::priced`]).
+//! Errors of different pairs are independent, so squares add up. Let one unit of squared error be worth μ rays, the
+//! same all over the scene. n rays of a sequence that fills four dimensions evenly leave z² s² n^(−5/4) of a pair with
+//! the stake z and the spread s, so that the pair gets n = (5/4 μ z² s²)^(4/9) of them; one whose doubt is d is left as
+//! it is where μ z² d is less than the shaft and its rays would cost. μ follows from the error that is asked for, over
+//! a sample of the scene's rows ([`Refinement::priced`]).
 //!
-//! Where no tolerance is asked for, the same is done for the few pairs that are most of what a row may be off by: those that
-//! touch or all but touch, and large ones that are partly seen ([`Refiner::mend`]).
+//! Where no tolerance is asked for, the same is done for the few pairs that are most of what a row may be off by: those
+//! that touch or all but touch, and large ones that are partly seen ([`Refiner::mend`]).
 //!
-//! The stake is what the pair's visible fraction moves in both its rows: z² = (F_ij² + F_ji²) / 2. Spread, rays and points
-//! are the same in both directions, and so is the fraction that is measured, to the bit: what is not reciprocal is what one
-//! of the two rows leaves as its centroid has it.
+//! The stake is what the pair's visible fraction moves in both its rows: z² = (F_ij² + F_ji²) / 2. Spread, rays and
+//! points are the same in both directions, and so is the fraction that is measured, to the bit: what is not reciprocal
+//! is what one of the two rows leaves as its centroid has it.
 //!
 //! No table of fractions shared between rows, because rows would then depend on each other. Instead a pair's samples
 //! and their number follow from what is the same in both directions, and so does the fraction.
@@ -41,7 +41,7 @@ use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How far the visible fractions of a row are refined.
+/// Extent to which the visible fractions of a row are refined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refinement {
     /// The relative Frobenius error to aim at.
@@ -52,21 +52,23 @@ pub struct Refinement {
     pub effort: f64,
     /// The mean of Σ F² over the scene's rows; 0 where it is not known.
     ///
-    /// The tolerance is for the matrix, not for each row: half of what a row may err by is in proportion to itself, half is
-    /// the same for all, so that rows with next to nothing in them get next to no rays.
+    /// The tolerance is for the matrix, not for each row: half of what a row may err by is in proportion to itself,
+    /// half is the same for all, so that rows with next to nothing in them get next to no rays.
     pub mean_squared_norm: f64,
-    /// How many rays a unit of squared error is worth; 0 where it is not known, and each row finds its own price.
+    /// Number of rays that a unit of squared error is worth; 0 where it is not known, and each row finds its own price.
     pub price: f64,
-    /// How far a fraction that one hemicube has may be off.
+    /// Error bound of a fraction that one hemicube has.
     pub doubts: Doubts,
-    /// How large the squared error of rows is as a multiple of what doubts and rays let expect: found on rows that were tried.
+    /// How large the squared error of rows is as a multiple of what doubts and rays let expect: found on rows that were
+    /// tried.
     pub estimate: f32,
-    /// Whether all pairs are measured, and none stays as the centroid has it: for scenes so small that it takes no time.
+    /// Whether all pairs are measured, and none stays as the centroid has it: for scenes so small that it takes no
+    /// time.
     pub all: bool,
-    /// Whether each pair is to have the tolerance by itself: for scenes so small that all pairs can be looked at.
+    /// True if each pair is to have the tolerance by itself: for scenes so small that all pairs can be looked at.
     pub each: bool,
-    /// Whether much of what leaves the scene's patches meets nothing. Where little does, the sums of rows are known, and one that
-    /// is off by more than the tolerance is done again with care.
+    /// Whether much of what leaves the scene's patches meets nothing. Where little does, the sums of rows are known,
+    /// and one that is off by more than the tolerance is done again with care.
     pub open: bool,
 }
 
@@ -178,7 +180,8 @@ fn price_of<'a>(stakes: impl Iterator<Item = &'a Stake> + Clone, budget: f64, wo
     high
 }
 
-/// Mean squared errors of visible fractions from one hemicube at the centroid, by what it says and by how near the pair is.
+/// Mean squared errors of visible fractions from one hemicube at the centroid, by what it says and by how near the pair
+/// is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doubts([[f32; NEARNESSES]; CLASSES]);
 
@@ -193,8 +196,8 @@ const NEARLY: f64 = 0.85;
 const NEARNESSES: usize = 8;
 
 impl Default for Doubts {
-    /// What rooms, cities and machines have, on the large side: a pair that a sample of rows did not meet is rare, and not
-    /// known to be harmless.
+    /// What rooms, cities and machines have, on the large side: a pair that a sample of rows did not meet is rare, and
+    /// not known to be harmless.
     fn default() -> Self {
         Self([
             [0.08, 0.06, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05],
@@ -207,8 +210,8 @@ impl Default for Doubts {
 }
 
 impl Doubts {
-    /// What rows of a block city, uncut and cut, and of a real tile, uncut and cut, were found to have, by F² and rounded: where
-    /// no sample of the scene's rows is held against rays.
+    /// What rows of a block city, uncut and cut, and of a real tile, uncut and cut, were found to have, by F² and
+    /// rounded: where no sample of the scene's rows is held against rays.
     pub(crate) fn found() -> Self {
         Self([
             [0.01, 0.008, 0.006, 0.005, 0.004, 0.004, 0.004, 0.004],
@@ -256,8 +259,8 @@ impl Kind {
         }
     }
 
-    /// Pairs that are off together where one point stands badly for a patch: those of a class, and of unseen ones, which may
-    /// be near neighbours or a whole street, those that are about as near.
+    /// Pairs that are off together where one point stands badly for a patch: those of a class, and of unseen ones,
+    /// which may be near neighbours or a whole street, those that are about as near.
     fn group(self) -> usize {
         match (usize::from(self.class), self.nearness) {
             (UNSEEN, 0) => CLASSES,
@@ -385,7 +388,8 @@ struct Found {
 }
 
 impl Found {
-    /// How much larger the group's doubts are in this row than elsewhere: what is usual counts as much as what was found.
+    /// How much larger the group's doubts are in this row than elsewhere: what is usual counts as much as what was
+    /// found.
     fn larger(self) -> f64 {
         if self.expected > 0.0 {
             (0.5 + 0.5 * self.squared / self.expected).max(1.0)
@@ -402,14 +406,15 @@ pub(crate) struct Mended<'r> {
     pub(crate) fractions: &'r mut Vec<f64>,
     /// A_i F_ij if all were visible.
     pub(crate) exchanges: &'r mut Vec<f64>,
-    /// How many hemicubes.
+    /// Number of hemicubes.
     pub(crate) samples: usize,
-    /// Whether they are so many for the patch's size ([`crate::grain`]).
+    /// True if they are so many for the patch's size ([`crate::grain`]).
     pub(crate) is_large: bool,
 }
 
 impl Mended<'_> {
-    /// How many times as much work as a row of one hemicube it is worth: the hemicubes along an edge, or a quarter of all of them.
+    /// How many times as much work as a row of one hemicube it is worth: the hemicubes along an edge, or a quarter of
+    /// all of them.
     fn worth(&self) -> u64 {
         self.samples.isqrt().max(self.samples / 4) as u64
     }
@@ -458,9 +463,9 @@ pub(crate) struct Refined {
     pub(crate) rays: u64,
     pub(crate) points: u64,
     pub(crate) shafts: u64,
-    /// What it took, in steps (`shaft.rs`).
+    /// Cost, in steps (`shaft.rs`).
     pub(crate) steps: u64,
-    /// Whether the row's budget ended it before all was measured that was worth it.
+    /// True if the row's budget ended it before all was measured that was worth it.
     pub(crate) cut_short: bool,
 }
 
@@ -478,8 +483,8 @@ impl Refined {
 
 /// The share of the squared error for visible fractions.
 const SHARE: f64 = 0.8;
-/// The share of its part of the squared error that a row may have from pairs that stay as the centroid has them: doubts are
-/// what is usual, and where one point stands badly for a patch, all of its pairs are off at once.
+/// The share of its part of the squared error that a row may have from pairs that stay as the centroid has them: doubts
+/// are what is usual, and where one point stands badly for a patch, all of its pairs are off at once.
 const ROUGH_SHARE: f64 = 0.5;
 /// The standard error of a row's sum in tolerances, at most.
 const ROW_SUM: f64 = 0.33;
@@ -506,7 +511,7 @@ const MOST_POINTS: usize = 6_000;
 const MOST_POINTS_EACH: usize = 20_000;
 /// Pairs of each group that are measured in any case, at most.
 const PROBES: f64 = 6.0;
-/// How often what was found may lead to more.
+/// Number of times that what was found may lead to more.
 const PASSES: usize = 4;
 /// From this nearness on, the middles of two patches tell their factor well enough to see whether it matters.
 const FAR: u8 = 3;
@@ -539,7 +544,7 @@ impl<'c> Refiner<'c> {
         }
     }
 
-    /// Whether each pair is measured to the tolerance by itself: nothing of a row is unseen or uncertain then.
+    /// Returns whether each pair is measured to the tolerance by itself: nothing of a row is unseen or uncertain then.
     pub(crate) fn measures_each(&self) -> bool {
         self.refinement.each
     }
@@ -566,10 +571,9 @@ impl<'c> Refiner<'c> {
         self.refinement = refinement;
     }
 
-    /// Refines a row: `seen` are the patches that its hemicubes saw, ascending, with their visible fractions; whether it is that of
-    /// a large patch.
-    /// Afterwards `pairs` is the row, ascending. Where it is the row of the last emitter again, with more hemicubes, what was
-    /// measured of it is not measured again.
+    /// Refines a row: `seen` are the patches that its hemicubes saw, ascending, with their visible fractions; whether
+    /// it is that of a large patch. Afterwards `pairs` is the row, ascending. Where it is the row of the last emitter
+    /// again, with more hemicubes, what was measured of it is not measured again.
     pub(crate) fn row(
         &mut self,
         model: &Model,
@@ -623,12 +627,12 @@ impl<'c> Refiner<'c> {
         self.unseen.clear();
     }
 
-    /// Looks again at those pairs of a row that are a good part of what it may be off by, with the doubts that pairs were
-    /// found to have elsewhere, and adds those of them that no hemicube saw.
+    /// Looks again at those pairs of a row that are a good part of what it may be off by, with the doubts that pairs
+    /// were found to have elsewhere, and adds those of them that no hemicube saw.
     ///
-    /// A pair is worth it from a share of √Σ F² on: of a row that sees little, of what it would be if it saw as much as it
-    /// can, on half the way there (the geometric mean), for it has the smaller part in the matrix. Of n hemicubes less is
-    /// expected to be wrong: there the share is a √n-th of that.
+    /// A pair is worth it from a share of √Σ F² on: of a row that sees little, of what it would be if it saw as much as
+    /// it can, on half the way there (the geometric mean), for it has the smaller part in the matrix. Of n hemicubes
+    /// less is expected to be wrong: there the share is a √n-th of that.
     pub(crate) fn mend(
         &mut self,
         model: &Model,
@@ -790,8 +794,8 @@ impl<'c> Refiner<'c> {
         }));
     }
 
-    /// What a squared error is worth in this row: what it is all over the scene, or more where the row by itself would be
-    /// too far off. And the z √d from which on pairs are measured.
+    /// What a squared error is worth in this row: what it is all over the scene, or more where the row by itself would
+    /// be too far off. And the z √d from which on pairs are measured.
     fn price(&self, budget: f64) -> (f64, f64) {
         let worth = self.refinement.worth();
         let mut price = self.refinement.price;
@@ -1032,8 +1036,8 @@ impl<'c> Refiner<'c> {
         most_steps: u64,
         refined: &mut Refined,
     ) {
-        // Doubts of the groups in this row: where one point stands badly for a patch, all that it says is off at once. So
-        // some pairs of each group are tried in any case, and where they are off, so may be others.
+        // Doubts of the groups in this row: where one point stands badly for a patch, all that it says is off at once.
+        // So some pairs of each group are tried in any case, and where they are off, so may be others.
         let mut found = [Found::default(); GROUPS];
         self.is_measured.clear();
         self.is_measured.resize(self.pairs.len(), false);
@@ -1184,8 +1188,8 @@ impl<'c> Refiner<'c> {
             let spread = (smooth * (1.0 - smooth)).sqrt();
             let mut wanted = rays_for((spread * exchanged).powi(2) * price, ray);
             if self.refinement.all {
-                // A row's sum may be off by what a few dozen such pairs leave, even where their first rays agree by chance. The
-                // larger factor of the two is at most √2 z.
+                // A row's sum may be off by what a few dozen such pairs leave, even where their first rays agree by
+                // chance. The larger factor of the two is at most √2 z.
                 let larger = std::f64::consts::SQRT_2 * exchanged;
                 let error = PAIRS_OF_A_SUM * larger * spread.max(LEAST_SPREAD) / (ROW_SUM * self.refinement.tolerance);
                 wanted = wanted.max(error * error / SUM_GAIN);
@@ -1213,7 +1217,8 @@ impl<'c> Refiner<'c> {
                 reason = "clamped, then a number of rays"
             )]
             let wanted = (wanted.clamp(0.0, MOST_RAYS) as usize).next_multiple_of(RAYS);
-            // No more than a few times as many at once: most of those that the first are in doubt about, the next settle.
+            // No more than a few times as many at once: most of those that the first are in doubt about, the next
+            // settle.
             if wanted <= rays || next >= wanted {
                 break (rays, spread);
             }
@@ -1256,14 +1261,14 @@ const SURVEYED: f64 = 16.0;
 /// Rays at each of them.
 const SURVEY_RAYS: usize = 512;
 
-/// What so many rays of a sequence leave of a squared spread of 1, where independent ones would leave 1/n: about so between
-/// pairs that matter to their rows, near and far (`rays_leave_less_than_independent_ones`).
+/// What so many rays of a sequence leave of a squared spread of 1, where independent ones would leave 1/n: about so
+/// between pairs that matter to their rows, near and far (`rays_leave_less_than_independent_ones`).
 fn left_by(rays: f64) -> f64 {
     1.0 / (rays * rays.sqrt().sqrt())
 }
 
-/// So many rays, each as dear as `ray` usual ones, that what they cost and what they leave of a squared error, which is worth
-/// `worth` usual rays, come to the least.
+/// So many rays, each as dear as `ray` usual ones, that what they cost and what they leave of a squared error, which is
+/// worth `worth` usual rays, come to the least.
 fn rays_for(worth: f64, ray: f64) -> f64 {
     // To the power of 7/16, for 4/9: roots have the same bits everywhere.
     let fourth = (1.25 * worth / ray).sqrt().sqrt();

@@ -9,21 +9,22 @@
 //!             tᵢ = 1 − escapedᵢ − blockedᵢ for closure; otherwise what row i summed to before the drop
 //! ```
 //!
-//! A patch that is small sees another better from its one hemicube than the large one sees it: hence the weights. A pair
-//! that only one of the two rows has is averaged with the other row's 0: both rows are observations of the pair, and one
-//! of them saw nothing.
+//! A patch that is small sees another better from its one hemicube than the large one sees it: hence the weights. A
+//! pair that only one of the two rows has is averaged with the other row's 0: both rows are observations of the pair,
+//! and one of them saw nothing.
 //!
 //! The scaling is that of Sinkhorn & Knopp (1967) in its symmetric form, S' = D S D (Csima & Datta 1972); van Leersum
-//! (1989) and Lawson (1995) scale or smooth view factors for the same purpose. It is found by minimising
-//! ½ Σ dᵢ Sᵢⱼ dⱼ − Σ Aᵢ tᵢ ln dᵢ, convex in ln d, one dᵢ = Aᵢ tᵢ / Σⱼ Sᵢⱼ dⱼ after the other, in the processing order. No
-//! scaling reaches the sums where they contradict the entries: a patch that sees one other only, and that one less of it;
-//! or, far more often, a tᵢ that is wrong, because one hemicube at a centroid lost what most of the patch sees. Unbounded d
+//! (1989) and Lawson (1995) scale or smooth view factors for the same purpose. It is found by minimising ½ Σ dᵢ Sᵢⱼ dⱼ
+//! − Σ Aᵢ tᵢ ln dᵢ, convex in ln d, one dᵢ = Aᵢ tᵢ / Σⱼ Sᵢⱼ dⱼ after the other, in the processing order. No scaling
+//! reaches the sums where they contradict the entries: a patch that sees one other only, and that one less of it; or,
+//! far more often, a tᵢ that is wrong, because one hemicube at a centroid lost what most of the patch sees. Unbounded d
 //! would spoil all entries around such a row, so every dᵢ stays within a bound, and rows that want more are counted.
 //!
-//! **What it is for.** Solvers that need energy to balance. It adds nothing that the hemicubes did not see: sums of pixels
-//! come nearer to the reference by it. What a corrected row loses is refined with it
-//! ([`RowShares`]), so that in the open tᵢ is what the row sums to already, and exact factors stay as
-//! they are; where nothing is lost, tᵢ = 1 moves all of the row alike, and usually away from the reference. `what_balancing_does_to_the_error` in tests/tests/balance.rs measures it.
+//! **What it is for.** Solvers that need energy to balance. It adds nothing that the hemicubes did not see: sums of
+//! pixels come nearer to the reference by it. What a corrected row loses is refined with it ([`RowShares`]), so that in
+//! the open tᵢ is what the row sums to already, and exact factors stay as they are; where nothing is lost, tᵢ = 1 moves
+//! all of the row alike, and usually away from the reference. `what_balancing_does_to_the_error` in
+//! tests/tests/balance.rs measures it.
 //!
 //! Without reciprocity and closure rows stay on their own: entries below the least factor go, and the others of the row
 //! share what it lost in proportion. A row whose entries would grow beyond the bound keeps everything.
@@ -32,9 +33,10 @@
 //!
 //! **Out of core.** In memory are some vectors of one number a patch and one part. A row needs its column: entries are
 //! dealt out into a file beside the result, one run for each part that holds the column's row (`exchange`), which costs
-//! one write and one read of 12 bytes an entry. Passes over the store for one block of columns each would need no disk, but
-//! as many reads of the whole matrix as it is larger than memory. The symmetric matrix is a second such file of 8 bytes an
-//! entry, read once a sweep (`symmetric`). Everything runs in one thread and one order: equal input gives equal bytes.
+//! one write and one read of 12 bytes an entry. Passes over the store for one block of columns each would need no disk,
+//! but as many reads of the whole matrix as it is larger than memory. The symmetric matrix is a second such file of 8
+//! bytes an entry, read once a sweep (`symmetric`). Everything runs in one thread and one order: equal input gives
+//! equal bytes.
 
 mod exchange;
 mod residual;
@@ -66,8 +68,9 @@ pub struct BalanceOptions {
     pub reciprocity: bool,
     /// Leave out form factors below this, and give what a row loses to its other entries; 0: leave out none.
     pub min_factor: f64,
-    /// By how much a row may be scaled up or down, and so an entry by the square of it. A row that wants more has a wrong
-    /// sum or lacks entries, and scaling would spoil the other rows for it: it stays at the bound, and is counted.
+    /// By how much a row may be scaled up or down, and so an entry by the square of it. A row that wants more has a
+    /// wrong sum or lacks entries, and scaling would spoil the other rows for it: it stays at the bound, and is
+    /// counted.
     pub max_scale: f64,
     /// When the sweeps end: no dᵢ changes by more than this share, so that no row is off by more.
     pub tolerance: f64,
@@ -150,8 +153,8 @@ pub struct BalanceReport {
 /// # Errors
 /// [`Error::Unsupported`] for a matrix that cannot be balanced as asked: incomplete; or, for closure and reciprocity,
 /// without a row or a column for every patch, or with patches without area. [`Error::Refused`] for options that make no
-/// sense. [`Error::DiskTooSmall`] before anything is written, [`Error::NoSpace`] after; otherwise what reading and writing
-/// give. After an error the result is not there or, by its manifest, not complete.
+/// sense. [`Error::DiskTooSmall`] before anything is written, [`Error::NoSpace`] after; otherwise what reading and
+/// writing give. After an error the result is not there or, by its manifest, not complete.
 ///
 /// ```
 /// use hemicube::analysis::balance::{BalanceOptions, balance};

@@ -27,7 +27,8 @@ use std::path::PathBuf;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CheckOptions {
     /// Bound on the closure error of a row; `None` for 1e-6 and the value error of the store's form where form factors
-    /// are sums of pixels, and to report it only where they are not: there it is a measure of their error, which nothing has promised.
+    /// are sums of pixels, and to report it only where they are not: there it is a measure of their error, which
+    /// nothing has promised.
     pub closure: Option<f64>,
     /// Bound on the fraction of a row that escapes, for scenes that are closed; `None` to report it only.
     pub escaped: Option<f64>,
@@ -35,9 +36,10 @@ pub struct CheckOptions {
     pub reciprocity: Option<f64>,
     /// Matrices of no more entries are held in memory to measure reciprocity, at 8 bytes each.
     pub entries_in_memory: u64,
-    /// How many pairs of entries may be looked up to measure reciprocity in a matrix that is too large for memory.
+    /// Number of pairs of entries that may be looked up to measure reciprocity in a matrix that is too large for
+    /// memory.
     pub reciprocity_pairs: u64,
-    /// How many rows with the largest closure error are named.
+    /// Number of rows with the largest closure error that are named.
     pub worst_rows: usize,
     /// Accept a store of which parts are missing.
     pub allow_incomplete: bool,
@@ -64,8 +66,8 @@ impl Default for CheckOptions {
 pub enum Check {
     /// Every part is there.
     Complete,
-    /// The files are as they were written, and what every reader relies on: rows of patches that have no other, areas above 0,
-    /// unit normals.
+    /// The files are as they were written, and what every reader relies on: rows of patches that have no other, areas
+    /// above 0, unit normals.
     Files,
     /// The totals of the manifest are those of the parts.
     Manifest,
@@ -115,7 +117,7 @@ pub struct EntriesPerRow {
     pub max: u64,
 }
 
-/// How far from 1 the rows sum.
+/// Distance of the rows' sums from 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Closure {
     /// Largest error of a row.
@@ -128,12 +130,12 @@ pub struct Closure {
     pub rows: u64,
 }
 
-/// How far A_i F_ij and A_j F_ji are apart.
+/// Difference of A_i F_ij and A_j F_ji.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Reciprocity {
     /// √(Σ (A_i F_ij − A_j F_ji)²) / √(Σ (A_i F_ij)²).
     pub residual: f64,
-    /// How many ordered pairs were compared.
+    /// Number of ordered pairs that were compared.
     pub pairs: u64,
     /// From how many rows they are: all, or evenly spaced ones.
     pub rows: u64,
@@ -162,11 +164,11 @@ pub struct WorstRow {
 pub struct CheckReport {
     /// The store.
     pub store: PathBuf,
-    /// Whether nothing failed.
+    /// True if nothing failed.
     pub ok: bool,
     /// What failed.
     pub failures: Vec<Failure>,
-    /// Whether every part is there.
+    /// True if every part is there.
     pub complete: bool,
     /// Patches of the scene.
     pub patch_count: u32,
@@ -194,9 +196,9 @@ pub struct CheckReport {
     pub unselected: f64,
     /// Rows that lost anything to the back of a one-sided patch.
     pub blocked_rows: u64,
-    /// How far from 1 the rows sum.
+    /// Distance of the rows' sums from 1.
     pub closure: Closure,
-    /// How far A_i F_ij and A_j F_ji are apart.
+    /// Difference of A_i F_ij and A_j F_ji.
     pub reciprocity: Reciprocity,
     /// The rows with the largest closure error, largest first.
     pub worst_rows: Vec<WorstRow>,
@@ -205,7 +207,8 @@ pub struct CheckReport {
     pub sky: Option<SkyCheck>,
 }
 
-/// Checks a store. A damaged file, as far as it can be told apart from a store that is none, is a failure in the report.
+/// Checks a store. A damaged file, as far as it can be told apart from a store that is none, is a failure in the
+/// report.
 ///
 /// # Errors
 /// [`Error::Io`] when a file cannot be read at all.
@@ -483,8 +486,8 @@ impl Tally {
         let row_sum: f64 = factors.iter().map(|&factor| f64::from(factor)).sum();
         let whole = whole as f64;
         let visible = sums.visible as f64 / whole;
-        // Half a unit in the last place of each factor, every time that it was rounded; then what f64 loses in the sum, and
-        // in factors below f32's normal range.
+        // Half a unit in the last place of each factor, every time that it was rounded; then what f64 loses in the sum,
+        // and in factors below f32's normal range.
         let bound = visible * self.rounding + factors.len() as f64 * 1e-16;
         let is_off = (row_sum - visible).abs() > bound || row_sum.is_nan();
         if self.is_pixel && is_off {

@@ -49,7 +49,7 @@ pub struct OverRows {
     pub mean: f64,
 }
 
-/// How far a matrix is from a reference. All zero when they are equal.
+/// Distance of a matrix from a reference. All zero when they are equal.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
     /// The matrix, a.
@@ -58,8 +58,8 @@ pub struct Comparison {
     pub reference: PathBuf,
     /// Rows and columns of both.
     pub patch_count: u32,
-    /// Rows that both have. Only a store tells whether a row was computed; in a file an empty row counts as one that was
-    /// not, unless it is empty in both.
+    /// Rows that both have. Only a store tells whether a row was computed; in a file an empty row counts as one that
+    /// was not, unless it is empty in both.
     pub rows_compared: u64,
     /// Rows with entries that the reference does not have.
     pub rows_only_in_matrix: u64,
@@ -91,13 +91,13 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Whether no entry differs, and neither has rows that the other has not.
+    /// Returns whether no entry differs, and neither has rows that the other has not.
     pub fn is_equal(&self) -> bool {
         self.worst_entry.is_none() && self.rows_only_in_matrix == 0 && self.rows_only_in_reference == 0
     }
 }
 
-/// How far one row is from the reference's.
+/// Distance of one row from the reference's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RowDifference {
     /// The row, an input patch.

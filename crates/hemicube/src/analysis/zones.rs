@@ -4,8 +4,8 @@
 //! F_IJ = Σ_{i∈I} A_i Σ_{j∈J} F_ij / Σ_{i∈I} A_i
 //! ```
 //!
-//! (Siegel & Howell 2002, *Thermal Radiation Heat Transfer*, view-factor algebra). The sums are of what is stored: where
-//! patches are reciprocal and closed, zones are.
+//! (Siegel & Howell 2002, *Thermal Radiation Heat Transfer*, view-factor algebra). The sums are of what is stored:
+//! where patches are reciprocal and closed, zones are.
 
 use crate::store::{Error, Manifest, PatchTable, Result, Store, write_whole};
 use hemicube_scene::is_unseen;
@@ -33,7 +33,7 @@ pub struct Zone {
     pub name: String,
     /// Index of the material of its first patch into the manifest's.
     pub material: u32,
-    /// How many patches it has.
+    /// Number of patches that it has.
     pub patches: u32,
     /// Their area, in the file's unit squared.
     pub area: f64,
@@ -101,9 +101,9 @@ fn name_in(names: &[String], index: u32) -> &str {
 /// Adds up the matrix of a store. Memory is that of the patch table and of the zones' own matrix.
 ///
 /// # Errors
-/// [`Error::Incomplete`] when parts are missing; [`Error::Unsupported`] when a zone has rows that were computed and others
-/// that were not, which leaves nothing to divide by; otherwise what reading gives. A zone without any computed row has no
-/// factors.
+/// [`Error::Incomplete`] when parts are missing; [`Error::Unsupported`] when a zone has rows that were computed and
+/// others that were not, which leaves nothing to divide by; otherwise what reading gives. A zone without any computed
+/// row has no factors.
 ///
 /// ```
 /// use hemicube::analysis::zones::{GroupBy, ZoneFormat, write_zones, zones};
@@ -177,7 +177,8 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum ZoneFormat {
-    /// `.csv`: a line for each zone with its name, patches, area, losses, and the factors to all zones under their names.
+    /// `.csv`: a line for each zone with its name, patches, area, losses, and the factors to all zones under their
+    /// names.
     Csv,
     /// `.vf`: what View3D writes as `out=0`: a header, areas, a square matrix of six decimals, emissivities. These are
     /// taken from materials called `emissivity 0.9`, as its own scenes are read; others count as 0.999, black.
@@ -224,9 +225,9 @@ pub fn write_zones(
     Ok(text.len() as u64)
 }
 
-/// A text from a file as a cell of a table: spreadsheets take one that begins with `=`, `+`, `-`, `@`, a tab or a line end
-/// for a formula, which may run programs, unless an apostrophe stands before it. Numbers stay numbers; control characters
-/// are escaped, `\u{1b}`.
+/// A text from a file as a cell of a table: spreadsheets take one that begins with `=`, `+`, `-`, `@`, a tab or a line
+/// end for a formula, which may run programs, unless an apostrophe stands before it. Numbers stay numbers; control
+/// characters are escaped, `\u{1b}`.
 ///
 /// ```
 /// use hemicube::analysis::zones::table_text;

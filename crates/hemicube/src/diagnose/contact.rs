@@ -2,8 +2,9 @@
 //!
 //! Triangle and triangle (Möller 1997, "A fast triangle-triangle intersection test"): each is cut by the other's plane,
 //! and where both are, the two segments on the planes' common line overlap or not. Nearly parallel ones are projected
-//! onto each other and clipped (Sutherland & Hodgman 1974). A pair is looked at once, from the smaller of the two, so that
-//! a ground under a city is not tested against the whole of it, and so that a sample of triangles finds its share of pairs.
+//! onto each other and clipped (Sutherland & Hodgman 1974). A pair is looked at once, from the smaller of the two, so
+//! that a ground under a city is not tested against the whole of it, and so that a sample of triangles finds its share
+//! of pairs.
 
 use super::precision::Grain;
 use super::sample::{examine, hash};
@@ -71,7 +72,8 @@ impl Plate {
     }
 }
 
-/// What `p` and `q` are to each other, where it matters. `tolerance`: see [`crate::backend::Geometry::plane_tolerance`].
+/// What `p` and `q` are to each other, where it matters. `tolerance`: see
+/// [`crate::backend::Geometry::plane_tolerance`].
 fn relation(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
     let line = p.normal.cross(q.normal);
     let sine = line.length();
@@ -201,14 +203,14 @@ fn cover(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
     }
 }
 
-/// How far within an edge of a triangle a point lies, in the triangle's plane and times the edge's length.
+/// Distance of a point from an edge of a triangle, inwards, in the triangle's plane and times the edge's length.
 fn inside_of(p: &Plate, edge: usize) -> impl Fn(DVec3) -> f64 {
     let (from, to) = (p.corners[edge], p.corners[(edge + 1) % 3]);
     let inward = p.normal.cross(to - from);
     move |point| inward.dot(point - from)
 }
 
-/// Whether all of `q` lies outside one edge of `p`.
+/// Returns whether all of `q` lies outside one edge of `p`.
 fn are_divided(p: &Plate, q: &Plate) -> bool {
     (0..3).any(|edge| {
         let side = inside_of(p, edge);

@@ -1,19 +1,20 @@
-//! How a scene encloses: which objects face the wrong way, and where a nearly closed scene leaks. By rays from both sides
-//! of a sample of patches.
+//! How a scene encloses: which objects face the wrong way, and where a nearly closed scene leaks. By rays from both
+//! sides of a sample of patches.
 //!
-//! Turning a set S of objects round makes their backs fronts, and what leaves their fronts leaves from the other side. So
-//! what a turn would block is counted from the same rays: a ray from object a to object b is there if it leaves a's active
-//! side, and is blocked if it meets b's other side. With w the weight of a ray (its patch's area by the rays of a patch),
+//! Turning a set S of objects round makes their backs fronts, and what leaves their fronts leaves from the other side.
+//! So what a turn would block is counted from the same rays: a ray from object a to object b is there if it leaves a's
+//! active side, and is blocked if it meets b's other side. With w the weight of a ray (its patch's area by the rays of
+//! a patch),
 //!
 //! ```text
 //! J(S) = Σ w [blocked under S] + Σ w [escaped under S, of a group that sees no front and is nearly closed on its other side]
 //! ```
 //!
-//! over the weight of all rays. What escapes counts only where every group of the scene sees no front, or only its own: among
-//! free-standing solids, some see others. The culprit is the set by which J falls most, of: each object, each group of
-//! objects that share corners, the groups that face a closed inside while others see their backs (by those), and all; then the
-//! next, until nothing is worth a turn. Of an object or group, turning must face it to a space that is nearly closed. Two-sided
-//! surfaces have no back and are never turned.
+//! over the weight of all rays. What escapes counts only where every group of the scene sees no front, or only its own:
+//! among free-standing solids, some see others. The culprit is the set by which J falls most, of: each object, each
+//! group of objects that share corners, the groups that face a closed inside while others see their backs (by those),
+//! and all; then the next, until nothing is worth a turn. Of an object or group, turning must face it to a space that
+//! is nearly closed. Two-sided surfaces have no back and are never turned.
 
 use super::rays::{Caster, Emitter, Met, crossed, directions};
 use super::sample::{examine, hash, order};
@@ -26,21 +27,21 @@ use hemicube_scene::{InputPatch, Side};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Rays from each side of a patch at least and at most; and from one side of all patches of small scenes, so many for each
-/// patch that may be looked at, and at most.
+/// Rays from each side of a patch at least and at most; and from one side of all patches of small scenes, so many for
+/// each patch that may be looked at, and at most.
 const RAYS: [u32; 2] = [32, 1024];
 const RAYS_A_PATCH: usize = 16;
 const RAYS_OF_ALL: usize = 1 << 16;
 /// A group sees no front when less of its view is.
 const BLIND: f64 = 0.02;
-/// The same of the only group of a scene, whose bays see one another from outside.
+/// Likewise for the only group of a scene, whose bays see one another from outside.
 const BLIND_ALONE: f64 = 0.1;
 /// A side is nearly closed when no more than this escapes from it.
 const OPEN: f64 = 0.25;
 /// A group sees only itself when so much of its view is its own.
 const ITSELF: f64 = 0.9;
-/// A group faces a closed inside when so much of its view is its own, no more than `BLIND` escapes, and no more than this is
-/// backs: the rest may be a floor that it stands on.
+/// A group faces a closed inside when so much of its view is its own, no more than `BLIND` escapes, and no more than
+/// this is backs: the rest may be a floor that it stands on.
 const INSIDE: f64 = 0.5;
 const INSIDE_BACKS: f64 = 0.1;
 /// Others see an object's back when so much of what meets it does.
@@ -127,7 +128,7 @@ pub struct Enclosure {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Kind {
     from: u32,
-    /// Whether they leave backs.
+    /// True if they leave backs.
     turned: bool,
     to: To,
 }
@@ -352,7 +353,7 @@ impl Sight {
         self.hidden > 0.0 && self.own + self.others <= bound * self.view() && self.hidden_escaped <= OPEN * self.hidden
     }
 
-    /// Whether it faces a closed inside, and others see its backs.
+    /// Returns whether it faces a closed inside, and others see its backs.
     fn is_inside_out(&self) -> bool {
         self.met[1] + self.hidden_met > 0.0
             && self.own >= INSIDE * self.view()
@@ -417,8 +418,8 @@ impl Rays<'_> {
         sights
     }
 
-    /// J of the entries that `objects` are part of, and the rays that count in it. `blind` are the groups whose escaping rays
-    /// do.
+    /// J of the entries that `objects` are part of, and the rays that count in it. `blind` are the groups whose
+    /// escaping rays do.
     fn lost(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>, blind: &BTreeSet<u32>) -> (f64, u64) {
         let mut entries: Vec<usize> = objects
             .iter()
@@ -443,8 +444,8 @@ impl Rays<'_> {
         (weight, rays)
     }
 
-    /// Whether what others see of these objects is backs, or nobody sees them, and their other side faces a space that is
-    /// nearly closed.
+    /// Whether what others see of these objects is backs, or nobody sees them, and their other side faces a space that
+    /// is nearly closed.
     fn faces_away(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> bool {
         let (mut met, mut hidden) = ([0.0; 2], [0.0; 2]);
         for &entry in objects.iter().filter_map(|o| self.of.get(o)).flatten() {
@@ -548,7 +549,8 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             let after: BTreeSet<u32> = turned.union(objects).copied().collect();
             let ((before, rays_before), (rest, rays_rest)) =
                 (rays.lost(objects, &turned, &blind), rays.lost(objects, &after, &blind));
-            // Of what is inside out, the backs that others see: what a floor sees of their insides, from under them, says nothing.
+            // Of what is inside out, the backs that others see: what a floor sees of their insides, from under them,
+            // says nothing.
             let (saved, rays_saved) = if *turn == Turn::InsideOut {
                 (backs_of(&inside_out), WORTH_RAYS)
             } else {

@@ -1,5 +1,5 @@
-//! Where free points lie: in the open, in solids, below the ground, behind sheets. By rays in all directions, so that it
-//! does not hang on where a point looks.
+//! Where free points lie: in the open, in solids, below the ground, behind sheets. By rays in all directions, so that
+//! it does not hang on where a point looks.
 
 use super::rays::{Caster, Met, directions};
 use crate::Model;

@@ -1,8 +1,8 @@
-//! What coordinates can tell apart: the digits that f32 would leave, the file's own rounding, and the triangles that are
-//! too thin for either.
+//! What coordinates can tell apart: the digits that f32 would leave, the file's own rounding, and the triangles that
+//! are too thin for either.
 //!
-//! A file's rounding is taken for its *grain* only where the coordinates show it: all of them are multiples of a power of
-//! ten and its last digits are spread like those of measured numbers, or all of them are f32 numbers with used-up
+//! A file's rounding is taken for its *grain* only where the coordinates show it: all of them are multiples of a power
+//! of ten and its last digits are spread like those of measured numbers, or all of them are f32 numbers with used-up
 //! fractions. Coordinates that someone typed (0, 1, 2.5) are exact.
 
 use super::{Examined, Example, Finding, FindingKind, Tally, scale_of, shape};
@@ -118,7 +118,8 @@ fn decimal_grain(values: &[f64]) -> Option<Grain> {
     None
 }
 
-/// The step of f32 at the largest coordinate, if all `values` are f32 numbers and those near the largest use the last bit.
+/// The step of f32 at the largest coordinate, if all `values` are f32 numbers and those near the largest use the last
+/// bit.
 fn single_grain(values: &[f64], largest: f64) -> Option<Grain> {
     #[allow(
         clippy::cast_possible_truncation,

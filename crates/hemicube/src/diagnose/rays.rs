@@ -85,8 +85,8 @@ impl<'t> Caster<'t> {
         }
     }
 
-    /// What the ray from a point of `emitter` meets first, of all that rises above the emitter's plane. Of surfaces in one
-    /// plane the patch with the smaller id, and any patch before a back.
+    /// What the ray from a point of `emitter` meets first, of all that rises above the emitter's plane. Of surfaces in
+    /// one plane the patch with the smaller id, and any patch before a back.
     pub(super) fn first(&mut self, emitter: &Emitter, origin: DVec3, direction: DVec3) -> Met {
         self.first_of_side(emitter, 1.0, origin, direction)
     }
@@ -188,7 +188,8 @@ fn meet(block: &Block, origin: DVec3, direction: DVec3) -> ([f64; LANES], [f64; 
     (distances, determinants)
 }
 
-/// How far along the ray a triangle is met (negative: not at all), and the determinant, whose sign is the side.
+/// Distance along the ray at which a triangle is met (negative: not at all), and the determinant, whose sign is the
+/// side.
 pub(super) fn crossed([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> (f64, f64) {
     let (e, f, s) = (b - a, c - a, origin - a);
     let p = direction.cross(f);

@@ -25,8 +25,8 @@ pub(super) fn order(model: &Model, seed: u64) -> Vec<u32> {
     keys.into_iter().map(|(_, index)| index).collect()
 }
 
-/// Looks at `order` from its beginning, by `threads`, until the work that `look` counts is `limit` or more. Returns what
-/// was found, in order, and how many were looked at; neither depends on the threads.
+/// Looks at `order` from its beginning, by `threads`, until the work that `look` counts is `limit` or more. Returns
+/// what was found, in order, and how many were looked at; neither depends on the threads.
 pub(super) fn examine<T: Send>(
     order: &[u32],
     threads: usize,

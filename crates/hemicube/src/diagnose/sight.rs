@@ -1,8 +1,9 @@
 //! What patches see, by rays: those buried in solids, and those too large for their neighbours.
 //!
 //! A patch is *buried* when less than a twentieth of the rays from its centroid meet anything but backs of one-sided
-//! surfaces, and the same holds of other points of it; *mostly blocked* when half of the rays from its centroid meet backs. It is *too large* when the form factor to one neighbour (Lambert's contour integral) is
-//! quite another from the centroid than on average over the patch: that is what one hemicube at the centroid gets wrong.
+//! surfaces, and the same holds of other points of it; *mostly blocked* when half of the rays from its centroid meet
+//! backs. It is *too large* when the form factor to one neighbour (Lambert's contour integral) is quite another from
+//! the centroid than on average over the patch: that is what one hemicube at the centroid gets wrong.
 
 use super::rays::{Caster, Emitter, Met, directions};
 use super::sample::{examine, hash};

@@ -27,7 +27,8 @@ pub struct SceneStatistics {
     pub resolution: u32,
     /// Patches seen, on average a row.
     pub seen: f64,
-    /// Patches that would be seen if nothing were in between, on average a row: centroids in front of each other's plane.
+    /// Patches that would be seen if nothing were in between, on average a row: centroids in front of each other's
+    /// plane.
     pub facing: f64,
     /// 1 − seen / facing, and 0 where more is seen than faces. What is smaller than a pixel counts as hidden.
     pub occlusion: f64,
@@ -35,8 +36,8 @@ pub struct SceneStatistics {
     pub escaped: f64,
     /// The share of the view that is backs of one-sided surfaces.
     pub blocked: f64,
-    /// The emitter's radius (centroid to farthest corner) over the distance from its centroid to the nearest point of what
-    /// it sees: the median, each pair by its weight in the view.
+    /// The emitter's radius (centroid to farthest corner) over the distance from its centroid to the nearest point of
+    /// what it sees: the median, each pair by its weight in the view.
     pub nearness: f64,
     /// Patches seen nearer than 1.5 radii of the emitter, on average a row.
     pub near: f64,
@@ -123,7 +124,7 @@ impl SceneStatistics {
 /// Centroids and normals of all patches, or of a sample of them.
 struct Others {
     patches: Vec<(DVec3, DVec3)>,
-    /// How many patches each stands for.
+    /// Number of patches that each stands for.
     each: f64,
 }
 
@@ -144,7 +145,7 @@ impl Others {
         }
     }
 
-    /// How many patches could be seen if nothing were in between: each centroid in front of the other's plane.
+    /// Number of patches that could be seen if nothing were in between: each centroid in front of the other's plane.
     fn facing(&self, centroid: DVec3, normal: DVec3) -> f64 {
         let faces = |&&(other, other_normal): &&(DVec3, DVec3)| {
             let way = other - centroid;

@@ -82,7 +82,7 @@ pub struct Plan {
     pub rows_per_part: u32,
     /// n of the n² hemicubes of a row.
     pub samples_per_edge: u32,
-    /// Whether each hemicube is turned about its normal.
+    /// True if each hemicube is turned about its normal.
     pub rotate: bool,
     /// Which patches have rows and columns.
     pub selection: Selection,
@@ -119,7 +119,7 @@ impl Plan {
         }
     }
 
-    /// How many rows a part of a plan of so many rows has.
+    /// Number of rows that a part of a plan of so many rows has.
     #[allow(clippy::cast_possible_truncation, reason = "clamped to 1024")]
     pub fn rows_per_part_of(rows: usize) -> u32 {
         // A part is what a killed run loses and what a job of a cluster computes: at most a few seconds and megabytes,
@@ -145,9 +145,9 @@ impl Plan {
         self
     }
 
-    /// The same plan without form factors below `min_factor`, at least 0 and below 1. The others of their row share what
-    /// they carried in proportion, as [`balance`](crate::analysis::balance::balance) does it afterwards; [`Summary::thinning`] says
-    /// what that did.
+    /// The same plan without form factors below `min_factor`, at least 0 and below 1. The others of their row share
+    /// what they carried in proportion, as [`balance`](crate::analysis::balance::balance) does it afterwards;
+    /// [`Summary::thinning`] says what that did.
     #[must_use]
     pub fn with_min_factor(mut self, min_factor: f64) -> Self {
         self.min_factor = min_factor;
@@ -161,8 +161,8 @@ impl Plan {
         self
     }
 
-    /// Hemicubes along an edge of a patch: as planned, or as many as a patch asks for that is large beside what stands on it, on
-    /// all rungs but that of pixel sums, which is the method as published.
+    /// Hemicubes along an edge of a patch: as planned, or as many as a patch asks for that is large beside what stands
+    /// on it, on all rungs but that of pixel sums, which is the method as published.
     fn per_edge(&self, model: &Model, patch: InputPatch) -> u32 {
         match self.correction {
             Correction::Pixel => self.samples_per_edge,
@@ -177,7 +177,7 @@ impl Plan {
         self.samples_per_edge as usize * self.samples_per_edge as usize
     }
 
-    /// How many parts there are.
+    /// Number of parts.
     pub fn part_count(&self) -> usize {
         self.rows.len().div_ceil(self.rows_per_part as usize)
     }
@@ -269,7 +269,7 @@ impl PartSink for Vec<Part> {
     }
 }
 
-/// How far a computation has come.
+/// Progress of a computation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
     /// Rows finished.
@@ -287,13 +287,13 @@ pub struct Execution<'a> {
     pub threads: usize,
     /// Hemicubes a call of the backend; 0: what the backend prefers.
     pub batch: usize,
-    /// When this becomes true, the run ends, and the summary says so. The part being computed is finished and kept if that
-    /// takes no longer than two seconds; if it does, its rows are computed again when the run goes on.
+    /// When this becomes true, the run ends, and the summary says so. The part being computed is finished and kept if
+    /// that takes no longer than two seconds; if it does, its rows are computed again when the run goes on.
     pub cancel: Option<&'a AtomicBool>,
 }
 
 impl Execution<'_> {
-    /// Whether it was told to end.
+    /// Returns whether it was told to end.
     pub(crate) fn is_cancelled(&self) -> bool {
         self.cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed))
     }
@@ -324,12 +324,12 @@ pub struct Summary {
     pub corrected: u64,
     /// Pairs of which a part only is visible, on rungs that know.
     pub partial: u64,
-    /// Rows that their budget of work ended before all pairs were measured that were worth it. Their expected error, on rungs
-    /// that estimate it, says so.
+    /// Rows that their budget of work ended before all pairs were measured that were worth it. Their expected error, on
+    /// rungs that estimate it, says so.
     pub cut_short: u64,
     /// What the backend counted.
     pub counters: Counters,
-    /// Whether it was cancelled before the last row.
+    /// True if it was cancelled before the last row.
     pub cancelled: bool,
     /// Worker threads used.
     pub threads: usize,
@@ -362,7 +362,7 @@ pub enum ComputeError {
         backend: String,
         /// The first patch of the batch.
         patch: u32,
-        /// What is wrong.
+        /// Kind of defect.
         source: RowError,
     },
     /// A worker or the sink panicked: a defect of this program.
@@ -450,8 +450,9 @@ impl Drop for StopOnPanic<'_> {
     }
 }
 
-/// Loads a model into a backend as [`compute`] does, with what `correction` asks of rows: what the backend then says of itself
-/// ([`HemicubeBackend::info`], [`HemicubeBackend::choices`]) is what it will be for the run. Returns the settings that it was loaded with.
+/// Loads a model into a backend as [`compute`] does, with what `correction` asks of rows: what the backend then says of
+/// itself ([`HemicubeBackend::info`], [`HemicubeBackend::choices`]) is what it will be for the run. Returns the
+/// settings that it was loaded with.
 ///
 /// # Errors
 /// When the backend cannot take the model or the settings.
@@ -482,7 +483,8 @@ pub fn load(
 
 /// Computes the rows of `plan` with `backend` and hands them, part by part, to `sink`.
 ///
-/// `settings` are loaded into the backend here, with covered weights whenever the plan's correction needs them. `progress` is called on this thread now and then.
+/// `settings` are loaded into the backend here, with covered weights whenever the plan's correction needs them.
+/// `progress` is called on this thread now and then.
 ///
 /// # Errors
 /// When the backend fails or breaks the contract, or the sink cannot keep a part. Parts already kept stay.
@@ -749,7 +751,8 @@ fn compute_batch(
             if !converted.is_odd {
                 break;
             }
-            // The points do not stand for the emitter: a centroid inside a solid, say, of a patch that reaches out of it.
+            // The points do not stand for the emitter: a centroid inside a solid, say, of a patch that reaches out of
+            // it.
             let more = model.hemicubes(emitter, more, plan.rotate);
             let mut odd = RowBlock::default();
             batch.counters += render(model, settings, backend, emitter, &more, &mut odd)?;
@@ -793,19 +796,19 @@ fn compute_batch(
     Ok(batch)
 }
 
-/// What hemicubes lose of one row may differ by so much. Where it does by more, rays know the form factors better than hemicubes
-/// know what is lost, and the sum of both tells nothing.
+/// What hemicubes lose of one row may differ by so much. Where it does by more, rays know the form factors better than
+/// hemicubes know what is lost, and the sum of both tells nothing.
 const LOST: f64 = 0.01;
 
-/// How many times as many hemicubes along an edge a row gets whose hemicubes do not stand for its emitter; and if those do
-/// not, how many then.
+/// How many times as many hemicubes along an edge a row gets whose hemicubes do not stand for its emitter; and if those
+/// do not, how many then.
 fn more_samples(correction: &Correction) -> &'static [u32] {
     match correction {
-        // What matters of such a row is looked at by rays, and more than four hemicubes make little of the rest better, but where
-        // rays say that they still see what the patch does not.
+        // What matters of such a row is looked at by rays, and more than four hemicubes make little of the rest better,
+        // but where rays say that they still see what the patch does not.
         Correction::Area(_) => &[2, 4],
-        // In the open, a row that sums oddly has a centroid that is a bad place to see the sky from; in the closed, the sum is
-        // part of the promise.
+        // In the open, a row that sums oddly has a centroid that is a bad place to see the sky from; in the closed, the
+        // sum is part of the promise.
         Correction::Tolerance(_) if correction.is_in_the_open() => &[2],
         Correction::Tolerance(_) => &[2, 4],
         Correction::Pixel | Correction::Point => &[2, 4],

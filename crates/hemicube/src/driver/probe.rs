@@ -44,8 +44,8 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Renders a few hemicubes of `plan`. Leaves the model loaded into the backend, with `settings` and what the plan's correction asks of
-    /// rows.
+    /// Renders a few hemicubes of `plan`. Leaves the model loaded into the backend, with `settings` and what the plan's
+    /// correction asks of rows.
     ///
     /// # Errors
     /// When the backend fails.
@@ -84,7 +84,7 @@ impl Probe {
         })
     }
 
-    /// Whether culling pays in this scene. No clock, so that the choice is the same in every run.
+    /// Returns whether culling pays in this scene. No clock, so that the choice is the same in every run.
     pub fn culling(&self) -> Culling {
         if self.left > CULLING_PAYS_BELOW {
             Culling::Off

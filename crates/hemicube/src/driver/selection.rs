@@ -1,11 +1,11 @@
-//! Which patches have rows and columns, by the names of their objects and materials: `*` stands for any characters, `?` for
-//! one.
+//! Which patches have rows and columns, by the names of their objects and materials: `*` stands for any characters, `?`
+//! for one.
 
 use crate::driver::compute::Selection;
 use hemicube_scene::{Patches, Scene};
 use std::collections::BTreeSet;
 
-/// How many names an error lists.
+/// Number of names that an error lists.
 const NAMES_SHOWN: usize = 5;
 
 /// Globs for the names of objects and materials. An empty list chooses nothing, and so leaves everything chosen.

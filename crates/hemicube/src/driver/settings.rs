@@ -1,5 +1,5 @@
-//! Everything that a row depends on, as manifests and reports have it. Whoever computes with the same settings and scene
-//! makes the same store, byte for byte.
+//! Everything that a row depends on, as manifests and reports have it. Whoever computes with the same settings and
+//! scene makes the same store, byte for byte.
 
 use crate::backend::BackendInfo;
 use crate::driver::compute::{Plan, RowChoice};
@@ -50,7 +50,7 @@ pub struct RowSettings {
     pub tolerance: Option<f64>,
     /// Why this rung, where a tolerance chose it.
     pub reason: Option<String>,
-    /// Whether each hemicube is turned a little about its normal.
+    /// True if each hemicube is turned a little about its normal.
     pub rotation: bool,
     /// How triangles were cut into patches.
     pub subdivision: Cut,
@@ -59,7 +59,7 @@ pub struct RowSettings {
     /// Names of the objects whose one-sided triangles were turned round, or `all`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub flip: Vec<String>,
-    /// Whether triangles that lie exactly on others were kept.
+    /// True if triangles that lie exactly on others were kept.
     pub keep_duplicates: bool,
     /// What coordinates were multiplied with.
     pub scale: f64,
@@ -145,8 +145,8 @@ pub fn axis_name(axis: Axis) -> &'static str {
 }
 
 impl RowSettings {
-    /// What a store of `plan` says of itself before its first row. `file` is where the scene is from, of which the last step
-    /// is kept.
+    /// What a store of `plan` says of itself before its first row. `file` is where the scene is from, of which the last
+    /// step is kept.
     ///
     /// # Errors
     /// When there are more patches or rows than a store holds.

@@ -5,8 +5,8 @@ use crate::store::Form;
 /// From how many patches on a matrix is kept small.
 pub const LARGE: u32 = 1_000_000;
 
-/// Below what form factors are left out of a large matrix: in a block city of 1.5 million patches two thirds of all entries,
-/// which carry 0.005 % (`docs/store.md`).
+/// Below what form factors are left out of a large matrix: in a block city of 1.5 million patches two thirds of all
+/// entries, which carry 0.005 % (`docs/store.md`).
 pub const LEAST_OF_LARGE: f64 = 1e-7;
 
 /// A tolerance below this asks for everything, whatever it takes.
@@ -39,7 +39,7 @@ pub struct Keep {
 }
 
 impl Keep {
-    /// What is kept of a scene's matrix, of which `form` and `min_factor` may have been asked for.
+    /// Size of a scene's matrix, of which `form` and `min_factor` may have been asked for.
     ///
     /// The choice depends on the scene's patches and the tolerance alone, not on which of the rows are computed.
     pub fn settle(form: Option<Form>, min_factor: Option<f64>, patches: u32, tolerance: Option<f64>) -> Self {

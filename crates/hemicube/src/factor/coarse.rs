@@ -1,11 +1,11 @@
 //! Form factors between triangles that are not near each other to some thousandths, sixteen pairs at a time in single
 //! precision.
 //!
-//! The kernel K(d) = (n_i · d)(−n_j · d) / (π d⁴) depends on where two points lie only by the vector d between them. Far
-//! apart, its mean over both triangles is its value at the centroids and half its second derivatives times the sum of the
-//! triangles' second moments: one division a pair. Nearer, it is summed over six points of either (degree 4). Single
-//! precision is enough because vectors between centroids are taken in double precision first, and all else is relative to
-//! the centroids.
+//! The kernel K(d) = (n_i · d)(−n_j · d) / (π d⁴) depends on where two points lie only by the vector d between them.
+//! Far apart, its mean over both triangles is its value at the centroids and half its second derivatives times the sum
+//! of the triangles' second moments: one division a pair. Nearer, it is summed over six points of either (degree 4).
+//! Single precision is enough because vectors between centroids are taken in double precision first, and all else is
+//! relative to the centroids.
 //!
 //! Both are sums whose terms change places when the triangles do, so that A_i F_ij = A_j F_ji to the bit.
 
@@ -106,7 +106,7 @@ pub(crate) struct Reach {
     pub(crate) cut: f32,
 }
 
-/// What is known of sixteen pairs.
+/// Results for sixteen pairs.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Found {

@@ -1,15 +1,15 @@
-//! Form factors between triangles near each other: the double contour integral (Sparrow 1963), whose inner integral, and
-//! all that lies between edges whose lines are parallel or meet, has a closed form; the rest by adaptive quadrature along
-//! one edge.
+//! Form factors between triangles near each other: the double contour integral (Sparrow 1963), whose inner integral,
+//! and all that lies between edges whose lines are parallel or meet, has a closed form; the rest by adaptive quadrature
+//! along one edge.
 //!
 //! ```text
 //! A_i F_ij = 1/(2π) ∮_i ∮_j ln r  dr_i · dr_j
 //! ```
 //!
 //! holds where each triangle lies in front of the other's plane, so both are cut there first: surfaces that cross, and
-//! walls that end on a floor, are then like any others. Nothing is singular where the two touch, and plates a hair apart,
-//! whose factor from a point is a step, are smooth here: a quadrature over either's area has trouble with both. In
-//! architecture most edges are parallel or at right angles to each other, and the result is exact but for rounding.
+//! walls that end on a floor, are then like any others. Nothing is singular where the two touch, and plates a hair
+//! apart, whose factor from a point is a step, are smooth here: a quadrature over either's area has trouble with both.
+//! In architecture most edges are parallel or at right angles to each other, and the result is exact but for rounding.
 //!
 //! No quadrature over areas for near pairs, because plates a hair apart have factors like steps; the contour integral
 //! is smooth there, and where edges are parallel or at right angles it is exact.
@@ -36,8 +36,8 @@ impl Outline {
     }
 }
 
-/// The part of `triangle` in front of the plane through `on` with unit `normal`; what is nearer to it than `tolerance` counts
-/// as on it. `None` where nothing is in front.
+/// The part of `triangle` in front of the plane through `on` with unit `normal`; what is nearer to it than `tolerance`
+/// counts as on it. `None` where nothing is in front.
 pub(crate) fn in_front(triangle: &[DVec3; 3], on: DVec3, normal: DVec3, tolerance: f64) -> Option<Outline> {
     let heights = triangle.map(|p| {
         let h = normal.dot(p - on);
@@ -102,7 +102,8 @@ impl Care {
     }
 }
 
-/// A_i F_ij, to within `care` of the smaller one's area and of the value. The order of the arguments matters in the last bits.
+/// A_i F_ij, to within `care` of the smaller one's area and of the value. The order of the arguments matters in the
+/// last bits.
 pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f64 {
     let origin = outer[0];
     let size = outer
@@ -114,7 +115,8 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f6
     if size == 0.0 {
         return 0.0;
     }
-    // So that logarithms are of numbers near 1: a common factor falls out of a closed contour, but not out of its rounding.
+    // So that logarithms are of numbers near 1: a common factor falls out of a closed contour, but not out of its
+    // rounding.
     let scale = 1.0 / size;
     let local = |t: &[DVec3; 3]| t.map(|p| (p - origin) * scale);
     let (outer, inner) = (local(outer), local(inner));
@@ -202,8 +204,8 @@ struct Skew {
     cosine: f64,
 }
 
-/// Where the lines of two edges meet, as coordinates of the first edge's start and the second's; `None` if they do not, or
-/// far from both.
+/// Where the lines of two edges meet, as coordinates of the first edge's start and the second's; `None` if they do not,
+/// or far from both.
 fn apex(p: &Edge, q: &Edge) -> Option<(f64, f64)> {
     // Corners in common first: for those no angle is too small.
     for (corner, s) in [(p.start, 0.0), (p.end, -p.length)] {
@@ -263,7 +265,8 @@ impl Closed {
 
     /// ∫∫ ln r over two parallel edges that point the same way.
     ///
-    /// With x = t − s along both and h the distance of their lines, it is the second difference of Q, Q'' = ½ ln (h² + x²).
+    /// With x = t − s along both and h the distance of their lines, it is the second difference of Q, Q'' = ½ ln (h² +
+    /// x²).
     fn add_parallel(&mut self, p: &Edge, q: &Edge, cosine: f64) {
         let (from, to) = (q.start - p.start, q.end - p.start);
         let (start, end) = (p.along.dot(from), p.along.dot(to));
@@ -351,7 +354,7 @@ struct Quadrature {
     sum: f64,
     /// The sum of the differences that the last halvings made.
     doubt: f64,
-    /// How often a part of an edge was halved.
+    /// Number of times that a part of an edge was halved.
     halvings: u32,
 }
 
@@ -375,8 +378,9 @@ fn along_skew(p: &Edge, q: &Edge, enough: f64) -> Quadrature {
         }
         sum * width * p.length
     };
-    // Below its own rounding a difference says nothing, and halving would go on for ever. The inner integral is a difference
-    // of two values at its edge's ends, as far as they are from where it is taken: however short the edge is, it is no surer.
+    // Below its own rounding a difference says nothing, and halving would go on for ever. The inner integral is a
+    // difference of two values at its edge's ends, as far as they are from where it is taken: however short the edge
+    // is, it is no surer.
     let reach = [p.start, p.end]
         .iter()
         .flat_map(|a| [a.distance_squared(q.start), a.distance_squared(q.end)])
@@ -507,8 +511,8 @@ fn along_portable(points: &Segments, out: &mut [f64; LANES]) {
     }
 }
 
-/// ln x for x ≥ 0, as that of 1e-300 below 1e-300: x = 2^e m with m in [√½, √2), ln m = 2 artanh ((m − 1)/(m + 1)) by its
-/// series, whose first term left out is below 1e-18.
+/// ln x for x ≥ 0, as that of 1e-300 below 1e-300: x = 2^e m with m in [√½, √2), ln m = 2 artanh ((m − 1)/(m + 1)) by
+/// its series, whose first term left out is below 1e-18.
 #[inline(always)]
 pub(crate) fn logarithm(x: f64) -> f64 {
     let x = if x > 1e-300 { x } else { 1e-300 };
@@ -593,8 +597,8 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
-        /// Asked for what rounding does not allow, a quadrature must stop there: it once halved short edges far from long
-        /// ones for minutes.
+        /// Asked for what rounding does not allow, a quadrature must stop there: it once halved short edges far from
+        /// long ones for minutes.
         #[test]
         fn quadratures_end_at_their_rounding(
             lengths in prop::array::uniform2(-9.0..0.0f64),

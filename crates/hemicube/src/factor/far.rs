@@ -1,8 +1,9 @@
 //! Form factors between triangles far from each other, eight pairs at a time.
 //!
-//! Beyond some radii of both triangles the kernel cos φ_i cos φ_j / (π r²) is nearly a quadratic over either of them, which the three midpoints of the edges integrate exactly (degree 2; Hammer & Stroud 1956): nine evaluations, no
-//! arc tangent. Products of the two triangles' terms are added in an order that does not change when the two change
-//! places, so that A_i F_ij = A_j F_ji to the bit.
+//! Beyond some radii of both triangles the kernel cos φ_i cos φ_j / (π r²) is nearly a quadratic over either of them,
+//! which the three midpoints of the edges integrate exactly (degree 2; Hammer & Stroud 1956): nine evaluations, no arc
+//! tangent. Products of the two triangles' terms are added in an order that does not change when the two change places,
+//! so that A_i F_ij = A_j F_ji to the bit.
 
 use super::lanes::LANES;
 use crate::simd::{InstructionSet, dispatch};
@@ -76,7 +77,7 @@ pub(super) struct Others {
     pub(super) corners: [[f64; LANES]; 9],
 }
 
-/// What is known of eight pairs.
+/// Results for eight pairs.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Far {

@@ -7,9 +7,9 @@
 //! F = −1/(2π) Σ_k  n · (p_k × p_{k+1}) / |p_k × p_{k+1}|  ·  angle(p_k, p_{k+1})
 //! ```
 //!
-//! for corners counter-clockwise as seen from the polygon's front, after the polygon is cut at the element's horizon. The
-//! angle comes from its sine and cosine by an own arc tangent, so that values are the same bits on every machine; the
-//! same source is compiled for each instruction set, without fused multiply-add.
+//! for corners counter-clockwise as seen from the polygon's front, after the polygon is cut at the element's horizon.
+//! The angle comes from its sine and cosine by an own arc tangent, so that values are the same bits on every machine;
+//! the same source is compiled for each instruction set, without fused multiply-add.
 
 use crate::simd::{InstructionSet, dispatch};
 

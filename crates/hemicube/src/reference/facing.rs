@@ -1,6 +1,7 @@
 //! Which patches an emitter could see, by a bound of the form factor over all patches of the scene.
 //!
-//! With d the least distance of the spheres round the two, h_j and h_i the greatest heights of each above the other's plane:
+//! With d the least distance of the spheres round the two, h_j and h_i the greatest heights of each above the other's
+//! plane:
 //!
 //! ```text
 //! F_ij ≤ min(1, A_j / A_i, A_j / (π d²) · min(1, h_j / d) · min(1, h_i / d))
@@ -53,7 +54,7 @@ impl Facing {
         &self.patches[..count]
     }
 
-    /// Whether every patch that faces the emitter has a bound of `least` or more.
+    /// Returns whether every patch that faces the emitter has a bound of `least` or more.
     pub(super) fn are_all_from(&self, least: f64) -> bool {
         self.from(least).len() == self.patches.len()
     }

@@ -1,8 +1,8 @@
 //! Cosine-distributed rays over an emitter's hemisphere: which patches it sees at all, and what it may have missed.
 //!
-//! With n₁ and n₂ the numbers of patches that exactly one and exactly two of M rays hit, patches that none hit have about
-//! Σ F = n₁ / M and Σ F² = 2 n₂ / M² (Good 1953, eqs. 9 and 22). This holds of any class of patches that is told by the
-//! scene alone, such as those with a bound of F below some least.
+//! With n₁ and n₂ the numbers of patches that exactly one and exactly two of M rays hit, patches that none hit have
+//! about Σ F = n₁ / M and Σ F² = 2 n₂ / M² (Good 1953, eqs. 9 and 22). This holds of any class of patches that is told
+//! by the scene alone, such as those with a bound of F below some least.
 //!
 //! Directions are stratified: the variance of a share is that within strata, estimated from neighbouring strata
 //! (collapsed strata; Cochran 1977, § 5A.12), Σ (y₁ − y₂)² / M² over pairs of neighbours.
@@ -147,8 +147,8 @@ impl Hemisphere {
         self.blocked as f64 / self.rays.max(1) as f64
     }
 
-    /// The standard error of the escaped share, the blocked one, and the two together, whichever is largest. No share is
-    /// surer than to a ray.
+    /// The standard error of the escaped share, the blocked one, and the two together, whichever is largest. No share
+    /// is surer than to a ray.
     pub(super) fn error_of_shares(&self) -> f64 {
         let most = self.differing.into_iter().max().unwrap_or(0).max(1);
         (most as f64).sqrt() / self.rays.max(1) as f64
@@ -176,7 +176,8 @@ impl Hemisphere {
                 .partition_point(|&bound| bound < least) as f64
         };
         let (once, twice) = (count(1), count(2));
-        // That none met anything proves no more than that few would: a patch worth one of them is missed one time in three.
+        // That none met anything proves no more than that few would: a patch worth one of them is missed one time in
+        // three.
         let least_squared = if self.found.is_empty() { 1.0 } else { 0.0 };
         Missing {
             sum: once / rays,

@@ -1,8 +1,8 @@
 //! How far estimated rows are from the reference, and how sure that is.
 //!
 //! The measured Σ d² holds the reference's own Σ σ² on top of the true one, so it is taken off; what is left has the
-//! standard deviation √(Σ 4 d² σ² + 2 σ⁴). How far the rows' figure is from the whole matrix's is told by drawing the rows
-//! again with repetition (the bootstrap, Efron 1979).
+//! standard deviation √(Σ 4 d² σ² + 2 σ⁴). How far the rows' figure is from the whole matrix's is told by drawing the
+//! rows again with repetition (the bootstrap, Efron 1979).
 
 use super::ReferenceRow;
 use super::random::Random;
@@ -50,7 +50,7 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// How far estimated rows are from the reference.
+/// Distance of estimated rows from the reference.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Measured {
     /// Rows that both have.

@@ -1,9 +1,10 @@
 //! One pair of patches: its closed form, and its visible fraction from kernel-weighted segments.
 //!
-//! Segments are points of the smaller patch, evenly, and directions evenly over the solid angle of the larger (Arvo 1995),
-//! weighted by solid angle × cosine; where the solid angle is tiny, points of both, weighted by area × cos cos / r². Both
-//! weights estimate the same integral, the closed form, so they may be mixed. Points are an additive sequence in four
-//! dimensions (Roberts 2018) with a random shift for each of sixteen independent batches, whose scatter is the error.
+//! Segments are points of the smaller patch, evenly, and directions evenly over the solid angle of the larger (Arvo
+//! 1995), weighted by solid angle × cosine; where the solid angle is tiny, points of both, weighted by area × cos cos /
+//! r². Both weights estimate the same integral, the closed form, so they may be mixed. Points are an additive sequence
+//! in four dimensions (Roberts 2018) with a random shift for each of sixteen independent batches, whose scatter is the
+//! error.
 
 use super::random::{Random, point_of};
 use super::visibility::{Occluders, Sight};
@@ -31,7 +32,7 @@ const LEAST_SOLID_ANGLE: f64 = 1e-6;
 #[derive(Clone, Debug)]
 pub(super) struct Pair {
     receiver: Sight,
-    /// How many rays over the hemisphere hit it.
+    /// Number of rays over the hemisphere that hit it.
     pub(super) hits: u32,
     /// The form factor with nothing in between, and its own error.
     whole: f64,
@@ -299,8 +300,8 @@ fn target(
     (cosine > 0.0 && approach > 0.0).then(|| (to, area(piece) * cosine * approach / (squared * squared)))
 }
 
-/// A direction from `point` evenly over the solid angle of a triangle, and that solid angle (Arvo 1995; the solid angle by
-/// Van Oosterom & Strackee 1983). `None` where it is too small to be told from rounding.
+/// A direction from `point` evenly over the solid angle of a triangle, and that solid angle (Arvo 1995; the solid angle
+/// by Van Oosterom & Strackee 1983). `None` where it is too small to be told from rounding.
 fn direction_over(corners: &[DVec3; 3], point: DVec3, u: f64, v: f64) -> Option<(DVec3, f64)> {
     let [a, b, c] = corners.map(|corner| (corner - point).normalize_or_zero());
     let volume = a.dot(b.cross(c)).abs();

@@ -14,7 +14,7 @@ use obvhs::bvh2::builder::build_bvh2;
 use obvhs::ray::{Ray, RayHit};
 use std::time::Duration;
 
-/// How far boxes are widened: a few f32 roundings (6e-8) over a path of at most 2√3, in normalised units.
+/// Margin by which boxes are widened: a few f32 roundings (6e-8) over a path of at most 2√3, in normalised units.
 const WIDEN: f32 = 4e-6;
 /// Longer than any segment within normalised coordinates.
 const FAR: f32 = 8.0;
@@ -87,7 +87,7 @@ impl Occluder {
         [self.corner, self.corner + self.edges[0], self.corner + self.edges[1]]
     }
 
-    /// How far along `direction` the triangle is met, and the determinant, positive when its front is met.
+    /// Distance along `direction` at which the triangle is met, and the determinant, positive when its front is met.
     #[inline(always)]
     fn meet(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
         let [e, f] = self.edges;
@@ -181,7 +181,7 @@ impl Occluders {
         }
     }
 
-    /// Whether a surface lies in or below the emitter's plane, which is its horizon.
+    /// Returns whether a surface lies in or below the emitter's plane, which is its horizon.
     fn is_below(&self, emitter: &Sight, occluder: &Occluder) -> bool {
         occluder.surface == emitter.surface || occluder.corners().iter().all(|&c| emitter.height(c) <= self.tolerance)
     }
@@ -228,7 +228,7 @@ impl Occluders {
         best.map_or(Met::Nothing, |(met, ..)| met)
     }
 
-    /// Whether one of two surfaces lies in the plane of the other.
+    /// Returns whether one of two surfaces lies in the plane of the other.
     fn are_in_plane(&self, p: &Occluder, q: &Occluder) -> bool {
         let lies_in = |p: &Occluder, q: &Occluder| {
             let [e, f] = q.edges;
@@ -239,8 +239,8 @@ impl Occluders {
         lies_in(p, q) || lies_in(q, p)
     }
 
-    /// Whether nothing lies between a point of the emitter and a point of the receiver. `last` remembers what was in the
-    /// way of the pair's previous segment.
+    /// Whether nothing lies between a point of the emitter and a point of the receiver. `last` remembers what was in
+    /// the way of the pair's previous segment.
     pub(super) fn sees(
         &self,
         emitter: &Sight,
@@ -292,5 +292,5 @@ impl Occluders {
     }
 }
 
-/// How far beyond the receiver a surface in its plane may be met, in lengths of the segment.
+/// Distance beyond the receiver at which a surface in its plane may be met, in lengths of the segment.
 const BEYOND: f64 = 1.001;

@@ -1,16 +1,16 @@
 //! Points of four dimensions for rays: Sobol's sequence, scrambled.
 //!
-//! No crate for it, because the hot loop wants sixteen points of four dimensions at once, a structure of arrays for SIMD, the
-//! same bits on every machine, and no allocation.
+//! No crate for it, because the hot loop wants sixteen points of four dimensions at once, a structure of arrays for
+//! SIMD, the same bits on every machine, and no allocation.
 
 use super::splitmix;
 
 /// Points that are made at once.
 pub(crate) const BATCH: usize = 16;
 
-/// Points of the unit cube in four dimensions that fill it evenly however many there are: Sobol's sequence (1967; direction
-/// numbers of Joe & Kuo 2008), each dimension's digits permuted in nested order (Owen 1995) by a hash of the seed (Laine &
-/// Karras 2011, Burley 2020).
+/// Points of the unit cube in four dimensions that fill it evenly however many there are: Sobol's sequence (1967;
+/// direction numbers of Joe & Kuo 2008), each dimension's digits permuted in nested order (Owen 1995) by a hash of the
+/// seed (Laine & Karras 2011, Burley 2020).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sequence([u32; 4]);
 

@@ -1,5 +1,5 @@
-//! Sky rows and rows of free points on disk: CSR archives that `scipy.sparse.load_npz` opens, with more arrays beside, and
-//! sealed as the parts of a store are.
+//! Sky rows and rows of free points on disk: CSR archives that `scipy.sparse.load_npz` opens, with more arrays beside,
+//! and sealed as the parts of a store are.
 
 use super::{PointRow, SkyRow};
 use crate::store::{DurableFile, Error, Npz, NpzWriter, Result, Store, sealed_checksum};
@@ -11,8 +11,8 @@ fn share(weight: u64, whole: u64) -> f64 {
     if whole > 0 { weight as f64 / whole as f64 } else { 0.0 }
 }
 
-/// A CSR matrix of weights as shares of a row's hemicubes, each row times a scale. Weights are whole numbers below 2⁵³, and hemicubes powers of
-/// two wherever they come from a tolerance: shares are then exact, and so are their sums.
+/// A CSR matrix of weights as shares of a row's hemicubes, each row times a scale. Weights are whole numbers below 2⁵³,
+/// and hemicubes powers of two wherever they come from a tolerance: shares are then exact, and so are their sums.
 fn write(
     path: &Path,
     columns: u64,
@@ -47,8 +47,9 @@ fn write(
 /// What the columns of each row sum to.
 const ESCAPED_SHARE: &str = "escaped_share";
 
-/// Writes sky rows: `columns` of them, column 0 the ground; beside the matrix `weights`, `escaped`, `blocked`, `hemicubes`,
-/// `sky_view_factor`, `change`, `escaped_share` (what the columns sum to); and where suns were asked for `suns`, one row a row, one column a sun.
+/// Writes sky rows: `columns` of them, column 0 the ground; beside the matrix `weights`, `escaped`, `blocked`,
+/// `hemicubes`, `sky_view_factor`, `change`, `escaped_share` (what the columns sum to); and where suns were asked for
+/// `suns`, one row a row, one column a sun.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -117,7 +118,7 @@ pub fn read_sky_view_factors(path: &Path) -> Result<Vec<f64>> {
     }
 }
 
-/// The same of the sky rows beside a matrix, one for each patch.
+/// Likewise for the sky rows beside a matrix, one for each patch.
 ///
 /// # Errors
 /// As [`read_sky_view_factors`], and when it is of another number of patches.
@@ -202,8 +203,8 @@ impl StoredSky {
         Ok(sky)
     }
 
-    /// Reads a file that [`write_sky`] wrote: columns that ascend within the sky, shares from 0 to 1 that sum to no more
-    /// than 1 in a row.
+    /// Reads a file that [`write_sky`] wrote: columns that ascend within the sky, shares from 0 to 1 that sum to no
+    /// more than 1 in a row.
     ///
     /// # Errors
     /// When it cannot be read, or is not as it was written.
@@ -258,12 +259,12 @@ impl StoredSky {
         })
     }
 
-    /// How many columns there are: the ground, and the patches of the sky.
+    /// Number of columns: the ground, and the patches of the sky.
     pub fn columns(&self) -> u32 {
         self.columns
     }
 
-    /// How many rows there are.
+    /// Number of rows.
     pub fn rows(&self) -> usize {
         self.bounds.len() - 1
     }
@@ -293,8 +294,9 @@ pub struct SkyCheck {
     pub difference: f64,
 }
 
-/// Holds the sky rows beside a matrix against what they must be: the bytes that were written; columns that add up, in whole
-/// weights, to what escaped; and shares that are those weights, scaled. `escaped` is what escapes by the matrix's rows.
+/// Holds the sky rows beside a matrix against what they must be: the bytes that were written; columns that add up, in
+/// whole weights, to what escaped; and shares that are those weights, scaled. `escaped` is what escapes by the matrix's
+/// rows.
 ///
 /// # Errors
 /// The first thing that does not hold, or that the file cannot be read.

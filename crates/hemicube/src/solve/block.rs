@@ -3,8 +3,8 @@
 /// Sums of squares that have lost nothing to the ends of f64's range.
 const SQUARES: std::ops::Range<f64> = 1e-250..1e300;
 
-/// Several right-hand sides, or bands, of one number a patch. Patch by patch, so that an entry of the matrix is read once
-/// for all of them.
+/// Several right-hand sides, or bands, of one number a patch. Patch by patch, so that an entry of the matrix is read
+/// once for all of them.
 ///
 /// ```
 /// use hemicube::solve::Block;
@@ -39,12 +39,12 @@ impl Block {
         block
     }
 
-    /// How many vectors there are.
+    /// Number of vectors.
     pub fn columns(&self) -> usize {
         self.columns
     }
 
-    /// How many numbers each has.
+    /// Number of numbers that each has.
     pub fn patches(&self) -> usize {
         self.values.len().checked_div(self.columns).unwrap_or(0)
     }
@@ -106,7 +106,8 @@ impl Block {
         sums
     }
 
-    /// The Euclidean norm of each column; of columns whose squares leave the range of f64, too. NaN where a number is none.
+    /// The Euclidean norm of each column; of columns whose squares leave the range of f64, too. NaN where a number is
+    /// none.
     pub fn norms(&self) -> Vec<f64> {
         let squares = self.dot(self);
         let norm = |(column, square): (usize, f64)| {

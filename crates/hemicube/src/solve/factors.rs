@@ -6,13 +6,13 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// The rows of a form-factor matrix, in runs that are gone through again and again. The order of the runs is fixed, and no
-/// two have a row of the same patch.
+/// The rows of a form-factor matrix, in runs that are gone through again and again. The order of the runs is fixed, and
+/// no two have a row of the same patch.
 pub trait Factors: Sync {
     /// Rows and columns of the matrix.
     fn patch_count(&self) -> usize;
 
-    /// How many runs there are.
+    /// Number of runs.
     fn run_count(&self) -> usize;
 
     /// The rows of a run.

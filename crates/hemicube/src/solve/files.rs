@@ -8,8 +8,8 @@
 //!
 //! `solution.json` has the checksum of each array, and as its last field `blake3` that of itself, as a manifest has.
 //!
-//! One row a right-hand side, so that thousands of them are written as they are solved, and `numpy.load(mmap_mode="r")` has
-//! any of them at once.
+//! One row a right-hand side, so that thousands of them are written as they are solved, and `numpy.load(mmap_mode="r")`
+//! has any of them at once.
 
 use super::Block;
 use crate::store::{
@@ -55,7 +55,7 @@ fn check_name(store: &Store, name: &str) -> Result<PathBuf> {
     }
 }
 
-/// Whether a quantity can be called so: a file is.
+/// Returns whether a quantity can be called so: a file is.
 fn is_quantity(name: &str) -> bool {
     !name.is_empty()
         && name.len() <= 100
@@ -140,8 +140,8 @@ impl std::fmt::Debug for SolutionWriter {
 }
 
 impl SolutionWriter {
-    /// Begins the solution `name` of `rows` right-hand sides, with a file for each of `quantities`. One of that name that
-    /// is there is replaced.
+    /// Begins the solution `name` of `rows` right-hand sides, with a file for each of `quantities`. One of that name
+    /// that is there is replaced.
     ///
     /// # Errors
     /// When `name` is no name, the place cannot be written, or another process writes a solution of this name.
@@ -411,7 +411,7 @@ pub struct ArrayFile {
     offset: u64,
     rows: u64,
     columns: u64,
-    /// Whether it must hold numbers alone.
+    /// True if it must hold numbers alone.
     is_finite: bool,
 }
 
@@ -456,12 +456,12 @@ impl ArrayFile {
         })
     }
 
-    /// How many rows it has.
+    /// Number of rows that it has.
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
-    /// How many columns it has.
+    /// Number of columns that it has.
     pub fn columns(&self) -> u64 {
         self.columns
     }

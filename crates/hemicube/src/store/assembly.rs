@@ -8,11 +8,11 @@ pub trait Index: Copy + Default + From<i32> + TryFrom<u64> + TryInto<usize> + Se
 impl Index for i32 {}
 impl Index for i64 {}
 
-/// A matrix in memory that is put together part by part: compressed rows in input order, as `scipy.sparse.csr_matrix` has
-/// them. Rows that no part has are empty.
+/// A matrix in memory that is put together part by part: compressed rows in input order, as `scipy.sparse.csr_matrix`
+/// has them. Rows that no part has are empty.
 ///
-/// Memory is only touched where a part is placed, so that parts which are dropped one after the other make room for what is
-/// made of them.
+/// Memory is only touched where a part is placed, so that parts which are dropped one after the other make room for
+/// what is made of them.
 ///
 /// ```
 /// use hemicube::InputPatch;

@@ -40,7 +40,7 @@ impl ClosureTally {
         self.max
     }
 
-    /// How many rows.
+    /// Number of rows.
     pub(crate) fn rows(&self) -> u64 {
         self.rows
     }

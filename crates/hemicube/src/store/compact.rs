@@ -13,10 +13,10 @@
 //! |F' − F| ≤ 2⁻¹¹ F for every F from 2⁻⁶² up, what is smaller is never 0 unless it was, and 0 and 1 are exact. Rounding
 //! what is rounded changes nothing. Decoding is whole numbers only, so that every machine and NumPy find the same bits.
 //!
-//! **Why runs.** Patches cut from one triangle follow each other in the input, and are seen together: half to 97 % of the
-//! columns of a row are the one before plus 1, whatever the scene. **Why not deflate or zstd on top.** What is left is
-//! mostly mantissas, which do not shrink: 4 to 23 % for a quarter of the speed of reading, and a row has no offset in the
-//! file any more. `docs/store.md` has the figures, and `examples/store_forms.rs` measures them.
+//! **Why runs.** Patches cut from one triangle follow each other in the input, and are seen together: half to 97 % of
+//! the columns of a row are the one before plus 1, whatever the scene. **Why not deflate or zstd on top.** What is left
+//! is mostly mantissas, which do not shrink: 4 to 23 % for a quarter of the speed of reading, and a row has no offset
+//! in the file any more. `docs/store.md` has the figures, and `examples/store_forms.rs` measures them.
 //!
 //! No compression of parts by deflate or zstd, because columns as runs and 16-bit form factors are a third of the plain
 //! form at the plain form's speed, and a general compressor takes little off that (mantissas) at several times the

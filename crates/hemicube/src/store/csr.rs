@@ -1,6 +1,7 @@
 //! A compressed-row matrix in an archive of arrays: as SciPy saves it, and as every part of a store is, in either form.
 //!
-//! Only `indptr` (and `runptr`) is in memory. A row is two or three reads at its offset, unless the archive is compressed.
+//! Only `indptr` (and `runptr`) is in memory. A row is two or three reads at its offset, unless the archive is
+//! compressed.
 
 use super::durable::read_exact_at;
 use super::npy::{Element, ElementType, decode};
@@ -60,7 +61,8 @@ impl Sequence {
     }
 }
 
-/// Entries that are read at a time where rows are visited: 128 kB in the plain form, which leaves most of a core's cache to x.
+/// Entries that are read at a time where rows are visited: 128 kB in the plain form, which leaves most of a core's
+/// cache to x.
 const ENTRIES_AT_A_TIME: u64 = 1 << 14;
 
 /// What rows are read into.
@@ -105,8 +107,8 @@ enum Entries {
     },
 }
 
-/// Asks the system to read a whole file ahead, where it can be asked. Arrays of a part are read by turns in pieces, which no
-/// system takes for one file read in order.
+/// Asks the system to read a whole file ahead, where it can be asked. Arrays of a part are read by turns in pieces,
+/// which no system takes for one file read in order.
 pub(super) fn will_read(file: &File) {
     #[cfg(target_os = "linux")]
     {
@@ -126,7 +128,7 @@ fn bounds(bounds: &[u64], row: u64) -> (u64, u64) {
     }
 }
 
-/// Whether `bounds` divides `count` elements into rows.
+/// Returns whether `bounds` divides `count` elements into rows.
 fn divides(bounds: &[u64], rows: u64, count: u64) -> bool {
     (bounds.len() as u64).checked_sub(1) == Some(rows)
         && bounds.first() == Some(&0)
@@ -224,7 +226,7 @@ impl CsrFile {
         })
     }
 
-    /// Whether it is what a store of this form has as a part.
+    /// Returns whether it is what a store of this form has as a part.
     pub(crate) fn is_store_part(&self, form: Form) -> bool {
         match &self.entries {
             Entries::Plain { indices, data } => {
@@ -279,7 +281,8 @@ impl CsrFile {
         each: &mut dyn FnMut(u64, EncodedRow<'_>) -> Option<()>,
     ) -> Result<()> {
         let [first, second, third] = &mut buffers.0;
-        // Each array by a file of its own: systems read ahead of what goes through a file in order, and these take turns.
+        // Each array by a file of its own: systems read ahead of what goes through a file in order, and these take
+        // turns.
         let open = || hemicube_scene::open_regular(&self.path).map_err(|error| Error::io(&self.path, "opened", error));
         let (file_of_second, file_of_third) = (open()?, open()?);
         let mut row = 0;

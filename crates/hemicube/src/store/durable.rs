@@ -1,8 +1,8 @@
 //! Files that are there whole or not at all: written under a temporary name in the same directory, synced, renamed, and
 //! the directory synced. Also reading at an offset, which needs no shared position.
 //!
-//! A temporary file is always a new one (`O_CREAT | O_EXCL`) under a name with ten random characters, so that no link can
-//! wait where it will be, and two writers of one file do not meet before the last step, which is a rename.
+//! A temporary file is always a new one (`O_CREAT | O_EXCL`) under a name with ten random characters, so that no link
+//! can wait where it will be, and two writers of one file do not meet before the last step, which is a rename.
 
 use super::{Error, Result};
 use std::fs::{File, TryLockError};
@@ -35,8 +35,9 @@ const RANDOM: usize = 10;
 /// Bytes of the file's own name that its temporary name repeats; file systems take 255 in all.
 const REPEATED_MAX: usize = 180;
 
-/// A new file beside another, under a name of its own, which takes that other's place at the end or is removed when it is
-/// dropped. It is locked while it is open; what a killed run left is not, and the next writer of the same file removes it.
+/// A new file beside another, under a name of its own, which takes that other's place at the end or is removed when it
+/// is dropped. It is locked while it is open; what a killed run left is not, and the next writer of the same file
+/// removes it.
 ///
 /// Unlike [`DurableFile`] it is not synced: for what is of the moment.
 ///
@@ -183,8 +184,8 @@ fn prefix(path: &Path, label: &str) -> Result<String> {
     Ok(format!(".{}{label}.", &name[..end]))
 }
 
-/// Removes what killed writers of this file left: regular files by our kind of name that nobody has locked. Best effort:
-/// what stays is passed over by all readers.
+/// Removes what killed writers of this file left: regular files by our kind of name that nobody has locked. Best
+/// effort: what stays is passed over by all readers.
 fn remove_left_behind(path: &Path, prefix: &str) {
     let is_left = |name: &str| {
         let random = name

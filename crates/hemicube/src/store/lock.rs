@@ -1,8 +1,8 @@
 //! Who may write a store: one run, or any number of its shards, or a merge.
 //!
-//! A lock is the operating system's, on a file in the store: it ends with the process that holds it, however that ends, so
-//! that a file which a killed run left locks nothing. The file says who holds it, for the message to who comes second.
-//! A whole run holds [`FILE`] alone; shards share it, and each has a file of its own beside it.
+//! A lock is the operating system's, on a file in the store: it ends with the process that holds it, however that ends,
+//! so that a file which a killed run left locks nothing. The file says who holds it, for the message to who comes
+//! second. A whole run holds [`FILE`] alone; shards share it, and each has a file of its own beside it.
 
 use super::durable::TEMPORARY_SUFFIX;
 use super::{Error, Result};

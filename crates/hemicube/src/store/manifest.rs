@@ -1,8 +1,8 @@
 //! The manifest: what a store is a matrix of, how it was computed, and which parts it has.
 //!
-//! `manifest.json` is pretty-printed JSON with its fields in the order of [`Manifest`], and as its last field `blake3`, the
-//! checksum of all bytes before that field's name. It holds no clock, no machine and no thread count, so that equal runs
-//! give equal bytes.
+//! `manifest.json` is pretty-printed JSON with its fields in the order of [`Manifest`], and as its last field `blake3`,
+//! the checksum of all bytes before that field's name. It holds no clock, no machine and no thread count, so that equal
+//! runs give equal bytes.
 
 use super::BalanceEntry;
 use super::Thinning;
@@ -38,7 +38,7 @@ const MANIFEST_SIZE_MAX: u64 = 1 << 29;
 const CHECKSUM_KEY: &str = ",\n  \"blake3\": \"";
 const CHECKSUM_END: &str = "\"\n}\n";
 
-/// What is known of a matrix before its first row is computed.
+/// A matrix before its first row is computed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
     /// Version of the program that computes it.
@@ -68,7 +68,7 @@ pub struct Header {
 }
 
 impl Header {
-    /// How many parts the finished store will have.
+    /// Number of parts that the finished store will have.
     pub fn part_count(&self) -> u32 {
         self.row_count.div_ceil(self.rows_per_part.max(1))
     }
@@ -112,9 +112,9 @@ pub struct PartEntry {
     pub index: u32,
     /// Path in the store, with `/` between its steps.
     pub file: String,
-    /// How many rows it has.
+    /// Number of rows that it has.
     pub rows: u32,
-    /// How many entries it has.
+    /// Number of entries that it has.
     pub entries: u64,
     /// BLAKE3 of its bytes, in hexadecimal.
     pub blake3: String,
@@ -170,7 +170,7 @@ pub struct Manifest {
     pub parts: Vec<PartEntry>,
     /// Entries of all these parts.
     pub entries: u64,
-    /// Whether every part is there.
+    /// True if every part is there.
     pub complete: bool,
     /// What leaving out small form factors did, as far as the run came.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -191,14 +191,14 @@ pub(crate) fn seal_json(mut text: String) -> String {
     text
 }
 
-/// Whether a text of [`seal_json`] is as it was; `None` where it has no checksum.
+/// Returns whether a text of [`seal_json`] is as it was; `None` where it has no checksum.
 fn is_sealed_json(text: &str) -> Option<bool> {
     let (body, end) = text.rsplit_once(CHECKSUM_KEY)?;
     let checksum = blake3::hash(body.as_bytes()).to_hex();
     Some(end.strip_suffix(CHECKSUM_END) == Some(checksum.as_str()))
 }
 
-/// The same of a text that may be of a version which had no checksum there.
+/// Likewise for a text that may be of a version which had no checksum there.
 pub(crate) fn is_sealed_or_plain_json(text: &str) -> bool {
     is_sealed_json(text).unwrap_or(true)
 }
@@ -303,8 +303,8 @@ impl Manifest {
         *blake3::hash(sorted(&identity).to_string().as_bytes()).as_bytes()
     }
 
-    /// In what this store is of another run than `other`, for a person: theirs first. `None` when parts of the two belong
-    /// together. The scene's file may have another name: what is in it counts.
+    /// In what this store is of another run than `other`, for a person: theirs first. `None` when parts of the two
+    /// belong together. The scene's file may have another name: what is in it counts.
     pub(crate) fn difference(&self, other: &Self) -> Option<String> {
         let of = |what: &str, theirs: &dyn std::fmt::Display, ours: &dyn std::fmt::Display| {
             Some(format!("its {what} is {theirs}, here it is {ours}"))
@@ -347,7 +347,7 @@ impl Manifest {
         (self.run_id() != other.run_id()).then(|| "it was computed in another way".to_owned())
     }
 
-    /// How many rows `part` has.
+    /// Number of rows that `part` has.
     pub fn rows_of_part(&self, part: u32) -> u32 {
         let first = u64::from(part) * u64::from(self.rows_per_part);
         let left = u64::from(self.row_count).saturating_sub(first);
@@ -380,7 +380,7 @@ impl Manifest {
         write_whole(&path, text.as_bytes(), label)
     }
 
-    /// Whether `directory` holds a manifest of this format, of whatever version and in whatever state.
+    /// Returns whether `directory` holds a manifest of this format, of whatever version and in whatever state.
     pub(crate) fn is_in(directory: &Path) -> bool {
         // The format's name stands first; what follows may be damaged.
         let start = format!("{{\n  \"format\": \"{FORMAT}\"");
@@ -438,12 +438,12 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// Whether parts and the patch table have refined shares.
+    /// Returns whether parts and the patch table have refined shares.
     pub(crate) fn has_shares(&self) -> bool {
         self.version > 1
     }
 
-    /// Whether the numbers fit together. Every size that is allocated later rests on this or on a file's size.
+    /// Returns whether the numbers fit together. Every size that is allocated later rests on this or on a file's size.
     fn check(&self) -> std::result::Result<(), String> {
         if self.patch_count > PATCH_COUNT_MAX || self.row_count > self.patch_count {
             return Err(format!(
@@ -525,12 +525,12 @@ impl PatchTable {
         table
     }
 
-    /// How many patches there are.
+    /// Number of patches.
     pub fn len(&self) -> usize {
         self.area.len()
     }
 
-    /// Whether there is no patch.
+    /// Returns whether there is no patch.
     pub fn is_empty(&self) -> bool {
         self.area.is_empty()
     }

@@ -1,7 +1,8 @@
-//! A form-factor matrix from wherever it comes: a store, SciPy's `.npz`, Matrix Market, a dense `.npy`. For comparisons.
+//! A form-factor matrix from wherever it comes: a store, SciPy's `.npz`, Matrix Market, a dense `.npy`. For
+//! comparisons.
 //!
-//! Rows of a store, of an uncompressed `.npz` and of a `.npy` are read when they are asked for; a compressed `.npz` and a
-//! Matrix Market file are held in memory.
+//! Rows of a store, of an uncompressed `.npz` and of a `.npy` are read when they are asked for; a compressed `.npz` and
+//! a Matrix Market file are held in memory.
 
 use super::csr::CsrFile;
 use super::durable::read_exact_at;
@@ -119,7 +120,7 @@ impl Matrix {
         &self.path
     }
 
-    /// How many rows and columns it has.
+    /// Number of rows and of columns.
     pub fn patch_count(&self) -> u32 {
         self.patch_count
     }

@@ -134,7 +134,7 @@ pub(crate) struct Header {
 }
 
 impl Header {
-    /// How many elements the shape asks for, if 64 bits can count them.
+    /// Number of elements that the shape asks for, if 64 bits can count them.
     pub(crate) fn count(&self) -> Option<u64> {
         self.shape
             .iter()
@@ -236,7 +236,7 @@ impl Header {
     }
 }
 
-/// What is left of a header's text.
+/// Remainder of a header's text.
 struct Scan<'a> {
     rest: &'a str,
 }

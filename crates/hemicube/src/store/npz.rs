@@ -15,7 +15,8 @@ use zip::{CompressionMethod, DateTime, System, ZipArchive, ZipWriter};
 /// The most members that an archive may have: SciPy writes 5, the patch table has 11.
 const MEMBERS_MAX: usize = 64;
 
-/// What the arrays of an archive may take that are compressed: so many times its file, or [`INFLATED_MIN`] where that is more.
+/// What the arrays of an archive may take that are compressed: so many times its file, or [`INFLATED_MIN`] where that
+/// is more.
 const INFLATED_RATIO_MAX: u64 = 10;
 
 /// Bytes that compressed arrays may take of the smallest archive.
@@ -111,7 +112,7 @@ impl<W: Write + Seek> NpzWriter<W> {
         self.preamble(b"csr", rows, columns)
     }
 
-    /// The same for a format of another name, which `scipy.sparse` then refuses by that name.
+    /// Likewise for a format of another name, which `scipy.sparse` then refuses by that name.
     pub(crate) fn preamble(&mut self, format: &[u8; 3], rows: u64, columns: u64) -> io::Result<()> {
         self.begin("format", ElementType::Bytes(3), &[])?;
         self.zip.write_all(format)?;
@@ -173,7 +174,7 @@ pub(crate) struct Npz {
     file: File,
     archive: ZipArchive<io::BufReader<File>>,
     members: Vec<Member>,
-    /// Whether arrays that are read whole are held against their CRC.
+    /// True if arrays that are read whole are held against their CRC.
     verifies: bool,
 }
 
@@ -338,7 +339,7 @@ impl Npz {
             .ok_or_else(|| Error::malformed(&self.path, format!("has no array `{name}`")))
     }
 
-    /// Whether there is an array of this name.
+    /// Returns whether there is an array of this name.
     pub(crate) fn has(&self, name: &str) -> bool {
         self.members.iter().any(|member| member.name == name)
     }

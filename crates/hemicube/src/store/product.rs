@@ -1,7 +1,8 @@
 //! F·x and Fᵀ·x of a matrix that stays on the disk.
 //!
-//! Parts are read once, front to back, in pieces that stay in a cache, by as many threads as there are; in memory are x, y
-//! and, for Fᵀ·x, [`SUMS`] vectors more. Sums have a fixed order: the result is the same to the bit whatever the threads.
+//! Parts are read once, front to back, in pieces that stay in a cache, by as many threads as there are; in memory are
+//! x, y and, for Fᵀ·x, [`SUMS`] vectors more. Sums have a fixed order: the result is the same to the bit whatever the
+//! threads.
 
 use super::csr::{Buffers, CsrFile, EncodedRow};
 use super::row_product::{Scratch, dot, scatter};
@@ -11,16 +12,17 @@ use std::fs::File;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Vectors that Fᵀ·x is added up in, each from its share of the parts, before they are added to each other. So many threads
-/// can work on it.
+/// Vectors that Fᵀ·x is added up in, each from its share of the parts, before they are added to each other. So many
+/// threads can work on it.
 const SUMS: usize = 8;
 
 impl Store {
-    /// y = F·x: what each patch receives of what all others have, or sees of what they show. Rows that were not computed
-    /// give NaN. With 0 `threads` every core works.
+    /// y = F·x: what each patch receives of what all others have, or sees of what they show. Rows that were not
+    /// computed give NaN. With 0 `threads` every core works.
     ///
     /// # Errors
-    /// [`Error::Incomplete`] when parts are missing, [`Error::Refused`] when `x` is not of all patches; when a part is damaged.
+    /// [`Error::Incomplete`] when parts are missing, [`Error::Refused`] when `x` is not of all patches; when a part is
+    /// damaged.
     pub fn multiply(&self, x: &[f64], threads: usize) -> Result<Vec<f64>> {
         self.require_factor(x)?;
         let y = Mutex::new(vec![f64::NAN; x.len()]);

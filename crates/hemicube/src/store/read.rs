@@ -1,10 +1,11 @@
-//! Reading a store of either form: the manifest at once, a part's head when a row of it is first wanted, a row by two or
-//! three reads at its offset.
+//! Reading a store of either form: the manifest at once, a part's head when a row of it is first wanted, a row by two
+//! or three reads at its offset.
 //!
-//! A part is looked at as a whole before anything of it is handed on (`validate.rs`): its checksum, its run, that no other
-//! part has its rows, and, at the latest when they are read, its columns and form factors.
+//! A part is looked at as a whole before anything of it is handed on (`validate.rs`): its checksum, its run, that no
+//! other part has its rows, and, at the latest when they are read, its columns and form factors.
 //!
-//! Memory: 16 bytes a patch for where its row is, 20 or 28 bytes a row for the heads of the parts; entries are never kept.
+//! Memory: 16 bytes a patch for where its row is, 20 or 28 bytes a row for the heads of the parts; entries are never
+//! kept.
 
 use super::csr::CsrFile;
 use super::durable::file_checksum;
@@ -54,8 +55,8 @@ pub struct Row {
     pub data: Vec<f32>,
 }
 
-/// What each row came to, in input order; NaN where none was computed. Fractions of the hemicube are NaN too where a row
-/// was come by without one.
+/// What each row came to, in input order; NaN where none was computed. Fractions of the hemicube are NaN too where a
+/// row was come by without one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RowTable {
     /// Fraction of what leaves that leaves the scene, as right as the form factors ([`RowShares`]).
@@ -111,15 +112,15 @@ impl RowTable {
         }
     }
 
-    /// What of each patch's view exchanges nothing with others, and so is taken to return to it when light or heat is solved
-    /// for: 1 − Σ F − escaped. That is what ends on backs and on patches without a column, and what a row lacks of 1 (less than
-    /// 0 where it has more); 0 for a patch without a row.
+    /// What of each patch's view exchanges nothing with others, and so is taken to return to it when light or heat is
+    /// solved for: 1 − Σ F − escaped. That is what ends on backs and on patches without a column, and what a row lacks
+    /// of 1 (less than 0 where it has more); 0 for a patch without a row.
     pub fn returned(&self) -> Vec<f64> {
         self.returned_beside(&self.escaped)
     }
 
-    /// The same where so much of each patch's view is taken for the outside, from 0 to 1: what escapes to no known part of the
-    /// sky exchanges nothing.
+    /// The same where so much of each patch's view is taken for the outside, from 0 to 1: what escapes to no known part
+    /// of the sky exchanges nothing.
     pub fn returned_beside(&self, outside: &[f64]) -> Vec<f64> {
         let known = |share: f64| if share.is_nan() { 0.0 } else { share };
         let rows = self.row_sum.iter().zip(outside);
@@ -192,8 +193,8 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens a store, complete or not. Reads the manifest only; parts are opened when they are needed, and the first time
-    /// read whole to see that they are as they were written.
+    /// Opens a store, complete or not. Reads the manifest only; parts are opened when they are needed, and the first
+    /// time read whole to see that they are as they were written.
     ///
     /// # Errors
     /// [`Error::Malformed`] when the directory is no store, or its manifest is not as it was written.
@@ -201,7 +202,7 @@ impl Store {
         Self::open_as(directory, false)
     }
 
-    /// The same for who reads little of a large store, or has checked it: checksums are only looked at by
+    /// Opens for those who read little of a large store, or have checked it: checksums are only looked at by
     /// [`Self::verify_part`] and [`Self::verify_patches`]. Bits that flipped within the entries of a row may then go
     /// unnoticed, and nothing worse.
     ///
@@ -278,7 +279,7 @@ impl Store {
         }
     }
 
-    /// How many entries the row of a patch has, without reading it; `None` when it was not computed.
+    /// Number of entries that the row of a patch has, without reading it; `None` when it was not computed.
     ///
     /// # Errors
     /// When its part is damaged.
@@ -339,8 +340,8 @@ impl Store {
     }
 
     /// A part, by its place among those that are there ([`Manifest::parts`]); `None` beyond the last. Reads the whole
-    /// part into memory, and looks at all that a reader relies on: rows of patches that have no other, columns that ascend
-    /// within the matrix, form factors from 0 to below 2, weights that are those of the hemicubes.
+    /// part into memory, and looks at all that a reader relies on: rows of patches that have no other, columns that
+    /// ascend within the matrix, form factors from 0 to below 2, weights that are those of the hemicubes.
     ///
     /// # Errors
     /// When the part is damaged, or of another run than the rest.
@@ -387,7 +388,7 @@ impl Store {
         }
     }
 
-    /// Whether the columns and form factors of a part were found to hold.
+    /// Returns whether the columns and form factors of a part were found to hold.
     pub(super) fn has_valid_entries(&self, place: usize) -> bool {
         self.has(place, found::ENTRIES)
     }
@@ -541,7 +542,8 @@ impl Store {
         Ok((path, npz))
     }
 
-    /// Asks the system to read a part into its cache while others are worked on; nothing where there is none of this place.
+    /// Asks the system to read a part into its cache while others are worked on; nothing where there is none of this
+    /// place.
     pub(crate) fn read_ahead(&self, place: usize) {
         // Advice: a file that cannot be opened is found out when it is read.
         if let Some(entry) = self.manifest.parts.get(place)

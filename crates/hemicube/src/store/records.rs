@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How far a matrix is from closure and reciprocity.
+/// Residuals of a matrix: closure and reciprocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Residuals {
@@ -34,9 +34,9 @@ pub struct BalanceSource {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BalanceEntry {
-    /// Whether rows were made to sum to what their hemicubes did not lose.
+    /// True if rows were made to sum to what their hemicubes did not lose.
     pub closure: bool,
-    /// Whether Aᵢ Fᵢⱼ and Aⱼ Fⱼᵢ were made equal.
+    /// True if Aᵢ Fᵢⱼ and Aⱼ Fⱼᵢ were made equal.
     pub reciprocity: bool,
     /// Below what form factors were left out.
     pub min_factor: f64,
@@ -44,19 +44,20 @@ pub struct BalanceEntry {
     pub max_scale: f64,
     /// What the sweeps were to reach.
     pub tolerance: f64,
-    /// How many sweeps there could be.
+    /// Number of sweeps at most.
     pub max_sweeps: u32,
     /// What was balanced.
     pub source: BalanceSource,
     /// Sweeps of the scaling.
     pub sweeps: u32,
-    /// Whether they reached the tolerance, but for the rows that are counted below.
+    /// True if they reached the tolerance, but for the rows that are counted below.
     pub converged: bool,
     /// Rows that cannot be scaled to their sum because they have no entries.
     pub rows_empty: u64,
     /// Rows that are to sum to nothing and have entries, because other patches see theirs.
     pub rows_without_target: u64,
-    /// Rows for which no scaling within the bounds gives the sum: they see too few others, or others that see too little.
+    /// Rows for which no scaling within the bounds gives the sum: they see too few others, or others that see too
+    /// little.
     pub rows_at_bound: u64,
     /// The largest closure error of the rows that none of these three counts.
     pub closure_max_of_others: f64,
@@ -78,8 +79,8 @@ pub struct BalanceEntry {
     pub entries_dropped: u64,
     /// What they carried, Σ Aᵢ Fᵢⱼ, as a share of what all did; the others carry it now.
     pub mass_dropped: f64,
-    /// How far the matrix was from closure and reciprocity.
+    /// Residuals of closure and reciprocity.
     pub before: Residuals,
-    /// How far it is now.
+    /// Progress by now.
     pub after: Residuals,
 }

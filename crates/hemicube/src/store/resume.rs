@@ -1,8 +1,8 @@
 //! Going on with a store that is there, and making one of shards.
 //!
-//! A part's file says of itself whether it is whole (its last bytes are the checksum of those before) and which run it is
-//! of (`run`), so what is kept of a store does not hang on a manifest that a killed run could not write any more. Every
-//! part is read and held against both before it is kept; what does not hold is computed again.
+//! A part's file says of itself whether it is whole (its last bytes are the checksum of those before) and which run it
+//! is of (`run`), so what is kept of a store does not hang on a manifest that a killed run could not write any more.
+//! Every part is read and held against both before it is kept; what does not hold is computed again.
 //!
 //! No journal beside the parts, because a sealed part says all that a journal could, cannot disagree with it, and may
 //! be copied from another machine. Reading every part when a run goes on is a fraction of a per cent of computing it.
@@ -31,9 +31,9 @@ pub struct NotKept {
 /// What was found of a store that is gone on with.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Kept {
-    /// Whether a store was there at all.
+    /// True if a store was there at all.
     pub was_there: bool,
-    /// Whether it was complete and is as it was written, so that there is nothing to do.
+    /// True if it was complete and is as it was written, so that there is nothing to do.
     pub is_complete: bool,
     /// Parts that are kept.
     pub parts: u32,
@@ -164,9 +164,9 @@ fn shard_count(directories: &[&Path]) -> Option<u32> {
 }
 
 impl StoreWriter {
-    /// Makes a store, or goes on with the one that is there: its whole parts are kept and handed to `each` in order, and
-    /// [`Self::missing_parts`] says what is left to do. A `shard` looks at its own parts only, and other shards may work
-    /// in the same directory meanwhile.
+    /// Makes a store, or goes on with the one that is there: its whole parts are kept and handed to `each` in order,
+    /// and [`Self::missing_parts`] says what is left to do. A `shard` looks at its own parts only, and other shards may
+    /// work in the same directory meanwhile.
     ///
     /// The result is the same to the bit as if the store had been written at one go.
     ///
@@ -286,8 +286,8 @@ fn refuse_foreign_parts(directory: &Path, ours: &Manifest, error: Error) -> Resu
     Ok(())
 }
 
-/// Where no manifest says that a directory is a store's, its parts must: a file that only has the name of one is somebody
-/// else's, and would be replaced.
+/// Where no manifest says that a directory is a store's, its parts must: a file that only has the name of one is
+/// somebody else's, and would be replaced.
 fn refuse_what_is_no_part(directory: &Path) -> Result<()> {
     let entries = std::fs::read_dir(directory.join(PARTS_DIRECTORY))
         .into_iter()
@@ -337,9 +337,9 @@ impl Merged {
 }
 
 /// Makes one store of the parts that shards computed in `directory` and, if they worked elsewhere, in `sources`, whose
-/// parts are copied. Everything is checked: that the directories are of one run, and every part as when a run is gone on
-/// with. With nothing missing the store is complete, the same to the bit as that of one process; otherwise nothing but
-/// the copied parts has changed, and it may be tried again.
+/// parts are copied. Everything is checked: that the directories are of one run, and every part as when a run is gone
+/// on with. With nothing missing the store is complete, the same to the bit as that of one process; otherwise nothing
+/// but the copied parts has changed, and it may be tried again.
 ///
 /// # Errors
 /// [`Error::OtherRun`] when a directory is of another run; [`Error::Refused`] when two of them have one part in two
@@ -498,7 +498,7 @@ fn copy(from: &Path, to: &Path) -> Result<()> {
 
 /// The manifest of a store, for who only asks whether there is one.
 impl StoreWriter {
-    /// Whether a store, in whatever state, is in `directory`.
+    /// Returns whether a store, in whatever state, is in `directory`.
     pub fn is_in(directory: &Path) -> bool {
         directory.join(MANIFEST_FILE).exists() && Manifest::is_in(directory)
     }

@@ -1,8 +1,8 @@
 //! What one row of a store adds to F·x and Fᵀ·x, from the bytes of its file.
 //!
-//! A row of F·x is [`LANES`] sums, entry k to sum k mod [`LANES`], that are added from the first to the last at the end: in
-//! either form, on every instruction set. Multiplications and additions are rounded one by one, never fused; the same source
-//! is compiled for each instruction set, so that all give the same bits.
+//! A row of F·x is [`LANES`] sums, entry k to sum k mod [`LANES`], that are added from the first to the last at the
+//! end: in either form, on every instruction set. Multiplications and additions are rounded one by one, never fused;
+//! the same source is compiled for each instruction set, so that all give the same bits.
 
 use super::compact;
 use super::csr::EncodedRow;
@@ -107,8 +107,8 @@ fn dot_plain_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64> {
 /// A run that is longer than [`LANES`]: its first column, where it begins in its row, and its length.
 type Long = (usize, usize, usize);
 
-/// Unrolls the runs of a row of so many entries: `place` puts what belongs to the columns from one on into a slice, or says that
-/// they are none. Returns what it made of all, and one past the last column.
+/// Unrolls the runs of a row of so many entries: `place` puts what belongs to the columns from one on into a slice, or
+/// says that they are none. Returns what it made of all, and one past the last column.
 #[inline(always)]
 fn unroll<'r, T: Clone + Default>(
     gaps: &[u8],
@@ -126,8 +126,9 @@ fn unroll<'r, T: Clone + Default>(
         let length = usize::from(length);
         let first = next + usize::from(u16::from_le_bytes(gap));
         next = first + length;
-        // Nineteen runs of twenty are no longer than LANES. So many are placed of each, whatever its length: what is too much
-        // is written over by the next run, and what is missing comes below. A branch on lengths would be mispredicted.
+        // Nineteen runs of twenty are no longer than LANES. So many are placed of each, whatever its length: what is
+        // too much is written over by the next run, and what is missing comes below. A branch on lengths would be
+        // mispredicted.
         if place(room.get_mut(at..at + LANES)?, first).is_none() {
             place(room.get_mut(at..at + length)?, first)?;
         }

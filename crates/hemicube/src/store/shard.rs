@@ -39,7 +39,7 @@ impl Shard {
         self.count
     }
 
-    /// Whether it computes a part.
+    /// Returns whether it computes a part.
     pub fn has(&self, part: u32) -> bool {
         part % self.count == self.index
     }

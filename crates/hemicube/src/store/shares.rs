@@ -7,14 +7,15 @@
 //! r = 1 − Σ F − E − B − U          E, B, U: the hemicubes' shares
 //! ```
 //!
-//! The residual is the hemicubes' error: they are one point, or a few, where F is of the whole patch. It is dealt out over
-//! the three in proportion to wₓ = X (1 − X), the variance of a quantity that is 0 or 1 and is estimated from one point. No
-//! share falls below 0, none rises by more than that variance's root, and none that is 0 in the hemicubes changes: what
-//! such bounds leave of the residual is dealt out over the others, and what none can take is the form factors' own error.
+//! The residual is the hemicubes' error: they are one point, or a few, where F is of the whole patch. It is dealt out
+//! over the three in proportion to wₓ = X (1 − X), the variance of a quantity that is 0 or 1 and is estimated from one
+//! point. No share falls below 0, none rises by more than that variance's root, and none that is 0 in the hemicubes
+//! changes: what such bounds leave of the residual is dealt out over the others, and what none can take is the form
+//! factors' own error.
 //!
-//! Where the residual is more than form factors are expected to be off by, and backs or unselected patches may have a part in
-//! it, the hemicubes' shares are replaced by rays' from all over the patch ([`crate::lost`]), which are refined by no more than
-//! three times their own error.
+//! Where the residual is more than form factors are expected to be off by, and backs or unselected patches may have a
+//! part in it, the hemicubes' shares are replaced by rays' from all over the patch ([`crate::lost`]), which are refined
+//! by no more than three times their own error.
 
 use crate::store::{HEMICUBE_WEIGHT, RowSums};
 
@@ -68,8 +69,8 @@ impl RowShares {
         Self::from_array([sums.escaped, sums.blocked, sums.unselected].map(|weight| weight as f64 / whole))
     }
 
-    /// These shares, with what they and form factors lack of 1 dealt out over them. `factors` is what the form factors sum to,
-    /// and `error` what that sum is expected to be off by; where it is not a number, 1 %.
+    /// These shares, with what they and form factors lack of 1 dealt out over them. `factors` is what the form factors
+    /// sum to, and `error` what that sum is expected to be off by; where it is not a number, 1 %.
     #[must_use]
     pub fn refined(self, factors: f64, error: f64) -> Self {
         let residual = 1.0 - factors - self.lost();
@@ -85,15 +86,16 @@ impl RowShares {
         Self::from_array(shares)
     }
 
-    /// As [`Self::refined`], of shares whose errors are known: none moves by more than three times its `errors`, and what that
-    /// leaves of the residual is the form factors'.
+    /// As [`Self::refined`], of shares whose errors are known: none moves by more than three times its `errors`, and
+    /// what that leaves of the residual is the form factors'.
     pub(crate) fn refined_within(self, factors: f64, errors: [f64; 3]) -> Self {
         let residual = 1.0 - factors - self.lost();
         let most = ERRORS * errors.iter().map(|error| error * error).sum::<f64>().sqrt();
         Self::from_array(self.deal(self.to_array(), residual.clamp(-most, most), [1.0; 3]).0)
     }
 
-    /// Deals `residual` out over `shares`, none of which may exceed its `most`: the new shares, and what none could take.
+    /// Deals `residual` out over `shares`, none of which may exceed its `most`: the new shares, and what none could
+    /// take.
     fn deal(self, mut shares: [f64; 3], mut residual: f64, most: [f64; 3]) -> ([f64; 3], f64) {
         let mut weights = self.to_array().map(|share| share * (1.0 - share).max(RESOLUTION));
         // Each round but the last exhausts a share.
@@ -141,7 +143,7 @@ impl RowShares {
         }
     }
 
-    /// Whether they can be those of a row: from 0 to 1, unknown where there is no hemicube.
+    /// Returns whether they can be those of a row: from 0 to 1, unknown where there is no hemicube.
     pub(crate) fn fit(self, hemicubes: u32) -> bool {
         let fits = |share: &f64| {
             if hemicubes == 0 {

@@ -1,9 +1,9 @@
 //! What is kept of a row: small form factors left out while it is computed, and the rounding of the store's form.
 //!
-//! The rule is that of `balance` for rows on their own ([`crate::analysis::balance`]): entries below the least factor go, the others
-//! of the row share what these carried in proportion, and a row whose entries would grow beyond the bound keeps all. What
-//! both steps change is in the row's expected error: √(e² + Σ (F' − F)²), as if it had nothing to do with the error that
-//! was there.
+//! The rule is that of `balance` for rows on their own ([`crate::analysis::balance`]): entries below the least factor
+//! go, the others of the row share what these carried in proportion, and a row whose entries would grow beyond the
+//! bound keeps all. What both steps change is in the row's expected error: √(e² + Σ (F' − F)²), as if it had nothing to
+//! do with the error that was there.
 
 use super::closure::{ClosureTally, narrow, share_of, target_of};
 use super::{Form, Part};
@@ -136,8 +136,8 @@ pub(crate) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, e
     }
 }
 
-/// What leaving out small form factors did to the rows of one part: what the figures of a run are added up from, part by
-/// part, whoever computed them and when.
+/// What leaving out small form factors did to the rows of one part: what the figures of a run are added up from, part
+/// by part, whoever computed them and when.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PartThinning {
     entries_dropped: u64,
@@ -151,7 +151,7 @@ pub struct PartThinning {
 }
 
 impl PartThinning {
-    /// How many numbers [`Self::numbers`] has.
+    /// Number of numbers that [`Self::numbers`] has.
     pub(crate) const LENGTH: usize = 11;
 
     /// Adds a row of a part, in the order of work.

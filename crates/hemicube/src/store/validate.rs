@@ -1,11 +1,11 @@
-//! What the arrays of a store must be, beyond fitting together. Writers refuse what is not so before a file is there, and
-//! readers before anything is made of it: nobody gets a row, a patch or a column that was not looked at here.
+//! What the arrays of a store must be, beyond fitting together. Writers refuse what is not so before a file is there,
+//! and readers before anything is made of it: nobody gets a row, a patch or a column that was not looked at here.
 
 use super::{Form, HEMICUBE_WEIGHT, Part, PatchTable, RowSums, compact};
 use std::result::Result;
 
-/// Form factors are below this, in either form. A fraction is 1 at most; what closed forms of patches that all but touch are
-/// off by stays far below the other 1.
+/// Form factors are below this, in either form. A fraction is 1 at most; what closed forms of patches that all but
+/// touch are off by stays far below the other 1.
 pub(super) const FACTOR_END: f32 = 2.0;
 
 /// The most hemicubes of a row: 4096 of `--samples`, and 16 times as many for a row that sums oddly.
@@ -17,10 +17,10 @@ const NORMAL_ERROR: f64 = 1e-6;
 /// By how much fractions of one hemicube may sum to more than 1: rounding of three of them.
 const FRACTION_ERROR: f64 = 1e-9;
 
-/// Whether all are form factors: numbers from 0 to below [`FACTOR_END`].
+/// Returns whether all are form factors: numbers from 0 to below [`FACTOR_END`].
 pub(super) fn are_factors(factors: impl Iterator<Item = f32> + Clone) -> bool {
-    // The two highest bits are those of the sign and of 2 and more, which infinities and what is no number have, too. Without
-    // a branch this is a tenth of the time of two comparisons each.
+    // The two highest bits are those of the sign and of 2 and more, which infinities and what is no number have, too.
+    // Without a branch this is a tenth of the time of two comparisons each.
     let bits = factors.clone().fold(0, |bits, factor| bits | factor.to_bits());
     bits & 0xC000_0000 == 0 || factors.into_iter().all(is_factor)
 }
@@ -29,7 +29,7 @@ fn is_factor(factor: f32) -> bool {
     (0.0..FACTOR_END).contains(&factor)
 }
 
-/// Whether columns ascend, and are of a matrix of so many.
+/// Returns whether columns ascend, and are of a matrix of so many.
 pub(super) fn are_columns(columns: &[i32], patch_count: u32) -> bool {
     let (Some(&first), Some(&last)) = (columns.first(), columns.last()) else {
         return true;
@@ -41,7 +41,7 @@ pub(super) fn are_columns(columns: &[i32], patch_count: u32) -> bool {
     ascends && first >= 0 && last.cast_unsigned() < patch_count
 }
 
-/// The same of the bytes of a plain row, with its form factors.
+/// Likewise for the bytes of a plain row, with its form factors.
 pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32) -> bool {
     let (columns, values) = (columns.as_chunks::<4>().0, values.as_chunks::<4>().0);
     let (Some(&first), Some(&last)) = (columns.first(), columns.last()) else {

@@ -23,8 +23,8 @@ const COPY: usize = 1 << 16;
 
 /// A store that is being written.
 ///
-/// Parts may come in any order. A writer that is dropped without [`Self::finish`] or [`Self::interrupt`] leaves the parts
-/// that were written, and a manifest that does not name them.
+/// Parts may come in any order. A writer that is dropped without [`Self::finish`] or [`Self::interrupt`] leaves the
+/// parts that were written, and a manifest that does not name them.
 #[derive(Debug)]
 pub struct StoreWriter {
     directory: PathBuf,
@@ -77,8 +77,8 @@ impl StoreWriter {
         }
     }
 
-    /// Writes what a store is before its first part; without `patches` their table is there. Whoever writes alone clears
-    /// away what is left of another store.
+    /// Writes what a store is before its first part; without `patches` their table is there. Whoever writes alone
+    /// clears away what is left of another store.
     pub(super) fn begin(&mut self, patches: Option<&PatchTable>, replaces: bool) -> Result<()> {
         let parts = self.directory.join(PARTS_DIRECTORY);
         std::fs::create_dir_all(&parts).map_err(|error| Error::io(&parts, "created", error))?;
@@ -109,7 +109,7 @@ impl StoreWriter {
         self.shard.map_or_else(String::new, Shard::label)
     }
 
-    /// Whether other writers are kept out; on a file system without locks they are not.
+    /// Returns whether other writers are kept out; on a file system without locks they are not.
     pub fn is_locked(&self) -> bool {
         self.locks.iter().all(Lock::holds)
     }
@@ -143,10 +143,10 @@ impl StoreWriter {
     /// ([`Form::round`]), if that was not done before.
     ///
     /// # Errors
-    /// [`Error::Refused`] when the part is not what a reader may rely on: another number of rows than this part has, rows
-    /// or columns that do not exist or do not ascend, form factors that are no numbers (in the compact form also negative
-    /// ones and such as are 2 and more), weights that do not sum to the hemicubes'. [`Error::NoSpace`] or [`Error::Io`] when it cannot be written: then the parts before it are intact, and
-    /// it can be tried again.
+    /// [`Error::Refused`] when the part is not what a reader may rely on: another number of rows than this part has,
+    /// rows or columns that do not exist or do not ascend, form factors that are no numbers (in the compact form also
+    /// negative ones and such as are 2 and more), weights that do not sum to the hemicubes'. [`Error::NoSpace`] or
+    /// [`Error::Io`] when it cannot be written: then the parts before it are intact, and it can be tried again.
     pub fn write_part(&mut self, part: &Part) -> Result<()> {
         let file = part_file(part.index);
         let path = self.directory.join(&file);
@@ -215,8 +215,8 @@ impl StoreWriter {
     }
 
     /// Ends a run whose parts are all written: the patch table gets its last columns, the manifest says that the store
-    /// is complete. A shard ends with its own parts, and leaves table and manifest to [`merge`](super::merge); the manifest
-    /// that it returns names what it looked at and wrote.
+    /// is complete. A shard ends with its own parts, and leaves table and manifest to [`merge`](super::merge); the
+    /// manifest that it returns names what it looked at and wrote.
     ///
     /// # Errors
     /// [`Error::Incomplete`] when parts are missing; [`Error::NoSpace`] or [`Error::Io`].
@@ -305,8 +305,8 @@ impl StoreWriter {
         Ok(())
     }
 
-    /// Writes the patch table anew, now with what the rows came to. Its geometry comes from the file: it need not stay in
-    /// memory through the run.
+    /// Writes the patch table anew, now with what the rows came to. Its geometry comes from the file: it need not stay
+    /// in memory through the run.
     fn complete_patches(&mut self) -> Result<()> {
         let path = self.directory.join(PATCHES_FILE);
         let mut known = Npz::open(&path)?;
@@ -405,7 +405,8 @@ pub(super) fn claim(directory: &Path, may_have_parts: bool) -> Result<bool> {
             let entries = std::fs::read_dir(directory).map_err(|error| Error::io(directory, "read", error))?;
             for entry in entries {
                 let entry = entry.map_err(|error| Error::io(directory, "read", error))?;
-                // A run that was killed at its very start leaves no more than this; parts say themselves what they are of.
+                // A run that was killed at its very start leaves no more than this; parts say themselves what they are
+                // of.
                 let name = entry.file_name();
                 let is_ours = |name: &str| name.ends_with(TEMPORARY_SUFFIX) || may_have_parts && is_part(name);
                 let ours = name.to_string_lossy().ends_with(TEMPORARY_SUFFIX)
@@ -476,8 +477,8 @@ fn write_archive(
         .map_err(|error| Error::write(path, wanted, error))
 }
 
-/// The bytes of a part's file and their checksum. In memory, because its checksum is wanted and zip headers are written last; a part is in
-/// memory anyway.
+/// The bytes of a part's file and their checksum. In memory, because its checksum is wanted and zip headers are written
+/// last; a part is in memory anyway.
 fn encode(part: &Part, patch_count: u32, form: Form, run: &[u8; 32]) -> io::Result<(Vec<u8>, String)> {
     let (rows, entries, columns) = (part.rows.len() as u64, part.data.len() as u64, u64::from(patch_count));
     let per_entry = if form.is_plain() { 8 } else { 3 };

@@ -1,8 +1,8 @@
 //! Which patches a patch could exchange much with, whether its hemicube saw them or not.
 //!
-//! A hemicube at one point misses pairs that other points of the emitter see: walls of neighbouring buildings a hair apart,
-//! what begins behind a corner. However large a part of the row they are, no pixel tells. So they are looked for in the tree,
-//! by bounds of the form factor: with d the least distance of the spheres round the two,
+//! A hemicube at one point misses pairs that other points of the emitter see: walls of neighbouring buildings a hair
+//! apart, what begins behind a corner. However large a part of the row they are, no pixel tells. So they are looked for
+//! in the tree, by bounds of the form factor: with d the least distance of the spheres round the two,
 //!
 //! ```text
 //! F_ij ≤ 1,   F_ij ≤ A_j / A_i,   F_ij ≤ A_j cos φ_i / (π d²),   cos φ_i ≤ (height of j above i) / d
@@ -33,8 +33,8 @@ struct Emitter {
 /// From which form factor on patches are listed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Least {
-    /// Of those that all but touch the emitter: whose middle is nearer to its own than twice the root of the sum of squared
-    /// radii.
+    /// Of those that all but touch the emitter: whose middle is nearer to its own than twice the root of the sum of
+    /// squared radii.
     pub(crate) near: f64,
     /// Of the others.
     pub(crate) far: f64,

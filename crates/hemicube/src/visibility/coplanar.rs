@@ -1,8 +1,8 @@
 //! Walls: surfaces of one plane that make up a convex polygon together, as one thing that occludes.
 //!
-//! A patch is cut fine for what it radiates; what it hides is the same however it is cut. Between two patches of a finely
-//! cut city lie dozens of pieces of the same few façades: a shaft that lists façades has fewer triangles to test and to send
-//! rays at, and a façade proves a pair hidden where none of its pieces does.
+//! A patch is cut fine for what it radiates; what it hides is the same however it is cut. Between two patches of a
+//! finely cut city lie dozens of pieces of the same few façades: a shaft that lists façades has fewer triangles to test
+//! and to send rays at, and a façade proves a pair hidden where none of its pieces does.
 
 use crate::Model;
 use crate::backend::{Geometry, Surface};
@@ -132,7 +132,7 @@ impl Walls {
         self.corner_start.push(end(self.corners.len()));
     }
 
-    /// How many there are.
+    /// The number that there are.
     pub(crate) fn len(&self) -> u32 {
         u32::try_from(self.piece_start.len() - 1).unwrap_or(u32::MAX)
     }
@@ -347,8 +347,8 @@ mod tests {
         }
     }
 
-    /// Every surface is a piece of one wall, lies in it, and walls have the area of their pieces. Returns how many corners
-    /// each wall has.
+    /// Every surface is a piece of one wall, lies in it, and walls have the area of their pieces. Returns how many
+    /// corners each wall has.
     fn sound(model: &Model) -> Vec<usize> {
         let walls = Walls::of(model);
         let surfaces = &model.geometry().surfaces;
@@ -386,8 +386,8 @@ mod tests {
     #[test]
     fn a_finely_cut_box_is_its_walls() {
         for subdivision in [Subdivision::None, Subdivision::Split(5), Subdivision::Levels(2)] {
-            // Five walls of a room and six sides of two blocks less the two they stand on: the light is a part of the ceiling
-            // that leaves it a frame, which is not convex.
+            // Five walls of a room and six sides of two blocks less the two they stand on: the light is a part of the
+            // ceiling that leaves it a frame, which is not convex.
             let corners = sound(&model(&cornell_box(), subdivision));
             let quadrangles = corners.iter().filter(|&&count| count == 4).count();
             assert!(quadrangles >= 14, "{subdivision:?}: {corners:?}");

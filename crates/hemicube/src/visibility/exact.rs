@@ -1,15 +1,15 @@
-//! The visible fraction of a pair without rays: from points of one triangle, the other is cut by what hides it, and what is
-//! left has a closed form.
+//! The visible fraction of a pair without rays: from points of one triangle, the other is cut by what hides it, and
+//! what is left has a closed form.
 //!
-//! From a point x, the part of a polygon that a triangle hides is what lies in the cone of x over it. Taking the cones of all
-//! occluders away leaves convex pieces, whose factors from x are Lambert's contour sums: exact at x, however thin the
-//! pieces. Over the points the visible factor is continuous, with kinks where an edge comes into view, so that few points
-//! do, and more of them only where neighbouring ones disagree: cells of the outer triangle are cut into four until that
-//! changes little. Rays would have to resolve a step in four dimensions instead.
+//! From a point x, the part of a polygon that a triangle hides is what lies in the cone of x over it. Taking the cones
+//! of all occluders away leaves convex pieces, whose factors from x are Lambert's contour sums: exact at x, however
+//! thin the pieces. Over the points the visible factor is continuous, with kinks where an edge comes into view, so that
+//! few points do, and more of them only where neighbouring ones disagree: cells of the outer triangle are cut into four
+//! until that changes little. Rays would have to resolve a step in four dimensions instead.
 //!
-//! On which side of the plane through x and an edge a, b a point p lies is the sign of det (a − x, b − x, p − x), which is
-//! affine in x: what holds at the three corners of a cell holds all over it. So whole cells are proved to see all, or
-//! nothing, and occluders that cannot matter are left out of their parts.
+//! On which side of the plane through x and an edge a, b a point p lies is the sign of det (a − x, b − x, p − x), which
+//! is affine in x: what holds at the three corners of a cell holds all over it. So whole cells are proved to see all,
+//! or nothing, and occluders that cannot matter are left out of their parts.
 
 use crate::factor::contour::{self, Care, in_front};
 use crate::factor::{SIX, point_to_polygon, quarters};
@@ -20,8 +20,8 @@ use glam::DVec3;
 /// Pieces that a polygon is cut into from one point, at most: beyond, rays are cheaper.
 const MOST_PIECES: usize = 200;
 
-/// How much of a cell that nothing is proved of may see other than its points do, by how often it was divided: few points
-/// miss much more than many do.
+/// How much of a cell that nothing is proved of may see other than its points do, by how often it was divided: few
+/// points miss much more than many do.
 const UNPROVED: [f64; 4] = [0.1, 0.015, 0.006, 0.002];
 
 /// Pieces that the outer triangle is cut into where occluders stand on it, at most.
@@ -74,8 +74,8 @@ impl Polygon {
         (within, without)
     }
 
-    /// As [`Self::split`], over what the two were: corners nearer to the plane than `slack` lie on it, so that no edge is cut
-    /// next to its end, as an edge of no length has no side.
+    /// As [`Self::split`], over what the two were: corners nearer to the plane than `slack` lie on it, so that no edge
+    /// is cut next to its end, as an edge of no length has no side.
     fn split_into(&self, normal: DVec3, offset: f64, slack: f64, within: &mut Self, without: &mut Self) {
         (within.count, without.count) = (0, 0);
         let height = |p: DVec3| {
@@ -169,7 +169,7 @@ pub(crate) struct Clipper {
 pub(crate) struct Clipped {
     /// The visible fraction.
     pub(crate) fraction: f64,
-    /// How far it may be off.
+    /// Error bound.
     pub(crate) change: f64,
     /// Points it is from.
     pub(crate) points: usize,
@@ -187,11 +187,11 @@ struct Cell {
     relevant: std::ops::Range<usize>,
     visible: f64,
     open: f64,
-    /// How far the six points are from `open`.
+    /// Difference of the six points' value from `open`.
     strayed: f64,
-    /// How far `visible` may be off.
+    /// Error bound of `visible`.
     doubt: f64,
-    /// How often the triangle was divided for it.
+    /// Number of times that the triangle was divided for it.
     depth: usize,
 }
 
@@ -207,10 +207,12 @@ struct View<'a> {
 
 impl Clipper {
     /// The visible fraction of a pair, refined until its cells' doubts add up to `enough` or there are `most_points`,
-    /// about. `None` where a polygon falls in too many pieces, or nothing is left of one triangle in front of the other.
+    /// about. `None` where a polygon falls in too many pieces, or nothing is left of one triangle in front of the
+    /// other.
     ///
-    /// With `along_contacts`, no cell has an occluder stand on its inside. From one side of such a line to the other the visible
-    /// factor jumps, and where cells lie along the line, what their points miss adds up with one sign: doubts say too little.
+    /// With `along_contacts`, no cell has an occluder stand on its inside. From one side of such a line to the other
+    /// the visible factor jumps, and where cells lie along the line, what their points miss adds up with one sign:
+    /// doubts say too little.
     pub(crate) fn measure(
         &mut self,
         shaft: &Shaft,
@@ -417,8 +419,8 @@ impl Clipper {
         parts.iter_mut().for_each(|part| part.depth = cell.depth + 1);
         let unproved = parts.iter().filter(|part| part.doubt > 0.0).count().max(1);
         for part in parts.iter_mut().filter(|part| part.doubt > 0.0) {
-            // The smooth error falls with the square of a cell's size, that of a kink nearly so; and what no point has met
-            // is worth a little as long as nothing is proved.
+            // The smooth error falls with the square of a cell's size, that of a kink nearly so; and what no point has
+            // met is worth a little as long as nothing is proved.
             part.doubt = (0.3 * change / unproved as f64).max(missed * part.open) + 0.5 * part.strayed;
         }
         Some(())
@@ -664,8 +666,8 @@ mod tests {
         (exchange / whole, change)
     }
 
-    /// A plate sticks through a leaning wall along a line that cells of the wall lie along, too. The factor is by adaptive
-    /// quadrature over points of the floor, from which all is cut exactly (to 2·10⁻⁷ by its own account).
+    /// A plate sticks through a leaning wall along a line that cells of the wall lie along, too. The factor is by
+    /// adaptive quadrature over points of the floor, from which all is cut exactly (to 2·10⁻⁷ by its own account).
     #[test]
     fn cells_end_where_an_obstruction_sticks_through() {
         let p = DVec3::new;
@@ -695,8 +697,8 @@ mod tests {
         }
     }
 
-    /// A low wall between a floor and a wall, as is and turned: its foot lies in the floor's plane but for rounding. The
-    /// factor was computed by 40-point Gauss–Legendre quadrature over each smooth piece.
+    /// A low wall between a floor and a wall, as is and turned: its foot lies in the floor's plane but for rounding.
+    /// The factor was computed by 40-point Gauss–Legendre quadrature over each smooth piece.
     #[test]
     fn an_obstruction_that_stands_on_the_receiver() {
         let p = DVec3::new;

@@ -1,8 +1,9 @@
-//! Segments between points of two triangles, against the tree of walls: what a shaft is asked where too much lies in it to be
-//! listed.
+//! Segments between points of two triangles, against the tree of walls: what a shaft is asked where too much lies in it
+//! to be listed.
 //!
-//! A list costs as much as it is long for every ray; a tree costs its depth. So a ray's cost is bounded whatever lies between
-//! the two. All is in f64: what lies a hair from one of the two planes needs no list of its own, as it does beside rays in f32.
+//! A list costs as much as it is long for every ray; a tree costs its depth. So a ray's cost is bounded whatever lies
+//! between the two. All is in f64: what lies a hair from one of the two planes needs no list of its own, as it does
+//! beside rays in f32.
 
 use crate::backend::Surface;
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
@@ -46,8 +47,8 @@ impl<'a> Segments<'a> {
         }
     }
 
-    /// Whether a wall crosses the segment from `start` to `end`, or hides `at`, its end on the receiver, as it lies in the
-    /// receiver's plane with a smaller id. Costs a walk down the tree along the segment.
+    /// Whether a wall crosses the segment from `start` to `end`, or hides `at`, its end on the receiver, as it lies in
+    /// the receiver's plane with a smaller id. Costs a walk down the tree along the segment.
     pub(crate) fn is_stopped(&mut self, start: DVec3, end: DVec3, at: DVec3) -> bool {
         let tree = &self.obstacles.walls.tree;
         let segment = Segment::new(start, end, self.tolerance);
@@ -85,7 +86,7 @@ impl<'a> Segments<'a> {
         })
     }
 
-    /// Whether a surface in the receiver's plane hides a point of it: of patches there the smaller id is seen.
+    /// Returns whether a surface in the receiver's plane hides a point of it: of patches there the smaller id is seen.
     fn lies_over(&self, surface: &Surface, at: DVec3) -> bool {
         let (normal, offset) = (DVec3::from_array(self.planes[1].0), self.planes[1].1);
         let [a, b, c] = surface.corners;
@@ -183,7 +184,7 @@ fn next_leaf(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u
 
 /// Where the line of a segment crosses the plane of a triangle.
 pub(crate) struct Crossing {
-    /// Whether the segment crosses the triangle, strictly between its ends.
+    /// True if the segment crosses the triangle, strictly between its ends.
     pub(crate) hits: bool,
     /// Height of the start above the plane, times twice the triangle's area: positive where its front is seen.
     pub(crate) at_start: f64,
@@ -230,8 +231,8 @@ fn cross(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-/// Which of 16 triangles the segment crosses strictly between its ends, of those that rise above both planes; and which lie
-/// in the receiver's plane.
+/// Which of 16 triangles the segment crosses strictly between its ends, of those that rise above both planes; and which
+/// lie in the receiver's plane.
 #[inline(always)]
 fn crossed(block: &Block, segment: &Segment, planes: &[([f64; 3], f64); 2], tolerance: f64) -> (u16, u16) {
     let (d, x, y) = (segment.direction, segment.start, segment.end);

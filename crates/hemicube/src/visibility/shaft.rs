@@ -1,13 +1,14 @@
 //! How much of a triangle another one sees: the shaft between the two lists what may come in between, and rays at those
 //! few occluders measure the visible fraction.
 //!
-//! The shaft (Haines & Wallace 1991) is the convex hull of the two triangles. What lies outside one of its planes cannot
-//! come in between; an empty shaft proves that all is visible, and a triangle that all nine segments between corners pass
-//! through proves that nothing is. Below the emitter's plane and behind the receiver's nothing occludes; what lies in the
-//! receiver's own plane does if its patch has the smaller id, as in a backend's rows.
+//! The shaft (Haines & Wallace 1991) is the convex hull of the two triangles. What lies outside one of its planes
+//! cannot come in between; an empty shaft proves that all is visible, and a triangle that all nine segments between
+//! corners pass through proves that nothing is. Below the emitter's plane and behind the receiver's nothing occludes;
+//! what lies in the receiver's own plane does if its patch has the smaller id, as in a backend's rows.
 //!
-//! The visible fraction is Σ k V / Σ k over points drawn on both triangles, with the same points above and below and the
-//! kernel k = cos φ_i cos φ_j / r² as weight: times the closed form it gives F_ij without the bias of uniform visibility.
+//! The visible fraction is Σ k V / Σ k over points drawn on both triangles, with the same points above and below and
+//! the kernel k = cos φ_i cos φ_j / r² as weight: times the closed form it gives F_ij without the bias of uniform
+//! visibility.
 
 use crate::backend::Surface;
 use crate::bvh::{INNER, LANES, Tree, UNUSED, overlap};
@@ -26,16 +27,16 @@ const OUTSIDE: f64 = 4e-6;
 /// And no more than this part of what either triangle rises above that side.
 const OUTSIDE_OF_RISE: f64 = 0.01;
 
-/// What rises less than this part of the pair's extent above one of the planes, and what has one of the two patches so near to
-/// its own plane, is met in f64: rays in f32 are not sure on which side of it they begin and end.
+/// What rises less than this part of the pair's extent above one of the planes, and what has one of the two patches so
+/// near to its own plane, is met in f64: rays in f32 are not sure on which side of it they begin and end.
 const BESIDE: f64 = 1e-4;
 
 /// See [`Sighting::near`].
 const NEAR: f64 = 2.0;
 
-/// What things cost, in steps of about a nanosecond of one core of 2024 with AVX-512: a shaft, a block of the tree that reaches
-/// into it, a triangle listed; sixteen rays, and a triangle that they are held against; a segment's way down the tree.
-/// Budgets are in steps, so that they depend on the scene and the settings, and on no clock.
+/// What things cost, in steps of about a nanosecond of one core of 2024 with AVX-512: a shaft, a block of the tree that
+/// reaches into it, a triangle listed; sixteen rays, and a triangle that they are held against; a segment's way down
+/// the tree. Budgets are in steps, so that they depend on the scene and the settings, and on no clock.
 const STEPS_A_SHAFT: u64 = 700;
 const STEPS_A_BLOCK: u64 = 60;
 const STEPS_LISTED: u64 = 30;
@@ -158,7 +159,7 @@ impl Sides {
         }
     }
 
-    /// Whether a box, by its centre and half its extent, may reach inside.
+    /// Returns whether a box, by its centre and half its extent, may reach inside.
     #[inline(always)]
     fn reach(&self, c: [f64; 3], h: [f64; 3]) -> bool {
         for a in 0..3 {
@@ -191,10 +192,10 @@ pub(crate) struct Sighting {
     pub(crate) emitter: [DVec3; 3],
     pub(crate) receiver: [DVec3; 3],
     pub(crate) origin: DVec3,
-    /// The middle of the smaller one is near the other, in radii of either: a few segments between evenly drawn points would
-    /// carry most of the weight.
+    /// The middle of the smaller one is near the other, in radii of either: a few segments between evenly drawn points
+    /// would carry most of the weight.
     pub(crate) near: bool,
-    /// Whether the receiver is the smaller of the two.
+    /// True if the receiver is the smaller of the two.
     pub(crate) receiver_is_smaller: bool,
     /// What is between the two planes.
     between: Range<usize>,
@@ -216,7 +217,7 @@ pub(crate) struct Sighting {
 }
 
 impl Sighting {
-    /// Whether all is visible: proved, as nothing may come in between.
+    /// Returns whether all is visible: proved, as nothing may come in between.
     pub(crate) fn is_open(&self) -> bool {
         !self.crowded && self.between.is_empty() && self.beside.is_empty() && self.over.is_empty()
     }
@@ -227,7 +228,8 @@ impl Sighting {
         Segments::new(obstacles, self.own_walls, self.receiver_patch, planes)
     }
 
-    /// Whether a segment between points of the smaller one and of the other, relative to `origin`, is stopped in the tree.
+    /// Whether a segment between points of the smaller one and of the other, relative to `origin`, is stopped in the
+    /// tree.
     fn is_stopped(&self, segments: &mut Segments<'_>, small: DVec3, large: DVec3) -> bool {
         let (small, large) = (small + self.origin, large + self.origin);
         segments.is_stopped(small, large, if self.receiver_is_smaller { small } else { large })
@@ -242,7 +244,8 @@ impl Sighting {
         }
     }
 
-    /// Lists a surface that lies in the receiver's plane if it hides part of it: of patches there the smaller id is seen.
+    /// Lists a surface that lies in the receiver's plane if it hides part of it: of patches there the smaller id is
+    /// seen.
     fn lay_over(&mut self, surface: &Surface, receiver: u32, plane: (DVec3, f64), tolerance: f64, side: f64) {
         let triangle = surface.corners.map(|p| p - self.origin);
         let [a, b, c] = triangle;
@@ -277,13 +280,13 @@ impl Sighting {
 /// Rays cast at a pair so far, of one sequence.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Cast {
-    /// How many were drawn.
+    /// The number that were drawn.
     pub(crate) drawn: usize,
     /// Σ k V and Σ k.
     pub(crate) sums: (f64, f64),
     /// Σ of weights and of their squares.
     weights: (f64, f64),
-    /// What it took, in steps.
+    /// Cost, in steps.
     pub(crate) steps: u64,
 }
 
@@ -489,7 +492,8 @@ impl Shaft {
         sighting.between = start..self.occluders.len();
     }
 
-    /// The corners of what may come in between, relative to the sighting's origin, without what is in the receiver's plane.
+    /// The corners of what may come in between, relative to the sighting's origin, without what is in the receiver's
+    /// plane.
     pub(crate) fn triangles<'a>(
         &'a self,
         walls: &'a Walls,
@@ -504,8 +508,8 @@ impl Shaft {
         between.chain(sighting.beside.iter().copied())
     }
 
-    /// Casts rays of a sequence until there are `wanted` (a multiple of 16): the same ones in both directions of a pair. How many
-    /// there are.
+    /// Casts rays of a sequence until there are `wanted` (a multiple of 16): the same ones in both directions of a
+    /// pair. How many there are.
     pub(crate) fn cast(
         &self,
         obstacles: Obstacles<'_>,
@@ -558,9 +562,10 @@ impl Shaft {
 
 impl Shaft {
     /// Casts rays between a pair so near that segments between evenly drawn points would hardly meet what carries the
-    /// weight: cosine-distributed directions from points of the smaller triangle (Malley's method), drawn from about what the
-    /// other one fills of the unit disc and weighted with how much that is; those that meet the other one count.
-    /// Stops when all so far are worth `wanted` equal ones, or at `most` directions. Returns what those that met are worth.
+    /// weight: cosine-distributed directions from points of the smaller triangle (Malley's method), drawn from about
+    /// what the other one fills of the unit disc and weighted with how much that is; those that meet the other one
+    /// count. Stops when all so far are worth `wanted` equal ones, or at `most` directions. Returns what those that met
+    /// are worth.
     pub(crate) fn cast_near(
         &self,
         obstacles: Obstacles<'_>,
@@ -679,8 +684,9 @@ impl Shaft {
     }
 }
 
-/// Whether all nine segments between corners pass through the inside of a convex polygon, whose corners are in the scene's
-/// coordinates: then so does every segment between the two, as where they pass its plane is the convex hull of where those do.
+/// Whether all nine segments between corners pass through the inside of a convex polygon, whose corners are in the
+/// scene's coordinates: then so does every segment between the two, as where they pass its plane is the convex hull of
+/// where those do.
 fn hides(polygon: &[DVec3], sighting: &Sighting) -> bool {
     let first = polygon[0] - sighting.origin;
     let normal = (polygon[1] - polygon[0]).cross(polygon[2] - polygon[0]);
@@ -730,7 +736,8 @@ struct Group {
 
 /// What directions from points of one triangle to another are drawn from.
 struct Fan {
-    /// Of what sees the other one: a triangle, or two that share the first corner, and the first one's share of the area.
+    /// Of what sees the other one: a triangle, or two that share the first corner, and the first one's share of the
+    /// area.
     corners: [[f64; 3]; 4],
     share: f64,
     axes: [[f64; 3]; 3],
@@ -773,8 +780,8 @@ impl Fan {
 /// Directions from each point, one in each quarter of what it sees: to bound that costs more than to draw a direction.
 const FROM_A_POINT: usize = 4;
 
-/// What sixteen points see of the other triangle: between which p its image on the unit disc lies, and the planes through its
-/// edges, which bound q at each p.
+/// What sixteen points see of the other triangle: between which p its image on the unit disc lies, and the planes
+/// through its edges, which bound q at each p.
 #[repr(C, align(64))]
 struct Aim {
     low: [f64; RAYS],
@@ -923,8 +930,8 @@ fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &m
             }
         }
     }
-    // How far its image reaches along p: its corners' do, and its edges' images, which are parts of ellipses whose extremes may
-    // lie between their ends.
+    // How far its image reaches along p: its corners' do, and its edges' images, which are parts of ellipses whose
+    // extremes may lie between their ends.
     let mut low = [1.0f64; RAYS];
     let mut high = [-1.0f64; RAYS];
     for k in 0..CORNERS {
@@ -972,8 +979,9 @@ fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &m
 
 /// Draws a direction in a quarter of what each point sees; the mask says which meet the other triangle from its front.
 ///
-/// Where p is known, a direction lies on the half circle q² + up² = 1 − p², and an edge's plane cuts it where a quadratic
-/// equation in q is 0: which root bounds q on which side follows from where the plane has the ends of the half circle.
+/// Where p is known, a direction lies on the half circle q² + up² = 1 − p², and an edge's plane cuts it where a
+/// quadratic equation in q is 0: which root bounds q on which side follows from where the plane has the ends of the
+/// half circle.
 #[inline(always)]
 fn shoot(fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
     let corner = [quarter % 2, quarter / 2].map(|q| q as f64);
@@ -1095,8 +1103,8 @@ fn find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeS
             most = greater(most, height);
             extents[k / 3] = greater(extents[k / 3], height.abs());
         }
-        // A plane that all but coincides with one of the triangles, as where they share a corner, must not count as outside
-        // what lies a hair above that triangle and hides it.
+        // A plane that all but coincides with one of the triangles, as where they share a corner, must not count as
+        // outside what lies a hair above that triangle and hides it.
         let rises = lesser(extents[0], extents[1]);
         let side = lesser(OUTSIDE_OF_RISE * rises, OUTSIDE * size);
         let flat = 0.5 * side;
@@ -1207,8 +1215,8 @@ fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], sides: &Sides) -> u16 {
     mask
 }
 
-/// Marks the rays of a group that an occluder stops strictly between their ends (Möller & Trumbore 1997), and those that
-/// are stopped anyway.
+/// Marks the rays of a group that an occluder stops strictly between their ends (Möller & Trumbore 1997), and those
+/// that are stopped anyway.
 #[inline(always)]
 fn hits(occluders: &[Occluder], group: &mut Group) {
     let mut hit = group.hit;
@@ -1578,9 +1586,9 @@ mod tests {
         assert_eq!(fraction(&model, 0, 2, 16).0, 0);
     }
 
-    /// A thin plate whose two sides are cut along different diagonals and bent: the back of one is then a hair in front of the
-    /// other, and hides it. Found in a model of a ship, where planes through an edge of the emitter and a corner of the
-    /// receiver all but coincided with the receiver.
+    /// A thin plate whose two sides are cut along different diagonals and bent: the back of one is then a hair in front
+    /// of the other, and hides it. Found in a model of a ship, where planes through an edge of the emitter and a corner
+    /// of the receiver all but coincided with the receiver.
     #[test]
     fn a_crack_hides_what_is_behind_it_however_narrow() {
         let corner = DVec3::new;
@@ -1603,8 +1611,8 @@ mod tests {
         }
     }
 
-    /// A wall that stands before a small patch by next to nothing, but rises to more beyond it, as the walls of two houses that
-    /// were measured apart. Found in the real tile.
+    /// A wall that stands before a small patch by next to nothing, but rises to more beyond it, as the walls of two
+    /// houses that were measured apart. Found in the real tile.
     #[test]
     fn a_wall_that_rises_slowly_hides_the_small_patch_below_it() {
         let p = DVec3::new;

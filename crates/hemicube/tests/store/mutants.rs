@@ -200,7 +200,7 @@ fn products(directory: &Path, scratch: &Path) -> Vec<Result<Vec<u64>, String>> {
     ]
 }
 
-/// Whether `check` refuses a store or says that something of it does not hold.
+/// Returns whether `check` refuses a store or says that something of it does not hold.
 fn is_found(directory: &Path) -> bool {
     match Store::open(directory) {
         Ok(store) => check(&store, &CheckOptions::default()).map_or(true, |report| !report.ok),

@@ -1,8 +1,8 @@
 //! A regular grid of towers: many large triangles, strong occlusion, and a size that grows without changing character.
 //!
-//! 14·blocks²·split² triangles: each block is a 1 × 1 tower of random height 0.6 + 5·u·v (u, v uniform) with four walls,
-//! a roof and no bottom, at a pitch of 1.5, and two ground rectangles. 25 blocks give 8,750, split in four 140,000;
-//! 82 blocks split in four 1,506,176.
+//! 14·blocks²·split² triangles: each block is a 1 × 1 tower of random height 0.6 + 5·u·v (u, v uniform) with four
+//! walls, a roof and no bottom, at a pitch of 1.5, and two ground rectangles. 25 blocks give 8,750, split in four
+//! 140,000; 82 blocks split in four 1,506,176.
 
 use super::builder::{SceneBuilder, nearest_square};
 use super::random::Random;
@@ -41,7 +41,7 @@ impl BlockCityParameters {
         }
     }
 
-    /// How many triangles [`BlockCityParameters::generate`] makes. Saturates.
+    /// Number of triangles that [`BlockCityParameters::generate`] makes. Saturates.
     pub fn patch_count(&self) -> u64 {
         let square = |n: u32| u64::from(n) * u64::from(n);
         square(self.blocks)

@@ -11,10 +11,10 @@ use glam::DVec3;
 
 /// What the city is like. Each length is in metres.
 ///
-/// A block (i, k) has its corner at i·(block + street), k·(block + street); a building stands on its lot less `gap`/2 on
-/// each side. Street strips `street` wide run before and after every row and column of blocks; crossings belong to the
-/// strips along z, and there is no ground inside blocks. Order: block by block (i outer), lot by lot, walls then roof;
-/// the ground last.
+/// A block (i, k) has its corner at i·(block + street), k·(block + street); a building stands on its lot less `gap`/2
+/// on each side. Street strips `street` wide run before and after every row and column of blocks; crossings belong to
+/// the strips along z, and there is no ground inside blocks. Order: block by block (i outer), lot by lot, walls then
+/// roof; the ground last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CityParameters {
     /// Blocks along x.
@@ -76,7 +76,7 @@ struct Extent {
 }
 
 impl CityParameters {
-    /// How many triangles [`CityParameters::generate`] makes. Saturates.
+    /// Number of triangles that [`CityParameters::generate`] makes. Saturates.
     pub fn patch_count(&self) -> u64 {
         self.count(&self.extent())
     }

@@ -3,11 +3,11 @@
 //! the box (McGuire's archive) made customary.
 //!
 //! y points up; the camera of the data page stands at (278, 273, −800) and looks along +z. Each face is listed from the
-//! corner that the data page lists first, and cut along the diagonal from there. Three things to know of it:
-//! the red wall's corners do not lie in one plane (by 3.2 mm), so it is two planes; the blocks have no bottoms and stand
-//! on the floor without sharing an edge with it, so patches of the floor under them see only the inside of a block; and
-//! the light fills a hole in the ceiling, which is therefore four faces around it. The front wall is not on the data
-//! page: it closes the box, so that every row of F sums to 1.
+//! corner that the data page lists first, and cut along the diagonal from there. Three things to know of it: the red
+//! wall's corners do not lie in one plane (by 3.2 mm), so it is two planes; the blocks have no bottoms and stand on the
+//! floor without sharing an edge with it, so patches of the floor under them see only the inside of a block; and the
+//! light fills a hole in the ceiling, which is therefore four faces around it. The front wall is not on the data page:
+//! it closes the box, so that every row of F sums to 1.
 
 use super::builder::{SceneBuilder, nearest_square};
 use crate::{Error, Scene, Subdivision};

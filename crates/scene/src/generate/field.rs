@@ -13,14 +13,14 @@ use glam::DVec3;
 const SQUARE: f64 = 10.0;
 /// Squares along a parcel; each whole parcel has one hut, not on its rim, so that no two huts touch.
 const PARCEL: u32 = 12;
-/// How far the middle of a side lies above the middle of the bowl, as a share of the field's side.
+/// Height of the middle of a side above the middle of the bowl, as a share of the field's side.
 const DEPTH: f64 = 0.1;
-/// How far the ground leaves the bowl, as a share of the field's side.
+/// Height by which the ground leaves the bowl, as a share of the field's side.
 const UNEVENNESS: f64 = 0.001;
 /// Knots of the unevenness along a side, less one.
 const WAVES: u32 = 6;
 
-/// What the field is like.
+/// Properties of the field.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FieldParameters {
     /// Squares of ground along each side.
@@ -48,7 +48,7 @@ impl FieldParameters {
         with(nearest.unwrap_or(1))
     }
 
-    /// How many triangles [`FieldParameters::generate`] makes. Saturates.
+    /// Number of triangles that [`FieldParameters::generate`] makes. Saturates.
     pub fn patch_count(&self) -> u64 {
         let square = |n: u32| u64::from(n) * u64::from(n);
         square(self.squares)

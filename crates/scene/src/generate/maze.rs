@@ -18,7 +18,7 @@ const DOOR_HEIGHT: u32 = 2;
 const DOOR_START: u32 = 1;
 const WALL: f64 = 0.25;
 
-/// What the maze is like.
+/// Properties of the maze.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MazeParameters {
     /// Rooms along x.
@@ -27,7 +27,7 @@ pub struct MazeParameters {
     pub rows: u32,
     /// Lattice pieces to the metre.
     pub pieces: u32,
-    /// Whether the rooms have ceilings. With them the maze is closed and every row of F sums to 1; without, it is open
+    /// True if the rooms have ceilings. With them the maze is closed and every row of F sums to 1; without, it is open
     /// to the sky, and the tops of the walls, which nothing could see, stay out.
     pub ceiling: bool,
     /// Seed of the maze.
@@ -83,7 +83,7 @@ impl MazeParameters {
         self.pieces.div_ceil(4)
     }
 
-    /// How many triangles [`MazeParameters::generate`] makes. Saturates.
+    /// Number of triangles that [`MazeParameters::generate`] makes. Saturates.
     pub fn patch_count(&self) -> u64 {
         let rooms = u128::from(self.columns) * u128::from(self.rows);
         let (p, t) = (u128::from(self.pieces), u128::from(self.wall_pieces()));

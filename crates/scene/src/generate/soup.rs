@@ -11,10 +11,10 @@ use glam::DVec3;
 /// Side of the room, in metres.
 const SIDE: f64 = 10.0;
 
-/// What the soup is like.
+/// Properties of the soup.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SoupParameters {
-    /// How many triangles are strewn.
+    /// Number of triangles that are strewn.
     pub triangles: u32,
     /// Squares along each edge of the room.
     pub wall_pieces: u32,
@@ -44,7 +44,7 @@ impl SoupParameters {
         }
     }
 
-    /// How many triangles [`SoupParameters::generate`] makes. Saturates.
+    /// Number of triangles that [`SoupParameters::generate`] makes. Saturates.
     pub fn patch_count(&self) -> u64 {
         let walls = u64::from(self.wall_pieces) * u64::from(self.wall_pieces);
         walls.saturating_mul(12).saturating_add(u64::from(self.triangles))

@@ -12,10 +12,10 @@ use glam::DVec3;
 /// Side of the room, in metres.
 const SIDE: f64 = 10.0;
 
-/// What the room is like.
+/// Properties of the room.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpheresParameters {
-    /// How many spheres there are.
+    /// Number of spheres.
     pub spheres: u32,
     /// Into how many pieces each edge of a sphere's icosahedron is cut.
     pub sphere_pieces: u32,
@@ -54,7 +54,7 @@ impl SpheresParameters {
         }
     }
 
-    /// How many triangles [`SpheresParameters::generate`] makes. Saturates.
+    /// Number of triangles that [`SpheresParameters::generate`] makes. Saturates.
     pub fn patch_count(&self) -> u64 {
         let square = |n: u32| u64::from(n) * u64::from(n);
         let spheres = square(self.sphere_pieces)

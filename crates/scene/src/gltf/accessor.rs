@@ -1,7 +1,7 @@
 //! Accessors: typed elements in the bytes of a buffer, every bound checked before the first is read.
 //!
-//! Element n of an accessor lies at view.byteOffset + accessor.byteOffset + n · stride and must end inside its view, and
-//! the view inside its buffer (glTF 2.0, 3.6). Elements without a view are zero; a sparse accessor replaces some.
+//! Element n of an accessor lies at view.byteOffset + accessor.byteOffset + n · stride and must end inside its view,
+//! and the view inside its buffer (glTF 2.0, 3.6). Elements without a view are zero; a sparse accessor replaces some.
 //!
 //! Alignment is not asked for, since bytes are read one by one; `min` and `max` are not looked at.
 
@@ -123,7 +123,7 @@ pub(super) struct Layout {
     sparse: Option<SparseLayout>,
 }
 
-/// How many components an element of a type has.
+/// Number of components that an element of a type has.
 fn width(kind: &str) -> Option<usize> {
     Some(match kind {
         "SCALAR" => 1,
@@ -198,22 +198,22 @@ impl Layout {
         })
     }
 
-    /// Whether the elements can be vertex indices.
+    /// Returns whether the elements can be vertex indices.
     pub(super) fn is_indices(&self) -> bool {
         self.width == 1 && self.component.index_max().is_some()
     }
 
-    /// Whether the elements can be positions, quantised or not.
+    /// Returns whether the elements can be positions, quantised or not.
     pub(super) fn is_positions(&self) -> bool {
         self.width == 3 && self.component != Component::U32
     }
 
-    /// Whether no byte of the file stands behind the elements, which are then all zero.
+    /// Returns whether no byte of the file stands behind the elements, which are then all zero.
     pub(super) fn is_zero(&self) -> bool {
         self.elements.is_none() && self.sparse.is_none()
     }
 
-    /// How many elements are replaced.
+    /// Number of elements that are replaced.
     pub(super) fn sparse_count(&self) -> usize {
         self.sparse.as_ref().map_or(0, |sparse| sparse.count)
     }

@@ -129,7 +129,7 @@ fn from_file(uri: &str, index: usize, length: usize, base_dir: Option<&Path>) ->
     Ok(bytes)
 }
 
-/// Whether an address has a scheme, as `file:` and a drive's letter are, or begins at a root.
+/// Returns whether an address has a scheme, as `file:` and a drive's letter are, or begins at a root.
 fn is_absolute(address: &str) -> bool {
     let has_scheme = address.split_once(':').is_some_and(|(scheme, _)| {
         scheme.starts_with(|c: char| c.is_ascii_alphabetic())

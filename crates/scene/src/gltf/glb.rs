@@ -13,7 +13,7 @@ pub(super) struct Container<'a> {
     pub(super) json: &'a [u8],
     /// The BIN chunk of a GLB.
     pub(super) bin: Option<&'a [u8]>,
-    /// Whether the file is the JSON text itself, so that line numbers mean something.
+    /// True if the file is the JSON text itself, so that line numbers mean something.
     pub(super) text: bool,
 }
 

@@ -257,7 +257,7 @@ impl<'v> Object<'v> {
         }
     }
 
-    /// Whether this object bears one of the extensions.
+    /// Returns whether this object bears one of the extensions.
     pub(super) fn has_extension(&self, names: &[&str]) -> Result<bool, Error> {
         let extensions = self.object("extensions")?;
         Ok(extensions.is_some_and(|extensions| names.iter().any(|name| extensions.has(name))))

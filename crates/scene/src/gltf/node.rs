@@ -13,7 +13,7 @@ pub(super) struct Placement {
     pub(super) node: usize,
     pub(super) mesh: usize,
     pub(super) transform: DAffine3,
-    /// Whether the transform turns left into right.
+    /// True if the transform turns left into right.
     pub(super) mirrored: bool,
 }
 

@@ -1,4 +1,5 @@
-//! A backend that does wrong: which wrong, and from which call of `rows` on, is in its options, `fault=NAME,after=CALLS`.
+//! A backend that does wrong: which wrong, and from which call of `rows` on, is in its options,
+//! `fault=NAME,after=CALLS`.
 //!
 //! Without a fault it is a legal one that sees nothing. Panics come from the safe side, through the adapter that every
 //! backend in Rust has; everything else is done to the table's arrays afterwards, as a backend in C might.
@@ -211,8 +212,8 @@ unsafe extern "C" fn rows(session: *mut HcSession, rows: *mut HcRows, error: *mu
         }
         return 5;
     }
-    // SAFETY: rows of the host, whose arrays have room for one row and one entry at least, and, where a fault writes more
-    // than that, a guard. That is what is tested.
+    // SAFETY: rows of the host, whose arrays have room for one row and one entry at least, and, where a fault writes
+    // more than that, a guard. That is what is tested.
     unsafe {
         let raw = &mut *rows;
         let last = raw.row_count as usize - 1;

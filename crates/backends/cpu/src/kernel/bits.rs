@@ -1,5 +1,5 @@
-//! The arithmetic of engine 2: one bit a pixel that says whether something covers it. What is drawn strictly front to back
-//! needs no depth and no ids: what a triangle shows is what it covers and nothing covered before.
+//! The arithmetic of engine 2: one bit a pixel that says whether something covers it. What is drawn strictly front to
+//! back needs no depth and no ids: what a triangle shows is what it covers and nothing covered before.
 //!
 //! Spans are those of engine 1, to the bit.
 
@@ -34,14 +34,14 @@ pub(crate) struct Coverage {
     pub(super) groups: usize,
     /// By column, then by group; and one that is of no column.
     pub(super) rows: Vec<Rows>,
-    /// What was covered before the surfaces of one plane were begun, as far as was asked: surfaces in one plane do not hide
-    /// each other's centroids.
+    /// What was covered before the surfaces of one plane were begun, as far as was asked: surfaces in one plane do not
+    /// hide each other's centroids.
     before: Vec<Rows>,
-    /// Whether all of that was remembered.
+    /// True if all of that was remembered.
     all_remembered: bool,
-    /// Whether anything is: of fine hemicubes, asking all centroids before a plane is drawn takes less time.
+    /// True if anything is: of fine hemicubes, asking all centroids before a plane is drawn takes less time.
     pub(crate) remembers: bool,
-    /// Whether triangles whose box is covered are left out.
+    /// True if triangles whose box is covered are left out.
     pub(crate) culling: bool,
     /// What is drawn, where that is to be known later.
     pub(crate) record: Option<Record>,
@@ -60,7 +60,7 @@ pub(crate) struct Record {
     open: Vec<u64>,
     /// Lanes that show something on a face.
     pub(crate) lanes: Vec<(usize, Recorded)>,
-    /// Whether what was open is recorded.
+    /// True if what was open is recorded.
     has_open: bool,
 }
 
@@ -81,7 +81,8 @@ impl Record {
         self.lanes.clear();
     }
 
-    /// Ends what is shown of a lane on a face, which has shown from place `shows` on, by what was open of some rows of columns.
+    /// Ends what is shown of a lane on a face, which has shown from place `shows` on, by what was open of some rows of
+    /// columns.
     fn end_lane(
         &mut self,
         (lane, face): (usize, Face),
@@ -267,7 +268,7 @@ impl Coverage {
         }
     }
 
-    /// Whether a pixel of the atlas is covered, or was when that was remembered.
+    /// Returns whether a pixel of the atlas is covered, or was when that was remembered.
     #[inline(always)]
     pub(crate) fn is_covered(&self, row: usize, x: usize, remembered: bool) -> bool {
         let rows = if remembered { &self.before } else { &self.rows };
@@ -330,8 +331,8 @@ impl Coverage {
     }
 }
 
-/// The running sum of the face that a row of the atlas belongs to, and which of its rows that is: the four sides share a
-/// table.
+/// The running sum of the face that a row of the atlas belongs to, and which of its rows that is: the four sides share
+/// a table.
 #[inline(always)]
 fn row_of<'t>(resolution: usize, row: usize, top: &'t [u32], side: &'t [u32]) -> (&'t [u32], usize) {
     if row < resolution {
@@ -374,8 +375,8 @@ pub(crate) struct Shown {
     pub(crate) seen: u16,
     /// Lanes that were left out on some face, as all their box was covered.
     pub(crate) hidden: u16,
-    /// Lanes that were not found to cover a pixel and whose centroid was seen before any lane was drawn, where that was asked. Only
-    /// with `COVERED`.
+    /// Lanes that were not found to cover a pixel and whose centroid was seen before any lane was drawn, where that was
+    /// asked. Only with `COVERED`.
     pub(crate) tiny: u16,
     /// Lanes that were not found to cover a pixel. Only with `COVERED`.
     pub(crate) without: u16,
@@ -451,7 +452,7 @@ pub(super) unsafe fn lacking_avx2(rows: &[u64; GROUP], mask: u64) -> u8 {
     }
 }
 
-/// Whether every pixel of a box of the atlas (inclusive) is covered.
+/// Returns whether every pixel of a box of the atlas (inclusive) is covered.
 #[inline(always)]
 pub(crate) unsafe fn all_covered<L: Lanes>(coverage: &Coverage, pixels: [usize; 4]) -> bool {
     // SAFETY: the caller's promise.
@@ -460,8 +461,8 @@ pub(crate) unsafe fn all_covered<L: Lanes>(coverage: &Coverage, pixels: [usize; 
     })
 }
 
-/// Those of some lanes that may have a point on one of these faces at a pixel that was not covered when that was remembered: at least those
-/// that do.
+/// Those of some lanes that may have a point on one of these faces at a pixel that was not covered when that was
+/// remembered: at least those that do.
 #[inline(always)]
 pub(crate) unsafe fn may_touch_open<L: Lanes>(t: &Transformed, lanes: u16, faces: u8, coverage: &Coverage) -> u16 {
     let resolution = coverage.resolution;
@@ -500,7 +501,7 @@ pub(crate) unsafe fn may_touch_open<L: Lanes>(t: &Transformed, lanes: u16, faces
     found
 }
 
-/// Whether no pixel of a box of the atlas (inclusive) is covered.
+/// Returns whether no pixel of a box of the atlas (inclusive) is covered.
 #[inline(always)]
 unsafe fn all_open<L: Lanes>(coverage: &Coverage, pixels: [usize; 4]) -> bool {
     // SAFETY: the caller's promise.
@@ -509,7 +510,8 @@ unsafe fn all_open<L: Lanes>(coverage: &Coverage, pixels: [usize; 4]) -> bool {
     })
 }
 
-/// Whether none of a box's rows is among those that `which` says of eight rows of a column and the bits of the box there.
+/// Whether none of a box's rows is among those that `which` says of eight rows of a column and the bits of the box
+/// there.
 #[inline(always)]
 fn none_of(
     rows: &[Rows],
@@ -551,8 +553,8 @@ pub(crate) unsafe fn in_the_open<L: Lanes>(t: &Transformed, faces: u8, coverage:
         // SAFETY: the caller's promise.
         let boxes = unsafe { boxes::<L>(t, face, resolution) };
         several |= any & boxes.whole;
-        // What reaches beyond the eye may be nowhere on this face. That must not be taken for being on it, as faces are left out where all that
-        // they were asked for is nowhere.
+        // What reaches beyond the eye may be nowhere on this face. That must not be taken for being on it, as faces are
+        // left out where all that they were asked for is nowhere.
         let mut straddling = boxes.straddling & !several;
         while straddling != 0 {
             let lane = straddling.trailing_zeros() as usize;
@@ -771,8 +773,8 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
             if drawn.seen
                 && let Some(record) = &mut coverage.record
             {
-                // Points are at most a pixel beyond the rows whose centres they surround. Of a piece, what was open there may not have been
-                // remembered, and points of other pieces may lie there.
+                // Points are at most a pixel beyond the rows whose centres they surround. Of a piece, what was open
+                // there may not have been remembered, and points of other pieces may lie there.
                 let beyond = usize::from(cut.is_none());
                 let height = if face.is_top() { resolution } else { resolution / 2 };
                 let (y0, y1) = (at(low).saturating_sub(beyond), (at(high) - 1 + beyond).min(height - 1));
@@ -794,8 +796,8 @@ pub(crate) unsafe fn draw<L: Lanes, const COVERED: bool>(
     }
 }
 
-/// The edges of a block's triangles as lines over a face's pixels: where the span of row y begins or ends, x = slope · y +
-/// offset. What one division for each lane costs is little less than what one for all of them does.
+/// The edges of a block's triangles as lines over a face's pixels: where the span of row y begins or ends, x = slope ·
+/// y + offset. What one division for each lane costs is little less than what one for all of them does.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct BlockLines {
@@ -921,8 +923,8 @@ pub(super) unsafe fn draw_lane<L: Lanes, const COVERED: bool>(
     drawn
 }
 
-/// Covers the part of eight spans that lies in one column; returns the rows of which a pixel was not covered before, and
-/// those of which one was. Those pixels are written to `over`.
+/// Covers the part of eight spans that lies in one column; returns the rows of which a pixel was not covered before,
+/// and those of which one was. Those pixels are written to `over`.
 #[inline(always)]
 pub(super) fn mark(
     starts: &[i32; GROUP],
@@ -1007,8 +1009,8 @@ pub(super) unsafe fn mark_avx512(
     }
 }
 
-/// The values of a lane's edges over a face's pixels, a · x + b · y + c, an edge in each of three lanes: by the operations of
-/// `affine` and `edge_lines`.
+/// The values of a lane's edges over a face's pixels, a · x + b · y + c, an edge in each of three lanes: by the
+/// operations of `affine` and `edge_lines`.
 ///
 /// # Safety
 /// The machine has AVX2.
@@ -1037,8 +1039,8 @@ unsafe fn edge_values(t: &Transformed, face: Face, lane: usize, resolution: usiz
     [a, b, c]
 }
 
-/// Weighs eight spans that begin and end at these places of a running sum: those in `weighed`, and of them those in `whole`,
-/// which show all of theirs. The others begin and end at 0.
+/// Weighs eight spans that begin and end at these places of a running sum: those in `weighed`, and of them those in
+/// `whole`, which show all of theirs. The others begin and end at 0.
 ///
 /// # Safety
 /// All places lie within `running`.
@@ -1157,9 +1159,9 @@ pub(super) unsafe fn draw_lane_avx512<const COVERED: bool>(
     use std::arch::x86_64::*;
     let resolution = coverage.resolution;
     let mut drawn = DrawnLane::default();
-    // SAFETY: the caller's promise of the instruction set. Columns lie within the coverage, and so do eight rows from any row of its
-    // last column on, as it has a group to spare; and gathered places within `running`, as spans are clamped to their pixel box and that
-    // to its face.
+    // SAFETY: the caller's promise of the instruction set. Columns lie within the coverage, and so do eight rows from
+    // any row of its last column on, as it has a group to spare; and gathered places within `running`, as spans are
+    // clamped to their pixel box and that to its face.
     unsafe {
         // An edge's slope and offset in all lanes.
         let slope: [__m512d; 3];

@@ -145,7 +145,7 @@ fn on_face(low: &[f64; 3], high: &[f64; 3], face: Face, resolution: usize, touch
     out.boxed |= 1 << lane;
 }
 
-/// How many boxes are tested at once.
+/// Number of boxes that are tested at once.
 pub(crate) const BOXES: usize = 8;
 
 /// Boxes that are tested at once: the children of a node.
@@ -167,8 +167,8 @@ pub(crate) struct GroupOnFaces {
     pub(crate) hidden: [u8; BOXES],
 }
 
-/// Tests some boxes against what is covered; with `COVERED`, by all pixels that they touch, which are remembered of leaves that may be
-/// seen.
+/// Tests some boxes against what is covered; with `COVERED`, by all pixels that they touch, which are remembered of
+/// leaves that may be seen.
 #[inline(always)]
 pub(crate) unsafe fn test_group<L: Lanes, const COVERED: bool>(
     group: &BoxGroup,
@@ -350,8 +350,8 @@ pub(super) unsafe fn test_group_avx512<L: Lanes, const COVERED: bool>(
     out
 }
 
-/// For each face, which of the lower bounds of x, y, z, a gap, the upper bounds and a gap, and of their negatives from 8 on,
-/// is the lower bound along its axis `c`; in the second half, the upper.
+/// For each face, which of the lower bounds of x, y, z, a gap, the upper bounds and a gap, and of their negatives from
+/// 8 on, is the lower bound along its axis `c`; in the second half, the upper.
 #[cfg(target_arch = "x86_64")]
 const fn bounds_along(c: usize) -> [[i64; FACES]; 2] {
     let mut lanes = [[0; FACES]; 2];
@@ -517,8 +517,8 @@ pub(super) unsafe fn on_faces_avx2(
             && Face::NegY as usize == 4
     );
     (out.boxed, out.at_eye) = (0, 0);
-    // SAFETY: the caller's promise of the instruction set; loads are as long as their arrays, and stores begin at lane 1
-    // and end at 4 of the eight.
+    // SAFETY: the caller's promise of the instruction set; loads are as long as their arrays, and stores begin at lane
+    // 1 and end at 4 of the eight.
     unsafe {
         let (low, high) = bounds(center, half_sides, frame);
         let sign = _mm256_set1_pd(-0.0);

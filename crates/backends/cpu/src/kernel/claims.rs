@@ -1,9 +1,9 @@
-//! The arithmetic of engine 3: one coverage bit a pixel, as in engine 2, and whose it is; depth only where two surfaces contend
-//! for a pixel.
+//! The arithmetic of engine 3: one coverage bit a pixel, as in engine 2, and whose it is; depth only where two surfaces
+//! contend for a pixel.
 //!
 //! Triangles come nearly front to back. What a triangle covers first is its claim, a mask of bits in each tile that it
-//! touches; what it covers of other claims it gets where it is nearer there, by the depths of engine 1, to the bit. Mostly a
-//! bound says that it is behind everything that covers the tile, and no depth is worked out at all.
+//! touches; what it covers of other claims it gets where it is nearer there, by the depths of engine 1, to the bit.
+//! Mostly a bound says that it is behind everything that covers the tile, and no depth is worked out at all.
 
 use super::bits::{Coverage, MOST_COLUMNS, Rows, WIDTH, all_covered, at, low_bits, weight_of};
 use super::{
@@ -173,7 +173,7 @@ fn pixels_of(cells: u8) -> u64 {
     (highest >> 7).wrapping_mul(0xFF)
 }
 
-/// What is known of a tile: eight rows of a word of pixels.
+/// A tile: eight rows of a word of pixels.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 struct Tile {
@@ -203,7 +203,7 @@ struct Page {
     occupied: [u64; ON_PAGE],
     /// Their places in the list.
     claims: [u32; ON_PAGE],
-    /// How many there are.
+    /// The number that there are.
     count: u32,
     /// The page with the tile's claims before these, plus 1.
     before: u32,
@@ -380,7 +380,7 @@ impl Claims {
         page.count += 1;
     }
 
-    /// Whether all of a box of the atlas (inclusive) is nearer than `bound`.
+    /// Returns whether all of a box of the atlas (inclusive) is nearer than `bound`.
     #[inline(always)]
     pub(crate) unsafe fn is_hidden<L: Lanes>(&self, face: Face, pixels: [usize; 4], bound: f32) -> bool {
         // SAFETY: the caller's promise.
@@ -484,7 +484,8 @@ impl Claims {
         sums.add(self.nothing, 0, self.coverage.open_weight(top, side));
     }
 
-    /// Does something to each row of `coverage` where an id that is noted shows pixels: these. Returns the faces that they are on.
+    /// Does something to each row of `coverage` where an id that is noted shows pixels: these. Returns the faces that
+    /// they are on.
     pub(crate) fn each_of(&self, id: u32, coverage: &mut Coverage, each: impl Fn(&mut u64, u64)) -> u8 {
         let mut faces = 0;
         for claimant in self.noted.of(id) {
@@ -517,8 +518,8 @@ impl Claims {
         self.noted.clear();
     }
 
-    /// Gives a new claimant what it wins of `left`, pixels of a tile that are covered, and adds that to `won`; returns whether it is
-    /// anything.
+    /// Gives a new claimant what it wins of `left`, pixels of a tile that are covered, and adds that to `won`; returns
+    /// whether it is anything.
     #[inline(always)]
     unsafe fn contest<L: Lanes>(&mut self, contest: &Contest<'_>, left: Rows, won: &mut Rows) -> bool {
         let Contest { new, x, y, .. } = *contest;
@@ -616,13 +617,13 @@ impl Difference {
         }
     }
 
-    /// Whether the new one is farther all over the box. Neither this nor the next of what is not a number.
+    /// Returns whether the new one is farther all over the box. Neither this nor the next of what is not a number.
     #[inline(always)]
     fn is_behind(&self) -> bool {
         self.most < -self.margin
     }
 
-    /// Whether it is nearer all over the box.
+    /// Returns whether it is nearer all over the box.
     #[inline(always)]
     fn is_in_front(&self) -> bool {
         self.least > self.margin
@@ -840,8 +841,8 @@ mod tests {
     use hemicube_contract::bvh::{Block, UNUSED};
     use proptest::prelude::*;
 
-    /// Coordinates on a coarse grid, where surfaces share planes, edges and corners, and anywhere; a few are absurd, as those of
-    /// a model, which are normalised, never are.
+    /// Coordinates on a coarse grid, where surfaces share planes, edges and corners, and anywhere; a few are absurd, as
+    /// those of a model, which are normalised, never are.
     fn coordinate() -> impl Strategy<Value = f64> {
         prop_oneof![
             6 => (-4i32..=4).prop_map(|k| f64::from(k) * 0.25),
@@ -889,7 +890,8 @@ mod tests {
         found
     }
 
-    /// What depths make of some triangles, and what claims do: the sums, the pixels of each lane, and what is seen at each pixel.
+    /// What depths make of some triangles, and what claims do: the sums, the pixels of each lane, and what is seen at
+    /// each pixel.
     type Seen = (Vec<(u32, u32, u32)>, Vec<[u32; LANES]>, Vec<(u32, u32)>);
 
     fn by_depth(blocks: &[Block], frame: &Frame, table: &DeltaTable, resolution: u32) -> Seen {

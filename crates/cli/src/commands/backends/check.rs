@@ -1,5 +1,5 @@
-//! `hemicube backends check`: the conformance suite on a backend, each case in a child process with a time limit, so that
-//! a crash or a hang is a result like any other.
+//! `hemicube backends check`: the conformance suite on a backend, each case in a child process with a time limit, so
+//! that a crash or a hang is a result like any other.
 
 use crate::args::BackendsCheck;
 use crate::exit::{Exit, hinted};

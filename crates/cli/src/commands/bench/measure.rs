@@ -24,20 +24,22 @@ const TOGETHER: usize = 24;
 const TOGETHER_OF_MANY: usize = 3;
 const MANY_PATCHES: usize = 400_000;
 
-/// Hemicubes that a plugin which chooses for itself renders before it is measured: the choice falls after the first 32 to 48, of
-/// the thousands that a run has.
+/// Hemicubes that a plugin which chooses for itself renders before it is measured: the choice falls after the first 32
+/// to 48, of the thousands that a run has.
 const BEFORE: usize = 64;
 
-/// Of a table, so many of the fastest are measured anew beside what is found by itself, of large scenes fewer; none that took
-/// more than `IN_QUESTION` times as long as the fastest, which no drift of the machine explains.
+/// Of a table, so many of the fastest are measured anew beside what is found by itself, of large scenes fewer; none
+/// that took more than `IN_QUESTION` times as long as the fastest, which no drift of the machine explains.
 const FASTEST: usize = 4;
 const FASTEST_OF_MANY: usize = 2;
 const IN_QUESTION: f64 = 1.5;
-/// They have at least so many times the turns of a cell, which together take so many times what the slowest way of one may.
+/// They have at least so many times the turns of a cell, which together take so many times what the slowest way of one
+/// may.
 const TURNS_OF_CHOICE: u32 = 2;
 const TIME_OF_CHOICE: f64 = 4.0;
 /// Turns go on until so many of them have made no way's least time less by more than a hundredth, whoever is ahead: how
-/// threads meet on a core is luck, and as much as what is compared. But there are not more than so many times the least.
+/// threads meet on a core is luck, and as much as what is compared. But there are not more than so many times the
+/// least.
 const QUIET_TURNS: u32 = 4;
 const MOST_TURNS: u32 = 5;
 const SETTLED: f64 = 0.99;
@@ -222,7 +224,8 @@ impl Bench<'_> {
         })
     }
 
-    /// Measures those of `wanted` that are not there yet, in turns. The slowest of them, *original*, says how many rows.
+    /// Measures those of `wanted` that are not there yet, in turns. The slowest of them, *original*, says how many
+    /// rows.
     ///
     /// # Errors
     /// When *original* fails, or what was measured cannot be kept. Other ways that fail are kept as failures.
@@ -320,8 +323,8 @@ impl Bench<'_> {
         Ok(None)
     }
 
-    /// The fastest of what `finding` is held against, by their cells, and what a row took by all that is to be measured; nothing
-    /// where it was measured already, or its cells are not there.
+    /// The fastest of what `finding` is held against, by their cells, and what a row took by all that is to be
+    /// measured; nothing where it was measured already, or its cells are not there.
     pub(super) fn fastest(&self, scene: &StudyScene, target: &Target, finding: &Finding) -> Option<(Vec<Way>, f64)> {
         if self.results.get(&[&scene.key, &target.name, finding.key]).is_some() {
             return None;

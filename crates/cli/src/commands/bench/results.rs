@@ -85,8 +85,8 @@ pub(super) struct Rate {
     pub(super) choices: Vec<String>,
 }
 
-/// What a backend finds by itself, measured anew beside the fastest of what was tried: all in the same turns over the same
-/// rows, so that a machine that slows down between two cells says nothing of the choice.
+/// What a backend finds by itself, measured anew beside the fastest of what was tried: all in the same turns over the
+/// same rows, so that a machine that slows down between two cells says nothing of the choice.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Choice {
     /// What is found.

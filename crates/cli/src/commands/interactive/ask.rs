@@ -1,4 +1,5 @@
-//! What the dialogue asks with. Two fronts do it: menus on a terminal that can move its cursor, and numbered lines anywhere.
+//! What the dialogue asks with. Two fronts do it: menus on a terminal that can move its cursor, and numbered lines
+//! anywhere.
 
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 

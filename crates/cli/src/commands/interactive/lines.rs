@@ -1,5 +1,5 @@
-//! Questions as numbered lines, answered by lines: for terminals that cannot move their cursor, for screen readers, and for
-//! scripts.
+//! Questions as numbered lines, answered by lines: for terminals that cannot move their cursor, for screen readers, and
+//! for scripts.
 
 use super::ask::{Answer, Ask, Left, Menu, Text, meant, rows};
 use anyhow::Context;

@@ -1,4 +1,5 @@
-//! The corners of the patches, as a page has them: on a grid of 2¹⁶ steps along each edge of the scene's box, each place once.
+//! The corners of the patches, as a page has them: on a grid of 2¹⁶ steps along each edge of the scene's box, each
+//! place once.
 
 use super::blocks::Blocks;
 use crate::prepare::Prepared;

@@ -18,7 +18,8 @@ use serde::Serialize;
 use serde_json::Value;
 use std::fmt::Write;
 
-/// Bundled from `viewer/src` and three.js by `scripts/viewer.sh`, and committed, so that the program is built without Node.
+/// Bundled from `viewer/src` and three.js by `scripts/viewer.sh`, and committed, so that the program is built without
+/// Node.
 const VIEWER: &str = include_str!("../../../viewer/viewer.js");
 const THIRD_PARTY: &str = include_str!("../../../viewer/THIRD_PARTY.txt");
 const STYLE: &str = include_str!("page.css");

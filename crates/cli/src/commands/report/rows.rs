@@ -5,8 +5,8 @@
 //!           count, numbers of the objects and 16 bits of the sum to each, largest first
 //! ```
 //!
-//! Counts, gaps and numbers have 7 bits a byte, the lowest first, the eighth for one that is followed. Form factors are those
-//! of the store's compact form: f32 without the last 13 bits of their mantissa.
+//! Counts, gaps and numbers have 7 bits a byte, the lowest first, the eighth for one that is followed. Form factors are
+//! those of the store's compact form: f32 without the last 13 bits of their mantissa.
 
 use super::blocks::Blocks;
 use anyhow::{Result, bail};

@@ -81,8 +81,8 @@ fn resolution(text: &str) -> Result<u32, String> {
     }
 }
 
-/// The face and the place on it of a pixel of the unfolded hemicube, by its place in −2…2 both ways, to the right and up;
-/// `None` in the corners. The top is in the middle, a side's horizon at the outer edge.
+/// The face and the place on it of a pixel of the unfolded hemicube, by its place in −2…2 both ways, to the right and
+/// up; `None` in the corners. The top is in the middle, a side's horizon at the outer edge.
 fn unfold(x: f64, y: f64) -> Option<(Face, f64, f64)> {
     // A direction in the patch's frame: tangent right, bitangent up, normal towards who looks.
     let direction = match (x.abs() < 1.0, y.abs() < 1.0) {

@@ -45,8 +45,8 @@ pub(crate) struct Arguments {
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// radiosity (or irradiance, flux, temperature of a solution), seen (patches in sight), row, sky, error (expected of each
-    /// row), closure (how far each row is from summing to 1)
+    /// radiosity (or irradiance, flux, temperature of a solution), seen (patches in sight), row, sky, error (expected
+    /// of each row), closure (how far each row is from summing to 1)
     #[arg(long, value_name = "WHAT", default_value = "radiosity")]
     pub(crate) show: Show,
     /// The patch whose row is shown
@@ -338,8 +338,8 @@ fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// How light becomes what a screen can show: Reinhard et al. 2002, eq. 1, 2 and 4. The average is shown as middle grey, and
-/// only what is far brighter than the rest burns out.
+/// How light becomes what a screen can show: Reinhard et al. 2002, eq. 1, 2 and 4. The average is shown as middle grey,
+/// and only what is far brighter than the rest burns out.
 pub(crate) struct Tone {
     exposure: f64,
     white: f64,

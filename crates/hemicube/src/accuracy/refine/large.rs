@@ -1,12 +1,12 @@
 //! Rows of large patches, on which much stands ([`crate::grain`]).
 //!
-//! What stands nearer to such a patch than its hemicubes are to each other is seen by none of them, or from afar only: their
-//! fractions, and the doubts that other rows have, say nothing of it. Most of the row is of that kind. So every pair whose form
-//! factor could matter to the row is measured, with a few rays first; a tolerance then spends what is left of the row's budget
-//! on all of them in proportion to their part in the error.
+//! What stands nearer to such a patch than its hemicubes are to each other is seen by none of them, or from afar only:
+//! their fractions, and the doubts that other rows have, say nothing of it. Most of the row is of that kind. So every
+//! pair whose form factor could matter to the row is measured, with a few rays first; a tolerance then spends what is
+//! left of the row's budget on all of them in proportion to their part in the error.
 //!
-//! To the matrix such a row hardly matters: its form factors are small, the larger ones of the pairs are in the other rows, and
-//! are measured there. So rays are allotted by the row's own form factors.
+//! To the matrix such a row hardly matters: its form factors are small, the larger ones of the pairs are in the other
+//! rows, and are measured there. So rays are allotted by the row's own form factors.
 
 use super::{CROWDED_RAY, LEAST_SPREAD, NEAR_RAY, Refined, Refiner, SHARE, STEPS_A_PAIR, rays_for};
 use crate::Model;
@@ -14,8 +14,8 @@ use crate::visibility::shaft::RAYS;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 
-/// Pairs whose open form factor is less than this share of Σ F² / Σ F over the pairs that hemicubes saw are left as these have
-/// them.
+/// Pairs whose open form factor is less than this share of Σ F² / Σ F over the pairs that hemicubes saw are left as
+/// these have them.
 const LEAST_SHARE: f64 = 0.1;
 /// The mean squared error of a fraction that was to be measured and is not.
 const UNMEASURED: f64 = 0.1;
@@ -29,8 +29,8 @@ pub(super) fn least_factor(open: impl Iterator<Item = f64>) -> f64 {
 }
 
 impl Refiner<'_> {
-    /// Measures the row's pairs, those with the largest open form factors first, until `most_steps` are taken: all with a few
-    /// rays, then as many rays as leave Σ (F − true F)² ≤ `(tolerance)²` Σ F², where a tolerance is given.
+    /// Measures the row's pairs, those with the largest open form factors first, until `most_steps` are taken: all with
+    /// a few rays, then as many rays as leave Σ (F − true F)² ≤ `(tolerance)²` Σ F², where a tolerance is given.
     pub(super) fn measure_all(
         &mut self,
         model: &Model,
@@ -96,8 +96,8 @@ impl Refiner<'_> {
         }
     }
 
-    /// The price at which the row's pairs leave `budget` of squared error, or the most that so many steps pay for; and whether
-    /// they do.
+    /// The price at which the row's pairs leave `budget` of squared error, or the most that so many steps pay for; and
+    /// whether they do.
     fn price_within(&self, budget: f64, steps: u64) -> (f64, bool) {
         let at = |price: f64| {
             let (mut left, mut cost) = (0.0, 0.0);

@@ -1,9 +1,10 @@
 //! Rows that do not add up, though what they lose is known.
 //!
-//! Pairs may be missing: each too small to be looked for by itself, as between the far ends of a flat space, and together a
-//! good part of the row. They are looked for by falling bounds, the largest first, until the row has what it lacks. And
-//! fractions that one point has may all be off to one side. They are moved together, in proportion to their standard errors
-//! σ: F + λσ for all pairs of the row, with one λ of at most three, and what was measured exactly stays.
+//! Pairs may be missing: each too small to be looked for by itself, as between the far ends of a flat space, and
+//! together a good part of the row. They are looked for by falling bounds, the largest first, until the row has what it
+//! lacks. And fractions that one point has may all be off to one side. They are moved together, in proportion to their
+//! standard errors σ: F + λσ for all pairs of the row, with one λ of at most three, and what was measured exactly
+//! stays.
 
 use super::{Kind, Mended, Pair, Refined, Refiner};
 use crate::Model;
@@ -19,8 +20,8 @@ const NEXT: f64 = 1.0 / 8.0;
 const ROUNDS: usize = 7;
 /// What is left to look for in the end, in what the row lacked.
 const ENOUGH: f64 = 0.05;
-/// Steps that looking for a row's missing pairs may take at 1 % and above; at finer tolerances, more in proportion, up to a
-/// hundred times as many.
+/// Steps that looking for a row's missing pairs may take at 1 % and above; at finer tolerances, more in proportion, up
+/// to a hundred times as many.
 const STEPS: f64 = 4e6;
 /// Steps that it takes to list a candidate, and to find its open form factor, about.
 const STEPS_A_CANDIDATE: u64 = 300;
@@ -28,7 +29,7 @@ const STEPS_A_CANDIDATE: u64 = 300;
 /// something else.
 const BATCH: usize = 64;
 const WORTH: f64 = 0.02;
-/// How many standard errors a form factor is moved at most.
+/// Number of standard errors that a form factor is moved at most.
 const ERRORS: f64 = 3.0;
 
 /// A form factor that may be off.
@@ -47,8 +48,8 @@ impl Uncertain {
     }
 }
 
-/// Moves form factors that sum to `lacking` too little, a number that has a standard error of its own: all by the same number
-/// of their standard errors. As if these were one error, so much is due to them: S² / (S² + e²), S = Σ σ.
+/// Moves form factors that sum to `lacking` too little, a number that has a standard error of its own: all by the same
+/// number of their standard errors. As if these were one error, so much is due to them: S² / (S² + e²), S = Σ σ.
 pub(crate) fn move_all(factors: &mut [Uncertain], (lacking, error): (f64, f64)) {
     let own: f64 = factors.iter().map(|factor| factor.error).sum();
     if own <= 0.0 {
@@ -72,8 +73,8 @@ pub(crate) fn move_all(factors: &mut [Uncertain], (lacking, error): (f64, f64)) 
 }
 
 impl Refiner<'_> {
-    /// Looks for pairs that a row lacks, which sums to `lacking` too little; `is_known` says which patches are in it. They are
-    /// in `unseen` afterwards, ascending.
+    /// Looks for pairs that a row lacks, which sums to `lacking` too little; `is_known` says which patches are in it.
+    /// They are in `unseen` afterwards, ascending.
     pub(crate) fn find_unseen(
         &mut self,
         model: &Model,
@@ -165,8 +166,8 @@ impl Refiner<'_> {
         self.pairs.sort_unstable_by_key(|pair| pair.patch);
     }
 
-    /// The standard error of the form factor of a pair whose open form factor and fraction are these; 0 of one that nobody saw,
-    /// as nothing says where it is.
+    /// The standard error of the form factor of a pair whose open form factor and fraction are these; 0 of one that
+    /// nobody saw, as nothing says where it is.
     fn error_of(&self, model: &Model, own: &[DVec3; 3], patch: u32, open: f64, fraction: f64) -> f64 {
         if fraction <= 0.0 {
             return 0.0;
@@ -204,8 +205,8 @@ impl Refiner<'_> {
             }
         }
     }
-    /// The same of a row in three lists: patches, ascending, their fractions, and A_i F_ij if all were visible; seen by so many
-    /// hemicubes.
+    /// The same of a row in three lists: patches, ascending, their fractions, and A_i F_ij if all were visible; seen by
+    /// so many hemicubes.
     pub(crate) fn move_fractions(&mut self, model: &Model, emitter: InputPatch, row: Mended<'_>, lacking: (f64, f64)) {
         self.sort_measured();
         let own = model.normalised_corners(emitter.0);

@@ -181,8 +181,8 @@ impl Exchange {
     }
 }
 
-/// A file for what does not fit in memory. Gone when it is dropped; where the system allows it, also when the program is
-/// killed. Errors call it by a name, which it does not have in the directory.
+/// A file for what does not fit in memory. Gone when it is dropped; where the system allows it, also when the program
+/// is killed. Errors call it by a name, which it does not have in the directory.
 #[derive(Debug)]
 pub(crate) struct Scratch {
     path: PathBuf,

@@ -16,8 +16,8 @@ use std::path::Path;
 /// Bytes of a record.
 pub(crate) const RECORD: usize = 8;
 
-/// Every step goes further than to the minimum along its coordinate (successive over-relaxation, Young 1954): rows that face
-/// each other across a street settle in a third of the sweeps, and 2 would be the end of convergence.
+/// Every step goes further than to the minimum along its coordinate (successive over-relaxation, Young 1954): rows that
+/// face each other across a street settle in a third of the sweeps, and 2 would be the end of convergence.
 const RELAXATION: f64 = 1.6;
 
 /// Bytes that are gathered before they are written.
@@ -88,7 +88,7 @@ pub(crate) struct Scaling {
     pub(crate) rows_empty: u64,
     pub(crate) rows_without_target: u64,
     pub(crate) rows_at_bound: u64,
-    /// Whether a row is one of these, by input patch.
+    /// True if a row is one of these, by input patch.
     pub(crate) unmatched: Vec<bool>,
 }
 
