@@ -105,19 +105,19 @@ pub(crate) fn failed(error: &anyhow::Error) -> ExitCode {
 
 /// Set by the first Ctrl-C while rows are computed.
 static CANCEL: AtomicBool = AtomicBool::new(false);
-/// Whether there is something worth finishing.
-static KEEPING: AtomicBool = AtomicBool::new(false);
+/// True while an [`InterruptGuard`] lives.
+static FINISHING: AtomicBool = AtomicBool::new(false);
 /// A directory that is still empty, to be removed when nothing comes of it.
 static UNUSED: Mutex<Option<PathBuf>> = Mutex::new(None);
 
-/// From now on Ctrl-C (and a request to terminate) ends the program with code 130: at once, or, between [`keep`] and
-/// the end of the computation, after the part that is being computed; the second one always at once.
+/// From now on Ctrl-C (and a request to terminate) ends the program with code 130: at once, or, while an
+/// [`InterruptGuard`] lives, after the part that is being computed; the second one always at once.
 ///
 /// # Errors
 /// When the system lets no handler be set.
 pub(crate) fn watch_interrupts() -> anyhow::Result<&'static AtomicBool> {
     ctrlc::set_handler(|| {
-        if KEEPING.load(Ordering::SeqCst) && !CANCEL.swap(true, Ordering::SeqCst) {
+        if FINISHING.load(Ordering::SeqCst) && !CANCEL.swap(true, Ordering::SeqCst) {
             crate::log::interrupted("interrupted: finishing what is being computed; once more ends at once");
             return;
         }
@@ -127,9 +127,22 @@ pub(crate) fn watch_interrupts() -> anyhow::Result<&'static AtomicBool> {
     Ok(&CANCEL)
 }
 
-/// Whether an interrupt waits for the part that is being computed.
-pub(crate) fn keep(keeping: bool) {
-    KEEPING.store(keeping, Ordering::SeqCst);
+/// Makes interrupts wait while it lives: the first one asks for an end, and what is under way is finished.
+#[must_use]
+#[derive(Debug)]
+pub(crate) struct InterruptGuard(());
+
+impl InterruptGuard {
+    pub(crate) fn new() -> Self {
+        FINISHING.store(true, Ordering::SeqCst);
+        Self(())
+    }
+}
+
+impl Drop for InterruptGuard {
+    fn drop(&mut self) {
+        FINISHING.store(false, Ordering::SeqCst);
+    }
 }
 
 /// Names a directory that was made for a result which may never come.

@@ -255,7 +255,7 @@ impl Verify<'_> {
         let settings = reference_settings(self.tolerance, self.seed);
         let reference = Reference::new(model, settings).context("there is no reference to verify against")?;
         // An interrupt ends the reference after the rows that are under way, and what was measured is said.
-        exit::keep(true);
+        let guard = exit::InterruptGuard::new();
         let bar = Bar::rows(talk, drawn.len() as u64, 0);
         let row_count = drawn.len() as u64;
         let mut rows = reference_rows(&reference, &drawn, self.threads, self.cancel, &mut |done| {
@@ -266,7 +266,7 @@ impl Verify<'_> {
             });
         })?;
         drop(bar);
-        exit::keep(false);
+        drop(guard);
         let mut estimated = Vec::with_capacity(rows.len());
         for row in &rows {
             let emitter = InputPatch(row.emitter);

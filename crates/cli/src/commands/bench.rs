@@ -222,7 +222,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     }
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let results = Results::open(&arguments.output, arguments.label.clone(), settings)?;
-    exit::keep(true);
+    let guard = exit::InterruptGuard::new();
     let mut bench = Bench {
         results,
         backend_dir: folder,
@@ -237,7 +237,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         grid: &|scene| grid(size, scene),
     };
     write_report(&study, &without, &peers, arguments)?;
-    exit::keep(false);
+    drop(guard);
     print(&format!("{}\n{}\n", about_rows(&settings), study.algorithms()))?;
     let place = arguments.output.join("study.md");
     talk.say(&format!(

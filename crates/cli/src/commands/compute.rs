@@ -404,7 +404,7 @@ fn compute_into(
     let settings = row_settings(arguments, &prepared, rows, &rung, &plan);
     let area = prepared.patches.iter().map(|patch| prepared.patches.area(patch)).sum();
     // From here to the last manifest an interrupt waits, so that what it leaves is a store.
-    exit::keep(true);
+    let guard = exit::InterruptGuard::new();
     let started = Instant::now();
     let stage = status.stage("store");
     let mut tally = Tally::new();
@@ -493,7 +493,7 @@ fn compute_into(
         writer.finish()
     }?;
     drop(stage);
-    exit::keep(false);
+    drop(guard);
     timings.write += summary.sink.as_secs_f64() + started.elapsed().as_secs_f64();
 
     let [escaped, blocked, unselected] = means;

@@ -188,7 +188,7 @@ fn interruptible(
     write: impl FnOnce(WriteOptions<'_>) -> hemicube_export::Result<u64>,
 ) -> Result<Option<u64>> {
     let cancel = exit::watch_interrupts()?;
-    exit::keep(true);
+    let _guard = exit::InterruptGuard::new();
     let bar = Bar::spinner(talk, &format!("writing `{}`", arguments.output.display()));
     let written = write(WriteOptions {
         overwrite: arguments.overwrite,

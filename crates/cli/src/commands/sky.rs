@@ -449,7 +449,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         bar.at(done as u64);
         !cancel.load(Ordering::SeqCst)
     };
-    exit::keep(true);
+    let guard = exit::InterruptGuard::new();
     let found = sky_of_patches(&prepared.model, &rows, &division, horizon, options, backend, &mut go_on)?;
     drop(bar);
     let Some(mut found) = found else {
@@ -509,7 +509,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     file.write_all(text.as_bytes())
         .with_context(|| format!("`{}` cannot be written", output.display()))?;
     file.commit()?;
-    exit::keep(false);
+    drop(guard);
     let seconds = started.elapsed().as_secs_f64();
     talk.say(summary(&record, &of_points, &misplaced, &output, seconds).trim_end());
     if let Some(json) = json {

@@ -257,7 +257,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         balance: Vec::new(),
     };
     let bar = Bar::spinner(talk, "solving");
-    exit::keep(true);
+    let guard = exit::InterruptGuard::new();
     let mut first = 0;
     while first < task.rows {
         let end = (first + columns_at_once).min(task.rows);
@@ -292,8 +292,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         first = end;
     }
     drop(bar);
-    let path = writer.finish(&serde_json::to_value(&record).context("the report is no JSON")?)?;
-    exit::keep(false);
+    // Outputs are of this solution, and not of one that replaces it meanwhile.
+    let (path, _lock) = writer.finish(&serde_json::to_value(&record).context("the report is no JSON")?)?;
+    drop(guard);
     let stored = StoredSolution::open(&store, &name)?;
     for output in &arguments.output {
         write_output(&stored, &store, &table, &record, output)?;

@@ -283,12 +283,12 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let prepared = prepare(path, &arguments.patches, &arguments.engine, None)?;
     prepared.tell(talk);
     // An interrupt ends what is under way, so that files which were begun are removed.
-    exit::keep(true);
+    let guard = exit::InterruptGuard::new();
     let Some(mut report) = measure(&arguments, prepared, backend.as_mut(), cancel, talk)? else {
         talk.say("interrupted: nothing is reported");
         return Ok(Exit::Interrupted);
     };
-    exit::keep(false);
+    drop(guard);
     let recommended = recommend(&report.trials, &arguments, path, report.patches, report.threads);
     if let Some((format, mut file)) = plot {
         let picture = picture(&report, recommended.as_ref(), path);

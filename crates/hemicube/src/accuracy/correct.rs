@@ -136,7 +136,7 @@ pub(crate) struct Converted {
 pub(crate) struct Attempt {
     pub(crate) is_first: bool,
     pub(crate) is_last: bool,
-    /// True if the emitter is so large that it has several hemicubes in any case ([`crate::grain`]).
+    /// True if the emitter is so large that it has several hemicubes in any case ([`crate::accuracy::grain`]).
     pub(crate) is_large: bool,
 }
 
@@ -349,7 +349,7 @@ impl<'c> Converter<'c> {
         }
         self.lost(model, emitter, permitted, receives)
             .map_or(seen.refined(factors, error.into()), |found| {
-                found.shares.refined_within(factors, found.errors())
+                found.shares.refined_within(factors, found.errors(), ASKED * permitted)
             })
     }
 

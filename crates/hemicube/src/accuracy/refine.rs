@@ -408,7 +408,7 @@ pub(crate) struct Mended<'r> {
     pub(crate) exchanges: &'r mut Vec<f64>,
     /// Number of hemicubes.
     pub(crate) samples: usize,
-    /// True if they are so many for the patch's size ([`crate::grain`]).
+    /// True if they are so many for the patch's size ([`crate::accuracy::grain`]).
     pub(crate) is_large: bool,
 }
 

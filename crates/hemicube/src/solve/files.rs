@@ -206,11 +206,11 @@ impl SolutionWriter {
     }
 
     /// Ends the solution: with this it is there. `report` says what it is; the matrix's identity and the quantities are
-    /// added.
+    /// added. Returns its folder, and the lock that keeps others from replacing it: whoever reads it next holds that.
     ///
     /// # Errors
     /// When right-hand sides are missing, or the files cannot be written.
-    pub fn finish(self, report: &Value) -> Result<PathBuf> {
+    pub fn finish(self, report: &Value) -> Result<(PathBuf, FolderLock)> {
         if self.written.iter().any(|&written| written != self.rows) {
             return Err(Error::refused(
                 &self.directory,
@@ -243,8 +243,7 @@ impl SolutionWriter {
         let text = serde_json::to_string_pretty(&whole)
             .map_err(|error| Error::refused(&path, format!("its report is no JSON: {error}")))?;
         write_whole(&path, seal_json(text).as_bytes(), "")?;
-        drop(self.lock);
-        Ok(self.directory)
+        Ok((self.directory, self.lock))
     }
 }
 

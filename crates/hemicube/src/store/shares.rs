@@ -14,8 +14,8 @@
 //! factors' own error.
 //!
 //! Where the residual is more than form factors are expected to be off by, and backs or unselected patches may have a
-//! part in it, the hemicubes' shares are replaced by rays' from all over the patch ([`crate::lost`]), which are refined
-//! by no more than three times their own error.
+//! part in it, the hemicubes' shares are replaced by rays' from all over the patch (`accuracy/lost.rs`), which are refined
+//! by three times their own error at most, or, where that leaves the row off by more than is permitted, by all of it.
 
 use crate::store::{HEMICUBE_WEIGHT, RowSums};
 
@@ -86,11 +86,17 @@ impl RowShares {
         Self::from_array(shares)
     }
 
-    /// As [`Self::refined`], of shares whose errors are known: none moves by more than three times its `errors`, and
-    /// what that leaves of the residual is the form factors'.
-    pub(crate) fn refined_within(self, factors: f64, errors: [f64; 3]) -> Self {
+    /// As [`Self::refined`], of shares whose errors are known: together they move by no more than three times their
+    /// `errors`, and what that leaves of the residual is the form factors'. If it is more than is `permitted`, the shares
+    /// take it all: pairs were looked for, and those that are uncertain moved, before.
+    pub(crate) fn refined_within(self, factors: f64, errors: [f64; 3], permitted: f64) -> Self {
         let residual = 1.0 - factors - self.lost();
         let most = ERRORS * errors.iter().map(|error| error * error).sum::<f64>().sqrt();
+        let most = if residual.abs() - most > permitted {
+            f64::INFINITY
+        } else {
+            most
+        };
         Self::from_array(self.deal(self.to_array(), residual.clamp(-most, most), [1.0; 3]).0)
     }
 
@@ -235,10 +241,12 @@ mod tests {
     #[test]
     fn shares_of_known_errors_move_within_them() {
         let before = shares(0.2, 0.1, 0.0);
-        let near_by = before.refined_within(0.71, [0.004, 0.003, 0.0]);
+        let near_by = before.refined_within(0.71, [0.004, 0.003, 0.0], 0.1);
         assert!(near(near_by.lost(), 0.29), "{near_by:?}");
         // Three times 0.005 of the missing 0.1: the form factors are off.
-        let far_off = before.refined_within(0.6, [0.004, 0.003, 0.0]);
+        let far_off = before.refined_within(0.6, [0.004, 0.003, 0.0], 0.1);
         assert!(near(far_off.lost(), 0.315), "{far_off:?}");
+        // Farther than a row may be: the form factors are measured, and the shares are not.
+        assert!(near(before.refined_within(0.6, [0.004, 0.003, 0.0], 0.02).lost(), 0.4));
     }
 }

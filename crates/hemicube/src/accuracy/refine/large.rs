@@ -1,4 +1,4 @@
-//! Rows of large patches, on which much stands ([`crate::grain`]).
+//! Rows of large patches, on which much stands ([`crate::accuracy::grain`]).
 //!
 //! What stands nearer to such a patch than its hemicubes are to each other is seen by none of them, or from afar only:
 //! their fractions, and the doubts that other rows have, say nothing of it. Most of the row is of that kind. So every
