@@ -432,11 +432,15 @@ pub(crate) struct Report {
     pub(crate) no_timings: bool,
 }
 
+/// What a scene may be, for help.
+pub(crate) fn scene_help() -> String {
+    format!("The scene: {}", hemicube_scene::Format::listed())
+}
+
 /// `hemicube compute`
 #[derive(Args, Debug)]
 pub(crate) struct Compute {
-    /// The scene: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON)
-    #[arg(value_name = "SCENE", required_unless_present = "print_config")]
+    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
     pub(crate) scene: Option<PathBuf>,
     /// The directory to write the matrix to
     #[arg(short, long, value_name = "DIR", required_unless_present = "print_config")]
@@ -527,8 +531,7 @@ pub(crate) struct SelectionSettings {
 /// `hemicube inspect`
 #[derive(Args, Debug)]
 pub(crate) struct Inspect {
-    /// The scene: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON)
-    #[arg(value_name = "SCENE", required_unless_present = "print_config")]
+    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
     pub(crate) scene: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) patches: SceneSettings,
@@ -552,8 +555,7 @@ pub(crate) struct Inspect {
 /// `hemicube tradeoff`
 #[derive(Args, Debug)]
 pub(crate) struct Tradeoff {
-    /// The scene: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON)
-    #[arg(value_name = "SCENE", required_unless_present = "print_config")]
+    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
     pub(crate) scene: Option<PathBuf>,
     /// The relative Frobenius error that a setting is recommended for
     #[arg(long, value_name = "T", default_value = "1%", value_parser = tolerance)]

@@ -14,17 +14,22 @@
 use crate::{Error, ErrorKind, ReadOptions};
 
 /// Triangles that any file may become.
+#[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson"))]
 const TRIANGLES: u64 = 1_000_000;
 /// Corners of a polygon, whatever is allowed: simple ones take seconds.
+#[cfg(feature = "_polygons")]
 const CORNERS_MAX: usize = 1 << 16;
 /// Corners of a polygon with holes: holes that cross make it minutes from here on.
 #[cfg(feature = "cityjson")]
 const HOLED_CORNERS_MAX: usize = 1 << 14;
 /// Steps of cutting that any file may take: half a minute at most.
+#[cfg(any(feature = "_polygons", feature = "vs3"))]
 const STEPS: u64 = 1 << 30;
 /// Steps of cutting for each byte.
+#[cfg(any(feature = "_polygons", feature = "vs3"))]
 const STEPS_A_BYTE: u64 = 1 << 10;
 /// Number of corners of a simple polygon that make a step, squared; with holes it is one.
+#[cfg(feature = "_polygons")]
 const CORNERS_A_STEP: u64 = 8;
 
 /// Remainder of a file's bounds.
@@ -32,6 +37,7 @@ const CORNERS_A_STEP: u64 = 8;
 pub(crate) struct Bounds {
     bytes: u64,
     allow_large: bool,
+    #[cfg(any(feature = "_polygons", feature = "vs3"))]
     steps: u64,
 }
 
@@ -41,6 +47,7 @@ impl Bounds {
         Self {
             bytes: bytes as u64,
             allow_large: options.allow_large,
+            #[cfg(any(feature = "_polygons", feature = "vs3"))]
             steps: 0,
         }
     }
@@ -87,6 +94,7 @@ impl Bounds {
     }
 
     /// Counts steps of cutting.
+    #[cfg(any(feature = "_polygons", feature = "vs3"))]
     pub(crate) fn steps(&mut self, steps: u64) -> Result<(), Error> {
         self.steps = self.steps.saturating_add(steps);
         if self.allow_large || self.steps <= STEPS.max(STEPS_A_BYTE.saturating_mul(self.bytes)) {

@@ -6,38 +6,90 @@
 use crate::{Error, ErrorKind, ReadOptions, Scene};
 use std::path::Path;
 
-/// A scene file format.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
+type Read = fn(&[u8], Option<&Path>, ReadOptions) -> Result<Scene, Error>;
+
+/// Makes [`Format`] of the table of formats: variant, name, extensions, feature and module of the reader.
+macro_rules! formats {
+    ($($(#[$doc:meta])* $format:ident, $name:literal, [$($extension:literal),+], $feature:literal, $module:ident;)+) => {
+        /// A scene file format.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[non_exhaustive]
+        pub enum Format {
+            $($(#[$doc])* $format,)+
+        }
+
+        impl Format {
+            /// All formats, in the order in which they are listed.
+            pub const ALL: &'static [Self] = &[$(Self::$format),+];
+
+            /// The format's name.
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$format => $name,)+
+                }
+            }
+
+            /// The extensions of its files, in lower case, the usual one first.
+            pub fn extensions(self) -> &'static [&'static str] {
+                match self {
+                    $(Self::$format => &[$($extension),+],)+
+                }
+            }
+
+            /// The reader; `None` where it is not compiled in.
+            fn reader(self) -> Option<Read> {
+                match self {
+                    $(
+                        #[cfg(feature = $feature)]
+                        Self::$format => Some(crate::$module::read),
+                        #[cfg(not(feature = $feature))]
+                        Self::$format => None,
+                    )+
+                }
+            }
+        }
+    };
+}
+
+formats! {
     /// Wavefront OBJ, `.obj`.
-    Obj,
+    Obj, "Wavefront OBJ", ["obj"], "obj", obj;
     /// glTF 2.0, `.gltf` or `.glb`.
-    Gltf,
+    Gltf, "glTF 2.0", ["gltf", "glb"], "gltf", gltf;
     /// AC3D, `.ac` or `.acc`.
-    Ac3d,
+    Ac3d, "AC3D", ["ac", "acc"], "ac3d", ac3d;
     /// STL, `.stl`.
-    Stl,
+    Stl, "STL", ["stl"], "stl", stl;
     /// PLY, `.ply`.
-    Ply,
+    Ply, "PLY", ["ply"], "ply", ply;
     /// View3D, `.vs3`.
-    Vs3,
+    Vs3, "View3D", ["vs3"], "vs3", vs3;
     /// CityJSON, `.json` or `.cityjson`, or a sequence of features, `.jsonl`.
-    CityJson,
+    CityJson, "CityJSON", ["json", "cityjson", "jsonl"], "cityjson", cityjson;
 }
 
 impl Format {
     /// The format that a path's extension names, in any case.
     pub fn from_path(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-        match extension.as_str() {
-            "obj" => Some(Self::Obj),
-            "gltf" | "glb" => Some(Self::Gltf),
-            "ac" | "acc" => Some(Self::Ac3d),
-            "stl" => Some(Self::Stl),
-            "ply" => Some(Self::Ply),
-            "vs3" => Some(Self::Vs3),
-            "json" | "cityjson" | "jsonl" => Some(Self::CityJson),
-            _ => None,
+        let has = |format: &&Self| format.extensions().contains(&extension.as_str());
+        Self::ALL.iter().find(has).copied()
+    }
+
+    /// The extensions of all formats, for people: `.obj, .gltf, … and .jsonl`.
+    ///
+    /// ```
+    /// assert!(hemicube_scene::Format::listed().starts_with(".obj, .gltf, .glb, .ac"));
+    /// ```
+    pub fn listed() -> String {
+        let all: Vec<String> = Self::ALL
+            .iter()
+            .flat_map(|format| format.extensions())
+            .map(|extension| format!(".{extension}"))
+            .collect();
+        match all.split_last() {
+            Some((last, rest)) => format!("{} and {last}", rest.join(", ")),
+            None => String::new(),
         }
     }
 }
@@ -65,37 +117,21 @@ impl Format {
 /// ```
 pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
     let format = Format::from_path(path).ok_or_else(|| {
-        Error::unsupported("the extension names no scene format; .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json and .jsonl (CityJSON) are read")
-            .in_file(path)
+        Error::unsupported(format!(
+            "the extension names no scene format; {} are read",
+            Format::listed()
+        ))
+        .in_file(path)
+    })?;
+    let read = format.reader().ok_or_else(|| {
+        Error::unsupported(format!(
+            "the {} reader is not compiled into this program",
+            format.name()
+        ))
+        .in_file(path)
     })?;
     let bytes = crate::read_regular(path).map_err(|e| Error::new(ErrorKind::Io(e)).in_file(path))?;
-    let base = path.parent();
-    #[cfg(not(feature = "_readers"))]
-    let _ = (&bytes, base, options);
-    let scene: Result<Scene, Error> = match format {
-        #[cfg(feature = "obj")]
-        Format::Obj => crate::obj::read(&bytes, base, options),
-        #[cfg(feature = "gltf")]
-        Format::Gltf => crate::gltf::read(&bytes, base, options),
-        #[cfg(feature = "ac3d")]
-        Format::Ac3d => crate::ac3d::read(&bytes, base, options),
-        #[cfg(feature = "stl")]
-        Format::Stl => crate::stl::read(&bytes, base, options),
-        #[cfg(feature = "ply")]
-        Format::Ply => crate::ply::read(&bytes, base, options),
-        #[cfg(feature = "vs3")]
-        Format::Vs3 => crate::vs3::read(&bytes, base, options),
-        #[cfg(feature = "cityjson")]
-        Format::CityJson => crate::cityjson::read(&bytes, base, options),
-        #[allow(
-            unreachable_patterns,
-            unused_variables,
-            reason = "reached only where a reader is not compiled in"
-        )]
-        other => Err(Error::unsupported(format!(
-            "the {other:?} reader is not compiled into this program"
-        ))),
-    };
+    let scene = read(&bytes, path.parent(), options);
     let scene = scene.map_err(|e| e.in_file(path))?;
     if scene.triangles.is_empty() {
         return Err(Error::new(ErrorKind::Empty).in_file(path));

@@ -38,8 +38,7 @@ pub(crate) const FILES: [&str; 3] = ["sky.npz", "sky.json", "points-sky.npz"];
 #[derive(Args, Debug)]
 #[command(group = clap::ArgGroup::new("place").required(true))]
 pub(crate) struct Arguments {
-    /// The scene: .obj, .gltf, .glb, .ac or .acc
-    #[arg(value_name = "SCENE")]
+    #[arg(value_name = "SCENE", help = crate::args::scene_help())]
     pub(crate) scene: PathBuf,
     /// Take the patches and hemicubes of this matrix, and write into its directory `sky`
     #[arg(long, value_name = "DIR", group = "place", conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"])]

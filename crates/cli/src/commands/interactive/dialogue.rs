@@ -5,6 +5,7 @@ use super::found::{self, Found, Place, SceneFile};
 use super::line::Line;
 use super::settings::{Kind, OFFERED, Offered, Settings};
 use crate::report::size;
+use hemicube_scene::Format;
 use serde_json::Value;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -338,7 +339,7 @@ impl Dialogue<'_> {
                 .collect();
             options.push((Item::new("Another file…", ""), Pick::Other));
             if scenes.is_empty() {
-                self.explain("There is no scene here: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, CityJSON.");
+                self.explain(&format!("There is no scene here: {}.", Format::listed()));
                 options.push((Item::new("Generate a room to try", ""), Pick::Generate));
             }
             match self.choose(question, 0, &options, "Back")? {

@@ -40,15 +40,15 @@ pub(super) fn scenes(folder: &Path) -> std::io::Result<Vec<SceneFile>> {
     Ok(found)
 }
 
+fn has_extension(path: &Path, wanted: &str) -> bool {
+    path.extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case(wanted))
+}
+
 /// Whether a reader takes the file. JSON may be anything, and is looked into.
 fn is_scene(path: &Path) -> bool {
-    let is_json = path.extension().is_some_and(|extension| {
-        ["json", "jsonl"]
-            .iter()
-            .any(|json| extension.eq_ignore_ascii_case(json))
-    });
     match Format::from_path(path) {
-        Some(Format::CityJson) if is_json => {
+        Some(Format::CityJson) if !has_extension(path, "cityjson") => {
             let mut begin = Vec::new();
             let read =
                 hemicube_scene::open_regular(path).and_then(|file| file.take(JSON_LOOKED_AT).read_to_end(&mut begin));
