@@ -151,7 +151,8 @@ pub fn generated(kind: hemicube_scene::generate::Kind, target_patches: u64) -> M
     )
 }
 
-/// Scenes of triangles that were cut into patches, which engines 1 and 3 of the CPU backend draw as they were before.
+/// Scenes of triangles that were cut into patches, which engines `depth` and `claims` of the CPU backend draw as they
+/// were before.
 ///
 /// # Panics
 /// When one cannot be generated.

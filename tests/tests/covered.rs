@@ -112,8 +112,8 @@ fn holds(name: &str, model: &Model, engine: EngineChoice) -> usize {
     missed
 }
 
-/// Both engines find tiny patches, and engine 2 misses at most half as many again as engine 1; in a soup, which it is
-/// not for, at most twice as many.
+/// Both engines find tiny patches, and engine `order` misses at most half as many again as engine `depth`; in a soup,
+/// which it is not for, at most twice as many.
 fn both_hold(name: &str, model: &Model) {
     let [depth, order] = [EngineChoice::Depth, EngineChoice::Order].map(|engine| holds(name, model, engine));
     let most = if name == "soup" { 2 * depth } else { 3 * depth / 2 };
@@ -127,8 +127,8 @@ fn city() {
 
 #[test]
 fn spheres() {
-    // On curved surfaces, which do not get it, engine 2 misses patches that a neighbour covers at the pixel's centre:
-    // 250 where engine 1, which compares depths, misses 10.
+    // On curved surfaces, which do not get it, engine `order` misses patches that a neighbour covers at the pixel's
+    // centre: 250 where engine `depth`, which compares depths, misses 10.
     holds("spheres", &generated(Kind::Spheres, 4_000), EngineChoice::Depth);
 }
 

@@ -1,6 +1,6 @@
-//! The engines of the CPU backend see the same: pixel sums are the same bits, covered weights too, and engine 2 is as
-//! lossless and as independent of the instruction set when it is forced on scenes that do not suit it. Rows of engine 3
-//! are those of engine 1, to the last bit of the last tiny patch.
+//! The engines of the CPU backend see the same: pixel sums are the same bits, covered weights too, and engine `order`
+//! is as lossless and as independent of the instruction set when it is forced on scenes that do not suit it. Rows of
+//! engine `claims` are those of engine `depth`, to the last bit of the last tiny patch.
 
 use glam::DVec3;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
@@ -38,7 +38,7 @@ fn rows(model: &Model, choice: EngineChoice, count: usize, settings: RenderSetti
     rows
 }
 
-/// Scenes of every kind, those that suit engine 2 and those that do not.
+/// Scenes of every kind, those that suit engine `order` and those that do not.
 fn scenes() -> Vec<(String, Model)> {
     let mut found = vec![
         (
@@ -249,7 +249,7 @@ fn what_was_cut_covers_what_its_patches_cover() {
         say(&format!(
             "{name}: {shared} entries alike; tiny patches seen only whole: {tiny_of_whole}, only patch by patch: {tiny_of_parted}"
         ));
-        // Engine 2 asks for them what was covered before a plane was begun, and wholes have others than patches.
+        // Engine `order` asks for them what was covered before a plane was begun, and wholes have others than patches.
         let most = if choice == EngineChoice::Order { 5 } else { 20 };
         assert!(
             tiny_of_whole + tiny_of_parted <= shared / most + 8,
@@ -417,7 +417,7 @@ fn instruction_sets_draw_the_same() {
     }
 }
 
-/// The rows of engine 3, on every instruction set, with culling and without, are those of engine 1.
+/// The rows of engine `claims`, on every instruction set, with culling and without, are those of engine `depth`.
 fn assert_claims_are_rows_of_depth(name: &str, model: &Model, count: usize, resolutions: &[u32]) {
     let hemicubes = hemicubes(model, &spread(model, count));
     for (&resolution, covered) in resolutions.iter().flat_map(|n| [(n, false), (n, true)]) {

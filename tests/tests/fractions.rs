@@ -116,9 +116,9 @@ fn assert_fractions_are_those_of_weights(
         apart.other == 0 && apart.lost <= most_lost && apart.rows <= most_rows,
         "{name}, N = {resolution}: {apart:?}"
     );
-    // At the rim of a triangle whose pixels are all seen, patches without a pixel are, too. Engine 2 asks for them what
-    // was covered before a plane or a leaf was begun, and wholes have others than patches, above all in cities whose
-    // terrain is cut to pieces.
+    // At the rim of a triangle whose pixels are all seen, patches without a pixel are, too. Engine `order` asks for
+    // them what was covered before a plane or a leaf was begun, and wholes have others than patches, above all in
+    // cities whose terrain is cut to pieces.
     let most = if choice == EngineChoice::Order { 5 } else { 10 };
     assert!(
         apart.tiny.iter().sum::<usize>() <= apart.alike / most + 8,
@@ -142,8 +142,8 @@ fn fractions_of_real_scenes_are_those_of_weights() {
     let Some(folder) = scenes_or_skip("fractions::fractions_of_real_scenes_are_those_of_weights") else {
         return;
     };
-    // Engine 2 where it suits the scene: it finds fewer of the patches without a pixel where terrain must be cut to
-    // pieces.
+    // Engine `order` where it suits the scene: it finds fewer of the patches without a pixel where terrain must be cut
+    // to pieces.
     let (depth, both) = (
         &[EngineChoice::Depth][..],
         &[EngineChoice::Depth, EngineChoice::Order][..],
@@ -164,7 +164,7 @@ fn fractions_of_real_scenes_are_those_of_weights() {
         let scene = read(&folder, file).unwrap_or_else(|error| panic!("{error}"));
         let model = model(scene, subdivision);
         for &choice in choices {
-            // Engine 1 draws the floor in both, so that the same is blocked.
+            // Engine `depth` draws the floor in both, so that the same is blocked.
             let most = match choice {
                 EngineChoice::Order => (0, most.1),
                 _ => (most.0, 0),

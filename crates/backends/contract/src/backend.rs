@@ -179,8 +179,8 @@ pub struct Hemicube {
 }
 
 impl Hemicube {
-    /// Refuses a patch that a scene of `patch_count` patches has not, and a frame that is not finite. Every backend asks this
-    /// before it renders.
+    /// Refuses a patch that a scene of `patch_count` patches has not, and a frame that is not finite. Every backend
+    /// asks this before it renders.
     ///
     /// # Errors
     /// [`BackendError::InvalidArgument`], which names the patch.

@@ -1,4 +1,4 @@
-//! Hemicubes a second of the three engines: by scene, against engine 1 patch by patch and against brute force, by
+//! Hemicubes a second of the three engines: by scene, against engine `depth` patch by patch and against brute force, by
 //! hierarchy, instruction set and resolution. `cargo bench -p hemicube-backend-cpu --bench engine`.
 //!
 //! Before criterion's own groups, a table of ratios is printed whose two sides were measured in turns in this run, in
@@ -97,7 +97,7 @@ impl Case {
         backend
     }
 
-    /// Engine 1 as it draws patch by patch.
+    /// Engine `depth` as it draws patch by patch.
     fn patch_by_patch(&self, resolution: u32, culling: Culling, covered: bool) -> CpuBackend {
         let mut backend = CpuBackend::new().with_engine(EngineChoice::Depth).patch_by_patch();
         let settings = RenderSettings {
@@ -221,7 +221,7 @@ fn print_ratios(cases: &[Case]) {
     let isa = Isa::available()[0];
     let auto = |case: &Case, resolution, covered| case.engine(EngineChoice::Auto, resolution, covered);
     println!(
-        "One core, N = 256, best of 5 in turns; hemicubes a second and their ratios. `auto` is what the scene gets, `parted` engine 1 \
+        "One core, N = 256, best of 5 in turns; hemicubes a second and their ratios. `auto` is what the scene gets, `parted` engine `depth` \
          patch by patch."
     );
     println!(
@@ -326,7 +326,7 @@ fn print_ratios(cases: &[Case]) {
             name(&small),
         );
     }
-    println!("Engine 1, patch by patch, over the surface area tree against the octree:");
+    println!("Engine `depth`, patch by patch, over the surface area tree against the octree:");
     for case in cases {
         let depth = EngineChoice::Depth;
         let mut octree = case.backend(isa, depth, Hierarchy::Octree, 256, Culling::On, false);

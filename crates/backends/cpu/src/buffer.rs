@@ -1,4 +1,4 @@
-//! What engines 1 and 3 draw into: the nearest surface at each pixel, as depths and ids, or as claims.
+//! What engines `depth` and `claims` draw into: the nearest surface at each pixel, as depths and ids, or as claims.
 
 use crate::Shared;
 use crate::kernel::{

@@ -1,5 +1,5 @@
-//! One session of engine 1 or engine 3: the walk over the tree, then the reduction of the row. The two differ in what
-//! they draw into.
+//! One session of engine `depth` or engine `claims`: the walk over the tree, then the reduction of the row. The two
+//! differ in what they draw into.
 //!
 //! *Depth* walks a tree of boxes roughly front to back, draws into a buffer of depths and ids, and drops what lies
 //! behind. It takes any scene. *Order* walks a binary space partition strictly front to back and has one bit a pixel:

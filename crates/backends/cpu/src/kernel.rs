@@ -1,4 +1,4 @@
-//! The arithmetic of engine 1, written once and compiled for each instruction set: transform of 16 triangles,
+//! The arithmetic of engine `depth`, written once and compiled for each instruction set: transform of 16 triangles,
 //! bounding boxes, spans, depth test, reduction.
 //!
 //! Homogeneous rasterisation (Olano & Greer 1997): a pixel's direction d is inside a triangle with corners v0, v1, v2
@@ -299,7 +299,7 @@ pub(crate) struct Reduction<'a> {
 /// Sums for each patch, and for blocked and nothing, with the set of those that are not zero.
 #[derive(Debug)]
 pub(crate) struct Sums {
-    /// Pixels seen in the upper half, weight in the lower; with engine 2, covered and visible weight.
+    /// Pixels seen in the upper half, weight in the lower; with engine `order`, covered and visible weight.
     pub(crate) of: Vec<u64>,
     /// Those that were touched.
     touched: PatchSet,
@@ -458,8 +458,8 @@ pub(crate) trait Kernel: Send + 'static {
         pixels: &mut [u32; LANES],
     ) -> Drawn;
 
-    /// Draws lanes of a block on one face for engine 3; `running` is the face's running sum of delta form factors. With
-    /// `COUNT`, adds the pixels that each lane covers to `pixels`.
+    /// Draws lanes of a block on one face for engine `claims`; `running` is the face's running sum of delta form
+    /// factors. With `COUNT`, adds the pixels that each lane covers to `pixels`.
     ///
     /// # Safety
     /// The machine has the instruction set.

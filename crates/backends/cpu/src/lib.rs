@@ -1,15 +1,15 @@
 //! The built-in backend: hemicubes on the CPU, with SIMD chosen at run time.
 //!
-//! Engine 1 is Greene's hierarchical z-buffer (Greene, Kass & Miller 1993): a tree over blocks of 16 triangles, walked
-//! front to back, whose nodes are dropped where they lie outside all faces or behind what is already drawn. All five
-//! faces are drawn in one walk. Engine 2 draws strictly front to back, in the order of a binary space partition, and
-//! has one coverage bit a pixel. Engine 3 walks the tree of engine 1, has the coverage bits of engine 2, and works out
-//! depths only of pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which. All of them draw
-//! triangles that were cut into patches as they were before, and share out what is seen of them (engine 2 not at N =
-//! 1024, unless visible fractions are all that is asked): patches that follow each other as
-//! `hemicube_scene::Subdivision` cuts them. Rows are the same bits on every instruction set and with culling on or off;
-//! those of engines 1 and 3 are the same bits, and pixel sums of engine 2 the same wherever f32 depths can tell
-//! surfaces apart.
+//! Engine `depth` is Greene's hierarchical z-buffer (Greene, Kass & Miller 1993): a tree over blocks of 16 triangles,
+//! walked front to back, whose nodes are dropped where they lie outside all faces or behind what is already drawn. All
+//! five faces are drawn in one walk. Engine `order` draws strictly front to back, in the order of a binary space
+//! partition, and has one coverage bit a pixel. Engine `claims` walks the tree of engine `depth`, has the coverage bits
+//! of engine `order`, and works out depths only of pixels that two surfaces contend for. [`EngineChoice`] says which
+//! scenes get which. All of them draw triangles that were cut into patches as they were before, and share out what is
+//! seen of them (engine `order` not at N = 1024, unless visible fractions are all that is asked): patches that follow
+//! each other as `hemicube_scene::Subdivision` cuts them. Rows are the same bits on every instruction set and with
+//! culling on or off; those of engines `depth` and `claims` are the same bits, and pixel sums of engine `order` the
+//! same wherever f32 depths can tell surfaces apart.
 //!
 //! ```
 //! use hemicube::{HierarchyOptions, Model, backend::*, row::RowBlock};
@@ -108,11 +108,11 @@ pub enum EngineChoice {
     /// [`EngineChoice::Depth`]. What patches were cut from is put in order where it is drawn.
     #[default]
     Auto,
-    /// Engine 1, the hierarchical z-buffer: for any scene.
+    /// Engine `depth`, the hierarchical z-buffer: for any scene.
     Depth,
-    /// Engine 2, ordered coverage bits: for scenes of polygons.
+    /// Engine `order`, ordered coverage bits: for scenes of polygons.
     Order,
-    /// Engine 3, claimed coverage bits: for any scene, with the rows of [`EngineChoice::Depth`].
+    /// Engine `claims`, claimed coverage bits: for any scene, with the rows of [`EngineChoice::Depth`].
     Claims,
 }
 
@@ -393,7 +393,7 @@ impl CpuBackend {
             Way::Order(_) if !whole_in_order => None,
             _ => cut_from(),
         };
-        // Claims are settled by the depths of engine 1, to the bit.
+        // Claims are settled by the depths of engine `depth`, to the bit.
         let by_depth = match (&wholes, fractions) {
             (None, _) => "depth-2",
             (Some(_), false) => "depth-3",
@@ -494,11 +494,12 @@ const RESOLUTION_LOOKED_WITH: u32 = 128;
 /// With more pixels of it for each triangle drawn, triangles that were cut are put in order even where patches see much
 /// of the scene: a room has 1,000, an open field of 2,500 triangles 22 (`docs/performance.md`).
 const PIXELS_OF_COARSE: f64 = 100.0;
-/// From this resolution on, engine 2 takes longer to draw pixels twice, of triangles that were cut and of their
+/// From this resolution on, engine `order` takes longer to draw pixels twice, of triangles that were cut and of their
 /// patches, than to look for what is hidden of the patches themselves, unless most of these need not be drawn
 /// (`docs/performance.md`).
 const FINE: u32 = 1024;
-/// With more pixels of a hemicube for each triangle drawn, engine 3 is faster than engine 1 (`docs/performance.md`).
+/// With more pixels of a hemicube for each triangle drawn, engine `claims` is faster than engine `depth`
+/// (`docs/performance.md`).
 const PIXELS_TO_CLAIM: f64 = 350.0;
 
 impl Look {

@@ -1,4 +1,4 @@
-//! A scene in an order that can be drawn strictly front to back from any eye: what engine 2 walks.
+//! A scene in an order that can be drawn strictly front to back from any eye: what engine `order` walks.
 //!
 //! A binary space partition (Fuchs, Kedem & Naylor 1980) in f64. Planes are those of surfaces, or run along an axis
 //! where that cuts nothing; surfaces in a plane are packed into blocks of sixteen under a small tree of boxes. Where

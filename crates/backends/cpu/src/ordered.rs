@@ -1,4 +1,4 @@
-//! One session of engine 2: the walk over the order, nearest first, and the row straight from what was drawn.
+//! One session of engine `order`: the walk over the order, nearest first, and the row straight from what was drawn.
 //!
 //! The partition of *order* is then of the triangles before they were cut (version `order-2` for fractions, `order-3`
 //! otherwise). It has no buffer that says at the end what is seen where, so it records as it draws: eight words of bits

@@ -14,8 +14,9 @@
 //! factors' own error.
 //!
 //! Where the residual is more than form factors are expected to be off by, and backs or unselected patches may have a
-//! part in it, the hemicubes' shares are replaced by rays' from all over the patch (`accuracy/lost.rs`), which are refined
-//! by three times their own error at most, or, where that leaves the row off by more than is permitted, by all of it.
+//! part in it, the hemicubes' shares are replaced by rays' from all over the patch (`accuracy/lost.rs`), which are
+//! refined by three times their own error at most, or, where that leaves the row off by more than is permitted, by all
+//! of it.
 
 use crate::store::{HEMICUBE_WEIGHT, RowSums};
 
@@ -87,8 +88,8 @@ impl RowShares {
     }
 
     /// As [`Self::refined`], of shares whose errors are known: together they move by no more than three times their
-    /// `errors`, and what that leaves of the residual is the form factors'. If it is more than is `permitted`, the shares
-    /// take it all: pairs were looked for, and those that are uncertain moved, before.
+    /// `errors`, and what that leaves of the residual is the form factors'. If it is more than is `permitted`, the
+    /// shares take it all: pairs were looked for, and those that are uncertain moved, before.
     pub(crate) fn refined_within(self, factors: f64, errors: [f64; 3], permitted: f64) -> Self {
         let residual = 1.0 - factors - self.lost();
         let most = ERRORS * errors.iter().map(|error| error * error).sum::<f64>().sqrt();

@@ -1,7 +1,7 @@
-//! The arithmetic of engine 2: one bit a pixel that says whether something covers it. What is drawn strictly front to
-//! back needs no depth and no ids: what a triangle shows is what it covers and nothing covered before.
+//! The arithmetic of engine `order`: one bit a pixel that says whether something covers it. What is drawn strictly
+//! front to back needs no depth and no ids: what a triangle shows is what it covers and nothing covered before.
 //!
-//! Spans are those of engine 1, to the bit.
+//! Spans are those of engine `depth`, to the bit.
 
 use super::{
     Boxes, Frame, GROUP, Lanes, PixelBox, Transformed, boxes, clipped_box, edge_lines, flat_rows, in_frame,

@@ -1,9 +1,9 @@
-//! The arithmetic of engine 3: one coverage bit a pixel, as in engine 2, and whose it is; depth only where two surfaces
-//! contend for a pixel.
+//! The arithmetic of engine `claims`: one coverage bit a pixel, as in engine `order`, and whose it is; depth only where
+//! two surfaces contend for a pixel.
 //!
 //! Triangles come nearly front to back. What a triangle covers first is its claim, a mask of bits in each tile that it
-//! touches; what it covers of other claims it gets where it is nearer there, by the depths of engine 1, to the bit.
-//! Mostly a bound says that it is behind everything that covers the tile, and no depth is worked out at all.
+//! touches; what it covers of other claims it gets where it is nearer there, by the depths of engine `depth`, to the
+//! bit. Mostly a bound says that it is behind everything that covers the tile, and no depth is worked out at all.
 
 use super::bits::{Coverage, MOST_COLUMNS, Rows, WIDTH, all_covered, at, low_bits, weight_of};
 use super::{
@@ -72,7 +72,7 @@ impl Claimant {
         smaller(greater(least, low), high)
     }
 
-    /// 1/w at sixteen pixels of a face, from `first` on, where a chunk begins: what engine 1 compares.
+    /// 1/w at sixteen pixels of a face, from `first` on, where a chunk begins: what engine `depth` compares.
     #[inline(always)]
     fn depths(&self, row: usize, first: usize) -> Chunk<f32> {
         let Plane {
