@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use hemicube::Model;
-use hemicube::accuracy::calibrate::{Settled, settle};
+use hemicube::accuracy::calibrate::{Calibration, calibrate};
 use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::backend::{Counters, Culling, Hemicube, HemicubeBackend, RenderSettings};
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection, Summary, compute};
@@ -163,10 +163,10 @@ impl Rung {
 ///
 /// # Errors
 /// As [`settle`].
-pub fn settled(model: &Model, tolerance: f64, backend: &mut dyn HemicubeBackend) -> Result<Settled, ComputeError> {
+pub fn settled(model: &Model, tolerance: f64, backend: &mut dyn HemicubeBackend) -> Result<Calibration, ComputeError> {
     let emitters: Vec<InputPatch> = model.order().collect();
     let execution = Execution::default();
-    settle(model, &emitters, &|_| true, true, tolerance, backend, execution)
+    calibrate(model, &emitters, &|_| true, true, tolerance, backend, execution)
 }
 
 /// A whole matrix in memory, by input patches.

@@ -9,7 +9,7 @@
 
 use glam::DVec3;
 use hemicube::Model;
-use hemicube::accuracy::calibrate::settle;
+use hemicube::accuracy::calibrate::calibrate;
 use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
 use hemicube::store::Part;
@@ -739,7 +739,7 @@ fn settling_ends_when_it_is_told_to() {
             cancel: Some(cancel),
             ..Execution::default()
         };
-        settle(&model, &emitters, &|_| true, true, 0.05, backend().as_mut(), execution)
+        calibrate(&model, &emitters, &|_| true, true, 0.05, backend().as_mut(), execution)
     };
     assert!(matches!(settled(&AtomicBool::new(true)), Err(ComputeError::Cancelled)));
     assert!(settled(&AtomicBool::new(false)).is_ok_and(|settled| settled.rows > 0));

@@ -2,9 +2,9 @@
 
 use crate::args::{Talk, Tolerance};
 use crate::exit::{self, Exit};
+use crate::level::percentage;
 use crate::progress::Bar;
 use crate::report::{Listing, count, counted, figures, percent};
-use crate::rung::percentage;
 use anyhow::{Context, Result};
 use hemicube::driver::compute::{Plan, Progress, RowChoice, Selection};
 use hemicube::reference::{

@@ -6,7 +6,7 @@ use crate::matrix::Matrix;
 use crate::scene::Scene;
 use crate::session::Wanted;
 use hemicube::accuracy::correct::Correction;
-use hemicube::accuracy::level::{Asked, Rung};
+use hemicube::accuracy::level::{Asked, Level};
 use hemicube::backend::{Culling, RESOLUTIONS, RenderSettings};
 use hemicube::driver::compute::{
     ComputeError, Execution, PartSink, Plan, RowChoice, Selection, compute as compute_rows,
@@ -14,7 +14,7 @@ use hemicube::driver::compute::{
 use hemicube::driver::probe::Probe;
 use hemicube::driver::selection::Names;
 use hemicube::driver::settings::{RowSettings, axis_name};
-use hemicube::driver::storage_policy::Keep;
+use hemicube::driver::storage_policy::StoragePolicy;
 use hemicube::store::{Form, Part, PatchTable, Store, StoreWriter};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
@@ -115,7 +115,7 @@ fn asked(
 }
 
 impl Request {
-    fn settings(&self, scene: &Scene, plan: &Plan, rung: &Rung) -> RowSettings {
+    fn settings(&self, scene: &Scene, plan: &Plan, rung: &Level) -> RowSettings {
         RowSettings {
             resolution: rung.resolution,
             samples: u32::try_from(plan.hemicubes_per_row()).unwrap_or(u32::MAX),
@@ -156,7 +156,7 @@ impl Request {
         let selection =
             Selection::by_name(&scene.triangles, &scene.patches, names).map_err(|error| errors::no_match(&error))?;
         let mut backend = self.backend.open()?;
-        let keep = Keep::settle(
+        let keep = StoragePolicy::choose(
             self.form,
             self.min_factor,
             scene.model.geometry().patch_count,
@@ -165,7 +165,7 @@ impl Request {
                 Asked::Settings { .. } => None,
             },
         );
-        let rung = Rung::settle(
+        let rung = Level::resolve(
             self.asked,
             &scene.model,
             &selection,

@@ -1,7 +1,7 @@
 //! Our errors as Python's exceptions: classes of `hemicube._errors`, our messages.
 
 use hemicube::ModelError;
-use hemicube::accuracy::level::RungError;
+use hemicube::accuracy::level::LevelError;
 use hemicube::driver::compute::ComputeError;
 use hemicube::driver::selection::NoMatch;
 use hemicube::solve::SolveError;
@@ -120,9 +120,9 @@ pub(crate) fn compute(error: &ComputeError) -> PyErr {
     }
 }
 
-pub(crate) fn rung(error: &RungError) -> PyErr {
+pub(crate) fn rung(error: &LevelError) -> PyErr {
     match error {
-        RungError::Compute(error) => compute(error),
+        LevelError::Compute(error) => compute(error),
         error => input(message(error)),
     }
 }

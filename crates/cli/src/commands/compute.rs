@@ -4,13 +4,13 @@ use crate::args::{AutoSwitch, Compute as Arguments, RowRange, SampleSize, Select
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::forecast;
+use crate::level::{self, Level};
 use crate::prepare::{Prepared, RepairCounts, axis_name, prepare};
 use crate::progress::{Bar, Status};
 use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, Spread, TEMPORARY_SUFFIX, count, counted, duration,
     figures, percent, size,
 };
-use crate::rung::{self, Rung};
 use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::Model;
@@ -18,7 +18,7 @@ use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
 use hemicube::driver::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, compute};
 use hemicube::driver::probe::{Probe, share_left};
 use hemicube::driver::settings::RowSettings;
-use hemicube::driver::storage_policy::Keep;
+use hemicube::driver::storage_policy::StoragePolicy;
 use hemicube::store::{
     Error as StoreError, Form, Kept, Manifest, Part, PatchTable, Shard, Store, StoreWriter, Thinning,
 };
@@ -330,7 +330,7 @@ fn compute_into(
     drop(stage);
     let selection = crate::selection::selection(&prepared.scene, &prepared.patches, &arguments.selection)?;
     #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
-    let keep = Keep::settle(
+    let keep = StoragePolicy::choose(
         arguments.store.form(),
         arguments.min_factor,
         prepared.patches.len() as u32,
@@ -339,7 +339,7 @@ fn compute_into(
     let stage = status.stage("settle");
     let started = Instant::now();
     // A session of its own, so that what is settled and what is computed do not share a loaded scene.
-    let rung = rung::choose(
+    let rung = level::choose(
         &prepared.model,
         &selection,
         &arguments.render,
@@ -641,8 +641,8 @@ fn plan(
     model: &Model,
     selection: Selection,
     arguments: &Arguments,
-    rung: &Rung,
-    keep: &Keep,
+    rung: &Level,
+    keep: &StoragePolicy,
 ) -> Result<(Plan, RowChoice)> {
     #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
     let patch_count = model.patches().len() as u32;
@@ -768,7 +768,7 @@ fn culling(probe: Probe, talk: Talk) -> Culling {
     culling
 }
 
-fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: RowChoice, rung: &Rung, plan: &Plan) -> RowSettings {
+fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: RowChoice, rung: &Level, plan: &Plan) -> RowSettings {
     let Arguments {
         patches,
         render,

@@ -18,7 +18,7 @@ use hemicube::diagnose::{
     DiagnoseOptions, Diagnosis, Enclosure, Finding, FindingKind, SceneStatistics, Unit, diagnose,
 };
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::driver::storage_policy::Keep;
+use hemicube::driver::storage_policy::StoragePolicy;
 use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
 use hemicube::store::{Form, Part};
@@ -661,7 +661,7 @@ fn text(report: &Report) -> String {
         reason = "saturation is wanted"
     )]
     let (bytes, compact) = (forecast.bytes as u64, forecast.bytes_compact as u64);
-    let keep = Keep::settle(
+    let keep = StoragePolicy::choose(
         None,
         None,
         u32::try_from(report.patches.count).unwrap_or(u32::MAX),

@@ -10,13 +10,13 @@ use crate::args::Tradeoff as Arguments;
 use crate::args::{AutoSwitch, Correction as Name, EngineSettings, SceneSettings, Switch, Talk, Tolerance, UpAxis};
 use crate::commands::compute::word;
 use crate::exit::{self, Exit};
+use crate::level::{correction, percentage, within};
 use crate::prepare::{Prepared, prepare};
 use crate::progress::Bar;
 use crate::report::print;
 use crate::report::{
     BackendReport, Input, JsonReport, PendingFile, SCHEMA, count, counted, duration, figures, percent,
 };
-use crate::rung::{correction, percentage, within};
 use crate::sheet::Format;
 use crate::verify::{reference_rows, reference_settings};
 use anyhow::{Context, Result, bail};

@@ -2,16 +2,16 @@
 //!
 //! A few hundred rows from one hemicube each tell the norm that the tolerance is a share of; some dozens of them, held
 //! against rays, how far visible fractions from one hemicube are off in this scene
-//! ([`crate::accuracy::correct::Doubts`]). Then efforts, from the cheapest on, are tried on some rows against the same
-//! rows with a quarter of the tolerance: the first that keeps the tolerance with a margin is taken. Everything depends
-//! on the scene, the settings and the seed: never on a clock.
+//! ([`crate::accuracy::correct::PriorVariances`]). Then efforts, from the cheapest on, are tried on some rows against
+//! the same rows with a quarter of the tolerance: the first that keeps the tolerance with a margin is taken. Everything
+//! depends on the scene, the settings and the seed: never on a clock.
 //!
 //! No settled tolerance in the store, because settling again from its seed comes to the same and takes seconds; a
 //! stored one would be a second truth.
 
 use crate::Model;
 use crate::accuracy::correct::fraction;
-use crate::accuracy::refine::{DoubtSums, Pair, Refinement, Refiner};
+use crate::accuracy::refine::{Pair, PriorSums, Refinement, Refiner};
 use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::driver::compute::{ComputeError, Execution, render, sample};
 use crate::factor::FactorRule;
@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// ```
 /// use hemicube::InputPatch;
 /// use hemicube::driver::compute::Execution;
-/// use hemicube::accuracy::calibrate::settle;
+/// use hemicube::accuracy::calibrate::calibrate;
 /// use hemicube_backend_cpu::CpuBackend;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let model = room::model()?;
@@ -32,13 +32,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// // Over all rows and columns of the room.
 /// let emitters: Vec<InputPatch> = model.order().collect();
 /// let mut backend = CpuBackend::new();
-/// let settled = settle(&model, &emitters, &|_| true, true, 0.01, &mut backend, Execution::default())?;
+/// let settled = calibrate(&model, &emitters, &|_| true, true, 0.01, &mut backend, Execution::default())?;
 /// assert!(settled.keeps(0.01) && !settled.keeps(0.001), "enough for what was asked, and no more");
 /// assert!(settled.rows > 0 && settled.expected <= settled.at_most, "{}", settled.reason);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settled {
+pub struct Calibration {
     /// How to refine rows, with what was learnt of the scene.
     pub refinement: Refinement,
     /// Pixels along an edge of the hemicube.
@@ -53,7 +53,7 @@ pub struct Settled {
     pub reason: String,
 }
 
-impl Settled {
+impl Calibration {
     /// Returns whether the tolerance is expected to be kept.
     pub fn keeps(&self, tolerance: f64) -> bool {
         self.at_most <= tolerance
@@ -115,7 +115,7 @@ type Row = Vec<(u32, f64)>;
 /// # Errors
 /// When the backend fails or breaks the contract, and [`ComputeError::Cancelled`] when it is told to end: half of what
 /// is looked at is no answer.
-pub fn settle(
+pub fn calibrate(
     model: &Model,
     emitters: &[InputPatch],
     receives: &(dyn Fn(u32) -> bool + Sync),
@@ -123,7 +123,7 @@ pub fn settle(
     tolerance: f64,
     backend: &mut dyn HemicubeBackend,
     execution: Execution<'_>,
-) -> Result<Settled, ComputeError> {
+) -> Result<Calibration, ComputeError> {
     let go_on = || {
         if execution.is_cancelled() {
             Err(ComputeError::Cancelled)
@@ -138,7 +138,7 @@ pub fn settle(
             rule: FactorRule::for_tolerance(tolerance * 0.1),
             ..Refinement::for_tolerance(tolerance)
         };
-        return Ok(Settled {
+        return Ok(Calibration {
             refinement: each,
             resolution: 128,
             expected: 0.0,
@@ -177,14 +177,14 @@ pub fn settle(
         all: model.patches().len() <= SMALL,
         ..Refinement::for_tolerance(tolerance)
     };
-    let mut sums = DoubtSums::default();
+    let mut sums = PriorSums::default();
     let mut refiner = Refiner::new(known, execution.cancel);
     for &k in &tried {
         go_on()?;
         refiner.survey(model, rows[k], seen(fine.row(k)), receives, &mut sums);
     }
     let known = Refinement {
-        doubts: sums.doubts(),
+        priors: sums.priors(),
         ..known
     };
     // What a squared error is worth follows from the error that an effort stands for.
@@ -195,12 +195,12 @@ pub fn settle(
         } else {
             tried.clone()
         };
-        let mut census = Vec::with_capacity(asked.len());
+        let mut expected_errors = Vec::with_capacity(asked.len());
         for k in asked {
             go_on()?;
-            census.push(refiner.census(model, rows[k], seen(fine.row(k)), receives));
+            expected_errors.push(refiner.expected_errors(model, rows[k], seen(fine.row(k)), receives));
         }
-        Ok(refinement.priced(&census))
+        Ok(refinement.priced(&expected_errors))
     };
     let row_of = |refiner: &mut Refiner<'_>, block: &RowBlock, k: usize| {
         let refined = refiner.row(model, rows[k], seen(block.row(k)), false, receives);
@@ -214,7 +214,7 @@ pub fn settle(
     go_on()?;
     let norm = mean_squared_norm.max(f64::MIN_POSITIVE);
     let numbered: Vec<usize> = (0..tried.len()).collect();
-    let try_rung = |(effort, resolution): (f64, u32)| -> Result<Settled, ComputeError> {
+    let try_rung = |(effort, resolution): (f64, u32)| -> Result<Calibration, ComputeError> {
         let refinement = priced(Refinement { effort, ..known })?;
         // Where all pairs are measured, hemicubes only say what escapes and what is blocked, and no rung need save
         // there.
@@ -236,7 +236,7 @@ pub fn settle(
         let count = errors.len().max(1) as f64;
         let mean = errors.iter().sum::<f64>() / count;
         let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
-        Ok(Settled {
+        Ok(Calibration {
             refinement: Refinement { estimate, ..refinement },
             resolution,
             expected: (mean / norm).sqrt(),

@@ -15,15 +15,15 @@
 use crate::Model;
 use crate::accuracy::grain::Grain;
 use crate::accuracy::lost::{self, Lost};
-pub use crate::accuracy::refine::{Doubts, Refinement};
 use crate::accuracy::refine::{Mended, Refined, Refiner};
+pub use crate::accuracy::refine::{PriorVariances, Refinement};
 use crate::backend::{Hemicube, WHOLE};
 use crate::bvh::Tree;
 use crate::factor::{Exchanges, FactorRule, PointFactors};
 use crate::geometry::area;
 use crate::row::RowView;
 use crate::store::{RowShares, RowSums};
-use crate::visibility::coplanar::Walls;
+use crate::visibility::coplanar::CoplanarRegions;
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -92,7 +92,7 @@ impl Correction {
     pub fn prepare(&self, model: &Model) {
         if matches!(self, Self::Area(_) | Self::Tolerance(_)) {
             Tree::of(model.geometry());
-            Walls::of(model);
+            CoplanarRegions::of(model);
         }
         if !matches!(self, Self::Pixel) {
             Grain::of(model.geometry());

@@ -2,7 +2,7 @@
 //! hemicubes.
 
 use crate::Model;
-use crate::accuracy::calibrate::{Settled, settle};
+use crate::accuracy::calibrate::{Calibration, calibrate};
 use crate::accuracy::correct::Correction;
 use crate::backend::HemicubeBackend;
 use crate::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
@@ -32,7 +32,7 @@ pub enum Asked {
 ///
 /// ```
 /// use hemicube::driver::compute::{Execution, Selection};
-/// use hemicube::accuracy::level::{Asked, Rung, RungError};
+/// use hemicube::accuracy::level::{Asked, Level, LevelError};
 /// use hemicube::store::Form;
 /// use hemicube_backend_cpu::CpuBackend;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
@@ -40,19 +40,19 @@ pub enum Asked {
 ///
 /// let settle = |asked, form| {
 ///     let (selection, mut backend) = (Selection::default(), CpuBackend::new());
-///     Rung::settle(asked, &model, &selection, true, form, &mut backend, Execution::default())
+///     Level::resolve(asked, &model, &selection, true, form, &mut backend, Execution::default())
 /// };
-/// let rung = settle(Asked::Tolerance(0.001), Form::Plain)?;
+/// let rung = calibrate(Asked::Tolerance(0.001), Form::Plain)?;
 /// assert_eq!((rung.correction.name(), rung.resolution), ("tolerance", 128));
 /// assert!(rung.reason.is_some_and(|reason| reason.starts_with("tolerance 0.1%: every pair")));
 ///
 /// // What a store rounds must leave something of the tolerance.
-/// let refused = settle(Asked::Tolerance(0.0005), Form::Compact);
-/// assert!(matches!(refused, Err(RungError::Rounding { .. })));
+/// let refused = calibrate(Asked::Tolerance(0.0005), Form::Compact);
+/// assert!(matches!(refused, Err(LevelError::Rounding { .. })));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
-pub struct Rung {
+pub struct Level {
     /// What form factors are made of.
     pub correction: Correction,
     /// Pixels along an edge of the hemicube.
@@ -66,7 +66,7 @@ pub struct Rung {
 /// Why there is no rung.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum RungError {
+pub enum LevelError {
     /// What a store rounds leaves too little of the tolerance.
     #[error(
         "the compact form rounds form factors by up to {}, which leaves too little of a tolerance of {}; the plain form \
@@ -96,34 +96,34 @@ pub fn within(
     tolerance: f64,
     backend: &mut dyn HemicubeBackend,
     execution: Execution<'_>,
-) -> Result<Settled, ComputeError> {
+) -> Result<Calibration, ComputeError> {
     let emitters = Plan::new(model, RowChoice::All, selection.clone(), 1, rotate).rows;
     let receives = |patch: u32| {
         let chosen = selection.receivers.as_ref();
         chosen.is_none_or(|receivers| receivers.get(patch as usize).copied().unwrap_or(false))
     };
-    settle(model, &emitters, &receives, rotate, tolerance, backend, execution)
+    calibrate(model, &emitters, &receives, rotate, tolerance, backend, execution)
 }
 
 /// What of a tolerance is left for the rows when the store rounds them: the two errors have nothing to do with each
 /// other, so their squares add.
-fn left_by(form: Form, tolerance: f64) -> Result<f64, RungError> {
+fn left_by(form: Form, tolerance: f64) -> Result<f64, LevelError> {
     let rounding = form.value_error();
     if rounding == 0.0 {
         return Ok(tolerance);
     }
     if tolerance < 2.0 * rounding {
-        return Err(RungError::Rounding { rounding, tolerance });
+        return Err(LevelError::Rounding { rounding, tolerance });
     }
     Ok((tolerance.powi(2) - rounding.powi(2)).sqrt())
 }
 
-impl Rung {
+impl Level {
     /// Settles what is asked for in a scene.
     ///
     /// # Errors
     /// When the store's form leaves too little of the tolerance, or as [`settle`].
-    pub fn settle(
+    pub fn resolve(
         asked: Asked,
         model: &Model,
         selection: &Selection,
@@ -131,7 +131,7 @@ impl Rung {
         form: Form,
         backend: &mut dyn HemicubeBackend,
         execution: Execution<'_>,
-    ) -> Result<Self, RungError> {
+    ) -> Result<Self, LevelError> {
         let tolerance = match asked {
             Asked::Settings {
                 correction,
@@ -186,6 +186,6 @@ mod tests {
         assert_eq!(left_by(Form::Plain, 1e-9).unwrap(), 1e-9);
         let left = left_by(Form::Compact, 1e-2).unwrap();
         assert!((left.hypot(Form::Compact.value_error()) / 1e-2 - 1.0).abs() < 1e-12);
-        assert!(matches!(left_by(Form::Compact, 1e-4), Err(RungError::Rounding { .. })));
+        assert!(matches!(left_by(Form::Compact, 1e-4), Err(LevelError::Rounding { .. })));
     }
 }

@@ -344,8 +344,8 @@ mod tests {
         assert!(found.rays <= 1024, "{found:?}");
     }
 
-    /// Walls of neighbouring buildings, a rounding apart: each is seen from its own side, whichever is the nearer by
-    /// rounding.
+    /// CoplanarRegions of neighbouring buildings, a rounding apart: each is seen from its own side, whichever is the
+    /// nearer by rounding.
     #[test]
     fn of_coincident_walls_the_front_is_seen() {
         let p = DVec3::new;

@@ -2,17 +2,17 @@
 //!
 //! A row begins with one hemicube at the centroid and the area-to-area closed form of every pair. What is wrong then is
 //! the visible fraction of some pairs, and few of them matter. Candidates are what the hemicube saw and what it did not
-//! see but could be large ([`Candidates`]). Each has a doubt, the mean squared error that fractions are known to have
-//! in such a case; those whose doubt hardly matters for the row keep their fraction. For the others the shaft between
-//! the two patches is listed: an empty one proves that all is visible, one blocked by a single triangle that nothing
-//! is. A few rays tell how the rest stand, and then each pair gets rays in proportion to its part in the error, or is
-//! measured exactly from points ([`Clipper`]) where that is cheaper.
+//! see but could be large ([`Candidates`]). Each has a prior variance, the mean squared error that fractions are known
+//! to have in such a case; those whose prior variance hardly matters for the row keep their fraction. For the others
+//! the shaft between the two patches is listed: an empty one proves that all is visible, one blocked by a single
+//! triangle that nothing is. A few rays tell how the rest stand, and then each pair gets rays in proportion to its part
+//! in the error, or is measured exactly from points ([`ExactVisibility`]) where that is cheaper.
 //!
 //! Errors of different pairs are independent, so squares add up. Let one unit of squared error be worth μ rays, the
 //! same all over the scene. n rays of a sequence that fills four dimensions evenly leave z² s² n^(−5/4) of a pair with
-//! the stake z and the spread s, so that the pair gets n = (5/4 μ z² s²)^(4/9) of them; one whose doubt is d is left as
-//! it is where μ z² d is less than the shaft and its rays would cost. μ follows from the error that is asked for, over
-//! a sample of the scene's rows ([`Refinement::priced`]).
+//! the stake z and the spread s, so that the pair gets n = (5/4 μ z² s²)^(4/9) of them; one whose prior variance is d
+//! is left as it is where μ z² d is less than the shaft and its rays would cost. μ follows from the error that is asked
+//! for, over a sample of the scene's rows ([`Refinement::priced`]).
 //!
 //! Where no tolerance is asked for, the same is done for the few pairs that are most of what a row may be off by: those
 //! that touch or all but touch, and large ones that are partly seen ([`Refiner::mend`]).
@@ -33,8 +33,8 @@ use crate::factor::{self, Exchanges, FactorRule};
 use crate::geometry::area;
 use crate::sampling::splitmix;
 use crate::visibility::candidates::{Candidates, Least};
-use crate::visibility::coplanar::Walls;
-use crate::visibility::exact::Clipper;
+use crate::visibility::coplanar::CoplanarRegions;
+use crate::visibility::exact::ExactVisibility;
 use crate::visibility::segments::Obstacles;
 use crate::visibility::shaft::{Cast, RAYS, Shaft};
 use glam::DVec3;
@@ -58,9 +58,9 @@ pub struct Refinement {
     /// Number of rays that a unit of squared error is worth; 0 where it is not known, and each row finds its own price.
     pub price: f64,
     /// Error bound of a fraction that one hemicube has.
-    pub doubts: Doubts,
-    /// How large the squared error of rows is as a multiple of what doubts and rays let expect: found on rows that were
-    /// tried.
+    pub priors: PriorVariances,
+    /// How large the squared error of rows is as a multiple of what prior variances and rays let expect: found on rows
+    /// that were tried.
     pub estimate: f32,
     /// Whether all pairs are measured, and none stays as the centroid has it: for scenes so small that it takes no
     /// time.
@@ -81,7 +81,7 @@ impl Refinement {
             effort: 1.0,
             mean_squared_norm: 0.0,
             price: 0.0,
-            doubts: Doubts::default(),
+            priors: PriorVariances::default(),
             estimate: 1.0,
             all: false,
             each: false,
@@ -93,13 +93,13 @@ impl Refinement {
     pub(crate) fn without_tolerance(rule: FactorRule) -> Self {
         Self {
             rule,
-            doubts: Doubts::found(),
+            priors: PriorVariances::found(),
             ..Self::for_tolerance(f64::INFINITY)
         }
     }
 
     /// The price of what is expected of a sample of rows, so that Σ (F − true F)² is what the effort stands for.
-    pub(crate) fn priced(self, rows: &[Vec<Stake>]) -> Self {
+    pub(crate) fn priced(self, rows: &[Vec<ErrorContribution>]) -> Self {
         let worth = self.worth();
         let budget = SHARE * (self.tolerance * self.effort).powi(2) * self.mean_squared_norm * rows.len() as f64;
         let mut price = price_of(rows.iter().flatten(), budget, worth);
@@ -138,7 +138,7 @@ impl Refinement {
 
 /// What is expected of a pair that stays as the centroid has it: z √d and F √d.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Stake {
+pub(crate) struct ErrorContribution {
     both: f64,
     own: f64,
     is_near: bool,
@@ -148,7 +148,7 @@ pub(crate) struct Stake {
 /// cost what they save.
 const WORTH_A_SHAFT: f64 = 30.0;
 
-impl Stake {
+impl ErrorContribution {
     /// The squared error that is expected at this price, where pairs worth less than `worth` are not measured.
     fn left(&self, price: f64, worth: f64) -> f64 {
         let (own, both) = (self.own * self.own, self.both * self.both * price);
@@ -162,8 +162,8 @@ impl Stake {
 
 /// The price at which these pairs leave no more than `budget` of squared error, about; next to nothing where they do so
 /// anyway.
-fn price_of<'a>(stakes: impl Iterator<Item = &'a Stake> + Clone, budget: f64, worth: f64) -> f64 {
-    let error = |price: f64| stakes.clone().map(|stake| stake.left(price, worth)).sum::<f64>();
+fn price_of<'a>(contributions: impl Iterator<Item = &'a ErrorContribution> + Clone, budget: f64, worth: f64) -> f64 {
+    let error = |price: f64| contributions.clone().map(|stake| stake.left(price, worth)).sum::<f64>();
     if budget.is_infinite() || error(0.0) <= budget {
         return f64::MIN_POSITIVE;
     }
@@ -183,7 +183,7 @@ fn price_of<'a>(stakes: impl Iterator<Item = &'a Stake> + Clone, budget: f64, wo
 /// Mean squared errors of visible fractions from one hemicube at the centroid, by what it says and by how near the pair
 /// is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Doubts([[f32; NEARNESSES]; CLASSES]);
+pub struct PriorVariances([[f32; NEARNESSES]; CLASSES]);
 
 /// See [`Kind::group`].
 const GROUPS: usize = CLASSES + 2;
@@ -195,7 +195,7 @@ const NEARLY: f64 = 0.85;
 /// Steps of a factor 2 in the distance, measured in radii.
 const NEARNESSES: usize = 8;
 
-impl Default for Doubts {
+impl Default for PriorVariances {
     /// What rooms, cities and machines have, on the large side: a pair that a sample of rows did not meet is rare, and
     /// not known to be harmless.
     fn default() -> Self {
@@ -209,7 +209,7 @@ impl Default for Doubts {
     }
 }
 
-impl Doubts {
+impl PriorVariances {
     /// What rows of a block city, uncut and cut, and of a real tile, uncut and cut, were found to have, by F² and
     /// rounded: where no sample of the scene's rows is held against rays.
     pub(crate) fn found() -> Self {
@@ -227,7 +227,7 @@ impl Doubts {
         let share = (samples as f32).recip();
         for (class, of) in self.0.iter_mut().enumerate() {
             if class != UNSEEN {
-                of.iter_mut().for_each(|doubt| *doubt *= share);
+                of.iter_mut().for_each(|prior| *prior *= share);
             }
         }
     }
@@ -237,7 +237,7 @@ impl Doubts {
     }
 }
 
-/// Which of the doubts is a pair's.
+/// Which of the prior variances is a pair's.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Kind {
     class: u8,
@@ -284,27 +284,27 @@ impl Kind {
     }
 }
 
-/// Sums that doubts are estimated from: Σ f² (error)², Σ f² and how many.
+/// Sums that prior variances are estimated from: Σ f² (error)², Σ f² and how many.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct DoubtSums([[(f64, f64, f64); NEARNESSES]; CLASSES]);
+pub(crate) struct PriorSums([[(f64, f64, f64); NEARNESSES]; CLASSES]);
 
-impl DoubtSums {
-    /// The doubts: what is usual counts as much as a few pairs.
-    pub(crate) fn doubts(&self) -> Doubts {
-        let mut doubts = Doubts::default();
-        for (doubt, &(error, weight, count)) in doubts.0.iter_mut().flatten().zip(self.0.iter().flatten()) {
+impl PriorSums {
+    /// The prior variances: what is usual counts as much as a few pairs.
+    pub(crate) fn priors(&self) -> PriorVariances {
+        let mut priors = PriorVariances::default();
+        for (prior, &(error, weight, count)) in priors.0.iter_mut().flatten().zip(self.0.iter().flatten()) {
             if count > 0.0 {
                 let usual = USUAL * weight / count;
                 #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
-                let found = ((error + usual * f64::from(*doubt)) / (weight + usual)) as f32;
-                *doubt = found;
+                let found = ((error + usual * f64::from(*prior)) / (weight + usual)) as f32;
+                *prior = found;
             }
         }
-        doubts
+        priors
     }
 }
 
-/// Pairs that the usual doubt counts as much as.
+/// Pairs that the usual prior variance counts as much as.
 const USUAL: f64 = 5.0;
 
 /// A pair of the row.
@@ -357,13 +357,13 @@ pub(crate) struct Refiner<'c> {
     /// Where pairs lie in the row that is mended.
     places: Vec<usize>,
     /// What is expected of each pair.
-    stakes: Vec<Stake>,
+    contributions: Vec<ErrorContribution>,
     own_area: f64,
     is_measured: Vec<bool>,
     /// Which pairs are measured in any case.
     is_probe: Vec<bool>,
     shaft: Shaft,
-    clipper: Clipper,
+    clipper: ExactVisibility,
     /// What was measured of this emitter's pairs; ascending as far as it was measured for another row of it.
     measured: Vec<Measured>,
     measured_before: usize,
@@ -388,8 +388,8 @@ struct Found {
 }
 
 impl Found {
-    /// How much larger the group's doubts are in this row than elsewhere: what is usual counts as much as what was
-    /// found.
+    /// How much larger the group's prior variances are in this row than elsewhere: what is usual counts as much as what
+    /// was found.
     fn larger(self) -> f64 {
         if self.expected > 0.0 {
             (0.5 + 0.5 * self.squared / self.expected).max(1.0)
@@ -440,7 +440,7 @@ const MENDED: f64 = 0.0016;
 const MOST_ODD: usize = 4;
 /// So many rays the square of that is worth then.
 const MENDING: f64 = 60.0;
-/// How much larger than usual the doubts of a row may prove there.
+/// How much larger than usual the prior variances of a row may prove there.
 const LARGER: f64 = 4.0;
 /// Steps that mending a row may take: so many, and so many for each of its entries, times [`Mended::worth`]. About what
 /// its hemicubes take, for most rows twice over.
@@ -483,8 +483,8 @@ impl Refined {
 
 /// The share of the squared error for visible fractions.
 const SHARE: f64 = 0.8;
-/// The share of its part of the squared error that a row may have from pairs that stay as the centroid has them: doubts
-/// are what is usual, and where one point stands badly for a patch, all of its pairs are off at once.
+/// The share of its part of the squared error that a row may have from pairs that stay as the centroid has them: prior
+/// variances are what is usual, and where one point stands badly for a patch, all of its pairs are off at once.
 const ROUGH_SHARE: f64 = 0.5;
 /// The standard error of a row's sum in tolerances, at most.
 const ROW_SUM: f64 = 0.33;
@@ -532,12 +532,12 @@ impl<'c> Refiner<'c> {
             far: Vec::new(),
             unseen: Vec::new(),
             places: Vec::new(),
-            stakes: Vec::new(),
+            contributions: Vec::new(),
             own_area: 0.0,
             is_measured: Vec::new(),
             is_probe: Vec::new(),
             shaft: Shaft::default(),
-            clipper: Clipper::default(),
+            clipper: ExactVisibility::default(),
             measured: Vec::new(),
             measured_before: 0,
             measured_of: None,
@@ -558,7 +558,7 @@ impl<'c> Refiner<'c> {
         let before = self.refinement;
         // Where all pairs are measured, hemicubes tell nothing that could be doubted.
         if care && !self.refinement.all {
-            self.refinement.doubts = Doubts::default();
+            self.refinement.priors = PriorVariances::default();
             self.refinement.effort *= 0.5;
             self.refinement.price *= 16.0;
             self.measured_of = None;
@@ -600,7 +600,7 @@ impl<'c> Refiner<'c> {
             refined.squared_norm = self.squared_norm();
             return refined;
         }
-        self.find_stakes();
+        self.find_contributions();
         let (price, least) = self.price(budget);
         let mut refined = Refined::default();
         self.find_probes(emitter);
@@ -627,8 +627,8 @@ impl<'c> Refiner<'c> {
         self.unseen.clear();
     }
 
-    /// Looks again at those pairs of a row that are a good part of what it may be off by, with the doubts that pairs
-    /// were found to have elsewhere, and adds those of them that no hemicube saw.
+    /// Looks again at those pairs of a row that are a good part of what it may be off by, with the prior variances that
+    /// pairs were found to have elsewhere, and adds those of them that no hemicube saw.
     ///
     /// A pair is worth it from a share of √Σ F² on: of a row that sees little, of what it would be if it saw as much as
     /// it can, on half the way there (the geometric mean), for it has the smaller part in the matrix. Of n hemicubes
@@ -660,16 +660,16 @@ impl<'c> Refiner<'c> {
         };
         let is_large = row.is_large;
         let mut least = MENDED * (usual / row.samples.min(MOST_ODD) as f64).sqrt();
-        let mut doubts = self.refinement.doubts;
+        let mut priors = self.refinement.priors;
         if row.samples > 1 {
-            doubts.lower(row.samples);
+            priors.lower(row.samples);
         }
         if is_large {
-            // From this form factor on, whatever the doubt.
-            doubts = Doubts([[1.0; NEARNESSES]; CLASSES]);
+            // From this form factor on, whatever the prior variance.
+            priors = PriorVariances([[1.0; NEARNESSES]; CLASSES]);
             least = large::least_factor(row.exchanges.iter().map(|exchange| exchange * per_area));
         }
-        let most = doubts.0.map(|of| f64::from(of.into_iter().fold(0.0, f32::max)).sqrt());
+        let most = priors.0.map(|of| f64::from(of.into_iter().fold(0.0, f32::max)).sqrt());
         self.pairs.clear();
         self.places.clear();
         let pairs = row.patches.iter().zip(&*row.fractions).zip(&*row.exchanges);
@@ -702,7 +702,7 @@ impl<'c> Refiner<'c> {
                 class: Kind::class(0.0),
                 nearness,
             };
-            least / doubts.of(kind).sqrt()
+            least / priors.of(kind).sqrt()
         };
         let from = Least {
             near: from(0),
@@ -726,7 +726,7 @@ impl<'c> Refiner<'c> {
                 let exchange = factor::exchange(&own, &corners, &self.refinement.rule);
                 (exchange * per_area, exchange)
             };
-            if open * doubts.of(kind).sqrt() > least {
+            if open * priors.of(kind).sqrt() > least {
                 self.pairs.push(Pair {
                     patch,
                     open,
@@ -740,15 +740,15 @@ impl<'c> Refiner<'c> {
         }
         // What a pair is worth to the other row is found there: z is F_ij alone, here and where rays are allotted.
         let stake = |pair: &Pair| {
-            let own = pair.open * doubts.of(pair.kind).sqrt();
-            Stake {
+            let own = pair.open * priors.of(pair.kind).sqrt();
+            ErrorContribution {
                 both: own,
                 own,
                 is_near: pair.kind.nearness == 0,
             }
         };
-        self.stakes.clear();
-        self.stakes.extend(self.pairs.iter().map(stake));
+        self.contributions.clear();
+        self.contributions.extend(self.pairs.iter().map(stake));
         self.is_probe.clear();
         self.is_probe.resize(self.pairs.len(), false);
         let price = MENDING / (least * least);
@@ -768,25 +768,25 @@ impl<'c> Refiner<'c> {
     }
 
     /// What is expected of a row's pairs.
-    pub(crate) fn census(
+    pub(crate) fn expected_errors(
         &mut self,
         model: &Model,
         emitter: InputPatch,
         seen: impl Iterator<Item = (u32, f64)>,
         receives: impl Fn(u32) -> bool,
-    ) -> Vec<Stake> {
+    ) -> Vec<ErrorContribution> {
         let own = model.normalised_corners(emitter.0);
         self.begin(model, emitter, &own, (seen, false), receives);
-        self.find_stakes();
-        self.stakes.clone()
+        self.find_contributions();
+        self.contributions.clone()
     }
 
-    fn find_stakes(&mut self) {
-        let doubts = self.refinement.doubts;
-        self.stakes.clear();
-        self.stakes.extend(self.pairs.iter().map(|pair| {
-            let own = pair.open * doubts.of(pair.kind).sqrt();
-            Stake {
+    fn find_contributions(&mut self) {
+        let priors = self.refinement.priors;
+        self.contributions.clear();
+        self.contributions.extend(self.pairs.iter().map(|pair| {
+            let own = pair.open * priors.of(pair.kind).sqrt();
+            ErrorContribution {
                 both: own * pair.stake * self.own_area,
                 own,
                 is_near: pair.kind.nearness == 0,
@@ -800,7 +800,7 @@ impl<'c> Refiner<'c> {
         let worth = self.refinement.worth();
         let mut price = self.refinement.price;
         if price <= 0.0 {
-            price = price_of(self.stakes.iter(), SHARE * budget, worth);
+            price = price_of(self.contributions.iter(), SHARE * budget, worth);
             return (price, worth / price.sqrt());
         }
         if self.refinement.all {
@@ -808,12 +808,18 @@ impl<'c> Refiner<'c> {
             return (price, 0.0);
         }
         let most = SHARE * (ROW_SUM * self.refinement.tolerance).powi(2);
-        if self.stakes.iter().map(|stake| stake.left(price, worth)).sum::<f64>() > most {
-            price = price_of(self.stakes.iter(), most, worth).max(price);
+        if self
+            .contributions
+            .iter()
+            .map(|stake| stake.left(price, worth))
+            .sum::<f64>()
+            > most
+        {
+            price = price_of(self.contributions.iter(), most, worth).max(price);
         }
         let mut least = worth / price.sqrt();
         let rough = |least: f64| -> f64 {
-            let kept = self.stakes.iter().filter(|stake| stake.both <= least);
+            let kept = self.contributions.iter().filter(|stake| stake.both <= least);
             kept.map(|stake| stake.own * stake.own).sum()
         };
         while rough(least) > ROUGH_SHARE * budget {
@@ -903,11 +909,11 @@ impl<'c> Refiner<'c> {
         emitter: InputPatch,
         seen: impl Iterator<Item = (u32, f64)>,
         receives: impl Fn(u32) -> bool,
-        sums: &mut DoubtSums,
+        sums: &mut PriorSums,
     ) -> f64 {
         let own = model.normalised_corners(emitter.0);
         self.begin(model, emitter, &own, (seen, false), receives);
-        let walls = &*Walls::of(model);
+        let walls = &*CoplanarRegions::of(model);
         let obstacles = Obstacles {
             surfaces: &model.geometry().surfaces,
             walls,
@@ -976,7 +982,7 @@ impl<'c> Refiner<'c> {
 
     /// Measures the fraction of every pair to the tolerance.
     fn measure_each(&mut self, model: &Model, emitter: InputPatch, own: &[DVec3; 3]) -> Refined {
-        let walls = &*Walls::of(model);
+        let walls = &*CoplanarRegions::of(model);
         let obstacles = Obstacles {
             surfaces: &model.geometry().surfaces,
             walls,
@@ -1036,14 +1042,15 @@ impl<'c> Refiner<'c> {
         most_steps: u64,
         refined: &mut Refined,
     ) {
-        // Doubts of the groups in this row: where one point stands badly for a patch, all that it says is off at once.
-        // So some pairs of each group are tried in any case, and where they are off, so may be others.
+        // Prior variances of the groups in this row: where one point stands badly for a patch, all that it says is off
+        // at once. So some pairs of each group are tried in any case, and where they are off, so may be others.
         let mut found = [Found::default(); GROUPS];
         self.is_measured.clear();
         self.is_measured.resize(self.pairs.len(), false);
         for pass in 0..PASSES {
             let larger = found.map(|f| f.larger());
-            let expected = |place: usize| self.stakes[place].both * larger[self.pairs[place].kind.group()].sqrt();
+            let expected =
+                |place: usize| self.contributions[place].both * larger[self.pairs[place].kind.group()].sqrt();
             let mut wanted: Vec<(f64, usize)> = (0..self.pairs.len())
                 .filter(|&place| !self.is_measured[place])
                 .map(|place| (expected(place), place))
@@ -1061,7 +1068,7 @@ impl<'c> Refiner<'c> {
                     refined.cut_short = true;
                     break;
                 }
-                let (group, stake) = (self.pairs[place].kind.group(), self.stakes[place]);
+                let (group, stake) = (self.pairs[place].kind.group(), self.contributions[place]);
                 let before = self.pairs[place].fraction;
                 self.measure_pair(model, (emitter, own), place, price, refined);
                 let pair = &self.pairs[place];
@@ -1070,7 +1077,7 @@ impl<'c> Refiner<'c> {
                 self.is_measured[place] = true;
             }
         }
-        for (place, stake) in self.stakes.iter().enumerate() {
+        for (place, stake) in self.contributions.iter().enumerate() {
             if !self.is_measured[place] {
                 let larger = found[self.pairs[place].kind.group()].larger();
                 refined.squared_error += larger * stake.own.powi(2);
@@ -1078,10 +1085,10 @@ impl<'c> Refiner<'c> {
         }
     }
 
-    /// Draws pairs of each group in proportion to their part in its doubt, evenly through the row.
+    /// Draws pairs of each group in proportion to their part in its prior variance, evenly through the row.
     fn find_probes(&mut self, emitter: InputPatch) {
         let mut totals = [0.0; GROUPS];
-        for (stake, pair) in self.stakes.iter().zip(&self.pairs) {
+        for (stake, pair) in self.contributions.iter().zip(&self.pairs) {
             totals[pair.kind.group()] += stake.own * stake.own;
         }
         let steps = totals.map(|total| total / PROBES);
@@ -1089,7 +1096,7 @@ impl<'c> Refiner<'c> {
         let mut next = steps.map(|step| first * step);
         let mut sums = [0.0; GROUPS];
         self.is_probe.clear();
-        for (stake, pair) in self.stakes.iter().zip(&self.pairs) {
+        for (stake, pair) in self.contributions.iter().zip(&self.pairs) {
             let group = pair.kind.group();
             sums[group] += stake.own * stake.own;
             let is_probe = stake.own > 0.0 && sums[group] > next[group];
@@ -1142,7 +1149,7 @@ impl<'c> Refiner<'c> {
         price: f64,
         refined: &mut Refined,
     ) {
-        let walls = &*Walls::of(model);
+        let walls = &*CoplanarRegions::of(model);
         let obstacles = Obstacles {
             surfaces: &model.geometry().surfaces,
             walls,

@@ -15,21 +15,21 @@ pub const FINE_TOLERANCE: f64 = 0.003;
 /// The form of a matrix, and from what form factor on entries are kept.
 ///
 /// ```
-/// use hemicube::driver::storage_policy::Keep;
+/// use hemicube::driver::storage_policy::StoragePolicy;
 /// use hemicube::store::Form;
 ///
-/// let small = Keep::settle(None, None, 140_000, None);
+/// let small = StoragePolicy::choose(None, None, 140_000, None);
 /// assert_eq!((small.form, small.min_factor, small.reason), (Form::Plain, 0.0, None));
 ///
-/// let large = Keep::settle(None, None, 1_500_000, None);
+/// let large = StoragePolicy::choose(None, None, 1_500_000, None);
 /// assert_eq!((large.form, large.min_factor), (Form::Compact, 1e-7));
 /// assert!(large.reason.is_some_and(|reason| reason.contains("below 1e-7 left out")));
 ///
-/// let all = Keep::settle(Some(Form::Plain), Some(0.0), 1_500_000, None);
+/// let all = StoragePolicy::choose(Some(Form::Plain), Some(0.0), 1_500_000, None);
 /// assert_eq!((all.form, all.min_factor, all.reason), (Form::Plain, 0.0, None));
 /// ```
 #[derive(Clone, Debug, PartialEq)]
-pub struct Keep {
+pub struct StoragePolicy {
     /// The form of its parts.
     pub form: Form,
     /// Form factors below this are left out; 0 where all are kept.
@@ -38,11 +38,11 @@ pub struct Keep {
     pub reason: Option<String>,
 }
 
-impl Keep {
+impl StoragePolicy {
     /// Size of a scene's matrix, of which `form` and `min_factor` may have been asked for.
     ///
     /// The choice depends on the scene's patches and the tolerance alone, not on which of the rows are computed.
-    pub fn settle(form: Option<Form>, min_factor: Option<f64>, patches: u32, tolerance: Option<f64>) -> Self {
+    pub fn choose(form: Option<Form>, min_factor: Option<f64>, patches: u32, tolerance: Option<f64>) -> Self {
         let is_large = patches >= LARGE && tolerance.is_none_or(|tolerance| tolerance >= FINE_TOLERANCE);
         let mut chosen = Vec::new();
         let mut otherwise = Vec::new();
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn a_fine_tolerance_keeps_everything() {
-        let kept = |tolerance| Keep::settle(None, None, LARGE, Some(tolerance));
+        let kept = |tolerance| StoragePolicy::choose(None, None, LARGE, Some(tolerance));
         assert_eq!(
             (kept(0.01).form, kept(0.01).min_factor),
             (Form::Compact, LEAST_OF_LARGE)
@@ -85,15 +85,15 @@ mod tests {
 
     #[test]
     fn what_was_asked_for_stays() {
-        let kept = Keep::settle(Some(Form::Plain), None, LARGE, None);
+        let kept = StoragePolicy::choose(Some(Form::Plain), None, LARGE, None);
         assert_eq!((kept.form, kept.min_factor), (Form::Plain, LEAST_OF_LARGE));
         let reason = kept.reason.expect("something was chosen");
         assert!(
             reason.contains("--min-factor 0") && !reason.contains("compact"),
             "{reason}"
         );
-        let kept = Keep::settle(None, Some(1e-5), LARGE, None);
+        let kept = StoragePolicy::choose(None, Some(1e-5), LARGE, None);
         assert_eq!((kept.form, kept.min_factor), (Form::Compact, 1e-5));
-        assert_eq!(Keep::settle(None, None, LARGE - 1, None).reason, None);
+        assert_eq!(StoragePolicy::choose(None, None, LARGE - 1, None).reason, None);
     }
 }

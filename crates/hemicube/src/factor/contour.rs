@@ -164,9 +164,10 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f6
         for Skew { p, q, cosine } in skew[..skew_count].iter().flatten() {
             let part = along_skew(p, q, enough / (9.0 * cosine.abs()));
             sum += cosine * part.sum;
-            error += cosine.abs() * part.doubt;
+            error += cosine.abs() * part.difference;
         }
-        // The doubts are those of a much rougher quadrature: that they are small enough proves more than is needed.
+        // The differences are those of a much rougher quadrature: that they are small enough proves more than is
+        // needed.
         if error <= care.relative * sum || enough <= least {
             break sum;
         }
@@ -353,7 +354,7 @@ const COMPARABLE: f64 = 1e-3;
 struct Quadrature {
     sum: f64,
     /// The sum of the differences that the last halvings made.
-    doubt: f64,
+    difference: f64,
     /// Number of times that a part of an edge was halved.
     halvings: u32,
 }
@@ -401,7 +402,7 @@ fn along_skew(p: &Edge, q: &Edge, enough: f64) -> Quadrature {
         all.halvings += 1;
         if depth >= DEEPEST || difference <= enough {
             all.sum += left + right;
-            all.doubt += difference;
+            all.difference += difference;
         } else {
             pending[count] = (start, half, left, depth + 1);
             pending[count + 1] = (start + half, half, right, depth + 1);

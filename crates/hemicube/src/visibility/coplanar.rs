@@ -1,4 +1,4 @@
-//! Walls: surfaces of one plane that make up a convex polygon together, as one thing that occludes.
+//! CoplanarRegions: surfaces of one plane that make up a convex polygon together, as one thing that occludes.
 //!
 //! A patch is cut fine for what it radiates; what it hides is the same however it is cut. Between two patches of a
 //! finely cut city lie dozens of pieces of the same few façades: a shaft that lists façades has fewer triangles to test
@@ -14,14 +14,14 @@ use std::sync::Arc;
 
 /// How far corners may be off the plane of a wall, as a part of the tolerance by which patches count as in one plane.
 const FLAT: f64 = 0.25;
-/// Walls of more corners than this are left in pieces.
+/// CoplanarRegions of more corners than this are left in pieces.
 const MOST_CORNERS: usize = 8;
 /// How much of its area a wall may be off the sum of its pieces.
 const SAME_AREA: f64 = 1e-9;
 
 /// The walls of a scene.
 #[derive(Debug)]
-pub(crate) struct Walls {
+pub(crate) struct CoplanarRegions {
     /// Of the triangles that walls fall into; the ids in its blocks are walls, not patches.
     pub(crate) tree: Tree,
     /// Index of the wall that a patch is a piece of.
@@ -34,7 +34,7 @@ pub(crate) struct Walls {
     piece_start: Vec<u32>,
 }
 
-impl Walls {
+impl CoplanarRegions {
     /// The walls of a model, made when first asked for and shared from then on.
     pub(crate) fn of(model: &Model) -> Arc<Self> {
         let patches = model.patches();
@@ -313,7 +313,7 @@ mod tests {
     use hemicube_scene::generate::{BlockCityParameters, cornell_box};
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
-    impl Walls {
+    impl CoplanarRegions {
         /// Each surface by itself.
         pub(crate) fn pieces_of(model: &Model) -> Self {
             let surfaces = &model.geometry().surfaces;
@@ -350,7 +350,7 @@ mod tests {
     /// Every surface is a piece of one wall, lies in it, and walls have the area of their pieces. Returns how many
     /// corners each wall has.
     fn sound(model: &Model) -> Vec<usize> {
-        let walls = Walls::of(model);
+        let walls = CoplanarRegions::of(model);
         let surfaces = &model.geometry().surfaces;
         let mut seen = vec![0; surfaces.len()];
         let area = |t: &[DVec3; 3]| 0.5 * cross(t).length();

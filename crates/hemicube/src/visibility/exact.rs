@@ -13,7 +13,7 @@
 
 use crate::factor::contour::{self, Care, in_front};
 use crate::factor::{SIX, point_to_polygon, quarters};
-use crate::visibility::coplanar::Walls;
+use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::shaft::{Shaft, Sighting};
 use glam::DVec3;
 
@@ -153,7 +153,7 @@ struct Occluder {
 
 /// Measures visible fractions. Reused from pair to pair.
 #[derive(Debug, Default)]
-pub(crate) struct Clipper {
+pub(crate) struct ExactVisibility {
     occluders: Vec<Occluder>,
     /// Which occluders matter to cells; each cell has a run of it.
     relevant: Vec<u32>,
@@ -190,7 +190,7 @@ struct Cell {
     /// Difference of the six points' value from `open`.
     strayed: f64,
     /// Error bound of `visible`.
-    doubt: f64,
+    estimate: f64,
     /// Number of times that the triangle was divided for it.
     depth: usize,
 }
@@ -205,18 +205,18 @@ struct View<'a> {
     normal: DVec3,
 }
 
-impl Clipper {
-    /// The visible fraction of a pair, refined until its cells' doubts add up to `enough` or there are `most_points`,
-    /// about. `None` where a polygon falls in too many pieces, or nothing is left of one triangle in front of the
-    /// other.
+impl ExactVisibility {
+    /// The visible fraction of a pair, refined until its cells' error estimates add up to `enough` or there are
+    /// `most_points`, about. `None` where a polygon falls in too many pieces, or nothing is left of one triangle in
+    /// front of the other.
     ///
     /// With `along_contacts`, no cell has an occluder stand on its inside. From one side of such a line to the other
     /// the visible factor jumps, and where cells lie along the line, what their points miss adds up with one sign:
-    /// doubts say too little.
+    /// error estimates say too little.
     pub(crate) fn measure(
         &mut self,
         shaft: &Shaft,
-        walls: &Walls,
+        walls: &CoplanarRegions,
         sighting: &Sighting,
         enough: f64,
         most_points: usize,
@@ -290,28 +290,28 @@ impl Clipper {
                 for k in 1..fan.len().saturating_sub(1) {
                     let mut cell = self.cell([fan[0], fan[k], fan[k + 1]], all.clone(), &view)?;
                     if is_covered {
-                        (cell.visible, cell.doubt) = (0.0, 0.0);
+                        (cell.visible, cell.estimate) = (0.0, 0.0);
                     }
                     cells.push(cell);
                 }
             }
         }
         loop {
-            // Doubts of different cells are independent: squares add up.
+            // Error estimates of different cells are independent: squares add up.
             let (mut visible, mut open, mut squared) = (0.0, 0.0, 0.0);
             for cell in &cells {
                 visible += cell.visible;
                 open += cell.open;
-                squared += cell.doubt * cell.doubt;
+                squared += cell.estimate * cell.estimate;
             }
-            let doubt = squared.sqrt();
+            let estimate = squared.sqrt();
             if open <= 0.0 {
                 return None;
             }
-            if doubt <= enough * open || self.points > most_points {
+            if estimate <= enough * open || self.points > most_points {
                 return Some(Clipped {
                     fraction: visible / open,
-                    change: doubt / open,
+                    change: estimate / open,
                     points: self.points,
                 });
             }
@@ -319,7 +319,7 @@ impl Clipper {
             let least = 0.7 * enough * open / (cells.len() as f64).sqrt();
             let mut next = Vec::with_capacity(4 * cells.len());
             for cell in cells {
-                if cell.doubt <= least {
+                if cell.estimate <= least {
                     next.push(cell);
                 } else {
                     self.divide(&cell, &view, &mut next)?;
@@ -391,7 +391,7 @@ impl Clipper {
             open: whole,
             strayed: (points - whole).abs(),
             // Six points do not tell how much they miss.
-            doubt: if proved {
+            estimate: if proved {
                 0.0
             } else {
                 UNPROVED[0] * whole + (points - whole).abs()
@@ -400,7 +400,7 @@ impl Clipper {
         })
     }
 
-    /// The four parts of a cell; how far they are from it, together, is their doubt.
+    /// The four parts of a cell; how far they are from it, together, is their error estimate.
     fn divide(&mut self, cell: &Cell, view: &View<'_>, out: &mut Vec<Cell>) -> Option<()> {
         let first = out.len();
         for part in quarters(&cell.corners) {
@@ -417,11 +417,11 @@ impl Clipper {
         let change = (visible / open - cell.visible / cell.open).abs() * open;
         let missed = UNPROVED[(cell.depth + 1).min(UNPROVED.len() - 1)];
         parts.iter_mut().for_each(|part| part.depth = cell.depth + 1);
-        let unproved = parts.iter().filter(|part| part.doubt > 0.0).count().max(1);
-        for part in parts.iter_mut().filter(|part| part.doubt > 0.0) {
+        let unproved = parts.iter().filter(|part| part.estimate > 0.0).count().max(1);
+        for part in parts.iter_mut().filter(|part| part.estimate > 0.0) {
             // The smooth error falls with the square of a cell's size, that of a kink nearly so; and what no point has
             // met is worth a little as long as nothing is proved.
-            part.doubt = (0.3 * change / unproved as f64).max(missed * part.open) + 0.5 * part.strayed;
+            part.estimate = (0.3 * change / unproved as f64).max(missed * part.open) + 0.5 * part.strayed;
         }
         Some(())
     }
@@ -645,7 +645,7 @@ mod tests {
 
     /// From quad to quad: the factor, and the most by which a pair's fraction may be off by its own account.
     fn factor_of(model: &Model, [from, to]: [[u32; 2]; 2], along_contacts: bool, enough: f64) -> (f64, f64) {
-        let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(model));
+        let (surfaces, walls) = (&model.geometry().surfaces, &*CoplanarRegions::of(model));
         let obstacles = Obstacles { surfaces, walls };
         let (mut exchange, mut whole, mut change) = (0.0, 0.0, 0.0_f64);
         for i in from {
@@ -656,7 +656,7 @@ mod tests {
                 let mut shaft = Shaft::default();
                 let sighting = shaft.sight(obstacles, (i, &own), (j, &other));
                 let rule = crate::factor::FactorRule::for_tolerance(1e-5);
-                let clipped = Clipper::default()
+                let clipped = ExactVisibility::default()
                     .measure(&shaft, walls, &sighting, enough, 20_000, along_contacts)
                     .expect("a fraction");
                 exchange += crate::factor::exchange(&own, &other, &rule) * clipped.fraction;
@@ -692,7 +692,7 @@ mod tests {
             assert!(cut < 3e-4, "{turn}: {cut}");
             assert!(
                 whole > 3.0 * cut && whole > 6e-4,
-                "without, doubts are as small and wrong: {whole}, {cut}"
+                "without, estimates are as small and wrong: {whole}, {cut}"
             );
         }
     }
@@ -712,7 +712,7 @@ mod tests {
             DQuat::from_axis_angle(p(-2., 1., 0.5).normalize(), 0.7),
         ] {
             let model = model_of(&[floor, wall, low], turn);
-            let (surfaces, walls) = (&model.geometry().surfaces, &*Walls::of(&model));
+            let (surfaces, walls) = (&model.geometry().surfaces, &*CoplanarRegions::of(&model));
             let obstacles = Obstacles { surfaces, walls };
             for (from, to) in [([0, 1], [2, 3]), ([2, 3], [0, 1])] {
                 let mut sum = 0.0;
@@ -724,7 +724,7 @@ mod tests {
                         let rule = crate::factor::FactorRule::for_tolerance(1e-4);
                         let open = 2.0 * crate::factor::exchange(&own, &other, &rule)
                             / (own[1] - own[0]).cross(own[2] - own[0]).length();
-                        let clipped = Clipper::default()
+                        let clipped = ExactVisibility::default()
                             .measure(&shaft, walls, &sighting, 1e-3, 20_000, false)
                             .expect("a fraction");
                         sum += 0.5 * open * clipped.fraction;

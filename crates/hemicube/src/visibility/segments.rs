@@ -8,14 +8,14 @@
 use crate::backend::Surface;
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
 use crate::simd::{InstructionSet, dispatch};
-use crate::visibility::coplanar::Walls;
+use crate::visibility::coplanar::CoplanarRegions;
 use glam::DVec3;
 
 /// What may lie in between in a scene.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Obstacles<'a> {
     pub(crate) surfaces: &'a [Surface],
-    pub(crate) walls: &'a Walls,
+    pub(crate) walls: &'a CoplanarRegions,
 }
 
 /// Segments between two triangles, in the scene's coordinates.

@@ -14,7 +14,7 @@ use crate::backend::Surface;
 use crate::bvh::{INNER, LANES, Tree, UNUSED, overlap};
 use crate::sampling::sobol::{self, Sequence, fold};
 use crate::simd::{InstructionSet, dispatch};
-use crate::visibility::coplanar::Walls;
+use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::segments::{Obstacles, Segments};
 use glam::DVec3;
 use std::ops::Range;
@@ -496,7 +496,7 @@ impl Shaft {
     /// plane.
     pub(crate) fn triangles<'a>(
         &'a self,
-        walls: &'a Walls,
+        walls: &'a CoplanarRegions,
         sighting: &'a Sighting,
     ) -> impl Iterator<Item = [DVec3; 3]> + 'a {
         let between = self.occluders[sighting.between.clone()].iter().map(move |occluder| {
@@ -1327,7 +1327,7 @@ mod tests {
         Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
     }
 
-    fn obstacles<'a>(model: &'a Model, walls: &'a Walls) -> Obstacles<'a> {
+    fn obstacles<'a>(model: &'a Model, walls: &'a CoplanarRegions) -> Obstacles<'a> {
         Obstacles {
             surfaces: &model.geometry().surfaces,
             walls,
@@ -1337,7 +1337,7 @@ mod tests {
     fn fraction(model: &Model, i: u32, j: u32, rays: usize) -> (usize, f64) {
         let corners = |p: u32| model.normalised_corners(p);
         let mut shaft = Shaft::default();
-        let walls = Walls::of(model);
+        let walls = CoplanarRegions::of(model);
         let obstacles = obstacles(model, &walls);
         let sighting = shaft.sight(obstacles, (i, &corners(i)), (j, &corners(j)));
         if sighting.hidden {
@@ -1353,7 +1353,7 @@ mod tests {
     #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
     fn walls_hide_what_their_pieces_hide() {
         let model = city(5, 5);
-        let (walls, pieces) = (Walls::of(&model), Walls::pieces_of(&model));
+        let (walls, pieces) = (CoplanarRegions::of(&model), CoplanarRegions::pieces_of(&model));
         let count = u64::try_from(model.patches().len()).expect("a number");
         let (mut state, mut partly, mut fewer, mut hidden) = (1, 0, [0, 0], [0, 0]);
         for _ in 0..20_000 {
@@ -1388,7 +1388,7 @@ mod tests {
     #[test]
     fn a_tree_stops_the_rays_that_a_list_stops() {
         let model = city(5, 2);
-        let walls = Walls::of(&model);
+        let walls = CoplanarRegions::of(&model);
         let obstacles = obstacles(&model, &walls);
         let count = u64::try_from(model.patches().len()).expect("a number");
         let (mut state, mut partly, mut near) = (3, 0, 0);
@@ -1476,7 +1476,7 @@ mod tests {
             }
             tried += 1;
             let mut shaft = Shaft::default();
-            let walls = Walls::of(&model);
+            let walls = CoplanarRegions::of(&model);
             let obstacles = obstacles(&model, &walls);
             let sighting = shaft.sight(obstacles, (0, &small), (1, &large));
             let mut cast = Cast::default();
@@ -1504,7 +1504,7 @@ mod tests {
     #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
     fn rays_leave_less_than_independent_ones() {
         let model = city(6, 2);
-        let walls = Walls::of(&model);
+        let walls = CoplanarRegions::of(&model);
         let obstacles = obstacles(&model, &walls);
         let rule = crate::factor::FactorRule::for_tolerance(1e-2);
         let count = u32::try_from(model.patches().len()).expect("few patches");
@@ -1663,7 +1663,7 @@ mod tests {
         let model = scene(&[[p(0.2, 0.1, 0.5), p(0.9, 0.3, 0.4), p(0.4, 0.8, 0.6)]]);
         let corners = |k: u32| model.normalised_corners(k);
         let mut shaft = Shaft::default();
-        let walls = Walls::of(&model);
+        let walls = CoplanarRegions::of(&model);
         let sighting = shaft.sight(obstacles(&model, &walls), (0, &corners(0)), (2, &corners(2)));
         assert_eq!(sighting.between.len(), 1);
         let (small, large) = sighting.by_size();

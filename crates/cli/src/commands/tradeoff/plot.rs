@@ -1,6 +1,6 @@
 //! The picture of a trade-off: error against time, both logarithmic.
 
-use crate::rung::percentage;
+use crate::level::percentage;
 use crate::sheet::{
     Anchor, Area, Axis, BLACK, BLUE, BOTTOM, Format, GREEN, GREY, LEFT, Legend, Letters, Marker, PURPLE, RED, RGBColor,
     RIGHT, Shape, Sheet, TOP, VERMILION, WHITE, faded, free_place,

@@ -1,9 +1,9 @@
 //! Rows of large patches, on which much stands ([`crate::accuracy::grain`]).
 //!
 //! What stands nearer to such a patch than its hemicubes are to each other is seen by none of them, or from afar only:
-//! their fractions, and the doubts that other rows have, say nothing of it. Most of the row is of that kind. So every
-//! pair whose form factor could matter to the row is measured, with a few rays first; a tolerance then spends what is
-//! left of the row's budget on all of them in proportion to their part in the error.
+//! their fractions, and the prior variances that other rows have, say nothing of it. Most of the row is of that kind.
+//! So every pair whose form factor could matter to the row is measured, with a few rays first; a tolerance then spends
+//! what is left of the row's budget on all of them in proportion to their part in the error.
 //!
 //! To the matrix such a row hardly matters: its form factors are small, the larger ones of the pairs are in the other
 //! rows, and are measured there. So rays are allotted by the row's own form factors.

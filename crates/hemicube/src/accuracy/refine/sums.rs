@@ -182,7 +182,7 @@ impl Refiner<'_> {
             class: Kind::class(fraction),
             nearness: Kind::nearness(own, &model.normalised_corners(patch)),
         };
-        open * self.refinement.doubts.of(kind).sqrt()
+        open * self.refinement.priors.of(kind).sqrt()
     }
 
     /// Moves the pairs of a row that lacks so much, known with this standard error.

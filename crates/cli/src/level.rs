@@ -5,10 +5,10 @@ use crate::exit::hinted;
 use crate::report::percent;
 use anyhow::{Result, anyhow};
 use hemicube::Model;
-use hemicube::accuracy::calibrate::Settled;
+use hemicube::accuracy::calibrate::Calibration;
 use hemicube::accuracy::correct::Correction;
-use hemicube::accuracy::level::{Asked, RungError};
-pub(crate) use hemicube::accuracy::level::{Rung, percentage};
+use hemicube::accuracy::level::{Asked, LevelError};
+pub(crate) use hemicube::accuracy::level::{Level, percentage};
 use hemicube::backend::HemicubeBackend;
 use hemicube::driver::compute::{Execution, Selection};
 use hemicube::store::Form;
@@ -30,7 +30,7 @@ pub(crate) fn within(
     tolerance: Tolerance,
     backend: &mut dyn HemicubeBackend,
     threads: usize,
-) -> Result<Settled> {
+) -> Result<Calibration> {
     let execution = Execution {
         threads,
         ..Execution::default()
@@ -53,7 +53,7 @@ pub(crate) fn choose(
     rotate: bool,
     form: Form,
     backend: &mut dyn HemicubeBackend,
-) -> Result<Rung> {
+) -> Result<Level> {
     let asked = match settings.tolerance {
         Some(tolerance) => Asked::Tolerance(tolerance.0),
         None => Asked::Settings {
@@ -66,8 +66,8 @@ pub(crate) fn choose(
         threads: settings.thread_count(),
         ..Execution::default()
     };
-    Rung::settle(asked, model, selection, rotate, form, backend, execution).map_err(|error| match error {
-        RungError::Rounding { rounding, tolerance } => hinted(
+    Level::resolve(asked, model, selection, rotate, form, backend, execution).map_err(|error| match error {
+        LevelError::Rounding { rounding, tolerance } => hinted(
             anyhow!(
                 "`--store compact` rounds form factors by up to {}, which leaves too little of a tolerance of {}",
                 percent(rounding),
