@@ -22,7 +22,7 @@ Exit status:
   2    wrong usage, unreadable input, or something that could not be written
   130  interrupted; what was computed is kept, and the same command goes on there";
 
-/// The same for `balance`, of which an interrupt leaves nothing of use.
+/// Likewise for `balance`, of which an interrupt leaves nothing of use.
 const AFTER_BALANCE_HELP: &str = "\
 Environment:
   HEMICUBE_NO_PROGRESS  1: no progress bar
@@ -34,7 +34,7 @@ Exit status:
   130  interrupted; OUT is not there or says that it is incomplete, and `--overwrite` starts again
 ";
 
-/// The same for `interactive`, which has keys.
+/// Likewise for `interactive`, which has keys.
 const AFTER_INTERACTIVE_HELP: &str = "\
 Examples:
   hemicube
@@ -913,7 +913,7 @@ pub(crate) enum Correction {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Tolerance(pub(crate) f64);
 
-/// How many hemicubes a patch has: the square of what is held here.
+/// Number of hemicubes that a patch has: the square of what is held here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Samples {
     /// n of n².
@@ -979,7 +979,7 @@ impl FromStr for RowRange {
     }
 }
 
-/// How many rows are sampled.
+/// Number of rows that are sampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum SampleSize {
     /// So many.

@@ -8,7 +8,7 @@ pub(crate) fn thread_seconds() -> f64 {
     of_schedstat("/proc/thread-self/schedstat").unwrap_or_else(wall_seconds)
 }
 
-/// The same of all threads that this process has: a graphics driver that runs on the processor has threads of its own.
+/// Likewise for all threads that this process has: a graphics driver that runs on the processor has threads of its own.
 pub(crate) fn process_seconds() -> f64 {
     let tasks = std::fs::read_dir("/proc/self/task").ok();
     tasks

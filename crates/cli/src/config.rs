@@ -244,7 +244,7 @@ impl Layers {
         Ok(())
     }
 
-    /// Whether the value that a setting has is the one that excludes nothing.
+    /// Returns whether the value that a setting has is the one that excludes nothing.
     fn agrees(&self, matches: &ArgMatches, name: &str) -> bool {
         if name != AGREES.0 {
             return false;

@@ -8,7 +8,7 @@ use tracing::Level;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::format::FmtSpan;
 
-/// Whether messages are JSON. Before [`start`] they are not.
+/// True if messages are JSON. Before [`start`] they are not.
 static JSON: AtomicBool = AtomicBool::new(false);
 
 /// The target of messages in JSON, where others have the module that logs.

@@ -26,7 +26,7 @@ use std::path::Path;
 
 /// The bands of a scene's own materials.
 const RGB: [&str; 3] = ["red", "green", "blue"];
-/// How many names an error lists.
+/// Number of names that an error lists.
 const NAMES_SHOWN: usize = 5;
 /// No surface is hotter.
 const KELVIN_MAX: f64 = 1e6;
@@ -60,7 +60,7 @@ struct Tables {
     material: BTreeMap<String, Entry>,
 }
 
-/// What is known of the matrix's materials: for each, what the scene and the file say.
+/// Sources for the matrix's materials: for each, what the scene and the file say.
 #[derive(Debug)]
 pub(crate) struct Materials {
     names: Vec<String>,

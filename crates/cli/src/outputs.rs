@@ -253,7 +253,7 @@ pub(crate) fn check(command: &Command) -> Result<()> {
     Ok(())
 }
 
-/// Whether a file begins as reports and progress files do.
+/// Returns whether a file begins as reports and progress files do.
 fn is_report(path: &Path) -> bool {
     let mut begin = Vec::new();
     let read = hemicube_scene::open_regular(path).and_then(|file| file.take(64).read_to_end(&mut begin));
@@ -298,7 +298,7 @@ impl Place {
             || folder.metadata.is_some() && self.is_linked_into(&folder.path)
     }
 
-    /// Whether it is another name of one of a matrix's files.
+    /// Returns whether it is another name of one of a matrix's files.
     fn is_linked_into(&self, folder: &Path) -> bool {
         #[cfg(unix)]
         if let Some(ours) = &self.metadata

@@ -127,7 +127,7 @@ impl AsRef<EngineSettings> for RenderArguments {
 }
 
 impl RenderArguments {
-    /// How many threads work.
+    /// Number of threads that work.
     pub(crate) fn thread_count(&self) -> usize {
         self.engine.thread_count()
     }
@@ -151,7 +151,7 @@ impl EngineSettings {
         }
     }
 
-    /// How many threads work.
+    /// Number of threads that work.
     pub(crate) fn thread_count(&self) -> usize {
         match self.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -246,7 +246,7 @@ pub(crate) fn prepare(
         .with_context(|| format!("`{}` cannot be computed", path.display()))
 }
 
-/// The same of a scene that is to have so many patches; `None` where it has not, before it is cut.
+/// Likewise for a scene that is to have so many patches; `None` where it has not, before it is cut.
 ///
 /// # Errors
 /// As [`prepare`].

@@ -29,7 +29,7 @@ fn is_watched(talk: Talk) -> bool {
     !talk.quiet && !talk.no_progress && !is_dumb && std::io::stderr().is_terminal()
 }
 
-/// Whether a terminal of that kind can write lines and nothing else: no cursor moves there.
+/// Returns whether a terminal of that kind can write lines and nothing else: no cursor moves there.
 pub(crate) fn is_dumb(term: Option<&OsStr>) -> bool {
     match term {
         Some(term) => term.is_empty() || term == "dumb",
@@ -50,7 +50,7 @@ impl Bar {
         bar
     }
 
-    /// The same of something else.
+    /// Likewise for something else.
     pub(crate) fn counting(talk: Talk, count: u64, what: &str) -> Self {
         if !is_watched(talk) {
             return Self { bar: None, kept: 0 };
@@ -116,7 +116,7 @@ impl Drop for Bar {
     }
 }
 
-/// How often the progress file is written.
+/// Interval at which the progress file is written.
 const WRITTEN_EVERY: Duration = Duration::from_secs(1);
 
 /// What the progress file says.

@@ -114,7 +114,7 @@ pub(crate) fn output_error(error: io::Error) -> anyhow::Error {
 }
 
 impl crate::args::Report {
-    /// Whether standard output is the report's.
+    /// Returns whether standard output is the report's.
     pub(crate) fn is_to_stdout(&self) -> bool {
         self.json.as_ref().is_some_and(|path| path.as_os_str() == "-")
     }

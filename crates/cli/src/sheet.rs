@@ -501,7 +501,7 @@ pub(crate) fn free_place((x, y): (f64, f64), width: f64, size: f64, taken: &[Are
     best.map_or(Area::about((x, y), height), |(_, area)| area)
 }
 
-/// How many points of a line, taken densely, are in an area.
+/// Number of points of a line, taken densely, that are in an area.
 fn crossings(area: &Area, line: &[(f64, f64)]) -> usize {
     const STEPS: u32 = 60;
     let within = |a: (f64, f64), b: (f64, f64)| {

@@ -92,7 +92,7 @@ fn excerpt(text: &str) -> String {
     shown.escape_debug().to_string()
 }
 
-/// Whether a line is a header: it has no field that is a number.
+/// Returns whether a line is a header: it has no field that is a number.
 fn is_header(text: &str) -> bool {
     let mut fields = text
         .split(|c: char| c.is_whitespace() || c == ',' || c == ';')

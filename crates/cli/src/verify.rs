@@ -177,7 +177,7 @@ pub(crate) struct Verify<'a> {
     pub(crate) cancel: &'a AtomicBool,
 }
 
-/// Whether a tolerance was kept, for all that the rows and the reference let one say.
+/// True if a tolerance was kept, for all that the rows and the reference let one say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Verdict {

@@ -82,7 +82,7 @@ struct Report {
     /// Rows of this run by second.
     #[serde(skip_serializing_if = "Option::is_none")]
     rows_per_second: Option<f64>,
-    /// How many rows took how much.
+    /// Numbers of rows by what they took.
     effort: Effort,
     counters: Counters,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -756,7 +756,7 @@ fn warn_of_disk(directory: &Path, rows: u64, entries_per_row: f64, plan: &Plan, 
     ));
 }
 
-/// Whether culling pays in this scene, said.
+/// Returns whether culling pays in this scene, said.
 fn culling(probe: Probe, talk: Talk) -> Culling {
     let culling = probe.culling();
     talk.say(&format!(

@@ -828,7 +828,7 @@ fn wrapped(sentence: &str, width: usize) -> Vec<String> {
     lines
 }
 
-/// How many of what was found, the number rounded where it is an estimate.
+/// Number of what was found, the number rounded where it is an estimate.
 fn pairs(kind: FindingKind, number: u64, is_estimate: bool) -> String {
     let shown = if is_estimate {
         about(number as f64)

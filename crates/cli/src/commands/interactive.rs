@@ -46,7 +46,7 @@ pub(crate) struct Arguments {
     pub(crate) plain: bool,
 }
 
-/// Whether somebody is there who could be asked: a program without arguments is then a question.
+/// Returns whether somebody is there who could be asked: a program without arguments is then a question.
 pub(crate) fn is_wanted() -> bool {
     std::io::stdin().is_terminal() && std::io::stdout().is_terminal() && std::io::stderr().is_terminal()
 }
@@ -142,7 +142,7 @@ struct Session {
     called: OsString,
     /// The command lines that were run, with how they ended where that was not well.
     lines: Mutex<Vec<String>>,
-    /// Whether a command is running, which gets the signals of the terminal as well.
+    /// True if a command is running, which gets the signals of the terminal as well.
     is_running: AtomicBool,
     was_signalled: AtomicBool,
 }

@@ -84,9 +84,9 @@ struct Field {
     note: String,
     /// The arrays with a number a patch.
     columns: Vec<String>,
-    /// Whether there is a scale; light is shown as an eye would see it, objects in any colours.
+    /// True if there is a scale; light is shown as an eye would see it, objects in any colours.
     scale: bool,
-    /// Whether the scale is logarithmic at first.
+    /// True if the scale is logarithmic at first.
     logarithmic: bool,
     light: bool,
 }
@@ -105,7 +105,7 @@ impl Field {
     }
 }
 
-/// What is known of each patch, and how it may be shown.
+/// Results for each patch, and how they may be shown.
 struct Columns {
     fields: Vec<Field>,
     /// By the names of blocks.
@@ -138,7 +138,7 @@ fn narrow(numbers: &[f64]) -> Vec<f32> {
     numbers.iter().map(|&number| number as f32).collect()
 }
 
-/// Whether there is anything to see in these numbers.
+/// Returns whether there is anything to see in these numbers.
 fn tells(numbers: &[f64]) -> bool {
     numbers.iter().any(|&number| number > 0.0)
 }

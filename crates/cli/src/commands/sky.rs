@@ -245,7 +245,7 @@ fn read_suns(path: &Path) -> Result<Listed<DVec3>> {
     Ok(found)
 }
 
-/// Whether a sun has set.
+/// Returns whether a sun has set.
 fn is_below(sun: DVec3, horizon: Horizon) -> bool {
     sun.dot(horizon.up) < 0.0
 }

@@ -334,7 +334,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(if record.converged { Exit::Done } else { Exit::NotHeld })
 }
 
-/// How many right-hand sides are solved together, by what their vectors take of half the memory.
+/// Number of right-hand sides that are solved together, by what their vectors take of half the memory.
 fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
     let vectors = VECTORS
         + match arguments.method {

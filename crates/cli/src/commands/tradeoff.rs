@@ -171,7 +171,7 @@ fn settings(asked: Tolerance) -> Vec<Setting> {
     settings
 }
 
-/// Whether two tolerances are one but for rounding.
+/// Returns whether two tolerances are one but for rounding.
 fn is_same(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-9 * a.max(b)
 }
@@ -202,7 +202,7 @@ struct Timing {
     /// Forecast for all rows with all threads.
     seconds_for_all_rows: f64,
     repeats: u32,
-    /// Whether no cheaper setting is as good.
+    /// True if no cheaper setting is as good.
     front: bool,
 }
 
@@ -496,7 +496,7 @@ fn probe(model: &Model, rows: &[InputPatch], backend: &mut dyn HemicubeBackend) 
 struct Timed {
     setting: Setting,
     plan: Plan,
-    /// How often so far.
+    /// Number of times so far.
     repeats: u32,
     /// The rows, which are the same every time.
     parts: Vec<Part>,

@@ -23,7 +23,7 @@ const ANSWER: &str = "hemicube-case ";
 /// The case that only opens a session, before all others.
 const OPEN: &str = "open";
 
-/// How often it is looked whether a child has ended.
+/// Interval at which a child's end is looked for.
 const POLL: Duration = Duration::from_millis(5);
 
 /// Lines of a child's standard error that are shown when it ended without an answer.

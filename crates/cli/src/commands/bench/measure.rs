@@ -96,7 +96,7 @@ pub(super) fn sample(model: &Model, rows: usize, run: usize) -> Vec<Hemicube> {
         .collect()
 }
 
-/// How many rows of a choice there is time for, and how many of them are neighbours.
+/// Number of rows of a choice that there is time for, and how many of them are neighbours.
 fn rows_of_choice(affordable: f64) -> (usize, usize) {
     #[allow(
         clippy::cast_possible_truncation,
@@ -592,7 +592,7 @@ impl Drop for Matrix {
     }
 }
 
-/// How often a process is looked at.
+/// Interval at which a process is looked at.
 const MOMENT: Duration = Duration::from_millis(25);
 /// More moments than this are thinned out.
 const MOMENTS: usize = 400;

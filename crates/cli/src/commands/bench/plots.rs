@@ -14,7 +14,7 @@ pub(super) struct Series {
     pub(super) name: String,
     pub(super) color: RGBColor,
     pub(super) marker: Marker,
-    /// Whether its points are joined.
+    /// True if its points are joined.
     pub(super) joined: bool,
     /// x, y, and what stands beside it.
     pub(super) points: Vec<(f64, f64, Option<String>)>,

@@ -18,7 +18,7 @@ pub(super) struct Target {
     pub(super) name: String,
     pub(super) version: String,
     pub(super) device: String,
-    /// Whether the work is the processor's: then its time counts, otherwise that of the clock on the wall.
+    /// True if the work is the processor's: then its time counts, otherwise that of the clock on the wall.
     pub(super) on_processor: bool,
 }
 
@@ -51,7 +51,7 @@ impl Target {
         self.name == BUILT_IN
     }
 
-    /// Whether it has the thesis's algorithm: an octree, and what is hidden asked or found node by node.
+    /// Returns whether it has the thesis's algorithm: an octree, and what is hidden asked or found node by node.
     pub(super) fn has_thesis(&self) -> bool {
         self.is_built_in() || self.name == "gl"
     }

@@ -52,7 +52,7 @@ pub(super) struct Text<'a> {
     pub(super) help: &'a str,
     /// Says what is wrong with an answer.
     pub(super) check: &'a dyn Fn(&str) -> Result<(), String>,
-    /// Whether it is the path of a file, which can be completed.
+    /// True if it is the path of a file, which can be completed.
     #[cfg_attr(not(feature = "menus"), allow(dead_code, reason = "lines complete nothing"))]
     pub(super) is_path: bool,
 }
@@ -65,7 +65,7 @@ pub(super) trait Ask {
     fn text(&mut self, text: &Text<'_>) -> Answer<String>;
     /// Says lines as they are.
     fn tell(&mut self, text: &str);
-    /// How many columns there are, where that is known.
+    /// Number of columns, where that is known.
     fn width(&self) -> Option<usize>;
 }
 

@@ -41,7 +41,7 @@ const DEFAULT: &str = "default";
 /// Columns of explanations where the terminal's are not known.
 const COLUMNS: usize = 80;
 
-/// How many patches a generated room is to have: a moment's work.
+/// Number of patches that a generated room is to have: a moment's work.
 const ROOM_PATCHES: &str = "1000";
 
 /// A dialogue.
@@ -57,7 +57,7 @@ pub(super) struct Dialogue<'a> {
     pub(super) here: PathBuf,
     /// Where scenes are looked for too.
     pub(super) scenes: Option<PathBuf>,
-    /// Whether that was chosen in the dialogue.
+    /// True if that was chosen in the dialogue.
     pub(super) scenes_are_chosen: bool,
     /// Matrices that were computed in the dialogue, wherever they are, and their scenes.
     pub(super) computed: Vec<(PathBuf, PathBuf)>,

@@ -45,7 +45,7 @@ fn has_extension(path: &Path, wanted: &str) -> bool {
         .is_some_and(|extension| extension.eq_ignore_ascii_case(wanted))
 }
 
-/// Whether a reader takes the file. JSON may be anything, and is looked into.
+/// Returns whether a reader takes the file. JSON may be anything, and is looked into.
 fn is_scene(path: &Path) -> bool {
     match Format::from_path(path) {
         Some(Format::CityJson) if !has_extension(path, "cityjson") => {

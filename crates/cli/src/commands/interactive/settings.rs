@@ -94,7 +94,7 @@ pub(super) enum Kind {
 /// The settings that hold.
 #[derive(Debug)]
 pub(super) struct Settings {
-    /// Whether files of settings hold.
+    /// True if files of settings hold.
     files: bool,
     /// What was chosen, by long names.
     chosen: BTreeMap<&'static str, String>,
@@ -138,7 +138,7 @@ impl Settings {
         self.present.iter().find(|setting| setting.name == name)
     }
 
-    /// Whether it was chosen here.
+    /// Returns whether it was chosen here.
     pub(super) fn is_chosen(&self, name: &str) -> bool {
         self.chosen.contains_key(name)
     }

@@ -57,13 +57,13 @@ pub(super) struct Mark {
     pub(super) error: f64,
     pub(super) low: f64,
     pub(super) high: f64,
-    /// Whether no cheaper setting is as good.
+    /// True if no cheaper setting is as good.
     pub(super) front: bool,
     pub(super) recommended: bool,
 }
 
 impl Mark {
-    /// Whether noise leaves only an upper bound.
+    /// Returns whether noise leaves only an upper bound.
     fn is_bound(&self) -> bool {
         self.error < 0.5 * self.high
     }

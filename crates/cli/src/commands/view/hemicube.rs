@@ -66,11 +66,11 @@ pub(crate) struct Arguments {
 pub(crate) enum Show {
     /// The patch seen.
     Ids,
-    /// How far it is.
+    /// Progress by now.
     Depth,
     /// Delta form factors.
     Delta,
-    /// How many patches lie behind.
+    /// Number of patches that lie behind.
     Occlusion,
 }
 
@@ -119,7 +119,7 @@ pub(super) fn atlas_place(column: usize, row: usize, resolution: u32) -> Option<
     Some((face, at(u, -1.0, resolution), at(v, low, face.rows(resolution))))
 }
 
-/// How far the nearest surface of each pixel is, and how many surfaces it meets.
+/// Distance of the nearest surface at each pixel, and the number of surfaces that it meets.
 struct Layers {
     depth: Vec<f64>,
     count: Vec<u32>,

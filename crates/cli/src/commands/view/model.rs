@@ -69,7 +69,7 @@ pub(crate) struct Arguments {
 pub(crate) enum Show {
     /// A quantity of a solution.
     Quantity(String),
-    /// How many patches each patch sees.
+    /// Number of patches that each patch sees.
     Seen,
     /// One row.
     Row,
@@ -77,7 +77,7 @@ pub(crate) enum Show {
     Sky,
     /// The expected error of each row.
     Error,
-    /// How far each row is from summing to 1.
+    /// Distance of each row's sum from 1.
     Closure,
 }
 
@@ -197,11 +197,11 @@ pub(crate) enum Values {
     Scale {
         values: Vec<f64>,
         title: String,
-        /// Whether equal steps of the scale are equal factors.
+        /// True if equal steps of the scale are equal factors.
         logarithmic: bool,
         /// A patch that is shown in a colour of its own.
         marked: Option<u32>,
-        /// Whether a histogram stands on the scale.
+        /// True if a histogram stands on the scale.
         histogram: bool,
     },
 }
@@ -501,7 +501,7 @@ pub(crate) fn draw(prepared: &Prepared, values: &Values, camera: &Camera, output
     canvas.save(output)
 }
 
-/// How many patches are where on the scale, in its colours; how many are in the tallest bar.
+/// Numbers of patches along the scale, in its colours; how many are in the tallest bar.
 fn draw_histogram(
     canvas: &mut Canvas,
     (x, y): (usize, usize),

@@ -30,7 +30,7 @@ pub(crate) struct Fragment {
     pub(crate) depth: f64,
     /// Of the corners.
     pub(crate) barycentric: [f64; 3],
-    /// Whether the front is seen.
+    /// True if the front is seen.
     pub(crate) front: bool,
 }
 
