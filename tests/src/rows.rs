@@ -162,7 +162,7 @@ impl Rung {
 /// What a tolerance settles on for all rows of a scene, over a backend.
 ///
 /// # Errors
-/// As [`settle`].
+/// As [`calibrate`].
 pub fn settled(model: &Model, tolerance: f64, backend: &mut dyn HemicubeBackend) -> Result<Calibration, ComputeError> {
     let emitters: Vec<InputPatch> = model.order().collect();
     let execution = Execution::default();

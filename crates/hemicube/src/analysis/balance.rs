@@ -21,7 +21,7 @@
 //! would spoil all entries around such a row, so every dᵢ stays within a bound, and rows that want more are counted.
 //!
 //! **What it is for.** Solvers that need energy to balance. It adds nothing that the hemicubes did not see: sums of
-//! pixels come nearer to the reference by it. What a corrected row loses is refined with it ([`RowShares`]), so that in
+//! pixels come nearer to the reference by it. What a corrected row loses is refined with it ([`RowShares`](crate::store::RowShares)), so that in
 //! the open tᵢ is what the row sums to already, and exact factors stay as they are; where nothing is lost, tᵢ = 1 moves
 //! all of the row alike, and usually away from the reference. `what_balancing_does_to_the_error` in
 //! tests/tests/balance.rs measures it.

@@ -22,7 +22,7 @@ pub struct Residuals {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BalanceSource {
-    /// [`Manifest::settings_hash`] of it.
+    /// [`Manifest::settings_hash`](super::Manifest::settings_hash) of it.
     pub settings_hash: String,
     /// BLAKE3 of its whole manifest, in hexadecimal; by the parts' checksums in it, of every bit of the matrix.
     pub manifest_blake3: String,
