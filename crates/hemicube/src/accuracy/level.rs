@@ -28,7 +28,7 @@ pub enum Asked {
     Tolerance(f64),
 }
 
-/// A rung with everything settled that its rows depend on.
+/// An accuracy level, with everything resolved that its rows depend on.
 ///
 /// ```
 /// use hemicube::driver::compute::{Execution, Selection};
@@ -38,16 +38,16 @@ pub enum Asked {
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let model = room::model()?;
 ///
-/// let settle = |asked, form| {
+/// let resolve = |asked, form| {
 ///     let (selection, mut backend) = (Selection::default(), CpuBackend::new());
 ///     Level::resolve(asked, &model, &selection, true, form, &mut backend, Execution::default())
 /// };
-/// let rung = calibrate(Asked::Tolerance(0.001), Form::Plain)?;
-/// assert_eq!((rung.correction.name(), rung.resolution), ("tolerance", 128));
-/// assert!(rung.reason.is_some_and(|reason| reason.starts_with("tolerance 0.1%: every pair")));
+/// let level = resolve(Asked::Tolerance(0.001), Form::Plain)?;
+/// assert_eq!((level.correction.name(), level.resolution), ("tolerance", 128));
+/// assert!(level.reason.is_some_and(|reason| reason.starts_with("tolerance 0.1%: every pair")));
 ///
 /// // What a store rounds must leave something of the tolerance.
-/// let refused = calibrate(Asked::Tolerance(0.0005), Form::Compact);
+/// let refused = resolve(Asked::Tolerance(0.0005), Form::Compact);
 /// assert!(matches!(refused, Err(LevelError::Rounding { .. })));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -88,7 +88,7 @@ pub enum LevelError {
 /// What keeps a tolerance in a scene, whichever of the selection's rows are then computed.
 ///
 /// # Errors
-/// As [`settle`].
+/// As [`calibrate`].
 pub fn within(
     model: &Model,
     selection: &Selection,
@@ -122,7 +122,7 @@ impl Level {
     /// Settles what is asked for in a scene.
     ///
     /// # Errors
-    /// When the store's form leaves too little of the tolerance, or as [`settle`].
+    /// When the store's form leaves too little of the tolerance, or as [`calibrate`].
     pub fn resolve(
         asked: Asked,
         model: &Model,
