@@ -38,6 +38,11 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
         "`./test` runs every bench once, `./test --full` in earnest",
     ),
     (
+        "docs/performance.md",
+        "cargo run --release -p hemicube-tests --example row_costs 100",
+        "takes minutes, and its figures want a quiet machine",
+    ),
+    (
         "docs/peers.md",
         "cargo build --release -p hemicube-cli",
         "takes long, and wants other people's packages from PyPI",
