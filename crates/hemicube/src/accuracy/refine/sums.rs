@@ -17,6 +17,7 @@ use hemicube_scene::InputPatch;
 /// The first bound on the form factor of a missing pair, in what the row lacks, and the next one's share of each bound.
 const FIRST: f64 = 1.0 / 16.0;
 const NEXT: f64 = 1.0 / 8.0;
+/// Number of bounds that are tried.
 const ROUNDS: usize = 7;
 /// What is left to look for in the end, in what the row lacked.
 const ENOUGH: f64 = 0.05;
@@ -104,6 +105,9 @@ impl Refiner<'_> {
             };
             self.candidates.find(&tree, emitter.0, &own, from);
             refined.steps += STEPS_A_CANDIDATE * self.candidates.patches.len() as u64;
+            if refined.steps >= most_steps {
+                break;
+            }
             let is_new = |&patch: &u32| {
                 let was_measured = || {
                     self.measured
@@ -205,7 +209,8 @@ impl Refiner<'_> {
             }
         }
     }
-    /// The same of a row in three lists: patches, ascending, their fractions, and A_i F_ij if all were visible; seen by
+
+    /// Moves a row that stands in three lists: patches, ascending, their fractions, and A_i F_ij if all were visible; seen by
     /// so many hemicubes.
     pub(crate) fn move_fractions(&mut self, model: &Model, emitter: InputPatch, row: Mended<'_>, lacking: (f64, f64)) {
         self.sort_measured();
