@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use hemicube::Model;
-use hemicube::accuracy::calibrate::{Calibration, calibrate};
+use hemicube::driver::calibrate::{Calibration, calibrate};
 use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::backend::{Counters, Culling, Hemicube, HemicubeBackend, RenderSettings};
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection, Summary, compute};

@@ -9,7 +9,7 @@
 
 use glam::DVec3;
 use hemicube::Model;
-use hemicube::accuracy::calibrate::calibrate;
+use hemicube::driver::calibrate::calibrate;
 use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
 use hemicube::store::Part;

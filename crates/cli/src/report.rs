@@ -219,7 +219,7 @@ impl Write for PendingFile {
 }
 
 /// A file that was read, by its bytes.
-#[derive(Debug, Serialize)]
+#[derive(Clone, Debug, Serialize)]
 pub(crate) struct Input {
     pub(crate) path: String,
     pub(crate) blake3: String,

@@ -1,6 +1,10 @@
-//! Runs: which rows, with what settings, in which order, on how many threads, to where.
+//! Runs: from a scene to rows of its matrix. [`job`] conducts a run; the others are its steps.
 
+pub mod calibrate;
 pub mod compute;
+pub mod input;
+pub mod job;
+pub mod level;
 pub mod probe;
 pub mod selection;
 pub mod settings;

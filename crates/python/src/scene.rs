@@ -2,10 +2,10 @@
 
 use crate::{errors, numbers};
 use glam::DVec3;
-use hemicube::driver::selection::flip;
+use hemicube::driver::input::{SceneInput, SceneSettings};
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
-use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
+use hemicube_scene::repair::RepairReport;
 use hemicube_scene::{Axis, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyUserWarning;
@@ -15,25 +15,20 @@ use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// How triangles become patches: the keywords that all ways to a scene have in common.
-#[derive(Clone, Debug)]
-struct Cutting {
-    subdivision: Subdivision,
-    flip: Vec<String>,
+/// The keywords shared by all ways to a scene.
+#[derive(Debug, Default)]
+struct Keywords<'a> {
+    up: Option<&'a str>,
+    flip: Option<Vec<String>>,
+    subdivide: Option<u32>,
+    split: Option<u32>,
+    patch_size: Option<f64>,
     keep_duplicates: bool,
-    up: Option<Axis>,
 }
 
-impl Cutting {
-    fn new(
-        up: Option<&str>,
-        flip: Option<Vec<String>>,
-        subdivide: Option<u32>,
-        split: Option<u32>,
-        patch_size: Option<f64>,
-        keep_duplicates: bool,
-    ) -> PyResult<Self> {
-        let subdivision = match (subdivide, split, patch_size) {
+impl Keywords<'_> {
+    fn settings(self) -> PyResult<SceneSettings> {
+        let subdivision = match (self.subdivide, self.split, self.patch_size) {
             (None, None, None) => Subdivision::None,
             (Some(levels), None, None) if levels < 32 => Subdivision::Levels(levels),
             (None, Some(pieces), None) if (1..=65536).contains(&pieces) => Subdivision::Split(pieces),
@@ -55,11 +50,11 @@ impl Cutting {
                 ));
             }
         };
-        Ok(Self {
-            subdivision,
-            keep_duplicates,
-            flip: flip.unwrap_or_default(),
-            up: up.map(axis).transpose()?,
+        Ok(SceneSettings {
+            keep_duplicates: self.keep_duplicates,
+            flip: self.flip.unwrap_or_default(),
+            up: self.up.map(axis).transpose()?,
+            ..subdivision.into()
         })
     }
 }
@@ -93,68 +88,40 @@ pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
 #[pyclass(frozen, module = "hemicube")]
 #[derive(Debug)]
 pub(crate) struct Scene {
-    pub(crate) triangles: Triangles,
+    pub(crate) input: SceneInput,
     pub(crate) patches: Arc<Patches>,
     pub(crate) model: Model,
-    pub(crate) file: PathBuf,
-    pub(crate) subdivision: Subdivision,
-    pub(crate) two_sided: &'static str,
-    pub(crate) flip: Vec<String>,
-    pub(crate) keep_duplicates: bool,
-    pub(crate) scale: f64,
 }
 
 impl Scene {
-    fn ready(
-        py: Python<'_>,
-        mut triangles: Triangles,
-        file: PathBuf,
-        two_sided: &'static str,
-        scale: f64,
-        cutting: Cutting,
-    ) -> PyResult<Self> {
-        if let Some(axis) = cutting.up {
-            triangles.up = Some(axis);
-        }
-        flip(&mut triangles, &cutting.flip).map_err(|error| {
+    fn ready(py: Python<'_>, triangles: Triangles, file: PathBuf, settings: SceneSettings) -> PyResult<Self> {
+        let input = py.detach(|| SceneInput::new(triangles, file, settings));
+        let input = input.map_err(|error| {
             errors::input(format!(
                 "`flip`: `{}` matches no object with one-sided triangles; {}",
                 error.glob, error.there
             ))
         })?;
-        let read = triangles.triangles.len();
-        let options = RepairOptions {
-            keep_duplicates: cutting.keep_duplicates,
-        };
-        let repaired = py.detach(|| repair(&mut triangles, options));
-        for warning in &triangles.findings.warnings {
+        for warning in &input.findings.warnings {
             warn(py, warning)?;
         }
-        if triangles.triangles.is_empty() {
+        let repaired = input.repaired;
+        if input.triangles.is_empty() {
             return Err(errors::input(format!(
-                "the scene holds no triangle that can be used: of {read}, {} not finite and {} without area",
-                repaired.non_finite, repaired.degenerate
+                "the scene holds no triangle that can be used: of {}, {} not finite and {} without area",
+                input.triangles_read, repaired.non_finite, repaired.degenerate
             )));
         }
         if let Some(dropped) = dropped(&repaired) {
             warn(py, &dropped)?;
         }
-        let (patches, model) = py.detach(|| -> PyResult<_> {
-            let patches = Patches::new(&triangles, cutting.subdivision).map_err(|error| errors::scene(&error))?;
-            let patches = Arc::new(patches);
-            let model = Model::new(Arc::clone(&patches), HierarchyOptions::default());
-            Ok((patches, model.map_err(|error| errors::model(&error))?))
-        })?;
+        let model = py
+            .detach(|| input.model(HierarchyOptions::default()))
+            .map_err(|error| errors::uncut(&error))?;
         Ok(Self {
-            triangles,
-            patches,
+            input,
+            patches: Arc::clone(model.patches()),
             model,
-            file,
-            subdivision: cutting.subdivision,
-            two_sided,
-            keep_duplicates: cutting.keep_duplicates,
-            flip: cutting.flip,
-            scale,
         })
     }
 
@@ -163,7 +130,7 @@ impl Scene {
         let list = self
             .patches
             .iter()
-            .map(|patch| of(&self.triangles.triangles[self.patches.triangle(patch)]));
+            .map(|patch| of(&self.input.triangles[self.patches.triangle(patch)]));
         PyArray1::from_vec(py, list.collect()).unbind()
     }
 
@@ -230,7 +197,15 @@ impl Scene {
         patch_size: Option<f64>,
         keep_duplicates: bool,
     ) -> PyResult<Self> {
-        let cutting = Cutting::new(up, flip, subdivide, split, patch_size, keep_duplicates)?;
+        let keywords = Keywords {
+            up,
+            flip,
+            subdivide,
+            split,
+            patch_size,
+            keep_duplicates,
+        };
+        let settings = keywords.settings()?;
         let vertices = numbers::points(vertices, "vertices")?;
         let triangles = numbers::triples(triangles, "triangles")?;
         let count = triangles.len();
@@ -289,7 +264,7 @@ impl Scene {
                 two_sided: two_sided[place],
             });
         }
-        Self::ready(py, scene, PathBuf::from("arrays"), "auto", 1.0, cutting)
+        Self::ready(py, scene, PathBuf::from("arrays"), settings)
     }
 
     /// The scene in a file: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON).
@@ -312,30 +287,27 @@ impl Scene {
         patch_size: Option<f64>,
         keep_duplicates: bool,
     ) -> PyResult<Self> {
-        let cutting = Cutting::new(up, flip, subdivide, split, patch_size, keep_duplicates)?;
+        let keywords = Keywords {
+            up,
+            flip,
+            subdivide,
+            split,
+            patch_size,
+            keep_duplicates,
+        };
+        let settings = keywords.settings()?;
         if !(scale > 0.0 && scale.is_finite()) {
             return Err(errors::input(format!("`scale` is {scale}; a number above 0 is needed")));
         }
-        let mut scene = py
+        let scene = py
             .detach(|| hemicube_scene::load(&path, ReadOptions::default()))
             .map_err(|error| errors::scene(&error))?;
-        if scale != 1.0 {
-            for corner in scene.triangles.iter_mut().flat_map(|triangle| &mut triangle.corners) {
-                *corner *= scale;
-            }
-            scene.metres_per_unit = scene.metres_per_unit.map(|metres| metres / scale);
-        }
-        if let Some(two_sided) = two_sided {
-            for triangle in &mut scene.triangles {
-                triangle.two_sided = two_sided;
-            }
-        }
-        let sides = match two_sided {
-            None => "auto",
-            Some(true) => "on",
-            Some(false) => "off",
+        let settings = SceneSettings {
+            scale,
+            two_sided,
+            ..settings
         };
-        Self::ready(py, scene, path, sides, scale, cutting)
+        Self::ready(py, scene, path, settings)
     }
 
     /// A scene made up: room, city, block-city, maze, spheres, field or soup, of about so many patches.
@@ -350,15 +322,8 @@ impl Scene {
         let mut scene = py.detach(|| generate(spec)).map_err(|error| errors::scene(&error))?;
         // How near it comes is no surprise.
         scene.findings.warnings.clear();
-        let cutting = Cutting::new(None, None, None, None, None, false)?;
-        Self::ready(
-            py,
-            scene,
-            PathBuf::from(format!("{kind}.generated")),
-            "auto",
-            1.0,
-            cutting,
-        )
+        let file = PathBuf::from(format!("{kind}.generated"));
+        Self::ready(py, scene, file, SceneSettings::default())
     }
 
     /// How many patches there are: rows and columns of a matrix.
@@ -370,7 +335,7 @@ impl Scene {
         format!(
             "<hemicube.Scene of {} patches, {}>",
             self.patches.len(),
-            self.file.display()
+            self.input.file.display()
         )
     }
 
@@ -433,13 +398,13 @@ impl Scene {
     /// Names of the objects.
     #[getter]
     fn objects(&self) -> Vec<String> {
-        self.triangles.objects.clone()
+        self.input.objects.clone()
     }
 
     /// Names of the materials.
     #[getter]
     fn materials(&self) -> Vec<String> {
-        self.triangles
+        self.input
             .materials
             .iter()
             .map(|material| material.name.clone())
@@ -449,6 +414,6 @@ impl Scene {
     /// The axis that points up: 'x', 'y', 'z', or None where nobody said.
     #[getter]
     fn up(&self) -> Option<&'static str> {
-        self.triangles.up.map(hemicube::driver::settings::axis_name)
+        self.input.up_name()
     }
 }

@@ -175,7 +175,7 @@ impl Request {
         let up = match up {
             Some(name) => axis(name)?,
             None => scene
-                .triangles
+                .input
                 .up
                 .ok_or_else(|| errors::input("the scene does not say which axis points up; `up=\"z\"` does"))?,
         };

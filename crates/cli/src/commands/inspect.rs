@@ -210,7 +210,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let mut backend = arguments.render.open_backend(talk)?;
     let prepared = prepare(path, &arguments.patches, &arguments.render, None)?;
     let reading = report::peak_memory_bytes();
-    let mut surveyed = survey(&prepared.scene, &prepared.repaired);
+    let mut surveyed = survey(&prepared.scene, &prepared.scene.repaired);
     if arguments.patches.up.is_some() {
         "`--up` says so".clone_into(&mut surveyed.up_reason);
     }
@@ -256,7 +256,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         program: "hemicube",
         version: env!("CARGO_PKG_VERSION"),
         scene: scene_report(&prepared, surveyed),
-        repair: RepairCounts::from(&prepared.repaired),
+        repair: RepairCounts::from(&prepared.scene.repaired),
         findings: prepared.scene.findings.counts.clone(),
         warnings: prepared.scene.findings.warnings.clone(),
         patches: patch_report(&prepared),
@@ -292,7 +292,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
 
 fn scene_report(prepared: &Prepared, survey: Survey) -> SceneReport {
     SceneReport {
-        triangles: prepared.triangles_read,
+        triangles: prepared.scene.triangles_read,
         triangles_used: survey.triangle_count,
         two_sided: survey.two_sided_count,
         objects: survey.object_count,

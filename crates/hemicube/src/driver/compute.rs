@@ -188,8 +188,14 @@ impl Plan {
         start..(start + self.rows_per_part as usize).min(self.rows.len())
     }
 
-    /// The parts to compute.
-    fn wanted(&self) -> Vec<u32> {
+    /// Number of rows of the parts to compute.
+    pub fn wanted_rows(&self) -> u64 {
+        let rows = |&part: &u32| self.rows_of_part(part).len() as u64;
+        self.wanted().iter().map(rows).sum()
+    }
+
+    /// The parts to compute, ascending.
+    pub fn wanted(&self) -> Vec<u32> {
         let count = u32::try_from(self.part_count()).unwrap_or(u32::MAX);
         match &self.parts {
             Some(parts) => parts.iter().copied().filter(|&part| part < count).collect(),
@@ -856,10 +862,7 @@ fn collect(
     (cancel, abandon): (Option<&AtomicBool>, &AtomicBool),
     summary: &mut Summary,
 ) -> Result<(), ComputeError> {
-    let row_count = wanted
-        .iter()
-        .map(|&part| plan.rows_of_part(part).len() as u64)
-        .sum::<u64>();
+    let row_count = plan.wanted_rows();
     let mut wanted = wanted.iter().copied();
     let is_thinned = plan.min_factor > 0.0;
     // Past the last part nothing comes.

@@ -2,7 +2,7 @@
 //! hemicubes.
 
 use crate::Model;
-use crate::accuracy::calibrate::{Calibration, calibrate};
+use crate::driver::calibrate::{Calibration, calibrate};
 use crate::accuracy::correct::Correction;
 use crate::backend::HemicubeBackend;
 use crate::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
@@ -28,11 +28,21 @@ pub enum Asked {
     Tolerance(f64),
 }
 
+impl Asked {
+    /// The tolerance, if one is asked for.
+    pub fn tolerance(&self) -> Option<f64> {
+        match *self {
+            Self::Tolerance(tolerance) => Some(tolerance),
+            Self::Settings { .. } => None,
+        }
+    }
+}
+
 /// An accuracy level, with everything resolved that its rows depend on.
 ///
 /// ```
 /// use hemicube::driver::compute::{Execution, Selection};
-/// use hemicube::accuracy::level::{Asked, Level, LevelError};
+/// use hemicube::driver::level::{Asked, Level, LevelError};
 /// use hemicube::store::Form;
 /// use hemicube_backend_cpu::CpuBackend;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
@@ -161,7 +171,7 @@ impl Level {
 /// 0.003 as `0.3%`, as a person types it.
 ///
 /// ```
-/// assert_eq!(hemicube::accuracy::level::percentage(0.003), "0.3%");
+/// assert_eq!(hemicube::driver::level::percentage(0.003), "0.3%");
 /// ```
 pub fn percentage(share: f64) -> String {
     // Nine digits: enough for what anybody types, and few enough to hide the rounding of the multiplication.

@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// ```
 /// use hemicube::InputPatch;
 /// use hemicube::driver::compute::Execution;
-/// use hemicube::accuracy::calibrate::calibrate;
+/// use hemicube::driver::calibrate::calibrate;
 /// use hemicube_backend_cpu::CpuBackend;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let model = room::model()?;
