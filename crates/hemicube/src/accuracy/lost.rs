@@ -7,11 +7,12 @@
 
 use crate::Model;
 use crate::bvh::{Block, LANES, Tree, UNUSED};
+use crate::geometry;
 use crate::sampling::sobol::{BATCH, Sequence, fold};
 use crate::sampling::splitmix;
-use crate::simd::{InstructionSet, dispatch};
+use crate::simd::{InstructionSet, dispatch, dot, minus, most};
 use crate::store::shares::RowShares;
-use crate::visibility::segments::{Segment, crossing, dot, minus, next_block};
+use crate::visibility::segments::{Segment, crossing, next_block};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 
@@ -64,8 +65,9 @@ pub(crate) fn measure(
     receives: impl Fn(u32) -> bool,
 ) -> Option<Lost> {
     let tree = Tree::of(model.geometry());
-    let [a, b, c] = model.normalised_corners(emitter.0);
-    let normal = (b - a).cross(c - a).try_normalize()?;
+    let corners = model.normalised_corners(emitter.0);
+    let normal = geometry::cross(&corners).try_normalize()?;
+    let [a, b, c] = corners;
     let (x, y) = normal.any_orthonormal_pair();
     let plane = (normal.to_array(), normal.dot(a));
     let sequence = Sequence::new(u64::from(emitter.0).wrapping_mul(splitmix::STEP));
@@ -176,8 +178,7 @@ impl Met {
     }
 
     fn normal(&self) -> DVec3 {
-        let [a, b, c] = self.corners;
-        (b - a).cross(c - a).normalize_or_zero()
+        geometry::cross(&self.corners).normalize_or_zero()
     }
 
     /// Returns whether one of two triangles lies in the plane of the other.
@@ -202,7 +203,6 @@ fn places(
     tolerance: f64,
     out: &mut [f64; LANES],
 ) {
-    let most = |p: f64, q: f64| if p > q { p } else { q };
     let d = minus(y, x);
     for l in 0..LANES {
         let [a, b, c] = block.corners_of(l);

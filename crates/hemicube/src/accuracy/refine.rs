@@ -30,7 +30,7 @@ mod sums;
 use crate::Model;
 use crate::bvh::Tree;
 use crate::factor::{self, Exchanges, FactorRule};
-use crate::geometry::area;
+use crate::geometry::{area, centroid, cross, sphere};
 use crate::sampling::splitmix;
 use crate::visibility::candidates::{Candidates, Least};
 use crate::visibility::coplanar::CoplanarRegions;
@@ -270,10 +270,6 @@ impl Kind {
     }
 
     fn nearness(i: &[DVec3; 3], j: &[DVec3; 3]) -> u8 {
-        let sphere = |t: &[DVec3; 3]| {
-            let center = (t[0] + t[1] + t[2]) / 3.0;
-            (center, t.iter().map(|p| p.distance_squared(center)).fold(0.0, f64::max))
-        };
         let ((c0, r0), (c1, r1)) = (sphere(i), sphere(j));
         let radii = c0.distance_squared(c1) / (r0 + r1);
         // The exponent of a power of 4.
@@ -1243,10 +1239,8 @@ impl<'c> Refiner<'c> {
 
 /// The factor from patch to patch as their middles have it, by the parts of either in front of the other.
 fn by_middles(i: &[DVec3; 3], j: &[DVec3; 3]) -> f64 {
-    let cross = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
-    let middle = |t: &[DVec3; 3]| (t[0] + t[1] + t[2]) / 3.0;
     let (n, m) = (cross(i), cross(j));
-    let between = middle(j) - middle(i);
+    let between = centroid(j) - centroid(i);
     let square = between.length_squared();
     let highest = |n: DVec3, from: DVec3, t: &[DVec3; 3]| t.iter().map(|&p| n.dot(p - from)).fold(0.0, f64::max);
     let (up, back) = (highest(n, i[0], j) / n.length(), highest(m, j[0], i));

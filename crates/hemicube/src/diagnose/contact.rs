@@ -11,6 +11,7 @@ use super::sample::{examine, hash};
 use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, scale_of, shape};
 use crate::Model;
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
+use crate::geometry;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
@@ -124,7 +125,7 @@ fn cut(corners: &[DVec3; 3], heights: [f64; 3], line: DVec3, origin: DVec3) -> O
     for (i, j) in [(0, 1), (1, 2), (2, 0)] {
         let (from, to) = (heights[i], heights[j]);
         if (from > 0.0) != (to > 0.0) {
-            let at = corners[i] + (corners[j] - corners[i]) * (from / (from - to));
+            let at = geometry::crossing(corners[i], corners[j], from, to);
             *ends.get_mut(count)? = (line.dot(at - origin), at);
             count += 1;
         }
@@ -152,16 +153,7 @@ fn cover(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
     for k in 0..3 {
         let side = inside_of(p, k);
         kept.clear();
-        for (i, &a) in polygon.iter().enumerate() {
-            let b = polygon[(i + 1) % polygon.len()];
-            let (at_a, at_b) = (side(a), side(b));
-            if at_a >= 0.0 {
-                kept.push(a);
-            }
-            if (at_a >= 0.0) != (at_b >= 0.0) {
-                kept.push(a + (b - a) * (at_a / (at_a - at_b)));
-            }
-        }
+        geometry::clip(&polygon, side, &mut kept);
         std::mem::swap(&mut polygon, &mut kept);
     }
     let (&first, rest) = polygon.split_first()?;
@@ -311,8 +303,7 @@ struct Search<'m> {
 
 /// The squared diagonal of a triangle's box: the same bits from whichever corner.
 fn measure_box(corners: &[DVec3; 3]) -> (DVec3, DVec3, f64) {
-    let [a, b, c] = *corners;
-    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let (low, high) = geometry::bounds(corners);
     (low, high, (high - low).length_squared())
 }
 

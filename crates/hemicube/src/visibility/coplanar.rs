@@ -7,6 +7,7 @@
 use crate::Model;
 use crate::backend::{Geometry, Surface};
 use crate::bvh::Tree;
+use crate::geometry::cross;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::collections::HashMap;
@@ -302,14 +303,11 @@ fn edges([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
     [(a, b), (b, c), (c, a)]
 }
 
-fn cross([a, b, c]: &[DVec3; 3]) -> DVec3 {
-    (*b - *a).cross(*c - *a)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::HierarchyOptions;
+    use crate::geometry::area;
     use hemicube_scene::generate::{BlockCityParameters, cornell_box};
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
@@ -353,7 +351,6 @@ mod tests {
         let walls = CoplanarRegions::of(model);
         let surfaces = &model.geometry().surfaces;
         let mut seen = vec![0; surfaces.len()];
-        let area = |t: &[DVec3; 3]| 0.5 * cross(t).length();
         let counts = (0..walls.len()).map(|wall| {
             let corners = walls.corners(wall);
             let normal = cross(&[corners[0], corners[1], corners[2]]).normalize();

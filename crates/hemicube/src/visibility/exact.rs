@@ -11,8 +11,9 @@
 //! is affine in x: what holds at the three corners of a cell holds all over it. So whole cells are proved to see all,
 //! or nothing, and occluders that cannot matter are left out of their parts.
 
-use crate::factor::contour::{self, Care, in_front};
-use crate::factor::{SIX, point_to_polygon, quarters};
+use crate::factor::contour::{self, Care};
+use crate::factor::{SIX, point_to_polygon};
+use crate::geometry::{self, in_front, quarters};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::shaft::{Shaft, Sighting};
 use glam::DVec3;
@@ -30,79 +31,13 @@ const MOST_CUT: usize = 64;
 /// Volumes, in cubes of the pair's extent, below which a point counts as on a plane.
 const ROUNDING: f64 = 1e-12;
 
-/// A convex polygon.
-#[derive(Clone, Copy, Debug)]
-struct Polygon {
-    corners: [DVec3; Self::MOST],
-    count: usize,
-}
+/// Corners of a polygon that a cone is cut out of: [`MANY`], and one more for each of the five planes of the cone over a
+/// pentagon.
+const MOST_CORNERS: usize = 13;
+/// Pieces with more corners are cut in two.
+const MANY: usize = 8;
 
-impl Polygon {
-    /// What has [`Self::MANY`] corners, cut by the five planes of the cone over a pentagon.
-    const MOST: usize = 13;
-    /// Pieces with more corners are cut in two.
-    const MANY: usize = 8;
-
-    const EMPTY: Self = Self {
-        corners: [DVec3::ZERO; Self::MOST],
-        count: 0,
-    };
-
-    fn of(corners: &[DVec3]) -> Self {
-        let mut polygon = Self::EMPTY;
-        for &corner in corners {
-            polygon.push(corner);
-        }
-        polygon
-    }
-
-    fn push(&mut self, corner: DVec3) {
-        if self.count < Self::MOST {
-            self.corners[self.count] = corner;
-            self.count += 1;
-        }
-    }
-
-    fn corners(&self) -> &[DVec3] {
-        &self.corners[..self.count]
-    }
-
-    /// The parts in front of a plane and behind it.
-    fn split(&self, normal: DVec3, offset: f64, slack: f64) -> (Self, Self) {
-        let (mut within, mut without) = (Self::EMPTY, Self::EMPTY);
-        self.split_into(normal, offset, slack, &mut within, &mut without);
-        (within, without)
-    }
-
-    /// As [`Self::split`], over what the two were: corners nearer to the plane than `slack` lie on it, so that no edge
-    /// is cut next to its end, as an edge of no length has no side.
-    fn split_into(&self, normal: DVec3, offset: f64, slack: f64, within: &mut Self, without: &mut Self) {
-        (within.count, without.count) = (0, 0);
-        let height = |p: DVec3| {
-            let h = normal.dot(p) - offset;
-            if h.abs() <= slack { 0.0 } else { h }
-        };
-        let Some(&last) = self.corners().last() else {
-            return;
-        };
-        let (mut p, mut hp) = (last, height(last));
-        for &q in self.corners() {
-            let hq = height(q);
-            if (hp > 0.0 && hq < 0.0) || (hp < 0.0 && hq > 0.0) {
-                let cut = p + (q - p) * (hp / (hp - hq));
-                within.push(cut);
-                without.push(cut);
-            }
-            if hq >= 0.0 {
-                within.push(q);
-            }
-            if hq <= 0.0 {
-                without.push(q);
-            }
-            (p, hp) = (q, hq);
-        }
-    }
-}
+type Polygon = geometry::Polygon<MOST_CORNERS>;
 
 /// Polygons one after the other; those that are taken out leave their room to the next.
 #[derive(Debug, Default)]
@@ -126,7 +61,7 @@ impl Pieces {
             self.polygons.push(Polygon::EMPTY);
         }
         let polygon = &mut self.polygons[self.count];
-        polygon.count = 0;
+        polygon.clear();
         corners.for_each(|corner| polygon.push(corner));
         self.count += 1;
     }
@@ -134,7 +69,7 @@ impl Pieces {
     /// Adds a polygon, in two where it has too many corners.
     fn keep(&mut self, polygon: &Polygon) {
         let corners = polygon.corners();
-        if corners.len() <= Polygon::MANY {
+        if corners.len() <= MANY {
             self.push(corners.iter().copied());
             return;
         }
@@ -229,7 +164,7 @@ impl ExactVisibility {
         }
         let (emitter, receiver) = (&sighting.emitter, &sighting.receiver);
         let tolerance = walls.tree.plane_tolerance;
-        let unit = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).try_normalize();
+        let unit = |t: &[DVec3; 3]| geometry::cross(t).try_normalize();
         let (emitter_normal, receiver_normal) = (unit(emitter)?, unit(receiver)?);
         self.occluders.clear();
         self.relevant.clear();
@@ -353,7 +288,7 @@ impl ExactVisibility {
             self.relevant.truncate(start);
         }
         let relevant = start..self.relevant.len();
-        let area = crate::geometry::area(&corners);
+        let area = geometry::area(&corners);
         let (mut visible, mut open) = (0.0, 0.0);
         for (large, small, weight) in SIX {
             for k in 0..3 {
@@ -426,10 +361,10 @@ impl ExactVisibility {
         Some(())
     }
 
-    fn push_occluder(&mut self, outline: Polygon, [a, b, c]: &[DVec3; 3]) {
+    fn push_occluder(&mut self, outline: Polygon, triangle: &[DVec3; 3]) {
         // The triangle's own normal: three corners of its outline may lie on one line but for rounding.
-        let normal = (*b - *a).cross(*c - *a);
-        if outline.count >= 3 && normal != DVec3::ZERO {
+        let normal = geometry::cross(triangle);
+        if outline.len() >= 3 && normal != DVec3::ZERO {
             self.occluders.push(Occluder { outline, normal });
         }
     }
@@ -451,7 +386,7 @@ impl ExactVisibility {
                 continue;
             }
             // Planes of the cone over the occluder, positive inside.
-            let mut cone = [DVec3::ZERO; Polygon::MOST];
+            let mut cone = [DVec3::ZERO; MOST_CORNERS];
             for (k, &p) in outline.iter().enumerate() {
                 let q = outline[(k + 1) % outline.len()];
                 let n = (p - x).cross(q - x);
@@ -472,11 +407,11 @@ impl ExactVisibility {
                 for (k, n) in cone.iter().enumerate() {
                     let whole = if k == 0 { piece } else { &inside };
                     whole.split_into(*n, 0.0, slack, &mut within, &mut without);
-                    if without.count >= 3 {
+                    if without.len() >= 3 {
                         self.next.keep(&without);
                     }
                     std::mem::swap(&mut inside, &mut within);
-                    if inside.count < 3 {
+                    if inside.len() < 3 {
                         break;
                     }
                 }
@@ -558,7 +493,7 @@ fn cut_along(polygons: &Pieces, outline: &Polygon, (origin, normal): (DVec3, DVe
     for polygon in polygons.as_slice() {
         let cut = line.and_then(|(a, b, across)| {
             let (left, right) = polygon.split(across, across.dot(a), tolerance);
-            let is_cut = left.count >= 3 && right.count >= 3 && polygons.count < MOST_CUT;
+            let is_cut = left.len() >= 3 && right.len() >= 3 && polygons.count < MOST_CUT;
             (is_cut && meets(polygon, (a, b), normal, tolerance)).then_some([left, right])
         });
         match cut {
@@ -602,12 +537,12 @@ fn without(polygons: &Pieces, triangle: &[DVec3; 3], normal: DVec3, covered: &mu
                 inwards = -inwards;
             }
             let (within, outside) = inside.split(inwards, inwards.dot(a), 0.0);
-            if outside.count >= 3 {
+            if outside.len() >= 3 {
                 rest.keep(&outside);
             }
             inside = within;
         }
-        if inside.count >= 3 {
+        if inside.len() >= 3 {
             covered.keep(&inside);
         }
     }

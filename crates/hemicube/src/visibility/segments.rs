@@ -7,7 +7,8 @@
 
 use crate::backend::Surface;
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
-use crate::simd::{InstructionSet, dispatch};
+use crate::geometry;
+use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::visibility::coplanar::CoplanarRegions;
 use glam::DVec3;
 
@@ -90,7 +91,7 @@ impl<'a> Segments<'a> {
     fn lies_over(&self, surface: &Surface, at: DVec3) -> bool {
         let (normal, offset) = (DVec3::from_array(self.planes[1].0), self.planes[1].1);
         let [a, b, c] = surface.corners;
-        let own = (b - a).cross(c - a);
+        let own = geometry::cross(&surface.corners);
         let id = if own.dot(normal) > 0.0 {
             Some(surface.front)
         } else {
@@ -105,16 +106,6 @@ impl<'a> Segments<'a> {
                 .iter()
                 .all(|&(p, q)| own.cross(q - p).dot(at - p) >= 0.0)
     }
-}
-
-fn lanes(mut mask: u16) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        (mask != 0).then(|| {
-            let lane = mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            lane
-        })
-    })
 }
 
 /// A segment as boxes and triangles are tested against it.
@@ -145,10 +136,6 @@ impl Segment {
 /// The next block that the segment's boxes lead to; the nearer child first.
 #[inline(always)]
 fn next_leaf(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u32> {
-    let (least, most) = (
-        |p: f64, q: f64| if p < q { p } else { q },
-        |p: f64, q: f64| if p > q { p } else { q },
-    );
     while let Some(index) = pending.pop() {
         let node = &tree.nodes[index as usize];
         let (center, half) = (node.center.to_array(), node.half.to_array());
@@ -212,34 +199,11 @@ pub(crate) fn crossing([a, b, c]: [[f64; 3]; 3], start: [f64; 3], end: [f64; 3],
     }
 }
 
-#[inline(always)]
-pub(crate) fn dot(p: [f64; 3], q: [f64; 3]) -> f64 {
-    p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
-}
-
-#[inline(always)]
-pub(crate) fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    [p[0] - q[0], p[1] - q[1], p[2] - q[2]]
-}
-
-#[inline(always)]
-fn cross(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    [
-        p[1] * q[2] - p[2] * q[1],
-        p[2] * q[0] - p[0] * q[2],
-        p[0] * q[1] - p[1] * q[0],
-    ]
-}
-
 /// Which of 16 triangles the segment crosses strictly between its ends, of those that rise above both planes; and which
 /// lie in the receiver's plane.
 #[inline(always)]
 fn crossed(block: &Block, segment: &Segment, planes: &[([f64; 3], f64); 2], tolerance: f64) -> (u16, u16) {
     let (d, x, y) = (segment.direction, segment.start, segment.end);
-    let (least, most) = (
-        |p: f64, q: f64| if p < q { p } else { q },
-        |p: f64, q: f64| if p > q { p } else { q },
-    );
     let (mut hit, mut flat) = ([0u64; LANES], [0u64; LANES]);
     for l in 0..LANES {
         let [a, b, c] = block.corners_of(l);
@@ -253,12 +217,7 @@ fn crossed(block: &Block, segment: &Segment, planes: &[([f64; 3], f64); 2], tole
         hit[l] = u64::from(crossing.hits & above & (highest > tolerance));
         flat[l] = u64::from(above & (highest <= tolerance) & (lowest >= -tolerance));
     }
-    let mut masks = (0u16, 0u16);
-    for l in 0..LANES {
-        masks.0 |= u16::from(hit[l] != 0) << l;
-        masks.1 |= u16::from(flat[l] != 0) << l;
-    }
-    masks
+    (mask(&hit), mask(&flat))
 }
 
 /// The next block that the boxes along a segment lead to, `pending` the nodes still to look at: at first the root, 0.

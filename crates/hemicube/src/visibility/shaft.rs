@@ -12,8 +12,9 @@
 
 use crate::backend::Surface;
 use crate::bvh::{INNER, LANES, Tree, UNUSED, overlap};
+use crate::geometry::{self, in_front};
 use crate::sampling::sobol::{self, Sequence, fold};
-use crate::simd::{InstructionSet, dispatch};
+use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::segments::{Obstacles, Segments};
 use glam::DVec3;
@@ -248,8 +249,7 @@ impl Sighting {
     /// seen.
     fn lay_over(&mut self, surface: &Surface, receiver: u32, plane: (DVec3, f64), tolerance: f64, side: f64) {
         let triangle = surface.corners.map(|p| p - self.origin);
-        let [a, b, c] = triangle;
-        let faces = (b - a).cross(c - a).dot(plane.0) > 0.0;
+        let faces = geometry::cross(&triangle).dot(plane.0) > 0.0;
         let Some(id) = (if faces { Some(surface.front) } else { surface.back }) else {
             return;
         };
@@ -325,11 +325,8 @@ impl Shaft {
         ];
         let size = points.iter().map(|p| p.length_squared()).fold(0.0, f64::max).sqrt();
         let sphere = |t: &[DVec3; 3]| {
-            let center = (t[0] + t[1] + t[2]) / 3.0;
-            (
-                center,
-                t.iter().map(|p| p.distance_squared(center)).fold(0.0, f64::max).sqrt(),
-            )
+            let (center, squared_radius) = geometry::sphere(t);
+            (center, squared_radius.sqrt())
         };
         let ((c0, r0), (c1, r1)) = (sphere(&emitter), sphere(&receiver));
         let (mut low, mut high) = (DVec3::ZERO, DVec3::ZERO);
@@ -341,7 +338,7 @@ impl Shaft {
         (self.sides.low, self.sides.high) = ((low - slack).to_array(), (high + slack).to_array());
         let planes = self.make_planes(&points, size, walls.tree.plane_tolerance);
         let start = self.occluders.len();
-        let area = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).length_squared();
+        let area = |t: &[DVec3; 3]| geometry::cross(t).length_squared();
         // Of two of one size, the same one whichever of them emits.
         let receiver_is_smaller = match area(&receiver).total_cmp(&area(&emitter)) {
             std::cmp::Ordering::Less => true,
@@ -353,9 +350,9 @@ impl Shaft {
             receiver,
             origin,
             near: if receiver_is_smaller {
-                crate::factor::distance(c1, &emitter) < (NEAR * r1).max(r0)
+                geometry::distance(c1, &emitter) < (NEAR * r1).max(r0)
             } else {
-                crate::factor::distance(c0, &receiver) < (NEAR * r0).max(r1)
+                geometry::distance(c0, &receiver) < (NEAR * r0).max(r1)
             },
             receiver_is_smaller,
             between: start..start,
@@ -419,18 +416,16 @@ impl Shaft {
         let start = self.occluders.len();
         for &(index, kept) in &self.reached {
             let block = &tree.blocks[index as usize];
-            let mut kept = kept;
-            while kept != 0 {
-                let l = kept.trailing_zeros() as usize;
-                kept &= kept - 1;
+            for l in lanes(kept) {
                 #[allow(clippy::cast_possible_truncation, reason = "slots are u32")]
                 let slot = (index as usize * LANES + l) as u32;
                 let wall = block.negative[l];
                 if wall == UNUSED || own_walls.contains(&wall) {
                     continue;
                 }
-                let [a, b, c] = block.triangle(l).map(|p| p - origin);
-                let (least, most) = (a.min(b).min(c).to_array(), a.max(b).max(c).to_array());
+                let triangle = block.triangle(l).map(|p| p - origin);
+                let (least, most) = geometry::bounds(&triangle);
+                let (least, most, [a, b, c]) = (least.to_array(), most.to_array(), triangle);
                 if (0..3).any(|x| most[x] < self.sides.low[x] || least[x] > self.sides.high[x]) {
                     continue;
                 }
@@ -453,7 +448,7 @@ impl Shaft {
                     reason = "relative to the pair, f32 is enough for rays"
                 )]
                 let single = |p: DVec3| p.to_array().map(|x| x as f32);
-                let normal = (b - a).cross(c - a);
+                let normal = geometry::cross(&triangle);
                 // From its nearest corner on, as f32 has the fewest digits behind the point for what is far.
                 let [p, q, r] = match [a, b, c].map(DVec3::length_squared) {
                     [x, y, z] if x <= y && x <= z => [a, b, c],
@@ -519,7 +514,7 @@ impl Shaft {
         cast: &mut Cast,
     ) -> usize {
         let (small, large) = sighting.by_size();
-        let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+        let normal = geometry::cross;
         let span = |t: &[DVec3; 3]| [t[0], t[1] - t[0], t[2] - t[0]].map(|p| p.to_array());
         let pair = Spans {
             from: span(small),
@@ -596,7 +591,7 @@ impl Shaft {
                 );
             }
             cast.steps += STEPS_A_DRAW;
-            let mut mask = dispatch_shoot(
+            let mask = dispatch_shoot(
                 InstructionSet::widest(),
                 &fan,
                 cast.drawn / RAYS % FROM_A_POINT,
@@ -607,9 +602,7 @@ impl Shaft {
             if mask != 0 && !sighting.crowded {
                 sighting.stopped(&drawn, &mut stopped);
             }
-            while mask != 0 {
-                let l = mask.trailing_zeros() as usize;
-                mask &= mask - 1;
+            for l in lanes(mask) {
                 let (x, y) = drawn.segment(l);
                 let weight = drawn.weight[l];
                 if sighting.crowded {
@@ -715,7 +708,7 @@ fn hides(polygon: &[DVec3], sighting: &Sighting) -> bool {
     };
     for (&p, hp) in sighting.emitter.iter().zip(of_emitter) {
         for (&q, hq) in sighting.receiver.iter().zip(of_receiver) {
-            if !is_inside(p + (q - p) * (hp / (hp - hq))) {
+            if !is_inside(geometry::crossing(p, q, hp, hq)) {
                 return false;
             }
         }
@@ -754,10 +747,10 @@ impl Fan {
     /// Nothing where one of the two is behind the other one's plane, or has no area.
     fn between(small: &[DVec3; 3], large: &[DVec3; 3], seed: u64) -> Option<Self> {
         let [tangent, bitangent, normal] = crate::frame::axes(*small, 0.0)?;
-        let across = (large[1] - large[0]).cross(large[2] - large[0]);
-        let above = crate::factor::contour::in_front(large, small[0], normal, 0.0)?;
+        let across = geometry::cross(large);
+        let above = in_front(large, small[0], normal, 0.0)?;
         // Points behind the other one see nothing of it.
-        let from = crate::factor::contour::in_front(small, large[0], across.normalize_or_zero(), 0.0)?;
+        let from = in_front(small, large[0], across.normalize_or_zero(), 0.0)?;
         let (above, from) = (above.corners(), from.corners());
         let corners: [DVec3; 4] = std::array::from_fn(|k| from[k.min(from.len() - 1)]);
         let half = |k: usize| (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]).length();
@@ -835,16 +828,6 @@ impl Drawn {
     }
 }
 
-#[inline(always)]
-fn dot(p: [f64; 3], q: [f64; 3]) -> f64 {
-    p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
-}
-
-#[inline(always)]
-fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    [p[0] - q[0], p[1] - q[1], p[2] - q[2]]
-}
-
 /// Draws the segments `at..at + 16` of a sequence.
 #[inline(always)]
 fn draw_spans(pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group) {
@@ -892,10 +875,6 @@ fn aim(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &mut Aim) {
 /// Draws the points `at..at + 16` of a sequence, and looks from them at so many corners.
 #[inline(always)]
 fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &mut Aim) {
-    let (least, most) = (
-        |p: f64, q: f64| if p < q { p } else { q },
-        |p: f64, q: f64| if p > q { p } else { q },
-    );
     let u = fan.sequence.points(at);
     (aim.within[0], aim.within[1]) = (u[2], u[3]);
     let [first, second, third] = [1, 2, 3].map(|k| minus(fan.corners[k], fan.corners[0]));
@@ -942,11 +921,7 @@ fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &m
         let mut any = 0u64;
         for l in 0..RAYS {
             let (v, w) = ([v[0][l], v[1][l], v[2][l]], [w[0][l], w[1][l], w[2][l]]);
-            let n = [
-                w[1] * v[2] - w[2] * v[1],
-                w[2] * v[0] - w[0] * v[2],
-                w[0] * v[1] - w[1] * v[0],
-            ];
+            let n = cross(w, v);
             for a in 0..3 {
                 normal[a][l] = n[a];
             }
@@ -985,10 +960,6 @@ fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &m
 #[inline(always)]
 fn shoot(fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
     let corner = [quarter % 2, quarter / 2].map(|q| q as f64);
-    let (least, most) = (
-        |p: f64, q: f64| if p < q { p } else { q },
-        |p: f64, q: f64| if p > q { p } else { q },
-    );
     let (mut ps, mut ends) = ([0.0f64; RAYS], [0.0f64; RAYS]);
     for l in 0..RAYS {
         ps[l] = aim.low[l] + aim.extent[l] * (0.5 * (aim.within[0][l] + corner[0]));
@@ -1033,11 +1004,7 @@ fn shoot(fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
             drawn.end[a][l] = y[a];
         }
     }
-    let mut mask = 0;
-    for (l, &k) in met.iter().enumerate() {
-        mask |= u16::from(k != 0) << l;
-    }
-    mask
+    mask(&met)
 }
 
 /// What rounding may take from what bounds an image on the unit disc.
@@ -1068,10 +1035,6 @@ impl Group {
 /// Finds which of the planes through an edge and an opposite corner bound the hull of two triangles of this extent.
 #[inline(always)]
 fn find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeSides) {
-    let (lesser, greater) = (
-        |p: f64, q: f64| if p < q { p } else { q },
-        |p: f64, q: f64| if p > q { p } else { q },
-    );
     let mut from = [[0.0; EDGE_LANES]; 3];
     let (mut along, mut across) = (from, from);
     for (l, &[a, b, c]) in EDGE_CORNERS.iter().enumerate() {
@@ -1087,29 +1050,25 @@ fn find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeS
             [along[0][l], along[1][l], along[2][l]],
             [across[0][l], across[1][l], across[2][l]],
         );
-        let n = [
-            u[1] * v[2] - v[1] * u[2],
-            u[2] * v[0] - v[2] * u[0],
-            u[0] * v[1] - v[0] * u[1],
-        ];
+        let n = cross(u, v);
         let squared = dot(n, n);
         let inverse = 1.0 / squared.sqrt();
         let n = [n[0] * inverse, n[1] * inverse, n[2] * inverse];
         let d = dot(n, [from[0][l], from[1][l], from[2][l]]);
-        let (mut least, mut most, mut extents) = (0.0f64, 0.0f64, [0.0f64; 2]);
+        let (mut lowest, mut highest, mut extents) = (0.0f64, 0.0f64, [0.0f64; 2]);
         for (k, &p) in points.iter().enumerate() {
             let height = dot(n, p) - d;
-            least = lesser(least, height);
-            most = greater(most, height);
-            extents[k / 3] = greater(extents[k / 3], height.abs());
+            lowest = least(lowest, height);
+            highest = most(highest, height);
+            extents[k / 3] = most(extents[k / 3], height.abs());
         }
         // A plane that all but coincides with one of the triangles, as where they share a corner, must not count as
         // outside what lies a hair above that triangle and hides it.
-        let rises = lesser(extents[0], extents[1]);
-        let side = lesser(OUTSIDE_OF_RISE * rises, OUTSIDE * size);
+        let rises = least(extents[0], extents[1]);
+        let side = least(OUTSIDE_OF_RISE * rises, OUTSIDE * size);
         let flat = 0.5 * side;
         let is_plane = (squared > flattest) & (side > tolerance);
-        let (above, below) = ((least >= -flat) & (most > flat), (most <= flat) & (least < -flat));
+        let (above, below) = ((lowest >= -flat) & (highest > flat), (highest <= flat) & (lowest < -flat));
         out.is_side[l] = u64::from(is_plane & (above | below));
         let sign = if above { 1.0 } else { -1.0 };
         for x in 0..3 {
@@ -1160,7 +1119,7 @@ fn stop(
     // Towards the inside of each side, and a point of it.
     let sides =
         |t: &[DVec3; 3], n: DVec3| [0, 1, 2].map(|k| (n.cross(t[(k + 1) % 3] - t[k]).to_array(), t[k].to_array()));
-    let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+    let normal = geometry::cross;
     for t in over {
         let sides = sides(t, normal(t));
         for l in 0..RAYS {
@@ -1199,20 +1158,14 @@ fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], sides: &Sides) -> u16 {
                     + n[2] * (corners[3 * k + 2][l] - origin[2])
             };
             let (a, b, c) = (height(0), height(1), height(2));
-            let most = if a > b { a } else { b };
-            let most = if most > c { most } else { c };
-            kept[l] &= u64::from(most > least);
+            kept[l] &= u64::from(most(most(a, b), c) > least);
             any |= kept[l];
         }
         if any == 0 {
             return 0;
         }
     }
-    let mut mask = 0;
-    for (l, &k) in kept.iter().enumerate() {
-        mask |= u16::from(k != 0) << l;
-    }
-    mask
+    mask(&kept)
 }
 
 /// Marks the rays of a group that an occluder stops strictly between their ends (Möller & Trumbore 1997), and those
@@ -1482,7 +1435,7 @@ mod tests {
             let mut cast = Cast::default();
             shaft.cast_near(obstacles, &sighting, 1 << 13, 1 << 17, 5, &mut cast);
             let across = (large[1] - large[0]).cross(large[2] - large[0]).normalize();
-            let from = crate::factor::contour::in_front(&small, large[0], across, 0.0).expect("it sees something");
+            let from = in_front(&small, large[0], across, 0.0).expect("it sees something");
             let part: f64 = (1..from.corners().len() - 1)
                 .map(|k| area(&[from.corners()[0], from.corners()[k], from.corners()[k + 1]]))
                 .sum();
@@ -1667,7 +1620,7 @@ mod tests {
         let sighting = shaft.sight(obstacles(&model, &walls), (0, &corners(0)), (2, &corners(2)));
         assert_eq!(sighting.between.len(), 1);
         let (small, large) = sighting.by_size();
-        let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+        let normal = geometry::cross;
         let span = |t: &[DVec3; 3]| [t[0], t[1] - t[0], t[2] - t[0]].map(|p| p.to_array());
         let spans = Spans {
             from: span(small),
