@@ -30,7 +30,12 @@ fn code(source: &str) -> String {
 /// First steps of the paths `crate::…` in some code: `a` and `b` of `use crate::a::C` and `use crate::{b, D}`.
 fn uses(code: &str) -> BTreeSet<String> {
     let is_word = |c: char| c.is_alphanumeric() || c == '_';
-    let word = |text: &str| text.trim_start().chars().take_while(|&c| is_word(c)).collect::<String>();
+    let word = |text: &str| {
+        text.trim_start()
+            .chars()
+            .take_while(|&c| is_word(c))
+            .collect::<String>()
+    };
     let mut found = BTreeSet::new();
     for (at, path) in code.match_indices("crate::") {
         // Macros name this crate by `$crate`; `hemicube_scene::crate::` and the like do not occur.
@@ -82,13 +87,21 @@ fn uses_of(src: &Path, names: &BTreeMap<&str, &str>) -> Uses {
     for file in files {
         let inside = file.strip_prefix(src).expect("beneath it");
         let first = inside.components().next().expect("a file").as_os_str();
-        let module = Path::new(first).file_stem().expect("a name").to_string_lossy().into_owned();
+        let module = Path::new(first)
+            .file_stem()
+            .expect("a name")
+            .to_string_lossy()
+            .into_owned();
         if module == "lib" {
             continue;
         }
         let source = std::fs::read_to_string(&file).expect("a source");
         let used = uses(&code(&source)).into_iter();
-        let used = used.map(|name| names.get(name.as_str()).map_or(name.clone(), |&module| module.to_owned()));
+        let used = used.map(|name| {
+            names
+                .get(name.as_str())
+                .map_or(name.clone(), |&module| module.to_owned())
+        });
         let own = found.entry(module.clone()).or_default();
         own.extend(used.filter(|name| *name != module));
     }
@@ -129,13 +142,22 @@ fn modules_use_only_those_above_them() {
     let text = std::fs::read_to_string(workspace().join("ARCHITECTURE.md")).expect("the architecture");
     let order = listed(&text);
     assert!(order.len() > 10 && order.contains(&"driver"), "{order:?}");
-    let names = BTreeMap::from([("Model", "model"), ("HierarchyOptions", "model"), ("ModelError", "model")]);
+    let names = BTreeMap::from([
+        ("Model", "model"),
+        ("HierarchyOptions", "model"),
+        ("ModelError", "model"),
+    ]);
     let mut uses = uses_of(&workspace().join("crates/hemicube/src"), &names);
     assert_eq!(upward(&uses, &order), Vec::<String>::new());
-    assert!(uses["driver"].contains("accuracy") && uses["sky"].contains("driver"), "{uses:?}");
+    assert!(
+        uses["driver"].contains("accuracy") && uses["sky"].contains("driver"),
+        "{uses:?}"
+    );
 
     // A circle is noticed, and so is a module that the list does not have.
-    uses.get_mut("accuracy").expect("the module").insert("driver".to_owned());
+    uses.get_mut("accuracy")
+        .expect("the module")
+        .insert("driver".to_owned());
     assert_eq!(upward(&uses, &order), ["`accuracy` uses `driver`"]);
     uses.insert("new".to_owned(), BTreeSet::new());
     assert_eq!(upward(&uses, &order).len(), 2);

@@ -5,12 +5,12 @@ use crate::exit::hinted;
 use crate::report::percent;
 use anyhow::{Result, anyhow};
 use hemicube::Model;
-use hemicube::driver::calibrate::Calibration;
 use hemicube::accuracy::correct::Correction;
-use hemicube::driver::level::{Asked, LevelError};
-pub(crate) use hemicube::driver::level::percentage;
 use hemicube::backend::HemicubeBackend;
+use hemicube::driver::calibrate::Calibration;
 use hemicube::driver::compute::{Execution, Selection};
+pub(crate) use hemicube::driver::level::percentage;
+use hemicube::driver::level::{Asked, LevelError};
 
 /// The correction of a name.
 pub(crate) fn correction(name: Name) -> Correction {

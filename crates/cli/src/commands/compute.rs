@@ -565,7 +565,7 @@ fn explain(error: JobError) -> anyhow::Error {
             anyhow!("no row is left to compute: `--rows`, `--emitters` and `--occluders` together exclude every patch")
         }
         JobError::Compute(error) => error.into(),
-        JobError::Rows(failed) => explain_rows(failed),
+        JobError::Rows(failed) => explain_rows(*failed),
         JobError::Store(error) => error.into(),
         error => error.into(),
     }
@@ -879,9 +879,7 @@ fn report_of(
             patch: patch.0,
             seconds: took.as_secs_f64(),
         }),
-        rows_per_second: timings
-            .filter(|_| seconds > 0.0)
-            .map(|_| summary.rows as f64 / seconds),
+        rows_per_second: timings.filter(|_| seconds > 0.0).map(|_| summary.rows as f64 / seconds),
         effort: tally.effort.clone(),
         counters: summary.counters,
         verification: None,

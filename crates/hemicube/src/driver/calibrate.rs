@@ -1,13 +1,13 @@
-//! What a tolerance takes on a given scene: the resolution and the effort, from a seeded sample of its rows.
+//! Calibration of a tolerance on a scene: effort and resolution, from a seeded sample of its rows.
 //!
-//! A few hundred rows from one hemicube each tell the norm that the tolerance is a share of; some dozens of them, held
-//! against rays, how far visible fractions from one hemicube are off in this scene
-//! ([`crate::accuracy::correct::PriorVariances`]). Then efforts, from the cheapest on, are tried on some rows against
-//! the same rows with a quarter of the tolerance: the first that keeps the tolerance with a margin is taken. Everything
-//! depends on the scene, the settings and the seed: never on a clock.
+//! 256 rows, from one hemicube each, tell the norm that the tolerance is relative to. 64 of them, compared with rays,
+//! tell the error of visible fractions from one hemicube in this scene: the prior variances
+//! ([`crate::accuracy::correct::PriorVariances`]). Efforts are then tried on these rows, from the cheapest on, against
+//! the same rows with a quarter of the tolerance. The first that keeps the tolerance with a margin is taken.
+//! Everything depends on the scene, the settings and the seed, never on a clock.
 //!
-//! No settled tolerance in the store, because settling again from its seed comes to the same and takes seconds; a
-//! stored one would be a second truth.
+//! No calibration in the store, because calibrating again from its seed gives the same and takes seconds; a stored one
+//! would be a second truth.
 
 use crate::Model;
 use crate::accuracy::correct::fraction;
@@ -19,7 +19,7 @@ use crate::row::{RowBlock, RowView};
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// What to compute with so that a tolerance is kept.
+/// An effort and a resolution for a tolerance, with the errors found for them.
 ///
 /// ```
 /// use hemicube::InputPatch;
@@ -32,24 +32,24 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// // Over all rows and columns of the room.
 /// let emitters: Vec<InputPatch> = model.order().collect();
 /// let mut backend = CpuBackend::new();
-/// let settled = calibrate(&model, &emitters, &|_| true, true, 0.01, &mut backend, Execution::default())?;
-/// assert!(settled.keeps(0.01) && !settled.keeps(0.001), "enough for what was asked, and no more");
-/// assert!(settled.rows > 0 && settled.expected <= settled.at_most, "{}", settled.reason);
+/// let found = calibrate(&model, &emitters, &|_| true, true, 0.01, &mut backend, Execution::default())?;
+/// assert!(found.keeps(0.01) && !found.keeps(0.001), "enough for what was asked, and no more");
+/// assert!(found.rows > 0 && found.expected <= found.at_most, "{}", found.reason);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    /// How to refine rows, with what was learnt of the scene.
+    /// Refinement of the rows, with the scene's norm and prior variances.
     pub refinement: Refinement,
     /// Pixels along an edge of the hemicube.
     pub resolution: u32,
-    /// The relative Frobenius error that the rows tried had; 0 where none was tried.
+    /// Relative Frobenius error of the rows tried; 0 where none was tried.
     pub expected: f64,
-    /// The same with a margin of standard errors for the rows not tried.
+    /// `expected` with 1.5 standard errors added, for the rows not tried.
     pub at_most: f64,
-    /// Rows that were tried.
+    /// Number of rows tried.
     pub rows: usize,
-    /// The same in words.
+    /// Effort, resolution and errors in words.
     pub reason: String,
 }
 
@@ -60,61 +60,48 @@ impl Calibration {
     }
 }
 
+/// Rows that the norm is estimated from.
 const NORM_ROWS: usize = 256;
+/// Rows of them that efforts are tried on.
 const TRIED_ROWS: usize = 64;
-/// Standard errors that are added to what the rows tried have.
+/// Standard errors added to the error of the rows tried.
 const SURE: f64 = 1.5;
 /// Patches of a scene, and the tolerance, up to which every pair is measured by itself.
 const SMALL: usize = 400;
 const FINE: f64 = 2e-3;
-/// What the rows tried must have of the tolerance at most, for the sake of those not tried.
+/// Share of the tolerance that the rows tried may have, for the sake of the others.
 const MARGIN: f64 = 0.82;
-/// The finer of the resolutions of [`RUNGS`].
-const FINEST: u32 = 128;
-/// How much further an error may fall than in proportion to the effort.
+/// Slack in the rule that an error falls in proportion to the effort at most.
 const SLACK: f64 = 1.15;
-/// No more than this is believed of rows that do so much better or worse than was expected of them.
+/// Bounds of the ratio of a found to an expected squared error: rows tried are too few to believe more.
 const LEAST_ESTIMATE: f64 = 0.05;
 const MOST_ESTIMATE: f64 = 4.0;
+/// Seed of the sample.
 const SEED: u64 = 0x7E57_0F70;
 
-/// Effort and resolution, from the cheapest to the dearest. Even the cheapest looks for pairs that its hemicube missed:
-/// few rows of a scene have any, and a sample may have none of these.
-const RUNGS: [(f64, u32); 24] = [
-    (8.0, 64),
-    (4.0, 64),
-    (2.5, 64),
-    (1.8, 128),
-    (1.6, 128),
-    (1.4, 128),
-    (1.2, 128),
-    (1.1, 128),
-    (1.0, 128),
-    (0.95, 128),
-    (0.9, 128),
-    (0.85, 128),
-    (0.8, 128),
-    (0.75, 128),
-    (0.7, 128),
-    (0.62, 128),
-    (0.55, 128),
-    (0.48, 128),
-    (0.42, 128),
-    (0.36, 128),
-    (0.3, 128),
-    (0.25, 128),
-    (0.21, 128),
-    (0.18, 128),
+/// Efforts, from the cheapest to the dearest. Even the cheapest looks for pairs missed by its hemicube: few rows of a
+/// scene have any, and a sample may have none of these.
+const EFFORTS: [f64; 24] = [
+    8.0, 4.0, 2.5, 1.8, 1.6, 1.4, 1.2, 1.1, 1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.62, 0.55, 0.48, 0.42, 0.36, 0.3,
+    0.25, 0.21, 0.18,
 ];
+/// Pixels along an edge for efforts above [`COARSE_EFFORT`], and for the others.
+const COARSE: u32 = 64;
+const FINEST: u32 = 128;
+const COARSE_EFFORT: f64 = 2.0;
 
-/// One row as a rung has it.
+fn resolution_of(effort: f64) -> u32 {
+    if effort > COARSE_EFFORT { COARSE } else { FINEST }
+}
+
+/// Columns and form factors of a row at some effort.
 type Row = Vec<(u32, f64)>;
 
-/// Finds what keeps `tolerance` over the rows of `emitters`. How it is run does not change it.
+/// Finds the effort and resolution that keep `tolerance` over the rows of `emitters`. Threads do not change them.
 ///
 /// # Errors
-/// When the backend fails or breaks the contract, and [`ComputeError::Cancelled`] when it is told to end: half of what
-/// is looked at is no answer.
+/// When the backend fails or breaks the contract, and [`ComputeError::Cancelled`] when it is cancelled: half a sample
+/// is no answer.
 pub fn calibrate(
     model: &Model,
     emitters: &[InputPatch],
@@ -124,107 +111,172 @@ pub fn calibrate(
     backend: &mut dyn HemicubeBackend,
     execution: Execution<'_>,
 ) -> Result<Calibration, ComputeError> {
-    let go_on = || {
-        if execution.is_cancelled() {
-            Err(ComputeError::Cancelled)
-        } else {
-            Ok(())
-        }
-    };
     if model.patches().len() <= SMALL && tolerance <= FINE {
-        // Few enough to look at every pair, and whoever asks for so much of so few wants each pair right.
-        let each = Refinement {
-            each: true,
-            rule: FactorRule::for_tolerance(tolerance * 0.1),
-            ..Refinement::for_tolerance(tolerance)
-        };
-        return Ok(Calibration {
-            refinement: each,
-            resolution: 128,
-            expected: 0.0,
-            at_most: 0.0,
-            rows: 0,
-            reason: format!(
-                "every pair measured to the tolerance by itself, as there are only {} patches",
-                model.patches().len()
-            ),
-        });
+        return Ok(each_pair(model, tolerance));
     }
     // A patch without area has no hemicube.
     let mut rows = sample(emitters, NORM_ROWS, SEED);
     rows.retain(|&row| !model.hemicubes(row, 1, rotate).is_empty());
-    let tried: Vec<usize> = {
-        let stride = rows.len().div_ceil(TRIED_ROWS).max(1);
-        (0..rows.len()).step_by(stride).collect()
+    let stride = rows.len().div_ceil(TRIED_ROWS).max(1);
+    let sample = Sample {
+        tried: (0..rows.len()).step_by(stride).collect(),
+        coarse: hemicubes(model, &rows, rotate, COARSE, backend)?,
+        fine: hemicubes(model, &rows, rotate, FINEST, backend)?,
+        rows,
+        model,
+        receives,
+        tolerance,
+        execution,
     };
-    let coarse = hemicubes(model, &rows, rotate, 64, backend)?;
-    let fine = hemicubes(model, &rows, rotate, 128, backend)?;
-    let plain = Refinement {
-        effort: f64::INFINITY,
-        ..Refinement::for_tolerance(tolerance)
+    let known = sample.learn()?;
+    let exact = sample.exact(known)?;
+    let mut calibration = sample.search(known, &exact)?;
+    let percent = |x: f64| format!("{:.3} %", 100.0 * x);
+    let verdict = if calibration.keeps(tolerance) {
+        ""
+    } else {
+        "; more than was asked for, and the most that is tried"
     };
-    let mut refiner = Refiner::new(plain, execution.cancel);
-    let mut norm = 0.0;
-    for (k, &row) in rows.iter().enumerate() {
-        go_on()?;
-        norm += refiner.row(model, row, seen(fine.row(k)), false, receives).squared_norm;
+    calibration.reason = format!(
+        "visible fractions refined with effort {}, N = {}: {} off on {} rows tried, at most about {}{verdict}",
+        calibration.refinement.effort,
+        calibration.resolution,
+        percent(calibration.expected),
+        calibration.rows,
+        percent(calibration.at_most),
+    );
+    Ok(calibration)
+}
+
+/// Every pair measured to the tolerance by itself: for scenes with few pairs, and a tolerance that wants each right.
+fn each_pair(model: &Model, tolerance: f64) -> Calibration {
+    Calibration {
+        refinement: Refinement {
+            each: true,
+            rule: FactorRule::for_tolerance(tolerance * 0.1),
+            ..Refinement::for_tolerance(tolerance)
+        },
+        resolution: FINEST,
+        expected: 0.0,
+        at_most: 0.0,
+        rows: 0,
+        reason: format!(
+            "every pair measured to the tolerance by itself, as there are only {} patches",
+            model.patches().len()
+        ),
     }
-    let mean_squared_norm = norm / rows.len().max(1) as f64;
-    let escaped: u64 = (0..rows.len()).map(|k| u64::from(fine.row(k).escaped)).sum();
-    let known = Refinement {
-        mean_squared_norm,
-        open: escaped as f64 > tolerance * f64::from(WHOLE) * rows.len() as f64,
-        all: model.patches().len() <= SMALL,
-        ..Refinement::for_tolerance(tolerance)
-    };
-    let mut sums = PriorSums::default();
-    let mut refiner = Refiner::new(known, execution.cancel);
-    for &k in &tried {
-        go_on()?;
-        refiner.survey(model, rows[k], seen(fine.row(k)), receives, &mut sums);
-    }
-    let known = Refinement {
-        priors: sums.priors(),
-        ..known
-    };
-    // What a squared error is worth follows from the error that an effort stands for.
-    let priced = |refinement: Refinement| -> Result<Refinement, ComputeError> {
-        let mut refiner = Refiner::new(refinement, execution.cancel);
-        let asked: Vec<usize> = if refinement.all {
-            (0..rows.len()).collect()
+}
+
+/// A sample of a scene's rows, one hemicube each at both resolutions.
+struct Sample<'a> {
+    model: &'a Model,
+    receives: &'a (dyn Fn(u32) -> bool + Sync),
+    tolerance: f64,
+    execution: Execution<'a>,
+    rows: Vec<InputPatch>,
+    /// Places in `rows` of the rows that efforts are tried on.
+    tried: Vec<usize>,
+    coarse: RowBlock,
+    fine: RowBlock,
+}
+
+impl Sample<'_> {
+    fn go_on(&self) -> Result<(), ComputeError> {
+        if self.execution.is_cancelled() {
+            Err(ComputeError::Cancelled)
         } else {
-            tried.clone()
+            Ok(())
+        }
+    }
+
+    fn refiner(&self, refinement: Refinement) -> Refiner<'_> {
+        Refiner::new(refinement, self.execution.cancel)
+    }
+
+    /// A refinement that knows the scene's norm, whether it is open, and its prior variances.
+    fn learn(&self) -> Result<Refinement, ComputeError> {
+        let Self { model, receives, .. } = self;
+        let (count, patch_count) = (self.rows.len(), model.patches().len());
+        let plain = Refinement {
+            effort: f64::INFINITY,
+            ..Refinement::for_tolerance(self.tolerance)
+        };
+        let mut refiner = self.refiner(plain);
+        let mut norm = 0.0;
+        for (k, &row) in self.rows.iter().enumerate() {
+            self.go_on()?;
+            norm += refiner
+                .row(model, row, seen(self.fine.row(k)), false, receives)
+                .squared_norm;
+        }
+        let escaped: u64 = (0..count).map(|k| u64::from(self.fine.row(k).escaped)).sum();
+        let known = Refinement {
+            mean_squared_norm: norm / count.max(1) as f64,
+            open: escaped as f64 > self.tolerance * f64::from(WHOLE) * count as f64,
+            all: patch_count <= SMALL,
+            ..Refinement::for_tolerance(self.tolerance)
+        };
+        let mut sums = PriorSums::default();
+        let mut refiner = self.refiner(known);
+        for &k in &self.tried {
+            self.go_on()?;
+            refiner.survey(model, self.rows[k], seen(self.fine.row(k)), receives, &mut sums);
+        }
+        Ok(Refinement {
+            priors: sums.priors(),
+            ..known
+        })
+    }
+
+    /// `known` at an effort, with the price of a squared error that follows from it.
+    fn priced(&self, known: Refinement, effort: f64) -> Result<Refinement, ComputeError> {
+        let refinement = Refinement { effort, ..known };
+        let mut refiner = self.refiner(refinement);
+        let asked = if refinement.all {
+            (0..self.rows.len()).collect()
+        } else {
+            self.tried.clone()
         };
         let mut expected_errors = Vec::with_capacity(asked.len());
         for k in asked {
-            go_on()?;
-            expected_errors.push(refiner.expected_errors(model, rows[k], seen(fine.row(k)), receives));
+            self.go_on()?;
+            let seen = seen(self.fine.row(k));
+            expected_errors.push(refiner.expected_errors(self.model, self.rows[k], seen, self.receives));
         }
         Ok(refinement.priced(&expected_errors))
-    };
-    let row_of = |refiner: &mut Refiner<'_>, block: &RowBlock, k: usize| {
-        let refined = refiner.row(model, rows[k], seen(block.row(k)), false, receives);
+    }
+
+    /// The k-th row refined, and its expected squared error.
+    fn refined(&self, refiner: &mut Refiner<'_>, block: &RowBlock, k: usize) -> (Row, f64) {
+        let refined = refiner.row(self.model, self.rows[k], seen(block.row(k)), false, self.receives);
         (values(&refiner.pairs), refined.squared_error)
-    };
-    let finest = Refinement {
-        rule: FactorRule::for_tolerance(tolerance * 0.1),
-        ..priced(Refinement { effort: 0.25, ..known })?
-    };
-    let exact: Vec<Row> = side_by_side(execution, finest, &tried, |refiner, k| row_of(refiner, &fine, k).0);
-    go_on()?;
-    let norm = mean_squared_norm.max(f64::MIN_POSITIVE);
-    let numbered: Vec<usize> = (0..tried.len()).collect();
-    let try_rung = |(effort, resolution): (f64, u32)| -> Result<Calibration, ComputeError> {
-        let refinement = priced(Refinement { effort, ..known })?;
-        // Where all pairs are measured, hemicubes only say what escapes and what is blocked, and no rung need save
-        // there.
-        let resolution = if known.all { FINEST } else { resolution };
-        let block = if resolution == 64 { &coarse } else { &fine };
-        let found: Vec<(f64, f64)> = side_by_side(execution, refinement, &numbered, |refiner, n| {
-            let (row, expected) = row_of(refiner, block, tried[n]);
+    }
+
+    /// The rows tried, with a quarter of the tolerance.
+    fn exact(&self, known: Refinement) -> Result<Vec<Row>, ComputeError> {
+        let finest = Refinement {
+            rule: FactorRule::for_tolerance(self.tolerance * 0.1),
+            ..self.priced(known, 0.25)?
+        };
+        let exact = side_by_side(self.execution, finest, &self.tried, |refiner, k| {
+            self.refined(refiner, &self.fine, k).0
+        });
+        self.go_on()?;
+        Ok(exact)
+    }
+
+    /// Tries an effort: the error of the rows tried, relative to the norm of all.
+    fn try_effort(&self, known: Refinement, exact: &[Row], effort: f64) -> Result<Calibration, ComputeError> {
+        let refinement = self.priced(known, effort)?;
+        // Where all pairs are measured, hemicubes only tell escaped and blocked shares: coarse ones would save nothing.
+        let resolution = if known.all { FINEST } else { resolution_of(effort) };
+        let block = if resolution == COARSE { &self.coarse } else { &self.fine };
+        let numbered: Vec<usize> = (0..self.tried.len()).collect();
+        let found: Vec<(f64, f64)> = side_by_side(self.execution, refinement, &numbered, |refiner, n| {
+            let (row, expected) = self.refined(refiner, block, self.tried[n]);
             (squared_difference(&row, &exact[n]), expected)
         });
-        go_on()?;
+        self.go_on()?;
         let (errors, expected): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
         let (squared, expected): (f64, f64) = (errors.iter().sum(), expected.iter().sum());
         #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
@@ -233,6 +285,7 @@ pub fn calibrate(
         } else {
             1.0
         };
+        let norm = known.mean_squared_norm.max(f64::MIN_POSITIVE);
         let count = errors.len().max(1) as f64;
         let mean = errors.iter().sum::<f64>() / count;
         let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
@@ -244,38 +297,30 @@ pub fn calibrate(
             rows: errors.len(),
             reason: String::new(),
         })
-    };
-    let [cheapest, dearer @ ..] = RUNGS;
-    let mut settled = try_rung(cheapest)?;
-    let [.., dearest] = RUNGS;
-    for rung in dearer {
-        if settled.at_most <= MARGIN * tolerance {
-            break;
-        }
-        // An error falls with the effort at most: what cannot do is not tried.
-        let hope = rung.0 / settled.refinement.effort * settled.at_most;
-        if hope <= SLACK * MARGIN * tolerance || rung == dearest || rung.1 != settled.resolution {
-            settled = try_rung(rung)?;
-        }
     }
-    let percent = |x: f64| format!("{:.3} %", 100.0 * x);
-    let verdict = if settled.keeps(tolerance) {
-        ""
-    } else {
-        "; more than was asked for, and the most that is tried"
-    };
-    settled.reason = format!(
-        "visible fractions refined with effort {}, N = {}: {} off on {} rows tried, at most about {}{verdict}",
-        settled.refinement.effort,
-        settled.resolution,
-        percent(settled.expected),
-        settled.rows,
-        percent(settled.at_most),
-    );
-    Ok(settled)
+
+    /// The cheapest effort that keeps the tolerance with a margin, otherwise the dearest.
+    fn search(&self, known: Refinement, exact: &[Row]) -> Result<Calibration, ComputeError> {
+        let [cheapest, dearer @ ..] = EFFORTS;
+        let [.., dearest] = EFFORTS;
+        let most = MARGIN * self.tolerance;
+        let mut found = self.try_effort(known, exact, cheapest)?;
+        for effort in dearer {
+            if found.at_most <= most {
+                break;
+            }
+            // An error falls with the effort at most: an effort that cannot do is not tried.
+            let hope = effort / found.refinement.effort * found.at_most;
+            if hope <= SLACK * MARGIN * self.tolerance || effort == dearest || resolution_of(effort) != found.resolution
+            {
+                found = self.try_effort(known, exact, effort)?;
+            }
+        }
+        Ok(found)
+    }
 }
 
-/// `of` each of `items`, in order, by several threads with a refiner each; of some only, where it is told to end.
+/// `of` each of `items`, in order, on several threads with a refiner each; of some only, where it is cancelled.
 fn side_by_side<T: Send>(
     execution: Execution<'_>,
     refinement: Refinement,

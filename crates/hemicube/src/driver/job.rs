@@ -29,14 +29,13 @@ use std::sync::atomic::AtomicBool;
 /// A request for rows of a scene's matrix. The default asks for all rows by the area correction.
 ///
 /// ```
-/// use hemicube::HierarchyOptions;
 /// use hemicube::driver::input::SceneInput;
 /// use hemicube::driver::job::{Job, Sessions};
 /// use hemicube_backend_cpu::CpuBackend;
 /// use hemicube_scene::{Subdivision, generate};
 ///
 /// let scene = SceneInput::new(generate::cornell_box(), "room.obj", Subdivision::Split(2).into())?;
-/// let model = scene.model(HierarchyOptions::default())?;
+/// let model = scene.model(Default::default())?;
 /// let job = Job { emitters: vec!["light".to_owned()], ..Job::default() };
 /// let parts = job.rows(&scene, &model, Sessions::new(CpuBackend::new))?;
 /// assert_eq!(parts.iter().map(|part| part.rows.len()).sum::<usize>(), 8);
@@ -214,7 +213,7 @@ pub enum JobError {
     Compute(#[from] ComputeError),
     /// Rows of a store failed.
     #[error(transparent)]
-    Rows(#[from] RowsFailed),
+    Rows(#[from] Box<RowsFailed>),
     /// The store cannot be made, resumed, finished or read.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -396,17 +395,18 @@ impl Job {
     ///
     /// # Errors
     /// As [`Self::prepare`], [`Run::open`] and [`StoreRun::compute`].
-    pub fn store<'p>(
+    pub fn store(
         &self,
         scene: &SceneInput,
         model: &Model,
         sessions: Sessions,
-        place: impl Into<StorePlace<'p>>,
+        directory: &Path,
     ) -> Result<Store, JobError> {
-        let (place, listener): (StorePlace<'p>, PartListener<'_>) = (place.into(), &mut |_| {});
+        let listener: PartListener<'_> = &mut |_| {};
         let run = self.prepare(scene, model, sessions, &())?;
-        run.open(scene, place, listener, &())?.compute(listener, &())?;
-        Ok(Store::open(place.directory)?)
+        run.open(scene, directory.into(), listener, &())?
+            .compute(listener, &())?;
+        Ok(Store::open(directory)?)
     }
 }
 
@@ -491,7 +491,9 @@ impl<'m> Run<'m> {
             shard,
         } = place;
         let patches = self.model.patches();
-        let header = self.settings.header(scene, patches, &scene.file, &self.plan, self.backend.info())?;
+        let header = self
+            .settings
+            .header(scene, patches, &scene.file, &self.plan, self.backend.info())?;
         let table = PatchTable::new(scene, patches);
         let (writer, kept) = if overwrite {
             (StoreWriter::create(directory, header, &table, true)?, Kept::default())
@@ -560,7 +562,7 @@ impl StoreRun<'_> {
         let writer = sink.writer;
         let summary = match computed {
             Ok(summary) => summary,
-            Err(source) => return Err(RowsFailed::new(source, writer).into()),
+            Err(source) => return Err(Box::new(RowsFailed::new(source, writer)).into()),
         };
         let directory = writer.directory().to_owned();
         let _stage = InStage::begin(observer, Stage::Finish);
