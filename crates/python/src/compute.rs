@@ -17,7 +17,7 @@ use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-/// Pixels along an edge where nobody says: sums of pixels need more than fractions of them.
+/// Default pixels along an edge: sums of pixels need more than fractions of them.
 const RESOLUTION_OF_PIXEL: u32 = 256;
 const RESOLUTION_OF_FRACTIONS: u32 = 128;
 
@@ -139,7 +139,7 @@ impl Request {
         }
     }
 
-    /// The matrix in a store, which the next run goes on with if this one ends early.
+    /// The matrix in a store. An interrupted run is resumed by the next one.
     fn stored(&self, run: Run<'_>, scene: &Scene, directory: &Path, observer: &Attended<'_>) -> PyResult<Matrix> {
         let place = StorePlace {
             directory,
@@ -180,28 +180,33 @@ fn interrupted() -> PyErr {
     PyKeyboardInterrupt::new_err("the computation was cancelled")
 }
 
-/// The form-factor matrix of a scene: F[i, j] is the fraction of what leaves patch i that reaches patch j.
+/// The form-factor matrix of a scene: F[i, j] is the fraction of the diffuse energy leaving patch i that reaches patch
+/// j.
 ///
-/// `tolerance` names the relative Frobenius error to aim at (0.01 is 1 %), and everything else follows from it. Without
-/// it, `correction` says what form factors are made of ('pixel', 'point' or 'area'), `resolution` how many pixels an
-/// edge of the hemicube has, and `samples` how many hemicubes a patch gets (1, 4, 9…).
+/// `tolerance` is the relative Frobenius error to aim at (0.01 is 1 %); everything else follows from it. Without it,
+/// `correction` is how weights become form factors ('pixel', 'point' or 'area'), `resolution` the number of pixels
+/// along an edge of the hemicube, and `samples` the number of hemicubes of a patch (1, 4, 9…).
 ///
 /// `rows=(start, end)` or `sample_rows` (drawn by `seed`) computes some rows only; `emitters`, `receivers` and
-/// `occluders` are lists of globs for names of objects and materials that have rows, have columns, or have neither.
-/// `min_factor` leaves smaller form factors out, and the others of their row share what they carried.
+/// `occluders` are lists of globs for names of objects and materials with rows, with columns, or with neither. Form
+/// factors below `min_factor` are left out, and their sum is shared by the others of their row.
 ///
-/// Without `output` the matrix is in memory. With it, it is a store in that directory, the same bytes that the program
-/// `hemicube compute` writes, and an interrupted run goes on where it stopped; `store='compact'` takes a third of the
-/// room.
+/// Without `output` the matrix is in memory. With it, it is a store in that directory, with the bytes of the program's
+/// `hemicube compute`, and an interrupted run is resumed by the next one; `store='compact'` takes a third of the room.
 ///
 /// From a million patches on, the store is compact and form factors below 1e-7 are left out, unless `store` and
 /// `min_factor` say otherwise, or a tolerance below 0.3 % is asked for.
 ///
-/// `progress(done, total)` is called with rows every now and then. Ctrl-C ends the run: parts that are finished stay in
-/// the store. Neither `threads` nor `batch` nor `culling` changes a bit of the result. Other Python threads run
+/// `progress(done, total)` is called with numbers of rows some times a second. Ctrl-C ends the run: finished parts stay
+/// in the store. Neither `threads` nor `batch` nor `culling` changes a bit of the result. Other Python threads run
 /// meanwhile.
 #[pyfunction]
-#[pyo3(signature = (scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None, sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), min_factor=None, output=None, store=None, overwrite=false, backend="cpu", backend_dir=None, backend_options=None, engine="auto", culling=None, batch=0, threads=0, progress=None))]
+#[pyo3(signature = (
+    scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None,
+    sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), min_factor=None,
+    output=None, store=None, overwrite=false, backend="cpu", backend_dir=None, backend_options=None, engine="auto",
+    culling=None, batch=0, threads=0, progress=None
+))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn compute(
     py: Python<'_>,

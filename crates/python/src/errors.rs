@@ -1,4 +1,4 @@
-//! Our errors as Python's exceptions: classes of `hemicube._errors`, our messages.
+//! Errors as Python's exceptions: classes of `hemicube._errors` with the library's messages.
 
 use hemicube::driver::compute::ComputeError;
 use hemicube::driver::input::InputError;
@@ -17,13 +17,13 @@ use std::io;
 /// A class of `hemicube._errors`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Class {
-    /// What was given cannot be used.
+    /// An argument cannot be used.
     Input,
     /// The operating system refused.
     File,
     /// A file or directory is not there.
     NotFound,
-    /// What a store or file holds cannot be used, or not for this.
+    /// A store's or file's content cannot be used, or not for this.
     Store,
     /// A backend failed, or is not there.
     Backend,
@@ -55,7 +55,7 @@ impl Class {
                 .and_then(|class| Ok(class.cast_into::<PyType>()?));
             match class {
                 Ok(class) => PyErr::from_type(class, message),
-                // The package is incomplete; the message is what counts.
+                // An incomplete package; the message is more important.
                 Err(_) => PyRuntimeError::new_err(message),
             }
         })
@@ -77,7 +77,7 @@ fn message(error: &dyn Error) -> String {
     text
 }
 
-/// What was given cannot be used.
+/// An argument that cannot be used.
 pub(crate) fn input(message: impl Into<String>) -> PyErr {
     Class::Input.raise(message.into())
 }

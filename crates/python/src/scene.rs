@@ -74,7 +74,7 @@ pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
 
-/// A scene: triangles cut into the patches that rows and columns of a matrix are of.
+/// A scene: triangles cut into patches, which rows and columns of a matrix are of.
 ///
 /// Vertices are (n, 3) numbers, triangles (m, 3) indices into them, counter-clockwise seen from the front. `object` and
 /// `material` are ids of each triangle, which `objects` and `materials` name. A `two_sided` triangle, all of them or
@@ -141,7 +141,7 @@ impl Scene {
     }
 }
 
-/// What was dropped, if anything was.
+/// The dropped triangles, if any, for a warning.
 fn dropped(report: &RepairReport) -> Option<String> {
     let list: Vec<String> = [
         (report.non_finite, "without finite coordinates"),
@@ -155,7 +155,7 @@ fn dropped(report: &RepairReport) -> Option<String> {
     (!list.is_empty()).then(|| format!("triangles dropped: {}", list.join(", ")))
 }
 
-/// Ids from 0 on, of things that are named or are called by their numbers.
+/// Ids from 0 on, of things named or called by their numbers.
 fn named(ids: &[i64], names: Option<Vec<String>>, what: &str) -> PyResult<(Vec<u32>, Vec<String>)> {
     let most = ids.iter().copied().max().unwrap_or(0);
     let names = names.unwrap_or_else(|| {
@@ -179,7 +179,10 @@ fn named(ids: &[i64], names: Option<Vec<String>>, what: &str) -> PyResult<(Vec<u
 #[pymethods]
 impl Scene {
     #[new]
-    #[pyo3(signature = (vertices, triangles, *, object=None, material=None, objects=None, materials=None, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
+    #[pyo3(signature = (
+        vertices, triangles, *, object=None, material=None, objects=None, materials=None, two_sided=None, flip=None,
+        up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false
+    ))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn new(
         py: Python<'_>,
@@ -269,10 +272,13 @@ impl Scene {
 
     /// The scene in a file: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON).
     ///
-    /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), where
-    /// None does as the file says; `up` is for files that do not say, or are wrong. The rest is as for arrays.
+    /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), by
+    /// default (None) as the file says; `up` is for files that do not say, or are wrong. The rest is as for arrays.
     #[classmethod]
-    #[pyo3(signature = (path, *, scale=1.0, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
+    #[pyo3(signature = (
+        path, *, scale=1.0, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None,
+        keep_duplicates=false
+    ))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn load(
         _class: &Bound<'_, PyType>,
@@ -320,13 +326,13 @@ impl Scene {
             seed,
         };
         let mut scene = py.detach(|| generate(spec)).map_err(|error| errors::scene(&error))?;
-        // How near it comes is no surprise.
+        // The number of patches is approximate by nature.
         scene.findings.warnings.clear();
         let file = PathBuf::from(format!("{kind}.generated"));
         Self::ready(py, scene, file, SceneSettings::default())
     }
 
-    /// How many patches there are: rows and columns of a matrix.
+    /// Number of patches: rows and columns of a matrix.
     fn __len__(&self) -> usize {
         self.patches.len()
     }
@@ -351,13 +357,13 @@ impl Scene {
         self.vectors(py, |patch| self.patches.centroid(patch))
     }
 
-    /// Unit normal of each patch, away from the side that radiates: (n, 3).
+    /// Unit normal of each patch, away from its radiating side: (n, 3).
     #[getter]
     fn normals(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
         self.vectors(py, |patch| self.patches.normal(patch))
     }
 
-    /// Corners of each patch, counter-clockwise seen from the side that radiates: (n, 3, 3).
+    /// Corners of each patch, counter-clockwise seen from its radiating side: (n, 3, 3).
     #[getter]
     fn corners(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f64>>> {
         let corners = self.patches.iter().flat_map(|patch| self.patches.corners(patch));
@@ -367,7 +373,7 @@ impl Scene {
             .unbind())
     }
 
-    /// The triangle of the arrays, or the face of the file, that each patch is of: (n,), from 0.
+    /// The triangle of the arrays, or the face of the file, of each patch: (n,), from 0.
     #[getter]
     fn face(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
         self.by_triangle(py, |triangle| triangle.face)
@@ -385,7 +391,7 @@ impl Scene {
         self.by_triangle(py, |triangle| triangle.material)
     }
 
-    /// The side of its triangle that each patch is: (n,), 0 the front, 1 the back.
+    /// The side of its triangle of each patch: (n,), 0 the front, 1 the back.
     #[getter]
     fn side(&self, py: Python<'_>) -> Py<PyArray1<u8>> {
         let side = |patch| match self.patches.side(patch) {
@@ -411,7 +417,7 @@ impl Scene {
             .collect()
     }
 
-    /// The axis that points up: 'x', 'y', 'z', or None where nobody said.
+    /// The axis that points up: 'x', 'y', 'z', or None if unknown.
     #[getter]
     fn up(&self) -> Option<&'static str> {
         self.input.up_name()

@@ -42,15 +42,15 @@ struct Report {
     repair: RepairCounts,
     store: String,
     form: Form,
-    /// By how much of itself a form factor may be off what was computed, by the store's form.
+    /// Relative rounding error of a form factor, by the store's form.
     value_error: f64,
     bytes: u64,
     complete: bool,
-    /// Which share of the rows this is.
+    /// The share of the rows computed by this process.
     #[serde(skip_serializing_if = "Option::is_none")]
     shard: Option<String>,
     parts: u64,
-    /// Those of them that an earlier run had computed.
+    /// Parts resumed from an earlier run.
     parts_kept: u32,
     part_count: u64,
     rows: u64,
@@ -63,27 +63,27 @@ struct Report {
     unselected: f64,
     rows_mostly_blocked: u64,
     closure: f64,
-    /// Relative Frobenius error that the rows are expected to have, where their rung estimates it.
+    /// Expected relative Frobenius error of the rows, at accuracy levels that estimate it.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected_error: Option<f64>,
-    /// What leaving out small form factors did, where that was asked for.
+    /// Effect of leaving out small form factors, where that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     thinning: Option<Thinning>,
-    /// Rays and points that visible fractions were measured with.
+    /// Rays and points spent on visible fractions.
     rays: u64,
-    /// Entries computed by this run that are a visible fraction of a closed form, not a sum of pixels.
+    /// Entries of this run that are a visible fraction of a closed form, not a sum of pixels.
     corrected: u64,
-    /// Pairs among them of which a part only is visible.
+    /// Partially visible pairs among them.
     partial: u64,
-    /// Rows of this run that their budget of work ended before all pairs worth it were measured.
+    /// Rows of this run that met the bound on their work before all pairs worth it were measured.
     cut_short: u64,
-    /// The row of this run that took longest.
+    /// The slowest row of this run.
     #[serde(skip_serializing_if = "Option::is_none")]
     slowest_row: Option<SlowestRow>,
     /// Rows of this run by second.
     #[serde(skip_serializing_if = "Option::is_none")]
     rows_per_second: Option<f64>,
-    /// Numbers of rows by what they took.
+    /// Rows by effort.
     effort: Effort,
     counters: Counters,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -94,7 +94,7 @@ struct Report {
     peak_memory_bytes: Option<u64>,
 }
 
-/// Rows that take longer than so many seconds are named.
+/// Seconds from which the slowest row is named.
 const LONG_ROW: f64 = 0.5;
 
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -103,7 +103,7 @@ struct SlowestRow {
     seconds: f64,
 }
 
-/// Histograms over rows: where the effort went.
+/// Histograms of rows by their effort.
 #[derive(Clone, Debug, Default, Serialize)]
 struct Effort {
     /// Rows by the hemicubes they took.
@@ -147,19 +147,19 @@ struct SceneReport {
     metres_per_unit: Option<f64>,
 }
 
-/// Seconds. Parts are written while rows are computed, so that `write` is in part within `rows`.
+/// Seconds. Parts are written while rows are computed: `write` overlaps `rows`.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 struct Timings {
     load: f64,
     build: f64,
-    /// Finding what keeps a tolerance.
+    /// Calibration of a tolerance.
     settle: f64,
     rows: f64,
     write: f64,
     verify: f64,
 }
 
-/// What rows come to, those of an earlier run included.
+/// Figures of the rows, resumed ones included.
 #[derive(Debug)]
 struct Tally {
     parts: u64,
@@ -168,7 +168,7 @@ struct Tally {
     rays: u64,
     squared_error: f64,
     squared_norm: f64,
-    /// Rows that were rendered.
+    /// Rendered rows.
     rendered: u64,
     sum: f64,
     min: f64,
@@ -216,7 +216,7 @@ impl Tally {
                 continue;
             }
             let lost = shares.to_array();
-            // From 0: the sum of nothing is −0, which reads oddly in a report.
+            // From 0: the sum of no numbers is −0, an odd sight in a report.
             let sum = part.row(row).1.iter().fold(0.0, |sum, &factor| sum + f64::from(factor));
             self.rendered += 1;
             self.effort.add(hemicubes, part.rays.get(row).copied().unwrap_or(0));
@@ -231,7 +231,7 @@ impl Tally {
         }
     }
 
-    /// Relative Frobenius error that the rows are expected to have, where their rung estimates it.
+    /// Expected relative Frobenius error of the rows, at accuracy levels that estimate it.
     fn expected_error(&self) -> Option<f64> {
         let relative = (self.squared_error / self.squared_norm).sqrt();
         (self.squared_error > 0.0 && relative.is_finite()).then_some(relative)
@@ -445,7 +445,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     tell_resumed(&store, talk);
     warn_of_disk(&store, entries_per_row, talk);
     let objects = enclosure::objects(&prepared);
-    // As large as the patches, and not needed from here on.
+    // As large as the patches, and not needed any more.
     prepared.scene.scene.triangles = Vec::new();
     let finished = store.compute(&mut |part| tally.add(part), &watch).map_err(explain)?;
     drop(guard);
@@ -490,7 +490,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     Ok(exit)
 }
 
-/// The job that the arguments ask for.
+/// The job of the arguments.
 fn job(arguments: &Arguments, prepared: &Prepared) -> Result<Job> {
     let selection = &arguments.selection;
     Ok(Job {
@@ -571,7 +571,7 @@ fn explain(error: JobError) -> anyhow::Error {
     }
 }
 
-/// Rows that failed: the parts that are kept, and how to resume them.
+/// Failed rows, with the parts kept and the way to resume them.
 fn explain_rows(failed: RowsFailed) -> anyhow::Error {
     let RowsFailed {
         source,
@@ -590,8 +590,8 @@ fn explain_rows(failed: RowsFailed) -> anyhow::Error {
         )
     } else {
         format!(
-            "{parts} of {part_count} parts are kept in `{directory}`, though its manifest could not name them; the same \
-             command goes on there"
+            "{parts} of {part_count} parts are kept in `{directory}`, though its manifest could not name them; the \
+             same command goes on there"
         )
     };
     hinted(source.into(), hint)
@@ -669,8 +669,8 @@ fn warn_of_error(report: &Report, arguments: &Arguments, talk: Talk) {
     }
 }
 
-/// Refuses a place that cannot become a store, before a large scene is read; makes the directory. The store's writer
-/// has the last word.
+/// Refuses a place that cannot become a store before a large scene is read. Makes the directory. The store's writer
+/// checks again.
 fn check_place(directory: &Path) -> Result<()> {
     let shown = directory.display();
     match std::fs::metadata(directory) {
@@ -703,13 +703,13 @@ fn check_place(directory: &Path) -> Result<()> {
     tried.map(drop).with_context(|| format!("`{shown}` cannot be written"))
 }
 
-/// Threads with which the run keeps within a limit of memory.
+/// The number of threads that keeps the run within a limit of memory.
 fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> Result<usize> {
     let Some(resident) = report::resident_memory_bytes() else {
         talk.warn("this system does not tell how much memory is in use: `--memory` is not kept");
         return Ok(threads);
     };
-    // What reading the scene took is over, and was too much all the same.
+    // Reading the scene is over, but its peak exceeded the limit.
     let peak = report::peak_memory_bytes().unwrap_or(0);
     if peak > limit {
         return Err(hinted(
@@ -823,7 +823,7 @@ impl Begun {
     }
 }
 
-/// The report of a run. Without `timings` it holds nothing that differs from run to run.
+/// The report of a run. Without `timings` equal runs have equal reports.
 fn report_of(
     begun: Begun,
     prepared: &Prepared,
@@ -888,7 +888,7 @@ fn report_of(
     }
 }
 
-/// What a store takes on the disk.
+/// Size of a store on the disk.
 fn bytes_of(directory: &Path, manifest: &Manifest) -> u64 {
     let files = manifest.parts.iter().map(|part| part.file.as_str());
     files
@@ -899,10 +899,40 @@ fn bytes_of(directory: &Path, manifest: &Manifest) -> u64 {
         .sum()
 }
 
-/// What a person wants to know of a run.
+/// The figures of a run, for a person.
 fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
-    let shown = word(directory);
     let mut list = Listing::default();
+    list_rows(report, &mut list);
+    list_shares(report, &mut list);
+    list_work(report, summary, &mut list);
+    let form = match report.form {
+        Form::Plain => String::new(),
+        Form::Compact => format!(
+            ", compact: form factors within {} of themselves",
+            percent(report.value_error)
+        ),
+    };
+    list.add(
+        "matrix",
+        format!("`{}`, {}{form}", directory.display(), size(report.bytes)),
+    );
+    let mut text = list.text();
+    if report.rows_mostly_blocked > 0 {
+        text.push_str(&format!(
+            "warning: {} the back of one-sided surfaces in more than half of the view: wrong winding, or patches \
+             inside solids? `--two-sided on` makes every side a patch\n",
+            if report.rows_mostly_blocked == 1 {
+                "1 row sees".to_owned()
+            } else {
+                format!("{} rows see", count(report.rows_mostly_blocked))
+            }
+        ));
+    }
+    text + &next_step(report, summary, directory)
+}
+
+/// Numbers of rows and entries, the effect of leaving out small ones, and the expected error.
+fn list_rows(report: &Report, list: &mut Listing) {
     list.add(
         "rows",
         if report.rows == report.scene.patches {
@@ -964,6 +994,10 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
         );
         list.add("rays", format!("rows by rays: {}", report.effort.text()));
     }
+}
+
+/// Row sums and shares.
+fn list_shares(report: &Report, list: &mut Listing) {
     let sum = report.row_sum;
     list.add(
         "row sums",
@@ -983,6 +1017,10 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
             format!("{} ends on patches that have no column", percent(report.unselected)),
         );
     }
+}
+
+/// Corrected pairs, time and memory.
+fn list_work(report: &Report, summary: &Summary, list: &mut Listing) {
     if report.corrected > 0 {
         list.add(
             "partial",
@@ -1047,29 +1085,12 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
     if let Some(peak) = report.peak_memory_bytes {
         list.add("memory", format!("{} at most", size(peak)));
     }
-    let form = match report.form {
-        Form::Plain => String::new(),
-        Form::Compact => format!(
-            ", compact: form factors within {} of themselves",
-            percent(report.value_error)
-        ),
-    };
-    list.add(
-        "matrix",
-        format!("`{}`, {}{form}", directory.display(), size(report.bytes)),
-    );
-    let mut text = list.text();
-    if report.rows_mostly_blocked > 0 {
-        text.push_str(&format!(
-            "warning: {} the back of one-sided surfaces in more than half of the view: wrong winding, or patches inside \
-             solids? `--two-sided on` makes every side a patch\n",
-            if report.rows_mostly_blocked == 1 {
-                "1 row sees".to_owned()
-            } else {
-                format!("{} rows see", count(report.rows_mostly_blocked))
-            }
-        ));
-    }
+}
+
+/// The commands that follow a run.
+fn next_step(report: &Report, summary: &Summary, directory: &Path) -> String {
+    let shown = word(directory);
+    let mut text = String::new();
     if summary.cancelled {
         text.push_str(&format!(
             "interrupted: {} of {} are kept; the same command goes on there, and `hemicube check {shown} \
@@ -1089,7 +1110,7 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
         text.push_str(&format!(
             "Next:\n  hemicube check {shown}\n  hemicube export {shown} {export}\n"
         ));
-        // Names that would need quoting in two languages at once are left to who chose them.
+        // Names that would need quoting in two languages at once get no command.
         if !name.contains(['"', '\'', '\\']) {
             text.push_str(&format!(
                 "  python3 -c 'import scipy.sparse as s; print(s.load_npz(\"{name}.npz\").sum(axis=1))'\n"

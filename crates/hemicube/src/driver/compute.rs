@@ -223,8 +223,8 @@ pub fn load(
 
 /// Computes the rows of `plan` with `backend` and hands them, part by part, to `sink`.
 ///
-/// Loads `settings` into the backend, with covered weights if the plan's correction needs them. Calls `progress` on this
-/// thread some times a second.
+/// Loads `settings` into the backend, with covered weights if the plan's correction needs them. Calls `progress` on
+/// this thread some times a second.
 ///
 /// # Errors
 /// When the backend fails or breaks the contract, or the sink cannot keep a part. Earlier parts stay.

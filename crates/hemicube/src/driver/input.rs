@@ -23,17 +23,17 @@ use std::path::PathBuf;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneSettings {
-    /// How triangles are cut into patches.
+    /// Subdivision of triangles into patches.
     pub subdivision: Subdivision,
-    /// Sides that radiate: both of every triangle, the front of every triangle, or (`None`) as the scene says.
+    /// Sides that radiate: both of every triangle, the front of every triangle, or (`None`) by the scene.
     pub two_sided: Option<bool>,
     /// Globs for objects whose one-sided triangles are turned round; `all` stands for every object.
     pub flip: Vec<String>,
-    /// True to keep triangles that lie exactly on others.
+    /// True to keep exact duplicates of triangles.
     pub keep_duplicates: bool,
     /// Factor on coordinates, above 0.
     pub scale: f64,
-    /// The axis that points up; `None`: as the scene says.
+    /// The axis pointing up; `None`: the scene's.
     pub up: Option<Axis>,
 }
 
@@ -97,7 +97,7 @@ impl Deref for SceneInput {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum InputError {
-    /// Triangles cannot be cut as asked for.
+    /// Triangles cannot be cut.
     #[error(transparent)]
     Patches(#[from] hemicube_scene::Error),
     /// Patches make no model.
@@ -149,7 +149,7 @@ impl SceneInput {
         Ok(Model::new(patches.into(), options)?)
     }
 
-    /// Name of the axis that points up, where it is known.
+    /// Name of the axis pointing up, if known.
     pub fn up_name(&self) -> Option<&'static str> {
         self.scene.up.map(axis_name)
     }

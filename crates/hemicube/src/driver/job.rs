@@ -47,21 +47,21 @@ pub struct Job {
     pub accuracy: Asked,
     /// True to turn each hemicube about its normal.
     pub rotate: bool,
-    /// The rows to compute, of those that emit.
+    /// Rows to compute, among the emitting patches'.
     pub rows: RowChoice,
-    /// Globs for patches that have rows; empty: all.
+    /// Globs for patches with rows; empty: all.
     pub emitters: Vec<String>,
-    /// Globs for patches that have columns; empty: all.
+    /// Globs for patches with columns; empty: all.
     pub receivers: Vec<String>,
-    /// Globs for patches that have neither, and only occlude.
+    /// Globs for patches with neither, which only occlude.
     pub occluders: Vec<String>,
     /// The store's form; `None`: by the scene's size.
     pub form: Option<Form>,
     /// Smaller form factors are left out, from 0 up to 1; `None`: by the scene's size.
     pub min_factor: Option<f64>,
-    /// Culling; `None`: on where a few trial hemicubes say that it pays. Changes no bit of a row.
+    /// Culling; `None`: on if it pays in a few trial hemicubes. Changes no bit of a row.
     pub culling: Option<Culling>,
-    /// True to render trial hemicubes even where `culling` is given, for [`Run::probe`].
+    /// True to render trial hemicubes even if `culling` is given, for [`Run::probe`].
     pub forecasts: bool,
     /// Worker threads; 0: one a core.
     pub threads: usize,
@@ -92,11 +92,11 @@ impl Default for Job {
     }
 }
 
-/// Two sessions of one backend that share no loaded scene.
+/// Two sessions of one backend without a shared scene.
 pub struct Sessions {
     /// Renders the rows.
     pub rows: Box<dyn HemicubeBackend>,
-    /// Renders the sample that a tolerance is calibrated by.
+    /// Renders the sample for the calibration of a tolerance.
     pub calibration: Box<dyn HemicubeBackend>,
 }
 
@@ -145,7 +145,7 @@ pub enum Note<'a> {
     Level(&'a str),
     /// The reason of the storage policy.
     Storage(&'a str),
-    /// The trial hemicubes that culling was chosen by.
+    /// The trial hemicubes behind the choice of culling.
     Culling(&'a Probe),
 }
 
@@ -171,7 +171,7 @@ pub trait Observer {
         let _ = progress;
     }
 
-    /// Ends the run when it becomes true, as [`Execution::cancel`].
+    /// Ends the run when it becomes true; see [`Execution::cancel`].
     fn cancel(&self) -> Option<&AtomicBool> {
         None
     }
@@ -208,7 +208,7 @@ pub enum JobError {
     /// The selection leaves no row.
     #[error("no row is left to compute: the rows, emitters and occluders asked for exclude every patch")]
     NoRows,
-    /// The backend failed before the first row, or rows that go to no store failed.
+    /// The backend failed before the first row, or rows without a store failed.
     #[error(transparent)]
     Compute(#[from] ComputeError),
     /// Rows of a store failed.
@@ -229,7 +229,7 @@ pub struct RowsFailed {
     pub directory: PathBuf,
     /// Parts in the store.
     pub parts: u64,
-    /// Parts that the run was to have.
+    /// Parts of the run.
     pub part_count: u64,
     /// True if the manifest names the parts. They are resumed even if it does not.
     pub are_named: bool,
@@ -238,7 +238,7 @@ pub struct RowsFailed {
 /// The place of a store.
 #[derive(Clone, Copy, Debug)]
 pub struct StorePlace<'a> {
-    /// The store's directory, made where there is none.
+    /// The store's directory; made if it is missing.
     pub directory: &'a Path,
     /// True to replace a store that is there, false to resume it.
     pub overwrite: bool,
@@ -260,14 +260,14 @@ impl<'a> From<&'a Path> for StorePlace<'a> {
 pub type PartListener<'a> = &'a mut (dyn FnMut(&Part) + Send);
 
 impl Job {
-    /// The same job with a relative Frobenius error in place of an accuracy level's settings.
+    /// Asks for a relative Frobenius error in place of an accuracy level's settings.
     #[must_use]
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         self.accuracy = Asked::Tolerance(tolerance);
         self
     }
 
-    /// Makes every choice that rows depend on and loads the scene into the backend.
+    /// Makes every choice that rows depend on, and loads the scene into the backend.
     ///
     /// # Errors
     /// When a glob matches no patch, no row is left, a tolerance cannot be kept, or the backend fails.
@@ -384,17 +384,17 @@ impl Job {
     /// Computes the rows into memory.
     ///
     /// # Errors
-    /// As [`Self::prepare`], and when a row fails.
+    /// Those of [`Self::prepare`], and a failing row.
     pub fn rows(&self, scene: &SceneInput, model: &Model, sessions: Sessions) -> Result<Vec<Part>, JobError> {
         let mut parts = Vec::new();
         self.prepare(scene, model, sessions, &())?.compute(&mut parts, &())?;
         Ok(parts)
     }
 
-    /// Computes the rows into a store, or the missing ones of a store that is there, and opens it.
+    /// Computes the rows into a store, or the missing ones of an existing store, and opens it.
     ///
     /// # Errors
-    /// As [`Self::prepare`], [`Run::open`] and [`StoreRun::compute`].
+    /// Those of [`Self::prepare`], [`Run::open`] and [`StoreRun::compute`].
     pub fn store(
         &self,
         scene: &SceneInput,
@@ -418,7 +418,7 @@ pub struct Run<'m> {
     pub plan: Plan,
     /// Settings loaded into the backend.
     pub render: RenderSettings,
-    /// Findings of the trial hemicubes, where any were rendered.
+    /// Findings of the trial hemicubes, if any were rendered.
     pub probe: Option<Probe>,
     /// Worker threads, 1 or more; may be lowered before rows are computed.
     pub threads: usize,
@@ -444,7 +444,7 @@ impl<'m> Run<'m> {
     /// Computes the rows of the plan and hands their parts to `sink`.
     ///
     /// # Errors
-    /// As [`compute`](compute_rows).
+    /// Those of [`compute`](compute_rows).
     pub fn compute(self, sink: &mut dyn PartSink, observer: &dyn Observer) -> Result<Summary, ComputeError> {
         let stage = Stage::Rows {
             row_count: self.plan.wanted_rows(),
@@ -476,7 +476,7 @@ impl<'m> Run<'m> {
     /// again.
     ///
     /// # Errors
-    /// As [`StoreWriter::create`] and [`StoreWriter::resume`].
+    /// Those of [`StoreWriter::create`] and [`StoreWriter::resume`].
     pub fn open(
         self,
         scene: &SceneInput,
@@ -509,7 +509,7 @@ impl<'m> Run<'m> {
     }
 }
 
-/// A run whose store is open.
+/// A run with an open store.
 #[derive(Debug)]
 pub struct StoreRun<'m> {
     run: Run<'m>,
@@ -534,14 +534,14 @@ impl StoreRun<'_> {
         &self.kept
     }
 
-    /// Number of rows that are still to be computed.
+    /// Number of rows still to be computed.
     pub fn missing_rows(&self) -> u64 {
         let rows = |&part: &u32| u64::from(self.writer.manifest().rows_of_part(part));
         self.missing.iter().map(rows).sum()
     }
 
-    /// Computes the missing rows, writes their parts, each of which goes to `listener` as well, and finishes the store.
-    /// A cancelled run leaves a manifest that names the parts that are there.
+    /// Computes the missing rows, writes their parts, hands each to `listener`, and finishes the store. A cancelled run
+    /// leaves a manifest that names the parts present.
     ///
     /// # Errors
     /// [`JobError::Rows`] when rows fail or a part cannot be written; [`JobError::Store`] when the manifest cannot.
@@ -582,7 +582,7 @@ impl StoreRun<'_> {
 }
 
 impl RowsFailed {
-    /// Names the parts that are there in the manifest.
+    /// Names the parts present in the manifest.
     fn new(source: ComputeError, writer: StoreWriter) -> Self {
         let parts = writer.manifest().parts.len() as u64;
         Self {
@@ -609,7 +609,7 @@ impl PartSink for Written<'_> {
     }
 }
 
-/// A run whose store is finished, or interrupted.
+/// A run with a finished or interrupted store.
 #[derive(Debug)]
 pub struct Finished {
     /// The rows computed.

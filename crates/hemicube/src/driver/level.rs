@@ -78,8 +78,8 @@ pub struct Level {
 pub enum LevelError {
     /// The store's rounding leaves too little of the tolerance.
     #[error(
-        "the compact form rounds form factors by up to {}, which leaves too little of a tolerance of {}; the plain form \
-         rounds nothing",
+        "the compact form rounds form factors by up to {}, which leaves too little of a tolerance of {}; the plain \
+         form rounds nothing",
         percentage(*rounding),
         percentage(*tolerance)
     )]

@@ -113,8 +113,8 @@ impl Plan {
     /// Rows of a part in a plan of `rows` rows: rows / 64 as a power of two, from 64 to 1024.
     #[allow(clippy::cast_possible_truncation, reason = "clamped to 1024")]
     pub fn rows_per_part_of(rows: usize) -> u32 {
-        // A killed run loses a part, and a job of a cluster computes some: at most a few seconds and megabytes, and some
-        // dozens of them even in a small scene.
+        // A killed run loses a part, and a job of a cluster computes some: at most a few seconds and megabytes, and
+        // some dozens of them even in a small scene.
         (rows / 64).next_power_of_two().clamp(64, 1024) as u32
     }
 

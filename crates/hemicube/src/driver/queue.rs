@@ -42,8 +42,8 @@ impl Queue {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes the next batch; `None` when there is none left. Waits while the collector is `window` batches behind, which
-    /// bounds memory.
+    /// Takes the next batch; `None` when there is none left. Waits while the collector is `window` batches behind, to
+    /// bound memory.
     pub(super) fn take(&self, window: usize) -> Option<usize> {
         let mut state = self.lock();
         while state.next < state.end && state.next >= state.collected + window {

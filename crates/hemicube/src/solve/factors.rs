@@ -1,4 +1,4 @@
-//! The matrix as solvers go through it: run by run, from memory or from a store.
+//! The matrix for solvers: run by run, from memory or from a store.
 
 use super::Block;
 use crate::store::{Error, Part, Result, Store};
@@ -6,8 +6,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// The rows of a form-factor matrix, in runs that are gone through again and again. The order of the runs is fixed, and
-/// no two have a row of the same patch.
+/// The rows of a form-factor matrix, in runs read again and again. The order of the runs is fixed, and no two have a
+/// row of the same patch.
 pub trait Factors: Sync {
     /// Rows and columns of the matrix.
     fn patch_count(&self) -> usize;
@@ -30,7 +30,7 @@ pub struct InMemory {
 }
 
 impl InMemory {
-    /// The matrix of some parts, such as the driver hands out.
+    /// The matrix of some parts, such as the driver's.
     pub fn new(patch_count: usize, parts: Vec<Part>) -> Self {
         Self {
             patch_count,
@@ -71,8 +71,8 @@ impl Factors for InMemory {
     }
 }
 
-/// A stored matrix. Parts are read whenever they are gone through, but for as many as fit a budget of memory: those are
-/// read once.
+/// A stored matrix. Parts are read again each time, except for the first ones, up to a budget of memory: they are
+/// cached.
 #[derive(Debug)]
 pub struct OutOfCore<'s> {
     store: &'s Store,
@@ -86,7 +86,7 @@ struct Kept {
     parts: Vec<Option<Arc<Part>>>,
 }
 
-/// Parts that the system is asked to read while one is worked on.
+/// Parts that the system reads ahead.
 const PARTS_AHEAD: usize = 4;
 
 impl<'s> OutOfCore<'s> {
@@ -100,8 +100,8 @@ impl<'s> OutOfCore<'s> {
             return Err(Error::unsupported(
                 store.directory(),
                 format!(
-                    "has rows of {} patches only, of {}; what the others send is not known: compute it without `--rows`, \
-                     `--sample-rows`, `--emitters` and `--occluders`",
+                    "has rows of {} patches only, of {}; what the others send is not known: compute it without \
+                     `--rows`, `--sample-rows`, `--emitters` and `--occluders`",
                     store.manifest().rows_present(),
                     store.patch_count()
                 ),

@@ -10,8 +10,8 @@
 //! ```
 //!
 //! A code is an f32 without sign, of 64 exponents and 10 bits of mantissa, rounded to nearest, ties to even:
-//! |F' − F| ≤ 2⁻¹¹ F for every F from 2⁻⁶² up, what is smaller is never 0 unless it was, and 0 and 1 are exact. Rounding
-//! what is rounded changes nothing. Decoding is whole numbers only, so that every machine and NumPy find the same bits.
+//! |F' − F| ≤ 2⁻¹¹ F for every F from 2⁻⁶² up, smaller ones never become 0, and 0 and 1 are exact. Rounding again
+//! changes nothing. Decoding takes whole numbers only: every machine and NumPy find the same bits.
 //!
 //! **Why runs.** Patches cut from one triangle follow each other in the input, and are seen together: half to 97 % of
 //! the columns of a row are the one before plus 1, in any scene. **Why not deflate or zstd on top.** The rest is mostly

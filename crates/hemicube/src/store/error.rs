@@ -60,7 +60,8 @@ pub enum Error {
     },
     /// Somebody else is writing the store.
     #[error(
-        "`{}` is being written by {holder}; wait for it, or end it: what it computed stays, and the next run goes on there",
+        "`{}` is being written by {holder}; wait for it, or end it: what it computed stays, and the next run goes on \
+         there",
         path.display()
     )]
     Locked {
@@ -95,8 +96,8 @@ pub enum Error {
     },
     /// A file's bytes have changed since they were written.
     #[error(
-        "`{}` has changed since it was written: its BLAKE3 checksum is {found}, the manifest says {expected}; compute it \
-         again or restore it from a copy",
+        "`{}` has changed since it was written: its BLAKE3 checksum is {found}, the manifest says {expected}; compute \
+         it again or restore it from a copy",
         path.display()
     )]
     Checksum {
@@ -117,7 +118,8 @@ pub enum Error {
     },
     /// Parts of the matrix are not there.
     #[error(
-        "`{}` is incomplete: {present} of {expected} parts are there; compute the rest, or ask for an incomplete matrix",
+        "`{}` is incomplete: {present} of {expected} parts are there; compute the rest, or ask for an incomplete \
+         matrix",
         path.display()
     )]
     Incomplete {

@@ -423,7 +423,8 @@ impl Manifest {
             Some(version) if (u64::from(VERSION_MIN)..=u64::from(VERSION)).contains(&version) => {}
             Some(version) => {
                 return Err(format!(
-                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION}: use the one that wrote it"
+                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION}: use the one that \
+                     wrote it"
                 ));
             }
             None => return Err("has no version".into()),

@@ -219,8 +219,8 @@ impl Store {
         if manifest.patches.is_none() {
             return Err(Error::malformed(
                 directory,
-                "has no patch table: its run was ended before it had written one; `hemicube compute` with the scene goes on \
-                 with it",
+                "has no patch table: its run was ended before it had written one; `hemicube compute` with the scene \
+                 goes on with it",
             ));
         }
         require_backed(&directory.join(super::manifest::PATCHES_FILE), manifest.patch_count)?;
@@ -432,8 +432,8 @@ impl Store {
             run.try_into().ok()
         });
         if of_store.is_some_and(|of_store| run != of_store) {
-            let reason = "is of another run than the first part: another scene, other settings or another version; compute \
-                          the matrix again";
+            let reason = "is of another run than the first part: another scene, other settings or another version; \
+                          compute the matrix again";
             return Err(Error::malformed(path, reason));
         }
         self.note(place, found::RUN);
@@ -649,7 +649,8 @@ impl Store {
         let (columns, data) = head.csr.row(&file, row.into())?;
         if !validate::are_columns(&columns, self.manifest.patch_count) || !validate::are_factors(data.iter().copied()) {
             let reason = format!(
-                "has columns in its row {row} that do not ascend, or leave the matrix, or what is no form factor: it is damaged"
+                "has columns in its row {row} that do not ascend, or leave the matrix, or what is no form factor: it \
+                 is damaged"
             );
             return Err(Error::malformed(&head.path, reason));
         }

@@ -447,9 +447,9 @@ pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Me
                     if writer.manifest().parts[at].blake3 == found.checksum {
                         return Ok(());
                     }
-                    let reason = "two directories have this part in two versions, though of one run: were they computed by \
-                                  the same program, and on disks that can be trusted? `hemicube check` on a whole store of \
-                                  either tells";
+                    let reason = "two directories have this part in two versions, though of one run: were they \
+                                  computed by the same program, and on disks that can be trusted? `hemicube check` on \
+                                  a whole store of either tells";
                     return Err(Error::refused(&path, reason));
                 }
                 (Ok(found), Err(_)) => {

@@ -60,10 +60,14 @@ dispatch! {
     fn dot_plain = dot_plain_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64>
 }
 dispatch! {
-    fn dot_compact = dot_compact_portable(gaps: &[u8], lengths: &[u8], codes: &[u8], x: &[f64], of_row: &mut Vec<f64>, long: &mut Vec<Long>) -> Option<f64>
+    fn dot_compact = dot_compact_portable(
+        gaps: &[u8], lengths: &[u8], codes: &[u8], x: &[f64], of_row: &mut Vec<f64>, long: &mut Vec<Long>
+    ) -> Option<f64>
 }
 dispatch! {
-    fn scatter_compact = scatter_compact_portable(gaps: &[u8], lengths: &[u8], codes: &[u8], x: f64, y: &mut [f64], columns: &mut Vec<u32>, long: &mut Vec<Long>) -> Option<()>
+    fn scatter_compact = scatter_compact_portable(
+        gaps: &[u8], lengths: &[u8], codes: &[u8], x: f64, y: &mut [f64], columns: &mut Vec<u32>, long: &mut Vec<Long>
+    ) -> Option<()>
 }
 
 fn column(bytes: [u8; 4]) -> usize {

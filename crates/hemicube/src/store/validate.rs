@@ -120,7 +120,8 @@ pub(super) fn part(part: &Part, row_count: usize, patch_count: u32, form: Form) 
         }
         if sums.total() != Some(u64::from(hemicubes) * HEMICUBE_WEIGHT) {
             return Err(format!(
-                "has weights in the row of patch {patch} that sum to {:?}, not to {hemicubes} hemicubes of {HEMICUBE_WEIGHT}",
+                "has weights in the row of patch {patch} that sum to {:?}, not to {hemicubes} hemicubes of \
+                 {HEMICUBE_WEIGHT}",
                 sums.total()
             ));
         }
@@ -169,7 +170,8 @@ pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize) -> R
     for (patch, &area) in table.area.iter().enumerate() {
         if area == 0.0 {
             return Err(format!(
-                "has patch {patch} without area, whose form factors are nothing; take it out of the scene and compute again"
+                "has patch {patch} without area, whose form factors are nothing; take it out of the scene and compute \
+                 again"
             ));
         }
         if !(area > 0.0 && area.is_finite()) {
