@@ -44,7 +44,9 @@
 
 pub mod calibrate;
 pub mod correct;
+pub mod error_model;
 pub(crate) mod grain;
 pub mod level;
-pub(crate) mod lost;
+pub(crate) mod ray_shares;
 pub(crate) mod refine;
+pub(crate) mod row;

@@ -11,7 +11,8 @@
 
 use crate::Model;
 use crate::accuracy::correct::fraction;
-use crate::accuracy::refine::{Pair, PriorSums, Refinement, Refiner};
+use crate::accuracy::error_model::PriorSums;
+use crate::accuracy::refine::{Pair, Refinement, Refiner};
 use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::driver::compute::{ComputeError, Execution, render, sample};
 use crate::factor::FactorRule;
@@ -173,7 +174,7 @@ pub fn calibrate(
     let escaped: u64 = (0..rows.len()).map(|k| u64::from(fine.row(k).escaped)).sum();
     let known = Refinement {
         mean_squared_norm,
-        open: escaped as f64 > tolerance * f64::from(WHOLE) * rows.len() as f64,
+        is_open: escaped as f64 > tolerance * f64::from(WHOLE) * rows.len() as f64,
         all: model.patches().len() <= SMALL,
         ..Refinement::for_tolerance(tolerance)
     };
@@ -181,7 +182,7 @@ pub fn calibrate(
     let mut refiner = Refiner::new(known, execution.cancel);
     for &k in &tried {
         go_on()?;
-        refiner.survey(model, rows[k], seen(fine.row(k)), receives, &mut sums);
+        refiner.measure_priors(model, rows[k], seen(fine.row(k)), receives, &mut sums);
     }
     let known = Refinement {
         priors: sums.priors(),
@@ -200,7 +201,7 @@ pub fn calibrate(
             go_on()?;
             expected_errors.push(refiner.expected_errors(model, rows[k], seen(fine.row(k)), receives));
         }
-        Ok(refinement.priced(&expected_errors))
+        Ok(refinement.with_multiplier_of(&expected_errors))
     };
     let row_of = |refiner: &mut Refiner<'_>, block: &RowBlock, k: usize| {
         let refined = refiner.row(model, rows[k], seen(block.row(k)), false, receives);
@@ -316,8 +317,8 @@ fn side_by_side<T: Send>(
 fn values(pairs: &[Pair]) -> Row {
     pairs
         .iter()
-        .filter(|pair| pair.open * pair.fraction > 0.0)
-        .map(|pair| (pair.patch, pair.open * pair.fraction))
+        .filter(|pair| pair.factor() > 0.0)
+        .map(|pair| (pair.patch, pair.factor()))
         .collect()
 }
 

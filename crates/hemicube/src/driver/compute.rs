@@ -4,7 +4,7 @@
 //! of work, and workers' results are put back in order before they leave.
 
 use crate::Model;
-use crate::accuracy::correct::{Attempt, Converter, Correction};
+use crate::accuracy::correct::{Attempt, Converter, Correction, Rendered};
 use crate::accuracy::grain::{Grain, MOST_PER_EDGE};
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use crate::row::{RowBlock, RowError};
@@ -722,8 +722,7 @@ fn compute_batch(
         let began = Instant::now();
         let samples = first..first + count;
         first += count;
-        let (columns, data) = (&mut part.indices, &mut part.data);
-        let start = data.len();
+        let start = part.data.len();
         let of_row = samples.clone().map(|row| rows.row(row));
         let mut hemicubes_of_row = count;
         // A large patch has the hemicubes that it asks for.
@@ -733,20 +732,18 @@ fn compute_batch(
             .map(|more| more * per_edge)
             .collect();
         let attempts = &attempts[..attempts.partition_point(|&more| more <= most)];
-        let mut converted = converter.convert(
+        let rendered = Rendered {
             model,
             emitter,
-            &hemicubes[samples],
-            of_row,
-            receives,
-            Attempt {
+            hemicubes: &hemicubes[samples],
+            rows: of_row,
+            attempt: Attempt {
                 is_first: true,
                 is_large: per_edge > plan.samples_per_edge,
                 is_last: attempts.is_empty(),
             },
-            columns,
-            data,
-        );
+        };
+        let mut converted = converter.convert(rendered, receives, part);
         for (place, &more) in attempts.iter().enumerate() {
             if !converted.is_odd {
                 break;
@@ -757,15 +754,21 @@ fn compute_batch(
             let mut odd = RowBlock::default();
             batch.counters += render(model, settings, backend, emitter, &more, &mut odd)?;
             let of_row = (0..more.len()).map(|row| odd.row(row));
-            columns.truncate(start);
-            data.truncate(start);
-            let attempt = Attempt {
-                is_first: false,
-                is_large: per_edge > plan.samples_per_edge,
-                is_last: place + 1 == attempts.len(),
+            part.indices.truncate(start);
+            part.data.truncate(start);
+            let rendered = Rendered {
+                model,
+                emitter,
+                hemicubes: &more,
+                rows: of_row,
+                attempt: Attempt {
+                    is_first: false,
+                    is_large: per_edge > plan.samples_per_edge,
+                    is_last: place + 1 == attempts.len(),
+                },
             };
             let lost = converted.lost;
-            converted = converter.convert(model, emitter, &more, of_row, receives, attempt, columns, data);
+            converted = converter.convert(rendered, receives, part);
             hemicubes_of_row = more.len();
             if matches!(plan.correction, Correction::Tolerance(_)) && (converted.lost - lost).abs() > LOST {
                 break;
