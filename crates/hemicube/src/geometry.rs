@@ -83,6 +83,22 @@ pub(crate) fn crossing(p: DVec3, q: DVec3, hp: f64, hq: f64) -> DVec3 {
     p + (q - p) * (hp / (hp - hq))
 }
 
+/// A plane: all p with `normal` · p = `offset`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Plane {
+    /// Of unit length, or 0 for the plane of a triangle without area.
+    pub(crate) normal: DVec3,
+    pub(crate) offset: f64,
+}
+
+impl Plane {
+    /// The height of a point above the plane.
+    #[inline(always)]
+    pub(crate) fn height(&self, p: DVec3) -> f64 {
+        self.normal.dot(p) - self.offset
+    }
+}
+
 /// Appends the part of a convex polygon at heights ≥ 0 to `kept` (Sutherland & Hodgman 1974).
 ///
 /// A corner on the plane next to one below it is appended twice: as a corner and as the edge's crossing. The copies
@@ -275,7 +291,11 @@ mod tests {
 
     #[test]
     fn three_ways_to_clip_leave_the_same_area() {
-        let triangle = [DVec3::new(-1.0, -0.3, 0.0), DVec3::new(2.0, 0.1, 0.0), DVec3::new(0.3, 1.7, 0.0)];
+        let triangle = [
+            DVec3::new(-1.0, -0.3, 0.0),
+            DVec3::new(2.0, 0.1, 0.0),
+            DVec3::new(0.3, 1.7, 0.0),
+        ];
         let fan = |corners: &[DVec3]| -> f64 {
             let halves = corners[1..].windows(2);
             halves.map(|side| area(&[corners[0], side[0], side[1]])).sum()

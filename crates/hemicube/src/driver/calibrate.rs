@@ -11,7 +11,8 @@
 
 use crate::Model;
 use crate::accuracy::correct::fraction;
-use crate::accuracy::refine::{Pair, PriorSums, Refinement, Refiner};
+use crate::accuracy::error_model::PriorSums;
+use crate::accuracy::refine::{Pair, Refinement, Refiner};
 use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::driver::compute::{ComputeError, Execution, render, sample};
 use crate::factor::FactorRule;
@@ -212,7 +213,7 @@ impl Sample<'_> {
         let escaped: u64 = (0..count).map(|k| u64::from(self.fine.row(k).escaped)).sum();
         let known = Refinement {
             mean_squared_norm: norm / count.max(1) as f64,
-            open: escaped as f64 > self.tolerance * f64::from(WHOLE) * count as f64,
+            is_open: escaped as f64 > self.tolerance * f64::from(WHOLE) * count as f64,
             all: patch_count <= SMALL,
             ..Refinement::for_tolerance(self.tolerance)
         };
@@ -220,7 +221,7 @@ impl Sample<'_> {
         let mut refiner = self.refiner(known);
         for &k in &self.tried {
             self.go_on()?;
-            refiner.survey(model, self.rows[k], seen(self.fine.row(k)), receives, &mut sums);
+            refiner.measure_priors(model, self.rows[k], seen(self.fine.row(k)), receives, &mut sums);
         }
         Ok(Refinement {
             priors: sums.priors(),
@@ -228,8 +229,8 @@ impl Sample<'_> {
         })
     }
 
-    /// `known` at an effort, with the price of a squared error that follows from it.
-    fn priced(&self, known: Refinement, effort: f64) -> Result<Refinement, ComputeError> {
+    /// `known` at an effort, with its Lagrange multiplier.
+    fn at_effort(&self, known: Refinement, effort: f64) -> Result<Refinement, ComputeError> {
         let refinement = Refinement { effort, ..known };
         let mut refiner = self.refiner(refinement);
         let asked = if refinement.all {
@@ -243,7 +244,7 @@ impl Sample<'_> {
             let seen = seen(self.fine.row(k));
             expected_errors.push(refiner.expected_errors(self.model, self.rows[k], seen, self.receives));
         }
-        Ok(refinement.priced(&expected_errors))
+        Ok(refinement.with_multiplier_of(&expected_errors))
     }
 
     /// The k-th row refined, and its expected squared error.
@@ -256,7 +257,7 @@ impl Sample<'_> {
     fn exact(&self, known: Refinement) -> Result<Vec<Row>, ComputeError> {
         let finest = Refinement {
             rule: FactorRule::for_tolerance(self.tolerance * 0.1),
-            ..self.priced(known, 0.25)?
+            ..self.at_effort(known, 0.25)?
         };
         let exact = side_by_side(self.execution, finest, &self.tried, |refiner, k| {
             self.refined(refiner, &self.fine, k).0
@@ -267,7 +268,7 @@ impl Sample<'_> {
 
     /// Tries an effort: the error of the rows tried, relative to the norm of all.
     fn try_effort(&self, known: Refinement, exact: &[Row], effort: f64) -> Result<Calibration, ComputeError> {
-        let refinement = self.priced(known, effort)?;
+        let refinement = self.at_effort(known, effort)?;
         // Where all pairs are measured, hemicubes only tell escaped and blocked shares: coarse ones would save nothing.
         let resolution = if known.all { FINEST } else { resolution_of(effort) };
         let block = if resolution == COARSE { &self.coarse } else { &self.fine };
@@ -361,8 +362,8 @@ fn side_by_side<T: Send>(
 fn values(pairs: &[Pair]) -> Row {
     pairs
         .iter()
-        .filter(|pair| pair.open * pair.fraction > 0.0)
-        .map(|pair| (pair.patch, pair.open * pair.fraction))
+        .filter(|pair| pair.factor() > 0.0)
+        .map(|pair| (pair.patch, pair.factor()))
         .collect()
 }
 

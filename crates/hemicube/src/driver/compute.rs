@@ -8,7 +8,7 @@
 //! of work, and the collector puts batches back in order.
 
 use crate::Model;
-use crate::accuracy::correct::{Attempt, Converted, Converter, Correction};
+use crate::accuracy::correct::{Attempt, Converter, Correction, Rendered};
 use crate::accuracy::grain::MOST_PER_EDGE;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use crate::driver::queue::{Queue, StopOnPanic};
@@ -542,13 +542,16 @@ impl<'a> Worker<'a> {
             is_last: attempts.is_empty(),
         };
         let part = &mut batch.part;
-        let (columns, data) = (&mut part.indices, &mut part.data);
-        let start = data.len();
-        let rendered = row.hemicubes.clone().map(|place| self.rows.row(place));
+        let start = part.data.len();
+        let rendered = Rendered {
+            model,
+            emitter,
+            hemicubes,
+            rows: row.hemicubes.clone().map(|place| self.rows.row(place)),
+            attempt,
+        };
         let mut count = hemicubes.len();
-        let mut converted: Converted = self
-            .converter
-            .convert(model, emitter, hemicubes, rendered, receives, attempt, columns, data);
+        let mut converted = self.converter.convert(rendered, receives, part);
         for (place, &per_edge) in attempts.iter().enumerate() {
             if !converted.is_odd {
                 break;
@@ -559,15 +562,19 @@ impl<'a> Worker<'a> {
             let mut rows = RowBlock::default();
             let session = self.session.as_mut();
             batch.counters += render(model, self.run.settings, session, emitter, &more, &mut rows)?;
-            let rendered = (0..more.len()).map(|row| rows.row(row));
-            columns.truncate(start);
-            data.truncate(start);
+            part.indices.truncate(start);
+            part.data.truncate(start);
             attempt.is_first = false;
             attempt.is_last = place + 1 == attempts.len();
+            let rendered = Rendered {
+                model,
+                emitter,
+                hemicubes: &more,
+                rows: (0..more.len()).map(|row| rows.row(row)),
+                attempt,
+            };
             let lost = converted.lost;
-            converted = self
-                .converter
-                .convert(model, emitter, &more, rendered, receives, attempt, columns, data);
+            converted = self.converter.convert(rendered, receives, part);
             count = more.len();
             if matches!(plan.correction, Correction::Tolerance(_)) && (converted.lost - lost).abs() > LOST {
                 break;
