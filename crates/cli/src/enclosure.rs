@@ -1,7 +1,8 @@
 //! What is said of how a scene encloses: objects that face the wrong way, and holes that it leaks through.
 
+use crate::escape::shown;
 use crate::prepare::Prepared;
-use crate::report::{count, counted, figures, percent, shown};
+use crate::report::{count, counted, figures, percent};
 use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Turn, Winding, enclosure};
 use hemicube::driver::selection::matches_glob;
 use std::collections::BTreeSet;

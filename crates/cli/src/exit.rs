@@ -81,7 +81,7 @@ fn message(error: &anyhow::Error) -> String {
                 .is_some_and(|hinted| hinted.error.is::<hemicube_host::OpenError>());
         let cause = match cause.to_string() {
             text if has_lines => text,
-            text => crate::report::shown(&text).into_owned(),
+            text => crate::escape::shown(&text).into_owned(),
         };
         if text.is_empty() {
             text = cause;

@@ -2,6 +2,7 @@
 //! log through `tracing`, by `HEMICUBE_LOG`.
 
 use crate::args::{LogFormat, Talk};
+use crate::escape::{shown, shown_lines};
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tracing::Level;
@@ -37,8 +38,39 @@ pub(crate) fn start(talk: Talk) {
     }
 }
 
+impl Talk {
+    /// Nothing is said: for what is done a second time.
+    pub(crate) const SILENT: Self = Self {
+        quiet: true,
+        verbose: false,
+        no_progress: true,
+        log_format: LogFormat::Text,
+    };
+
+    /// Says what a person wants to know.
+    pub(crate) fn say(self, text: &str) {
+        if !self.quiet {
+            say(Level::INFO, text);
+        }
+    }
+
+    /// Says what a person wants to know who asked for more.
+    pub(crate) fn detail(self, text: &str) {
+        if self.verbose {
+            say(Level::INFO, text);
+        }
+    }
+
+    /// Says what may be wrong.
+    pub(crate) fn warn(self, text: &str) {
+        if !self.quiet {
+            say(Level::WARN, text);
+        }
+    }
+}
+
 /// Says a message.
-pub(crate) fn say(level: Level, text: &str) {
+fn say(level: Level, text: &str) {
     if JSON.load(Ordering::Relaxed) {
         match level {
             Level::ERROR => tracing::error!(target: TARGET, "{text}"),
@@ -49,7 +81,7 @@ pub(crate) fn say(level: Level, text: &str) {
     }
     let before = if level == Level::WARN { "warning: " } else { "" };
     // Messages are a courtesy: a closed standard error is no reason to stop.
-    let _ = writeln!(std::io::stderr(), "{before}{}", crate::report::shown_lines(text));
+    let _ = writeln!(std::io::stderr(), "{before}{}", shown_lines(text));
 }
 
 /// Says that the first interrupt was understood. A terminal has shown `^C` on the line.
@@ -69,8 +101,8 @@ pub(crate) fn error(message: &str, hint: Option<&str>) {
     }
     // Nobody is left to tell if standard error is closed too.
     let mut stderr = std::io::stderr().lock();
-    let _ = writeln!(stderr, "error: {}", crate::report::shown_lines(message));
+    let _ = writeln!(stderr, "error: {}", shown_lines(message));
     if let Some(hint) = hint {
-        let _ = writeln!(stderr, "hint: {}", crate::report::shown(hint));
+        let _ = writeln!(stderr, "hint: {}", shown(hint));
     }
 }

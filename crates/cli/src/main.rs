@@ -2,11 +2,14 @@
 
 mod args;
 mod clock;
+mod command_line;
 mod commands;
 mod config;
 mod enclosure;
+mod escape;
 mod exit;
 mod forecast;
+mod help;
 mod level;
 mod log;
 mod materials;
@@ -21,7 +24,7 @@ mod stored;
 mod table;
 mod verify;
 
-use crate::args::{Cli, Command};
+use crate::command_line::{Cli, Command};
 use crate::config::Layers;
 use crate::exit::Exit;
 use anyhow::Result;
@@ -37,7 +40,7 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
-    let mut arguments = args::join_json(arguments);
+    let mut arguments = command_line::join_json(arguments);
     if arguments.len() == 1 && commands::interactive::is_wanted() {
         arguments.push("interactive".into());
     }
@@ -78,9 +81,9 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         return Ok(Exit::Done);
     }
     talk.detail(settings.trim_end());
-    outputs::check(&cli.command)?;
+    outputs::check(&cli.command.paths())?;
     match cli.command {
-        Command::Interactive(arguments) => commands::interactive::run(&arguments, talk),
+        Command::Interactive(arguments) => commands::interactive::run(&arguments, Cli::command(), talk),
         Command::Compute(arguments) => commands::compute::run(*arguments, talk),
         Command::Inspect(arguments) => commands::inspect::run(*arguments, talk),
         Command::Tradeoff(arguments) => commands::tradeoff::run(*arguments, talk),
@@ -95,8 +98,8 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         Command::View { command } => commands::view::run(&command, talk),
         Command::Report(arguments) => commands::report::run(&arguments, talk),
         Command::Generate(arguments) => commands::generate::run(&arguments, talk),
-        Command::Manual(arguments) => commands::manual::run(&arguments),
-        Command::Completions(arguments) => commands::manual::completions(&arguments),
+        Command::Manual(arguments) => commands::manual::run(&arguments, Cli::command()),
+        Command::Completions(arguments) => commands::manual::completions(&arguments, Cli::command()),
         Command::Backends { command } => commands::backends::run(&command),
     }
 }

@@ -7,8 +7,7 @@
 //!    of their own kind, so that a run which goes on may be asked for by the same command line, and never anything
 //!    else.
 
-use crate::args::{Command, Report};
-use crate::commands::{report, sky, solve, view};
+use crate::args::Report;
 use crate::exit::hinted;
 use anyhow::{Result, anyhow};
 use std::fs::Metadata;
@@ -26,7 +25,7 @@ enum Replaces {
 
 /// The paths of a command.
 #[derive(Debug, Default)]
-struct Paths {
+pub(crate) struct Paths {
     /// Files that are read, and directories that are no matrix.
     inputs: Vec<PathBuf>,
     /// Directories of matrices, which are read, written, or both.
@@ -38,22 +37,22 @@ struct Paths {
 }
 
 impl Paths {
-    fn reads<'a>(mut self, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+    pub(crate) fn reads<'a>(mut self, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         self.inputs.extend(inputs.into_iter().cloned());
         self
     }
 
-    fn store<'a>(mut self, stores: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+    pub(crate) fn store<'a>(mut self, stores: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         self.stores.extend(stores.into_iter().cloned());
         self
     }
 
-    fn makes<'a>(mut self, stores: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+    pub(crate) fn makes<'a>(mut self, stores: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         self.makes.extend(stores.into_iter().cloned());
         self
     }
 
-    fn writes<'a>(
+    pub(crate) fn writes<'a>(
         mut self,
         flag: &'static str,
         outputs: impl IntoIterator<Item = &'a PathBuf>,
@@ -65,111 +64,14 @@ impl Paths {
         self
     }
 
-    fn tells<'a>(mut self, flag: &'static str, outputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+    pub(crate) fn tells<'a>(mut self, flag: &'static str, outputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         let outputs = outputs.into_iter().cloned();
         self.outputs.extend(outputs.map(|path| (flag, path, Replaces::Reports)));
         self
     }
 
-    fn reports(self, report: &Report) -> Self {
+    pub(crate) fn reports(self, report: &Report) -> Self {
         self.tells("--json", &report.json)
-    }
-
-    /// Those of a command.
-    fn of(command: &Command) -> Self {
-        let paths = Self::default();
-        match command {
-            Command::Compute(a) => paths
-                .reads(&a.scene)
-                .reads(&a.config.config)
-                .makes(&a.output)
-                .tells("--progress-file", &a.process.progress_file)
-                .reports(&a.report),
-            Command::Inspect(a) => paths.reads(&a.scene).reads(&a.config.config).reports(&a.report),
-            Command::Tradeoff(a) => paths
-                .reads(&a.scene)
-                .reads(&a.config.config)
-                .writes("--plot", &a.plot, a.overwrite)
-                .reports(&a.report),
-            Command::Check(a) => paths.store([&a.store]).reports(&a.report),
-            Command::Merge(a) => paths.store([&a.store]).store(&a.sources).reports(&a.report),
-            Command::Balance(a) => paths.store([&a.store]).makes([&a.output]).reports(&a.report),
-            Command::Compare(a) => {
-                let (stores, files): (Vec<_>, Vec<_>) =
-                    [&a.matrix, &a.reference].into_iter().partition(|path| path.is_dir());
-                paths
-                    .store(stores)
-                    .reads(files)
-                    .writes("--plot", &a.plot, a.overwrite)
-                    .reports(&a.report)
-            }
-            Command::Export(a) => {
-                let columns = a.with_sky.then(|| a.output.with_extension("columns.csv"));
-                paths
-                    .store([&a.store])
-                    .reads(&a.scene)
-                    .writes("OUT", [&a.output], a.overwrite)
-                    .writes("--with-sky", &columns, a.overwrite)
-                    .reports(&a.report)
-            }
-            Command::Solve(a) => Self::of_solve(a),
-            Command::Sky(a) => Self::of_sky(a),
-            Command::View { command } => match command {
-                view::View::Hemicube(a) => {
-                    let paths = paths.reads([&a.scene]).store(&a.store);
-                    paths.writes("-o", &a.output, a.overwrite)
-                }
-                view::View::Model(a) => {
-                    let paths = paths.reads([&a.scene]).store([&a.store]);
-                    paths.writes("-o", [&a.output], a.overwrite)
-                }
-                view::View::Sparsity(a) => paths.store([&a.store]).writes("-o", [&a.output], a.overwrite),
-            },
-            Command::Report(a) => Self::of_report(a),
-            Command::Generate(a) => paths.writes("-o", [&a.output], a.overwrite),
-            Command::Backends { command } => match command {
-                crate::args::Backends::List(a) => paths.reports(&a.report),
-                crate::args::Backends::Check(a) => paths.reports(&a.report),
-            },
-            // They write into folders of their own, by their own rules.
-            Command::Bench(_) | Command::Interactive(_) | Command::Manual(_) | Command::Completions(_) => paths,
-        }
-    }
-
-    fn of_solve(a: &solve::Arguments) -> Self {
-        Self::default()
-            .store([&a.store])
-            .reads(&a.scene)
-            .reads(&a.materials)
-            .reads(&a.emission)
-            .reads(&a.sky_radiance)
-            .reads(&a.sky)
-            .writes("-o", &a.output, a.overwrite)
-            .writes("--picture", &a.picture, a.overwrite)
-            .reports(&a.report)
-    }
-
-    fn of_sky(a: &sky::Arguments) -> Self {
-        let files = a
-            .output
-            .iter()
-            .flat_map(|folder| sky::FILES.map(|name| folder.join(name)));
-        let files: Vec<PathBuf> = files.collect();
-        Self::default()
-            .reads([&a.scene])
-            .store(&a.store)
-            .reads(&a.points)
-            .reads(&a.suns)
-            .writes("-o", &files, a.overwrite)
-            .reports(&a.report)
-    }
-
-    fn of_report(a: &report::Arguments) -> Self {
-        Self::default()
-            .store([&a.store])
-            .reads([&a.scene])
-            .writes("-o", [&a.output], a.overwrite)
-            .reports(&a.report)
     }
 }
 
@@ -177,14 +79,14 @@ impl Paths {
 ///
 /// # Errors
 /// When it would write over an input, into a matrix, one file twice, or over what exists.
-pub(crate) fn check(command: &Command) -> Result<()> {
+pub(crate) fn check(paths: &Paths) -> Result<()> {
     let Paths {
         inputs,
         stores,
         makes,
         outputs,
-    } = Paths::of(command);
-    for made in &makes {
+    } = paths;
+    for made in makes {
         if let Some(store) = stores.iter().find(|store| Place::of(made).is_within(&Place::of(store))) {
             return Err(hinted(
                 anyhow!(
@@ -197,7 +99,7 @@ pub(crate) fn check(command: &Command) -> Result<()> {
         }
     }
     let mut seen: Vec<(&str, &Path, Place)> = Vec::new();
-    for (flag, path, replaces) in &outputs {
+    for (flag, path, replaces) in outputs {
         if path.as_os_str() == "-" {
             continue;
         }
@@ -212,7 +114,7 @@ pub(crate) fn check(command: &Command) -> Result<()> {
         }
         if let Some(store) = stores
             .iter()
-            .chain(&makes)
+            .chain(makes)
             .find(|store| place.is_within(&Place::of(store)))
         {
             return Err(hinted(

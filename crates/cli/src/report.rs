@@ -1,77 +1,20 @@
 //! What the program says: messages on standard error, data on standard output or in a file, and how numbers look.
 
-use crate::args::{LogFormat, Talk};
+use crate::args::Report;
+use crate::escape::{shown, shown_lines};
 use crate::exit::OutputClosed;
 use anyhow::{Context, Result, bail};
 use hemicube::store::{self, DurableFile};
 use hemicube_scene::is_unseen;
 use serde::Serialize;
-use std::borrow::Cow;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use tracing::Level;
 
 /// The version of every JSON report.
 pub(crate) const SCHEMA: u32 = 1;
 
 /// The end of temporary names; the library that writes matrices clears such files away when a run was killed.
 pub(crate) const TEMPORARY_SUFFIX: &str = ".hemicube-tmp";
-
-impl Talk {
-    /// Nothing is said: for what is done a second time.
-    pub(crate) const SILENT: Self = Self {
-        quiet: true,
-        verbose: false,
-        no_progress: true,
-        log_format: LogFormat::Text,
-    };
-
-    /// Says what a person wants to know.
-    pub(crate) fn say(self, text: &str) {
-        if !self.quiet {
-            crate::log::say(Level::INFO, text);
-        }
-    }
-
-    /// Says what a person wants to know who asked for more.
-    pub(crate) fn detail(self, text: &str) {
-        if self.verbose {
-            crate::log::say(Level::INFO, text);
-        }
-    }
-
-    /// Says what may be wrong.
-    pub(crate) fn warn(self, text: &str) {
-        if !self.quiet {
-            crate::log::say(Level::WARN, text);
-        }
-    }
-}
-
-/// A text from a file in one line: what is unseen in it is escaped as in Rust, `\u{1b}`.
-pub(crate) fn shown(text: &str) -> Cow<'_, str> {
-    escaped(text, |_| false)
-}
-
-/// Lines as they are printed: line ends and tabs are ours, what else is unseen came from a file and is escaped.
-pub(crate) fn shown_lines(text: &str) -> Cow<'_, str> {
-    escaped(text, |c| matches!(c, '\n' | '\t'))
-}
-
-fn escaped(text: &str, stays: impl Fn(char) -> bool) -> Cow<'_, str> {
-    if !text.chars().any(|c| is_unseen(c) && !stays(c)) {
-        return Cow::Borrowed(text);
-    }
-    let mut shown = String::with_capacity(text.len() + 16);
-    for c in text.chars() {
-        if is_unseen(c) && !stays(c) {
-            shown.extend(c.escape_default());
-        } else {
-            shown.push(c);
-        }
-    }
-    Cow::Owned(shown)
-}
 
 /// Writes text to standard output, with what is unseen escaped.
 ///
@@ -113,7 +56,7 @@ pub(crate) fn output_error(error: io::Error) -> anyhow::Error {
     }
 }
 
-impl crate::args::Report {
+impl Report {
     /// Returns whether standard output is the report's.
     pub(crate) fn is_to_stdout(&self) -> bool {
         self.json.as_ref().is_some_and(|path| path.as_os_str() == "-")
@@ -143,7 +86,7 @@ impl JsonReport {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub(crate) fn open(arguments: &crate::args::Report) -> Result<Option<Self>> {
+    pub(crate) fn open(arguments: &Report) -> Result<Option<Self>> {
         let Some(path) = &arguments.json else { return Ok(None) };
         if path.as_os_str() == "-" {
             return Ok(Some(Self { file: None }));
@@ -476,21 +419,6 @@ mod tests {
     }
 
     #[test]
-    fn what_is_unseen_is_escaped() {
-        let name = "a\u{1b}]0;t\u{7}\nerror: no\u{9b}2J\u{202e}é\u{1f600}";
-        assert_eq!(
-            shown(name),
-            "a\\u{1b}]0;t\\u{7}\\nerror: no\\u{9b}2J\\u{202e}é\u{1f600}"
-        );
-        assert_eq!(shown_lines("a\tb\nc\r"), "a\tb\nc\\r");
-        assert!(matches!(shown("wall – 3"), Cow::Borrowed(_)));
-        let mut list = Listing::default();
-        list.add("label", name);
-        assert_eq!(list.text().lines().count(), 1);
-        assert_eq!(table(["name"], [[name.to_owned()]]).lines().count(), 2);
-    }
-
-    #[test]
     fn estimates_are_round() {
         assert_eq!(
             [0.0, 12.4, 663_382.0, 35_049_000.0].map(about),
@@ -502,5 +430,14 @@ mod tests {
     fn tables_are_aligned_and_have_no_trailing_blanks() {
         let text = table(["name", "n"], [["a".into(), "1".into()], ["long".into(), "22".into()]]);
         assert_eq!(text, "name  n\na     1\nlong  22\n");
+    }
+
+    #[test]
+    fn a_name_makes_no_line_of_a_listing_or_table() {
+        let name = "a\u{7}\nerror: no\u{9b}2J";
+        let mut list = Listing::default();
+        list.add("label", name);
+        assert_eq!(list.text().lines().count(), 1);
+        assert_eq!(table(["name"], [[name.to_owned()]]).lines().count(), 2);
     }
 }

@@ -1,7 +1,6 @@
 //! The scene that a matrix is of, made again as it was made then: a store keeps no corners.
 
-use crate::args::{AutoSwitch, EngineSettings, SceneSettings, Switch, UpAxis};
-use crate::commands::sky::Division;
+use crate::args::{AutoSwitch, Division, EngineSettings, SceneSettings, Switch, UpAxis};
 use crate::exit::hinted;
 use crate::prepare::{Prepared, prepare_of};
 use anyhow::{Context, Result, anyhow, bail};

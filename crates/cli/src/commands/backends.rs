@@ -2,17 +2,51 @@
 
 mod check;
 
-use crate::args::{Backends, BackendsList};
+use crate::args::Report as ReportArguments;
 use crate::exit::Exit;
+use crate::help::{AFTER_LONG_HELP, examples};
+use crate::outputs::Paths;
 use crate::prepare::{BUILT_IN, registry};
 use crate::report::{self, JsonReport, SCHEMA};
 use anyhow::Result;
+use clap::{Args, Subcommand};
 use hemicube::backend::{Capabilities, HemicubeBackend};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_host::{Device, Listed, State};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::PathBuf;
+
+/// What can be done with backends.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Backends {
+    /// List the backends, their devices and what they can do, and why others cannot be used
+    #[command(after_long_help = AFTER_LONG_HELP)]
+    List(ListArguments),
+    /// Hold a backend against the contract, each case in a process of its own; exit 1 when one is not kept
+    #[command(after_long_help = examples("  hemicube backends check vulkan\n  hemicube backends check ./libhemicube_backend_mine.so --only 'room/*' --time-limit 20", false))]
+    Check(check::Arguments),
+}
+
+/// `hemicube backends list`
+#[derive(Args, Debug)]
+pub(crate) struct ListArguments {
+    /// Look for backends in DIR first
+    #[arg(long, value_name = "DIR", env = "HEMICUBE_BACKEND_DIR", hide_env = true)]
+    pub(crate) backend_dir: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+
+impl Backends {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        match self {
+            Self::List(arguments) => Paths::default().reports(&arguments.report),
+            Self::Check(arguments) => arguments.paths(),
+        }
+    }
+}
 
 #[derive(Serialize)]
 struct ListReport {
@@ -99,7 +133,7 @@ pub(crate) fn run(command: &Backends) -> Result<Exit> {
     }
 }
 
-fn list(arguments: &BackendsList) -> Result<Exit> {
+fn list(arguments: &ListArguments) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     let registry = registry(arguments.backend_dir.as_deref());
     let (mut backends, mut unusable) = (vec![Entry::built_in()], Vec::new());

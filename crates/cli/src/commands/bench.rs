@@ -18,8 +18,9 @@ mod scenes;
 mod tables;
 mod ways;
 
-use crate::args::{Auto, Talk};
+use crate::args::{Auto, Talk, positive, resolution};
 use crate::exit::{self, Exit};
+use crate::help::examples;
 use crate::progress::Bar;
 use crate::report::{count, counted, print};
 use crate::sheet::{Format, Marker, color};
@@ -37,8 +38,9 @@ use ways::{
     with_parameters,
 };
 
-/// `hemicube bench`
+/// Rerun the study of algorithms on this machine: tables, pictures, and what finds itself
 #[derive(Args, Debug)]
+#[command(override_usage = "hemicube bench [OPTIONS]", after_long_help = examples("  hemicube bench --quick\n  hemicube bench -o study --scenes ../shared/scenes", false))]
 pub(crate) struct Arguments {
     /// The folder for tables, pictures and what was measured; a run that finds some there goes on
     #[arg(short, long, value_name = "DIR", default_value = "hemicube-study")]
@@ -62,13 +64,13 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = CITY, value_parser = clap::value_parser!(u64).range(10..=100_000), hide_short_help = true)]
     patches: u64,
     /// Pixels along an edge of a hemicube
-    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = crate::args::resolution, hide_short_help = true)]
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = resolution, hide_short_help = true)]
     resolution: Auto,
     /// The most rows of a cell
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000), hide_short_help = true)]
     rows: Option<u32>,
     /// Seconds that the slowest way of a cell may take, by which the rows are chosen
-    #[arg(long, value_name = "S", value_parser = crate::args::positive, hide_short_help = true)]
+    #[arg(long, value_name = "S", value_parser = positive, hide_short_help = true)]
     seconds: Option<f64>,
     /// What others measured on the same scenes, from `scripts/peers`
     #[arg(long, value_name = "FILE")]

@@ -1,17 +1,53 @@
 //! `hemicube check`: whether a store holds what a form-factor matrix must be.
 
-use crate::args::{Check as Arguments, Talk};
+use crate::args::{Report as ReportArguments, Talk, not_negative};
 use crate::exit::Exit;
+use crate::help::examples;
+use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, SCHEMA, counted, figures, percent};
 use anyhow::Result;
+use clap::Args;
 use hemicube::analysis::balance::BalanceEntry;
 use hemicube::analysis::check::{Check, CheckOptions, CheckReport, check};
 use hemicube::store::Store;
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// A scene of which no more escapes on average is nearly closed.
 const NEARLY_CLOSED: f64 = 0.05;
+
+/// Check a matrix: closure, reciprocity, range, checksums; exit 1 when a bound is broken
+#[derive(Args, Debug)]
+#[command(after_long_help = examples("  hemicube check room.hemicube\n  hemicube check room.hemicube --reciprocity 0.05", false))]
+pub(crate) struct Arguments {
+    /// The matrix
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// Bound on how far from 1 a row may sum [default: 1e-6]
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) closure: Option<f64>,
+    /// Bound on the part of a row that escapes, for closed scenes: 0.001 [default: none, it is reported only]
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) escaped: Option<f64>,
+    /// Bound on the relative difference of A_i F_ij and A_j F_ji [default: none, it is reported only]
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) reciprocity: Option<f64>,
+    /// Accept a matrix of which parts are missing, such as that of an interrupted run
+    #[arg(long)]
+    pub(crate) allow_incomplete: bool,
+    /// How many of the rows that sum worst are listed
+    #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u16).range(0..=1000))]
+    pub(crate) worst: u16,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default().store([&self.store]).reports(&self.report)
+    }
+}
 
 #[derive(Serialize)]
 struct Report<'a> {

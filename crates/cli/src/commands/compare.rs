@@ -2,18 +2,61 @@
 
 mod plot;
 
-use crate::args::{Compare as Arguments, Talk};
+use crate::args::{Report as ReportArguments, RowRange, Talk, not_negative};
 use crate::exit::Exit;
+use crate::help::examples;
+use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, figures};
 use crate::sheet::Format;
 use anyhow::{Context, Result};
+use clap::Args;
 use hemicube::analysis::compare::{CompareOptions, Comparison, OverRows, RowDifference, compare_rows};
 use hemicube::store::Matrix;
 use plot::Picture;
 use serde::Serialize;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
+#[derive(Args, Debug)]
+#[command(after_long_help = examples("  hemicube compare fast.hemicube fine.hemicube --max-error 0.02\n  hemicube compare fast.hemicube fine.hemicube --plot errors.svg", false))]
+pub(crate) struct Arguments {
+    /// The matrix: a store, or a .npz, .mtx or .npy file
+    #[arg(value_name = "A")]
+    pub(crate) matrix: PathBuf,
+    /// The reference
+    #[arg(value_name = "B")]
+    pub(crate) reference: PathBuf,
+    /// Exit 1 when the relative Frobenius error is above X
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) max_error: Option<f64>,
+    /// Compare only the rows A to B − 1, counted from 0
+    #[arg(long, value_name = "A..B")]
+    pub(crate) rows: Option<RowRange>,
+    /// Draw how many rows have which error into FILE, beside what A expected of them if it was computed to a tolerance:
+    /// .svg or .png
+    #[arg(long, value_name = "FILE")]
+    pub(crate) plot: Option<PathBuf>,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        let (stores, files): (Vec<_>, Vec<_>) = [&self.matrix, &self.reference]
+            .into_iter()
+            .partition(|path| path.is_dir());
+        Paths::default()
+            .store(stores)
+            .reads(files)
+            .writes("--plot", &self.plot, self.overwrite)
+            .reports(&self.report)
+    }
+}
 
 #[derive(Serialize)]
 struct Report<'a> {

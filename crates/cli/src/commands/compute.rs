@@ -1,6 +1,10 @@
 //! `hemicube compute`: the form-factor matrix of a scene, into a store.
 
-use crate::args::{AutoSwitch, Compute as Arguments, RowRange, SampleSize, SelectionSettings, Switch, Talk};
+mod arguments;
+
+pub(crate) use arguments::Arguments;
+
+use crate::args::{AutoSwitch, RowRange, SampleSize, SelectionSettings, Switch, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::forecast;

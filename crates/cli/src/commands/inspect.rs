@@ -3,15 +3,20 @@
 //! The forecast and the statistics come from the hemicubes of a random sample of patches; the forecast's time is the
 //! only figure that a clock enters.
 
-use crate::args::{Inspect as Arguments, Switch, Talk};
+use crate::args::{
+    ConfigFiles, RenderSettings as RenderArguments, Report as ReportArguments, SceneSettings, Switch, Talk,
+};
 use crate::enclosure;
 use crate::exit::Exit;
 use crate::forecast;
+use crate::help::{examples, scene_help};
+use crate::outputs::Paths;
 use crate::prepare::{Prepared, RepairCounts, axis_name, prepare};
 use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, about, count, counted, duration, figures, percent, size,
 };
 use anyhow::{Result, bail};
+use clap::Args;
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::diagnose::{
@@ -25,6 +30,7 @@ use hemicube::store::{Form, Part};
 use hemicube::{InputPatch, Model};
 use hemicube_scene::survey::{Edges, Survey, survey};
 use serde::Serialize;
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Patches whose hemicubes the forecast is made from.
@@ -43,6 +49,40 @@ const ENTRY_BYTES: f64 = 8.0;
 const COMPACT_ENTRY_BYTES: f64 = 2.6;
 const ROW_BYTES: f64 = 48.0;
 const PATCH_BYTES: f64 = 101.0;
+
+/// Describe a scene: size, area, sides, defects, and what its matrix would cost
+#[derive(Args, Debug)]
+#[command(override_usage = "hemicube inspect [OPTIONS] SCENE", after_long_help = examples("  hemicube inspect city.obj\n  hemicube inspect city.obj --split 4 --json", true))]
+pub(crate) struct Arguments {
+    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
+    pub(crate) scene: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) patches: SceneSettings,
+    #[command(flatten)]
+    pub(crate) render: RenderArguments,
+    /// Which hemicubes the forecast is made from
+    #[arg(
+        long,
+        value_name = "S",
+        default_value = "1",
+        help_heading = "Hemicubes",
+        hide_short_help = true
+    )]
+    pub(crate) seed: u64,
+    #[command(flatten)]
+    pub(crate) config: ConfigFiles,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .reads(&self.scene)
+            .reads(&self.config.config)
+            .reports(&self.report)
+    }
+}
 
 /// The report of `--json`.
 #[derive(Serialize)]

@@ -35,8 +35,30 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// `hemicube interactive`
+/// Likewise for `interactive`, which has keys.
+const AFTER_INTERACTIVE_HELP: &str = "\
+Examples:
+  hemicube
+  hemicube interactive --scenes ~/scenes
+  hemicube interactive --plain <answers     # a line for each question
+Keys:
+  arrow keys, Enter  choose; or type the number, or a part of the name
+  Tab                complete a path
+  Esc, Ctrl-D        back; at the first menu, exit
+  Ctrl-C             exit; while a command runs, end that, and come back
+Environment:
+  TERM                  dumb, or nothing: numbered lines in place of menus
+  NO_COLOR              no colours
+  HEMICUBE_SCENES       as `--scenes`
+  HEMICUBE_NAME         as in `hemicube compute --help`, of which the dialogue shows the values
+Exit status, whatever that of the commands was:
+  0    left by the exit, by Esc, or at the end of the input
+  2    no terminal, or a wrong file of settings
+  130  left by Ctrl-C or a request to terminate";
+
+/// Choose from menus, which show the command lines that they run; on a terminal, `hemicube` alone is this
 #[derive(Args, Debug)]
+#[command(after_long_help = AFTER_INTERACTIVE_HELP)]
 pub(crate) struct Arguments {
     /// Look for scenes in DIR, too; as `scenes = "DIR"` in a file of settings, always
     #[arg(long, value_name = "DIR")]
@@ -51,7 +73,7 @@ pub(crate) fn is_wanted() -> bool {
     std::io::stdin().is_terminal() && std::io::stdout().is_terminal() && std::io::stderr().is_terminal()
 }
 
-pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+pub(crate) fn run(arguments: &Arguments, definition: clap::Command, talk: Talk) -> Result<Exit> {
     let has_terminal = std::io::stdin().is_terminal() && std::io::stderr().is_terminal();
     if !arguments.plain && !has_terminal {
         return Err(hinted(
@@ -75,7 +97,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         run: &mut runner,
         program: session.called.clone(),
         common: common(talk),
-        settings: Settings::read()?,
+        settings: Settings::read(definition)?,
         here: PathBuf::from("."),
         scenes: arguments.scenes.clone(),
         scenes_are_chosen: false,

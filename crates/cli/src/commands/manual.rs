@@ -1,14 +1,30 @@
 //! `hemicube manual` and `hemicube completions`: what a package of the program holds besides it, from the one
 //! definition of the command line.
 
-use crate::args::{Cli, Completions, Manual};
 use crate::exit::Exit;
 use crate::report::{PendingFile, output_error};
 use anyhow::{Context, Result};
-use clap::{Command, CommandFactory};
+use clap::{Args, Command};
 use clap_mangen::Man;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Write man pages, for packages of the program
+#[derive(Args, Debug)]
+#[command(hide = true)]
+pub(crate) struct Arguments {
+    /// The directory to write them to
+    #[arg(value_name = "DIR")]
+    pub(crate) directory: PathBuf,
+}
+/// Print a script that completes command lines in a shell
+#[derive(Args, Debug)]
+#[command(hide = true)]
+pub(crate) struct Completions {
+    /// The shell
+    #[arg(value_name = "SHELL")]
+    pub(crate) shell: clap_complete::Shell,
+}
 
 /// Lines as they are: examples and tables would be filled into paragraphs.
 fn literal(text: &str) -> String {
@@ -107,19 +123,27 @@ fn write_pages(command: &Command, directory: &Path) -> Result<()> {
     Ok(())
 }
 
-pub(crate) fn run(arguments: &Manual) -> Result<Exit> {
+/// Writes the pages of `definition` and its subcommands.
+///
+/// # Errors
+/// When the directory or a page cannot be written.
+pub(crate) fn run(arguments: &Arguments, definition: Command) -> Result<Exit> {
     let directory = &arguments.directory;
     std::fs::create_dir_all(directory).with_context(|| format!("`{}` cannot be created", directory.display()))?;
-    let mut command = in_full(Cli::command());
+    let mut command = in_full(definition);
     // Names of subcommands come to be then: `hemicube-compute`.
     command.build();
     write_pages(&command, directory)?;
     Ok(Exit::Done)
 }
 
-pub(crate) fn completions(arguments: &Completions) -> Result<Exit> {
+/// Prints the completions of `definition`.
+///
+/// # Errors
+/// When standard output cannot be written.
+pub(crate) fn completions(arguments: &Completions, mut definition: Command) -> Result<Exit> {
     let mut script = Vec::new();
-    clap_complete::generate(arguments.shell, &mut Cli::command(), "hemicube", &mut script);
+    clap_complete::generate(arguments.shell, &mut definition, "hemicube", &mut script);
     let mut out = io::stdout().lock();
     out.write_all(&script)
         .and_then(|()| out.flush())

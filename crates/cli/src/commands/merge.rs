@@ -1,13 +1,43 @@
 //! `hemicube merge`: one matrix of what shards computed.
 
-use crate::args::{Merge as Arguments, Talk};
+use crate::args::{Report as ReportArguments, Talk};
 use crate::commands::compute::word;
 use crate::exit::{Exit, hinted};
+use crate::help::examples;
+use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, SCHEMA, count, counted};
 use anyhow::{Result, anyhow};
+use clap::Args;
 use hemicube::store::{Error, merge};
 use serde::Serialize;
+use std::path::PathBuf;
+
+/// Make one matrix of what shards computed
+#[derive(Args, Debug)]
+#[command(override_usage = "hemicube merge [OPTIONS] DIR [FROM]...", after_long_help = examples("  hemicube merge city.hemicube\n  hemicube merge city.hemicube /scratch/node1/city.hemicube /scratch/node2/city.hemicube", false))]
+pub(crate) struct Arguments {
+    /// The directory that the shards wrote to, or that is to hold the whole
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// Other directories that shards wrote to; their parts are copied
+    #[arg(value_name = "FROM")]
+    pub(crate) sources: Vec<PathBuf>,
+    /// Threads that check parts; 0: one for each core
+    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub(crate) threads: u32,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .store([&self.store])
+            .store(&self.sources)
+            .reports(&self.report)
+    }
+}
 
 #[derive(Serialize)]
 struct Report {

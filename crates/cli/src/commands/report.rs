@@ -22,6 +22,8 @@ mod rows;
 use crate::args::{EngineSettings, Report as ReportArguments, Talk};
 use crate::commands::view::matrix::{Order, Sparsity};
 use crate::exit::Exit;
+use crate::help::examples;
+use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, PendingFile, SCHEMA, count, counted, figures, percent, size};
 use crate::stored;
@@ -46,8 +48,9 @@ const WORST_ROWS: usize = 10;
 /// Cells of the picture of the matrix.
 const CELLS: u32 = 400;
 
-/// `hemicube report`
+/// Write one HTML page about a matrix, to be opened from the disk: what it is, whether it holds, the model in 3-D
 #[derive(Args, Debug)]
+#[command(after_long_help = examples("  hemicube report room.hemicube room.obj -o room.html\n  hemicube report city.hemicube city.obj -o city.html --entries 64", false))]
 pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
@@ -74,6 +77,17 @@ pub(crate) struct Arguments {
     pub(crate) engine: EngineSettings,
     #[command(flatten)]
     pub(crate) report: ReportArguments,
+}
+
+impl Arguments {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .store([&self.store])
+            .reads([&self.scene])
+            .writes("-o", [&self.output], self.overwrite)
+            .reports(&self.report)
+    }
 }
 
 /// What the model can be coloured by.

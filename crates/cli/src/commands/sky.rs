@@ -1,7 +1,9 @@
 //! `hemicube sky`: what patches and points see of the sky, of the ground, and of the sun.
 
-use crate::args::{EngineSettings, Report as ReportArguments, SceneSettings, Talk};
+use crate::args::{Division, EngineSettings, Report as ReportArguments, SceneSettings, Talk};
 use crate::exit::{self, Exit, hinted};
+use crate::help::{examples, scene_help};
+use crate::outputs::Paths;
 use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
 use crate::report::{self, Input, JsonReport, Listing, PendingFile, SCHEMA, Spread, count, counted, duration, percent};
@@ -15,14 +17,13 @@ use hemicube::backend::{Culling, HemicubeBackend, RESOLUTIONS, RenderSettings, W
 use hemicube::diagnose::{Place, places};
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
-    Horizon, LEVELS, PARTS_MAX, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
+    Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
     write_points, write_sky,
 };
 use hemicube::store::{FolderLock, Store, scene_hash};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
@@ -34,11 +35,12 @@ const SUN_POINTS: u32 = 4;
 /// What is written into the directory.
 pub(crate) const FILES: [&str; 3] = ["sky.npz", "sky.json", "points-sky.npz"];
 
-/// `hemicube sky`
+/// What patches and points see of the sky, of the ground below the horizon, and of the sun
 #[derive(Args, Debug)]
+#[command(after_long_help = examples("  hemicube sky city.obj --up z -o city-sky --tolerance 0.5%\n  hemicube sky city.obj --store city.hemicube\n  hemicube sky street.obj -o sky --division reinhart:4 --points people.txt --suns june.txt", false))]
 #[command(group = clap::ArgGroup::new("place").required(true))]
 pub(crate) struct Arguments {
-    #[arg(value_name = "SCENE", help = crate::args::scene_help())]
+    #[arg(value_name = "SCENE", help = scene_help())]
     pub(crate) scene: PathBuf,
     /// Take the patches and hemicubes of this matrix, and write into its directory `sky`
     #[arg(long, value_name = "DIR", group = "place", conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"])]
@@ -79,22 +81,21 @@ pub(crate) struct Arguments {
     pub(crate) report: ReportArguments,
 }
 
-/// A division of the sky, by its name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Division(pub(crate) u32);
-
-impl FromStr for Division {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts = match text.split_once(':') {
-            None if text == "tregenza" => Some(1),
-            Some(("reinhart", parts)) => parts.parse().ok().filter(|parts| (1..=PARTS_MAX).contains(parts)),
-            _ => None,
-        };
-        parts
-            .map(Self)
-            .ok_or_else(|| format!("`tregenza`, or `reinhart:1` to `reinhart:{PARTS_MAX}`, is needed"))
+impl Arguments {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        let files = self
+            .output
+            .iter()
+            .flat_map(|folder| FILES.map(|name| folder.join(name)));
+        let files: Vec<PathBuf> = files.collect();
+        Paths::default()
+            .reads([&self.scene])
+            .store(&self.store)
+            .reads(&self.points)
+            .reads(&self.suns)
+            .writes("-o", &files, self.overwrite)
+            .reports(&self.report)
     }
 }
 

@@ -5,7 +5,9 @@ use crate::args::{Report as ReportArguments, Talk};
 use crate::commands::view::canvas::Format as PictureFormat;
 use crate::commands::view::model::{self, Camera};
 use crate::exit::{self, Exit, hinted};
+use crate::help::examples;
 use crate::materials::{Materials, Optics, Thermal};
+use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, duration, figures, percent, size};
 use crate::stored;
@@ -37,8 +39,9 @@ const RETURNED_SHOWN: f64 = 1e-4;
 /// Vectors of a right-hand side that are in memory, besides GMRES's.
 const VECTORS: u64 = 9;
 
-/// `hemicube solve`
+/// Solve for light or heat: radiosity of every patch from a matrix and its materials
 #[derive(Args, Debug)]
+#[command(after_long_help = examples("  hemicube solve room.hemicube --scene room.obj\n  hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv\n  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient 293", false))]
 pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
@@ -116,6 +119,22 @@ pub(crate) struct Arguments {
     pub(crate) camera: Camera,
     #[command(flatten)]
     pub(crate) report: ReportArguments,
+}
+
+impl Arguments {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .store([&self.store])
+            .reads(&self.scene)
+            .reads(&self.materials)
+            .reads(&self.emission)
+            .reads(&self.sky_radiance)
+            .reads(&self.sky)
+            .writes("-o", &self.output, self.overwrite)
+            .writes("--picture", &self.picture, self.overwrite)
+            .reports(&self.report)
+    }
 }
 
 /// The methods, by name.

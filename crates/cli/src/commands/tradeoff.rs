@@ -6,11 +6,15 @@
 
 mod plot;
 
-use crate::args::Tradeoff as Arguments;
-use crate::args::{AutoSwitch, Correction as Name, EngineSettings, SceneSettings, Switch, Talk, Tolerance, UpAxis};
+use crate::args::{
+    AutoSwitch, ConfigFiles, Correction as Name, EngineSettings, Report as ReportArguments, SceneSettings, Switch,
+    Talk, Tolerance, UpAxis, tolerance,
+};
 use crate::commands::compute::word;
 use crate::exit::{self, Exit};
+use crate::help::{examples, scene_help};
 use crate::level::{correction, percentage, within};
+use crate::outputs::Paths;
 use crate::prepare::{Prepared, prepare};
 use crate::progress::Bar;
 use crate::report::print;
@@ -20,6 +24,7 @@ use crate::report::{
 use crate::sheet::Format;
 use crate::verify::{reference_rows, reference_settings};
 use anyhow::{Context, Result, bail};
+use clap::{Args, FromArgMatches};
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::driver::compute::{Execution, Plan, Progress, RowChoice, Selection, compute};
@@ -29,9 +34,51 @@ use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
 use plot::{Family, Mark, Picture};
 use serde::Serialize;
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Measure error against time on a scene and this machine, and recommend a setting
+#[derive(Args, Debug)]
+#[command(override_usage = "hemicube tradeoff [OPTIONS] SCENE", after_long_help = examples("  hemicube tradeoff city.obj --plot city.svg\n  hemicube tradeoff city.obj --tolerance 0.3% --sample-rows 64 --json=city.json", true))]
+pub(crate) struct Arguments {
+    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
+    pub(crate) scene: Option<PathBuf>,
+    /// The relative Frobenius error that a setting is recommended for
+    #[arg(long, value_name = "T", default_value = "1%", value_parser = tolerance)]
+    pub(crate) tolerance: Tolerance,
+    /// How many random rows are measured
+    #[arg(long, value_name = "N", default_value = "24", value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    pub(crate) sample_rows: u32,
+    /// Which rows
+    #[arg(long, value_name = "S", default_value = "1")]
+    pub(crate) seed: u64,
+    /// Draw error against time into FILE: .svg or .png
+    #[arg(long, value_name = "FILE")]
+    pub(crate) plot: Option<PathBuf>,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    #[command(flatten)]
+    pub(crate) patches: SceneSettings,
+    #[command(flatten)]
+    pub(crate) engine: EngineSettings,
+    #[command(flatten)]
+    pub(crate) config: ConfigFiles,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .reads(&self.scene)
+            .reads(&self.config.config)
+            .writes("--plot", &self.plot, self.overwrite)
+            .reports(&self.report)
+    }
+}
 
 /// What is tried: the tolerances, and the resolutions and hemicubes a patch (n of n²) of the other rungs.
 const TOLERANCES: [f64; 6] = [5e-2, 2e-2, 1e-2, 5e-3, 3e-3, 1e-3];
@@ -312,11 +359,14 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// Measures everything on the scene that the arguments name; nothing where it was interrupted. For `bench`.
+/// Measures all settings on a scene, by the arguments of a `tradeoff` command line; `None` where interrupted. For
+/// `bench`.
 ///
 /// # Errors
-/// When the scene cannot be read, the backend does not open, or there is no reference.
-pub(super) fn measure_scene(arguments: &Arguments, cancel: &AtomicBool, talk: Talk) -> Result<Option<Report>> {
+/// When the arguments are wrong, the scene cannot be read, the backend does not open, or there is no reference.
+pub(super) fn measure_scene(words: Vec<OsString>, cancel: &AtomicBool, talk: Talk) -> Result<Option<Report>> {
+    let definition = Arguments::augment_args(clap::Command::new("tradeoff").no_binary_name(true));
+    let arguments = &Arguments::from_arg_matches(&definition.try_get_matches_from(words)?)?;
     let Some(path) = arguments.scene.as_deref() else {
         bail!("a scene is needed")
     };
@@ -836,7 +886,7 @@ fn picture(report: &Report, recommended: Option<&Recommendation>, path: &Path) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::args::{Cli, Command};
+    use crate::command_line::{Cli, Command};
     use clap::Parser;
     use hemicube::reference::Interval;
 

@@ -9,6 +9,7 @@ mod raster;
 
 use crate::args::Talk;
 use crate::exit::Exit;
+use crate::outputs::Paths;
 use anyhow::Result;
 use clap::Subcommand;
 
@@ -28,6 +29,29 @@ pub(crate) enum View {
     /// Where the matrix has entries
     #[command(after_long_help = "Example:\n  hemicube view sparsity room.hemicube --order work -o sparsity.png")]
     Sparsity(matrix::Arguments),
+}
+
+impl View {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        match self {
+            Self::Hemicube(a) => {
+                Paths::default()
+                    .reads([&a.scene])
+                    .store(&a.store)
+                    .writes("-o", &a.output, a.overwrite)
+            }
+            Self::Model(a) => {
+                Paths::default()
+                    .reads([&a.scene])
+                    .store([&a.store])
+                    .writes("-o", [&a.output], a.overwrite)
+            }
+            Self::Sparsity(a) => Paths::default()
+                .store([&a.store])
+                .writes("-o", [&a.output], a.overwrite),
+        }
+    }
 }
 
 pub(crate) fn run(command: &View, talk: Talk) -> Result<Exit> {

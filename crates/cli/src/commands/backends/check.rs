@@ -1,18 +1,21 @@
 //! `hemicube backends check`: the conformance suite on a backend, each case in a child process with a time limit, so
 //! that a crash or a hang is a result like any other.
 
-use crate::args::BackendsCheck;
+use crate::args::Report as ReportArguments;
 use crate::exit::{Exit, hinted};
+use crate::outputs::Paths;
 use crate::prepare::{BUILT_IN, registry};
 use crate::report::{self, JsonReport, SCHEMA, counted};
 use crate::selection::matches_glob;
 use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
 use hemicube::backend::{BackendInfo, HemicubeBackend};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_conformance::{Case, Outcome, cases, run as run_case};
 use hemicube_host::Options;
 use serde::{Deserialize, Serialize};
 use std::io::Read;
+use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -28,6 +31,37 @@ const POLL: Duration = Duration::from_millis(5);
 
 /// Lines of a child's standard error that are shown when it ended without an answer.
 const LAST_LINES: usize = 3;
+
+/// `hemicube backends check`
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// The backend: a name, or the file of one
+    #[arg(value_name = "NAME|PATH")]
+    pub(crate) backend: String,
+    /// Look for backends in DIR first
+    #[arg(long, value_name = "DIR", env = "HEMICUBE_BACKEND_DIR", hide_env = true)]
+    pub(crate) backend_dir: Option<PathBuf>,
+    /// An option of the backend, such as `device=1` (repeatable)
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub(crate) backend_option: Vec<String>,
+    /// Only cases `scene/check` that match
+    #[arg(long, value_name = "GLOB", default_value = "*")]
+    pub(crate) only: String,
+    /// Seconds after which a case counts as hung
+    #[arg(long, value_name = "SECONDS", default_value = "120", value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    pub(crate) time_limit: u32,
+    /// Run this case, in this process, and say on standard output what came of it
+    #[arg(long, value_name = "CASE", hide = true)]
+    pub(crate) case: Option<String>,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default().reports(&self.report)
+    }
+}
 
 #[derive(Serialize)]
 struct CheckReport {
@@ -107,7 +141,7 @@ impl Answer {
     }
 }
 
-pub(super) fn run(arguments: &BackendsCheck) -> Result<Exit> {
+pub(super) fn run(arguments: &Arguments) -> Result<Exit> {
     if let Some(case) = &arguments.case {
         return answer(arguments, case);
     }
@@ -175,7 +209,7 @@ pub(super) fn run(arguments: &BackendsCheck) -> Result<Exit> {
 }
 
 /// Runs one case in this process, and says what came of it.
-fn answer(arguments: &BackendsCheck, case: &str) -> Result<Exit> {
+fn answer(arguments: &Arguments, case: &str) -> Result<Exit> {
     let options = Options::parse(&arguments.backend_option)?;
     let mut backend: Box<dyn HemicubeBackend> = if arguments.backend == BUILT_IN {
         Box::new(CpuBackend::new())
@@ -202,7 +236,7 @@ fn say(answer: &Answer) -> Result<Exit> {
 }
 
 /// Runs a case in a process of its own, for no longer than the limit.
-fn in_child(arguments: &BackendsCheck, case: &str) -> Result<(Answer, f64)> {
+fn in_child(arguments: &Arguments, case: &str) -> Result<(Answer, f64)> {
     let program = std::env::current_exe().context("the program's own path cannot be found")?;
     let mut command = Command::new(program);
     command.args(["backends", "check", "--case", case]);

@@ -1,13 +1,12 @@
 //! Measuring: ways in turns over the same rows, error against time, and whole runs from start to end.
 
-use crate::args::{Cli, Command, Talk};
+use crate::args::Talk;
 use crate::clock::{process_seconds, thread_seconds, wall_seconds};
 use crate::commands::bench::results::{Accuracy, Cell, Choice, Course, Point, Rate, Results};
 use crate::commands::bench::scenes::{Ready, StudyScene};
 use crate::commands::bench::ways::{Finding, ORIGINAL, OURS, Target, Way, engine_of, ways};
 use crate::commands::tradeoff;
 use anyhow::{Context, Result, anyhow, bail};
-use clap::Parser;
 use hemicube::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use hemicube::row::RowBlock;
 use hemicube::{InputPatch, Model};
@@ -462,9 +461,7 @@ impl Bench<'_> {
             return Ok(None);
         }
         let (path, split) = scene.file(&self.results.folder().join("scenes"))?;
-        let words = [
-            "hemicube".into(),
-            "tradeoff".into(),
+        let words = vec![
             path.into_os_string(),
             "--split".into(),
             split.to_string().into(),
@@ -473,10 +470,7 @@ impl Bench<'_> {
             "--backend".into(),
             "cpu".into(),
         ];
-        let Command::Tradeoff(arguments) = Cli::try_parse_from(words)?.command else {
-            bail!("these words are those of `tradeoff`");
-        };
-        let Some(measured) = tradeoff::measure_scene(&arguments, self.cancel, talk)? else {
+        let Some(measured) = tradeoff::measure_scene(words, self.cancel, talk)? else {
             return Ok(Some(Stopped));
         };
         let points = measured.trials.into_iter().map(|trial| Point {

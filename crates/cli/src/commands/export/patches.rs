@@ -1,6 +1,7 @@
 //! What is known of each patch, on the model: for ParaView, viewers, mesh tools and tables.
 
-use crate::args::{EngineSettings, Export as Arguments, Talk};
+use super::Arguments;
+use crate::args::{EngineSettings, Talk};
 use crate::commands::view::canvas::{byte, scale_color, shown};
 use crate::commands::view::model::Tone;
 use crate::exit::{Exit, hinted};

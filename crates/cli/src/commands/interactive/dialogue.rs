@@ -566,11 +566,11 @@ impl Dialogue<'_> {
             .origin(name)
             .map(|origin| format!(", from {origin}"))
             .unwrap_or_default();
-        let text = format!("{}. {cost} It is {value}{origin}.", Settings::help(name));
-        self.ask.tell(&format!("\n--{name} <{}>", Settings::form(name)));
+        let text = format!("{}. {cost} It is {value}{origin}.", self.settings.help(name));
+        self.ask.tell(&format!("\n--{name} <{}>", self.settings.form(name)));
         let width = self.ask.width().unwrap_or(COLUMNS);
         self.ask.tell(&wrapped(&text, width));
-        let chosen = match Settings::kind(name) {
+        let chosen = match self.settings.kind(name) {
             Kind::OneOf(values) => {
                 let options: Vec<(Item, usize)> = values
                     .iter()
@@ -596,7 +596,8 @@ impl Dialogue<'_> {
     }
 
     fn typed(&mut self, name: &str) -> Answer<String> {
-        let check = |typed: &str| match (typed, Settings::refusal(name, typed)) {
+        let settings = &self.settings;
+        let check = |typed: &str| match (typed, settings.refusal(name, typed)) {
             (DEFAULT, _) | (_, None) => Ok(()),
             (_, Some(reason)) => Err(reason),
         };
@@ -693,7 +694,9 @@ impl Dialogue<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::command_line::Cli;
     use Say::{Esc, Pick, Type};
+    use clap::CommandFactory;
     use std::collections::VecDeque;
 
     /// An answer.
@@ -800,7 +803,7 @@ mod tests {
             run: &mut kept,
             program: "hemicube".into(),
             common: Vec::new(),
-            settings: Settings::with(false).expect("settings"),
+            settings: Settings::with(Cli::command(), false).expect("settings"),
             here: here.to_owned(),
             scenes: None,
             scenes_are_chosen: false,
