@@ -21,15 +21,15 @@ mod ways;
 use crate::args::{Auto, Talk, positive, resolution};
 use crate::exit::{self, Exit};
 use crate::help::examples;
+use crate::picture::sheet::{Format, Marker, color};
 use crate::progress::Bar;
 use crate::report::{count, counted, print};
-use crate::sheet::{Format, Marker, color};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use measure::Bench;
 use plots::{Diagram, Panel, Series, error_against_time, heat_map, memory_over_time};
 use results::{Cell, Results, Settings};
-use scenes::{CITY, Role, StudyScene, scenes};
+use scenes::{CITY, Role, Size, StudyScene, scenes};
 use serde::Deserialize;
 use std::path::PathBuf;
 use tables::{Grid, Study};
@@ -99,13 +99,6 @@ impl Pictures {
             Self::Png => (Format::Png, "png"),
         }
     }
-}
-
-/// How much is measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Size {
-    Quick,
-    Full,
 }
 
 /// What a peer was measured at, of `scripts/peers`.
@@ -355,14 +348,14 @@ fn measure_choices(
         let are_tried = !wanted(Stage::Others, size, scene, target).is_empty();
         let findings = findings(target, parameters).into_iter();
         for finding in findings.filter(|finding| finding.key != FOUND_CULLING || are_tried) {
-            let Some(fastest) = bench.fastest(scene, target, &finding) else {
+            let Some(rivals) = bench.fastest(scene, target, &finding) else {
                 continue;
             };
             let ready = match &mut ready {
                 Some(ready) => ready,
                 none => none.insert(scene.ready()?),
             };
-            match bench.choice(scene, ready, target, &finding, fastest) {
+            match bench.choice(scene, ready, target, &finding, &rivals) {
                 Ok(None) => {}
                 Ok(Some(measure::Stopped)) => return Ok(false),
                 Err(error) => {

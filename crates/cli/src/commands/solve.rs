@@ -2,12 +2,12 @@
 
 use crate::args::EngineSettings;
 use crate::args::{Report as ReportArguments, Talk};
-use crate::commands::view::canvas::Format as PictureFormat;
-use crate::commands::view::model::{self, Camera};
 use crate::exit::{self, Exit, hinted};
 use crate::help::examples;
 use crate::materials::{Materials, Optics, Thermal};
 use crate::outputs::Paths;
+use crate::picture::canvas::Format as PictureFormat;
+use crate::picture::model::{self, Camera};
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, duration, figures, percent, size};
 use crate::stored;

@@ -15,13 +15,13 @@ use crate::exit::{self, Exit};
 use crate::help::{examples, scene_help};
 use crate::level::{correction, percentage, within};
 use crate::outputs::Paths;
+use crate::picture::sheet::Format;
 use crate::prepare::{Prepared, prepare};
 use crate::progress::Bar;
 use crate::report::print;
 use crate::report::{
     BackendReport, Input, JsonReport, PendingFile, SCHEMA, count, counted, duration, figures, percent,
 };
-use crate::sheet::Format;
 use crate::verify::{reference_rows, reference_settings};
 use anyhow::{Context, Result, bail};
 use clap::{Args, FromArgMatches};

@@ -1,11 +1,10 @@
 //! `hemicube view`: pictures of a scene, a matrix, and what was made of them.
 
-pub(crate) mod canvas;
-pub(crate) mod hemicube;
+mod hemicube;
 mod live;
-pub(crate) mod matrix;
-pub(crate) mod model;
-mod raster;
+mod model;
+mod sparsity;
+mod unfolded;
 
 use crate::args::Talk;
 use crate::exit::Exit;
@@ -28,7 +27,7 @@ pub(crate) enum View {
     Model(Box<model::Arguments>),
     /// Where the matrix has entries
     #[command(after_long_help = "Example:\n  hemicube view sparsity room.hemicube --order work -o sparsity.png")]
-    Sparsity(matrix::Arguments),
+    Sparsity(sparsity::Arguments),
 }
 
 impl View {
@@ -58,6 +57,6 @@ pub(crate) fn run(command: &View, talk: Talk) -> Result<Exit> {
     match command {
         View::Hemicube(arguments) => hemicube::run(arguments, talk),
         View::Model(arguments) => model::run(arguments, talk),
-        View::Sparsity(arguments) => matrix::run(arguments, talk),
+        View::Sparsity(arguments) => sparsity::run(arguments, talk),
     }
 }

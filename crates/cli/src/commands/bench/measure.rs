@@ -52,6 +52,13 @@ const NEIGHBOURS: usize = 256;
 /// A turn takes at least this long: a kernel may count processor time by ticks of 4 ms.
 const LEAST_SECONDS: f64 = 0.12;
 
+/// Ways that a finding competes with.
+pub(super) struct Rivals {
+    ways: Vec<Way>,
+    /// Time of a row by all of them and the finding.
+    milliseconds: f64,
+}
+
 /// Interrupted.
 #[derive(Debug)]
 pub(super) struct Stopped;
@@ -322,9 +329,9 @@ impl Bench<'_> {
         Ok(None)
     }
 
-    /// The fastest of what `finding` is held against, by their cells, and what a row took by all that is to be
-    /// measured; nothing where it was measured already, or its cells are not there.
-    pub(super) fn fastest(&self, scene: &StudyScene, target: &Target, finding: &Finding) -> Option<(Vec<Way>, f64)> {
+    /// The fastest ways that `finding` competes with, by their cells. `None` if it was measured already, or cells are
+    /// missing.
+    pub(super) fn fastest(&self, scene: &StudyScene, target: &Target, finding: &Finding) -> Option<Rivals> {
         if self.results.get(&[&scene.key, &target.name, finding.key]).is_some() {
             return None;
         }
@@ -343,11 +350,13 @@ impl Bench<'_> {
         } else {
             FASTEST
         });
-        let together = found.milliseconds + tried.iter().map(|(milliseconds, _)| milliseconds).sum::<f64>();
-        Some((tried.into_iter().map(|(_, way)| way.clone()).collect(), together))
+        Some(Rivals {
+            milliseconds: found.milliseconds + tried.iter().map(|(milliseconds, _)| milliseconds).sum::<f64>(),
+            ways: tried.into_iter().map(|(_, way)| way.clone()).collect(),
+        })
     }
 
-    /// Measures what is found by itself beside `others`, in the same turns over the same rows.
+    /// Measures a finding beside its rivals, in the same turns over the same rows.
     ///
     /// # Errors
     /// When a way fails, or what was measured cannot be kept.
@@ -357,7 +366,7 @@ impl Bench<'_> {
         ready: &Ready,
         target: &Target,
         finding: &Finding,
-        (others, together): (Vec<Way>, f64),
+        rivals: &Rivals,
     ) -> Result<Option<Stopped>> {
         let settings = self.results.settings;
         let turns = TURNS_OF_CHOICE * settings.turns;
@@ -366,13 +375,13 @@ impl Bench<'_> {
         } else {
             (TIME_OF_CHOICE, MOST_TURNS * turns)
         };
-        let affordable = time * settings.seconds / (f64::from(turns) * 1e-3 * together.max(1e-6));
+        let affordable = time * settings.seconds / (f64::from(turns) * 1e-3 * rivals.milliseconds.max(1e-6));
         let (rows, neighbours) = rows_of_choice(affordable.min(ready.patches.len() as f64));
         let hemicubes = sample(&ready.model, rows, neighbours);
         let by = |way: &Way| format!("`{}` by {} of `{}`", scene.key, way.key(), target.name);
         let mut block = RowBlock::default();
         let mut live: Vec<Live> = Vec::new();
-        for way in std::iter::once(&finding.found).chain(&others) {
+        for way in std::iter::once(&finding.found).chain(&rivals.ways) {
             let mut one = self.live(target, way, ready).with_context(|| by(way))?;
             one.decide(&hemicubes, &mut block).with_context(|| by(way))?;
             live.push(one);

@@ -1,11 +1,11 @@
 //! The study's pictures. Colours are backends, markers are ways, and every number has its unit on the picture.
 
 use crate::commands::bench::results::{Accuracy, Course};
-use crate::report::{count, figures};
-use crate::sheet::{
+use crate::picture::sheet::{
     Anchor, Area, Axis, BLACK, BOTTOM, Format, GREY, GRID, LEFT, Legend, Letters, Marker, RGBColor, RIGHT, Shape,
-    Sheet, TOP, WHITE, color, faded, free_place,
+    Sheet, Sign, TOP, WHITE, color, faded, free_place,
 };
+use crate::report::{count, figures};
 use anyhow::Result;
 
 /// What is drawn alike.
@@ -40,7 +40,7 @@ const SMALL: f64 = 13.0;
 fn legend(sheet: &mut Sheet, entries: &[(&str, Marker, RGBColor)], letters: &Letters) {
     let mut legend = Legend::at(84.0);
     for &(name, marker, color) in entries {
-        legend.marker(sheet, name, (marker, color, false), letters);
+        legend.sign(sheet, name, Sign::filled(marker, color), letters);
     }
 }
 
@@ -71,7 +71,7 @@ impl Diagram {
         let mut taken: Vec<Area> = Vec::new();
         if let Some((level, says)) = &self.level {
             let height = y.place(*level);
-            sheet.dashes((LEFT, RIGHT), height, GREY, 1.2);
+            sheet.dashes(height, GREY, 1.2);
             taken.push(sheet.label_of_line(says.clone(), height - 6.0, GREY, letters));
             taken.push(Area::along(height));
         }
@@ -87,7 +87,7 @@ impl Diagram {
                 lines.extend(at.clone());
             }
             for at in at {
-                sheet.marker(series.marker, at, 6.0, series.color, false);
+                sheet.sign(Sign::filled(series.marker, series.color), at, 6.0);
                 taken.push(Area::about(at, 8.0));
             }
         }
@@ -221,14 +221,30 @@ pub(super) fn heat_map(title: &str, subtitle: &str, panels: &[Panel], format: Fo
         let high = TITLES + level * levels_of(line);
         for (column, panel) in line.iter().enumerate() {
             let left = 24.0 + column as f64 * wide;
-            draw_panel(&mut sheet, panel, (left, top), (wide - 18.0, high - 16.0), &letters);
+            let frame = Frame {
+                left,
+                top,
+                wide: wide - 18.0,
+                high: high - 16.0,
+            };
+            draw_panel(&mut sheet, panel, frame, &letters);
         }
         top += high;
     }
     sheet.bytes(format, &letters)
 }
 
-fn draw_panel(sheet: &mut Sheet, panel: &Panel, (left, top): (f64, f64), (wide, high): (f64, f64), letters: &Letters) {
+/// The place of a panel on the sheet.
+#[derive(Clone, Copy)]
+struct Frame {
+    left: f64,
+    top: f64,
+    wide: f64,
+    high: f64,
+}
+
+fn draw_panel(sheet: &mut Sheet, panel: &Panel, frame: Frame, letters: &Letters) {
+    let Frame { left, top, wide, high } = frame;
     const GUTTER: f64 = 62.0;
     let size = 13.5_f64.min(13.5 * wide / letters.width(&panel.title, 13.5).max(1.0));
     sheet.write(&panel.title, (left, top + 14.0), size, BLACK, Anchor::Start);
@@ -352,7 +368,7 @@ pub(super) fn memory_over_time(
         let last = line.last().copied();
         sheet.shapes.push(Shape::Line(line, color(k), 2.2));
         if let Some(last) = last {
-            sheet.marker(Marker::Square, last, 5.0, color(k), false);
+            sheet.sign(Sign::filled(Marker::Square, color(k)), last, 5.0);
         }
     }
     sheet.bytes(format, &letters)

@@ -1,6 +1,5 @@
 //! The scenes of the study: those of the thesis by their sizes, and what it left open.
 
-use crate::commands::bench::Size;
 use crate::report::PendingFile;
 use anyhow::{Context, Result, bail};
 use hemicube::{HierarchyOptions, Model};
@@ -10,6 +9,13 @@ use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, load, write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+/// How much is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Size {
+    Quick,
+    Full,
+}
 
 /// How large the thesis's city was, and its other scenes beside it.
 pub(super) const CITY: u64 = 8_897;

@@ -1,8 +1,8 @@
 //! The picture of a comparison: how many rows have which relative error, measured and as it was expected.
 
-use crate::sheet::{
+use crate::picture::sheet::{
     Anchor, Area, Axis, BLACK, BLUE, BOTTOM, Format, GREY, GRID, LEFT, Legend, Letters, Marker, RED, RIGHT, Shape,
-    Sheet, TOP, VERMILION, WHITE,
+    Sheet, Sign, TOP, VERMILION, WHITE,
 };
 use anyhow::Result;
 
@@ -75,7 +75,7 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
         if errors.is_empty() {
             continue;
         }
-        legend.marker(&mut sheet, name, (marker, color, false), letters);
+        legend.sign(&mut sheet, name, Sign::filled(marker, color), letters);
         let mut sorted = errors.clone();
         sorted.sort_unstable_by(f64::total_cmp);
         let curve = cumulative(&sorted);
@@ -87,12 +87,10 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
         for percent in [50, 90, 100] {
             let rank = (sorted.len() * percent).div_ceil(100).max(1) - 1;
             let share = (rank + 1) as f64 / sorted.len() as f64;
-            sheet.marker(
-                marker,
+            sheet.sign(
+                Sign::filled(marker, color),
                 (x.place(100.0 * sorted[rank]), height(share)),
                 5.5,
-                color,
-                false,
             );
         }
     }

@@ -1,6 +1,6 @@
 //! The matrix as Parquet triplets.
 
-use super::Arguments;
+use super::arguments::Arguments;
 use crate::args::Talk;
 use crate::exit::Exit;
 use crate::report::JsonReport;

@@ -1,6 +1,6 @@
 //! Arrays within a page: little-endian, deflated, in base64, each in a `<script>` of its own that no browser runs.
 
-use crate::commands::view::canvas::base64;
+use crate::picture::canvas::base64;
 use serde::Serialize;
 
 /// zlib's default: the levels above take several times as long for a per cent.

@@ -1,13 +1,14 @@
 //! The page: what stands in it, in which order. How it looks is in `page.css`, what moves in `viewer/`.
 
 use super::blocks::{Blocks, Column};
+use super::columns::{Columns, Field};
 use super::geometry::Bounds;
 use super::plot::histogram;
 use super::rows::Packed;
-use super::{Columns, Field, Worst};
+use super::worst::Worst;
 use crate::commands::check::{facts, name, verdicts};
-use crate::commands::view::canvas::base64;
-use crate::commands::view::matrix::Sparsity;
+use crate::picture::canvas::base64;
+use crate::picture::sparsity::Sparsity;
 use crate::prepare::axis_name;
 use crate::report::{count, counted, figures, percent};
 use anyhow::{Context, Result};

@@ -109,6 +109,24 @@ impl Marker {
     }
 }
 
+/// A marker in its colour.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sign {
+    pub(crate) marker: Marker,
+    pub(crate) color: RGBColor,
+    pub(crate) hollow: bool,
+}
+
+impl Sign {
+    pub(crate) fn filled(marker: Marker, color: RGBColor) -> Self {
+        Self {
+            marker,
+            color,
+            hollow: false,
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Anchor {
     Start,
@@ -294,11 +312,12 @@ impl Sheet {
         self.write(beneath, (middle, BOTTOM + 48.0), 13.5, BLACK, Anchor::Middle);
     }
 
-    pub(crate) fn dashes(&mut self, (from, to): (f64, f64), y: f64, color: RGBColor, width: f64) {
+    /// Draws a level line of dashes, from end to end.
+    pub(crate) fn dashes(&mut self, y: f64, color: RGBColor, width: f64) {
         const DASH: f64 = 7.0;
-        let mut x = from;
-        while x < to {
-            let line = vec![(x, y), ((x + DASH).min(to), y)];
+        let mut x = LEFT;
+        while x < RIGHT {
+            let line = vec![(x, y), ((x + DASH).min(RIGHT), y)];
             self.shapes.push(Shape::Line(line, color, width));
             x += 2.0 * DASH;
         }
@@ -317,9 +336,11 @@ impl Sheet {
         }
     }
 
-    pub(crate) fn marker(&mut self, marker: Marker, (x, y): (f64, f64), radius: f64, color: RGBColor, hollow: bool) {
+    /// Draws a sign about `at`.
+    pub(crate) fn sign(&mut self, sign: Sign, at: (f64, f64), radius: f64) {
+        let (x, y) = at;
         let outline = |radius: f64| -> Option<Vec<(f64, f64)>> {
-            let points = marker.outline(radius)?;
+            let points = sign.marker.outline(radius)?;
             Some(points.into_iter().map(|(dx, dy)| (x + dx, y + dy)).collect())
         };
         let mut filled = |radius: f64, color: RGBColor| {
@@ -330,8 +351,8 @@ impl Sheet {
         };
         // A rim of paper, so that markers on each other can be counted.
         filled(radius + 1.4, WHITE);
-        filled(radius, color);
-        if hollow {
+        filled(radius, sign.color);
+        if sign.hollow {
             filled(radius - 2.2, WHITE);
         }
     }
@@ -388,16 +409,10 @@ impl Legend {
         at
     }
 
-    /// What a marker means.
-    pub(crate) fn marker(
-        &mut self,
-        sheet: &mut Sheet,
-        text: &str,
-        (marker, color, hollow): (Marker, RGBColor, bool),
-        letters: &Letters,
-    ) {
+    /// Draws a sign with its meaning.
+    pub(crate) fn sign(&mut self, sheet: &mut Sheet, text: &str, sign: Sign, letters: &Letters) {
         let at = self.says(sheet, text, letters);
-        sheet.marker(marker, at, self.radius, color, hollow);
+        sheet.sign(sign, at, self.radius);
     }
 }
 
@@ -422,7 +437,9 @@ pub(crate) struct Area {
 }
 
 impl Area {
-    pub(crate) fn about((x, y): (f64, f64), half: f64) -> Self {
+    /// The square about a point, of edges 2 × `half`.
+    pub(crate) fn about(at: (f64, f64), half: f64) -> Self {
+        let (x, y) = at;
         Self {
             left: x - half,
             right: x + half,
@@ -456,13 +473,15 @@ impl Area {
         across.max(0.0) * down.max(0.0)
     }
 
-    pub(crate) fn contains(&self, (x, y): (f64, f64)) -> bool {
+    pub(crate) fn contains(&self, point: (f64, f64)) -> bool {
+        let (x, y) = point;
         (self.left..=self.right).contains(&x) && (self.top..=self.bottom).contains(&y)
     }
 }
 
 /// Where a label disturbs least: near its mark, off other labels and marks, and off the line of the front.
-pub(crate) fn free_place((x, y): (f64, f64), width: f64, size: f64, taken: &[Area], line: &[(f64, f64)]) -> Area {
+pub(crate) fn free_place(at: (f64, f64), width: f64, size: f64, taken: &[Area], line: &[(f64, f64)]) -> Area {
+    let (x, y) = at;
     let height = 1.15 * size;
     let mut best: Option<(f64, Area)> = None;
     for (ring, gap) in [12.0, 22.0, 36.0, 54.0].into_iter().enumerate() {
@@ -498,7 +517,7 @@ pub(crate) fn free_place((x, y): (f64, f64), width: f64, size: f64, taken: &[Are
             }
         }
     }
-    best.map_or(Area::about((x, y), height), |(_, area)| area)
+    best.map_or(Area::about(at, height), |(_, area)| area)
 }
 
 /// Number of points of a line, taken densely, that are in an area.
@@ -605,7 +624,7 @@ fn png(sheet: &Sheet, letters: &Letters) -> Result<Vec<u8>> {
     let (width, height) = (fine.0 / OVERSAMPLING, fine.1 / OVERSAMPLING);
     let mut pixels = shrink(&samples, fine.0 as usize, OVERSAMPLING as usize);
     for writing in &sheet.writings {
-        set(&mut pixels, (width, height), writing, letters);
+        set(&mut pixels, width, writing, letters);
     }
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
@@ -641,7 +660,8 @@ fn shrink(samples: &[u8], width: usize, by: usize) -> Vec<u8> {
     clippy::cast_possible_wrap,
     reason = "places on the sheet, held against its edges"
 )]
-fn set(pixels: &mut [u8], (width, height): (u32, u32), writing: &Writing, letters: &Letters) {
+fn set(pixels: &mut [u8], width: u32, writing: &Writing, letters: &Letters) {
+    let height = pixels.len() / (3 * width as usize);
     let pixel = f64::from(PIXELS);
     let font = letters.0.as_scaled(letters.scale(writing.size * pixel));
     let length = letters.width(&writing.text, writing.size);
@@ -666,7 +686,7 @@ fn set(pixels: &mut [u8], (width, height): (u32, u32), writing: &Writing, letter
         let (left, top) = (outlined.px_bounds().min.x as i64, outlined.px_bounds().min.y as i64);
         outlined.draw(|dx, dy, coverage| {
             let (column, line) = (left + i64::from(dx), top + i64::from(dy));
-            if !(0..i64::from(width)).contains(&column) || !(0..i64::from(height)).contains(&line) {
+            if !(0..i64::from(width)).contains(&column) || !(0..height as i64).contains(&line) {
                 return;
             }
             let place = 3 * (line as usize * width as usize + column as usize);

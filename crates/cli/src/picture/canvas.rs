@@ -96,6 +96,27 @@ struct Writing {
     anchor: Anchor,
 }
 
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rect {
+    /// Of the upper left corner.
+    pub(crate) x: usize,
+    pub(crate) y: usize,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+}
+
+impl Rect {
+    pub(crate) fn square(x: usize, y: usize, side: usize) -> Self {
+        Self {
+            x,
+            y,
+            width: side,
+            height: side,
+        }
+    }
+}
+
 /// A picture.
 pub(crate) struct Canvas {
     pub(crate) width: usize,
@@ -120,16 +141,17 @@ impl Canvas {
         }
     }
 
-    pub(crate) fn fill(&mut self, (x, y): (usize, usize), (width, height): (usize, usize), color: Color) {
-        for row in y..y + height {
-            for column in x..x + width {
+    pub(crate) fn fill(&mut self, area: Rect, color: Color) {
+        for row in area.y..area.y + area.height {
+            for column in area.x..area.x + area.width {
                 self.set(column, row, color);
             }
         }
     }
 
-    /// Puts another picture on this one.
-    pub(crate) fn put(&mut self, (x, y): (usize, usize), other: &Self) {
+    /// Copies another picture onto this one, its upper left corner to `at`.
+    pub(crate) fn put(&mut self, at: (usize, usize), other: &Self) {
+        let (x, y) = at;
         for row in 0..other.height {
             for column in 0..other.width {
                 self.set(x + column, y + row, other.pixels[row * other.width + column]);
@@ -147,12 +169,19 @@ impl Canvas {
         });
     }
 
-    /// A scale of colour with what its ends stand for.
-    pub(crate) fn scale(&mut self, (x, y): (usize, usize), width: usize, labels: [&str; 2], title: &str) {
+    /// Draws a scale of colour from its upper left corner `at`, with the values of its ends and a title.
+    pub(crate) fn scale(&mut self, at: (usize, usize), width: usize, labels: [&str; 2], title: &str) {
         const HEIGHT: usize = 12;
+        let (x, y) = at;
         for column in 0..width {
             let color = scale_color((column as f64 + 0.5) / width as f64);
-            self.fill((x + column, y), (1, HEIGHT), color);
+            let column = Rect {
+                x: x + column,
+                y,
+                width: 1,
+                height: HEIGHT,
+            };
+            self.fill(column, color);
         }
         let below = (y + HEIGHT) as f64 + 16.0;
         self.write(labels[0], (x as f64, below), 13.0, Anchor::Start);
@@ -183,7 +212,7 @@ impl Canvas {
                 anyhow!("the built-in font cannot be read; this is a defect of hemicube, please report it")
             })?;
             for writing in &self.writings {
-                set_text(&font, writing, &mut pixels, (self.width, self.height));
+                set_text(&font, writing, &mut pixels, self.width);
             }
         }
         let mut bytes = Vec::new();
@@ -268,7 +297,8 @@ pub(crate) fn base64(bytes: &[u8]) -> String {
     clippy::cast_sign_loss,
     reason = "pixels of a picture"
 )]
-fn set_text(font: &FontRef<'_>, writing: &Writing, pixels: &mut [Color], (width, height): (usize, usize)) {
+fn set_text(font: &FontRef<'_>, writing: &Writing, pixels: &mut [Color], width: usize) {
+    let height = pixels.len() / width;
     let units = font.units_per_em().unwrap_or(2048.0);
     let scale = PxScale::from(writing.size as f32 * font.height_unscaled() / units);
     let scaled = font.as_scaled(scale);
