@@ -176,101 +176,115 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
     list
 }
 
-/// What was checked, and what came of it.
+/// A group of checks and their outcome.
 pub(super) struct Verdict {
     pub(super) name: &'static str,
-    /// `ok`, `FAILED`, or `-` for what is measured and has no bound.
+    /// `ok`, `FAILED`, or `-` for figures without a bound.
     pub(super) state: &'static str,
     pub(super) what: String,
 }
 
-pub(super) fn verdicts(found: &CheckReport) -> Vec<Verdict> {
-    let failed = |checks: &[Check]| {
-        if found.failures.iter().any(|failure| checks.contains(&failure.check)) {
-            "FAILED"
-        } else {
-            "ok"
+impl Verdict {
+    /// By whether one of `checks` failed.
+    fn by(found: &CheckReport, checks: &[Check], name: &'static str, what: impl Into<String>) -> Self {
+        Self {
+            name,
+            state: if has_failed(found, checks) { "FAILED" } else { "ok" },
+            what: what.into(),
         }
-    };
-    let mut verdicts = Vec::new();
-    let mut add = |name, state, what| verdicts.push(Verdict { name, state, what });
-    add(
-        "files",
-        failed(&[Check::Files, Check::Table, Check::Manifest, Check::Complete]),
-        "checksums, patch table, totals".to_owned(),
-    );
-    add(
-        "weights",
-        failed(&[Check::Weights, Check::Visible]),
-        "every row's weights are its hemicubes', exactly".to_owned(),
-    );
-    add(
-        "range",
-        failed(&[Check::Range, Check::Diagonal, Check::Columns]),
-        "every form factor is from 0 to 1, F_ii = 0, columns ascend".to_owned(),
-    );
-    add(
-        "closure",
-        if found.closure.bound.is_some() {
-            failed(&[Check::Closure])
-        } else {
-            "-"
-        },
-        format!(
-            "|sum of F + escaped + blocked - 1| is at most {}, on average {}; {}",
-            figures(found.closure.max),
-            figures(found.closure.mean),
-            found.closure.bound.map_or_else(
-                || "no bound (`--closure X` sets one)".to_owned(),
-                |bound| format!("bound {}", figures(bound))
-            )
+    }
+
+    /// By a check that has a bound only if one was asked for.
+    fn bounded(found: &CheckReport, check: Check, bound: Option<f64>, name: &'static str, what: String) -> Self {
+        let verdict = Self::by(found, &[check], name, what);
+        match bound {
+            Some(_) => verdict,
+            None => Self { state: "-", ..verdict },
+        }
+    }
+}
+
+fn has_failed(found: &CheckReport, checks: &[Check]) -> bool {
+    found.failures.iter().any(|failure| checks.contains(&failure.check))
+}
+
+/// `bound 1.00e-6`, or how to set one.
+fn bound_text(bound: Option<f64>, without: &str) -> String {
+    bound.map_or_else(|| without.to_owned(), |bound| format!("bound {}", figures(bound)))
+}
+
+/// The outcome of all checks, in the order of the report.
+pub(super) fn verdicts(found: &CheckReport) -> Vec<Verdict> {
+    let files = [Check::Files, Check::Table, Check::Manifest, Check::Complete];
+    let range = [Check::Range, Check::Diagonal, Check::Columns];
+    let mut verdicts = vec![
+        Verdict::by(found, &files, "files", "checksums, patch table, totals"),
+        Verdict::by(
+            found,
+            &[Check::Weights, Check::Visible],
+            "weights",
+            "every row's weights are its hemicubes', exactly",
         ),
+        Verdict::by(
+            found,
+            &range,
+            "range",
+            "every form factor is from 0 to 1, F_ii = 0, columns ascend",
+        ),
+        closure(found),
+    ];
+    verdicts.extend(escaped(found));
+    if has_failed(found, &[Check::Entries]) {
+        verdicts.push(Verdict::by(found, &[Check::Entries], "entries", "no row has an entry"));
+    }
+    verdicts.push(reciprocity(found));
+    verdicts.extend(sky(found));
+    verdicts
+}
+
+fn closure(found: &CheckReport) -> Verdict {
+    let what = format!(
+        "|sum of F + escaped + blocked - 1| is at most {}, on average {}; {}",
+        figures(found.closure.max),
+        figures(found.closure.mean),
+        bound_text(found.closure.bound, "no bound (`--closure X` sets one)")
     );
-    // Of scenes that are closed but for a little, and where it was asked for.
-    if found.escaped_bound.is_some() || (found.escaped > 0.0 && found.escaped <= NEARLY_CLOSED) {
-        let bound = found.escaped_bound.map_or_else(
-            || {
-                "the scene is nearly closed; no bound (`--escaped X` sets one, `inspect` says where it leaks)"
-                    .to_owned()
-            },
-            |bound| format!("bound {}", figures(bound)),
-        );
-        add(
-            "escaped",
-            if found.escaped_bound.is_some() {
-                failed(&[Check::Escaped])
-            } else {
-                "-"
-            },
-            format!(
-                "at most {} of a row leaves the scene; {bound}",
-                percent(found.escaped_max)
-            ),
-        );
-    }
-    if found.failures.iter().any(|failure| failure.check == Check::Entries) {
-        add("entries", "FAILED", "no row has an entry".to_owned());
-    }
+    Verdict::bounded(found, Check::Closure, found.closure.bound, "closure", what)
+}
+
+/// The share that escapes, of scenes that are nearly closed, and where a bound was asked for.
+fn escaped(found: &CheckReport) -> Option<Verdict> {
+    let is_told = found.escaped_bound.is_some() || (found.escaped > 0.0 && found.escaped <= NEARLY_CLOSED);
+    let bound = bound_text(
+        found.escaped_bound,
+        "the scene is nearly closed; no bound (`--escaped X` sets one, `inspect` says where it leaks)",
+    );
+    let what = format!(
+        "at most {} of a row leaves the scene; {bound}",
+        percent(found.escaped_max)
+    );
+    is_told.then(|| Verdict::bounded(found, Check::Escaped, found.escaped_bound, "escaped", what))
+}
+
+fn reciprocity(found: &CheckReport) -> Verdict {
     let pairs = found.reciprocity;
-    let (state, bound) = match pairs.bound {
-        Some(bound) => (failed(&[Check::Reciprocity]), format!("bound {}", figures(bound))),
-        None => ("-", "no bound (`--reciprocity X` sets one)".to_owned()),
+    let what = if pairs.pairs == 0 {
+        "no pair of rows to compare".to_owned()
+    } else {
+        format!(
+            "A_i F_ij and A_j F_ji differ by {} in {} of {}; {}",
+            percent(pairs.residual),
+            counted(pairs.pairs, "pair"),
+            counted(pairs.rows, "row"),
+            bound_text(pairs.bound, "no bound (`--reciprocity X` sets one)")
+        )
     };
-    add(
-        "reciprocity",
-        state,
-        if pairs.pairs == 0 {
-            "no pair of rows to compare".to_owned()
-        } else {
-            format!(
-                "A_i F_ij and A_j F_ji differ by {} in {} of {}; {bound}",
-                percent(pairs.residual),
-                counted(pairs.pairs, "pair"),
-                counted(pairs.rows, "row")
-            )
-        },
-    );
-    let sky = found.sky.map(|sky| {
+    Verdict::bounded(found, Check::Reciprocity, pairs.bound, "reciprocity", what)
+}
+
+/// The sky rows beside the matrix, if there are any or they should be.
+fn sky(found: &CheckReport) -> Option<Verdict> {
+    let what = found.sky.map(|sky| {
         let others = if sky.rows_as_in_matrix == sky.rows {
             String::new()
         } else {
@@ -286,14 +300,9 @@ pub(super) fn verdicts(found: &CheckReport) -> Vec<Verdict> {
             counted(sky.rows, "row"),
         )
     });
-    if sky.is_some() || found.failures.iter().any(|failure| failure.check == Check::Sky) {
-        add(
-            "sky",
-            failed(&[Check::Sky]),
-            sky.unwrap_or_else(|| "sky rows beside the matrix".to_owned()),
-        );
-    }
-    verdicts
+    let is_told = what.is_some() || has_failed(found, &[Check::Sky]);
+    let what = what.unwrap_or_else(|| "sky rows beside the matrix".to_owned());
+    is_told.then(|| Verdict::by(found, &[Check::Sky], "sky", what))
 }
 
 /// The name of a check, as it is said.

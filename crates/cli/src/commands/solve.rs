@@ -22,7 +22,7 @@ use hemicube::store::{PatchTable, RowTable, Store};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// More right-hand sides than this are no columns of a table that a person opens.
@@ -242,98 +242,29 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let rows = store.row_table()?;
     let task = Task::new(arguments, &store, &table, &rows)?;
     task.question(arguments, talk);
-    let name = arguments
-        .name
-        .clone()
-        .unwrap_or_else(|| if arguments.thermal { "thermal" } else { "radiosity" }.to_owned());
-
-    let options = SolveOptions {
-        method: match arguments.method {
-            MethodName::Gmres => Method::Gmres {
-                restart: arguments.restart,
-            },
-            MethodName::GaussSeidel => Method::GaussSeidel,
-            MethodName::Jacobi => Method::Jacobi,
-        },
-        tolerance: arguments.tolerance,
-        max_iterations: arguments.max_iterations,
-        threads: arguments.threads as usize,
-    };
-    let columns_at_once = columns_at_once(arguments, &store);
+    let name = arguments.name.as_deref().unwrap_or(arguments.quantity().name);
     let factors = OutOfCore::new(&store, arguments.memory / 2)?;
-    let mut writer = SolutionWriter::create(&store, &name, task.quantities(), task.rows)?;
-    let mut record = Record {
-        program: env!("CARGO_PKG_VERSION"),
-        quantity: if arguments.thermal { "heat" } else { "light" },
-        bands: task.bands.clone(),
-        band_of_row: (0..task.rows).map(|row| task.band(row)).collect(),
-        surfaces: task.surfaces(arguments)?,
-        method: options.method,
-        tolerance: options.tolerance,
-        converged: true,
-        iterations: 0,
-        residuals: Vec::new(),
-        balance: Vec::new(),
-    };
-    let bar = Bar::spinner(talk, "solving");
+    let mut writer = SolutionWriter::create(&store, name, task.quantities(), task.rows)?;
+    let mut record = task.record(arguments)?;
     let guard = exit::InterruptGuard::new();
-    let mut first = 0;
-    while first < task.rows {
-        let end = (first + columns_at_once).min(task.rows);
-        let problem = task.problem(first..end)?;
-        let solved = solve(&factors, &problem, options, &mut |step| {
-            let text = format!(
-                "iteration {}, residual {}{}",
-                step.iteration,
-                figures(step.residual),
-                if end - first < task.rows {
-                    format!(", right-hand sides {} to {end} of {}", first + 1, task.rows)
-                } else {
-                    String::new()
-                }
-            );
-            bar.message(&text);
-            talk.detail(&text);
-            !cancel.load(Ordering::SeqCst)
-        });
-        let solution = match solved {
-            Ok(solution) => solution,
-            Err(SolveError::Interrupted) => return Ok(Exit::Interrupted),
-            Err(error) => return Err(error.into()),
-        };
-        record.converged &= solution.converged;
-        record.iterations = record.iterations.max(solution.iterations);
-        record.residuals.extend(&solution.residuals);
-        record
-            .balance
-            .extend(energy_balance(&problem, &solution, &table.area, &rows));
-        task.keep(&mut writer, &solution)?;
-        first = end;
-    }
-    drop(bar);
+    let at_once = columns_at_once(arguments, &store);
+    let Some(()) = task.solve(&factors, at_once, &mut writer, &mut record, cancel, talk)? else {
+        return Ok(Exit::Interrupted);
+    };
     // Outputs are of this solution, and not of one that replaces it meanwhile.
     let (path, _lock) = writer.finish(&serde_json::to_value(&record).context("the report is no JSON")?)?;
     drop(guard);
-    let stored = StoredSolution::open(&store, &name)?;
+    let stored = StoredSolution::open(&store, name)?;
     for output in &arguments.output {
         write_output(&stored, &store, &table, &record, output)?;
     }
-    if let (Some(picture), Some(scene)) = (&arguments.picture, &arguments.scene) {
-        let prepared = stored::scene(&store, scene, &EngineSettings::default(), arguments.allow_large)?;
-        let quantity = if arguments.thermal { "flux" } else { "radiosity" };
-        model::draw(
-            &prepared,
-            &model::of_solution(&stored, quantity)?,
-            &arguments.camera,
-            picture,
-        )?;
-    }
+    draw_picture(arguments, &store, &stored)?;
     let seconds = started.elapsed().as_secs_f64();
     talk.say(text(&record, &store, &path, seconds).trim_end());
     if !record.converged {
         talk.warn(&format!(
             "the residual did not reach {}; allow more with `--max-iterations`, or look for surfaces that reflect all",
-            figures(options.tolerance)
+            figures(record.tolerance)
         ));
     }
     if let Some(json) = json {
@@ -353,6 +284,56 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(if record.converged { Exit::Done } else { Exit::NotHeld })
 }
 
+/// The words for light or heat.
+struct Quantity {
+    /// In reports.
+    kind: &'static str,
+    /// Of the solution, if the user gives none.
+    name: &'static str,
+    /// On the picture.
+    shown: &'static str,
+}
+
+impl Arguments {
+    fn quantity(&self) -> Quantity {
+        if self.thermal {
+            Quantity {
+                kind: "heat",
+                name: "thermal",
+                shown: "flux",
+            }
+        } else {
+            Quantity {
+                kind: "light",
+                name: "radiosity",
+                shown: "radiosity",
+            }
+        }
+    }
+
+    fn options(&self) -> SolveOptions {
+        SolveOptions {
+            method: match self.method {
+                MethodName::Gmres => Method::Gmres { restart: self.restart },
+                MethodName::GaussSeidel => Method::GaussSeidel,
+                MethodName::Jacobi => Method::Jacobi,
+            },
+            tolerance: self.tolerance,
+            max_iterations: self.max_iterations,
+            threads: self.threads as usize,
+        }
+    }
+}
+
+fn draw_picture(arguments: &Arguments, store: &Store, stored: &StoredSolution) -> Result<()> {
+    let (Some(picture), Some(scene)) = (&arguments.picture, &arguments.scene) else {
+        return Ok(());
+    };
+    let prepared = stored::scene(store, scene, &EngineSettings::default(), arguments.allow_large)?;
+    let values = model::of_solution(stored, arguments.quantity().shown)?;
+    model::draw(&prepared, &values, &arguments.camera, picture)
+}
+
 /// Number of right-hand sides that are solved together, by what their vectors take of half the memory.
 fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
     let vectors = VECTORS
@@ -369,6 +350,7 @@ struct Task<'a> {
     rows: u64,
     table: &'a PatchTable,
     row_table: &'a RowTable,
+    options: SolveOptions,
     kind: Kind,
 }
 
@@ -391,6 +373,70 @@ enum Kind {
 }
 
 impl<'a> Task<'a> {
+    /// The record of a solution before the first right-hand side.
+    fn record(&self, arguments: &Arguments) -> Result<Record> {
+        Ok(Record {
+            program: env!("CARGO_PKG_VERSION"),
+            quantity: arguments.quantity().kind,
+            bands: self.bands.clone(),
+            band_of_row: (0..self.rows).map(|row| self.band(row)).collect(),
+            surfaces: self.surfaces(arguments)?,
+            method: self.options.method,
+            tolerance: self.options.tolerance,
+            converged: true,
+            iterations: 0,
+            residuals: Vec::new(),
+            balance: Vec::new(),
+        })
+    }
+
+    /// Solves all right-hand sides, `at_once` together, and writes them; `None` where interrupted.
+    fn solve(
+        &self,
+        factors: &OutOfCore<'_>,
+        at_once: u64,
+        writer: &mut SolutionWriter,
+        record: &mut Record,
+        cancel: &AtomicBool,
+        talk: Talk,
+    ) -> Result<Option<()>> {
+        let bar = Bar::spinner(talk, "solving");
+        let mut first = 0;
+        while first < self.rows {
+            let end = (first + at_once).min(self.rows);
+            let problem = self.problem(first..end)?;
+            let solved = solve(factors, &problem, self.options, &mut |step| {
+                let text = format!(
+                    "iteration {}, residual {}{}",
+                    step.iteration,
+                    figures(step.residual),
+                    if end - first < self.rows {
+                        format!(", right-hand sides {} to {end} of {}", first + 1, self.rows)
+                    } else {
+                        String::new()
+                    }
+                );
+                bar.message(&text);
+                talk.detail(&text);
+                !cancel.load(Ordering::SeqCst)
+            });
+            let solution = match solved {
+                Ok(solution) => solution,
+                Err(SolveError::Interrupted) => return Ok(None),
+                Err(error) => return Err(error.into()),
+            };
+            record.converged &= solution.converged;
+            record.iterations = record.iterations.max(solution.iterations);
+            record.residuals.extend(&solution.residuals);
+            record
+                .balance
+                .extend(energy_balance(&problem, &solution, &self.table.area, self.row_table));
+            self.keep(writer, &solution)?;
+            first = end;
+        }
+        Ok(Some(()))
+    }
+
     fn new(arguments: &Arguments, store: &Store, table: &'a PatchTable, row_table: &'a RowTable) -> Result<Self> {
         let manifest = store.manifest();
         let materials = Materials::read(
@@ -411,6 +457,7 @@ impl<'a> Task<'a> {
                 rows: 1,
                 table,
                 row_table,
+                options: arguments.options(),
                 kind: Kind::Heat {
                     materials: materials.thermal(&used)?,
                     ambient: arguments.ambient.unwrap_or(0.0),
@@ -472,6 +519,7 @@ impl<'a> Task<'a> {
             bands,
             table,
             row_table,
+            options: arguments.options(),
             kind: Kind::Light { optics, emission, sky },
         })
     }

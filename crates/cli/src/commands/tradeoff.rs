@@ -28,7 +28,7 @@ use clap::{Args, FromArgMatches};
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::driver::compute::{Execution, Plan, Progress, RowChoice, Selection, compute};
-use hemicube::reference::{EstimatedRow, Measured, Reference, errors_against, noise_of};
+use hemicube::reference::{EstimatedRow, Measured, Reference, ReferenceRow, errors_against, noise_of};
 use hemicube::row::RowBlock;
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
@@ -375,7 +375,7 @@ pub(super) fn measure_scene(words: Vec<OsString>, cancel: &AtomicBool, talk: Tal
     measure(arguments, prepared, backend.as_mut(), cancel, talk)
 }
 
-/// Measures everything; nothing where it was interrupted.
+/// Measures all settings; `None` where interrupted.
 fn measure(
     arguments: &Arguments,
     prepared: Prepared,
@@ -385,114 +385,21 @@ fn measure(
 ) -> Result<Option<Report>> {
     let model = &prepared.model;
     let threads = arguments.engine.thread_count();
-    let choice = RowChoice::Sample {
-        count: arguments.sample_rows,
-        seed: arguments.seed,
-    };
-    let plan_of = |samples_per_edge, correction| {
-        Plan::new(model, choice, Selection::default(), samples_per_edge, true).with_correction(correction)
-    };
-    let rows = plan_of(1, Correction::Pixel).rows;
-    let row_count = rows.len() as u64;
-
-    // Finer settings than the one that will do are to be told from it too.
+    let rows = plan_of(model, arguments, 1, Correction::Pixel).rows;
+    // The reference tells settings finer than the recommended one apart, too.
     let finer = Tolerance(arguments.tolerance.0 * SHARE_TOLD_APART);
     let settings_of_reference = reference_settings(Some(finer), arguments.seed);
     let reference = Reference::new(model, settings_of_reference).context("there is no reference to measure against")?;
-    talk.say(&format!("reference: {} by rays", counted(row_count, "row")));
-    let bar = Bar::rows(talk, row_count, 0);
-    let exact = reference_rows(&reference, &rows, threads, cancel, &mut |done| {
-        bar.show(Progress {
-            rows: done,
-            row_count,
-            entries: 0,
-        });
-    })?;
-    drop(bar);
-    if cancel.load(Ordering::Relaxed) {
+    let Some(exact) = trace(&reference, &rows, threads, cancel, talk)? else {
+        return Ok(None);
+    };
+    let (mut timings, skipped) = affordable(model, arguments, &rows, backend)?;
+    if !time(&mut timings, model, arguments, cancel, talk)? {
         return Ok(None);
     }
-
-    let (triangles, seen) = probe(model, &rows, backend)?;
-    let (mut skipped, mut timings) = (Vec::new(), Vec::new());
-    for setting in settings(arguments.tolerance) {
-        let nominal_seconds = setting.nominal(triangles, seen) * 1e-3 * row_count as f64;
-        if nominal_seconds > SECONDS_MOST {
-            skipped.push(Skipped {
-                name: setting.name(),
-                nominal_seconds,
-            });
-        } else {
-            let (correction, resolution) = setting.settle(model, backend, threads)?;
-            timings.push(Timed {
-                setting: Setting { resolution, ..setting },
-                plan: plan_of(setting.samples_per_edge, correction),
-                repeats: 0,
-                parts: Vec::new(),
-                milliseconds_per_row: f64::INFINITY,
-            });
-        }
-    }
-    talk.say(&format!(
-        "settings: {}, timed with one thread",
-        count(timings.len() as u64)
-    ));
-    let all = timings.len() as u64 * u64::from(REPEATS);
-    let bar = Bar::counting(talk, all, "timings");
-    // All settings once, then all again: whatever else the machine does in between hits them alike.
-    let mut done = 0;
-    for _ in 0..REPEATS {
-        for timed in &mut timings {
-            if timed.repeats == 0 || timed.milliseconds_per_row * row_count as f64 * 1e-3 < SECONDS_ONCE {
-                timed.run(model, arguments, cancel)?;
-            }
-            if cancel.load(Ordering::Relaxed) {
-                return Ok(None);
-            }
-            done += 1;
-            bar.show(Progress {
-                rows: done,
-                row_count: all,
-                entries: 0,
-            });
-        }
-    }
-    drop(bar);
     let patches = model.patches().len() as u64;
-    let mut trials = Vec::with_capacity(timings.len());
-    for timed in timings {
-        let Timed {
-            setting,
-            plan,
-            repeats,
-            parts,
-            milliseconds_per_row,
-        } = timed;
-        let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
-        trials.push(Trial {
-            name: setting.name(),
-            rung: match setting.rung {
-                Rung::Named(name) => correction(name).name(),
-                Rung::Tolerance(_) => "tolerance",
-            },
-            tolerance: match setting.rung {
-                Rung::Tolerance(tolerance) => Some(tolerance),
-                Rung::Named(_) => None,
-            },
-            samples: u32::try_from(plan.hemicubes_per_row()).unwrap_or(u32::MAX),
-            resolution: setting.resolution,
-            words: setting.words(),
-            entries: parts.iter().map(|part| part.indices.len() as u64).sum(),
-            measured: errors_against(&exact, &estimated),
-            timing: Some(Timing {
-                milliseconds_per_row,
-                seconds_for_all_rows: milliseconds_per_row * 1e-3 * patches as f64 / threads as f64,
-                repeats,
-                front: false,
-            }),
-            setting,
-        });
-    }
+    let all = ForAllRows { patches, threads };
+    let mut trials: Vec<Trial> = timings.into_iter().map(|timed| timed.trial(&exact, all)).collect();
     mark_front(&mut trials);
     let info = backend.info();
     Ok(Some(Report {
@@ -519,6 +426,95 @@ fn measure(
         skipped,
         recommended: None,
     }))
+}
+
+/// The sampled rows with a number of hemicubes a patch and a correction.
+fn plan_of(model: &Model, arguments: &Arguments, samples_per_edge: u32, correction: Correction) -> Plan {
+    let choice = RowChoice::Sample {
+        count: arguments.sample_rows,
+        seed: arguments.seed,
+    };
+    Plan::new(model, choice, Selection::default(), samples_per_edge, true).with_correction(correction)
+}
+
+/// Computes the rows by rays; `None` where interrupted.
+fn trace(
+    reference: &Reference<'_>,
+    rows: &[InputPatch],
+    threads: usize,
+    cancel: &AtomicBool,
+    talk: Talk,
+) -> Result<Option<Vec<ReferenceRow>>> {
+    let row_count = rows.len() as u64;
+    talk.say(&format!("reference: {} by rays", counted(row_count, "row")));
+    let bar = Bar::rows(talk, row_count, 0);
+    let exact = reference_rows(reference, rows, threads, cancel, &mut |done| {
+        bar.show(Progress {
+            rows: done,
+            row_count,
+            entries: 0,
+        });
+    })?;
+    Ok((!cancel.load(Ordering::Relaxed)).then_some(exact))
+}
+
+/// Settles the settings whose nominal time is within [`SECONDS_MOST`], and names the others.
+fn affordable(
+    model: &Model,
+    arguments: &Arguments,
+    rows: &[InputPatch],
+    backend: &mut dyn HemicubeBackend,
+) -> Result<(Vec<Timed>, Vec<Skipped>)> {
+    let threads = arguments.engine.thread_count();
+    let (triangles, seen) = probe(model, rows, backend)?;
+    let (mut timings, mut skipped) = (Vec::new(), Vec::new());
+    for setting in settings(arguments.tolerance) {
+        let nominal_seconds = setting.nominal(triangles, seen) * 1e-3 * rows.len() as f64;
+        if nominal_seconds > SECONDS_MOST {
+            skipped.push(Skipped {
+                name: setting.name(),
+                nominal_seconds,
+            });
+        } else {
+            let (correction, resolution) = setting.settle(model, backend, threads)?;
+            timings.push(Timed {
+                setting: Setting { resolution, ..setting },
+                plan: plan_of(model, arguments, setting.samples_per_edge, correction),
+                repeats: 0,
+                parts: Vec::new(),
+                milliseconds_per_row: f64::INFINITY,
+            });
+        }
+    }
+    Ok((timings, skipped))
+}
+
+/// Times all settings once, then all again: other load of the machine hits them alike. Returns false where interrupted.
+fn time(timings: &mut [Timed], model: &Model, arguments: &Arguments, cancel: &AtomicBool, talk: Talk) -> Result<bool> {
+    talk.say(&format!(
+        "settings: {}, timed with one thread",
+        count(timings.len() as u64)
+    ));
+    let all = timings.len() as u64 * u64::from(REPEATS);
+    let bar = Bar::counting(talk, all, "timings");
+    let mut done = 0;
+    for _ in 0..REPEATS {
+        for timed in &mut *timings {
+            if timed.repeats == 0 || timed.seconds() < SECONDS_ONCE {
+                timed.run(model, arguments, cancel)?;
+            }
+            if cancel.load(Ordering::Relaxed) {
+                return Ok(false);
+            }
+            done += 1;
+            bar.show(Progress {
+                rows: done,
+                row_count: all,
+                entries: 0,
+            });
+        }
+    }
+    Ok(true)
 }
 
 /// Triangles that a hemicube transforms, and patches that it sees, on average over a few.
@@ -554,7 +550,45 @@ struct Timed {
     milliseconds_per_row: f64,
 }
 
+/// The size of a whole run, for its forecast.
+#[derive(Clone, Copy)]
+struct ForAllRows {
+    patches: u64,
+    threads: usize,
+}
+
 impl Timed {
+    /// Seconds of the sampled rows.
+    fn seconds(&self) -> f64 {
+        self.milliseconds_per_row * self.plan.rows.len() as f64 * 1e-3
+    }
+
+    /// Compares the rows with the reference.
+    fn trial(self, exact: &[ReferenceRow], all: ForAllRows) -> Trial {
+        let estimated: Vec<EstimatedRow> = self.parts.iter().flat_map(EstimatedRow::of_part).collect();
+        let (rung, tolerance) = match self.setting.rung {
+            Rung::Named(name) => (correction(name).name(), None),
+            Rung::Tolerance(tolerance) => ("tolerance", Some(tolerance)),
+        };
+        Trial {
+            name: self.setting.name(),
+            rung,
+            tolerance,
+            samples: u32::try_from(self.plan.hemicubes_per_row()).unwrap_or(u32::MAX),
+            resolution: self.setting.resolution,
+            words: self.setting.words(),
+            entries: self.parts.iter().map(|part| part.indices.len() as u64).sum(),
+            measured: errors_against(exact, &estimated),
+            timing: Some(Timing {
+                milliseconds_per_row: self.milliseconds_per_row,
+                seconds_for_all_rows: self.milliseconds_per_row * 1e-3 * all.patches as f64 / all.threads as f64,
+                repeats: self.repeats,
+                front: false,
+            }),
+            setting: self.setting,
+        }
+    }
+
     /// Computes the rows once more.
     fn run(&mut self, model: &Model, arguments: &Arguments, cancel: &AtomicBool) -> Result<()> {
         let settings = RenderSettings {
@@ -705,7 +739,7 @@ fn hundredths(share: f64) -> String {
     }
 }
 
-/// What a person reads.
+/// The report for people.
 fn text(report: &Report, recommended: Option<&Recommendation>, arguments: &Arguments, path: &Path) -> String {
     let mut text = format!(
         "`{}`, {}, {} with {}\n{} (seed {}) against rays, whose own noise is {}\n\n",
@@ -717,6 +751,24 @@ fn text(report: &Report, recommended: Option<&Recommendation>, arguments: &Argum
         report.seed,
         percent(report.reference.noise),
     );
+    text.push_str(&trials_text(report));
+    for skipped in &report.skipped {
+        text.push_str(&format!(
+            "skipped {}: some {} for these rows\n",
+            skipped.name,
+            duration(skipped.nominal_seconds)
+        ));
+    }
+    text.push('\n');
+    text.push_str(&match recommended {
+        Some(best) => recommendation_text(report, best, arguments),
+        None => nearest_text(report, arguments),
+    });
+    text
+}
+
+/// The table of trials, and the meaning of its columns.
+fn trials_text(report: &Report) -> String {
     let lines = report.trials.iter().map(|trial| {
         let m = &trial.measured;
         [
@@ -741,7 +793,7 @@ fn text(report: &Report, recommended: Option<&Recommendation>, arguments: &Argum
                 .map_or_else(|| "0".to_owned(), |worst| figures((worst.a - worst.b).abs())),
         ]
     });
-    text.push_str(&right_aligned(
+    let mut text = right_aligned(
         [
             "",
             "setting",
@@ -757,70 +809,67 @@ fn text(report: &Report, recommended: Option<&Recommendation>, arguments: &Argum
             "worst",
         ],
         lines.collect(),
-    ));
+    );
     text.push_str(&format!(
         "\n* no cheaper setting is as good. ms/row: one thread; all rows: forecast for {}.\n\
          error: relative Frobenius of these rows, and where that of the matrix lies (95 %); of rows: median and 90th\n\
          percentile, median L1, mass missed, row sums; all in %. worst: the entry that differs most.\n",
         counted(report.threads as u64, "thread"),
     ));
-    for skipped in &report.skipped {
+    text
+}
+
+/// The recommended setting, what the sample leaves open, and how the tolerance itself fares.
+fn recommendation_text(report: &Report, best: &Recommendation, arguments: &Arguments) -> String {
+    let tolerance = percentage(arguments.tolerance.0);
+    let mut text = String::new();
+    text.push_str(&format!(
+        "For an error of {tolerance}: {}, {} at {} ms a row, about {} for all {}\n  {}\n",
+        best.name,
+        percent(best.error),
+        figures(best.milliseconds_per_row),
+        duration(best.seconds_for_all_rows),
+        counted(report.patches, "row"),
+        best.command,
+    ));
+    if best.error_of_matrix > arguments.tolerance.0 {
         text.push_str(&format!(
-            "skipped {}: some {} for these rows\n",
-            skipped.name,
-            duration(skipped.nominal_seconds)
+            "From these rows alone, the matrix may be off by up to {} %; `--sample-rows {}` tells more\n",
+            hundredths(best.error_of_matrix),
+            4 * arguments.sample_rows
         ));
     }
-    let tolerance = percentage(arguments.tolerance.0);
-    text.push('\n');
-    match recommended {
-        Some(best) => {
-            text.push_str(&format!(
-                "For an error of {tolerance}: {}, {} at {} ms a row, about {} for all {}\n  {}\n",
-                best.name,
-                percent(best.error),
-                figures(best.milliseconds_per_row),
-                duration(best.seconds_for_all_rows),
-                counted(report.patches, "row"),
-                best.command,
-            ));
-            if best.error_of_matrix > arguments.tolerance.0 {
-                text.push_str(&format!(
-                    "From these rows alone, the matrix may be off by up to {} %; `--sample-rows {}` tells more\n",
-                    hundredths(best.error_of_matrix),
-                    4 * arguments.sample_rows
-                ));
-            }
-            let asked = report
-                .trials
-                .iter()
-                .find(|trial| trial.tolerance.is_some_and(|t| is_same(t, arguments.tolerance.0)));
-            if let Some(asked) = asked.filter(|trial| trial.name != best.name) {
-                text.push_str(&format!(
-                    "`--tolerance {tolerance}` {}: {} at {} ms a row\n",
-                    if asked.bound() <= arguments.tolerance.0 {
-                        "keeps it too"
-                    } else {
-                        "does not keep it"
-                    },
-                    percent(asked.bound()),
-                    figures(asked.milliseconds()),
-                ));
-            }
-        }
-        None => {
-            let nearest = report.trials.iter().min_by(|a, b| a.bound().total_cmp(&b.bound()));
-            text.push_str(&format!(
-                "For an error of {tolerance}: none of these{}; ask for more with a smaller `--tolerance`\n",
-                nearest.map_or_else(String::new, |trial| format!(
-                    ": {} comes nearest with {}",
-                    trial.name,
-                    percent(trial.bound())
-                )),
-            ));
-        }
+    let asked = report
+        .trials
+        .iter()
+        .find(|trial| trial.tolerance.is_some_and(|t| is_same(t, arguments.tolerance.0)));
+    if let Some(asked) = asked.filter(|trial| trial.name != best.name) {
+        text.push_str(&format!(
+            "`--tolerance {tolerance}` {}: {} at {} ms a row\n",
+            if asked.bound() <= arguments.tolerance.0 {
+                "keeps it too"
+            } else {
+                "does not keep it"
+            },
+            percent(asked.bound()),
+            figures(asked.milliseconds()),
+        ));
     }
     text
+}
+
+/// The setting that comes nearest, where none keeps the tolerance.
+fn nearest_text(report: &Report, arguments: &Arguments) -> String {
+    let tolerance = percentage(arguments.tolerance.0);
+    let nearest = report.trials.iter().min_by(|a, b| a.bound().total_cmp(&b.bound()));
+    format!(
+        "For an error of {tolerance}: none of these{}; ask for more with a smaller `--tolerance`\n",
+        nearest.map_or_else(String::new, |trial| format!(
+            ": {} comes nearest with {}",
+            trial.name,
+            percent(trial.bound())
+        )),
+    )
 }
 
 /// A table of which the columns of numbers, from the third on, end in line.
