@@ -1,4 +1,4 @@
-//! Groups of arguments that several commands have, and the values that they take.
+//! Argument groups shared by several commands, and the values that they take.
 
 use clap::{Args, ValueEnum};
 use hemicube::backend::RESOLUTIONS;
@@ -8,7 +8,7 @@ use hemicube_scene::Axis;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// How much is said on standard error.
+/// Verbosity on standard error.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct Talk {
     /// Say nothing but errors
@@ -32,7 +32,7 @@ pub(crate) struct Talk {
     pub(crate) log_format: LogFormat,
 }
 
-/// How messages look.
+/// Form of messages on standard error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum LogFormat {
     /// For people.
@@ -41,7 +41,7 @@ pub(crate) enum LogFormat {
     Json,
 }
 
-/// How the scene is read and cut into patches.
+/// Reading of a scene, and its subdivision into patches.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Patches")]
 pub(crate) struct SceneSettings {
@@ -79,7 +79,7 @@ pub(crate) struct SceneSettings {
     pub(crate) allow_large: bool,
 }
 
-/// What renders hemicubes, and how it goes about it. The rows are the same.
+/// The backend and its parameters. They change the time, never the rows.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Hemicubes")]
 pub(crate) struct EngineSettings {
@@ -114,7 +114,7 @@ pub(crate) struct EngineSettings {
 }
 
 impl Default for EngineSettings {
-    /// What is set where nobody says.
+    /// The built-in settings.
     fn default() -> Self {
         Self {
             backend: "auto".to_owned(),
@@ -128,7 +128,7 @@ impl Default for EngineSettings {
     }
 }
 
-/// How hemicubes are rendered, and what form factors are made of.
+/// Hemicubes, and the correction of their rows to form factors.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Hemicubes")]
 pub(crate) struct RenderSettings {
@@ -155,11 +155,11 @@ pub(crate) struct RenderSettings {
 }
 
 impl RenderSettings {
-    /// Pixels along an edge where nobody says: sums of pixels need more than fractions of them.
+    /// Built-in resolutions: sums of pixels need more of them than fractions.
     const RESOLUTION_OF_PIXEL: u32 = 256;
     const RESOLUTION_OF_FRACTIONS: u32 = 128;
 
-    /// Settles what was left open.
+    /// Fills in `resolution`, by the correction if the user leaves it open.
     pub(crate) fn settle(&mut self) {
         self.resolution = self.resolution_asked.or(match self.correction {
             Correction::Pixel => Self::RESOLUTION_OF_PIXEL,
@@ -168,7 +168,7 @@ impl RenderSettings {
     }
 }
 
-/// Where settings come from.
+/// Sources of settings.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Settings and reports")]
 pub(crate) struct ConfigFiles {
@@ -195,7 +195,7 @@ pub(crate) struct Report {
     pub(crate) no_timings: bool,
 }
 
-/// Which rows and columns are computed.
+/// Selection of rows and columns.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Rows and columns")]
 pub(crate) struct SelectionSettings {
@@ -228,7 +228,7 @@ pub(crate) enum Switch {
     Off,
 }
 
-/// Which engine of the CPU backend renders.
+/// Engine of the CPU backend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Engine {
     /// What suits the scene.
@@ -241,7 +241,7 @@ pub(crate) enum Engine {
     Claims,
 }
 
-/// On, off, or what suits.
+/// On, off, or the program's choice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum AutoSwitch {
     /// What suits.
@@ -273,17 +273,17 @@ impl From<UpAxis> for Axis {
     }
 }
 
-/// A number, or what suits.
+/// A number, or the program's choice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Auto {
-    /// What suits.
+    /// The program's choice.
     Auto,
     /// This.
     Number(u32),
 }
 
 impl Auto {
-    /// The number, or what suits.
+    /// The number; `suits` for `auto`.
     pub(crate) fn or(self, suits: u32) -> u32 {
         match self {
             Self::Auto => suits,
@@ -292,7 +292,7 @@ impl Auto {
     }
 }
 
-/// What form factors are made of.
+/// Composition of form factors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Correction {
     /// The weights of the pixels seen.
@@ -307,19 +307,19 @@ pub(crate) enum Correction {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Tolerance(pub(crate) f64);
 
-/// Number of hemicubes that a patch has: the square of what is held here.
+/// Number n² of hemicubes a patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Samples {
     /// n of n².
     pub(crate) per_edge: u32,
 }
 
-/// Which share of the work is this process's.
+/// Share of the work of this process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ShardChoice {
     /// This one.
     Given(Shard),
-    /// The one that a scheduler's variables say, of so many where they do not say that.
+    /// The share named by a scheduler's variables; the number of shares, where they do not say it.
     Auto(Option<u32>),
 }
 
@@ -342,7 +342,7 @@ impl FromStr for ShardChoice {
     }
 }
 
-/// `A..B`, either end of which may be left out.
+/// `A..B`, either end optional.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct RowRange {
     /// The first row.
@@ -373,12 +373,12 @@ impl FromStr for RowRange {
     }
 }
 
-/// Number of rows that are sampled.
+/// Number of sampled rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum SampleSize {
-    /// So many.
+    /// Absolute number.
     Count(u32),
-    /// So many of a hundred.
+    /// Percentage of the rows, above 0 and up to 100.
     Percent(f64),
 }
 

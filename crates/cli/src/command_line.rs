@@ -1,5 +1,5 @@
-//! The command line: the one definition that help, settings files, environment variables, man pages and completions
-//! are made from. The arguments of each command stand beside it, in `commands`.
+//! The command line: the one definition from which help, settings files, environment variables, man pages and
+//! completions are made. Arguments stand beside their command, in `commands`.
 
 use crate::args::Talk;
 use crate::commands;
@@ -92,9 +92,8 @@ impl Command {
     }
 }
 
-/// Joins `--json` with a file that follows it as a word of its own. The value is optional, so `--json scene.obj` would
-/// otherwise be ambiguous, and taking the scene for the report's file would overwrite it: only `-` and names that end
-/// in `.json` are joined.
+/// Joins `--json` with a following file name into one word. The value is optional, so `--json scene.obj` would
+/// otherwise be ambiguous, and the report would overwrite the scene: only `-` and names ending in `.json` are joined.
 pub(crate) fn join_json(arguments: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     let mut joined: Vec<OsString> = Vec::new();
     let mut literal = false;

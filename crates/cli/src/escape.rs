@@ -1,14 +1,14 @@
-//! Text from files and errors as it may be printed: unseen characters, escaped.
+//! Text from files and errors made printable: unseen characters, escaped.
 
 use hemicube_scene::is_unseen;
 use std::borrow::Cow;
 
-/// A text from a file in one line: what is unseen in it is escaped as in Rust, `\u{1b}`.
+/// A text from a file as one line: unseen characters are escaped as in Rust, `\u{1b}`.
 pub(crate) fn shown(text: &str) -> Cow<'_, str> {
     escaped(text, |_| false)
 }
 
-/// Lines as they are printed: line ends and tabs are ours, what else is unseen came from a file and is escaped.
+/// Lines of output: line ends and tabs stay, all other unseen characters came from a file and are escaped.
 pub(crate) fn shown_lines(text: &str) -> Cow<'_, str> {
     escaped(text, |c| matches!(c, '\n' | '\t'))
 }

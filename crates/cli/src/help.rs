@@ -1,6 +1,6 @@
 //! Texts that several commands' `--help` share.
 
-/// What every `--help` ends in.
+/// End of every `--help`.
 pub(crate) const AFTER_LONG_HELP: &str = "\
 Environment:
   HEMICUBE_NAME         the setting `--name` of `compute`, `inspect` and `tradeoff`: HEMICUBE_RESOLUTION=512
@@ -24,7 +24,7 @@ Settings, strongest first:
   ./hemicube.toml may name an installed backend, but no file of one (`backend = \"./x.so\"`) and no `backend-dir`: what
   runs is for the command line, a variable or `--config` to say.";
 
-/// Text after the options: examples, where settings come from if the command has any, environment, exit status.
+/// Text after the options: examples, the sources of settings if the command has any, environment, exit status.
 pub(crate) fn examples(examples: &str, settings: bool) -> String {
     let settings = if settings {
         format!("{SETTINGS_HELP}\n")
@@ -34,7 +34,7 @@ pub(crate) fn examples(examples: &str, settings: bool) -> String {
     format!("Examples:\n{examples}\n{settings}{AFTER_LONG_HELP}")
 }
 
-/// What a scene may be, for help.
+/// Help on the scene argument: the formats.
 pub(crate) fn scene_help() -> String {
     format!("The scene: {}", hemicube_scene::Format::listed())
 }

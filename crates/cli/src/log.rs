@@ -1,5 +1,5 @@
-//! Messages on standard error: lines for people, or JSON for programs; and what the libraries and the stages of a run
-//! log through `tracing`, by `HEMICUBE_LOG`.
+//! Messages on standard error: lines for people, or JSON for programs. Libraries and the stages of a run log through
+//! `tracing`, filtered by `HEMICUBE_LOG`.
 
 use crate::args::{LogFormat, Talk};
 use crate::escape::{shown, shown_lines};
@@ -12,7 +12,7 @@ use tracing_subscriber::fmt::format::FmtSpan;
 /// True if messages are JSON. Before [`start`] they are not.
 static JSON: AtomicBool = AtomicBool::new(false);
 
-/// The target of messages in JSON, where others have the module that logs.
+/// Target of messages in JSON, in place of a module.
 const TARGET: &str = "hemicube";
 
 /// Begins to log, once.
@@ -21,7 +21,7 @@ pub(crate) fn start(talk: Talk) {
     JSON.store(is_json, Ordering::Relaxed);
     let level = match (talk.quiet, is_json) {
         (true, _) => "error",
-        // Our own messages and stages; of the libraries only what may be wrong.
+        // Own messages and stages; warnings only of the libraries.
         (false, true) => "warn,hemicube=info",
         (false, false) => "warn",
     };
@@ -39,7 +39,7 @@ pub(crate) fn start(talk: Talk) {
 }
 
 impl Talk {
-    /// Nothing is said: for what is done a second time.
+    /// Silence, for work done a second time.
     pub(crate) const SILENT: Self = Self {
         quiet: true,
         verbose: false,
@@ -47,21 +47,21 @@ impl Talk {
         log_format: LogFormat::Text,
     };
 
-    /// Says what a person wants to know.
+    /// Informs the user.
     pub(crate) fn say(self, text: &str) {
         if !self.quiet {
             say(Level::INFO, text);
         }
     }
 
-    /// Says what a person wants to know who asked for more.
+    /// Informs a user who asked for more.
     pub(crate) fn detail(self, text: &str) {
         if self.verbose {
             say(Level::INFO, text);
         }
     }
 
-    /// Says what may be wrong.
+    /// Warns the user.
     pub(crate) fn warn(self, text: &str) {
         if !self.quiet {
             say(Level::WARN, text);
@@ -84,7 +84,7 @@ fn say(level: Level, text: &str) {
     let _ = writeln!(std::io::stderr(), "{before}{}", shown_lines(text));
 }
 
-/// Says that the first interrupt was understood. A terminal has shown `^C` on the line.
+/// Acknowledges the first interrupt. A terminal has shown `^C` on the line.
 pub(crate) fn interrupted(text: &str) {
     if JSON.load(Ordering::Relaxed) {
         say(Level::WARN, text);
@@ -93,7 +93,7 @@ pub(crate) fn interrupted(text: &str) {
     }
 }
 
-/// Says why the program ends, and what to do.
+/// Reports the error that ends the program, and the next step.
 pub(crate) fn error(message: &str, hint: Option<&str>) {
     if JSON.load(Ordering::Relaxed) {
         tracing::error!(target: TARGET, hint, "{message}");

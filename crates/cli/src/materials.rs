@@ -26,7 +26,7 @@ use std::path::Path;
 
 /// The bands of a scene's own materials.
 const RGB: [&str; 3] = ["red", "green", "blue"];
-/// Number of names that an error lists.
+/// Names in an error.
 const NAMES_SHOWN: usize = 5;
 /// No surface is hotter.
 const KELVIN_MAX: f64 = 1e6;
@@ -60,7 +60,7 @@ struct Tables {
     material: BTreeMap<String, Entry>,
 }
 
-/// Sources for the matrix's materials: for each, what the scene and the file say.
+/// Values of the matrix's materials, from the scene and from the file.
 #[derive(Debug)]
 pub(crate) struct Materials {
     names: Vec<String>,
@@ -77,17 +77,17 @@ pub(crate) struct Optics {
     pub(crate) emission: Vec<f64>,
 }
 
-/// What a material is in an exchange of heat.
+/// A material in an exchange of heat.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Thermal {
     pub(crate) name: String,
     pub(crate) emissivity: f64,
-    /// In kelvin; `None` for one that keeps nothing.
+    /// In kelvin; `None` for an adiabatic surface.
     pub(crate) temperature: Option<f64>,
 }
 
 impl Materials {
-    /// Reads what `scene` and the TOML file `path` say of materials that a matrix has under `names`.
+    /// Reads the values of the materials `names` of a matrix from `scene` and from the TOML file `path`.
     ///
     /// # Errors
     /// When a file cannot be read, the scene is another than the matrix's, or the TOML names no material of it.
@@ -152,7 +152,7 @@ impl Materials {
         })
     }
 
-    /// Reflectance and emission of every material of which there are patches (`used`, by material).
+    /// Reflectance and emission of all materials with patches (`used`, by material).
     ///
     /// # Errors
     /// When one of them has no reflectance, or a value is out of range.
@@ -191,7 +191,7 @@ impl Materials {
         ))
     }
 
-    /// Emissivity and temperature of every material of which there are patches.
+    /// Emissivity and temperature of all materials with patches.
     ///
     /// # Errors
     /// When one of them lacks one, or a value is out of range.
@@ -253,7 +253,7 @@ impl Materials {
 }
 
 impl Entry {
-    /// With what `default` says where this says nothing.
+    /// Fills in missing values from `default`.
     fn or(&self, default: &Self) -> Self {
         let mut entry = self.clone();
         entry.reflectance = entry.reflectance.or_else(|| default.reflectance.clone());
@@ -268,7 +268,7 @@ impl Entry {
     }
 }
 
-/// The entry for a name: the one of that very name, otherwise the one pattern that fits.
+/// The entry of a name: its own, otherwise the only pattern that matches.
 fn entry_of<'t>(name: &str, tables: &'t BTreeMap<String, Entry>) -> Result<Option<(&'t String, &'t Entry)>> {
     if let Some(exact) = tables.get_key_value(name) {
         return Ok(Some(exact));

@@ -1,11 +1,9 @@
-//! What a command writes is none of what it reads, and replaces nothing unasked: one rule for every command, held
-//! before anything is read or computed.
+//! Outputs never overwrite inputs, and replace nothing unasked: one rule for every command, checked before any work.
 //!
-//! 1. No output is one of the inputs, by whatever name or link, or another output.
-//! 2. No output lies in a matrix's directory that the command reads or writes; what belongs there it puts there itself.
-//! 3. An output that exists is replaced with `--overwrite` only. A report (`--json`) and a progress file replace a file
-//!    of their own kind, so that a run which goes on may be asked for by the same command line, and never anything
-//!    else.
+//! 1. No output is an input or another output, by whatever name or link.
+//! 2. No output lies in the directory of a matrix that the command reads or writes.
+//! 3. An existing output is replaced with `--overwrite` only. A report (`--json`) and a progress file replace a file of
+//!    their own kind and nothing else, so that a resumed run may have the same command line.
 
 use crate::args::Report;
 use crate::exit::hinted;
@@ -14,25 +12,25 @@ use std::fs::Metadata;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
-/// What an output may take the place of.
+/// Files that an output may replace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Replaces {
     /// Anything with `--overwrite`, and nothing without.
     Asked(bool),
-    /// What this program wrote as a report or a progress file.
+    /// A report or a progress file of this program.
     Reports,
 }
 
 /// The paths of a command.
 #[derive(Debug, Default)]
 pub(crate) struct Paths {
-    /// Files that are read, and directories that are no matrix.
+    /// Files, and directories other than matrices.
     inputs: Vec<PathBuf>,
-    /// Directories of matrices, which are read, written, or both.
+    /// Directories of matrices to read, to write, or both.
     stores: Vec<PathBuf>,
-    /// Directories of matrices that are made.
+    /// Directories of matrices to make.
     makes: Vec<PathBuf>,
-    /// Files that are written, and by what they are named on the command line.
+    /// Files to write, with their names on the command line.
     outputs: Vec<(&'static str, PathBuf, Replaces)>,
 }
 
@@ -75,10 +73,10 @@ impl Paths {
     }
 }
 
-/// Holds a command to the rule.
+/// Checks the rule for a command's paths.
 ///
 /// # Errors
-/// When it would write over an input, into a matrix, one file twice, or over what exists.
+/// When it would write over an input, into a matrix, one file twice, or over an existing file.
 pub(crate) fn check(paths: &Paths) -> Result<()> {
     let Paths {
         inputs,
@@ -131,7 +129,7 @@ pub(crate) fn check(paths: &Paths) -> Result<()> {
                 another,
             ));
         }
-        // A directory or a device is refused where it is opened.
+        // Opening refuses a directory or a device.
         if place.metadata.as_ref().is_some_and(Metadata::is_file) {
             match replaces {
                 Replaces::Asked(true) => {}
@@ -155,7 +153,7 @@ pub(crate) fn check(paths: &Paths) -> Result<()> {
     Ok(())
 }
 
-/// Returns whether a file begins as reports and progress files do.
+/// Returns whether a file begins like a report or a progress file.
 fn is_report(path: &Path) -> bool {
     let mut begin = Vec::new();
     let read = hemicube_scene::open_regular(path).and_then(|file| file.take(64).read_to_end(&mut begin));
@@ -163,12 +161,12 @@ fn is_report(path: &Path) -> bool {
     read.is_ok() && text.starts_with(b"{\"schema\":")
 }
 
-/// Where a path leads.
+/// Target of a path.
 #[derive(Debug)]
 struct Place {
-    /// Whole and without links, as far as it exists.
+    /// Absolute and without links, as far as it exists.
     path: PathBuf,
-    /// Of what is there.
+    /// Of an existing target.
     metadata: Option<Metadata>,
 }
 
@@ -180,7 +178,7 @@ impl Place {
         }
     }
 
-    /// By name, or as the file system counts: a file may have several names.
+    /// Compares names, and files by the file system's numbers: a file may have several names.
     fn is(&self, other: &Self) -> bool {
         self.path == other.path
             || match (&self.metadata, &other.metadata) {
@@ -226,16 +224,16 @@ fn is_one(one: &Metadata, other: &Metadata) -> bool {
     (one.dev(), one.ino()) == (other.dev(), other.ino())
 }
 
-/// Files have no numbers here that the standard library gives; links are followed by `resolved`.
+/// The standard library gives no file numbers here; `resolved` follows links.
 #[cfg(not(unix))]
 fn is_one(_: &Metadata, _: &Metadata) -> bool {
     false
 }
 
-/// The path without links, as far as it exists; what does not exist yet is appended, `..` resolved by its text.
+/// The path without links, as far as it exists; the rest is appended, with `..` resolved by its text.
 fn resolved(path: &Path) -> PathBuf {
     let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    // The file itself may be a link that leads nowhere yet: writing replaces the link, not what it names.
+    // A dangling link is kept: writing replaces the link, not its target.
     for existing in whole.ancestors() {
         let Ok(mut resolved) = existing.canonicalize() else {
             continue;

@@ -1,4 +1,4 @@
-//! What the program says: messages on standard error, data on standard output or in a file, and how numbers look.
+//! Output of the program: text and JSON on standard output or in files, and the form of numbers.
 
 use crate::args::Report;
 use crate::escape::{shown, shown_lines};
@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 /// The version of every JSON report.
 pub(crate) const SCHEMA: u32 = 1;
 
-/// The end of temporary names; the library that writes matrices clears such files away when a run was killed.
+/// End of temporary names. The library that writes matrices removes such files after a killed run.
 pub(crate) const TEMPORARY_SUFFIX: &str = ".hemicube-tmp";
 
-/// Writes text to standard output, with what is unseen escaped.
+/// Writes text to standard output, unseen characters escaped.
 ///
 /// # Errors
 /// [`OutputClosed`] when the reader has gone, which is no failure.
@@ -24,8 +24,8 @@ pub(crate) fn print(text: &str) -> Result<()> {
     print_raw(&shown_lines(text))
 }
 
-/// Writes JSON to standard output. JSON escapes half of what is unseen; the other half is escaped here, as JSON does
-/// it.
+/// Writes JSON to standard output. JSON escapes half of the unseen characters; the other half is escaped here in its
+/// way.
 fn print_json(text: &str) -> Result<()> {
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {
@@ -47,7 +47,7 @@ fn print_raw(text: &str) -> Result<()> {
         .map_err(output_error)
 }
 
-/// An error of standard output, of which a reader that has gone is none.
+/// An error of standard output; [`OutputClosed`] for a reader that has gone.
 pub(crate) fn output_error(error: io::Error) -> anyhow::Error {
     if error.kind() == io::ErrorKind::BrokenPipe {
         anyhow::Error::new(OutputClosed)
@@ -63,10 +63,10 @@ impl Report {
     }
 }
 
-/// Refuses a path at which there is nothing.
+/// Refuses a path to nothing.
 ///
 /// # Errors
-/// When nothing is there, or it cannot be looked at.
+/// When nothing is there, or it cannot be inspected.
 pub(crate) fn require(path: &Path) -> Result<()> {
     match std::fs::metadata(path) {
         Ok(_) => Ok(()),
@@ -75,14 +75,14 @@ pub(crate) fn require(path: &Path) -> Result<()> {
     }
 }
 
-/// A JSON report, whose place is opened before the work that it reports.
+/// A JSON report. Its file is opened before the work that it reports.
 #[derive(Debug)]
 pub(crate) struct JsonReport {
     file: Option<PendingFile>,
 }
 
 impl JsonReport {
-    /// Opens the place that `--json` names; nothing without it.
+    /// Opens the file of `--json`; `None` without the option.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -117,7 +117,7 @@ impl JsonReport {
     }
 }
 
-/// A file that gets its name when it is complete, and leaves nothing behind otherwise.
+/// A file named only when complete, removed otherwise.
 #[derive(Debug)]
 pub(crate) struct PendingFile {
     path: PathBuf,
@@ -161,7 +161,7 @@ impl Write for PendingFile {
     }
 }
 
-/// A file that was read, by its bytes.
+/// An input file, by its bytes.
 #[derive(Debug, Serialize)]
 pub(crate) struct Input {
     pub(crate) path: String,
@@ -212,12 +212,12 @@ pub(crate) struct Spread {
     pub(crate) max: f64,
 }
 
-/// The most memory that this process has had, where the system tells.
+/// Peak of the process's memory in bytes, where the system tells.
 pub(crate) fn peak_memory_bytes() -> Option<u64> {
     memory_bytes("VmHWM:")
 }
 
-/// The memory that it has now.
+/// Resident memory of the process in bytes, where the system tells.
 pub(crate) fn resident_memory_bytes() -> Option<u64> {
     memory_bytes("VmRSS:")
 }
@@ -277,7 +277,7 @@ pub(crate) fn table<const N: usize>(headings: [&str; N], rows: impl IntoIterator
     text
 }
 
-/// 1234567 as `1,234,567`.
+/// Formats 1234567 as `1,234,567`.
 pub(crate) fn count(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::new();
@@ -302,7 +302,7 @@ pub(crate) fn counted(number: u64, what: &str) -> String {
     format!("{} {plural}", count(number))
 }
 
-/// 0.1234 as `12.3 %`; what is not nothing never reads as nothing, nor what is not all as all.
+/// Formats 0.1234 as `12.3 %`. A share above 0 never reads 0, and one below 1 never reads 100.
 pub(crate) fn percent(fraction: f64) -> String {
     let percent = 100.0 * fraction;
     if percent > 0.0 && percent < 0.01 {
@@ -318,7 +318,7 @@ pub(crate) fn percent(fraction: f64) -> String {
     }
 }
 
-/// A number of bytes in the largest unit that it fills.
+/// Formats bytes in the largest unit below them.
 pub(crate) fn size(bytes: u64) -> String {
     let mut value = bytes as f64;
     let mut unit = "B";
@@ -336,7 +336,7 @@ pub(crate) fn size(bytes: u64) -> String {
     }
 }
 
-/// Seconds as a person says them.
+/// Formats seconds for people.
 pub(crate) fn duration(seconds: f64) -> String {
     if seconds < 59.95 {
         return format!("{} s", figures(seconds));
@@ -353,7 +353,7 @@ pub(crate) fn duration(seconds: f64) -> String {
     }
 }
 
-/// Three significant figures, without an exponent where that is readable.
+/// Formats three significant figures, without an exponent if readable.
 pub(crate) fn figures(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude == 0.0 {

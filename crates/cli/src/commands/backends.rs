@@ -1,4 +1,4 @@
-//! `hemicube backends`: the engines, their devices and what they can do.
+//! `hemicube backends`: the engines, their devices and capabilities.
 
 mod check;
 
@@ -17,7 +17,7 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-/// What can be done with backends.
+/// Subcommands of `backends`.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Backends {
     /// List the backends, their devices and what they can do, and why others cannot be used
@@ -39,7 +39,7 @@ pub(crate) struct ListArguments {
 }
 
 impl Backends {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         match self {
             Self::List(arguments) => Paths::default().reports(&arguments.report),
@@ -52,9 +52,9 @@ impl Backends {
 struct ListReport {
     schema: u32,
     backends: Vec<Entry>,
-    /// Files that look like backends and cannot be used.
+    /// Unusable files that look like backends.
     unusable: Vec<Unusable>,
-    /// Folders that were looked into, in this order.
+    /// Searched folders, in order.
     folders: Vec<FolderEntry>,
 }
 
@@ -63,7 +63,7 @@ struct ListReport {
 struct Entry {
     name: String,
     version: String,
-    /// Its place in the backend's list: what `--backend-option device=` takes.
+    /// Place in the backend's list, for `--backend-option device=`.
     device_number: usize,
     device: String,
     kind: &'static str,

@@ -1,4 +1,4 @@
-//! `hemicube balance`: a copy of a matrix that is reciprocal, closed, or without small entries.
+//! `hemicube balance`: a reciprocal, closed or thinned copy of a matrix.
 
 use crate::args::{Report as ReportArguments, Talk, number, share};
 use crate::exit::{Exit, hinted, watch_interrupts};
@@ -12,7 +12,7 @@ use hemicube::store::{Error, Store};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Likewise for `balance`, of which an interrupt leaves nothing of use.
+/// End of `--help`: an interrupt leaves nothing useful of a balanced matrix.
 const AFTER_BALANCE_HELP: &str = "\
 Environment:
   HEMICUBE_NO_PROGRESS  1: no progress bar
@@ -60,7 +60,7 @@ pub(crate) struct Arguments {
     pub(crate) report: ReportArguments,
 }
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
             .store([&self.store])
@@ -135,7 +135,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     })
 }
 
-/// The next step, where the error itself does not say it.
+/// Adds the next step to errors without one.
 fn hint(error: Error, arguments: &Arguments) -> anyhow::Error {
     let step = match &error {
         Error::Refused { .. } => Some("`hemicube balance --help` has examples".to_owned()),
@@ -151,7 +151,7 @@ fn hint(error: Error, arguments: &Arguments) -> anyhow::Error {
     }
 }
 
-/// What was done, in a few words.
+/// The operations, in a few words.
 pub(crate) fn summary(entry: &BalanceEntry) -> String {
     let mut words = Vec::new();
     if entry.closure {
@@ -248,7 +248,7 @@ fn text(found: &BalanceReport) -> String {
     text
 }
 
-/// A factor near 1 with the digits that tell it from 1.
+/// A factor near 1, with enough digits to tell it from 1.
 fn factor(value: f64) -> String {
     format!("{value:.4}")
 }

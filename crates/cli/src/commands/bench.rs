@@ -1,15 +1,13 @@
-//! `hemicube bench`: the study of Vázquez and Guartes 2017 once more, on this machine and its backends, and what it
-//! left open: mazes, open scenes, parameters that find themselves, error against rays.
+//! `hemicube bench`: the study of Vázquez and Guartes 2017, repeated on this machine and its backends and extended by
+//! mazes, open scenes, parameters found by backends, and error against rays.
 //!
-//! Everything is a *cell*: a scene, a backend, a way. Cells are kept in `study.json` as they are measured; tables and
-//! pictures are made of what is there.
+//! The unit is a *cell*: a scene, a backend, a way. `results.rs` keeps cells in `study.json` by machine, version and
+//! settings as they are measured. `tables.rs` and `plots.rs` make the report, of a finished study or not.
 //!
-//! Ways of one scene and backend are measured in turns over the same rows, runs of neighbours spread over the order of
-//! work, as many as the slowest has time for. What a backend finds by itself is measured anew beside the fastest of the
-//! tables, over rows and in turns of their own. `results.rs` keeps them in `study.json` by machine, version and
-//! settings; `tables.rs` and `plots.rs` make what is there into a report, finished or not. Error against time is
-//! `tradeoff`'s, whole runs are processes of this program watched from outside. `sheet.rs` is what its pictures and
-//! `tradeoff`'s are laid out on.
+//! The ways of a scene and backend take turns over the same rows: runs of neighbours spread over the order of work, as
+//! many as the slowest has time for. A backend's findings are measured anew beside the fastest of the tables, over rows
+//! and in turns of their own. Error against time comes from `tradeoff`. Whole runs are processes of this program,
+//! watched from outside.
 
 mod measure;
 mod plots;
@@ -83,7 +81,7 @@ pub(crate) struct Arguments {
     pictures: Pictures,
 }
 
-/// How pictures are written.
+/// Format of pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Pictures {
     /// Lines and letters.
@@ -101,7 +99,7 @@ impl Pictures {
     }
 }
 
-/// What a peer was measured at, of `scripts/peers`.
+/// Results of a peer, from `scripts/peers`.
 #[derive(Clone, Debug, Deserialize)]
 struct Peer {
     scene: String,
@@ -121,12 +119,12 @@ struct Peers {
     without: Vec<String>,
 }
 
-/// What `compute` has where fractions are asked for.
+/// Built-in resolution of `compute` for visible fractions.
 const RESOLUTION: u32 = 128;
-/// Rows of a whole run that is watched from outside.
+/// Rows of a whole, watched run.
 const ROWS_OF_RUN: u64 = 10_240;
 
-/// Octree levels and least patches that are tried on a scene: the thesis's, and where queries are cheap.
+/// Octree levels and least patches tried on a scene: the thesis's, and some with cheap queries.
 fn grid(size: Size, scene: &StudyScene) -> Option<Grid> {
     let (levels, least): (&[u32], &[u32]) = match (size, scene.role) {
         (_, Role::Step) => return None,
@@ -141,22 +139,22 @@ fn grid(size: Size, scene: &StudyScene) -> Option<Grid> {
     })
 }
 
-/// What is measured first of all scenes, and what after it: a study that is interrupted has the most of what matters.
+/// Stages of a study, the most important first: an interrupted one has measured most of the essential.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     /// *Original*, *thesis*, *ours*; errors, and whole runs.
     Algorithms,
-    /// What the best is sought among.
+    /// Competitors of the best way.
     Others,
     /// Levels of the octree and least patches.
     Parameters,
-    /// What finds itself beside the best of these, measured anew.
+    /// Findings beside the best of these, measured anew.
     Choices,
 }
 
 const STAGES: [Stage; 4] = [Stage::Algorithms, Stage::Others, Stage::Parameters, Stage::Choices];
 
-/// What is measured of a scene by a backend.
+/// Ways to measure of a scene by a backend.
 fn wanted(stage: Stage, size: Size, scene: &StudyScene, target: &Target) -> Vec<Way> {
     match stage {
         Stage::Algorithms => ways(target, false),
@@ -172,7 +170,7 @@ fn wanted(stage: Stage, size: Size, scene: &StudyScene, target: &Target) -> Vec<
     }
 }
 
-/// Scenes whose error is measured, and those that a whole run is watched of.
+/// Returns whether the error of a scene is measured.
 fn is_for_errors(size: Size, scene: &StudyScene) -> bool {
     match size {
         Size::Quick => scene.key == "city",
@@ -180,6 +178,7 @@ fn is_for_errors(size: Size, scene: &StudyScene) -> bool {
     }
 }
 
+/// Returns whether a whole run of a scene is watched.
 fn is_for_runs(scene: &StudyScene) -> bool {
     ["room", "city"].contains(&scene.key.as_str())
 }
@@ -247,7 +246,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// Measures what is missing; whether it came to the end.
+/// Measures the missing cells; returns whether it came to the end.
 fn measure_all(
     bench: &mut Bench<'_>,
     size: Size,
@@ -270,7 +269,7 @@ fn measure_all(
     Ok(true)
 }
 
-/// What is missing of a scene at a stage.
+/// Measures the missing cells of a scene at a stage.
 fn measure_scene(
     bench: &mut Bench<'_>,
     stage: Stage,
@@ -293,7 +292,7 @@ fn measure_scene(
             match bench.rates(scene, &ready, target, wanted(stage, size, scene, target)) {
                 Ok(None) => {}
                 Ok(Some(measure::Stopped)) => return Ok(false),
-                // What one driver cannot do is no reason to lose the rest; the report says so.
+                // One driver's failure loses only its own cells; the report names it.
                 Err(error) => {
                     let reason = format!("{error:#}");
                     talk.warn(&format!("{}, `{}`: {reason}", scene.title, target.name));
@@ -315,7 +314,7 @@ fn measure_scene(
     }
     if is_for_runs(scene) {
         for target in targets {
-            // A driver on the processor takes minutes for what says nothing new.
+            // A driver on the processor would take minutes to show nothing new.
             let rows = if target.is_built_in() {
                 ROWS_OF_RUN
             } else {
@@ -333,7 +332,7 @@ fn measure_scene(
     Ok(!bench.is_stopped())
 }
 
-/// What finds itself, where its cells are there and it was not yet held against them.
+/// Measures findings with their rivals' cells present, unless measured already.
 fn measure_choices(
     bench: &mut Bench<'_>,
     size: Size,
@@ -344,7 +343,7 @@ fn measure_choices(
     let mut ready = None;
     for target in targets {
         let parameters = wanted(Stage::Parameters, size, scene, target);
-        // Where the ways among which is chosen were not tried, there is nothing to hold a choice against.
+        // Without rivals, a choice has nothing to compete with.
         let are_tried = !wanted(Stage::Others, size, scene, target).is_empty();
         let findings = findings(target, parameters).into_iter();
         for finding in findings.filter(|finding| finding.key != FOUND_CULLING || are_tried) {
@@ -565,7 +564,7 @@ fn peers_table(peers: &Peers) -> String {
     text
 }
 
-/// Peers on a scene, each with its settings as milliseconds and error.
+/// Peers on a scene: milliseconds and error of each setting.
 fn of_peers(peers: &Peers, scene: &StudyScene) -> Vec<(String, Vec<(f64, f64)>)> {
     let mut found: Vec<(String, Vec<(f64, f64)>)> = Vec::new();
     for peer in peers
@@ -628,7 +627,7 @@ fn time_against_patches(study: &Study<'_>, subtitle: &str) -> Option<Diagram> {
     })
 }
 
-/// How much is gained over the original, against how much of the scene is hidden.
+/// Speedup over the original, against the hidden share of the scene.
 fn gain_against_occlusion(study: &Study<'_>, subtitle: &str) -> Option<Diagram> {
     let mut series = Vec::new();
     for (place, target) in study.targets.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! `hemicube check`: whether a store holds what a form-factor matrix must be.
+//! `hemicube check`: the properties of a form-factor matrix, checked on a store.
 
 use crate::args::{Report as ReportArguments, Talk, not_negative};
 use crate::exit::Exit;
@@ -14,7 +14,7 @@ use hemicube::store::Store;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// A scene of which no more escapes on average is nearly closed.
+/// Largest mean escaped share of a nearly closed scene.
 const NEARLY_CLOSED: f64 = 0.05;
 
 /// Check a matrix: closure, reciprocity, range, checksums; exit 1 when a bound is broken
@@ -43,7 +43,7 @@ pub(crate) struct Arguments {
     pub(crate) report: ReportArguments,
 }
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default().store([&self.store]).reports(&self.report)
     }
@@ -56,7 +56,7 @@ struct Report<'a> {
     version: &'static str,
     #[serde(flatten)]
     check: &'a CheckReport,
-    /// What was done to the matrix after it was computed.
+    /// The last balancing of the matrix, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     balance: Option<&'a BalanceEntry>,
 }
@@ -93,7 +93,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(if found.ok { Exit::Done } else { Exit::NotHeld })
 }
 
-/// What the matrix is, and where the weight of its rows went. A page goes to others, and does not name the directory.
+/// Facts about the matrix, and where its rows' weight went. A page is given to others, and does not name the directory.
 pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listing {
     let manifest = store.manifest();
     let parts = if found.complete {
@@ -194,7 +194,7 @@ impl Verdict {
         }
     }
 
-    /// By a check that has a bound only if one was asked for.
+    /// By a check with an optional bound.
     fn bounded(found: &CheckReport, check: Check, bound: Option<f64>, name: &'static str, what: String) -> Self {
         let verdict = Self::by(found, &[check], name, what);
         match bound {
@@ -252,7 +252,7 @@ fn closure(found: &CheckReport) -> Verdict {
     Verdict::bounded(found, Check::Closure, found.closure.bound, "closure", what)
 }
 
-/// The share that escapes, of scenes that are nearly closed, and where a bound was asked for.
+/// The escaped share, of nearly closed scenes or with a bound.
 fn escaped(found: &CheckReport) -> Option<Verdict> {
     let is_told = found.escaped_bound.is_some() || (found.escaped > 0.0 && found.escaped <= NEARLY_CLOSED);
     let bound = bound_text(
@@ -305,7 +305,7 @@ fn sky(found: &CheckReport) -> Option<Verdict> {
     is_told.then(|| Verdict::by(found, &[Check::Sky], "sky", what))
 }
 
-/// The name of a check, as it is said.
+/// The name of a check in messages.
 pub(super) fn name(check: Check) -> String {
     format!("{check:?}").to_ascii_lowercase()
 }

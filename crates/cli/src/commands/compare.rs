@@ -45,7 +45,7 @@ pub(crate) struct Arguments {
     pub(crate) report: ReportArguments,
 }
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         let (stores, files): (Vec<_>, Vec<_>) = [&self.matrix, &self.reference]
             .into_iter()
@@ -93,7 +93,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         }
     })?;
     drop(bar);
-    // Not `>`: an error that is no number is above every bound.
+    // Not `>`: NaN is above every bound.
     let ok = arguments
         .max_error
         .is_none_or(|bound| found.relative_frobenius <= bound);
@@ -120,7 +120,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(if ok { Exit::Done } else { Exit::NotHeld })
 }
 
-/// What is drawn of a comparison.
+/// The picture of a comparison.
 fn picture(found: &Comparison, rows: &[RowDifference], matrix: &Matrix, arguments: &Arguments) -> Result<Picture> {
     let name = |path: &Path| {
         path.file_name()
@@ -129,7 +129,7 @@ fn picture(found: &Comparison, rows: &[RowDifference], matrix: &Matrix, argument
             .into_owned()
     };
     let (matrix_name, reference_name) = (name(&arguments.matrix), name(&arguments.reference));
-    // Rows that the reference leaves empty have no relative error, neither measured nor expected.
+    // Rows empty in the reference have no relative error, neither measured nor expected.
     let relative: Vec<&RowDifference> = rows.iter().filter(|row| row.reference > 0.0).collect();
     let expected = match matrix.store() {
         Some(store) if store.manifest().patches.is_some() => {
@@ -242,7 +242,7 @@ fn text(found: &Comparison, bound: Option<f64>, ok: bool) -> String {
     text
 }
 
-/// A relative quantity: as a percentage with digits enough to compare.
+/// A relative quantity as a percentage, with enough digits to compare.
 fn relative(value: f64) -> String {
     if value == 0.0 {
         "0".to_owned()

@@ -1,4 +1,4 @@
-//! `hemicube generate`: scenes made by rule, as OBJ.
+//! `hemicube generate`: scenes by rule, as OBJ.
 
 use crate::args::Talk;
 use crate::exit::{Exit, hinted};
@@ -33,7 +33,7 @@ pub(crate) struct Arguments {
     pub(crate) overwrite: bool,
 }
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default().writes("-o", [&self.output], self.overwrite)
     }
@@ -96,7 +96,7 @@ fn exists(path: &Path) -> anyhow::Error {
     hinted(anyhow!("`{}` exists", path.display()), "`--overwrite` replaces it")
 }
 
-/// Writes the scene, and its materials beside it where they say more than their names.
+/// Writes the scene, and its materials beside it if they have more than names.
 fn write_files(scene: &Scene, path: &Path, overwrite: bool) -> Result<()> {
     let cannot = || format!("`{}` cannot be written", path.display());
     let has_optics = scene

@@ -48,7 +48,7 @@ pub(crate) struct Arguments {
     pub(crate) report: ReportArguments,
 }
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
             .reads(&self.scene)

@@ -1,4 +1,4 @@
-//! `hemicube merge`: one matrix of what shards computed.
+//! `hemicube merge`: one matrix of several shards.
 
 use crate::args::{Report as ReportArguments, Talk};
 use crate::commands::compute::word;
@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
     pub(crate) report: ReportArguments,
 }
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
             .store([&self.store])
@@ -51,9 +51,9 @@ struct Report {
     copied: u32,
     rows: u64,
     entries: u64,
-    /// Parts that are nowhere, or nowhere whole.
+    /// Parts missing or incomplete everywhere.
     missing: Vec<u32>,
-    /// The shards that these are of, where it is known of how many.
+    /// Their shards, if the number of shards is known.
     missing_shards: Vec<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     shard_count: Option<u32>,
@@ -136,7 +136,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Err(hinted(anyhow!("`{}`: {parts}", arguments.store.display()), hint))
 }
 
-/// Ascending numbers, those that follow each other as `3-7`.
+/// Ascending numbers, consecutive ones in the form `3-7`.
 fn ranges(numbers: &[u32]) -> String {
     let mut text = String::new();
     for run in numbers.chunk_by(|a, b| a + 1 == *b) {

@@ -1,17 +1,16 @@
 //! `hemicube report`: one page about a matrix, to be opened from the disk.
 //!
-//! `commands/report` writes one HTML file: sections as text, histograms as SVG, and arrays (`blocks.rs`: deflated, in
-//! base64, each in a `<script>` that no browser runs), of which the largest entries of each row (`rows.rs`) are
-//! unpacked a thousand at a time when somebody clicks. `viewer/` is what runs in it: one draw of all patches without an
-//! index, so that the number of a vertex says whose it is; colours from a texture; what is under the mouse by a draw of
-//! one pixel whose colours are ids. It is bundled with three.js by `scripts/viewer.sh` and committed, so that the
-//! program is built without Node; `./test` bundles it again and compares. The page's own policy forbids it to load
-//! anything.
+//! `page.rs` writes one HTML file: sections as text, histograms as SVG, and arrays (`blocks.rs`: deflated, in base64,
+//! each in a `<script>` that no browser runs). The largest entries of each row (`rows.rs`) are unpacked a thousand rows
+//! at a time, on a click. `viewer/` runs in the page. It draws all patches at once without an index, so that a vertex's
+//! number gives its patch; colours come from a texture, and the patch under the mouse from one pixel drawn in colours
+//! of ids. It is bundled with three.js by `scripts/viewer.sh` and committed, so that the program is built without Node;
+//! `./test` bundles it again and compares. The page's own policy forbids it to load anything.
 //!
 //! No own WebGL in the page, because three.js has turned and zoomed models on every browser for years; the page's own
-//! code is what is special to patches.
+//! code is only the part special to patches.
 //!
-//! No zlib-rs in the page, because its output hangs on the processor's instructions; miniz_oxide's does not.
+//! No zlib-rs in the page, because its output depends on the processor's instructions; miniz_oxide's does not.
 
 mod blocks;
 mod columns;
@@ -41,9 +40,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use worst::{WORST_ROWS, worst};
 
-/// Largest entries of a row that a page has, where nobody says.
+/// Built-in number of a row's largest entries.
 const ENTRIES: u32 = 32;
-/// Above so many patches a page has rows only if that is asked for: it would be too large to open.
+/// Above this number of patches, a page has rows only on request: it would be too large to open.
 const PATCHES_WITH_ROWS_MAX: u32 = 250_000;
 /// Cells of the picture of the matrix.
 const CELLS: u32 = 400;
@@ -80,7 +79,7 @@ pub(crate) struct Arguments {
 }
 
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
             .store([&self.store])
@@ -90,7 +89,7 @@ impl Arguments {
     }
 }
 
-/// What the program says about a page, for programs.
+/// The report of `--json`.
 #[derive(Serialize)]
 struct Summary<'a> {
     schema: u32,
@@ -189,7 +188,7 @@ fn checked(store: &Store) -> Result<CheckReport> {
     Ok(check(store, &options)?)
 }
 
-/// Number of entries a row that the page holds: as asked, otherwise none above [`PATCHES_WITH_ROWS_MAX`].
+/// Number of entries a row: as asked, otherwise none above [`PATCHES_WITH_ROWS_MAX`].
 fn entries_per_row(arguments: &Arguments, store: &Store) -> u32 {
     let usual = if store.patch_count() > PATCHES_WITH_ROWS_MAX {
         0
@@ -199,7 +198,7 @@ fn entries_per_row(arguments: &Arguments, store: &Store) -> u32 {
     arguments.entries.unwrap_or(usual)
 }
 
-/// Rows of the matrix, as the page needs them.
+/// Rows of the matrix, for the page.
 struct Rows<'a> {
     packer: RowPacker<'a>,
     sparsity: Sparsity,
@@ -226,7 +225,7 @@ fn read_rows<'a>(store: &Store, table: &'a PatchTable, entries: u32) -> Result<R
     Ok(rows)
 }
 
-/// Adds an array for each column of the patch table that the viewer shows, and for each of `columns`.
+/// Adds an array for each shown column of the patch table, and for each of `columns`.
 fn add_blocks(blocks: &mut Blocks, table: &PatchTable, columns: &Columns) {
     blocks.add("object", &table.object);
     blocks.add("material", &table.material);

@@ -1,4 +1,4 @@
-//! `hemicube sky`: what patches and points see of the sky, of the ground, and of the sun.
+//! `hemicube sky`: views of the sky, the ground and the sun, from patches and points.
 
 use crate::args::{Division, EngineSettings, Report as ReportArguments, SceneSettings, Talk};
 use crate::exit::{self, Exit, hinted};
@@ -28,12 +28,12 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Pixels along an edge where nobody says and no matrix does.
+/// Pixels along an edge, without an option or a matrix.
 const RESOLUTION: u32 = 256;
-/// n of the n² points of a patch from which the sun is looked for.
+/// n: rays to the sun start from n² points of a patch.
 const SUN_POINTS: u32 = 4;
 
-/// What is written into the directory.
+/// Files in the output directory.
 pub(crate) const FILES: [&str; 3] = ["sky.npz", "sky.json", "points-sky.npz"];
 
 /// What patches and points see of the sky, of the ground below the horizon, and of the sun
@@ -83,7 +83,7 @@ pub(crate) struct Arguments {
 }
 
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         let files = self
             .output
@@ -136,7 +136,7 @@ fn samples(text: &str) -> Result<u32, String> {
     }
 }
 
-/// What the files are, beside them.
+/// Record beside the files.
 #[derive(Debug, Serialize)]
 struct Record {
     program: &'static str,
@@ -144,7 +144,7 @@ struct Record {
     scene_blake3: String,
     division: String,
     columns: u32,
-    /// What the columns are, for who opens the files without this program's documentation.
+    /// Meaning of the columns, for readers without this program's documentation.
     order: &'static str,
     up: &'static str,
     north_degrees: f64,
@@ -158,20 +158,20 @@ struct Record {
     /// Suns below the horizon, by their place in the file from 0: nothing is lit by them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     suns_below_horizon: Vec<u64>,
-    /// Where points lie that are not in the open.
+    /// Points elsewhere than in the open.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     points_not_in_the_open: Vec<Misplaced>,
-    /// Rows whose escaped weight is that of the matrix, to the last unit; only beside a matrix.
+    /// Rows with exactly the matrix's escaped weight; only beside a matrix.
     #[serde(skip_serializing_if = "Option::is_none")]
     rows_as_in_matrix: Option<u64>,
     sky_view_factor: Spread,
     ground: f64,
-    /// Of the rows that were refined, those that still changed by more than the tolerance at the last level.
+    /// Refined rows still changing by more than the tolerance at the last level.
     unsettled: u64,
     hemicubes: u64,
 }
 
-/// A point that is not in the open.
+/// A point elsewhere than in the open.
 #[derive(Clone, Debug, Serialize)]
 struct Misplaced {
     /// From 0.
@@ -193,7 +193,7 @@ struct Report<'a> {
     seconds: Option<f64>,
 }
 
-/// What a file has a line each of, and their lines.
+/// Items of a file, one a line, and their lines.
 #[derive(Debug)]
 struct Listed<T> {
     items: Vec<T>,
@@ -266,7 +266,7 @@ fn lines(of: &[u64]) -> String {
     }
 }
 
-/// Says which suns are below the horizon.
+/// Warns of suns below the horizon.
 fn tell_of_suns(arguments: &Arguments, suns: &Listed<DVec3>, horizon: Horizon, talk: Talk) {
     let below: Vec<u64> = suns
         .items
@@ -289,7 +289,7 @@ fn tell_of_suns(arguments: &Arguments, suns: &Listed<DVec3>, horizon: Horizon, t
     ));
 }
 
-/// Says which points are not in the open, by where they are.
+/// Warns of points that are not in the open, by place.
 fn tell_of_points(arguments: &Arguments, points: usize, misplaced: &[Misplaced], talk: Talk) {
     let Some(path) = &arguments.points else { return };
     let of = counted(points as u64, "point");
@@ -327,8 +327,7 @@ fn tell_of_points(arguments: &Arguments, points: usize, misplaced: &[Misplaced],
     }
 }
 
-/// What the matrix says of its hemicubes: n of the n² of each patch, the weight that escaped, and which share of the
-/// view that is of the whole patch.
+/// The matrix's hemicubes: n of the n² of each patch, the escaped weight, and the refined escaped share.
 struct OfMatrix {
     samples: Vec<u32>,
     escaped: Vec<Option<u64>>,
@@ -386,7 +385,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         matrix,
     };
     std::fs::create_dir_all(&output).with_context(|| format!("`{}` cannot be created", output.display()))?;
-    // Files of two runs would lie side by side otherwise, and say that they belong together.
+    // Files of two runs side by side would claim to belong together.
     let _lock = FolderLock::take(&output)?;
     let backend = arguments.engine.open_backend(talk)?;
     require_items(backend.as_ref())?;
@@ -435,7 +434,7 @@ fn open_store(arguments: &Arguments) -> Result<Option<Store>> {
     Ok(Some(Store::open(path)?))
 }
 
-/// Reads the scene, cut as the matrix's if there is one.
+/// Reads the scene, with the subdivision of the matrix if there is one.
 fn prepare_scene(arguments: &Arguments, store: Option<&Store>) -> Result<Prepared> {
     match store {
         Some(store) => stored::scene(
@@ -448,7 +447,7 @@ fn prepare_scene(arguments: &Arguments, store: Option<&Store>) -> Result<Prepare
     }
 }
 
-/// The axis that points up: as asked, otherwise as the scene says.
+/// The axis that points up: given, otherwise the scene's.
 fn up_axis(arguments: &Arguments, prepared: &Prepared) -> Result<Axis> {
     let up = arguments.patches.up.map(Into::into).or(prepared.scene.up);
     up.ok_or_else(|| {
@@ -469,7 +468,7 @@ fn misplaced(prepared: &Prepared, points: &Listed<SensorPoint>, horizon: Horizon
         .collect()
 }
 
-/// How hemicubes are rendered: as asked, otherwise as the matrix's.
+/// Settings of the hemicubes: given, otherwise the matrix's.
 fn options(arguments: &Arguments, store: Option<&Store>) -> SkyOptions {
     let settings = store.map(|store| &store.manifest().settings);
     let resolution = settings
@@ -501,7 +500,7 @@ struct Task<'a> {
 }
 
 impl Task<'_> {
-    /// Computes the rows of all patches, their escaped shares refined as in the matrix; `None` where interrupted.
+    /// Computes the rows of all patches, with the matrix's refined escaped shares; `None` where interrupted.
     fn of_patches(
         &self,
         backend: Box<dyn HemicubeBackend>,
@@ -562,7 +561,7 @@ impl Task<'_> {
         )?)
     }
 
-    /// Writes the rows of points, and which of them each sun lights.
+    /// Writes the rows of points, and the suns lighting each.
     fn keep_points(&self, output: &Path, found: &[PointRow]) -> Result<()> {
         let lit = if self.suns.is_empty() {
             None
@@ -589,7 +588,7 @@ impl Task<'_> {
         Ok(write_points(&output.join("points.npz"), patch_count, found)?)
     }
 
-    /// The record of the run: what was asked, and averages by area over the patches.
+    /// The record of the run: settings, and averages by area over the patches.
     fn record(&self, up: &'static str, rows: &[SkyRow], points: &[PointRow], misplaced: Vec<Misplaced>) -> Record {
         let views = self.views(rows);
         let unsettled = self.options.tolerance.map_or(0, |tolerance| {
@@ -703,7 +702,7 @@ fn require_items(backend: &dyn HemicubeBackend) -> Result<()> {
     ))
 }
 
-/// For each patch and sun the part of the patch that sees it: 0 where it turns away, and of suns below the horizon.
+/// The share of each patch lit by each sun: 0 for patches turned away, and for suns below the horizon.
 fn sunlit(prepared: &Prepared, suns: &[DVec3], horizon: Horizon, threads: usize) -> Result<Option<Vec<f32>>> {
     if suns.is_empty() {
         return Ok(None);

@@ -25,18 +25,18 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// More right-hand sides than this are no columns of a table that a person opens.
+/// Most right-hand sides in a table: more columns nobody opens.
 const CSV_COLUMNS_MAX: u64 = 256;
 /// Temperatures below this, in kelvin, are asked about, and how many of them are named.
 const COLD: f64 = 100.0;
 const COLD_SHOWN: usize = 3;
 /// A scene is open when more than this part of its view leaves it.
 const OPEN: f64 = 0.01;
-/// Right-hand sides whose balances are printed.
+/// Right-hand sides with a printed balance.
 const BALANCES_SHOWN: usize = 6;
-/// What returns is printed from this share of the input on.
+/// Least returned share of the input to be printed.
 const RETURNED_SHOWN: f64 = 1e-4;
-/// Vectors of a right-hand side that are in memory, besides GMRES's.
+/// Vectors in memory a right-hand side, besides GMRES's.
 const VECTORS: u64 = 9;
 
 /// Solve for light or heat: radiosity of every patch from a matrix and its materials
@@ -122,7 +122,7 @@ pub(crate) struct Arguments {
 }
 
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
             .store([&self.store])
@@ -185,7 +185,7 @@ pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     }
 }
 
-/// What the solution is of, in its report and in `--json`.
+/// Materials of the solution, in its report and in `--json`.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Surfaces {
@@ -193,7 +193,7 @@ enum Surfaces {
     Heat { materials: Vec<Thermal>, ambient: f64 },
 }
 
-/// What is kept beside the solution. No clock and no machine.
+/// Record beside the solution. No clock and no machine.
 #[derive(Debug, Serialize)]
 struct Record {
     program: &'static str,
@@ -251,7 +251,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let Some(()) = task.solve(&factors, at_once, &mut writer, &mut record, cancel, talk)? else {
         return Ok(Exit::Interrupted);
     };
-    // Outputs are of this solution, and not of one that replaces it meanwhile.
+    // Keeps the solution from being replaced while outputs are written.
     let (path, _lock) = writer.finish(&serde_json::to_value(&record).context("the report is no JSON")?)?;
     drop(guard);
     let stored = StoredSolution::open(&store, name)?;
@@ -288,7 +288,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
 struct Quantity {
     /// In reports.
     kind: &'static str,
-    /// Of the solution, if the user gives none.
+    /// Built-in name of the solution.
     name: &'static str,
     /// On the picture.
     shown: &'static str,
@@ -334,7 +334,7 @@ fn draw_picture(arguments: &Arguments, store: &Store, stored: &StoredSolution) -
     model::draw(&prepared, &values, &arguments.camera, picture)
 }
 
-/// Number of right-hand sides that are solved together, by what their vectors take of half the memory.
+/// Number of right-hand sides solved together: their vectors take half the memory.
 fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
     let vectors = VECTORS
         + match arguments.method {
@@ -344,7 +344,7 @@ fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
     (arguments.memory / 2 / (8 * vectors * u64::from(store.patch_count()).max(1))).clamp(1, 1024)
 }
 
-/// What is solved: the sources of the right-hand sides, and the materials.
+/// The system: sources of the right-hand sides, and materials.
 struct Task<'a> {
     bands: Vec<String>,
     rows: u64,
@@ -354,7 +354,7 @@ struct Task<'a> {
     kind: Kind,
 }
 
-/// Light from the sky: radiances, a row a right-hand side, and which patch sees what of it.
+/// Light from the sky: radiances, a row a right-hand side, and the sky rows of the patches.
 struct Sky {
     radiance: ArrayFile,
     division: PathBuf,
@@ -524,7 +524,7 @@ impl<'a> Task<'a> {
         })
     }
 
-    /// Asks once whether temperatures are in kelvin, and what lies outside of an open scene.
+    /// Asks once whether temperatures are in kelvin, and about the surroundings of an open scene.
     fn question(&self, arguments: &Arguments, talk: Talk) {
         let Kind::Heat { materials, ambient } = &self.kind else {
             return;
@@ -596,14 +596,14 @@ impl<'a> Task<'a> {
             Kind::Light { optics, emission, sky } => {
                 let mut returned = self.row_table.returned();
                 let outside = match sky {
-                    // A patch of the sky sends π times its radiance, as a white wall would.
+                    // A patch of the sky sends π times its radiance, like a white wall.
                     Some(sky) => {
                         let mut radiances = Vec::new();
                         for row in rows.clone() {
                             let radiance = sky.radiance.row(row)?;
                             radiances.push(radiance.into_iter().map(|l| std::f64::consts::PI * l).collect());
                         }
-                        // What the patches of the sky come to: all that is known to be outside.
+                        // Sum over the patches of the sky: all known surroundings.
                         radiances.push(vec![1.0; radiances.first().map_or(0, Vec::len)]);
                         let product = sky_product(&sky.division, &radiances)?;
                         let (last, columns) = (radiances.len() - 1, product.patches());
@@ -673,7 +673,7 @@ impl<'a> Task<'a> {
                 2,
                 &Block::from_fn(b.patches(), 1, |patch, _| b.of(patch)[0] - g.of(patch)[0]),
             )?;
-            // Of a surface that keeps nothing, what it sends is what a black one of its temperature would.
+            // An adiabatic surface sends as much as a black one of its temperature.
             let temperature = Block::from_fn(b.patches(), 1, |patch, _| {
                 materials[self.table.material[patch] as usize]
                     .temperature

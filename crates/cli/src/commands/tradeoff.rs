@@ -1,8 +1,8 @@
-//! `hemicube tradeoff`: every rung of the accuracy ladder on a sample of a scene's rows, its error against rays and its
-//! time on this machine, and the setting to take for a tolerance.
+//! `hemicube tradeoff`: error against rays and time on this machine of every rung of the accuracy ladder, on a sample
+//! of a scene's rows, and the recommended setting for a tolerance.
 //!
-//! Errors depend on the scene, the sample and its seed only. Times, and what is chosen by them (the front and the
-//! recommendation), are this machine's. What is tried is settled by counting triangles and pixels, not by a clock.
+//! Errors depend on the scene, the sample and its seed only. Times, and therefore the front and the recommendation, are
+//! this machine's. The settings tried are chosen by counting triangles and pixels, not by a clock.
 
 mod plot;
 
@@ -70,7 +70,7 @@ pub(crate) struct Arguments {
     pub(crate) report: ReportArguments,
 }
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
             .reads(&self.scene)
@@ -80,36 +80,36 @@ impl Arguments {
     }
 }
 
-/// What is tried: the tolerances, and the resolutions and hemicubes a patch (n of n²) of the other rungs.
+/// Settings tried: the tolerances, and the resolutions and hemicubes a patch (n of n²) of the other rungs.
 const TOLERANCES: [f64; 6] = [5e-2, 2e-2, 1e-2, 5e-3, 3e-3, 1e-3];
 const SAMPLES: [u32; 3] = [1, 2, 4];
 const RESOLUTIONS_OF_PIXEL: [u32; 4] = [64, 128, 256, 512];
 const RESOLUTIONS_OF_POINT: [u32; 1] = [128];
 const RESOLUTIONS_OF_AREA: [u32; 3] = [64, 128, 256];
-/// Tolerances have hemicubes of this many pixels along an edge, as `compute` has.
+/// Pixels along an edge with a tolerance: those of `compute`.
 const RESOLUTION_OF_TOLERANCE: u32 = 128;
 
-/// A cheaper setting is as good if its error is at most this much of the dearer one's: less is chance.
+/// Largest ratio of a cheaper setting's error to a dearer one's at which it is as good: less is chance.
 const AS_GOOD: f64 = 1.05;
 
 /// Errors of this share of the tolerance are still told from nothing.
 const SHARE_TOLD_APART: f64 = 0.3;
 
-/// Nominal milliseconds, to know beforehand what is absurd: for a triangle, a pixel, an entry that is corrected, and an
-/// entry at a tolerance of 1 %.
+/// Nominal milliseconds, to rule out absurd settings: a triangle, a pixel, a corrected entry, and an entry at a
+/// tolerance of 1 %.
 const COST_OF_TRIANGLE: f64 = 1e-4;
 const COST_OF_PIXEL: f64 = 8e-7;
 const COST_OF_FACTOR: f64 = 1e-4;
 const COST_OF_TOLERANCE: f64 = 1e-3;
-/// Hemicubes that the nominal cost is counted from.
+/// Hemicubes sampled for the nominal cost.
 const PROBES: usize = 8;
-/// Nominal seconds for all sampled rows beyond which a setting is skipped.
+/// Largest nominal seconds of all sampled rows; slower settings are skipped.
 const SECONDS_MOST: f64 = 60.0;
-/// How often a setting is timed, the best counting, and the seconds from which once is enough. The rows are the same.
+/// Repetitions of a timing, the best one counting, and seconds above which one is enough. The rows are always equal.
 const REPEATS: u32 = 5;
 const SECONDS_ONCE: f64 = 0.5;
 
-/// A setting that is tried.
+/// A setting to try.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Setting {
     rung: Rung,
@@ -124,7 +124,7 @@ enum Rung {
 }
 
 impl Setting {
-    /// The correction and the resolution; a tolerance settles its own, as `compute` does.
+    /// Determines correction and resolution; a tolerance calibrates its own, like `compute`.
     fn settle(self, model: &Model, backend: &mut dyn HemicubeBackend, threads: usize) -> Result<(Correction, u32)> {
         match self.rung {
             Rung::Named(name) => Ok((correction(name), self.resolution)),
@@ -163,7 +163,7 @@ impl Setting {
         }
     }
 
-    /// The words of `compute` that ask for it.
+    /// Options of `compute` for this setting.
     fn words(self) -> String {
         match self.rung {
             Rung::Named(name) => format!(
@@ -176,7 +176,7 @@ impl Setting {
         }
     }
 
-    /// Nominal milliseconds of a row of which a hemicube transforms so many triangles and sees so many patches.
+    /// Nominal milliseconds of a row with this many triangles transformed and patches seen by a hemicube.
     fn nominal(self, triangles: f64, seen: f64) -> f64 {
         let pixels = 3.0 * f64::from(self.resolution) * f64::from(self.resolution);
         let hemicube = COST_OF_TRIANGLE * triangles + COST_OF_PIXEL * pixels;
@@ -189,7 +189,7 @@ impl Setting {
     }
 }
 
-/// Everything worth trying, with the tolerance that is asked for.
+/// All settings to try, with the given tolerance.
 fn settings(asked: Tolerance) -> Vec<Setting> {
     let named = [
         (Name::Pixel, RESOLUTIONS_OF_PIXEL.as_slice()),
@@ -223,7 +223,7 @@ fn is_same(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-9 * a.max(b)
 }
 
-/// A setting with what was measured of it.
+/// A setting with its measurements.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Trial {
     pub(super) name: String,
@@ -232,11 +232,11 @@ pub(super) struct Trial {
     /// Hemicubes a patch.
     samples: u32,
     resolution: u32,
-    /// The words of `compute` that ask for it.
+    /// Options of `compute` for this setting.
     words: String,
     entries: u64,
     pub(super) measured: Measured,
-    /// Left out where times are: a clock decides them.
+    /// Left out with `--no-timings`: a clock decides it.
     #[serde(skip_serializing_if = "Option::is_none")]
     timing: Option<Timing>,
     #[serde(skip)]
@@ -254,7 +254,7 @@ struct Timing {
 }
 
 impl Trial {
-    /// The error that may be claimed: its upper end, for all that the reference's noise lets one say.
+    /// Upper end of the error, within the reference's noise.
     fn bound(&self) -> f64 {
         let high = self.measured.interval_of_rows.high;
         if high.is_nan() { f64::INFINITY } else { high }
@@ -287,11 +287,11 @@ pub(super) struct ReferenceReport {
 struct Recommendation {
     name: String,
     command: String,
-    /// The upper end of the error, which is within the tolerance.
+    /// Upper end of the error, within the tolerance.
     error: f64,
     milliseconds_per_row: f64,
     seconds_for_all_rows: f64,
-    /// The error that the whole matrix may have, for all that the sampled rows say.
+    /// Upper end of the matrix's error, by the sampled rows.
     error_of_matrix: f64,
 }
 
@@ -329,7 +329,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let prepared = prepare(path, &arguments.patches, &arguments.engine, None)?;
     prepared.tell(talk);
-    // An interrupt ends what is under way, so that files which were begun are removed.
+    // An interrupt ends the current work, and unfinished files are removed.
     let guard = exit::InterruptGuard::new();
     let Some(mut report) = measure(&arguments, prepared, backend.as_mut(), cancel, talk)? else {
         talk.say("interrupted: nothing is reported");
@@ -458,7 +458,7 @@ fn trace(
     Ok((!cancel.load(Ordering::Relaxed)).then_some(exact))
 }
 
-/// Settles the settings whose nominal time is within [`SECONDS_MOST`], and names the others.
+/// Calibrates the settings with a nominal time within [`SECONDS_MOST`], and names the others.
 fn affordable(
     model: &Model,
     arguments: &Arguments,
@@ -517,7 +517,7 @@ fn time(timings: &mut [Timed], model: &Model, arguments: &Arguments, cancel: &At
     Ok(true)
 }
 
-/// Triangles that a hemicube transforms, and patches that it sees, on average over a few.
+/// Mean triangles transformed and patches seen by a hemicube, from a few.
 fn probe(model: &Model, rows: &[InputPatch], backend: &mut dyn HemicubeBackend) -> Result<(f64, f64)> {
     let hemicubes: Vec<_> = (0..PROBES)
         .filter_map(|probe| rows.get(probe * rows.len() / PROBES))
@@ -538,13 +538,13 @@ fn probe(model: &Model, rows: &[InputPatch], backend: &mut dyn HemicubeBackend) 
     ))
 }
 
-/// A setting that is being timed.
+/// A setting being timed.
 struct Timed {
     setting: Setting,
     plan: Plan,
     /// Number of times so far.
     repeats: u32,
-    /// The rows, which are the same every time.
+    /// The rows, equal in every repetition.
     parts: Vec<Part>,
     /// The least so far.
     milliseconds_per_row: f64,
@@ -620,7 +620,7 @@ impl Timed {
     }
 }
 
-/// Puts trials in order of time, and marks those of which no cheaper one is as good.
+/// Sorts trials by time, and marks those with no cheaper one as good.
 fn mark_front(trials: &mut [Trial]) {
     trials.sort_by(|a, b| a.milliseconds().total_cmp(&b.milliseconds()));
     let mut best = f64::INFINITY;
@@ -634,7 +634,7 @@ fn mark_front(trials: &mut [Trial]) {
     }
 }
 
-/// The cheapest setting that is within the tolerance even at the upper end of its error.
+/// The cheapest setting with even the upper end of its error within the tolerance.
 fn recommend(
     trials: &[Trial],
     arguments: &Arguments,
@@ -644,8 +644,8 @@ fn recommend(
 ) -> Option<Recommendation> {
     let keeps = |trial: &&Trial| trial.bound() <= arguments.tolerance.0;
     let is_asked = |trial: &&Trial| trial.tolerance.is_some_and(|t| is_same(t, arguments.tolerance.0));
-    // What `compute --tolerance` would pick, where it keeps its word: a cheaper setting keeps it in these few rows, but
-    // nothing was learnt of the others for it.
+    // The choice of `compute --tolerance` goes first if it keeps its word: a cheaper setting keeps it in these few
+    // rows, but nothing was learnt about the others.
     let trial = trials.iter().filter(keeps).find(is_asked).or_else(|| {
         let cost = |a: &&Trial, b: &&Trial| a.milliseconds().total_cmp(&b.milliseconds());
         trials.iter().filter(keeps).min_by(cost)
@@ -660,7 +660,7 @@ fn recommend(
     })
 }
 
-/// The line that computes the whole matrix with a setting.
+/// The command line for the whole matrix.
 fn command(trial: &Trial, arguments: &Arguments, path: &Path) -> String {
     let mut output = path.file_stem().map_or_else(|| PathBuf::from("matrix"), PathBuf::from);
     output.as_mut_os_string().push(".hemicube");
@@ -670,7 +670,7 @@ fn command(trial: &Trial, arguments: &Arguments, path: &Path) -> String {
     words.join(" ")
 }
 
-/// The settings of scene and engine that are not the built-in ones, as words of a command line.
+/// Options for the scene and the engine, without built-in values.
 fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> {
     let mut words = Vec::new();
     let mut add = |name: &str, value: Option<String>| {
@@ -717,7 +717,7 @@ fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> 
     words
 }
 
-/// An error as a number of hundredths; only its upper end where the reference's noise hides it.
+/// An error in per cent; only its upper end if the reference's noise hides it.
 fn error_figures(measured: &Measured) -> String {
     let high = measured.interval_of_rows.high;
     if measured.relative_frobenius < 0.5 * high {
@@ -727,7 +727,7 @@ fn error_figures(measured: &Measured) -> String {
     }
 }
 
-/// 0.0123 as `1.23`.
+/// Formats 0.0123 as `1.23`.
 fn hundredths(share: f64) -> String {
     let value = 100.0 * share;
     if value > 0.0 && value < 5e-4 {
@@ -819,7 +819,7 @@ fn trials_text(report: &Report) -> String {
     text
 }
 
-/// The recommended setting, what the sample leaves open, and how the tolerance itself fares.
+/// The recommended setting, the uncertainty left by the sample, and the result of the tolerance itself.
 fn recommendation_text(report: &Report, best: &Recommendation, arguments: &Arguments) -> String {
     let tolerance = percentage(arguments.tolerance.0);
     let mut text = String::new();
@@ -858,7 +858,7 @@ fn recommendation_text(report: &Report, best: &Recommendation, arguments: &Argum
     text
 }
 
-/// The setting that comes nearest, where none keeps the tolerance.
+/// The nearest setting, where none keeps the tolerance.
 fn nearest_text(report: &Report, arguments: &Arguments) -> String {
     let tolerance = percentage(arguments.tolerance.0);
     let nearest = report.trials.iter().min_by(|a, b| a.bound().total_cmp(&b.bound()));
@@ -872,7 +872,7 @@ fn nearest_text(report: &Report, arguments: &Arguments) -> String {
     )
 }
 
-/// A table of which the columns of numbers, from the third on, end in line.
+/// A table with columns of numbers, from the third on, aligned to the right.
 fn right_aligned<const N: usize>(headings: [&str; N], rows: Vec<[String; N]>) -> String {
     let width = |column: usize| {
         let cells = rows

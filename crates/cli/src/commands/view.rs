@@ -1,4 +1,4 @@
-//! `hemicube view`: pictures of a scene, a matrix, and what was made of them.
+//! `hemicube view`: pictures of a scene, a matrix, and their results.
 
 mod hemicube;
 mod live;
@@ -12,7 +12,7 @@ use crate::outputs::Paths;
 use anyhow::Result;
 use clap::Subcommand;
 
-/// What can be drawn.
+/// Pictures to draw.
 #[derive(Debug, Subcommand)]
 pub(crate) enum View {
     /// The unfolded hemicube of a patch: what it sees, how far that is, delta form factors, what lies behind
@@ -31,7 +31,7 @@ pub(crate) enum View {
 }
 
 impl View {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         match self {
             Self::Hemicube(a) => {

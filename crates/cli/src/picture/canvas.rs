@@ -1,4 +1,4 @@
-//! Pixels, letters and scales of colour; a picture as PNG, or as SVG with its letters as text.
+//! Pixels, letters and scales of colour: a picture as PNG, or as SVG with text.
 
 use crate::report::PendingFile;
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
@@ -6,12 +6,12 @@ use anyhow::{Context, Result, anyhow, bail};
 use std::io::Write;
 use std::path::Path;
 
-/// A colour, as it is shown (sRGB).
+/// An sRGB colour.
 pub(crate) type Color = [u8; 3];
 
 pub(crate) const WHITE: Color = [255; 3];
 pub(crate) const INK: Color = [34; 3];
-/// Where there is nothing to see.
+/// Colour of an empty view.
 pub(crate) const NOTHING: Color = [245, 245, 242];
 
 /// Viridis (Smith & van der Walt 2015) at equal steps: from dark to light, and told apart by any colour vision.
@@ -41,7 +41,7 @@ pub(crate) fn scale_color(value: f64) -> Color {
     color
 }
 
-/// A colour for an id, such that neighbours differ.
+/// A colour for an id; neighbouring ids differ.
 pub(crate) fn id_color(id: u32) -> Color {
     let mut z = u64::from(id).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -61,7 +61,7 @@ pub(crate) fn byte(value: f64) -> u8 {
     value.round() as u8
 }
 
-/// Linear light from 0 to 1 as it is shown (IEC 61966-2-1).
+/// sRGB, from 0 to 255, of linear light from 0 to 1 (IEC 61966-2-1).
 pub(crate) fn shown(linear: f64) -> f64 {
     let linear = linear.clamp(0.0, 1.0);
     255.0
@@ -82,7 +82,7 @@ pub(crate) fn linear(shown: u8) -> f64 {
     }
 }
 
-/// How a text stands at its place.
+/// The end of a text that stands at its place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Anchor {
     Start,
@@ -189,7 +189,7 @@ impl Canvas {
         self.write(title, ((x + width) as f64 + 16.0, y as f64 + 11.0), 13.0, Anchor::Start);
     }
 
-    /// Writes the picture in the format that the name asks for.
+    /// Writes the picture in the format of the name's extension.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -204,7 +204,7 @@ impl Canvas {
         file.commit()
     }
 
-    /// The picture as PNG, with or without what was written on it.
+    /// The picture as PNG, with or without its letters.
     pub(crate) fn png(&self, letters: bool) -> Result<Vec<u8>> {
         let mut pixels = self.pixels.clone();
         if letters {
@@ -259,10 +259,10 @@ pub(crate) enum Format {
 }
 
 impl Format {
-    /// The format that a file's name asks for.
+    /// The format of a file, by its extension.
     ///
     /// # Errors
-    /// When it asks for another.
+    /// When it is neither .png nor .svg.
     pub(crate) fn of(path: &Path) -> Result<Self> {
         match path.extension().map(std::ffi::OsStr::to_ascii_lowercase) {
             Some(extension) if extension == "png" => Ok(Self::Png),

@@ -16,18 +16,18 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::str::FromStr;
 
-/// Corners that meet at less than this angle are one of a smooth surface: its cosine.
+/// Cosine of the largest angle between patches of a smooth surface.
 const SMOOTH: f64 = 0.866;
 /// Samples along the edge of a pixel.
 const SAMPLES: usize = 3;
-/// What the average of the picture is shown as (Reinhard et al. 2002, a).
+/// Brightness of the picture's average (Reinhard et al. 2002, a).
 const KEY: f64 = 0.18;
-/// What a histogram takes of the picture's height, and a bar of its width.
+/// Pixels: height of a histogram, and width of a bar.
 const BARS: usize = 82;
 const BAR: usize = 6;
 const EMITTER: [u8; 3] = [214, 40, 40];
 
-/// Where the picture is taken from, and how.
+/// Place, direction and lens of a picture.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Camera")]
 pub(crate) struct Camera {
@@ -99,7 +99,7 @@ impl FromStr for Size {
     }
 }
 
-/// How colours are spread over patches.
+/// Interpolation of colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Shading {
     /// Between corners.
@@ -117,7 +117,7 @@ fn field_of_view(text: &str) -> Result<f64, String> {
 
 /// Values that colour patches.
 pub(crate) enum Values {
-    /// Light in red, green and blue: shown as an eye would see it.
+    /// Light in red, green and blue, mapped to tones.
     Light(Vec<[f64; 3]>),
     /// A number on a scale.
     Scale(Scale),
@@ -125,12 +125,12 @@ pub(crate) enum Values {
 
 /// Numbers of patches, and the scale that they are shown on.
 pub(crate) struct Scale {
-    /// NaN where a patch has none.
+    /// NaN without a value.
     pub(crate) values: Vec<f64>,
     pub(crate) title: String,
     /// True if equal steps of the scale are equal factors.
     pub(crate) logarithmic: bool,
-    /// A patch that is shown in a colour of its own.
+    /// A patch in a colour of its own.
     pub(crate) marked: Option<u32>,
     /// True if a histogram stands on the scale.
     pub(crate) histogram: bool,
@@ -157,12 +157,12 @@ impl Scale {
         let known = || self.values.iter().copied().filter(|&value| self.is_on(value));
         let high = known().fold(f64::NEG_INFINITY, f64::max);
         let low = known().fold(f64::INFINITY, f64::min);
-        // What is less than a ten-thousandth is hardly there.
+        // Below a ten-thousandth, colours do not differ.
         let low = if self.logarithmic { low.max(high * 1e-4) } else { low };
         (low, high)
     }
 
-    /// Places on the scale from 0 to 1; NaN for values that are not on it.
+    /// Places on the scale from 0 to 1; NaN for values off it.
     fn scaled(&self, low: f64, high: f64) -> Vec<[f64; 1]> {
         let of = |value: f64| if self.logarithmic { value.ln() } else { value };
         let place = |value: f64| {
@@ -195,7 +195,7 @@ impl Camera {
         let step = 2.0 * half.tan() / height as f64;
         let eye = self.eye.map_or_else(
             || {
-                // From a corner, a little above, and so far away that every corner is in the picture.
+                // From a corner, a little above, far enough away for every corner to be in the picture.
                 let aside = match up {
                     DVec3::Y => DVec3::new(0.55, 0.0, 0.7),
                     DVec3::X => DVec3::new(0.0, 0.55, -0.7),
@@ -233,7 +233,7 @@ impl Camera {
     }
 }
 
-/// Which patch each sample sees and where on it.
+/// The patch at a sample, and the place on it.
 struct Seen {
     patch: u32,
     barycentric: [f64; 3],
@@ -251,7 +251,7 @@ fn trace(prepared: &Prepared, lens: &Lens) -> Vec<Seen> {
     for patch in prepared.patches.iter() {
         lens.draw(&prepared.patches.corners(patch), |fragment| {
             let sample = &mut seen[fragment.pixel];
-            // Backs are the business of the patch on the back, where there is one.
+            // Backs are shown by the patch on the back, if there is one.
             if fragment.front && fragment.depth < sample.depth {
                 *sample = Seen {
                     patch: patch.0,
@@ -264,7 +264,7 @@ fn trace(prepared: &Prepared, lens: &Lens) -> Vec<Seen> {
     seen
 }
 
-/// Values at the corners of patches: averages, by area, over the patches that share the corner and turn the same way.
+/// Values at the corners of patches: averages, by area, over the patches sharing the corner and turned alike.
 fn at_corners<const N: usize>(prepared: &Prepared, values: &[[f64; N]]) -> Vec<[[f64; N]; 3]> {
     let patches = &prepared.patches;
     let mut around: HashMap<[u64; 3], Vec<u32>> = HashMap::new();
@@ -308,15 +308,15 @@ fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// How light becomes what a screen can show: Reinhard et al. 2002, eq. 1, 2 and 4. The average is shown as middle grey,
-/// and only what is far brighter than the rest burns out.
+/// Mapping of light to a screen: Reinhard et al. 2002, eq. 1, 2 and 4. The average becomes middle grey; only light far
+/// brighter than the rest burns out.
 pub(crate) struct Tone {
     exposure: f64,
     white: f64,
 }
 
 impl Tone {
-    /// For light with weights: pixels of a picture, areas of a model. `stops` brighter than that.
+    /// Adapts to light with weights: pixels of a picture, or areas of a model. `stops` make it brighter.
     pub(crate) fn of(light: impl Iterator<Item = ([f64; 3], f64)>, stops: f64) -> Self {
         let (mut logs, mut total) = (0.0, 0.0);
         let mut all = Vec::new();
@@ -353,7 +353,7 @@ impl Tone {
 /// Draws the model.
 ///
 /// # Errors
-/// When the camera sees from where it looks, or the picture cannot be written.
+/// When the camera looks at its own place, or the picture cannot be written.
 pub(crate) fn draw(prepared: &Prepared, values: &Values, camera: &Camera, output: &Path) -> Result<()> {
     let lens = camera.lens(prepared)?;
     let seen = trace(prepared, &lens);
@@ -377,7 +377,7 @@ pub(crate) fn draw(prepared: &Prepared, values: &Values, camera: &Camera, output
     canvas.save(output)
 }
 
-/// The model as a camera has it: the patch at each sample.
+/// The model through a camera: the patch at each sample.
 struct Shot<'a> {
     prepared: &'a Prepared,
     camera: &'a Camera,
@@ -390,7 +390,7 @@ impl Shot<'_> {
         self.camera.shading == Shading::Smooth
     }
 
-    /// Averages `color` of the samples of each pixel as light.
+    /// Averages `color` over the samples of each pixel, as light.
     fn average(&self, color: impl Fn(&Seen) -> Option<[f64; 3]>) -> Canvas {
         let Size(width, height) = self.camera.size;
         let mut canvas = Canvas::new(width, height, NOTHING);
@@ -414,11 +414,11 @@ impl Shot<'_> {
         self.average(|sample| radiance(sample).map(|light| tone.map(light)))
     }
 
-    /// Draws numbers in the colours of a scale, which stands below with its histogram.
+    /// Draws numbers in the colours of a scale, with the scale and its histogram below.
     fn scaled(&self, scale: &Scale) -> Canvas {
         let (low, high) = scale.range();
         let scaled = scale.scaled(low, high);
-        // A row jumps from patch to patch, and what is not seen must not look seen.
+        // A row jumps from patch to patch, and an unseen patch must not look seen.
         let is_smooth = self.is_smooth() && scale.marked.is_none();
         let corners = is_smooth.then(|| at_corners(self.prepared, &scaled));
         let canvas = self.average(|sample| {
@@ -513,7 +513,7 @@ fn mix<const N: usize>(corners: &[[f64; N]; 3], barycentric: [f64; 3]) -> [f64; 
     mixed
 }
 
-/// Averages the samples of each pixel as light.
+/// Averages the samples of each pixel, as light.
 fn average_pixels(canvas: &mut Canvas, sample: impl Fn(usize, usize) -> Option<[f64; 3]>) {
     let nothing = NOTHING.map(linear);
     for y in 0..canvas.height {

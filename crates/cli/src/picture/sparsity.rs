@@ -14,18 +14,18 @@ pub(crate) enum Order {
     Work,
 }
 
-/// How much of each cell of a matrix is filled.
+/// Fill of each cell of a matrix.
 pub(crate) struct Sparsity {
     /// Along an edge.
     pub(crate) cells: usize,
-    /// Where a patch comes.
+    /// Rank of each patch.
     place: Vec<u32>,
     entries: Vec<u64>,
     rows: Vec<u64>,
 }
 
 impl Sparsity {
-    /// Nothing yet of a matrix that is drawn in `order`, in no more than `size` cells along an edge.
+    /// An empty grid over a matrix in `order`, at most `size` cells along an edge.
     ///
     /// # Errors
     /// When the head of a part is damaged.
@@ -33,7 +33,7 @@ impl Sparsity {
         let patches = store.patch_count() as usize;
         let mut place: Vec<u32> = (0..store.patch_count()).collect();
         if order == Order::Work {
-            // What has no row comes last.
+            // Patches without a row come last.
             let mut next = 0;
             let mut known = vec![false; patches];
             for patch in store.processing_order()? {

@@ -1,5 +1,5 @@
-//! `hemicube backends check`: the conformance suite on a backend, each case in a child process with a time limit, so
-//! that a crash or a hang is a result like any other.
+//! `hemicube backends check`: the conformance suite on a backend, each case in a child process with a time limit. A
+//! crash or a hang is a result like any other.
 
 use crate::args::Report as ReportArguments;
 use crate::exit::{Exit, hinted};
@@ -20,16 +20,16 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What a child's answer begins with; a plugin may write to standard output as well.
+/// Prefix of a child's answer; a plugin may write to standard output, too.
 const ANSWER: &str = "hemicube-case ";
 
-/// The case that only opens a session, before all others.
+/// The first case: only opens a session.
 const OPEN: &str = "open";
 
-/// Interval at which a child's end is looked for.
+/// Interval between looks at a child.
 const POLL: Duration = Duration::from_millis(5);
 
-/// Lines of a child's standard error that are shown when it ended without an answer.
+/// Lines shown of a child's standard error, if it ended without an answer.
 const LAST_LINES: usize = 3;
 
 /// `hemicube backends check`
@@ -57,7 +57,7 @@ pub(crate) struct Arguments {
     pub(crate) report: ReportArguments,
 }
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default().reports(&self.report)
     }
@@ -82,7 +82,7 @@ struct CaseReport {
     seconds: Option<f64>,
 }
 
-/// What came of a case.
+/// Result of a case.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case", tag = "outcome", content = "detail")]
 enum Answer {
@@ -156,7 +156,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit> {
         ));
     }
     let json = JsonReport::open(&arguments.report)?;
-    // The backend is never loaded into this process: what it does to its own is a result.
+    // The backend is never loaded into this process: its faults are results.
     let opened = match in_child(arguments, OPEN)?.0 {
         Answer::Opened(opened) => opened,
         Answer::Refused(message) => {
@@ -208,7 +208,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit> {
     Ok(if broken == 0 { Exit::Done } else { Exit::NotHeld })
 }
 
-/// Runs one case in this process, and says what came of it.
+/// Runs one case in this process, and prints its result.
 fn answer(arguments: &Arguments, case: &str) -> Result<Exit> {
     let options = Options::parse(&arguments.backend_option)?;
     let mut backend: Box<dyn HemicubeBackend> = if arguments.backend == BUILT_IN {
@@ -225,7 +225,7 @@ fn answer(arguments: &Arguments, case: &str) -> Result<Exit> {
     }
     let case: Case = case.parse().map_err(|error: String| anyhow!(error))?;
     let outcome = run_case(case, backend.as_mut(), &mut CpuBackend::new());
-    // Closing is part of the case: the answer only counts if the process then ends as it should.
+    // Closing is part of the case: the answer counts only if the process then ends well.
     drop(backend);
     say(&outcome.into())
 }
@@ -294,12 +294,12 @@ fn wait(child: &mut Child, limit: Duration) -> Result<Option<ExitStatus>> {
     }
 }
 
-/// Reads a pipe to its end, so that a child that says much is not held up.
+/// Reads a pipe to its end, to keep a talkative child running.
 fn reader(pipe: Option<impl Read + Send + 'static>) -> JoinHandle<Vec<u8>> {
     std::thread::spawn(move || {
         let mut bytes = Vec::new();
         if let Some(mut pipe) = pipe {
-            // What came before an error is what there is.
+            // After an error, the bytes read so far count.
             let _ = pipe.read_to_end(&mut bytes);
         }
         bytes

@@ -8,7 +8,7 @@ use crate::picture::sheet::{
 use crate::report::{count, figures};
 use anyhow::Result;
 
-/// What is drawn alike.
+/// Points drawn alike.
 #[derive(Clone, Debug)]
 pub(super) struct Series {
     pub(super) name: String,
@@ -16,7 +16,7 @@ pub(super) struct Series {
     pub(super) marker: Marker,
     /// True if its points are joined.
     pub(super) joined: bool,
-    /// x, y, and what stands beside it.
+    /// x, y, and the label.
     pub(super) points: Vec<(f64, f64, Option<String>)>,
 }
 
@@ -29,14 +29,14 @@ pub(super) struct Diagram {
     pub(super) x: &'static str,
     pub(super) y: &'static str,
     pub(super) unit: &'static str,
-    /// A level line, and what it says.
+    /// A level line with its label.
     pub(super) level: Option<(f64, String)>,
     pub(super) series: Vec<Series>,
 }
 
 const SMALL: f64 = 13.0;
 
-/// What the colours and markers mean (two lines fit).
+/// Draws the meaning of colours and markers (two lines fit).
 fn legend(sheet: &mut Sheet, entries: &[(&str, Marker, RGBColor)], letters: &Letters) {
     let mut legend = Legend::at(84.0);
     for &(name, marker, color) in entries {
@@ -111,7 +111,7 @@ impl Diagram {
     }
 }
 
-/// Error against time of a scene, by families of settings, with what others measured on the same scene.
+/// Error against time of a scene, by families of settings, with peers on the same scene.
 pub(super) fn error_against_time(
     title: String,
     subtitle: String,
@@ -132,7 +132,7 @@ pub(super) fn error_against_time(
             .filter(|p| p.family == family && p.error.is_finite() && p.milliseconds.is_finite())
             .collect();
         points.sort_by(|a, b| a.milliseconds.total_cmp(&b.milliseconds));
-        // A setting that a cheaper one of its family outdoes is left out: there are thirty.
+        // Settings outdone by a cheaper one of their family are left out: there are thirty.
         let mut least = f64::INFINITY;
         points.retain(|p| {
             let better = p.high < 0.97 * least;
@@ -189,7 +189,7 @@ pub(super) struct Panel {
     pub(super) least: Vec<u32>,
     /// By level, then by least patches.
     pub(super) milliseconds: Vec<Option<f64>>,
-    /// What the backend finds by itself: its time by that of the best, measured beside it.
+    /// Time of the backend's finding over the best one's, measured beside it.
     pub(super) found: Option<f64>,
 }
 
@@ -198,7 +198,7 @@ fn heat(share: f64) -> RGBColor {
     faded(RGBColor(0, 90, 150), 1.0 - 0.9 * share.clamp(0.0, 1.0))
 }
 
-/// What a line of heat maps takes beside its levels.
+/// Height of a line of heat maps besides its levels.
 const TITLES: f64 = 94.0;
 
 /// The octree's parameters as heat maps side by side: dark is fast, each panel on its own scale.
@@ -211,7 +211,7 @@ pub(super) fn heat_map(title: &str, subtitle: &str, panels: &[Panel], format: Fo
     sheet.heading(title, subtitle, &letters);
     let columns = panels.len().clamp(1, 3);
     let wide = (RIGHT - 24.0) / columns as f64;
-    // The rest of the sheet is for levels, as many as a line's panels have at most.
+    // Levels share the rest of the sheet, as many as a line's tallest panel has.
     let levels_of = |line: &[Panel]| line.iter().map(|panel| panel.levels.len()).max().unwrap_or(0).max(1) as f64;
     let lines = panels.chunks(columns);
     let all: f64 = lines.clone().map(levels_of).sum();
@@ -307,7 +307,7 @@ fn draw_panel(sheet: &mut Sheet, panel: &Panel, frame: Frame, letters: &Letters)
     }
 }
 
-/// 1.234 as `1.23×`.
+/// Formats 1.234 as `1.23×`.
 pub(super) fn times(ratio: f64) -> String {
     if ratio.is_finite() {
         format!("{}×", figures(ratio))

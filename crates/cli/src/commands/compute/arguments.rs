@@ -70,7 +70,7 @@ pub(crate) struct Arguments {
     pub(crate) report: Report,
 }
 impl Arguments {
-    /// Paths that the command reads and writes.
+    /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
             .reads(&self.scene)
@@ -81,7 +81,7 @@ impl Arguments {
     }
 }
 
-/// How a long run is spread, bounded and watched. The matrix is the same.
+/// Distribution, limits and progress of a long run. They do not change the matrix.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Long runs")]
 pub(crate) struct ProcessSettings {
@@ -108,7 +108,7 @@ pub(crate) enum StoreForm {
 }
 
 impl StoreForm {
-    /// What was asked for.
+    /// The form, if one was asked for.
     pub(crate) fn form(self) -> Option<Form> {
         match self {
             Self::Auto => None,

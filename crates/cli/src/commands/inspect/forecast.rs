@@ -13,7 +13,7 @@ use hemicube::row::RowBlock;
 use hemicube::store::Part;
 use serde::Serialize;
 
-/// Patches whose hemicubes are rendered for the statistics of a row.
+/// Patches rendered for the statistics of a row.
 const SAMPLE: u32 = 64;
 /// Rows for the forecast of entries and time: some see a hundred times as much as others.
 const FORECAST_ROWS: u32 = 256;
@@ -39,7 +39,7 @@ pub(super) struct Forecast {
     /// With `--store compact`.
     pub(super) bytes_compact: f64,
     pub(super) threads: usize,
-    /// Upper bound of what a run of all rows takes.
+    /// Upper bound of the memory of a run of all rows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) memory_bytes: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -48,7 +48,7 @@ pub(super) struct Forecast {
 
 /// Patches in sight of sampled rows, and the work of their hemicubes.
 struct Sight {
-    /// Number of patches that each sampled patch sees, ascending.
+    /// Number of patches in sight of each sampled patch, ascending.
     visible: Vec<u64>,
     hemicubes: u64,
     triangles_transformed: u64,
@@ -97,7 +97,7 @@ impl Sight {
         self.visible.get(place).copied().unwrap_or(0)
     }
 
-    /// Share of the triangles of `surfaces` that culling spares.
+    /// Share of the triangles of `surfaces` spared by culling.
     fn culled(&self, surfaces: usize) -> f64 {
         let all = self.hemicubes as f64 * surfaces as f64;
         if all > 0.0 {
@@ -108,7 +108,7 @@ impl Sight {
     }
 }
 
-/// Entries and one thread's seconds of all rows, from rows made as `compute` makes them when nothing else is asked for.
+/// Entries and one thread's seconds of all rows, from rows computed with the built-in settings of `compute`.
 fn entries_and_seconds(
     model: &Model,
     render: &RenderArguments,
@@ -116,7 +116,7 @@ fn entries_and_seconds(
     settings: RenderSettings,
 ) -> Result<(f64, f64)> {
     let mut summary = None;
-    // The first time fetches the scene into the caches, where a full run has it; the second is measured.
+    // The first round fetches the scene into the caches, like the start of a full run; the second is measured.
     for _ in 0..2 {
         let mut parts: Vec<Part> = Vec::new();
         summary = Some(compute(
@@ -170,7 +170,7 @@ pub(super) fn forecast(
         rows_per_part: Plan::rows_per_part_of(model.patches().len()),
         rows_per_batch: u32::try_from(backend.info().preferred_rows).unwrap_or(u32::MAX),
     };
-    // What the survey and the diagnosis took of memory is in here, too: a run takes no more.
+    // Includes the memory of survey and diagnosis: an upper bound.
     let memory_bytes = report::resident_memory_bytes().map(|resident| forecast::memory(resident, threads, rows));
     Ok(Forecast {
         sampled_rows: sight.visible.len(),

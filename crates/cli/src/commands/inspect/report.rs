@@ -1,4 +1,4 @@
-//! The report of `inspect --json`, of which the text is made.
+//! The report of `inspect --json`, and the source of its text.
 
 use super::forecast::Forecast;
 use crate::enclosure;
@@ -110,7 +110,7 @@ pub(super) struct DiagnosisReport {
     pub(super) findings: Vec<FindingReport>,
 }
 
-/// How the scene encloses, with a sentence for each object that faces the wrong way and each leak.
+/// Enclosure of the scene, with a sentence for each wrongly wound object and each leak.
 #[derive(Serialize)]
 pub(super) struct EnclosureReport {
     #[serde(flatten)]
@@ -127,7 +127,7 @@ pub(super) struct FindingReport {
     pub(super) meaning: &'static str,
     pub(super) measure: &'static str,
     pub(super) unit: Unit,
-    /// For each example the objects that its patches belong to.
+    /// For each example, the faces and objects of its patches.
     pub(super) objects: Vec<Vec<Place>>,
 }
 

@@ -7,10 +7,10 @@ use hemicube::diagnose::{FindingKind, Unit};
 use hemicube::driver::storage_policy::StoragePolicy;
 use hemicube::store::Form;
 
-/// Examples that are shown of each finding; the JSON report has them all.
+/// Examples shown of each finding; the JSON report has them all.
 const EXAMPLES_SHOWN: usize = 3;
 
-/// Columns after which long sentences are broken.
+/// Columns of a broken sentence.
 const WIDTH: usize = 100;
 
 pub(super) fn text(report: &Report) -> String {
@@ -36,7 +36,7 @@ pub(super) fn text(report: &Report) -> String {
     text
 }
 
-/// Adds the file, its triangles, and those that were dropped or look odd.
+/// Adds the file, its triangles, and the dropped or odd ones among them.
 fn add_scene(list: &mut Listing, report: &Report) {
     let scene = &report.scene;
     if let Some(input) = report.inputs.first() {
@@ -202,7 +202,7 @@ fn add_views(list: &mut Listing, report: &Report) {
     );
 }
 
-/// Adds the disk, time and memory that all rows take.
+/// Adds disk, time and memory of all rows.
 fn add_cost(list: &mut Listing, report: &Report) {
     let forecast = &report.forecast;
     #[allow(
@@ -262,7 +262,7 @@ fn slimmest(report: &Report) -> String {
     format!("\nThe slimmest triangles:\n{table}")
 }
 
-/// Objects that face the wrong way, groups apart, and holes; empty without any.
+/// Wrongly wound objects, separate groups, and holes; empty without any.
 fn enclosure_text(report: &EnclosureReport) -> String {
     let mut text = String::new();
     if !report.sentences.is_empty() {
@@ -361,7 +361,7 @@ fn finding_text(report: &FindingReport) -> String {
     )
 }
 
-/// A sentence in lines of at most `width` characters, but for words that are longer.
+/// Breaks a sentence into lines of at most `width` characters, except for longer words.
 fn wrapped(sentence: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in sentence.split(' ') {

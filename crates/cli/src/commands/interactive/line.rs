@@ -1,4 +1,4 @@
-//! Command lines: as words to run, and as text to copy into a shell.
+//! Command lines: words to run, and text to copy into a shell.
 
 use std::ffi::{OsStr, OsString};
 use std::path::Path;
@@ -27,7 +27,7 @@ impl Line {
         self
     }
 
-    /// A path as a word of its own, which must not look like an option.
+    /// Adds a path, with `./` before a name that looks like an option.
     pub(super) fn with_path(self, path: &Path) -> Self {
         if path.as_os_str().as_encoded_bytes().starts_with(b"-") {
             self.with(Path::new(".").join(path))
@@ -36,7 +36,7 @@ impl Line {
         }
     }
 
-    /// As it is typed into a POSIX shell.
+    /// The line for a POSIX shell.
     pub(super) fn shown(&self, program: &OsStr) -> String {
         let words = std::iter::once(program).chain(self.words.iter().map(OsString::as_os_str));
         let quoted: Vec<String> = words.map(quoted).collect();

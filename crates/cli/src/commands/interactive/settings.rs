@@ -1,5 +1,5 @@
-//! The configuration of a dialogue: what was changed in it, above what the environment and files of settings say. The
-//! definition of the command line is the only rule of what a value may be.
+//! Settings of a dialogue: its choices above the environment and the files of settings. Only the definition of the
+//! command line decides on valid values.
 
 use crate::config::{self, Layers, Setting};
 use crate::report::PendingFile;
@@ -10,17 +10,17 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// A setting that the dialogue offers. What it means is said by the command line's definition.
+/// A setting offered by the dialogue. The command line's definition explains it.
 #[derive(Debug)]
 pub(super) struct Offered {
     pub(super) name: &'static str,
     /// A few words for the menu.
     pub(super) note: &'static str,
-    /// What it costs.
+    /// Its cost.
     pub(super) cost: &'static str,
 }
 
-/// In the order of the menu. Figures are those of `docs/accuracy.md` and `docs/store.md`.
+/// In the order of the menu. Figures are from `docs/accuracy.md` and `docs/store.md`.
 pub(super) const OFFERED: [Offered; 11] = [
     Offered {
         name: "tolerance",
@@ -81,30 +81,30 @@ pub(super) const OFFERED: [Offered; 11] = [
     },
 ];
 
-/// How a value is asked for.
+/// Question for a value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// One of these.
     OneOf(Vec<String>),
-    /// Of this form, as the help of the command line has it.
+    /// Of this form, in the words of the command line's help.
     Typed(String),
 }
 
-/// The settings that hold.
+/// The settings in force.
 #[derive(Debug)]
 pub(super) struct Settings {
     /// The definition of the command line.
     definition: Command,
     /// True if files of settings hold.
     files: bool,
-    /// What was chosen, by long names.
+    /// Choices, by long names.
     chosen: BTreeMap<&'static str, String>,
-    /// What comes of it and of the layers below.
+    /// Values by choices and the layers below.
     present: Vec<Setting>,
 }
 
 impl Settings {
-    /// What holds where nothing was chosen yet.
+    /// Reads the layers below the dialogue.
     ///
     /// # Errors
     /// When a file of settings or a variable is wrong.
@@ -128,12 +128,12 @@ impl Settings {
         self.definition.find_subcommand(name).cloned().unwrap_or_default()
     }
 
-    /// The value of a setting; `None` where it is not set.
+    /// The value of a setting; `None` if unset.
     pub(super) fn value(&self, name: &str) -> Option<&str> {
         self.setting(name)?.values.first().map(String::as_str)
     }
 
-    /// Where it came from, unless it is built in or was chosen here.
+    /// Its origin, unless built in or chosen here.
     pub(super) fn origin(&self, name: &str) -> Option<&str> {
         if self.is_chosen(name) {
             return None;
@@ -150,20 +150,20 @@ impl Settings {
         self.chosen.contains_key(name)
     }
 
-    /// What was chosen, with the values.
+    /// Choices and their values.
     pub(super) fn chosen(&self) -> impl Iterator<Item = (&str, &str)> {
         self.chosen.iter().map(|(name, value)| (*name, value.as_str()))
     }
 
-    /// What the parser of the command line says against a value.
+    /// The parser's error about a value; `None` if it accepts it.
     pub(super) fn refusal(&self, name: &str, value: &str) -> Option<String> {
         config::refusal(&self.command("compute"), name, &[value.to_owned()])
     }
 
-    /// Chooses a value. What excludes it is no longer chosen, and what holds anyway needs no choice.
+    /// Chooses a value. Excluded choices are dropped, and so are choices without effect.
     ///
     /// # Errors
-    /// When the parser refuses it, or what is below has become wrong.
+    /// When the parser refuses it, or a layer below has become wrong.
     pub(super) fn choose(&mut self, name: &'static str, value: &str) -> Result<()> {
         if let Some(reason) = self.refusal(name, value) {
             anyhow::bail!(reason);
@@ -176,25 +176,25 @@ impl Settings {
         self.settle(chosen)
     }
 
-    /// Takes back what was chosen.
+    /// Takes a choice back.
     ///
     /// # Errors
-    /// When what is below has become wrong.
+    /// When a layer below has become wrong.
     pub(super) fn unset(&mut self, name: &str) -> Result<()> {
         let mut chosen = self.chosen.clone();
         chosen.remove(name);
         self.settle(chosen)
     }
 
-    /// Takes back everything.
+    /// Takes all choices back.
     ///
     /// # Errors
-    /// When what is below has become wrong.
+    /// When a layer below has become wrong.
     pub(super) fn clear(&mut self) -> Result<()> {
         self.settle(BTreeMap::new())
     }
 
-    /// Drops of the choices those without which all settings are the same.
+    /// Sets the choices, without those that change no setting.
     fn settle(&mut self, mut chosen: BTreeMap<&'static str, String>) -> Result<()> {
         let values = |settings: &[Setting]| -> Vec<Vec<String>> {
             settings.iter().map(|setting| setting.values.clone()).collect()
@@ -212,15 +212,15 @@ impl Settings {
         Ok(())
     }
 
-    /// The options that a subcommand needs for what was chosen, of those that it has.
+    /// Options of a subcommand for the choices that it knows.
     pub(super) fn words(&self, subcommand: &str) -> Vec<OsString> {
         words(&self.chosen, &self.command(subcommand))
     }
 
-    /// Writes what was chosen, and more, into a file of settings.
+    /// Writes the choices, and `more`, into a file of settings.
     ///
     /// # Errors
-    /// When it cannot be read or written, or would not be one that the program reads.
+    /// When it cannot be read or written, or the program would not read the result.
     pub(super) fn write(&mut self, path: &Path, more: &[(&str, &str)]) -> Result<()> {
         let text = match hemicube_scene::read_regular_text(path) {
             Ok(text) => text,
@@ -229,22 +229,22 @@ impl Settings {
         };
         let changes: Vec<(&str, &str)> = self.chosen().chain(more.iter().copied()).collect();
         let text = config::changed(&text, path, &changes, &self.command("compute"))?;
-        // A link stays one: what it leads to is replaced.
+        // A link stays: its target is replaced.
         let path = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         let mut file = PendingFile::create(&path)?;
         file.write_all(text.as_bytes())
             .with_context(|| format!("`{}` cannot be written", path.display()))?;
         file.commit()?;
-        // What a variable says otherwise must still be said.
+        // Choices against a variable's value must stay.
         self.settle(self.chosen.clone())
     }
 
-    /// The file that [`Self::write`] is meant for.
+    /// The file for [`Self::write`].
     pub(super) fn file() -> PathBuf {
         config::file_to_write()
     }
 
-    /// What the command line's help says of a setting.
+    /// Help on a setting, from the command line's definition.
     pub(super) fn help(&self, name: &str) -> String {
         let command = self.command("compute");
         let arg = command.get_arguments().find(|arg| arg.get_long() == Some(name));
@@ -253,7 +253,7 @@ impl Settings {
             .unwrap_or_default()
     }
 
-    /// The form of a value, as the command line's help has it.
+    /// Form of a value, from the command line's definition.
     pub(super) fn form(&self, name: &str) -> String {
         let command = self.command("compute");
         let arg = command.get_arguments().find(|arg| arg.get_long() == Some(name));
@@ -261,7 +261,7 @@ impl Settings {
         form.map(ToString::to_string).unwrap_or_default()
     }
 
-    /// How a value of a setting is asked for.
+    /// Question for the value of a setting.
     pub(super) fn kind(&self, name: &str) -> Kind {
         let form = self.form(name);
         let words: Vec<String> = form.split('|').map(str::to_owned).collect();

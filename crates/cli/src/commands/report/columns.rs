@@ -1,4 +1,4 @@
-//! Numbers of each patch that a page can colour the model by.
+//! Numbers of each patch, to colour the model by.
 
 use crate::args::Talk;
 use crate::report::count;
@@ -9,7 +9,7 @@ use hemicube::solve::StoredSolution;
 use hemicube::store::{RowTable, Store};
 use serde::Serialize;
 
-/// A quantity or property that the model can be coloured by, as the viewer reads it.
+/// A quantity or property to colour the model by, for the viewer.
 #[derive(Debug, Serialize)]
 pub(super) struct Field {
     pub(super) key: String,
@@ -17,7 +17,7 @@ pub(super) struct Field {
     note: String,
     /// Names of the blocks with a number a patch.
     columns: Vec<String>,
-    /// True if there is a scale; light is shown as an eye would see it, objects in any colours.
+    /// True for a scale. Light is mapped to tones, and objects have arbitrary colours.
     scale: bool,
     /// True if the scale is logarithmic at first.
     logarithmic: bool,
@@ -74,10 +74,10 @@ fn tells(numbers: &[f64]) -> bool {
     numbers.iter().any(|&number| number > 0.0)
 }
 
-/// Gathers all that a store and its neighbours know of each patch, in the order of the page's menu.
+/// Gathers all numbers of each patch in a store and beside it, in the order of the page's menu.
 ///
 /// # Errors
-/// When a solution that was named, or the sky, cannot be read.
+/// When a named solution, or the sky, cannot be read.
 pub(super) fn columns(
     store: &Store,
     rows: &RowTable,
@@ -97,7 +97,7 @@ pub(super) fn columns(
     for name in names {
         match StoredSolution::open(store, &name) {
             Ok(solution) => add_solution(&mut columns, &name, &solution)?,
-            // One that nobody asked for by its name may be an old one.
+            // An unnamed one may be outdated.
             Err(error) if wanted.is_empty() => talk.warn(&format!("left out: {error}")),
             Err(error) => return Err(error.into()),
         }

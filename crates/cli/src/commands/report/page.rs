@@ -1,4 +1,7 @@
-//! The page: what stands in it, in which order. How it looks is in `page.css`, what moves in `viewer/`.
+//! The page: its sections and their order. Its style is in `page.css`, its viewer in `viewer/`.
+//!
+//! No template crate, because nearly all of the page is fixed text or the program's own, and [`html`] escapes the few
+//! names from files.
 
 use super::blocks::{Blocks, Column};
 use super::columns::{Columns, Field};
@@ -28,7 +31,7 @@ const STYLE: &str = include_str!("page.css");
 /// Nothing is loaded from anywhere, whatever stands in a name.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
 
-/// What a page is made of.
+/// Content of a page.
 pub(super) struct Page<'a> {
     pub(super) store: &'a Store,
     pub(super) checked: &'a CheckReport,
@@ -40,7 +43,7 @@ pub(super) struct Page<'a> {
     pub(super) packed: Option<Packed>,
 }
 
-/// What the viewer is told.
+/// Description of the data, for the viewer.
 #[derive(Serialize)]
 struct Head<'a> {
     patches: u32,
@@ -54,7 +57,7 @@ struct Head<'a> {
     rows: Option<Packed>,
 }
 
-/// Text as it stands in HTML.
+/// Escapes text for HTML, attributes included.
 fn html(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
@@ -129,7 +132,7 @@ impl Page<'_> {
             fields: &self.columns.fields,
             rows: self.packed,
         };
-        // A name that holds the end of a script must not end this one.
+        // The end of a script in a name must not end this one.
         let head = serde_json::to_string(&head)
             .context("the page's head is no JSON")?
             .replace('<', "\\u003c");
@@ -252,7 +255,7 @@ impl Page<'_> {
              <thead><tr><th scope=\"col\">check</th><th scope=\"col\">state</th><th scope=\"col\">what holds, and its bound</th></tr></thead>\n\
              <tbody>\n{rows}</tbody></table></div>\n"
         );
-        // Files by their names in the store: where that lies is nobody else's business.
+        // Files by their names in the store: the directory is nobody else's business.
         let directory = format!("{}{}", self.checked.store.display(), std::path::MAIN_SEPARATOR);
         for failure in &self.checked.failures {
             let _ = writeln!(

@@ -7,7 +7,7 @@ use crate::picture::sheet::{
 };
 use anyhow::Result;
 
-/// A rung of the ladder, which is a colour and a marker.
+/// A rung of the ladder, with its colour and marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Family {
     Pixel,
@@ -53,7 +53,7 @@ pub(super) struct Mark {
     pub(super) family: Family,
     pub(super) name: String,
     pub(super) milliseconds: f64,
-    /// The error, and where it lies for all that the reference's noise lets one say.
+    /// The error, and its interval by the reference's noise.
     pub(super) error: f64,
     pub(super) low: f64,
     pub(super) high: f64,
@@ -73,7 +73,7 @@ impl Mark {
     }
 }
 
-/// What is drawn.
+/// Content of the picture.
 #[derive(Clone, Debug)]
 pub(super) struct Picture {
     pub(super) title: String,
@@ -171,7 +171,7 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
     sheet
 }
 
-/// What the markers mean.
+/// Draws the meaning of the markers.
 fn legend(sheet: &mut Sheet, picture: &Picture, letters: &Letters) {
     let mut legend = Legend::large(92.0);
     for family in Family::ALL {
@@ -272,7 +272,7 @@ mod tests {
                 assert_eq!(area.overlap(other), 0.0, "{text} is on {other_text}");
             }
         }
-        // What the check above would see.
+        // The check above can fail.
         assert!(areas[0].1.overlap(&areas[0].1) > 0.0);
     }
 

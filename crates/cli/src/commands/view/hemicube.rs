@@ -1,4 +1,4 @@
-//! The unfolded hemicube of a patch: what each pixel sees, how far it is, what it weighs, and how much lies behind it.
+//! The unfolded hemicube of a patch: item, depth, delta form factor or depth complexity of each pixel.
 
 use super::live::{self, Live};
 use super::unfolded::{BLOCKED, atlas_place, color_of};
@@ -60,7 +60,7 @@ pub(crate) struct Arguments {
     pub(crate) engine: EngineSettings,
 }
 
-/// What pixels show.
+/// Quantity shown by pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Show {
     /// The patch seen.
@@ -80,7 +80,7 @@ fn resolution(text: &str) -> Result<u32, String> {
     }
 }
 
-/// Distance of the nearest surface at each pixel, and the number of surfaces that it meets.
+/// Distance of the nearest surface at each pixel, and the number of surfaces on its ray.
 struct Layers {
     depth: Vec<f64>,
     count: Vec<u32>,
@@ -177,7 +177,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// A hemicube as it was rendered, and the quantity that its picture shows.
+/// A rendered hemicube, and the quantity of its picture.
 struct Rendered {
     show: Show,
     resolution: u32,
@@ -189,7 +189,7 @@ struct Rendered {
     unit: f64,
 }
 
-/// Renders the hemicube of a patch, not turned, so that the picture's edges are the patch's axes.
+/// Renders the hemicube of a patch, unrotated: the picture's edges are the patch's axes.
 fn render(arguments: &Arguments, prepared: &Prepared, patch: InputPatch, talk: Talk) -> Result<Rendered> {
     let hemicubes = prepared.model.hemicubes(patch, 1, false);
     let hemicube = hemicubes
@@ -233,7 +233,7 @@ impl Rendered {
         (face.first_row(self.resolution) + y) as usize * self.resolution as usize + x as usize
     }
 
-    /// The number shown at a pixel; `None` where nothing is seen.
+    /// The number at a pixel; `None` for an empty view.
     fn value(&self, face: Face, x: u32, y: u32) -> Option<f64> {
         let place = self.place(face, x, y);
         match (self.show, &self.layers) {
@@ -300,7 +300,7 @@ fn picture(found: &Rendered, heading: &str) -> Canvas {
     canvas
 }
 
-/// Writes the shares of the view that escape and that end on backs, and the number of patches in sight.
+/// Writes the escaped and blocked shares, and the number of patches in sight.
 fn write_shares(canvas: &mut Canvas, found: &Rendered, right: usize, y: usize) {
     let (visible, escaped, blocked) = found.items.reduce(&found.table);
     let shares = [("escaped", escaped, NOTHING), ("blocked by backs", blocked, BLOCKED)];

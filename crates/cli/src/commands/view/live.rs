@@ -1,4 +1,4 @@
-//! Hemicubes in a window, as they are computed.
+//! Hemicubes in a window, during their computation.
 
 use crate::args::{EngineSettings, Talk};
 use crate::exit::Exit;
@@ -87,7 +87,7 @@ mod window {
             },
         )?;
         let table = DeltaTable::new(resolution);
-        // Where in the atlas each pixel of the window is.
+        // Place in the atlas of each pixel of the window.
         let places: Vec<Option<usize>> = (0..side * side)
             .map(|pixel| {
                 let place = atlas_place(pixel % side / enlarge, pixel / side / enlarge, resolution);
@@ -103,7 +103,7 @@ mod window {
         let mut pixels = vec![word(WHITE); side * side];
         let mut shown = 0u64;
         for &patch in order.iter().take(wanted) {
-            // What has no area has no hemicube.
+            // Without an area there is no hemicube.
             let hemicubes = prepared.model.hemicubes(patch, 1, false);
             let Some(hemicube) = hemicubes.first() else { continue };
             let items = backend.items(hemicube)?;

@@ -1,4 +1,4 @@
-//! `hemicube view model`: the model in the colours of a solution, a row, the sky, or what is known of each row.
+//! `hemicube view model`: the model in the colours of a solution, a row, the sky, or a property of each row.
 
 use crate::args::{EngineSettings, Talk};
 use crate::exit::Exit;
@@ -50,12 +50,12 @@ pub(crate) struct Arguments {
     pub(crate) engine: EngineSettings,
 }
 
-/// What colours the model.
+/// Quantity shown by colours.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Show {
     /// A quantity of a solution.
     Quantity(String),
-    /// Number of patches that each patch sees.
+    /// Number of patches in sight.
     Seen,
     /// One row.
     Row,
@@ -119,7 +119,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// Number of patches that each patch sees; NaN without a row.
+/// Number of patches in sight of each patch; NaN without a row.
 fn in_sight(store: &Store) -> Result<Vec<f64>> {
     let mut values = vec![f64::NAN; store.patch_count() as usize];
     for index in 0..store.manifest().parts.len() {

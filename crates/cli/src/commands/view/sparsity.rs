@@ -1,4 +1,4 @@
-//! `hemicube view sparsity`: where a matrix has entries.
+//! `hemicube view sparsity`: the pattern of a matrix.
 
 use crate::args::Talk;
 use crate::exit::Exit;

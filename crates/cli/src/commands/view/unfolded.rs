@@ -3,7 +3,7 @@
 use crate::picture::canvas::{Color, NOTHING, id_color};
 use hemicube::face::{Face, Items};
 
-/// Colour of a view that ends on the back of a one-sided patch.
+/// Colour of a view blocked by the back of a one-sided patch.
 pub(super) const BLOCKED: Color = [40, 40, 40];
 
 /// The colour of an item: a patch's own, [`NOTHING`] where the view escapes, [`BLOCKED`] on backs.
@@ -18,7 +18,7 @@ pub(super) fn color_of(item: u32) -> Color {
 /// The face and the place on it of a pixel of the unfolded hemicube, by its place in −2…2 both ways, to the right and
 /// up; `None` in the corners. The top is in the middle, a side's horizon at the outer edge.
 fn unfold(x: f64, y: f64) -> Option<(Face, f64, f64)> {
-    // A direction in the patch's frame: tangent right, bitangent up, normal towards who looks.
+    // A direction in the patch's frame: tangent right, bitangent up, normal towards the viewer.
     let direction = match (x.abs() < 1.0, y.abs() < 1.0) {
         (true, true) => return Some((Face::Top, x, y)),
         (false, true) => [x.signum(), y, 2.0 - x.abs()],
