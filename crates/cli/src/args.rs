@@ -18,7 +18,14 @@ pub(crate) struct Talk {
     #[arg(short, long, global = true)]
     pub(crate) verbose: bool,
     /// Draw no progress bar (there is none anyway unless standard error is a terminal)
-    #[arg(long, global = true, hide_short_help = true, env = "HEMICUBE_NO_PROGRESS", hide_env = true, value_parser = clap::builder::FalseyValueParser::new())]
+    #[arg(
+        long,
+        global = true,
+        hide_short_help = true,
+        env = "HEMICUBE_NO_PROGRESS",
+        hide_env = true,
+        value_parser = clap::builder::FalseyValueParser::new()
+    )]
     pub(crate) no_progress: bool,
     /// How messages on standard error look; json: one object a line, stages with their times among them
     #[arg(
@@ -72,7 +79,15 @@ pub(crate) struct SceneSettings {
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) scale: f64,
     /// Keep triangles that lie exactly on others
-    #[arg(long, value_name = "WHEN", num_args = 0..=1, require_equals = true, default_missing_value = "on", default_value = "off", hide_short_help = true)]
+    #[arg(
+        long,
+        value_name = "WHEN",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "on",
+        default_value = "off",
+        hide_short_help = true
+    )]
     pub(crate) keep_duplicates: Switch,
     /// Read a scene of which more would come than a file of its size may become (docs/security.md)
     #[arg(long, hide_short_help = true)]
@@ -139,7 +154,13 @@ pub(crate) struct RenderSettings {
     #[arg(long, value_name = "pixel|point|area", default_value = "area", value_parser = correction)]
     pub(crate) correction: Correction,
     /// Pixels along an edge: a multiple of 16 up to 1024
-    #[arg(id = "resolution", long = "resolution", value_name = "auto|N", default_value = "auto", value_parser = resolution)]
+    #[arg(
+        id = "resolution",
+        long = "resolution",
+        value_name = "auto|N",
+        default_value = "auto",
+        value_parser = resolution
+    )]
     pub(crate) resolution_asked: Auto,
     /// What `resolution_asked` comes to, from [`RenderSettings::settle`].
     #[arg(skip)]

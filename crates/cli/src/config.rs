@@ -232,7 +232,8 @@ impl Layers {
                 _ => (
                     "code, and what was found in the working directory may not have it run",
                     format!(
-                        "if you trust it, say so by `--{name} {word}` or `--config {FILE}`; `--no-config` leaves the file out"
+                        "if you trust it, say so by `--{name} {word}` or `--config {FILE}`; `--no-config` leaves the \
+                         file out"
                     ),
                 ),
             };

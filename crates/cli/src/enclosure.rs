@@ -64,7 +64,8 @@ pub(crate) fn questions(
         .collect();
     if sentences.is_empty() && row_sum == 0.0 {
         sentences.push(format!(
-            "the matrix is empty: no patch of these rows sees another; {} of the view leaves the scene, and {} is backs",
+            "the matrix is empty: no patch of these rows sees another; {} of the view leaves the scene, and {} is \
+             backs",
             percent(found.escaped),
             percent(found.blocked)
         ));
@@ -79,8 +80,8 @@ pub(crate) fn questions(
 pub(crate) fn of_groups(found: &Enclosure) -> Option<String> {
     (found.apart > 0).then(|| {
         format!(
-            "{} of surfaces each see only their own insides: right for rooms; for buildings that are seen from outside, \
-             `--flip all` turns them round",
+            "{} of surfaces each see only their own insides: right for rooms; for buildings that are seen from \
+             outside, `--flip all` turns them round",
             counted(found.apart, "group")
         )
     })
@@ -166,17 +167,19 @@ pub(crate) fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
     };
     let lost = percent(winding.lost);
     match winding.turn {
-        Turn::All => "the model is wound outwards throughout: its patches face away from the space that it encloses, and see no front \
-             of another, which is right for a solid alone that is seen from outside; for the space within, `--flip all` turns it round"
+        Turn::All => "the model is wound outwards throughout: its patches face away from the space that it encloses, \
+                      and see no front of another, which is right for a solid alone that is seen from outside; for \
+                      the space within, `--flip all` turns it round"
             .to_owned(),
         Turn::InsideOut => format!(
-            "{} face inwards ({listed}): they see only their own insides, and others see their backs, {lost} of all views; \
-             {} turns them round",
+            "{} face inwards ({listed}): they see only their own insides, and others see their backs, {lost} of all \
+             views; {} turns them round",
             counted(winding.objects.len() as u64, "object"),
             options(prepared, &names)
         ),
         _ => format!(
-            "{listed} {} the wrong way: {lost} of all views is lost by {}; {} turns {} round, and `--two-sided on` is for sheets",
+            "{listed} {} the wrong way: {lost} of all views is lost by {}; {} turns {} round, and `--two-sided on` is \
+             for sheets",
             if names.len() == 1 { "faces" } else { "face" },
             if names.len() == 1 { "its back" } else { "their backs" },
             options(prepared, &names),

@@ -186,8 +186,8 @@ impl Materials {
         }
         Err(hinted(
             anyhow!("no reflectance is known of {}", listed(&missing)),
-            "`--scene SCENE` takes those of the scene's file, `--materials FILE` names others; its table `[default]` is for \
-             all that have none",
+            "`--scene SCENE` takes those of the scene's file, `--materials FILE` names others; its table `[default]` \
+             is for all that have none",
         ))
     }
 
@@ -229,8 +229,8 @@ impl Materials {
         }
         Err(hinted(
             anyhow!("no emissivity and temperature are known of {}", listed(&missing)),
-            "`--materials FILE` names them: `emissivity = 0.9`, `temperature = 300` (kelvin), or `adiabatic = true`; its \
-             table `[default]` is for all that have none",
+            "`--materials FILE` names them: `emissivity = 0.9`, `temperature = 300` (kelvin), or `adiabatic = true`; \
+             its table `[default]` is for all that have none",
         ))
     }
 

@@ -1,5 +1,5 @@
-//! Pictures: a canvas of pixels, scales and letters; triangles as a camera sees them; the model and the matrix drawn so;
-//! and the sheet on which diagrams are laid out.
+//! Pictures: a canvas of pixels, scales and letters; triangles through a camera; the model and the matrix drawn on it;
+//! and the sheet for diagrams.
 
 pub(crate) mod canvas;
 pub(crate) mod model;

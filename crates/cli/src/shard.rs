@@ -8,8 +8,8 @@
 //! | PMI (MPICH, Intel MPI, Slurm with PMI) | `PMI_RANK` | `PMI_SIZE` | 0 |
 //! | Slurm's `srun` | `SLURM_PROCID` | `SLURM_STEP_NUM_TASKS` or `SLURM_NTASKS` | 0 |
 //!
-//! Array jobs are numbered in steps of `SLURM_ARRAY_TASK_STEP`. The first two rows number jobs, the others the processes of a job. If both are set, each job's share is divided among its
-//! processes.
+//! Array jobs are numbered in steps of `SLURM_ARRAY_TASK_STEP`. The first two rows number jobs, the others the
+//! processes of a job. If both are set, each job's share is divided among its processes.
 //!
 //! No shard without `--shard auto`, because an allocation's variables are also set for a program started in it by hand,
 //! once, to compute everything.

@@ -38,7 +38,8 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
         || !(scale > 0.0 && scale.is_finite())
     {
         bail!(
-            "`{}` says that its scene was scaled by {scale} and cut by {}, which does not come to its {} patches: it is damaged",
+            "`{}` says that its scene was scaled by {scale} and cut by {}, which does not come to its {} patches: it \
+             is damaged",
             store.directory().display(),
             settings["subdivision"],
             store.patch_count()

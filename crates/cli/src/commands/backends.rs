@@ -17,6 +17,10 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+const EXAMPLES_OF_CHECK: &str = "  \
+  hemicube backends check vulkan
+  hemicube backends check ./libhemicube_backend_mine.so --only 'room/*' --time-limit 20";
+
 /// Subcommands of `backends`.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Backends {
@@ -24,7 +28,7 @@ pub(crate) enum Backends {
     #[command(after_long_help = AFTER_LONG_HELP)]
     List(ListArguments),
     /// Hold a backend against the contract, each case in a process of its own; exit 1 when one is not kept
-    #[command(after_long_help = examples("  hemicube backends check vulkan\n  hemicube backends check ./libhemicube_backend_mine.so --only 'room/*' --time-limit 20", false))]
+    #[command(after_long_help = examples(EXAMPLES_OF_CHECK, false))]
     Check(check::Arguments),
 }
 

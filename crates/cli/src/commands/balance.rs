@@ -13,7 +13,10 @@ use serde::Serialize;
 use std::path::PathBuf;
 
 /// End of `--help`: an interrupt leaves nothing useful of a balanced matrix.
-const AFTER_BALANCE_HELP: &str = "\
+const AFTER_LONG_HELP: &str = "\
+Examples:
+  hemicube balance room.hemicube -o closed.hemicube --closure
+  hemicube balance city.hemicube -o small.hemicube --min-factor 1e-5 --reciprocity
 Environment:
   HEMICUBE_NO_PROGRESS  1: no progress bar
   HEMICUBE_LOG          what the libraries log: error, warn, info, debug, trace
@@ -21,12 +24,11 @@ Exit status:
   0    done
   1    the rows did not settle within `--max-sweeps`; the matrix is written all the same
   2    wrong usage, unreadable input, or something that could not be written
-  130  interrupted; OUT is not there or says that it is incomplete, and `--overwrite` starts again
-";
+  130  interrupted; OUT is not there or says that it is incomplete, and `--overwrite` starts again";
 
 /// Write a balanced copy of a matrix: reciprocal, closed, or without small entries
 #[derive(Args, Debug)]
-#[command(override_usage = "hemicube balance [OPTIONS] DIR -o OUT", after_long_help = format!("Examples:\n  hemicube balance room.hemicube -o closed.hemicube --closure\n  hemicube balance city.hemicube -o small.hemicube --min-factor 1e-5 --reciprocity\n{}", AFTER_BALANCE_HELP.trim_end()))]
+#[command(override_usage = "hemicube balance [OPTIONS] DIR -o OUT", after_long_help = AFTER_LONG_HELP)]
 #[command(group = clap::ArgGroup::new("work").required(true).multiple(true))]
 pub(crate) struct Arguments {
     /// The matrix
@@ -257,7 +259,8 @@ fn warnings(entry: &BalanceEntry) -> Vec<String> {
     let mut warnings = Vec::new();
     if !entry.converged {
         warnings.push(format!(
-            "the rows did not settle within {} to {}; allow more with `--max-sweeps`, or ask for less with `--tolerance`",
+            "the rows did not settle within {} to {}; allow more with `--max-sweeps`, or ask for less with \
+             `--tolerance`",
             counted(entry.sweeps.into(), "sweep"),
             figures(entry.tolerance)
         ));

@@ -36,9 +36,13 @@ use ways::{
     with_parameters,
 };
 
+const EXAMPLES: &str = "  \
+  hemicube bench --quick
+  hemicube bench -o study --scenes ../shared/scenes";
+
 /// Rerun the study of algorithms on this machine: tables, pictures, and what finds itself
 #[derive(Args, Debug)]
-#[command(override_usage = "hemicube bench [OPTIONS]", after_long_help = examples("  hemicube bench --quick\n  hemicube bench -o study --scenes ../shared/scenes", false))]
+#[command(override_usage = "hemicube bench [OPTIONS]", after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The folder for tables, pictures and what was measured; a run that finds some there goes on
     #[arg(short, long, value_name = "DIR", default_value = "hemicube-study")]
@@ -59,7 +63,13 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NAME", hide_short_help = true)]
     scene: Vec<String>,
     /// Patches of the city, by which all generated scenes are sized
-    #[arg(long, value_name = "N", default_value_t = CITY, value_parser = clap::value_parser!(u64).range(10..=100_000), hide_short_help = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = CITY,
+        value_parser = clap::value_parser!(u64).range(10..=100_000),
+        hide_short_help = true
+    )]
     patches: u64,
     /// Pixels along an edge of a hemicube
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = resolution, hide_short_help = true)]
@@ -495,12 +505,13 @@ fn report(study: &Study<'_>, without: &[String], peers: &Peers, pictures: &[Stri
     );
     add(
         "What finds itself",
-        "What a backend comes to without being told, beside the best of everything that was tried on that scene. The fastest of \
-         those tables (four, or two in scenes of more than 400,000 patches, and none that took half as long again as the first) \
-         are measured anew with what is found, all in the same turns over the same rows: as many as there is time for, in \
-         twice as many turns and, but for a quick study, more, until four have made no way's least time less by a hundredth, sixteen neighbours at a place and, from sixteen places on, up to 256, as a run goes through them. \
-         Such times can be compared with each other, and not with those of the tables. The built-in backend has the octree for \
-         comparison only, so that nothing is to be found for it.",
+        "What a backend comes to without being told, beside the best of everything that was tried on that scene. The \
+         fastest of those tables (four, or two in scenes of more than 400,000 patches, and none that took half as \
+         long again as the first) are measured anew with what is found, all in the same turns over the same rows: as \
+         many as there is time for, in twice as many turns and, but for a quick study, more, until four have made no \
+         way's least time less by a hundredth, sixteen neighbours at a place and, from sixteen places on, up to 256, \
+         as a run goes through them. Such times can be compared with each other, and not with those of the tables. \
+         The built-in backend has the octree for comparison only, so that nothing is to be found for it.",
         &study.found(),
     );
     add(
@@ -520,13 +531,14 @@ fn report(study: &Study<'_>, without: &[String], peers: &Peers, pictures: &[Stri
     );
     add(
         "Distances (table 4.9)",
-        "‖F − F of original‖ / ‖F of original‖, Frobenius, over the rows measured. The thesis has 0.0033 to 0.0056 between its two.",
+        "‖F − F of original‖ / ‖F of original‖, Frobenius, over the rows measured. The thesis has 0.0033 to 0.0056 \
+         between its two.",
         &study.distances(),
     );
     add(
         "Error against rays",
-        "Relative Frobenius error of the rows, and what a row takes on one thread of the built-in backend (the clock on the wall, \
-         the least of up to five).",
+        "Relative Frobenius error of the rows, and what a row takes on one thread of the built-in backend (the clock \
+         on the wall, the least of up to five).",
         &study.errors(),
     );
     add("Peers", "Same scenes, from `scripts/peers`.", &peers_table(peers));

@@ -17,9 +17,13 @@ use std::path::PathBuf;
 /// Largest mean escaped share of a nearly closed scene.
 const NEARLY_CLOSED: f64 = 0.05;
 
+const EXAMPLES: &str = "  \
+  hemicube check room.hemicube
+  hemicube check room.hemicube --reciprocity 0.05";
+
 /// Check a matrix: closure, reciprocity, range, checksums; exit 1 when a bound is broken
 #[derive(Args, Debug)]
-#[command(after_long_help = examples("  hemicube check room.hemicube\n  hemicube check room.hemicube --reciprocity 0.05", false))]
+#[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]

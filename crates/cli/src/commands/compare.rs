@@ -18,9 +18,13 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+const EXAMPLES: &str = "  \
+  hemicube compare fast.hemicube fine.hemicube --max-error 0.02
+  hemicube compare fast.hemicube fine.hemicube --plot errors.svg";
+
 /// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
 #[derive(Args, Debug)]
-#[command(after_long_help = examples("  hemicube compare fast.hemicube fine.hemicube --max-error 0.02\n  hemicube compare fast.hemicube fine.hemicube --plot errors.svg", false))]
+#[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The matrix: a store, or a .npz, .mtx or .npy file
     #[arg(value_name = "A")]

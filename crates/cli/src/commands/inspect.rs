@@ -23,9 +23,13 @@ use std::path::PathBuf;
 use std::time::Instant;
 use text::text;
 
+const EXAMPLES: &str = "  \
+  hemicube inspect city.obj
+  hemicube inspect city.obj --split 4 --json";
+
 /// Describe a scene: size, area, sides, defects, and what its matrix would cost
 #[derive(Args, Debug)]
-#[command(override_usage = "hemicube inspect [OPTIONS] SCENE", after_long_help = examples("  hemicube inspect city.obj\n  hemicube inspect city.obj --split 4 --json", true))]
+#[command(override_usage = "hemicube inspect [OPTIONS] SCENE", after_long_help = examples(EXAMPLES, true))]
 pub(crate) struct Arguments {
     #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
     pub(crate) scene: Option<PathBuf>,

@@ -160,8 +160,8 @@ mod tests {
         let text = "Examples:\n  hemicube x -o y\n.dotted\nHint, first: a\\b\nExit status:\n  0  done";
         assert_eq!(
             sections(text),
-            ".SH EXAMPLES\n.nf\n  hemicube x \\-o y\n\\&.dotted\n.fi\n.SH HINT, FIRST\n.nf\na\\eb\n.fi\n.SH EXIT STATUS\n.nf\n  0  \
-             done\n.fi\n"
+            ".SH EXAMPLES\n.nf\n  hemicube x \\-o y\n\\&.dotted\n.fi\n.SH HINT, FIRST\n.nf\na\\eb\n.fi\n.SH EXIT \
+             STATUS\n.nf\n  0  done\n.fi\n"
         );
     }
 }

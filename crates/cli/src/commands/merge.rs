@@ -13,9 +13,13 @@ use hemicube::store::{Error, merge};
 use serde::Serialize;
 use std::path::PathBuf;
 
+const EXAMPLES: &str = "  \
+  hemicube merge city.hemicube
+  hemicube merge city.hemicube /scratch/node1/city.hemicube /scratch/node2/city.hemicube";
+
 /// Make one matrix of what shards computed
 #[derive(Args, Debug)]
-#[command(override_usage = "hemicube merge [OPTIONS] DIR [FROM]...", after_long_help = examples("  hemicube merge city.hemicube\n  hemicube merge city.hemicube /scratch/node1/city.hemicube /scratch/node2/city.hemicube", false))]
+#[command(override_usage = "hemicube merge [OPTIONS] DIR [FROM]...", after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The directory that the shards wrote to, or that is to hold the whole
     #[arg(value_name = "DIR")]

@@ -47,9 +47,13 @@ const PATCHES_WITH_ROWS_MAX: u32 = 250_000;
 /// Cells of the picture of the matrix.
 const CELLS: u32 = 400;
 
+const EXAMPLES: &str = "  \
+  hemicube report room.hemicube room.obj -o room.html
+  hemicube report city.hemicube city.obj -o city.html --entries 64";
+
 /// Write one HTML page about a matrix, to be opened from the disk: what it is, whether it holds, the model in 3-D
 #[derive(Args, Debug)]
-#[command(after_long_help = examples("  hemicube report room.hemicube room.obj -o room.html\n  hemicube report city.hemicube city.obj -o city.html --entries 64", false))]
+#[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]

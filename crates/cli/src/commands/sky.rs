@@ -36,15 +36,25 @@ const SUN_POINTS: u32 = 4;
 /// Files in the output directory.
 pub(crate) const FILES: [&str; 3] = ["sky.npz", "sky.json", "points-sky.npz"];
 
+const EXAMPLES: &str = "  \
+  hemicube sky city.obj --up z -o city-sky --tolerance 0.5%
+  hemicube sky city.obj --store city.hemicube
+  hemicube sky street.obj -o sky --division reinhart:4 --points people.txt --suns june.txt";
+
 /// What patches and points see of the sky, of the ground below the horizon, and of the sun
 #[derive(Args, Debug)]
-#[command(after_long_help = examples("  hemicube sky city.obj --up z -o city-sky --tolerance 0.5%\n  hemicube sky city.obj --store city.hemicube\n  hemicube sky street.obj -o sky --division reinhart:4 --points people.txt --suns june.txt", false))]
+#[command(after_long_help = examples(EXAMPLES, false))]
 #[command(group = clap::ArgGroup::new("place").required(true))]
 pub(crate) struct Arguments {
     #[arg(value_name = "SCENE", help = scene_help())]
     pub(crate) scene: PathBuf,
     /// Take the patches and hemicubes of this matrix, and write into its directory `sky`
-    #[arg(long, value_name = "DIR", group = "place", conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"])]
+    #[arg(
+        long,
+        value_name = "DIR",
+        group = "place",
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"]
+    )]
     pub(crate) store: Option<PathBuf>,
     /// The directory to write to
     #[arg(short, long, value_name = "DIR", group = "place")]
@@ -279,7 +289,8 @@ fn tell_of_suns(arguments: &Arguments, suns: &Listed<DVec3>, horizon: Horizon, t
         return;
     };
     talk.warn(&format!(
-        "{} of {} in `{}` {} below the horizon and {} nothing: {}; directions are towards the sun, and `--up` says where up is",
+        "{} of {} in `{}` {} below the horizon and {} nothing: {}; directions are towards the sun, and `--up` says \
+         where up is",
         count(below.len() as u64),
         counted(suns.items.len() as u64, "sun"),
         path.display(),
@@ -610,7 +621,8 @@ impl Task<'_> {
                 format!("reinhart:{}", self.division.parts())
             },
             columns: self.division.columns(),
-            order: "column 0 is the ground; then ring by ring upwards, each from north clockwise, the first patch's middle due north",
+            order: "column 0 is the ground; then ring by ring upwards, each from north clockwise, the first patch's \
+                    middle due north",
             up,
             north_degrees: self.arguments.north,
             east: self.horizon.east.to_array(),

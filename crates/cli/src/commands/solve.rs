@@ -39,9 +39,14 @@ const RETURNED_SHOWN: f64 = 1e-4;
 /// Vectors in memory a right-hand side, besides GMRES's.
 const VECTORS: u64 = 9;
 
+const EXAMPLES: &str = "  \
+  hemicube solve room.hemicube --scene room.obj
+  hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv
+  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient 293";
+
 /// Solve for light or heat: radiosity of every patch from a matrix and its materials
 #[derive(Args, Debug)]
-#[command(after_long_help = examples("  hemicube solve room.hemicube --scene room.obj\n  hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv\n  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient 293", false))]
+#[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
@@ -78,7 +83,13 @@ pub(crate) struct Arguments {
     )]
     pub(crate) method: MethodName,
     /// GMRES begins anew after N iterations
-    #[arg(long, value_name = "N", default_value = "20", value_parser = clap::value_parser!(u32).range(1..=200), hide_short_help = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "20",
+        value_parser = clap::value_parser!(u32).range(1..=200),
+        hide_short_help = true
+    )]
     pub(crate) restart: u32,
     /// Relative residual to reach
     #[arg(long, value_name = "T", default_value = "1e-6", value_parser = tolerance)]
@@ -560,8 +571,8 @@ impl<'a> Task<'a> {
         }
         if arguments.ambient.is_none() && escaped > OPEN * area {
             talk.warn(&format!(
-                "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--ambient KELVIN` says how \
-                 warm it is, and `--ambient 0` that it is cold space",
+                "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--ambient KELVIN` \
+                 says how warm it is, and `--ambient 0` that it is cold space",
                 percent(escaped / area)
             ));
         }
@@ -688,7 +699,8 @@ impl<'a> Task<'a> {
 fn require_bands(array: &ArrayFile, path: &Path, bands: &[String]) -> Result<()> {
     if array.rows() == 0 || !array.rows().is_multiple_of(bands.len() as u64) {
         bail!(
-            "`{}` has {} rows, which is no multiple of the {} bands; `bands = [\"all\"]` in the file of materials makes one",
+            "`{}` has {} rows, which is no multiple of the {} bands; `bands = [\"all\"]` in the file of materials \
+             makes one",
             path.display(),
             array.rows(),
             bands.len()

@@ -39,9 +39,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+const EXAMPLES: &str = "  \
+  hemicube tradeoff city.obj --plot city.svg
+  hemicube tradeoff city.obj --tolerance 0.3% --sample-rows 64 --json=city.json";
+
 /// Measure error against time on a scene and this machine, and recommend a setting
 #[derive(Args, Debug)]
-#[command(override_usage = "hemicube tradeoff [OPTIONS] SCENE", after_long_help = examples("  hemicube tradeoff city.obj --plot city.svg\n  hemicube tradeoff city.obj --tolerance 0.3% --sample-rows 64 --json=city.json", true))]
+#[command(override_usage = "hemicube tradeoff [OPTIONS] SCENE", after_long_help = examples(EXAMPLES, true))]
 pub(crate) struct Arguments {
     #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
     pub(crate) scene: Option<PathBuf>,

@@ -230,7 +230,8 @@ impl Canvas {
     fn svg(&self) -> Result<String> {
         let (width, height) = (self.width, self.height);
         let mut text = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\">\n\
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} \
+             {height}\">\n
              <image width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{}\"/>\n",
             base64(&self.png(false)?)
         );

@@ -48,7 +48,12 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "GLOB", default_value = "*")]
     pub(crate) only: String,
     /// Seconds after which a case counts as hung
-    #[arg(long, value_name = "SECONDS", default_value = "120", value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value = "120",
+        value_parser = clap::value_parser!(u32).range(1..=86_400)
+    )]
     pub(crate) time_limit: u32,
     /// Run this case, in this process, and say on standard output what came of it
     #[arg(long, value_name = "CASE", hide = true)]

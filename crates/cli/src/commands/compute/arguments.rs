@@ -36,7 +36,12 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) process: ProcessSettings,
     /// Measure the error of ROWS of the rows against rays; exit 1 when it is above the tolerance
-    #[arg(long, value_name = "ROWS", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Rows and columns")]
+    #[arg(
+        long,
+        value_name = "ROWS",
+        value_parser = clap::value_parser!(u32).range(1..),
+        help_heading = "Rows and columns"
+    )]
     pub(crate) verify: Option<u32>,
     /// Skip what cannot be seen; the matrix is the same
     #[arg(
@@ -48,7 +53,13 @@ pub(crate) struct Arguments {
     )]
     pub(crate) culling: AutoSwitch,
     /// Hemicubes a call of the backend; 0: what it likes best
-    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1 << 20), hide = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "0",
+        value_parser = clap::value_parser!(u32).range(0..=1 << 20),
+        hide = true
+    )]
     pub(crate) batch: u32,
     #[command(flatten)]
     pub(crate) selection: SelectionSettings,
@@ -62,7 +73,13 @@ pub(crate) struct Arguments {
     )]
     pub(crate) store: StoreForm,
     /// Leave out form factors below F, 1e-7 from a million patches on; the others of a row share what they carried
-    #[arg(long, value_name = "F", value_parser = share_or_none, allow_negative_numbers = true, help_heading = "What is kept")]
+    #[arg(
+        long,
+        value_name = "F",
+        value_parser = share_or_none,
+        allow_negative_numbers = true,
+        help_heading = "What is kept"
+    )]
     pub(crate) min_factor: Option<f64>,
     #[command(flatten)]
     pub(crate) config: ConfigFiles,

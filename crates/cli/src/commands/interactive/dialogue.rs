@@ -785,7 +785,8 @@ mod tests {
     }
 
     const LISTED: &str = r#"{"backends": [
-        {"name": "cpu", "device": "this processor"}, {"name": "gl", "device": "a card"}, {"name": "gl", "device": "another"}],
+        {"name": "cpu", "device": "this processor"}, {"name": "gl", "device": "a card"},
+        {"name": "gl", "device": "another"}],
         "unusable": [{"name": "vulkan", "reason": "finds no device"}]}"#;
 
     /// Holds a dialogue in a folder with all `answers`; returns the command lines, and the questions and messages.

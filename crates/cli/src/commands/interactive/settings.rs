@@ -25,19 +25,20 @@ pub(super) const OFFERED: [Offered; 11] = [
     Offered {
         name: "tolerance",
         note: "the error to aim at: 1%, 0.3%",
-        cost: "What keeps it is found out on a sample of the rows. 1% took 1.6 to 2.9 times the time of the default, 0.3% 7 to 10 \
-               times.",
+        cost: "What keeps it is found out on a sample of the rows. 1% took 1.6 to 2.9 times the time of the default, \
+               0.3% 7 to 10 times.",
     },
     Offered {
         name: "correction",
         note: "what form factors are made of",
-        cost: "pixel is the plain hemicube, as in the thesis; area takes about the same time, with half the pixels along an \
-               edge, and was off by 4 to 35 times less.",
+        cost: "pixel is the plain hemicube, as in the thesis; area takes about the same time, with half the pixels \
+               along an edge, and was off by 4 to 35 times less.",
     },
     Offered {
         name: "resolution",
         note: "pixels along an edge",
-        cost: "More of them show small and distant patches, and take longer. auto: 256 for pixel, 128 for point and area.",
+        cost: "More of them show small and distant patches, and take longer. auto: 256 for pixel, 128 for point and \
+               area.",
     },
     Offered {
         name: "samples",
@@ -77,7 +78,8 @@ pub(super) const OFFERED: [Offered; 11] = [
     Offered {
         name: "store",
         note: "how the matrix is written",
-        cost: "compact takes a third to a quarter of the disk, and other programs need ten lines to read it. auto: from a million patches on.",
+        cost: "compact takes a third to a quarter of the disk, and other programs need ten lines to read it. auto: \
+               from a million patches on.",
     },
 ];
 

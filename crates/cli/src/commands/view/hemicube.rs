@@ -49,7 +49,11 @@ pub(crate) struct Arguments {
     )]
     pub(crate) show: Show,
     /// Cut the scene as this matrix's was
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"])]
+    #[arg(
+        long,
+        value_name = "DIR",
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"]
+    )]
     pub(crate) store: Option<PathBuf>,
     /// Pixels along an edge: a multiple of 16 up to 1024
     #[arg(long, value_name = "N", default_value = "256", value_parser = resolution)]

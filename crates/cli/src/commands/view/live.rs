@@ -64,7 +64,8 @@ mod window {
         };
         Err(hinted(
             anyhow!("no window can be opened: {reason}"),
-            "`--live` needs a display (on Linux an X server, by DISPLAY, and libX11); `--patch I -o FILE` writes a picture",
+            "`--live` needs a display (on Linux an X server, by DISPLAY, and libX11); `--patch I -o FILE` writes a \
+             picture",
         ))
     }
 
