@@ -20,6 +20,7 @@ mod progress;
 mod report;
 mod selection;
 mod shard;
+mod shell;
 mod stored;
 mod table;
 mod verify;

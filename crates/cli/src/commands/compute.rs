@@ -15,6 +15,7 @@ use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, Spread, TEMPORARY_SUFFIX, count, counted, duration,
     figures, percent, size,
 };
+use crate::shell::word;
 use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::Model;
@@ -1112,27 +1113,4 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
         }
     }
     text
-}
-
-/// A path as a word of a shell.
-pub(crate) fn word(path: &Path) -> String {
-    let text = path.display().to_string();
-    let plain = |c: char| c.is_alphanumeric() || "/._-+,:@%=".contains(c);
-    if !text.is_empty() && text.chars().all(plain) {
-        text
-    } else {
-        format!("'{}'", text.replace('\'', "'\\''"))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn paths_become_words() {
-        assert_eq!(word("a/b-1.x".as_ref()), "a/b-1.x");
-        assert_eq!(word("a b".as_ref()), "'a b'");
-        assert_eq!(word("it's".as_ref()), r"'it'\''s'");
-    }
 }

@@ -1,12 +1,12 @@
 //! `hemicube merge`: one matrix of several shards.
 
 use crate::args::{Report as ReportArguments, Talk};
-use crate::commands::compute::word;
 use crate::exit::{Exit, hinted};
 use crate::help::examples;
 use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, SCHEMA, count, counted};
+use crate::shell::word;
 use anyhow::{Result, anyhow};
 use clap::Args;
 use hemicube::store::{Error, merge};

@@ -10,7 +10,6 @@ use crate::args::{
     AutoSwitch, ConfigFiles, Correction as Name, EngineSettings, Report as ReportArguments, SceneSettings, Switch,
     Talk, Tolerance, UpAxis, tolerance,
 };
-use crate::commands::compute::word;
 use crate::exit::{self, Exit};
 use crate::help::{examples, scene_help};
 use crate::level::{correction, percentage, within};
@@ -22,6 +21,7 @@ use crate::report::print;
 use crate::report::{
     BackendReport, Input, JsonReport, PendingFile, SCHEMA, count, counted, duration, figures, percent,
 };
+use crate::shell::word;
 use crate::verify::{reference_rows, reference_settings};
 use anyhow::{Context, Result, bail};
 use clap::{Args, FromArgMatches};

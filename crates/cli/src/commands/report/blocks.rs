@@ -1,6 +1,7 @@
 //! Arrays in a page: little-endian, deflated, in base64, each in a `<script>` that no browser runs.
 
-use crate::picture::canvas::base64;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
 use serde::Serialize;
 
 /// zlib's default: higher levels take several times as long for a per cent.
@@ -71,12 +72,30 @@ impl Blocks {
 
     /// Adds bytes of another form.
     pub(super) fn bytes(&mut self, name: &str, bytes: &[u8]) {
-        let packed = base64(&miniz_oxide::deflate::compress_to_vec(bytes, LEVEL));
+        let packed = BASE64.encode(miniz_oxide::deflate::compress_to_vec(bytes, LEVEL));
         self.html
             .push_str("<script type=\"application/octet-stream\" id=\"block-");
         self.html.push_str(name);
         self.html.push_str("\">");
         self.html.push_str(&packed);
         self.html.push_str("</script>\n");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base_64_as_in_the_rfc() {
+        for (bytes, text) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foobar", "Zm9vYmFy"),
+        ] {
+            assert_eq!(BASE64.encode(bytes), text);
+        }
     }
 }

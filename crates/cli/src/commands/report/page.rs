@@ -10,11 +10,12 @@ use super::plot::histogram;
 use super::rows::Packed;
 use super::worst::Worst;
 use crate::commands::check::{facts, name, verdicts};
-use crate::picture::canvas::base64;
 use crate::picture::sparsity::Sparsity;
 use crate::prepare::axis_name;
 use crate::report::{count, counted, figures, percent};
 use anyhow::{Context, Result};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
 use hemicube::analysis::check::CheckReport;
 use hemicube::store::Store;
 use hemicube_scene::Axis;
@@ -266,7 +267,7 @@ impl Page<'_> {
              <img alt=\"The filled cells of the matrix\" \
              src=\"data:image/png;base64,{}\">\n</figure>\n</div>\n</section>\n",
             figures(patches / self.sparsity.cells as f64),
-            base64(&picture.png(false)?)
+            BASE64.encode(picture.png(false)?)
         );
         Ok(text)
     }
