@@ -162,7 +162,7 @@ pub(crate) struct RenderSettings {
         value_parser = resolution
     )]
     pub(crate) resolution_asked: Auto,
-    /// What `resolution_asked` comes to, from [`RenderSettings::settle`].
+    /// The resolution in force, from [`RenderSettings::settle`].
     #[arg(skip)]
     pub(crate) resolution: u32,
     /// Hemicubes a patch: 1, 4, 9, 16…

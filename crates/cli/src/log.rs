@@ -99,7 +99,7 @@ pub(crate) fn error(message: &str, hint: Option<&str>) {
         tracing::error!(target: TARGET, hint, "{message}");
         return;
     }
-    // Nobody is left to tell if standard error is closed too.
+    // A closed standard error leaves no way to report it.
     let mut stderr = std::io::stderr().lock();
     let _ = writeln!(stderr, "error: {}", shown_lines(message));
     if let Some(hint) = hint {

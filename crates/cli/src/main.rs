@@ -1,4 +1,22 @@
 //! The hemicube program: scene in, form-factor matrix out.
+//!
+//! Files use only files further down:
+//!
+//! ```text
+//! main            joins the layers of settings, dispatches
+//! command_line    the definition of all commands
+//! commands/       one module a command: its arguments, its paths, its work, its report
+//! stored verify enclosure materials picture/    work shared by commands: an old matrix's scene, errors, pictures
+//! prepare level selection shard config          scenes and settings made from arguments
+//! progress outputs table forecast               progress, the rule of outputs, tables of numbers, memory and disk
+//! report          reports, files, the form of numbers
+//! exit            exit codes, interrupts, errors with hints
+//! log             messages
+//! args help escape shell clock                  argument groups, texts, quoting, clocks
+//! ```
+//!
+//! Three commands use another: `bench` measures by `tradeoff`, `report` shows the verdicts of `check`, and `check` the
+//! operations of `balance`.
 
 mod args;
 mod clock;

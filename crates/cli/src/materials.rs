@@ -1,19 +1,19 @@
-//! What surfaces are made of: reflectance and emission of the scene's own materials, and a TOML of materials by name
-//! that goes before them.
+//! Materials of surfaces: reflectance and emission from the scene, and from a TOML of materials by name, which takes
+//! precedence.
 //!
 //! ```toml
-//! bands = ["red", "green", "blue"]        # or any others; a number stands for all of them
+//! bands = ["red", "green", "blue"]        # or any others; one number stands for all bands
 //!
 //! [default]                               # materials without a value of their own
 //! reflectance = 0.5
 //!
 //! [material.white]
 //! reflectance = [0.725, 0.71, 0.68]
-//! emission = 0                            # radiosity that it leaves with of itself
+//! emission = 0                            # emitted radiosity
 //!
-//! [material."facade*"]                    # a name with `*` or `?` where none fits exactly
+//! [material."facade*"]                    # a pattern, for names without an exact entry
 //! emissivity = 0.9
-//! temperature = 293.15                    # kelvin; or `adiabatic = true`, a surface that keeps nothing
+//! temperature = 293.15                    # kelvin; or `adiabatic = true`: no net flux
 //! ```
 
 use crate::exit::hinted;
@@ -28,7 +28,7 @@ use std::path::Path;
 const RGB: [&str; 3] = ["red", "green", "blue"];
 /// Names in an error.
 const NAMES_SHOWN: usize = 5;
-/// No surface is hotter.
+/// Upper bound of temperatures, in kelvin.
 const KELVIN_MAX: f64 = 1e6;
 
 /// A number for all bands, or one for each.
@@ -259,7 +259,7 @@ impl Entry {
         entry.reflectance = entry.reflectance.or_else(|| default.reflectance.clone());
         entry.emission = entry.emission.or_else(|| default.emission.clone());
         entry.emissivity = entry.emissivity.or(default.emissivity);
-        // A temperature of its own is meant, whatever the others do.
+        // Its own temperature excludes the default's `adiabatic`.
         if entry.temperature.is_none() && entry.adiabatic.is_none() {
             entry.adiabatic = default.adiabatic;
         }

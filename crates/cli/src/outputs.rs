@@ -166,7 +166,7 @@ fn is_report(path: &Path) -> bool {
 struct Place {
     /// Absolute and without links, as far as it exists.
     path: PathBuf,
-    /// Of an existing target.
+    /// The target's, if it exists.
     metadata: Option<Metadata>,
 }
 

@@ -39,7 +39,7 @@ pub(crate) fn is_dumb(term: Option<&OsStr>) -> bool {
 }
 
 impl Bar {
-    /// A bar of `row_count` rows with rate and time left, if standard error is a terminal. So many of them are there.
+    /// A bar of `row_count` rows with rate and time left, if standard error is a terminal. `kept` rows are done.
     pub(crate) fn rows(talk: Talk, row_count: u64, kept: u64) -> Self {
         let mut bar = Self::counting(talk, row_count, "rows");
         bar.kept = kept;
@@ -50,7 +50,7 @@ impl Bar {
         bar
     }
 
-    /// Likewise for something else.
+    /// A bar that counts `what`.
     pub(crate) fn counting(talk: Talk, count: u64, what: &str) -> Self {
         if !is_watched(talk) {
             return Self { bar: None, kept: 0 };
@@ -230,7 +230,7 @@ pub(crate) struct Stage<'a> {
 }
 
 impl Stage<'_> {
-    /// Says how many rows are there.
+    /// Updates the number of rows.
     pub(crate) fn show(&self, progress: Progress) {
         if self.status.file.is_none() {
             return;

@@ -131,7 +131,7 @@ pub(crate) fn run(arguments: &Arguments, definition: Command) -> Result<Exit> {
     let directory = &arguments.directory;
     std::fs::create_dir_all(directory).with_context(|| format!("`{}` cannot be created", directory.display()))?;
     let mut command = in_full(definition);
-    // Names of subcommands come to be then: `hemicube-compute`.
+    // Makes the subcommands' names: `hemicube-compute`.
     command.build();
     write_pages(&command, directory)?;
     Ok(Exit::Done)

@@ -90,7 +90,7 @@ const SAMPLES: [u32; 3] = [1, 2, 4];
 const RESOLUTIONS_OF_PIXEL: [u32; 4] = [64, 128, 256, 512];
 const RESOLUTIONS_OF_POINT: [u32; 1] = [128];
 const RESOLUTIONS_OF_AREA: [u32; 3] = [64, 128, 256];
-/// Pixels along an edge with a tolerance: those of `compute`.
+/// Pixels along an edge with a tolerance, as in `compute`.
 const RESOLUTION_OF_TOLERANCE: u32 = 128;
 
 /// Largest ratio of a cheaper setting's error to a dearer one's at which it is as good: less is chance.

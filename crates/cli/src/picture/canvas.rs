@@ -101,8 +101,9 @@ struct Writing {
 /// A rectangle of pixels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rect {
-    /// Of the upper left corner.
+    /// Column of the upper left corner.
     pub(crate) x: usize,
+    /// Row of the upper left corner.
     pub(crate) y: usize,
     pub(crate) width: usize,
     pub(crate) height: usize,

@@ -535,7 +535,7 @@ fn crossings(area: &Area, line: &[(f64, f64)]) -> usize {
         .sum()
 }
 
-/// A place on the grid of a drawing of so many steps a unit.
+/// Rounds a place to a grid of `steps` a unit.
 fn step(steps: u32) -> impl Fn(f64) -> i32 + Copy {
     #[allow(clippy::cast_possible_truncation, reason = "on the sheet")]
     move |value: f64| (value * f64::from(steps)).round() as i32

@@ -23,7 +23,7 @@ const ROOM: u64 = 10_240;
 const VENICE: u64 = 1_495_068;
 /// Patches of the scene for `scripts/peers`: small enough for peers with memory quadratic in it.
 const PEERS: u64 = 1_000;
-/// Edges of the larger city are cut into so many pieces: 16 patches for one.
+/// Pieces of each edge of the larger city: 16 patches for one.
 const SPLIT: u32 = 4;
 
 /// Purpose of a scene.

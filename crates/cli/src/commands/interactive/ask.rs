@@ -83,7 +83,7 @@ pub(super) fn rows(items: &[Item], width: Option<usize>) -> Vec<String> {
     rows.collect()
 }
 
-/// A line, cut to so many columns.
+/// Cuts a line to `width` columns.
 pub(super) fn fitted(line: &str, width: usize) -> String {
     if line.width() <= width {
         return line.to_owned();
@@ -103,7 +103,7 @@ pub(super) fn fitted(line: &str, width: usize) -> String {
     cut
 }
 
-/// Words in lines of at most so many columns.
+/// Breaks words into lines of at most `width` columns.
 pub(super) fn wrapped(text: &str, width: usize) -> String {
     let mut lines = String::new();
     let mut filled = 0;

@@ -134,7 +134,7 @@ impl Dialogue<'_> {
         Ok(place.and_then(|place| options.get(place)).map(|(_, answer)| *answer))
     }
 
-    /// Says something of several words, after an empty line.
+    /// Prints a wrapped explanation, after an empty line.
     fn explain(&mut self, text: &str) {
         let width = self.ask.width().unwrap_or(COLUMNS);
         self.ask.tell(&format!("\n{}", wrapped(text, width)));

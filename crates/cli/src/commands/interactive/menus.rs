@@ -25,7 +25,7 @@ pub(super) struct Menus;
 
 /// Restores the terminal for the shell, from any thread.
 pub(super) fn restore() {
-    // Whoever asks for this is about to end the program, and has nobody left to tell.
+    // The program is about to end: errors have no reader left.
     let _ = crossterm::terminal::disable_raw_mode();
     let _ = crossterm::execute!(
         std::io::stderr(),

@@ -29,7 +29,7 @@ const VIEWER: &str = include_str!("../../../viewer/viewer.js");
 const THIRD_PARTY: &str = include_str!("../../../viewer/THIRD_PARTY.txt");
 const STYLE: &str = include_str!("page.css");
 
-/// Nothing is loaded from anywhere, whatever stands in a name.
+/// Forbids loading anything, whatever a name contains.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
 
 /// Content of a page.
