@@ -22,7 +22,7 @@ pub(crate) fn correction(name: Name) -> Correction {
     }
 }
 
-/// Calibrates what keeps a tolerance in a scene. `compute` and `tradeoff` agree, whichever rows they compute.
+/// What keeps a tolerance in a scene: the same for `compute` and `tradeoff`, whichever of the rows they compute.
 pub(crate) fn within(
     model: &Model,
     selection: &Selection,

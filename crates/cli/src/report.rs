@@ -161,7 +161,7 @@ impl Write for PendingFile {
     }
 }
 
-/// An input file, by its bytes.
+/// A file that was read, by its bytes.
 #[derive(Debug, Serialize)]
 pub(crate) struct Input {
     pub(crate) path: String,

@@ -1,4 +1,4 @@
-//! Patches with rows and columns, by the names in the settings.
+//! Which patches have rows and columns, as the settings name them.
 
 use crate::args::SelectionSettings;
 use crate::exit::hinted;
@@ -8,7 +8,7 @@ use hemicube::driver::selection::Names;
 pub(crate) use hemicube::driver::selection::matches_glob;
 use hemicube_scene::{Patches, Scene};
 
-/// The rows and columns named in the settings.
+/// The rows and columns that the settings ask for.
 ///
 /// # Errors
 /// When a glob matches nothing.
