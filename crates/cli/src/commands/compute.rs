@@ -1,6 +1,10 @@
 //! `hemicube compute`: the form-factor matrix of a scene, into a store.
 
-use crate::args::{AutoSwitch, Compute as Arguments, RowRange, SampleSize, SelectionSettings, Switch, Talk};
+mod arguments;
+
+pub(crate) use arguments::Arguments;
+
+use crate::args::{AutoSwitch, RowRange, SampleSize, SelectionSettings, Switch, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::forecast;
@@ -11,6 +15,7 @@ use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, Spread, TEMPORARY_SUFFIX, count, counted, duration,
     figures, percent, size,
 };
+use crate::shell::word;
 use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{Counters, Culling, HemicubeBackend};
@@ -1118,27 +1123,4 @@ fn next_step(report: &Report, summary: &Summary, directory: &Path) -> String {
         }
     }
     text
-}
-
-/// A path as a word of a shell.
-pub(crate) fn word(path: &Path) -> String {
-    let text = path.display().to_string();
-    let plain = |c: char| c.is_alphanumeric() || "/._-+,:@%=".contains(c);
-    if !text.is_empty() && text.chars().all(plain) {
-        text
-    } else {
-        format!("'{}'", text.replace('\'', "'\\''"))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn paths_become_words() {
-        assert_eq!(word("a/b-1.x".as_ref()), "a/b-1.x");
-        assert_eq!(word("a b".as_ref()), "'a b'");
-        assert_eq!(word("it's".as_ref()), r"'it'\''s'");
-    }
 }
