@@ -9,8 +9,8 @@
 
 use glam::DVec3;
 use hemicube::Model;
-use hemicube::driver::calibrate::calibrate;
 use hemicube::accuracy::correct::{Correction, Refinement};
+use hemicube::driver::calibrate::calibrate;
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
 use hemicube::store::Part;
 use hemicube_scene::generate::{Generate, Kind, generate, room};

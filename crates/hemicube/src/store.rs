@@ -67,7 +67,7 @@ pub use npy::{Element, ElementType};
 pub use npz::NpzWriter;
 pub use read::{Row, RowTable, Rows, Store};
 pub use records::{BalanceEntry, BalanceSource, Residuals};
-pub use resume::{Kept, Merged, NotKept, merge};
+pub use resume::{Merged, NotKept, Resumed, merge};
 pub use shard::Shard;
 pub use shares::RowShares;
 pub use small_entries::{PartThinning, Thinning};

@@ -4,7 +4,7 @@ use crate::attended::{Attendant, attended};
 use crate::errors;
 use crate::matrix::Matrix;
 use crate::scene::Scene;
-use crate::session::Wanted;
+use crate::session::BackendChoice;
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, RESOLUTIONS};
 use hemicube::driver::compute::{Progress, RowChoice};
@@ -28,7 +28,7 @@ type Rows = (u64, u64);
 #[derive(Debug)]
 struct Request {
     job: Job,
-    backend: Wanted,
+    backend: BackendChoice,
     output: Option<PathBuf>,
     overwrite: bool,
 }
@@ -283,7 +283,7 @@ pub(crate) fn compute(
     let options = backend_options.unwrap_or_default().into_iter().collect();
     let request = Request {
         job,
-        backend: Wanted::new(backend, backend_dir, options, engine)?,
+        backend: BackendChoice::new(backend, backend_dir, options, engine)?,
         output,
         overwrite,
     };

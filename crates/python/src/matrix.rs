@@ -132,7 +132,7 @@ impl<I: Index> Factors for Slices<'_, I> {
 
 /// `indptr` and `indices`, as wide as the number of entries needs: SciPy wants both alike, and copies others.
 #[derive(Debug)]
-enum Whole {
+enum CompressedRows {
     Narrow(Arrays<i32>),
     Wide(Arrays<i64>),
 }
@@ -161,15 +161,15 @@ impl Assembled {
         .map_err(|patch| errors::input(format!("row {patch} changed while it was read")))
     }
 
-    fn into_arrays(self, py: Python<'_>) -> Whole {
+    fn into_arrays(self, py: Python<'_>) -> CompressedRows {
         match self {
-            Self::Narrow(whole) => Whole::Narrow(Arrays::new(py, whole)),
-            Self::Wide(whole) => Whole::Wide(Arrays::new(py, whole)),
+            Self::Narrow(whole) => CompressedRows::Narrow(Arrays::new(py, whole)),
+            Self::Wide(whole) => CompressedRows::Wide(Arrays::new(py, whole)),
         }
     }
 }
 
-impl Whole {
+impl CompressedRows {
     fn to_scipy<'py>(&self, py: Python<'py>, shape: (usize, usize)) -> PyResult<Bound<'py, PyAny>> {
         match self {
             Self::Narrow(arrays) => arrays.to_scipy(py, shape),
@@ -201,7 +201,7 @@ pub(crate) trait Use<T> {
 
 #[derive(Debug)]
 struct Memory {
-    whole: Whole,
+    whole: CompressedRows,
     table: RowTable,
     areas: Vec<f64>,
     settings: Value,
@@ -316,8 +316,8 @@ impl Matrix {
                     )));
                 }
                 match &memory.whole {
-                    Whole::Narrow(arrays) => using.with(&arrays.view(py).slices()?),
-                    Whole::Wide(arrays) => using.with(&arrays.view(py).slices()?),
+                    CompressedRows::Narrow(arrays) => using.with(&arrays.view(py).slices()?),
+                    CompressedRows::Wide(arrays) => using.with(&arrays.view(py).slices()?),
                 }
             }
         }

@@ -12,14 +12,14 @@ const BUILT_IN: &str = "cpu";
 
 /// A backend with everything needed to open it. Sessions are opened on demand.
 #[derive(Clone, Debug)]
-pub(crate) struct Wanted {
+pub(crate) struct BackendChoice {
     name: String,
     engine: EngineChoice,
     options: Options,
     registry: Registry,
 }
 
-impl Wanted {
+impl BackendChoice {
     /// The backend of the keywords `backend`, `backend_dir`, `backend_options` and `engine`.
     pub(crate) fn new(
         name: &str,

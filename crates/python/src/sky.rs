@@ -2,7 +2,7 @@
 
 use crate::attended::attended;
 use crate::scene::{Scene, axis, warn};
-use crate::session::Wanted;
+use crate::session::BackendChoice;
 use crate::{compute, errors, numbers};
 use glam::DVec3;
 use hemicube::InputPatch;
@@ -145,7 +145,7 @@ struct Request {
     division: SkyDivision,
     horizon: Horizon,
     options: SkyOptions,
-    backend: Wanted,
+    backend: BackendChoice,
 }
 
 impl Request {
@@ -160,7 +160,7 @@ impl Request {
         samples: u32,
         rotation: bool,
         threads: usize,
-        backend: Wanted,
+        backend: BackendChoice,
     ) -> PyResult<Self> {
         let parts = match division.split_once(':') {
             None if division == "tregenza" => Some(1),
@@ -263,7 +263,7 @@ pub(crate) fn sky(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Sky> {
     let scene = scene.get();
-    let backend = Wanted::new(backend, backend_dir, pairs(backend_options), engine)?;
+    let backend = BackendChoice::new(backend, backend_dir, pairs(backend_options), engine)?;
     let request = Request::new(
         scene, division, up, north, tolerance, resolution, samples, rotation, threads, backend,
     )?;
@@ -355,7 +355,7 @@ pub(crate) fn sky_of_points(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Sky> {
     let scene = scene.get();
-    let backend = Wanted::new(backend, backend_dir, pairs(backend_options), engine)?;
+    let backend = BackendChoice::new(backend, backend_dir, pairs(backend_options), engine)?;
     let request = Request::new(
         scene, division, up, north, tolerance, resolution, 1, rotation, threads, backend,
     )?;

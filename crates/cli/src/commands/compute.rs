@@ -321,7 +321,7 @@ struct Watch<'a> {
     times: Cell<Timings>,
 }
 
-/// The stage that is under way. The bar is cleared before the stage ends.
+/// The stage under way. The bar is cleared before the stage ends.
 struct Current<'a> {
     bar: Option<Bar>,
     stage: progress::Stage<'a>,
@@ -455,42 +455,57 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let finished = store.compute(&mut |part| tally.add(part), &watch).map_err(explain)?;
     drop(guard);
 
+    let shares = [tally.sum, tally.escaped, tally.blocked].map(|sum| tally.mean(sum));
+    let questions = if tally.rendered > 0 && enclosure::is_odd(prepared.scene.objects.len(), shares) {
+        let [row_sum, _, blocked] = shares;
+        enclosure::questions(&prepared, &objects, [row_sum, blocked], threads)
+    } else {
+        Vec::new()
+    };
     let timings = (!arguments.report.no_timings).then(|| timings(&watch, &prepared, &finished));
     let mut report = report_of(begun, &prepared, &tally, &finished, timings);
     talk.say(summarise(&report, &finished.summary, directory).trim_end());
-    let shares = [report.row_sum.mean, report.escaped, report.blocked];
-    if tally.rendered > 0 && enclosure::is_odd(prepared.scene.objects.len(), shares) {
-        let [row_sum, _, blocked] = shares;
-        for sentence in enclosure::questions(&prepared, &objects, [row_sum, blocked], threads) {
-            talk.warn(&sentence);
-        }
+    for question in questions {
+        talk.warn(&question);
     }
     warn_of_error(&report, arguments, talk);
-    let mut exit = if finished.summary.cancelled {
-        Exit::Interrupted
-    } else {
-        Exit::Done
-    };
-    if let (Some(rows), Exit::Done) = (arguments.verify, exit) {
-        let _stage = status.stage("verify");
-        let started = Instant::now();
-        let verify = Verify {
-            rows,
-            seed: arguments.selection.seed,
-            tolerance: arguments.render.tolerance,
-            threads,
-            cancel,
-        };
-        let verification = verify.run(&prepared.model, &finished.plan, &Store::open(directory)?, talk)?;
-        talk.say(verification.text().trim_end());
-        exit = verification.exit();
-        report.verification = Some(verification);
-        if let Some(timings) = &mut report.timings {
-            timings.verify = started.elapsed().as_secs_f64();
+    let exit = match arguments.verify {
+        _ if finished.summary.cancelled => Exit::Interrupted,
+        None => Exit::Done,
+        Some(rows) => {
+            let _stage = status.stage("verify");
+            let verify = Verify {
+                rows,
+                seed: arguments.selection.seed,
+                tolerance: arguments.render.tolerance,
+                threads,
+                cancel,
+            };
+            verify_rows(&verify, &prepared, &finished, &mut report, talk)?
         }
-    }
+    };
     if let Some(json) = json {
         json.write(&report)?;
+    }
+    Ok(exit)
+}
+
+/// Compares rows of the store with reference rows, and enters the result into the report.
+fn verify_rows(
+    verify: &Verify<'_>,
+    prepared: &Prepared,
+    finished: &Finished,
+    report: &mut Report,
+    talk: Talk,
+) -> Result<Exit> {
+    let started = Instant::now();
+    let store = Store::open(&finished.directory)?;
+    let verification = verify.run(&prepared.model, &finished.plan, &store, talk)?;
+    talk.say(verification.text().trim_end());
+    let exit = verification.exit();
+    report.verification = Some(verification);
+    if let Some(timings) = &mut report.timings {
+        timings.verify = started.elapsed().as_secs_f64();
     }
     Ok(exit)
 }

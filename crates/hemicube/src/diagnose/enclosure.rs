@@ -16,7 +16,7 @@
 //! those), and all; then the next, until no turn is worth it. An object or group must be turned to face a nearly closed
 //! space. Two-sided surfaces have no back and are never turned.
 
-use super::rays::{Caster, Emitter, Met, crossed, directions};
+use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};
 use super::{DiagnoseOptions, WORK_OF_ENCLOSURE};
 use crate::Model;
@@ -262,9 +262,9 @@ fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: 
                     let origin = points[(hash(patch.0.into(), k) % points.len() as u64) as usize];
                     let direction = side * emitter.turned(direction);
                     let to = match caster.first_of_side(&emitter, side, origin, direction) {
-                        Met::Nothing => To::Nothing,
-                        Met::Patch(patch) => To::Front(turnable(patch)),
-                        Met::Back(patch) => To::Back(object(InputPatch(patch))),
+                        Hit::Nothing => To::Nothing,
+                        Hit::Patch(patch) => To::Front(turnable(patch)),
+                        Hit::Back(patch) => To::Back(object(InputPatch(patch))),
                     };
                     let turned = side < 0.0;
                     if to == To::Nothing && !turned && sample.escaping.len() < ESCAPING_MAX {

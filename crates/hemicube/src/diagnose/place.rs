@@ -1,7 +1,7 @@
 //! Places of free points: in the open, in solids, below the ground, behind sheets. By rays in all directions,
 //! independent of a point's own direction.
 
-use super::rays::{Caster, Met, directions};
+use super::rays::{Caster, Hit, directions};
 use crate::Model;
 use crate::bvh::Tree;
 use crate::sky::SensorPoint;
@@ -82,9 +82,9 @@ fn shares(caster: &mut Caster<'_>, origin: DVec3, axis: DVec3, directions: &[DVe
     let (mut backs, mut fronts) = (0u32, 0u32);
     for &direction in directions {
         match caster.first_of_point(origin, about(axis, direction)) {
-            Met::Back(_) => backs += 1,
-            Met::Patch(_) => fronts += 1,
-            Met::Nothing => {}
+            Hit::Back(_) => backs += 1,
+            Hit::Patch(_) => fronts += 1,
+            Hit::Nothing => {}
         }
     }
     let count = directions.len().max(1) as f64;

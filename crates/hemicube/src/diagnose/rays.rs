@@ -61,7 +61,7 @@ pub(super) fn directions(count: u32) -> Vec<DVec3> {
 
 /// The first hit of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Met {
+pub(super) enum Hit {
     Nothing,
     /// The back of a one-sided surface, by its front's patch.
     Back(u32),
@@ -87,12 +87,12 @@ impl<'t> Caster<'t> {
 
     /// The first hit of a ray from a point of `emitter`, among surfaces that rise above its plane. Of surfaces in one
     /// plane the patch with the smaller id, and any patch before a back.
-    pub(super) fn first(&mut self, emitter: &Emitter, origin: DVec3, direction: DVec3) -> Met {
+    pub(super) fn first(&mut self, emitter: &Emitter, origin: DVec3, direction: DVec3) -> Hit {
         self.first_of_side(emitter, 1.0, origin, direction)
     }
 
     /// Likewise from the emitter's front (`side` 1) or its back (−1).
-    pub(super) fn first_of_side(&mut self, emitter: &Emitter, side: f64, origin: DVec3, direction: DVec3) -> Met {
+    pub(super) fn first_of_side(&mut self, emitter: &Emitter, side: f64, origin: DVec3, direction: DVec3) -> Hit {
         let normal = side * emitter.normal();
         let tolerance = self.tree.plane_tolerance;
         self.nearest(origin, direction, |slot, corners| {
@@ -102,12 +102,12 @@ impl<'t> Caster<'t> {
     }
 
     /// The first hit of a ray from a free point.
-    pub(super) fn first_of_point(&mut self, origin: DVec3, direction: DVec3) -> Met {
+    pub(super) fn first_of_point(&mut self, origin: DVec3, direction: DVec3) -> Hit {
         self.nearest(origin, direction, |_, _| false)
     }
 
     /// The first hit of a ray among the surfaces not skipped, by its slot and its corners.
-    fn nearest(&mut self, origin: DVec3, direction: DVec3, passes: impl Fn(usize, &[DVec3; 3]) -> bool) -> Met {
+    fn nearest(&mut self, origin: DVec3, direction: DVec3, passes: impl Fn(usize, &[DVec3; 3]) -> bool) -> Hit {
         let tree = self.tree;
         let inverse = direction.recip();
         let enter = |index: u32| {
@@ -125,7 +125,7 @@ impl<'t> Caster<'t> {
         // Surfaces in one plane must be told by their ids, not by how their depths are rounded.
         let tie = 1e-12 + 4.0 * tree.plane_tolerance;
         let mut nearest = f64::INFINITY;
-        let mut met = Met::Nothing;
+        let mut met = Hit::Nothing;
         self.pending.clear();
         self.pending.extend(enter(0).map(|t| (t, 0)));
         while let Some((t, index)) = self.pending.pop() {
@@ -159,14 +159,14 @@ impl<'t> Caster<'t> {
                     (block.positive[lane], block.negative[lane])
                 };
                 let found = if id < tree.patch_count {
-                    Met::Patch(id)
+                    Hit::Patch(id)
                 } else {
-                    Met::Back(other)
+                    Hit::Back(other)
                 };
                 let wins = match (met, found) {
                     _ if t < nearest - tie => true,
-                    (Met::Nothing, _) | (Met::Back(_), Met::Patch(_)) => true,
-                    (Met::Patch(old), Met::Patch(new)) => new < old,
+                    (Hit::Nothing, _) | (Hit::Back(_), Hit::Patch(_)) => true,
+                    (Hit::Patch(old), Hit::Patch(new)) => new < old,
                     _ => false,
                 };
                 if wins {

@@ -5,7 +5,7 @@
 //! *too large* if the form factor to one neighbour (Lambert's contour integral) from the centroid differs much from its
 //! average over the patch: one hemicube at the centroid then is that much off.
 
-use super::rays::{Caster, Emitter, Met, directions};
+use super::rays::{Caster, Emitter, Hit, directions};
 use super::sample::{examine, hash};
 use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, rounded, scale_of, shape};
 use crate::Model;
@@ -156,7 +156,7 @@ fn bury(model: &Model, caster: &mut Caster<'_>, directions: &[DVec3], patch: Inp
 fn share_out(caster: &mut Caster<'_>, emitter: &Emitter, point: DVec3, directions: &[DVec3]) -> f64 {
     let out = directions
         .iter()
-        .filter(|&&direction| !matches!(caster.first(emitter, point, emitter.turned(direction)), Met::Back(_)))
+        .filter(|&&direction| !matches!(caster.first(emitter, point, emitter.turned(direction)), Hit::Back(_)))
         .count();
     out as f64 / directions.len().max(1) as f64
 }
@@ -256,7 +256,7 @@ fn worst_neighbour(
         #[allow(clippy::cast_possible_truncation, reason = "below the number of points")]
         let point = points[(hash(emitter.patch.0.into(), k) % points.len() as u64) as usize];
         for origin in [emitter.centroid(), point] {
-            if let Met::Patch(patch) = caster.first(emitter, origin, direction) {
+            if let Hit::Patch(patch) = caster.first(emitter, origin, direction) {
                 hits.push(patch);
             }
         }

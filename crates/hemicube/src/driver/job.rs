@@ -22,7 +22,7 @@ use crate::driver::probe::Probe;
 use crate::driver::selection::{Names, NoMatch};
 use crate::driver::settings::RowSettings;
 use crate::driver::storage_policy::StoragePolicy;
-use crate::store::{Error as StoreError, Form, Kept, Manifest, Part, PatchTable, Shard, Store, StoreWriter};
+use crate::store::{Error as StoreError, Form, Manifest, Part, PatchTable, Resumed, Shard, Store, StoreWriter};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -495,8 +495,11 @@ impl<'m> Run<'m> {
             .settings
             .header(scene, patches, &scene.file, &self.plan, self.backend.info())?;
         let table = PatchTable::new(scene, patches);
-        let (writer, kept) = if overwrite {
-            (StoreWriter::create(directory, header, &table, true)?, Kept::default())
+        let (writer, resumed) = if overwrite {
+            (
+                StoreWriter::create(directory, header, &table, true)?,
+                Resumed::default(),
+            )
         } else {
             StoreWriter::resume(directory, header, &table, shard, self.threads, listener)?
         };
@@ -504,7 +507,7 @@ impl<'m> Run<'m> {
             missing: writer.missing_parts(),
             run: self,
             writer,
-            kept,
+            resumed,
         })
     }
 }
@@ -514,7 +517,7 @@ impl<'m> Run<'m> {
 pub struct StoreRun<'m> {
     run: Run<'m>,
     writer: StoreWriter,
-    kept: Kept,
+    resumed: Resumed,
     missing: Vec<u32>,
 }
 
@@ -530,8 +533,8 @@ impl StoreRun<'_> {
     }
 
     /// Parts of an earlier run.
-    pub fn resumed(&self) -> &Kept {
-        &self.kept
+    pub fn resumed(&self) -> &Resumed {
+        &self.resumed
     }
 
     /// Number of rows still to be computed.
@@ -547,13 +550,13 @@ impl StoreRun<'_> {
     /// [`JobError::Rows`] when rows fail or a part cannot be written; [`JobError::Store`] when the manifest cannot.
     pub fn compute(self, listener: PartListener<'_>, observer: &dyn Observer) -> Result<Finished, JobError> {
         let stage = Stage::Rows {
-            row_count: self.missing_rows() + self.kept.rows,
-            resumed: self.kept.rows,
+            row_count: self.missing_rows() + self.resumed.rows,
+            resumed: self.resumed.rows,
         };
         let Self {
             mut run,
             writer,
-            kept,
+            resumed,
             missing,
         } = self;
         run.plan = run.plan.with_parts(|part| missing.binary_search(&part).is_ok());
@@ -576,7 +579,7 @@ impl StoreRun<'_> {
             summary,
             manifest,
             directory,
-            resumed: kept,
+            resumed,
         })
     }
 }
@@ -621,5 +624,5 @@ pub struct Finished {
     /// The store.
     pub directory: PathBuf,
     /// Parts of an earlier run.
-    pub resumed: Kept,
+    pub resumed: Resumed,
 }

@@ -77,11 +77,11 @@ impl Factors for InMemory {
 pub struct OutOfCore<'s> {
     store: &'s Store,
     budget: u64,
-    kept: Mutex<Kept>,
+    cache: Mutex<Cache>,
 }
 
 #[derive(Debug)]
-struct Kept {
+struct Cache {
     bytes: u64,
     parts: Vec<Option<Arc<Part>>>,
 }
@@ -90,7 +90,7 @@ struct Kept {
 const PARTS_AHEAD: usize = 4;
 
 impl<'s> OutOfCore<'s> {
-    /// The matrix of a store, with at most `budget` bytes of it kept in memory.
+    /// The matrix of a store, with at most `budget` bytes of it cached in memory.
     ///
     /// # Errors
     /// When parts or rows are missing: every patch must have a row.
@@ -110,16 +110,16 @@ impl<'s> OutOfCore<'s> {
         Ok(Self {
             store,
             budget,
-            kept: Mutex::new(Kept {
+            cache: Mutex::new(Cache {
                 bytes: 0,
                 parts: vec![None; store.manifest().parts.len()],
             }),
         })
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Kept> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, Cache> {
         // A slot and a sum that only grow: a panic elsewhere leaves them usable.
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

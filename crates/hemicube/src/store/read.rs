@@ -187,7 +187,7 @@ pub struct Store {
     /// Checks passed ([`found`]), by place of the part, and last of the patch table.
     found: Vec<AtomicU8>,
     /// The part with the row of each patch, from 1 on; 0: no checked part has one.
-    claims: Mutex<Vec<u32>>,
+    owners: Mutex<Vec<u32>>,
     /// The run of the first part; all files must be of it.
     run: OnceLock<Option<[u8; 32]>>,
 }
@@ -232,7 +232,7 @@ impl Store {
             files: Mutex::default(),
             locations: Mutex::default(),
             found: (0..=count).map(|_| AtomicU8::new(known)).collect(),
-            claims: Mutex::default(),
+            owners: Mutex::default(),
             run: OnceLock::new(),
         })
     }
@@ -399,18 +399,18 @@ impl Store {
 
     /// Refuses rows of patches that do not exist, or that have a row already, in this part or another.
     fn claim(&self, place: usize, path: &Path, rows: &[u32]) -> Result<()> {
-        let mut claims = self.claims.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut owners = self.owners.lock().unwrap_or_else(PoisonError::into_inner);
         if self.has(place, found::ROWS) {
             return Ok(());
         }
-        claims.resize(self.manifest.patch_count as usize, 0);
+        owners.resize(self.manifest.patch_count as usize, 0);
         let claimant = u32::try_from(place).unwrap_or(u32::MAX - 1) + 1;
         for (row, &patch) in rows.iter().enumerate() {
-            match claims.get_mut(patch as usize) {
+            match owners.get_mut(patch as usize) {
                 Some(slot @ 0) => *slot = claimant,
                 _ => {
                     // Whoever looks again is told the same.
-                    rows[..row].iter().for_each(|&patch| claims[patch as usize] = 0);
+                    rows[..row].iter().for_each(|&patch| owners[patch as usize] = 0);
                     return Err(Error::malformed(path, validate::no_row(patch)));
                 }
             }

@@ -19,7 +19,7 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A file at the place of a part that is not kept.
+/// A file at the place of a part that is not resumed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NotKept {
     /// Index of the part.
@@ -30,12 +30,12 @@ pub struct NotKept {
 
 /// Parts of a store that is resumed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Kept {
+pub struct Resumed {
     /// True if a store was there at all.
     pub was_there: bool,
     /// True if it was complete and has not changed: there is nothing to do.
     pub is_complete: bool,
-    /// Number of parts kept.
+    /// Number of parts resumed.
     pub parts: u32,
     /// Their rows.
     pub rows: u64,
@@ -44,7 +44,7 @@ pub struct Kept {
 }
 
 /// A part that is there, whole, and of the run.
-struct Found {
+struct WholePart {
     part: Part,
     checksum: String,
 }
@@ -58,7 +58,7 @@ fn look(
     manifest: &Manifest,
     run: &[u8; 32],
     index: u32,
-) -> Result<Option<std::result::Result<Found, String>>> {
+) -> Result<Option<std::result::Result<WholePart, String>>> {
     let file = part_file(index);
     let path = directory.join(&file);
     let shown = path.display();
@@ -72,7 +72,7 @@ fn look(
         }
         Err(error) => return Err(error),
     };
-    let found = || -> Result<std::result::Result<Found, String>> {
+    let found = || -> Result<std::result::Result<WholePart, String>> {
         let (mut npz, csr) = open_part(&path, manifest, index)?;
         if npz.array::<u8>(RUN)? != run {
             return Ok(Err(format!(
@@ -80,7 +80,7 @@ fn look(
             )));
         }
         let part = read_part(&path, &mut npz, &csr, manifest, index)?;
-        Ok(Ok(Found { part, checksum }))
+        Ok(Ok(WholePart { part, checksum }))
     };
     match found() {
         Ok(found) => Ok(Some(found)),
@@ -97,7 +97,7 @@ fn look_at_all(
     run: &[u8; 32],
     parts: &[u32],
     threads: usize,
-    each: &mut dyn FnMut(u32, std::result::Result<Found, String>) -> Result<()>,
+    each: &mut dyn FnMut(u32, std::result::Result<WholePart, String>) -> Result<()>,
 ) -> Result<()> {
     for some in parts.chunks(threads.max(1)) {
         let found: Vec<_> = std::thread::scope(|scope| {
@@ -180,7 +180,7 @@ impl StoreWriter {
         shard: Option<Shard>,
         threads: usize,
         each: &mut dyn FnMut(&Part),
-    ) -> Result<(Self, Kept)> {
+    ) -> Result<(Self, Resumed)> {
         check_header(directory, &header, patches)?;
         claim(directory, true)?;
         let mut locks = vec![Lock::take(
@@ -200,9 +200,9 @@ impl StoreWriter {
 
         let mut ours = Manifest::new(header);
         let is_there = Manifest::is_in(directory);
-        let mut kept = Kept {
+        let mut resumed = Resumed {
             was_there: is_there,
-            ..Kept::default()
+            ..Resumed::default()
         };
         let mut before = None;
         if is_there {
@@ -251,22 +251,22 @@ impl StoreWriter {
                 },
                 Err(reason) => reason,
             };
-            kept.not_kept.push(NotKept { part: index, reason });
+            resumed.not_kept.push(NotKept { part: index, reason });
             Ok(())
         })?;
-        kept.parts = u32::try_from(writer.manifest().parts.len()).unwrap_or(u32::MAX);
-        kept.rows = writer.manifest().rows_present();
+        resumed.parts = u32::try_from(writer.manifest().parts.len()).unwrap_or(u32::MAX);
+        resumed.rows = writer.manifest().rows_present();
         let complete = before.filter(|theirs| theirs.complete);
         match complete {
             Some(theirs) if theirs.parts == writer.manifest().parts && theirs.patches == writer.manifest().patches => {
-                kept.is_complete = true;
+                resumed.is_complete = true;
                 writer.has_been_complete(theirs);
             }
             // Something of a complete store is damaged; until it is repaired, the store is not complete.
             Some(_) if shard.is_none() => writer.note_parts()?,
             _ => {}
         }
-        Ok((writer, kept))
+        Ok((writer, resumed))
     }
 }
 
@@ -363,7 +363,7 @@ impl Merged {
 ///
 /// for shard in ["1/2", "2/2"] {
 ///     let shard: Shard = shard.parse()?;
-///     let (mut writer, _kept) =
+///     let (mut writer, _resumed) =
 ///         StoreWriter::resume(&directory, header.clone(), &table, Some(shard), 0, &mut |_| ())?;
 ///     let missing = writer.missing_parts();
 ///     let plan = plan.clone().with_parts(|part| missing.contains(&part));
