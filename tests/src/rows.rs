@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 use hemicube::Model;
-use hemicube::accuracy::calibrate::{Calibration, calibrate};
 use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::backend::{Counters, Culling, Hemicube, HemicubeBackend, RenderSettings};
+use hemicube::driver::calibrate::{Calibration, calibrate};
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection, Summary, compute};
 use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;

@@ -9,8 +9,8 @@
 
 use glam::DVec3;
 use hemicube::Model;
-use hemicube::accuracy::calibrate::calibrate;
 use hemicube::accuracy::correct::{Correction, Refinement};
+use hemicube::driver::calibrate::calibrate;
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
 use hemicube::store::Part;
 use hemicube_scene::generate::{Generate, Kind, generate, room};
@@ -607,12 +607,12 @@ fn odd_rows_take_care_where_sums_are_known_and_no_more_where_they_are_not() {
     let room = generated(Kind::Room, 1500);
     assert!(!settled(&room).0.open, "nothing escapes from a room");
     let (refinement, resolution) = settled(&tile);
-    assert!(refinement.open, "over a city there is the sky");
+    assert!(refinement.is_open, "over a city there is the sky");
     let open = some_rows(&tile, refinement, resolution);
     let closed = some_rows(
         &tile,
         Refinement {
-            open: false,
+            is_open: false,
             ..refinement
         },
         resolution,

@@ -1,14 +1,14 @@
-//! The clocks of measurements: processor time, so that other programs do not count.
+//! Clocks for measurements: processor time, unaffected by other programs.
 
 use std::sync::OnceLock;
 use std::time::Instant;
 
-/// Time that this thread was on a processor; the clock on the wall where the system does not tell.
+/// Processor seconds of this thread; wall-clock seconds on systems without `/proc`.
 pub(crate) fn thread_seconds() -> f64 {
     of_schedstat("/proc/thread-self/schedstat").unwrap_or_else(wall_seconds)
 }
 
-/// Likewise for all threads that this process has: a graphics driver that runs on the processor has threads of its own.
+/// Processor seconds of all threads of this process: a graphics driver on the processor has its own.
 pub(crate) fn process_seconds() -> f64 {
     let tasks = std::fs::read_dir("/proc/self/task").ok();
     tasks

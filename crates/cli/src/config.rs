@@ -1,7 +1,7 @@
 //! Settings in layers: command line, environment, `./hemicube.toml`, the user's file, built-in.
 //!
-//! Every layer below the command line becomes the *default* of the flag of the same name, so that one definition parses
-//! all of them, and one rule decides. Where each value came from is kept beside it.
+//! Every layer below the command line becomes the *default* of the flag of the same name: one definition parses all of
+//! them, and one rule decides. The origin of each value is kept beside it.
 
 use crate::exit::hinted;
 use anyhow::{Context, Result, anyhow, bail};
@@ -16,7 +16,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
-/// The flags that are settings: they may stand in a file and in the environment.
+/// Flags accepted as settings in files and in the environment.
 const SETTINGS: [&str; 31] = [
     "backend",
     "backend-dir",
@@ -51,7 +51,7 @@ const SETTINGS: [&str; 31] = [
     "scenes",
 ];
 
-/// Settings of which one at most can hold. The one from the strongest layer does.
+/// Groups of settings that exclude each other: the strongest layer's holds.
 pub(crate) const EXCLUSIVE: [&[&str]; 4] = [
     &["subdivide", "split", "patch-size"],
     &["rows", "sample-rows"],
@@ -59,23 +59,23 @@ pub(crate) const EXCLUSIVE: [&[&str]; 4] = [
     &["samples", "tolerance"],
 ];
 
-/// A value of one of them that goes with the others all the same: a tolerance is one of the area rung.
+/// A value compatible with its group: a tolerance is of the area rung.
 const AGREES: (&str, &str) = ("correction", "area");
 
-/// Settings that mean something else to a subcommand. It takes them from its command line only.
+/// Settings with another meaning to a subcommand, taken from its command line only.
 const OWN: [(&str, &str); 1] = [("tradeoff", "sample-rows")];
 
-/// Settings that have code of a file run. A file that was merely found may not have it so: the folder that a scene came
-/// in is not trusted as the command line is (`docs/security.md`).
+/// Settings that run code from a file. A file found by its place may not name such code: the scene's folder is less
+/// trusted than the command line (`docs/security.md`).
 const RUNS_CODE: [&str; 2] = ["backend", "backend-dir"];
 
-/// The file that is looked for in the working directory.
+/// Name of the file of settings in the working directory.
 const FILE: &str = "hemicube.toml";
 
 /// No file of settings is larger; a scene given by mistake is.
 const FILE_SIZE_MAX: u64 = 1 << 20;
 
-/// Where a value came from. Stronger layers are greater.
+/// Origin of a value. Stronger layers compare greater.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Origin {
     User(PathBuf, usize),
@@ -105,21 +105,21 @@ impl fmt::Display for Origin {
     }
 }
 
-/// A value below the command line, as the words that would follow its flag.
+/// A value below the command line, as the words after its flag.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Layered {
     words: Vec<String>,
     origin: Origin,
 }
 
-/// A setting as it holds for a command line.
+/// A setting in force.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Setting {
     /// Its long name.
     pub(crate) name: &'static str,
-    /// Its value; several where it may be given several times, none where it is not set.
+    /// Values: several for a repeatable setting, none for an unset one.
     pub(crate) values: Vec<String>,
-    /// Where that came from; `None`: it is built in.
+    /// Their origin; `None` if built in.
     pub(crate) origin: Option<String>,
 }
 
@@ -128,7 +128,7 @@ pub(crate) struct Setting {
 pub(crate) struct Layers(BTreeMap<&'static str, Layered>);
 
 impl Layers {
-    /// Gathers the layers for a subcommand, of which `matches` says what the command line holds.
+    /// Gathers the layers of a subcommand. `matches` is the parsed command line.
     pub(crate) fn gather(command: &Command, matches: &ArgMatches) -> Result<Self> {
         let mut layers = Self::default();
         // `interactive` has neither flag.
@@ -137,7 +137,7 @@ impl Layers {
         if let Some(path) = chosen {
             layers.read(path, Origin::Project)?;
         } else if no_file != Some(&true) {
-            // Weakest first: what comes later replaces it.
+            // Weakest first: later layers replace earlier ones.
             if let Some(path) = user_file()
                 && path.exists()
             {
@@ -173,7 +173,7 @@ impl Layers {
         Ok(layers)
     }
 
-    /// Lets the strongest of settings that exclude each other win, and refuses two of the same layer.
+    /// Lets the strongest of settings that exclude each other win. Refuses two of the same layer.
     fn exclude(&mut self, matches: &ArgMatches) -> Result<()> {
         for group in EXCLUSIVE {
             let set: Vec<(&str, Origin)> = group
@@ -209,8 +209,8 @@ impl Layers {
         Ok(())
     }
 
-    /// Refuses files of the working directory that name code: all files of backends that `./hemicube.toml` names, and
-    /// those that the user's file names by a path from the working directory.
+    /// Refuses code named by files of the working directory: every backend file in `./hemicube.toml`, and those that
+    /// the user's file names relative to the working directory.
     fn refuse_code(&self) -> Result<()> {
         for name in RUNS_CODE {
             let Some(Layered { words, origin }) = self.0.get(name) else {
@@ -232,7 +232,8 @@ impl Layers {
                 _ => (
                     "code, and what was found in the working directory may not have it run",
                     format!(
-                        "if you trust it, say so by `--{name} {word}` or `--config {FILE}`; `--no-config` leaves the file out"
+                        "if you trust it, say so by `--{name} {word}` or `--config {FILE}`; `--no-config` leaves the \
+                         file out"
                     ),
                 ),
             };
@@ -244,7 +245,7 @@ impl Layers {
         Ok(())
     }
 
-    /// Returns whether the value that a setting has is the one that excludes nothing.
+    /// Returns whether a setting has the value of [`AGREES`], compatible with its group.
     fn agrees(&self, matches: &ArgMatches, name: &str) -> bool {
         if name != AGREES.0 {
             return false;
@@ -304,7 +305,7 @@ impl Layers {
         Ok(())
     }
 
-    /// The definition, with the values of these layers as the defaults of `subcommand`.
+    /// The definition, these layers' values the defaults of `subcommand`.
     pub(crate) fn apply(&self, command: Command, subcommand: &str) -> Command {
         command.mut_subcommand(subcommand, |mut command| {
             for (name, layered) in &self.0 {
@@ -316,7 +317,7 @@ impl Layers {
         })
     }
 
-    /// Every setting of a subcommand, as these layers and a command line have it.
+    /// All settings of a subcommand, by these layers and a command line.
     pub(crate) fn settings(&self, command: &Command, matches: &ArgMatches) -> Vec<Setting> {
         let mut settings = Vec::new();
         for name in SETTINGS {
@@ -338,7 +339,7 @@ impl Layers {
         settings
     }
 
-    /// The same as a file of settings.
+    /// All settings of a subcommand, as a file of settings with origins.
     pub(crate) fn print(&self, command: &Command, matches: &ArgMatches) -> String {
         let mut lines = Vec::new();
         for Setting { name, values, origin } in self.settings(command, matches) {
@@ -365,7 +366,7 @@ impl Layers {
 }
 
 impl Layered {
-    /// Parses the value with its flag alone, so that an error can name the place that it came from.
+    /// Parses the value with its flag alone, so that an error can name its origin.
     fn check(&self, command: &Command, name: &str) -> Result<()> {
         match refusal(command, name, &self.words) {
             None => Ok(()),
@@ -374,7 +375,7 @@ impl Layered {
     }
 }
 
-/// What the parser of a flag says against the words that would follow it, if it does.
+/// The error of a flag's parser about `words`; `None` if it accepts them.
 pub(crate) fn refusal(command: &Command, name: &str, words: &[String]) -> Option<String> {
     let arg = argument(command, name)?;
     let mut line: Vec<OsString> = vec!["hemicube".into()];
@@ -399,8 +400,8 @@ pub(crate) fn refusal(command: &Command, name: &str, words: &[String]) -> Option
     ))
 }
 
-/// The file that settings are written to for who asks for that: the one in the working directory, or else the user's,
-/// or where there is neither, a new one in the working directory.
+/// The file to write settings to: the one in the working directory, otherwise the user's; without either, a new one in
+/// the working directory.
 pub(crate) fn file_to_write() -> PathBuf {
     let project = PathBuf::from(FILE);
     match user_file() {
@@ -409,15 +410,15 @@ pub(crate) fn file_to_write() -> PathBuf {
     }
 }
 
-/// The text of a file of settings with some of them changed, everything else as it was. What excludes a changed one
-/// becomes a comment.
+/// Returns the text of a file of settings with `changes` made and all else preserved. Settings that exclude a changed
+/// one become comments.
 ///
 /// # Errors
-/// When the text is not as the program would read it, before or after.
+/// When the program would not read the text, before or after.
 pub(crate) fn changed(text: &str, path: &Path, changes: &[(&str, &str)], command: &Command) -> Result<String> {
     let table = DeTable::parse(text)
         .map_err(|error| anyhow!("`{}`: {}", path.display(), error.message().trim().replace('\n', ", ")))?;
-    // By place in the text: what is to stand in place of a range of it.
+    // Replacements by place in the text: end of the range, and new text.
     let mut edits: BTreeMap<usize, (usize, String)> = BTreeMap::new();
     let mut added = String::new();
     for (name, value) in changes {
@@ -452,7 +453,7 @@ pub(crate) fn changed(text: &str, path: &Path, changes: &[(&str, &str)], command
     for (name, layered) in &layers.0 {
         layered.check(command, name)?;
     }
-    // As for a command line that says nothing of its own.
+    // As for an empty command line.
     layers.exclude(&ArgMatches::default())?;
     if path == Path::new(FILE) {
         layers.refuse_code()?;
@@ -473,7 +474,7 @@ fn read_text(path: &Path) -> Result<String> {
     String::from_utf8(bytes).map_err(|_| anyhow!("`{}` is no file of settings: it is not UTF-8", path.display()))
 }
 
-/// A value as the words that would follow its flag.
+/// A value as the words after its flag.
 fn words(value: &DeValue<'_>) -> Result<Vec<String>> {
     Ok(vec![match value {
         DeValue::String(text) => text.clone().into_owned(),
@@ -504,7 +505,7 @@ fn toml_value(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
 
-/// The user's file, where the system says where such files are.
+/// The user's file, on systems with a place for it.
 fn user_file() -> Option<PathBuf> {
     let set = |name: &str| {
         std::env::var_os(name)
@@ -514,7 +515,7 @@ fn user_file() -> Option<PathBuf> {
     let directory = if cfg!(windows) {
         set("APPDATA")
     } else {
-        // The specification has it that a relative path is ignored.
+        // The specification: a relative path is ignored.
         set("XDG_CONFIG_HOME")
             .filter(|path| path.is_absolute())
             .or_else(|| set("HOME").map(|home| home.join(".config")))
@@ -535,12 +536,12 @@ fn argument<'a>(command: &'a Command, name: &str) -> Option<&'a clap::Arg> {
 }
 
 fn is_given(matches: &ArgMatches, name: &str) -> bool {
-    // Asking for the source of a flag that the subcommand lacks would panic.
+    // Asking for the source of an unknown flag would panic.
     matches.ids().any(|known| known.as_str() == id(name))
         && matches.value_source(&id(name)) == Some(ValueSource::CommandLine)
 }
 
-/// The setting whose name is at most two edits from `name`.
+/// The setting at most two edits from `name`.
 fn nearest(name: &str) -> Option<&'static str> {
     let name = name.replace('_', "-").to_ascii_lowercase();
     SETTINGS
@@ -569,7 +570,7 @@ fn edits(a: &str, b: &str) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::args::Cli;
+    use crate::command_line::Cli;
     use clap::CommandFactory;
 
     fn compute() -> Command {
@@ -581,7 +582,7 @@ mod tests {
     #[test]
     fn every_setting_is_a_flag_of_compute() {
         let command = compute();
-        // That of `interactive` only.
+        // A setting of `interactive` only.
         for name in SETTINGS.into_iter().filter(|name| *name != "scenes") {
             assert!(argument(&command, name).is_some(), "{name}");
         }

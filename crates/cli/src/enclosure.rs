@@ -1,21 +1,22 @@
-//! What is said of how a scene encloses: objects that face the wrong way, and holes that it leaks through.
+//! Sentences on how a scene encloses: objects facing the wrong way, and holes.
 
+use crate::escape::shown;
 use crate::prepare::Prepared;
-use crate::report::{count, counted, figures, percent, shown};
+use crate::report::{count, counted, figures, percent};
 use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Turn, Winding, enclosure};
 use hemicube::driver::selection::matches_glob;
 use std::collections::BTreeSet;
 
-/// Mean row sum at most, and mean blocked share at least, of a matrix whose scene is looked at.
+/// A run's scene is examined if its mean row sum is at most this, or its mean blocked share at least this.
 const LEAST_SUM: f64 = 0.02;
 const MOST_BLOCKED: f64 = 0.01;
-/// Mean escaped share up to which objects may each see only themselves.
+/// Largest mean escaped share at which objects may see only themselves.
 const LEAST_ESCAPED: f64 = 0.02;
-/// Surfaces that are looked at then.
+/// Most surfaces of an examined scene.
 const SURFACES_MAX: usize = 1500;
-/// And where nothing is odd but that nothing escapes.
+/// Most surfaces if nothing but a closed view is odd.
 const SURFACES_OF_CLOSED: usize = 400;
-/// Names that a sentence lists.
+/// Names in a sentence.
 const NAMES_SHOWN: usize = 4;
 
 /// The object of each triangle of the scene.
@@ -24,7 +25,7 @@ pub(crate) fn objects(prepared: &Prepared) -> Vec<u32> {
     triangles.map(|triangle| triangle.object).collect()
 }
 
-/// How the scene encloses, by the [`objects`] of its triangles.
+/// Examines the enclosure, with triangles grouped by [`objects`].
 pub(crate) fn of(prepared: &Prepared, objects: &[u32], options: DiagnoseOptions) -> Enclosure {
     enclosure(
         &prepared.model,
@@ -33,13 +34,13 @@ pub(crate) fn of(prepared: &Prepared, objects: &[u32], options: DiagnoseOptions)
     )
 }
 
-/// Whether the rows of a run look odd: nothing is in sight, or much of it is backs, or nothing escapes from several
-/// objects.
+/// Returns whether the rows of a run look odd: nothing in sight, many backs in view, or several objects from none of
+/// which anything escapes.
 pub(crate) fn is_odd(objects: usize, [row_sum, escaped, blocked]: [f64; 3]) -> bool {
     row_sum <= LEAST_SUM || blocked >= MOST_BLOCKED || (objects > 1 && escaped <= LEAST_ESCAPED)
 }
 
-/// What a run whose rows look odd says of its scene.
+/// Warnings about the scene of a run with odd rows.
 pub(crate) fn questions(
     prepared: &Prepared,
     objects: &[u32],
@@ -63,7 +64,8 @@ pub(crate) fn questions(
         .collect();
     if sentences.is_empty() && row_sum == 0.0 {
         sentences.push(format!(
-            "the matrix is empty: no patch of these rows sees another; {} of the view leaves the scene, and {} is backs",
+            "the matrix is empty: no patch of these rows sees another; {} of the view leaves the scene, and {} is \
+             backs",
             percent(found.escaped),
             percent(found.blocked)
         ));
@@ -74,12 +76,12 @@ pub(crate) fn questions(
     sentences
 }
 
-/// What is said where groups of surfaces see nothing but themselves.
+/// The sentence on groups of surfaces that see only themselves.
 pub(crate) fn of_groups(found: &Enclosure) -> Option<String> {
     (found.apart > 0).then(|| {
         format!(
-            "{} of surfaces each see only their own insides: right for rooms; for buildings that are seen from outside, \
-             `--flip all` turns them round",
+            "{} of surfaces each see only their own insides: right for rooms; for buildings that are seen from \
+             outside, `--flip all` turns them round",
             counted(found.apart, "group")
         )
     })
@@ -96,7 +98,7 @@ fn word(text: &str) -> String {
     }
 }
 
-/// The options that turn these objects round, and no others.
+/// The options that turn exactly these objects round.
 fn options(prepared: &Prepared, names: &BTreeSet<&str>) -> String {
     let others = || {
         prepared
@@ -110,7 +112,7 @@ fn options(prepared: &Prepared, names: &BTreeSet<&str>) -> String {
         let options: Vec<String> = names.iter().map(|name| format!("--flip {}", word(name))).collect();
         return format!("`{}`", options.join(" "));
     }
-    // One glob, where what they have in common at the beginning or the end tells them from the others.
+    // One glob, if a common beginning or end tells them from all others.
     let common = |reversed: bool| {
         let chars = |name: &str| -> Vec<char> {
             if reversed {
@@ -142,7 +144,7 @@ fn options(prepared: &Prepared, names: &BTreeSet<&str>) -> String {
         )
 }
 
-/// What is wrong, and what to try.
+/// The defect of an object's winding, and what to try.
 pub(crate) fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
     let names: BTreeSet<&str> = winding
         .objects
@@ -165,17 +167,19 @@ pub(crate) fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
     };
     let lost = percent(winding.lost);
     match winding.turn {
-        Turn::All => "the model is wound outwards throughout: its patches face away from the space that it encloses, and see no front \
-             of another, which is right for a solid alone that is seen from outside; for the space within, `--flip all` turns it round"
+        Turn::All => "the model is wound outwards throughout: its patches face away from the space that it encloses, \
+                      and see no front of another, which is right for a solid alone that is seen from outside; for \
+                      the space within, `--flip all` turns it round"
             .to_owned(),
         Turn::InsideOut => format!(
-            "{} face inwards ({listed}): they see only their own insides, and others see their backs, {lost} of all views; \
-             {} turns them round",
+            "{} face inwards ({listed}): they see only their own insides, and others see their backs, {lost} of all \
+             views; {} turns them round",
             counted(winding.objects.len() as u64, "object"),
             options(prepared, &names)
         ),
         _ => format!(
-            "{listed} {} the wrong way: {lost} of all views is lost by {}; {} turns {} round, and `--two-sided on` is for sheets",
+            "{listed} {} the wrong way: {lost} of all views is lost by {}; {} turns {} round, and `--two-sided on` is \
+             for sheets",
             if names.len() == 1 { "faces" } else { "face" },
             if names.len() == 1 { "its back" } else { "their backs" },
             options(prepared, &names),
@@ -210,7 +214,7 @@ fn extent(low: [f64; 3], high: [f64; 3]) -> String {
     parts.join(", ")
 }
 
-/// Where a hole is, and what leaves through it.
+/// Place of a hole, and the share that leaves through it.
 pub(crate) fn of_leak(prepared: &Prepared, leak: &Leak) -> String {
     let name = prepared
         .scene

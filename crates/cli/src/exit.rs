@@ -1,4 +1,4 @@
-//! How the program ends: exit codes, the one error message, and Ctrl-C.
+//! The end of the program: exit codes, the one error message, and Ctrl-C.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -6,18 +6,18 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// How a command ended that did not fail.
+/// End of a command without an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Exit {
-    /// It did what was asked.
+    /// The task is complete.
     Done,
     /// A check or a comparison did not hold.
     NotHeld,
-    /// Ctrl-C; what was computed is kept.
+    /// Ctrl-C; finished rows are kept.
     Interrupted,
 }
 
-/// Wrong usage, unreadable input, or something that could not be written.
+/// Wrong usage, unreadable input, or failed output.
 const FAILED: u8 = 2;
 pub(crate) const INTERRUPTED: u8 = 130;
 
@@ -31,7 +31,7 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// An error with what to do about it, on a line of its own.
+/// An error with its next step, on a line of its own.
 #[derive(Debug)]
 struct Hinted {
     error: anyhow::Error,
@@ -58,7 +58,7 @@ pub(crate) fn hinted(error: anyhow::Error, hint: impl Into<String>) -> anyhow::E
     })
 }
 
-/// Standard output was closed by who read it: as successful as writing all of it.
+/// Standard output was closed by its reader: as successful as writing all of it.
 #[derive(Debug)]
 pub(crate) struct OutputClosed;
 
@@ -70,18 +70,18 @@ impl fmt::Display for OutputClosed {
 
 impl std::error::Error for OutputClosed {}
 
-/// The chain of an error, joined. Libraries that paste their source into their own message would say it twice.
+/// Joins the chain of an error. Repetitions by libraries that paste their source into their message are dropped.
 fn message(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain() {
-        // A line of its own is what the program says: of a name from a file, line ends are escaped.
+        // Line ends of the program's own text stay; those in names from files are escaped.
         let has_lines = cause.is::<hemicube_host::OpenError>()
             || cause
                 .downcast_ref::<Hinted>()
                 .is_some_and(|hinted| hinted.error.is::<hemicube_host::OpenError>());
         let cause = match cause.to_string() {
             text if has_lines => text,
-            text => crate::report::shown(&text).into_owned(),
+            text => crate::escape::shown(&text).into_owned(),
         };
         if text.is_empty() {
             text = cause;
@@ -93,7 +93,7 @@ fn message(error: &anyhow::Error) -> String {
     text
 }
 
-/// Says what went wrong, once, and what the exit code is.
+/// Reports the error, once, and returns its exit code.
 pub(crate) fn failed(error: &anyhow::Error) -> ExitCode {
     if error.is::<OutputClosed>() {
         return Exit::Done.into();
@@ -107,14 +107,14 @@ pub(crate) fn failed(error: &anyhow::Error) -> ExitCode {
 static CANCEL: AtomicBool = AtomicBool::new(false);
 /// True while an [`InterruptGuard`] lives.
 static FINISHING: AtomicBool = AtomicBool::new(false);
-/// A directory that is still empty, to be removed when nothing comes of it.
+/// A directory to be removed if it stays empty.
 static UNUSED: Mutex<Option<PathBuf>> = Mutex::new(None);
 
-/// From now on Ctrl-C (and a request to terminate) ends the program with code 130: at once, or, while an
-/// [`InterruptGuard`] lives, after the part that is being computed; the second one always at once.
+/// Makes Ctrl-C (and a request to terminate) end the program with code 130: at once, or, while an [`InterruptGuard`]
+/// lives, after the current part. The second interrupt always ends it at once.
 ///
 /// # Errors
-/// When the system lets no handler be set.
+/// When the system refuses the handler.
 pub(crate) fn watch_interrupts() -> anyhow::Result<&'static AtomicBool> {
     ctrlc::set_handler(|| {
         if FINISHING.load(Ordering::SeqCst) && !CANCEL.swap(true, Ordering::SeqCst) {
@@ -127,7 +127,7 @@ pub(crate) fn watch_interrupts() -> anyhow::Result<&'static AtomicBool> {
     Ok(&CANCEL)
 }
 
-/// Makes interrupts wait while it lives: the first one asks for an end, and what is under way is finished.
+/// Defers interrupts while it lives: the first one asks for an end, and the current work is finished.
 #[must_use]
 #[derive(Debug)]
 pub(crate) struct InterruptGuard(());
@@ -145,15 +145,15 @@ impl Drop for InterruptGuard {
     }
 }
 
-/// Names a directory that was made for a result which may never come.
+/// Registers a directory made for a result that may never come.
 pub(crate) fn made_for_later(directory: &Path) {
     *UNUSED.lock().unwrap_or_else(PoisonError::into_inner) = Some(directory.to_owned());
 }
 
-/// Removes that directory, if it is still empty.
+/// Removes the registered directory, if it is still empty.
 pub(crate) fn remove_unused() {
     if let Some(directory) = UNUSED.lock().unwrap_or_else(PoisonError::into_inner).take() {
-        // One that is not empty is in use, and stays.
+        // A directory in use is not empty, and stays.
         let _ = std::fs::remove_dir(directory);
     }
 }

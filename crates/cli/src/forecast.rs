@@ -1,31 +1,30 @@
-//! What a run will take of memory and disk, before it is begun.
+//! Memory and disk of a run, estimated before it begins.
 //!
 //! ```text
 //! memory ≤ max(reading the scene, scene + (T − 1) · session + 8 T · batch + 5 · part + 16 MB)
-//!   scene    what is resident when the scene is read, cut and loaded into a backend, before the first row
-//!   session  what each further thread has for itself: a copy of what the backend changes
+//!   scene    resident after reading, cutting and loading the scene into a backend, before the first row
+//!   session  of each further thread: its copy of the backend's mutable state
 //!   batch    rows a call of the backend × entries a row × 20 bytes
-//!   part     rows of a part × entries a row × 8 bytes: one is filled, two wait, one is written and encoded
+//!   part     rows of a part × entries a row × 8 bytes: one being filled, two waiting, one being written and encoded
 //! ```
 //!
-//! `docs/store.md` holds this against what runs took.
+//! `docs/store.md` compares this with measured runs.
 
 use hemicube::store::Form;
 use std::path::Path;
 
-/// What each further thread of the CPU backend has for itself: buffers of pixels, lists, and room that the allocator
-/// keeps.
+/// Bytes of each further thread of the CPU backend: buffers of pixels, lists, and the allocator's reserve.
 const SESSION: f64 = 12e6;
-/// What is not counted elsewhere.
+/// Bytes not counted elsewhere.
 const REST: f64 = 16e6;
-/// Parts that are in memory at once: one that is filled, two that wait, one that is written and its bytes.
+/// Parts in memory at once: one being filled, two waiting, one being written, and its bytes.
 const PARTS: f64 = 5.0;
-/// Batches that are under way, by thread.
+/// Batches in progress, a thread.
 const BATCHES: f64 = 8.0;
-/// An entry on its way: in the backend's rows and as column and factor.
+/// Bytes of an entry in progress: in the backend's rows, and as column and factor.
 const ENTRY: f64 = 20.0;
 
-/// Rows, as a forecast needs them.
+/// Size of rows, for a forecast.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rows {
     pub(crate) entries_per_row: f64,
@@ -33,7 +32,7 @@ pub(crate) struct Rows {
     pub(crate) rows_per_batch: u32,
 }
 
-/// Bytes that a run comes to at most, when so many are resident before its first row.
+/// Upper bound of a run's bytes, from those resident before its first row.
 pub(crate) fn memory(resident: u64, threads: usize, rows: Rows) -> u64 {
     let threads = threads.max(1) as f64;
     let batch = f64::from(rows.rows_per_batch.min(rows.rows_per_part)) * rows.entries_per_row * ENTRY;
@@ -41,32 +40,31 @@ pub(crate) fn memory(resident: u64, threads: usize, rows: Rows) -> u64 {
     bytes(resident as f64 + (threads - 1.0) * SESSION + BATCHES * threads * batch + PARTS * part + REST)
 }
 
-/// The most threads, up to `threads`, with which a run keeps within `limit` bytes; `None` when one is too many.
+/// The most threads, up to `threads`, that keep a run within `limit` bytes; `None` if one is too many.
 pub(crate) fn threads_within(limit: u64, resident: u64, threads: usize, rows: Rows) -> Option<usize> {
     (1..=threads)
         .rev()
         .find(|&threads| memory(resident, threads, rows) <= limit)
 }
 
-/// Bytes that so many patches take at least: corners, tree and tables of a scene that was not cut (`docs/limits.md`).
+/// Lower bound of the bytes of `count` patches: corners, tree and tables of an uncut scene (`docs/limits.md`).
 pub(crate) fn patches_at_least(count: u64) -> u64 {
     count.saturating_mul(400)
 }
 
-/// Bytes that so many patches take at most until the first row: with what finds the triangles that they were cut from.
+/// Upper bound of the bytes of `count` patches until the first row, the search for their parent triangles included.
 pub(crate) fn patches_at_most(count: u64) -> u64 {
     count.saturating_mul(1_400).saturating_add(20_000_000)
 }
 
-/// The memory that a run may take: what was asked for, otherwise what the machine has, in either case no more than the
-/// process may have; `None` where nobody says.
+/// The bytes allowed to a run: as asked, otherwise the machine's; in either case at most the process's limit. `None` if
+/// unknown.
 pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
     let least = |limits: &[Option<u64>]| limits.iter().flatten().copied().min();
     least(&[asked.or_else(free_memory), address_space()])
 }
 
-/// What the system would give: memory that is free or can be freed, and swap; no more than the group of processes may
-/// have.
+/// Bytes available from the system: free or reclaimable memory and swap, within the limit of the control group.
 fn free_memory() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let field = |name: &str| {
@@ -74,13 +72,13 @@ fn free_memory() -> Option<u64> {
         line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()
     };
     let free = 1024 * (field("MemAvailable:")? + field("SwapFree:").unwrap_or(0));
-    // `max` where there is no limit.
+    // `max` means no limit.
     let group = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok();
     let group = group.and_then(|text| text.trim().parse::<u64>().ok());
     Some(group.map_or(free, |group| group.min(free)))
 }
 
-/// The most memory that the process may have addresses for (`ulimit -v`), if there is a limit.
+/// Limit of the process's address space (`ulimit -v`), if any.
 #[cfg(unix)]
 fn address_space() -> Option<u64> {
     rustix::process::getrlimit(rustix::process::Resource::As).current
@@ -91,7 +89,7 @@ fn address_space() -> Option<u64> {
     None
 }
 
-/// Bytes that rows take on the disk, to some percent.
+/// Bytes of rows on the disk, within some percent.
 pub(crate) fn disk(rows: u64, entries_per_row: f64, form: Form) -> u64 {
     let entry = match form {
         Form::Plain => 8.0,
@@ -101,7 +99,7 @@ pub(crate) fn disk(rows: u64, entries_per_row: f64, form: Form) -> u64 {
     bytes(rows as f64 * (entries_per_row * entry + 60.0))
 }
 
-/// What the disk of a directory that is there has left, where the system tells.
+/// Bytes left on the disk of an existing directory, where the system tells.
 pub(crate) fn available(directory: &Path) -> Option<u64> {
     fs4::available_space(directory).ok()
 }

@@ -1,17 +1,16 @@
-//! From the command line's settings to a rung of the accuracy ladder.
+//! From the command line's settings to an accuracy level.
 
 use crate::args::{Correction as Name, RenderSettings, Tolerance};
 use crate::exit::hinted;
 use crate::report::percent;
 use anyhow::{Result, anyhow};
 use hemicube::Model;
-use hemicube::accuracy::calibrate::Calibration;
 use hemicube::accuracy::correct::Correction;
-use hemicube::accuracy::level::{Asked, LevelError};
-pub(crate) use hemicube::accuracy::level::{Level, percentage};
 use hemicube::backend::HemicubeBackend;
+use hemicube::driver::calibrate::Calibration;
 use hemicube::driver::compute::{Execution, Selection};
-use hemicube::store::Form;
+pub(crate) use hemicube::driver::level::percentage;
+use hemicube::driver::level::{Asked, LevelError};
 
 /// The correction of a name.
 pub(crate) fn correction(name: Name) -> Correction {
@@ -22,7 +21,7 @@ pub(crate) fn correction(name: Name) -> Correction {
     }
 }
 
-/// What keeps a tolerance in a scene: the same for `compute` and `tradeoff`, whichever of the rows they compute.
+/// Calibrates a tolerance on a scene. The result does not depend on the rows computed, so `compute` and `tradeoff` agree.
 pub(crate) fn within(
     model: &Model,
     selection: &Selection,
@@ -35,7 +34,7 @@ pub(crate) fn within(
         threads,
         ..Execution::default()
     };
-    Ok(hemicube::accuracy::level::within(
+    Ok(hemicube::driver::level::within(
         model,
         selection,
         rotate,
@@ -45,28 +44,23 @@ pub(crate) fn within(
     )?)
 }
 
-/// Settles the rung for a scene.
-pub(crate) fn choose(
-    model: &Model,
-    selection: &Selection,
-    settings: &RenderSettings,
-    rotate: bool,
-    form: Form,
-    backend: &mut dyn HemicubeBackend,
-) -> Result<Level> {
-    let asked = match settings.tolerance {
-        Some(tolerance) => Asked::Tolerance(tolerance.0),
-        None => Asked::Settings {
-            correction: correction(settings.correction),
-            resolution: settings.resolution,
-            samples_per_edge: settings.samples.per_edge,
-        },
-    };
-    let execution = Execution {
-        threads: settings.thread_count(),
-        ..Execution::default()
-    };
-    Level::resolve(asked, model, selection, rotate, form, backend, execution).map_err(|error| match error {
+impl RenderSettings {
+    /// The accuracy level asked for.
+    pub(crate) fn accuracy(&self) -> Asked {
+        match self.tolerance {
+            Some(tolerance) => Asked::Tolerance(tolerance.0),
+            None => Asked::Settings {
+                correction: correction(self.correction),
+                resolution: self.resolution,
+                samples_per_edge: self.samples.per_edge,
+            },
+        }
+    }
+}
+
+/// An accuracy level that cannot be kept, with the next step.
+pub(crate) fn explain(error: LevelError) -> anyhow::Error {
+    match error {
         LevelError::Rounding { rounding, tolerance } => hinted(
             anyhow!(
                 "`--store compact` rounds form factors by up to {}, which leaves too little of a tolerance of {}",
@@ -76,5 +70,5 @@ pub(crate) fn choose(
             "`--store plain` rounds nothing",
         ),
         error => error.into(),
-    })
+    }
 }

@@ -1,7 +1,8 @@
-//! Messages on standard error: lines for people, or JSON for programs; and what the libraries and the stages of a run
-//! log through `tracing`, by `HEMICUBE_LOG`.
+//! Messages on standard error: lines for people, or JSON for programs. Libraries and the stages of a run log through
+//! `tracing`, filtered by `HEMICUBE_LOG`.
 
 use crate::args::{LogFormat, Talk};
+use crate::escape::{shown, shown_lines};
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tracing::Level;
@@ -11,7 +12,7 @@ use tracing_subscriber::fmt::format::FmtSpan;
 /// True if messages are JSON. Before [`start`] they are not.
 static JSON: AtomicBool = AtomicBool::new(false);
 
-/// The target of messages in JSON, where others have the module that logs.
+/// Target of messages in JSON, in place of a module.
 const TARGET: &str = "hemicube";
 
 /// Begins to log, once.
@@ -20,7 +21,7 @@ pub(crate) fn start(talk: Talk) {
     JSON.store(is_json, Ordering::Relaxed);
     let level = match (talk.quiet, is_json) {
         (true, _) => "error",
-        // Our own messages and stages; of the libraries only what may be wrong.
+        // Own messages and stages; warnings only of the libraries.
         (false, true) => "warn,hemicube=info",
         (false, false) => "warn",
     };
@@ -37,8 +38,39 @@ pub(crate) fn start(talk: Talk) {
     }
 }
 
+impl Talk {
+    /// Silence, for work done a second time.
+    pub(crate) const SILENT: Self = Self {
+        quiet: true,
+        verbose: false,
+        no_progress: true,
+        log_format: LogFormat::Text,
+    };
+
+    /// Informs the user.
+    pub(crate) fn say(self, text: &str) {
+        if !self.quiet {
+            say(Level::INFO, text);
+        }
+    }
+
+    /// Informs a user who asked for more.
+    pub(crate) fn detail(self, text: &str) {
+        if self.verbose {
+            say(Level::INFO, text);
+        }
+    }
+
+    /// Warns the user.
+    pub(crate) fn warn(self, text: &str) {
+        if !self.quiet {
+            say(Level::WARN, text);
+        }
+    }
+}
+
 /// Says a message.
-pub(crate) fn say(level: Level, text: &str) {
+fn say(level: Level, text: &str) {
     if JSON.load(Ordering::Relaxed) {
         match level {
             Level::ERROR => tracing::error!(target: TARGET, "{text}"),
@@ -49,10 +81,10 @@ pub(crate) fn say(level: Level, text: &str) {
     }
     let before = if level == Level::WARN { "warning: " } else { "" };
     // Messages are a courtesy: a closed standard error is no reason to stop.
-    let _ = writeln!(std::io::stderr(), "{before}{}", crate::report::shown_lines(text));
+    let _ = writeln!(std::io::stderr(), "{before}{}", shown_lines(text));
 }
 
-/// Says that the first interrupt was understood. A terminal has shown `^C` on the line.
+/// Acknowledges the first interrupt. A terminal has shown `^C` on the line.
 pub(crate) fn interrupted(text: &str) {
     if JSON.load(Ordering::Relaxed) {
         say(Level::WARN, text);
@@ -61,16 +93,16 @@ pub(crate) fn interrupted(text: &str) {
     }
 }
 
-/// Says why the program ends, and what to do.
+/// Reports the error that ends the program, and the next step.
 pub(crate) fn error(message: &str, hint: Option<&str>) {
     if JSON.load(Ordering::Relaxed) {
         tracing::error!(target: TARGET, hint, "{message}");
         return;
     }
-    // Nobody is left to tell if standard error is closed too.
+    // A closed standard error leaves no way to report it.
     let mut stderr = std::io::stderr().lock();
-    let _ = writeln!(stderr, "error: {}", crate::report::shown_lines(message));
+    let _ = writeln!(stderr, "error: {}", shown_lines(message));
     if let Some(hint) = hint {
-        let _ = writeln!(stderr, "hint: {}", crate::report::shown(hint));
+        let _ = writeln!(stderr, "hint: {}", shown(hint));
     }
 }

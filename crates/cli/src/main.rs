@@ -1,27 +1,49 @@
 //! The hemicube program: scene in, form-factor matrix out.
+//!
+//! Files use only files further down:
+//!
+//! ```text
+//! main            joins the layers of settings, dispatches
+//! command_line    the definition of all commands
+//! commands/       one module a command: its arguments, its paths, its work, its report
+//! stored verify enclosure materials picture/    work shared by commands: an old matrix's scene, errors, pictures
+//! prepare level selection shard config          scenes and settings made from arguments
+//! progress outputs table forecast               progress, the rule of outputs, tables of numbers, memory and disk
+//! report          reports, files, the form of numbers
+//! exit            exit codes, interrupts, errors with hints
+//! log             messages
+//! args help escape shell clock                  argument groups, texts, quoting, clocks
+//! ```
+//!
+//! Three commands use another: `bench` measures by `tradeoff`, `report` shows the verdicts of `check`, and `check` the
+//! operations of `balance`.
 
 mod args;
 mod clock;
+mod command_line;
 mod commands;
 mod config;
 mod enclosure;
+mod escape;
 mod exit;
 mod forecast;
+mod help;
 mod level;
 mod log;
 mod materials;
 mod outputs;
+mod picture;
 mod prepare;
 mod progress;
 mod report;
 mod selection;
 mod shard;
-mod sheet;
+mod shell;
 mod stored;
 mod table;
 mod verify;
 
-use crate::args::{Cli, Command};
+use crate::command_line::{Cli, Command};
 use crate::config::Layers;
 use crate::exit::Exit;
 use anyhow::Result;
@@ -37,7 +59,7 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
-    let mut arguments = args::join_json(arguments);
+    let mut arguments = command_line::join_json(arguments);
     if arguments.len() == 1 && commands::interactive::is_wanted() {
         arguments.push("interactive".into());
     }
@@ -78,9 +100,9 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         return Ok(Exit::Done);
     }
     talk.detail(settings.trim_end());
-    outputs::check(&cli.command)?;
+    outputs::check(&cli.command.paths())?;
     match cli.command {
-        Command::Interactive(arguments) => commands::interactive::run(&arguments, talk),
+        Command::Interactive(arguments) => commands::interactive::run(&arguments, Cli::command(), talk),
         Command::Compute(arguments) => commands::compute::run(*arguments, talk),
         Command::Inspect(arguments) => commands::inspect::run(*arguments, talk),
         Command::Tradeoff(arguments) => commands::tradeoff::run(*arguments, talk),
@@ -95,8 +117,8 @@ fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
         Command::View { command } => commands::view::run(&command, talk),
         Command::Report(arguments) => commands::report::run(&arguments, talk),
         Command::Generate(arguments) => commands::generate::run(&arguments, talk),
-        Command::Manual(arguments) => commands::manual::run(&arguments),
-        Command::Completions(arguments) => commands::manual::completions(&arguments),
+        Command::Manual(arguments) => commands::manual::run(&arguments, Cli::command()),
+        Command::Completions(arguments) => commands::manual::completions(&arguments, Cli::command()),
         Command::Backends { command } => commands::backends::run(&command),
     }
 }

@@ -1,19 +1,19 @@
-//! What surfaces are made of: reflectance and emission of the scene's own materials, and a TOML of materials by name
-//! that goes before them.
+//! Materials of surfaces: reflectance and emission from the scene, and from a TOML of materials by name, which takes
+//! precedence.
 //!
 //! ```toml
-//! bands = ["red", "green", "blue"]        # or any others; a number stands for all of them
+//! bands = ["red", "green", "blue"]        # or any others; one number stands for all bands
 //!
 //! [default]                               # materials without a value of their own
 //! reflectance = 0.5
 //!
 //! [material.white]
 //! reflectance = [0.725, 0.71, 0.68]
-//! emission = 0                            # radiosity that it leaves with of itself
+//! emission = 0                            # emitted radiosity
 //!
-//! [material."facade*"]                    # a name with `*` or `?` where none fits exactly
+//! [material."facade*"]                    # a pattern, for names without an exact entry
 //! emissivity = 0.9
-//! temperature = 293.15                    # kelvin; or `adiabatic = true`, a surface that keeps nothing
+//! temperature = 293.15                    # kelvin; or `adiabatic = true`: no net flux
 //! ```
 
 use crate::exit::hinted;
@@ -26,9 +26,9 @@ use std::path::Path;
 
 /// The bands of a scene's own materials.
 const RGB: [&str; 3] = ["red", "green", "blue"];
-/// Number of names that an error lists.
+/// Names in an error.
 const NAMES_SHOWN: usize = 5;
-/// No surface is hotter.
+/// Upper bound of temperatures, in kelvin.
 const KELVIN_MAX: f64 = 1e6;
 
 /// A number for all bands, or one for each.
@@ -60,7 +60,7 @@ struct Tables {
     material: BTreeMap<String, Entry>,
 }
 
-/// Sources for the matrix's materials: for each, what the scene and the file say.
+/// Values of the matrix's materials, from the scene and from the file.
 #[derive(Debug)]
 pub(crate) struct Materials {
     names: Vec<String>,
@@ -77,17 +77,17 @@ pub(crate) struct Optics {
     pub(crate) emission: Vec<f64>,
 }
 
-/// What a material is in an exchange of heat.
+/// A material in an exchange of heat.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Thermal {
     pub(crate) name: String,
     pub(crate) emissivity: f64,
-    /// In kelvin; `None` for one that keeps nothing.
+    /// In kelvin; `None` for an adiabatic surface.
     pub(crate) temperature: Option<f64>,
 }
 
 impl Materials {
-    /// Reads what `scene` and the TOML file `path` say of materials that a matrix has under `names`.
+    /// Reads the values of the materials `names` of a matrix from `scene` and from the TOML file `path`.
     ///
     /// # Errors
     /// When a file cannot be read, the scene is another than the matrix's, or the TOML names no material of it.
@@ -152,7 +152,7 @@ impl Materials {
         })
     }
 
-    /// Reflectance and emission of every material of which there are patches (`used`, by material).
+    /// Reflectance and emission of all materials with patches (`used`, by material).
     ///
     /// # Errors
     /// When one of them has no reflectance, or a value is out of range.
@@ -186,12 +186,12 @@ impl Materials {
         }
         Err(hinted(
             anyhow!("no reflectance is known of {}", listed(&missing)),
-            "`--scene SCENE` takes those of the scene's file, `--materials FILE` names others; its table `[default]` is for \
-             all that have none",
+            "`--scene SCENE` takes those of the scene's file, `--materials FILE` names others; its table `[default]` \
+             is for all that have none",
         ))
     }
 
-    /// Emissivity and temperature of every material of which there are patches.
+    /// Emissivity and temperature of all materials with patches.
     ///
     /// # Errors
     /// When one of them lacks one, or a value is out of range.
@@ -229,8 +229,8 @@ impl Materials {
         }
         Err(hinted(
             anyhow!("no emissivity and temperature are known of {}", listed(&missing)),
-            "`--materials FILE` names them: `emissivity = 0.9`, `temperature = 300` (kelvin), or `adiabatic = true`; its \
-             table `[default]` is for all that have none",
+            "`--materials FILE` names them: `emissivity = 0.9`, `temperature = 300` (kelvin), or `adiabatic = true`; \
+             its table `[default]` is for all that have none",
         ))
     }
 
@@ -253,13 +253,13 @@ impl Materials {
 }
 
 impl Entry {
-    /// With what `default` says where this says nothing.
+    /// Fills in missing values from `default`.
     fn or(&self, default: &Self) -> Self {
         let mut entry = self.clone();
         entry.reflectance = entry.reflectance.or_else(|| default.reflectance.clone());
         entry.emission = entry.emission.or_else(|| default.emission.clone());
         entry.emissivity = entry.emissivity.or(default.emissivity);
-        // A temperature of its own is meant, whatever the others do.
+        // Its own temperature excludes the default's `adiabatic`.
         if entry.temperature.is_none() && entry.adiabatic.is_none() {
             entry.adiabatic = default.adiabatic;
         }
@@ -268,7 +268,7 @@ impl Entry {
     }
 }
 
-/// The entry for a name: the one of that very name, otherwise the one pattern that fits.
+/// The entry of a name: its own, otherwise the only pattern that matches.
 fn entry_of<'t>(name: &str, tables: &'t BTreeMap<String, Entry>) -> Result<Option<(&'t String, &'t Entry)>> {
     if let Some(exact) = tables.get_key_value(name) {
         return Ok(Some(exact));

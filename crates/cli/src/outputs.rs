@@ -1,59 +1,56 @@
-//! What a command writes is none of what it reads, and replaces nothing unasked: one rule for every command, held
-//! before anything is read or computed.
+//! Outputs never overwrite inputs, and replace nothing unasked: one rule for every command, checked before any work.
 //!
-//! 1. No output is one of the inputs, by whatever name or link, or another output.
-//! 2. No output lies in a matrix's directory that the command reads or writes; what belongs there it puts there itself.
-//! 3. An output that exists is replaced with `--overwrite` only. A report (`--json`) and a progress file replace a file
-//!    of their own kind, so that a run which goes on may be asked for by the same command line, and never anything
-//!    else.
+//! 1. No output is an input or another output, by whatever name or link.
+//! 2. No output lies in the directory of a matrix that the command reads or writes.
+//! 3. An existing output is replaced with `--overwrite` only. A report (`--json`) and a progress file replace a file of
+//!    their own kind and nothing else, so that a resumed run may have the same command line.
 
-use crate::args::{Command, Report};
-use crate::commands::{report, sky, solve, view};
+use crate::args::Report;
 use crate::exit::hinted;
 use anyhow::{Result, anyhow};
 use std::fs::Metadata;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
-/// What an output may take the place of.
+/// Files that an output may replace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Replaces {
     /// Anything with `--overwrite`, and nothing without.
     Asked(bool),
-    /// What this program wrote as a report or a progress file.
+    /// A report or a progress file of this program.
     Reports,
 }
 
 /// The paths of a command.
 #[derive(Debug, Default)]
-struct Paths {
-    /// Files that are read, and directories that are no matrix.
+pub(crate) struct Paths {
+    /// Files, and directories other than matrices.
     inputs: Vec<PathBuf>,
-    /// Directories of matrices, which are read, written, or both.
+    /// Directories of matrices to read, to write, or both.
     stores: Vec<PathBuf>,
-    /// Directories of matrices that are made.
+    /// Directories of matrices to make.
     makes: Vec<PathBuf>,
-    /// Files that are written, and by what they are named on the command line.
+    /// Files to write, with their names on the command line.
     outputs: Vec<(&'static str, PathBuf, Replaces)>,
 }
 
 impl Paths {
-    fn reads<'a>(mut self, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+    pub(crate) fn reads<'a>(mut self, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         self.inputs.extend(inputs.into_iter().cloned());
         self
     }
 
-    fn store<'a>(mut self, stores: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+    pub(crate) fn store<'a>(mut self, stores: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         self.stores.extend(stores.into_iter().cloned());
         self
     }
 
-    fn makes<'a>(mut self, stores: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+    pub(crate) fn makes<'a>(mut self, stores: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         self.makes.extend(stores.into_iter().cloned());
         self
     }
 
-    fn writes<'a>(
+    pub(crate) fn writes<'a>(
         mut self,
         flag: &'static str,
         outputs: impl IntoIterator<Item = &'a PathBuf>,
@@ -65,126 +62,29 @@ impl Paths {
         self
     }
 
-    fn tells<'a>(mut self, flag: &'static str, outputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+    pub(crate) fn tells<'a>(mut self, flag: &'static str, outputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         let outputs = outputs.into_iter().cloned();
         self.outputs.extend(outputs.map(|path| (flag, path, Replaces::Reports)));
         self
     }
 
-    fn reports(self, report: &Report) -> Self {
+    pub(crate) fn reports(self, report: &Report) -> Self {
         self.tells("--json", &report.json)
-    }
-
-    /// Those of a command.
-    fn of(command: &Command) -> Self {
-        let paths = Self::default();
-        match command {
-            Command::Compute(a) => paths
-                .reads(&a.scene)
-                .reads(&a.config.config)
-                .makes(&a.output)
-                .tells("--progress-file", &a.process.progress_file)
-                .reports(&a.report),
-            Command::Inspect(a) => paths.reads(&a.scene).reads(&a.config.config).reports(&a.report),
-            Command::Tradeoff(a) => paths
-                .reads(&a.scene)
-                .reads(&a.config.config)
-                .writes("--plot", &a.plot, a.overwrite)
-                .reports(&a.report),
-            Command::Check(a) => paths.store([&a.store]).reports(&a.report),
-            Command::Merge(a) => paths.store([&a.store]).store(&a.sources).reports(&a.report),
-            Command::Balance(a) => paths.store([&a.store]).makes([&a.output]).reports(&a.report),
-            Command::Compare(a) => {
-                let (stores, files): (Vec<_>, Vec<_>) =
-                    [&a.matrix, &a.reference].into_iter().partition(|path| path.is_dir());
-                paths
-                    .store(stores)
-                    .reads(files)
-                    .writes("--plot", &a.plot, a.overwrite)
-                    .reports(&a.report)
-            }
-            Command::Export(a) => {
-                let columns = a.with_sky.then(|| a.output.with_extension("columns.csv"));
-                paths
-                    .store([&a.store])
-                    .reads(&a.scene)
-                    .writes("OUT", [&a.output], a.overwrite)
-                    .writes("--with-sky", &columns, a.overwrite)
-                    .reports(&a.report)
-            }
-            Command::Solve(a) => Self::of_solve(a),
-            Command::Sky(a) => Self::of_sky(a),
-            Command::View { command } => match command {
-                view::View::Hemicube(a) => {
-                    let paths = paths.reads([&a.scene]).store(&a.store);
-                    paths.writes("-o", &a.output, a.overwrite)
-                }
-                view::View::Model(a) => {
-                    let paths = paths.reads([&a.scene]).store([&a.store]);
-                    paths.writes("-o", [&a.output], a.overwrite)
-                }
-                view::View::Sparsity(a) => paths.store([&a.store]).writes("-o", [&a.output], a.overwrite),
-            },
-            Command::Report(a) => Self::of_report(a),
-            Command::Generate(a) => paths.writes("-o", [&a.output], a.overwrite),
-            Command::Backends { command } => match command {
-                crate::args::Backends::List(a) => paths.reports(&a.report),
-                crate::args::Backends::Check(a) => paths.reports(&a.report),
-            },
-            // They write into folders of their own, by their own rules.
-            Command::Bench(_) | Command::Interactive(_) | Command::Manual(_) | Command::Completions(_) => paths,
-        }
-    }
-
-    fn of_solve(a: &solve::Arguments) -> Self {
-        Self::default()
-            .store([&a.store])
-            .reads(&a.scene)
-            .reads(&a.materials)
-            .reads(&a.emission)
-            .reads(&a.sky_radiance)
-            .reads(&a.sky)
-            .writes("-o", &a.output, a.overwrite)
-            .writes("--picture", &a.picture, a.overwrite)
-            .reports(&a.report)
-    }
-
-    fn of_sky(a: &sky::Arguments) -> Self {
-        let files = a
-            .output
-            .iter()
-            .flat_map(|folder| sky::FILES.map(|name| folder.join(name)));
-        let files: Vec<PathBuf> = files.collect();
-        Self::default()
-            .reads([&a.scene])
-            .store(&a.store)
-            .reads(&a.points)
-            .reads(&a.suns)
-            .writes("-o", &files, a.overwrite)
-            .reports(&a.report)
-    }
-
-    fn of_report(a: &report::Arguments) -> Self {
-        Self::default()
-            .store([&a.store])
-            .reads([&a.scene])
-            .writes("-o", [&a.output], a.overwrite)
-            .reports(&a.report)
     }
 }
 
-/// Holds a command to the rule.
+/// Checks the rule for a command's paths.
 ///
 /// # Errors
-/// When it would write over an input, into a matrix, one file twice, or over what exists.
-pub(crate) fn check(command: &Command) -> Result<()> {
+/// When it would write over an input, into a matrix, one file twice, or over an existing file.
+pub(crate) fn check(paths: &Paths) -> Result<()> {
     let Paths {
         inputs,
         stores,
         makes,
         outputs,
-    } = Paths::of(command);
-    for made in &makes {
+    } = paths;
+    for made in makes {
         if let Some(store) = stores.iter().find(|store| Place::of(made).is_within(&Place::of(store))) {
             return Err(hinted(
                 anyhow!(
@@ -197,7 +97,7 @@ pub(crate) fn check(command: &Command) -> Result<()> {
         }
     }
     let mut seen: Vec<(&str, &Path, Place)> = Vec::new();
-    for (flag, path, replaces) in &outputs {
+    for (flag, path, replaces) in outputs {
         if path.as_os_str() == "-" {
             continue;
         }
@@ -212,7 +112,7 @@ pub(crate) fn check(command: &Command) -> Result<()> {
         }
         if let Some(store) = stores
             .iter()
-            .chain(&makes)
+            .chain(makes)
             .find(|store| place.is_within(&Place::of(store)))
         {
             return Err(hinted(
@@ -229,7 +129,7 @@ pub(crate) fn check(command: &Command) -> Result<()> {
                 another,
             ));
         }
-        // A directory or a device is refused where it is opened.
+        // Opening refuses a directory or a device.
         if place.metadata.as_ref().is_some_and(Metadata::is_file) {
             match replaces {
                 Replaces::Asked(true) => {}
@@ -253,7 +153,7 @@ pub(crate) fn check(command: &Command) -> Result<()> {
     Ok(())
 }
 
-/// Returns whether a file begins as reports and progress files do.
+/// Returns whether a file begins like a report or a progress file.
 fn is_report(path: &Path) -> bool {
     let mut begin = Vec::new();
     let read = hemicube_scene::open_regular(path).and_then(|file| file.take(64).read_to_end(&mut begin));
@@ -261,12 +161,12 @@ fn is_report(path: &Path) -> bool {
     read.is_ok() && text.starts_with(b"{\"schema\":")
 }
 
-/// Where a path leads.
+/// Target of a path.
 #[derive(Debug)]
 struct Place {
-    /// Whole and without links, as far as it exists.
+    /// Absolute and without links, as far as it exists.
     path: PathBuf,
-    /// Of what is there.
+    /// The target's, if it exists.
     metadata: Option<Metadata>,
 }
 
@@ -278,7 +178,7 @@ impl Place {
         }
     }
 
-    /// By name, or as the file system counts: a file may have several names.
+    /// Compares names, and files by the file system's numbers: a file may have several names.
     fn is(&self, other: &Self) -> bool {
         self.path == other.path
             || match (&self.metadata, &other.metadata) {
@@ -324,16 +224,16 @@ fn is_one(one: &Metadata, other: &Metadata) -> bool {
     (one.dev(), one.ino()) == (other.dev(), other.ino())
 }
 
-/// Files have no numbers here that the standard library gives; links are followed by `resolved`.
+/// The standard library gives no file numbers here; `resolved` follows links.
 #[cfg(not(unix))]
 fn is_one(_: &Metadata, _: &Metadata) -> bool {
     false
 }
 
-/// The path without links, as far as it exists; what does not exist yet is appended, `..` resolved by its text.
+/// The path without links, as far as it exists; the rest is appended, with `..` resolved by its text.
 fn resolved(path: &Path) -> PathBuf {
     let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    // The file itself may be a link that leads nowhere yet: writing replaces the link, not what it names.
+    // A dangling link is kept: writing replaces the link, not its target.
     for existing in whole.ancestors() {
         let Ok(mut resolved) = existing.canonicalize() else {
             continue;

@@ -1,5 +1,4 @@
-//! From a scene's file to a model: read, scale, repair, cut, order. What `compute`, `inspect` and `tradeoff` have in
-//! common.
+//! From a scene's file to a model: read, scale, repair, cut, order. Shared by all commands that read scenes.
 
 use crate::args::{AutoSwitch, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk};
 use crate::exit::hinted;
@@ -7,12 +6,12 @@ use crate::forecast;
 use crate::report::{Input, counted, size};
 use anyhow::{Context, Result, anyhow};
 use hemicube::backend::HemicubeBackend;
-use hemicube::driver::selection::flip;
+use hemicube::driver::input::{SceneInput, SceneSettings as GivenSettings};
 pub(crate) use hemicube::driver::settings::axis_name;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
-use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
+use hemicube_scene::repair::RepairReport;
 use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, Triangle};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -21,10 +20,7 @@ use std::time::Instant;
 
 /// A scene ready for hemicubes.
 pub(crate) struct Prepared {
-    pub(crate) scene: Scene,
-    pub(crate) repaired: RepairReport,
-    /// Triangles in the file, dropped ones included.
-    pub(crate) triangles_read: u64,
+    pub(crate) scene: SceneInput,
     pub(crate) patches: Arc<Patches>,
     pub(crate) model: Model,
     pub(crate) input: Input,
@@ -32,7 +28,7 @@ pub(crate) struct Prepared {
     pub(crate) build_seconds: f64,
 }
 
-/// What was dropped or noted of a scene's triangles, in reports.
+/// Numbers of triangles dropped or noted by the repair, in reports.
 #[derive(Debug, Serialize)]
 pub(crate) struct RepairCounts {
     pub(crate) non_finite: u64,
@@ -55,9 +51,10 @@ impl From<&RepairReport> for RepairCounts {
 }
 
 impl Prepared {
-    /// Says what of the file is not in the matrix.
+    /// Tells the parts of the file that are not in the matrix.
     pub(crate) fn tell(&self, talk: Talk) {
-        let Self { scene, repaired, .. } = self;
+        let Self { scene, .. } = self;
+        let repaired = &scene.repaired;
         for warning in &scene.findings.warnings {
             talk.warn(warning);
         }
@@ -103,13 +100,29 @@ impl SceneSettings {
         Ok(())
     }
 
-    /// How triangles are cut. Which of the three settings holds was decided when the layers were gathered.
+    /// Subdivision of triangles. At most one of the three settings is left when the layers are gathered.
     pub(crate) fn subdivision(&self) -> Subdivision {
         match (self.subdivide, self.split, self.patch_size) {
             (Some(levels), _, _) => Subdivision::Levels(levels),
             (_, Some(pieces), _) => Subdivision::Split(pieces),
             (_, _, Some(length)) => Subdivision::PatchSize(length),
             _ => Subdivision::None,
+        }
+    }
+
+    /// The settings as the library takes them.
+    fn given(&self) -> GivenSettings {
+        GivenSettings {
+            subdivision: self.subdivision(),
+            two_sided: match self.two_sided {
+                AutoSwitch::Auto => None,
+                AutoSwitch::On => Some(true),
+                AutoSwitch::Off => Some(false),
+            },
+            flip: self.flip.clone(),
+            keep_duplicates: self.keep_duplicates == Switch::On,
+            scale: self.scale,
+            up: self.up.map(Into::into),
         }
     }
 }
@@ -127,12 +140,12 @@ impl AsRef<EngineSettings> for RenderArguments {
 }
 
 impl RenderArguments {
-    /// Number of threads that work.
+    /// Number of worker threads.
     pub(crate) fn thread_count(&self) -> usize {
         self.engine.thread_count()
     }
 
-    /// The backend that was asked for.
+    /// Opens the backend asked for.
     ///
     /// # Errors
     /// When there is none of that name, or it does not open.
@@ -142,7 +155,7 @@ impl RenderArguments {
 }
 
 impl EngineSettings {
-    /// How the octree is cut.
+    /// Subdivision of the octree.
     pub(crate) fn hierarchy(&self) -> HierarchyOptions {
         let suits = HierarchyOptions::default();
         HierarchyOptions {
@@ -151,7 +164,7 @@ impl EngineSettings {
         }
     }
 
-    /// Number of threads that work.
+    /// Number of worker threads.
     pub(crate) fn thread_count(&self) -> usize {
         match self.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -159,13 +172,13 @@ impl EngineSettings {
         }
     }
 
-    /// The backend that was asked for. A named one never becomes another; `auto` says what it took, and why.
+    /// Opens the backend asked for. A named one never becomes another; `auto` tells its choice and the reason.
     ///
     /// # Errors
     /// When there is none of that name, or it does not open.
     pub(crate) fn open_backend(&self, talk: Talk) -> Result<Box<dyn HemicubeBackend>> {
         let options = Options::parse(&self.backend_option)?;
-        // An engine is the built-in backend's: whoever chooses one has chosen that.
+        // Engines are the built-in backend's: choosing one chooses it.
         if self.backend == BUILT_IN || (self.backend == "auto" && self.engine != Engine::Auto) {
             return self.built_in(&options);
         }
@@ -184,7 +197,7 @@ impl EngineSettings {
             .map(|other| format!("; {}: {}", other.name, other.reason))
             .collect();
         let text = format!("backend auto takes `{taken}`{}", reasons.concat());
-        // Where nothing else is installed, there was no choice to speak of.
+        // With nothing else installed there was no choice.
         if auto.passed_over.iter().all(|other| !other.installed) && auto.taken.is_none() {
             talk.detail(&text);
         } else {
@@ -223,19 +236,19 @@ impl EngineSettings {
     }
 }
 
-/// The backend that is part of the program.
+/// The program's own backend.
 pub(crate) const BUILT_IN: &str = "cpu";
 
-/// Where backends are looked for.
+/// The places searched for backends.
 pub(crate) fn registry(backend_dir: Option<&Path>) -> Registry {
     let given: Vec<PathBuf> = backend_dir.map(Path::to_owned).into_iter().collect();
     Registry::new(Search::new(&given, &Environment::of_process()), &[BUILT_IN])
 }
 
-/// Reads the scene at `path` and makes it ready, within `memory` bytes or what the machine has.
+/// Reads the scene at `path` and makes a model of it, within `memory` bytes or the machine's memory.
 ///
 /// # Errors
-/// When it cannot be read, nothing of it can be used, or there are too many patches, before they are made.
+/// When it cannot be read, no triangle of it can be used, or there would be too many patches.
 pub(crate) fn prepare(
     path: &Path,
     settings: &SceneSettings,
@@ -246,7 +259,7 @@ pub(crate) fn prepare(
         .with_context(|| format!("`{}` cannot be computed", path.display()))
 }
 
-/// Likewise for a scene that is to have so many patches; `None` where it has not, before it is cut.
+/// Likewise for a scene of `patch_count` patches; `None`, before it is cut, where it has another number.
 ///
 /// # Errors
 /// As [`prepare`].
@@ -264,49 +277,26 @@ pub(crate) fn prepare_of(
             path.display()
         ));
     }
-    let mut scene = hemicube_scene::load(
-        path,
-        ReadOptions {
-            optics: false,
-            allow_large: settings.allow_large,
-        },
-    )?;
+    let options = ReadOptions {
+        optics: false,
+        allow_large: settings.allow_large,
+    };
+    let scene = hemicube_scene::load(path, options)?;
     let input = Input::of(path)?;
-    let triangles_read = scene.triangles.len() as u64;
-    if let Some(axis) = settings.up {
-        scene.up = Some(axis.into());
-    }
-    if settings.scale != 1.0 {
-        for corner in scene.triangles.iter_mut().flat_map(|triangle| &mut triangle.corners) {
-            *corner *= settings.scale;
-        }
-        scene.metres_per_unit = scene.metres_per_unit.map(|metres| metres / settings.scale);
-    }
-    if settings.two_sided != AutoSwitch::Auto {
-        for triangle in &mut scene.triangles {
-            triangle.two_sided = settings.two_sided == AutoSwitch::On;
-        }
-    }
-    flip(&mut scene, &settings.flip).map_err(|error| {
+    let scene = SceneInput::new(scene, path, settings.given()).map_err(|error| {
         hinted(
             anyhow!("`--flip {}` matches no object with one-sided triangles", error.glob),
             error.there,
         )
     })?;
-    let repaired = repair(
-        &mut scene,
-        RepairOptions {
-            keep_duplicates: settings.keep_duplicates == Switch::On,
-        },
-    );
     let load_seconds = started.elapsed().as_secs_f64();
     if scene.triangles.is_empty() {
         return Err(anyhow!(
             "`{}` holds no triangle that can be used: of {}, {} not finite and {} without area",
             path.display(),
-            counted(triangles_read, "triangle"),
-            are(repaired.non_finite),
-            are(repaired.degenerate),
+            counted(scene.triangles_read, "triangle"),
+            are(scene.repaired.non_finite),
+            are(scene.repaired.degenerate),
         ));
     }
 
@@ -330,8 +320,6 @@ pub(crate) fn prepare_of(
     let build_seconds = started.elapsed().as_secs_f64();
     Ok(Some(Prepared {
         scene,
-        repaired,
-        triangles_read,
         patches,
         model,
         input,
@@ -340,14 +328,14 @@ pub(crate) fn prepare_of(
     }))
 }
 
-/// Refuses to cut a scene into more patches than there is memory for, and names what would fit.
+/// Refuses to cut a scene into more patches than fit the memory, and names the finest subdivision that fits.
 fn require_room(path: &Path, scene: &Scene, cut: Subdivision, asked: Option<u64>) -> Result<()> {
     let Some(limit) = forecast::memory_limit(asked) else {
         return Ok(());
     };
     let count = Patches::count(scene, cut);
     let least = forecast::patches_at_least(count);
-    // More than any matrix has is refused as that.
+    // More than a matrix can have: refused with another message.
     if least <= limit || count > u64::from(hemicube::store::PATCH_COUNT_MAX) {
         return Ok(());
     }
@@ -372,7 +360,7 @@ fn require_room(path: &Path, scene: &Scene, cut: Subdivision, asked: Option<u64>
             (low > 1).then(|| format!("`--split {}`", low - 1))
         }
         Subdivision::PatchSize(length) => {
-            // By steps of a tenth: as fine as anybody chooses a length.
+            // In steps of a tenth, as fine as lengths are chosen.
             let lengths = std::iter::successors(Some(length), |length| Some(1.1 * length)).take(2000);
             lengths
                 .map(round_up)

@@ -1,5 +1,5 @@
-//! How far a run has come: the progress bar, on standard error and only where somebody watches; the progress file, for
-//! schedulers and whoever asks later; and a span of `tracing` for each stage.
+//! Progress of a run: a bar on standard error, on terminals only; a progress file, for schedulers and for later; and a
+//! `tracing` span of each stage.
 
 use crate::args::Talk;
 use crate::report::SCHEMA;
@@ -20,7 +20,7 @@ use tracing::span::EnteredSpan;
 #[derive(Debug)]
 pub(crate) struct Bar {
     bar: Option<ProgressBar>,
-    /// What was there before.
+    /// Rows of an earlier run.
     kept: u64,
 }
 
@@ -29,7 +29,7 @@ fn is_watched(talk: Talk) -> bool {
     !talk.quiet && !talk.no_progress && !is_dumb && std::io::stderr().is_terminal()
 }
 
-/// Returns whether a terminal of that kind can write lines and nothing else: no cursor moves there.
+/// Returns whether a kind of terminal can only write lines, without moving the cursor.
 pub(crate) fn is_dumb(term: Option<&OsStr>) -> bool {
     match term {
         Some(term) => term.is_empty() || term == "dumb",
@@ -39,7 +39,7 @@ pub(crate) fn is_dumb(term: Option<&OsStr>) -> bool {
 }
 
 impl Bar {
-    /// A bar of `row_count` rows with rate and time left, if standard error is a terminal. So many of them are there.
+    /// A bar of `row_count` rows with rate and time left, if standard error is a terminal. `kept` rows are done.
     pub(crate) fn rows(talk: Talk, row_count: u64, kept: u64) -> Self {
         let mut bar = Self::counting(talk, row_count, "rows");
         bar.kept = kept;
@@ -50,7 +50,7 @@ impl Bar {
         bar
     }
 
-    /// Likewise for something else.
+    /// A bar that counts `what`.
     pub(crate) fn counting(talk: Talk, count: u64, what: &str) -> Self {
         if !is_watched(talk) {
             return Self { bar: None, kept: 0 };
@@ -69,7 +69,7 @@ impl Bar {
         }
     }
 
-    /// A sign of life with a word of what is being done.
+    /// A spinner with a word on the current task.
     pub(crate) fn spinner(talk: Talk, what: &str) -> Self {
         if !is_watched(talk) {
             return Self { bar: None, kept: 0 };
@@ -116,28 +116,28 @@ impl Drop for Bar {
     }
 }
 
-/// Interval at which the progress file is written.
+/// Interval between two writes of the progress file.
 const WRITTEN_EVERY: Duration = Duration::from_secs(1);
 
-/// What the progress file says.
+/// Content of the progress file.
 #[derive(Clone, Debug, Default, Serialize)]
 struct Reached {
     schema: u32,
     process: u32,
-    /// What is being done, or how it ended: `done`, `interrupted`, `failed`.
+    /// The current stage, or the end: `done`, `interrupted`, `failed`.
     stage: &'static str,
     rows: u64,
-    /// Those of them that an earlier run had computed.
+    /// Rows of an earlier run among them.
     rows_kept: u64,
     row_count: u64,
-    /// Of the rows of this run.
+    /// Entries of this run's rows.
     entries: u64,
     seconds: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     seconds_left: Option<f64>,
 }
 
-/// The stage that a run is at, for the progress file and for `tracing`.
+/// The current stage of a run, for the progress file and for `tracing`.
 #[derive(Debug)]
 pub(crate) struct Status {
     file: Option<PathBuf>,
@@ -182,7 +182,7 @@ impl Status {
         }
     }
 
-    /// The stage in which rows are computed.
+    /// Begins the stage of computing rows.
     pub(crate) fn rows(&self, row_count: u64, kept: u64) -> Stage<'_> {
         {
             let mut reached = self.reached.borrow_mut();
@@ -201,7 +201,7 @@ impl Status {
         self.tell();
     }
 
-    /// Writes the file. What cannot be written now is written the next time: a full disk is told by the store.
+    /// Writes the file. A failed write is left to the next: the store reports a full disk.
     fn tell(&self) {
         if let Err(error) = self.write() {
             tracing::debug!(%error, "the progress file cannot be written");
@@ -214,7 +214,7 @@ impl Status {
         let mut reached = self.reached.borrow_mut();
         reached.seconds = self.started.elapsed().as_secs_f64();
         let text = serde_json::to_string(&*reached)?;
-        // By way of another name, so that who reads it never finds half of it. Not synced: it is of this moment.
+        // Written under another name first, so that no reader finds half of it. Not synced: it is of this moment.
         let mut temporary = TemporaryFile::create(file).map_err(std::io::Error::other)?;
         temporary.write_all((text + "\n").as_bytes())?;
         temporary.rename()
@@ -230,7 +230,7 @@ pub(crate) struct Stage<'a> {
 }
 
 impl Stage<'_> {
-    /// Says how many rows are there.
+    /// Updates the number of rows.
     pub(crate) fn show(&self, progress: Progress) {
         if self.status.file.is_none() {
             return;

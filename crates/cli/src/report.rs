@@ -1,79 +1,22 @@
-//! What the program says: messages on standard error, data on standard output or in a file, and how numbers look.
+//! Output of the program: text and JSON on standard output or in files, and the form of numbers.
 
-use crate::args::{LogFormat, Talk};
+use crate::args::Report;
+use crate::escape::{shown, shown_lines};
 use crate::exit::OutputClosed;
 use anyhow::{Context, Result, bail};
 use hemicube::store::{self, DurableFile};
 use hemicube_scene::is_unseen;
 use serde::Serialize;
-use std::borrow::Cow;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use tracing::Level;
 
 /// The version of every JSON report.
 pub(crate) const SCHEMA: u32 = 1;
 
-/// The end of temporary names; the library that writes matrices clears such files away when a run was killed.
+/// End of temporary names. The library that writes matrices removes such files after a killed run.
 pub(crate) const TEMPORARY_SUFFIX: &str = ".hemicube-tmp";
 
-impl Talk {
-    /// Nothing is said: for what is done a second time.
-    pub(crate) const SILENT: Self = Self {
-        quiet: true,
-        verbose: false,
-        no_progress: true,
-        log_format: LogFormat::Text,
-    };
-
-    /// Says what a person wants to know.
-    pub(crate) fn say(self, text: &str) {
-        if !self.quiet {
-            crate::log::say(Level::INFO, text);
-        }
-    }
-
-    /// Says what a person wants to know who asked for more.
-    pub(crate) fn detail(self, text: &str) {
-        if self.verbose {
-            crate::log::say(Level::INFO, text);
-        }
-    }
-
-    /// Says what may be wrong.
-    pub(crate) fn warn(self, text: &str) {
-        if !self.quiet {
-            crate::log::say(Level::WARN, text);
-        }
-    }
-}
-
-/// A text from a file in one line: what is unseen in it is escaped as in Rust, `\u{1b}`.
-pub(crate) fn shown(text: &str) -> Cow<'_, str> {
-    escaped(text, |_| false)
-}
-
-/// Lines as they are printed: line ends and tabs are ours, what else is unseen came from a file and is escaped.
-pub(crate) fn shown_lines(text: &str) -> Cow<'_, str> {
-    escaped(text, |c| matches!(c, '\n' | '\t'))
-}
-
-fn escaped(text: &str, stays: impl Fn(char) -> bool) -> Cow<'_, str> {
-    if !text.chars().any(|c| is_unseen(c) && !stays(c)) {
-        return Cow::Borrowed(text);
-    }
-    let mut shown = String::with_capacity(text.len() + 16);
-    for c in text.chars() {
-        if is_unseen(c) && !stays(c) {
-            shown.extend(c.escape_default());
-        } else {
-            shown.push(c);
-        }
-    }
-    Cow::Owned(shown)
-}
-
-/// Writes text to standard output, with what is unseen escaped.
+/// Writes text to standard output, unseen characters escaped.
 ///
 /// # Errors
 /// [`OutputClosed`] when the reader has gone, which is no failure.
@@ -81,8 +24,8 @@ pub(crate) fn print(text: &str) -> Result<()> {
     print_raw(&shown_lines(text))
 }
 
-/// Writes JSON to standard output. JSON escapes half of what is unseen; the other half is escaped here, as JSON does
-/// it.
+/// Writes JSON to standard output. JSON escapes half of the unseen characters; the other half is escaped here in its
+/// way.
 fn print_json(text: &str) -> Result<()> {
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {
@@ -104,7 +47,7 @@ fn print_raw(text: &str) -> Result<()> {
         .map_err(output_error)
 }
 
-/// An error of standard output, of which a reader that has gone is none.
+/// An error of standard output; [`OutputClosed`] for a reader that has gone.
 pub(crate) fn output_error(error: io::Error) -> anyhow::Error {
     if error.kind() == io::ErrorKind::BrokenPipe {
         anyhow::Error::new(OutputClosed)
@@ -113,17 +56,17 @@ pub(crate) fn output_error(error: io::Error) -> anyhow::Error {
     }
 }
 
-impl crate::args::Report {
+impl Report {
     /// Returns whether standard output is the report's.
     pub(crate) fn is_to_stdout(&self) -> bool {
         self.json.as_ref().is_some_and(|path| path.as_os_str() == "-")
     }
 }
 
-/// Refuses a path at which there is nothing.
+/// Refuses a path to nothing.
 ///
 /// # Errors
-/// When nothing is there, or it cannot be looked at.
+/// When nothing is there, or it cannot be inspected.
 pub(crate) fn require(path: &Path) -> Result<()> {
     match std::fs::metadata(path) {
         Ok(_) => Ok(()),
@@ -132,18 +75,18 @@ pub(crate) fn require(path: &Path) -> Result<()> {
     }
 }
 
-/// A JSON report, whose place is opened before the work that it reports.
+/// A JSON report. Its file is opened before the work that it reports.
 #[derive(Debug)]
 pub(crate) struct JsonReport {
     file: Option<PendingFile>,
 }
 
 impl JsonReport {
-    /// Opens the place that `--json` names; nothing without it.
+    /// Opens the file of `--json`; `None` without the option.
     ///
     /// # Errors
     /// When it cannot be written.
-    pub(crate) fn open(arguments: &crate::args::Report) -> Result<Option<Self>> {
+    pub(crate) fn open(arguments: &Report) -> Result<Option<Self>> {
         let Some(path) = &arguments.json else { return Ok(None) };
         if path.as_os_str() == "-" {
             return Ok(Some(Self { file: None }));
@@ -174,7 +117,7 @@ impl JsonReport {
     }
 }
 
-/// A file that gets its name when it is complete, and leaves nothing behind otherwise.
+/// A file named only when complete, removed otherwise.
 #[derive(Debug)]
 pub(crate) struct PendingFile {
     path: PathBuf,
@@ -219,7 +162,7 @@ impl Write for PendingFile {
 }
 
 /// A file that was read, by its bytes.
-#[derive(Debug, Serialize)]
+#[derive(Clone, Debug, Serialize)]
 pub(crate) struct Input {
     pub(crate) path: String,
     pub(crate) blake3: String,
@@ -269,12 +212,12 @@ pub(crate) struct Spread {
     pub(crate) max: f64,
 }
 
-/// The most memory that this process has had, where the system tells.
+/// Peak of the process's memory in bytes, where the system tells.
 pub(crate) fn peak_memory_bytes() -> Option<u64> {
     memory_bytes("VmHWM:")
 }
 
-/// The memory that it has now.
+/// Resident memory of the process in bytes, where the system tells.
 pub(crate) fn resident_memory_bytes() -> Option<u64> {
     memory_bytes("VmRSS:")
 }
@@ -334,7 +277,7 @@ pub(crate) fn table<const N: usize>(headings: [&str; N], rows: impl IntoIterator
     text
 }
 
-/// 1234567 as `1,234,567`.
+/// Formats 1234567 as `1,234,567`.
 pub(crate) fn count(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::new();
@@ -359,7 +302,7 @@ pub(crate) fn counted(number: u64, what: &str) -> String {
     format!("{} {plural}", count(number))
 }
 
-/// 0.1234 as `12.3 %`; what is not nothing never reads as nothing, nor what is not all as all.
+/// Formats 0.1234 as `12.3 %`. A share above 0 never reads 0, and one below 1 never reads 100.
 pub(crate) fn percent(fraction: f64) -> String {
     let percent = 100.0 * fraction;
     if percent > 0.0 && percent < 0.01 {
@@ -375,7 +318,7 @@ pub(crate) fn percent(fraction: f64) -> String {
     }
 }
 
-/// A number of bytes in the largest unit that it fills.
+/// Formats bytes in the largest unit below them.
 pub(crate) fn size(bytes: u64) -> String {
     let mut value = bytes as f64;
     let mut unit = "B";
@@ -393,7 +336,7 @@ pub(crate) fn size(bytes: u64) -> String {
     }
 }
 
-/// Seconds as a person says them.
+/// Formats seconds for people.
 pub(crate) fn duration(seconds: f64) -> String {
     if seconds < 59.95 {
         return format!("{} s", figures(seconds));
@@ -410,7 +353,7 @@ pub(crate) fn duration(seconds: f64) -> String {
     }
 }
 
-/// Three significant figures, without an exponent where that is readable.
+/// Formats three significant figures, without an exponent if readable.
 pub(crate) fn figures(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude == 0.0 {
@@ -476,21 +419,6 @@ mod tests {
     }
 
     #[test]
-    fn what_is_unseen_is_escaped() {
-        let name = "a\u{1b}]0;t\u{7}\nerror: no\u{9b}2J\u{202e}é\u{1f600}";
-        assert_eq!(
-            shown(name),
-            "a\\u{1b}]0;t\\u{7}\\nerror: no\\u{9b}2J\\u{202e}é\u{1f600}"
-        );
-        assert_eq!(shown_lines("a\tb\nc\r"), "a\tb\nc\\r");
-        assert!(matches!(shown("wall – 3"), Cow::Borrowed(_)));
-        let mut list = Listing::default();
-        list.add("label", name);
-        assert_eq!(list.text().lines().count(), 1);
-        assert_eq!(table(["name"], [[name.to_owned()]]).lines().count(), 2);
-    }
-
-    #[test]
     fn estimates_are_round() {
         assert_eq!(
             [0.0, 12.4, 663_382.0, 35_049_000.0].map(about),
@@ -502,5 +430,14 @@ mod tests {
     fn tables_are_aligned_and_have_no_trailing_blanks() {
         let text = table(["name", "n"], [["a".into(), "1".into()], ["long".into(), "22".into()]]);
         assert_eq!(text, "name  n\na     1\nlong  22\n");
+    }
+
+    #[test]
+    fn a_name_makes_no_line_of_a_listing_or_table() {
+        let name = "a\u{7}\nerror: no\u{9b}2J";
+        let mut list = Listing::default();
+        list.add("label", name);
+        assert_eq!(list.text().lines().count(), 1);
+        assert_eq!(table(["name"], [[name.to_owned()]]).lines().count(), 2);
     }
 }

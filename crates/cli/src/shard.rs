@@ -1,26 +1,25 @@
-//! Which shard this process is, as the scheduler that started it says in its environment.
+//! The shard of this process, from the environment set by its scheduler.
 //!
-//! | who | number | of | counted from |
+//! | scheduler | number | of | counted from |
 //! |---|---|---|---|
-//! | Slurm's array jobs | `SLURM_ARRAY_TASK_ID` | `SLURM_ARRAY_TASK_COUNT` | `SLURM_ARRAY_TASK_MIN`, in `SLURM_ARRAY_TASK_STEP`s |
+//! | Slurm's array jobs | `SLURM_ARRAY_TASK_ID` | `SLURM_ARRAY_TASK_COUNT` | `SLURM_ARRAY_TASK_MIN` |
 //! | Kubernetes' indexed jobs | `JOB_COMPLETION_INDEX` | `--shard auto/N` | 0 |
 //! | Open MPI | `OMPI_COMM_WORLD_RANK` | `OMPI_COMM_WORLD_SIZE` | 0 |
 //! | PMI (MPICH, Intel MPI, Slurm with PMI) | `PMI_RANK` | `PMI_SIZE` | 0 |
 //! | Slurm's `srun` | `SLURM_PROCID` | `SLURM_STEP_NUM_TASKS` or `SLURM_NTASKS` | 0 |
 //!
-//! The first two say which job of several this is, the others which process of a job. Where both do, each job's share
-//! is divided among its processes. Only asked when `--shard auto` is: an allocation's variables are also set for a
-//! program that somebody starts in it by hand, once, to compute everything.
+//! Array jobs are numbered in steps of `SLURM_ARRAY_TASK_STEP`. The first two rows number jobs, the others the
+//! processes of a job. If both are set, each job's share is divided among its processes.
 //!
-//! No shard without being asked, because an allocation's variables are also set for a program that somebody starts in
-//! it once, to compute everything: `--shard auto` asks, and says what it found.
+//! No shard without `--shard auto`, because an allocation's variables are also set for a program started in it by hand,
+//! once, to compute everything.
 
 use crate::args::ShardChoice;
 use crate::exit::hinted;
 use anyhow::{Result, anyhow};
 use hemicube::store::Shard;
 
-/// What the environment says.
+/// A share named by the environment.
 struct Found {
     index: u64,
     count: u64,
@@ -28,10 +27,10 @@ struct Found {
     said: String,
 }
 
-/// The shard that is meant, and by which variables where nobody named it.
+/// The shard of this process, and the variables that name it, if the user did not.
 ///
 /// # Errors
-/// When a scheduler is to say and does not, or says what cannot be.
+/// When a scheduler's variables are missing or contradict themselves.
 pub(crate) fn shard(choice: ShardChoice, variable: &dyn Fn(&str) -> Option<String>) -> Result<(Shard, Option<String>)> {
     let given = match choice {
         ShardChoice::Given(shard) => return Ok((shard, None)),
@@ -53,7 +52,7 @@ pub(crate) fn shard(choice: ShardChoice, variable: &dyn Fn(&str) -> Option<Strin
         }
     }
     let (index, count, said) = match (outer, inner) {
-        // A batch script's one task says nothing that its array does not.
+        // A batch script's single task adds nothing to its array.
         (Some(outer), Some(inner)) if inner.count > 1 => (
             outer.index * inner.count + inner.index,
             outer.count * inner.count,
@@ -109,7 +108,7 @@ fn array(variable: &dyn Fn(&str) -> Option<String>) -> Result<Option<Found>> {
     let index = id.checked_sub(first).filter(|from_first| from_first % step == 0);
     match index.map(|from_first| from_first / step) {
         Some(index) if index < count => Ok(Some(Found { index, count, said })),
-        // `--array=1,5,7`: which of the three this is, nobody says.
+        // With `--array=1,5,7`, no variable ranks the three.
         _ => Err(hinted(
             anyhow!("`--shard auto`: {said}, from SLURM_ARRAY_TASK_MIN={first} in steps of {step}, is no shard"),
             "number the array's tasks without gaps: `--array=0-15`",
@@ -154,7 +153,7 @@ fn process(variable: &dyn Fn(&str) -> Option<String>, rank: &str, sizes: &[&str]
 mod tests {
     use super::*;
 
-    /// What is asked for, what the environment has, and what is said.
+    /// The choice, the environment, and the part of the result or error.
     type Case<'a> = (&'a str, &'a [(&'a str, &'a str)], &'a str);
 
     fn of(choice: &str, variables: &[(&str, &str)]) -> Result<String> {

@@ -1,7 +1,6 @@
-//! The scene that a matrix is of, made again as it was made then: a store keeps no corners.
+//! The scene of a matrix, prepared as for its computation: a store keeps no corners.
 
-use crate::args::{AutoSwitch, EngineSettings, SceneSettings, Switch, UpAxis};
-use crate::commands::sky::Division;
+use crate::args::{AutoSwitch, Division, EngineSettings, SceneSettings, Switch, UpAxis};
 use crate::exit::hinted;
 use crate::prepare::{Prepared, prepare_of};
 use anyhow::{Context, Result, anyhow, bail};
@@ -10,7 +9,7 @@ use hemicube::store::{Store, scene_hash};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// How the scene of a matrix was read and cut, from the settings in its manifest.
+/// Reading and subdivision of a matrix's scene, from the settings in its manifest.
 ///
 /// # Errors
 /// When the settings are not those of `hemicube compute`.
@@ -28,7 +27,7 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
         )
     };
     let (subdivide, split) = (number("subdivide"), number("split"));
-    // All triangles were cut alike by these two, so that nothing is cut to find out that it is another scene.
+    // These two cut all triangles alike: another scene is recognised without cutting it.
     let pieces = match (subdivide, split) {
         (Some(levels), _) => 1u64.checked_shl(levels).filter(|_| levels < 32),
         (_, Some(split)) => Some(u64::from(split)),
@@ -39,7 +38,8 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
         || !(scale > 0.0 && scale.is_finite())
     {
         bail!(
-            "`{}` says that its scene was scaled by {scale} and cut by {}, which does not come to its {} patches: it is damaged",
+            "`{}` says that its scene was scaled by {scale} and cut by {}, which does not come to its {} patches: it \
+             is damaged",
             store.directory().display(),
             settings["subdivision"],
             store.patch_count()
@@ -76,7 +76,7 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
     })
 }
 
-/// Reads the scene of a matrix as it was read then.
+/// Reads and cuts the scene of a matrix as for its computation.
 ///
 /// # Errors
 /// When it cannot be read, or is another scene than the matrix's.
@@ -112,17 +112,17 @@ pub(crate) fn scene(
 /// The sky rows beside a matrix, from `hemicube sky --store`.
 ///
 /// # Errors
-/// When there are none, or they are of a scene that the matrix is not of any more.
+/// When there are none, or the matrix has been computed anew from another scene.
 pub(crate) fn sky(store: &Store) -> Result<PathBuf> {
     let path = sky_beside(store);
     sky_record(store)?;
     Ok(path)
 }
 
-/// How the sky of those rows is divided.
+/// Division of the sky of those rows.
 ///
 /// # Errors
-/// As [`sky`], and when that is not said.
+/// Like [`sky`], and when their record lacks it.
 pub(crate) fn sky_division(store: &Store) -> Result<SkyDivision> {
     let found = sky_record(store)?;
     let division: Option<Division> = found["division"].as_str().and_then(|text| text.parse().ok());

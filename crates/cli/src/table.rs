@@ -1,8 +1,8 @@
-//! Tables of numbers in text: points and suns, as people write them and as spreadsheets and simulations export them.
+//! Tables of numbers in text: points and suns, written by people or exported by spreadsheets and simulations.
 //!
-//! A line is a row; `#` begins a comment. Without a header, a row has the columns that are asked for, in their order,
-//! and fields are separated by blanks, tabs, commas or semicolons. With one, columns are found by their names, others
-//! are passed over, and fields are separated by what separates them in the header.
+//! A line is a row; `#` begins a comment. Without a header, a row has the requested columns in their order, separated
+//! by blanks, tabs, commas or semicolons. With a header, columns are found by their names, others are skipped, and rows
+//! use the header's separator.
 
 use anyhow::{Context, Result, anyhow, bail};
 use std::path::Path;
@@ -14,7 +14,7 @@ pub(crate) struct Row<const N: usize> {
     pub(crate) values: [f64; N],
 }
 
-/// What separates fields.
+/// Separator of fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Separator {
     Char(char),
@@ -22,7 +22,7 @@ enum Separator {
 }
 
 impl Separator {
-    /// That of a line: what cannot be part of a number goes first, as a comma may be a decimal one.
+    /// The separator of a line: characters foreign to numbers come first, since a comma may be a decimal one.
     fn of(text: &str) -> Self {
         [';', '\t', ',']
             .into_iter()
@@ -46,7 +46,7 @@ fn unquoted(field: &str) -> &str {
         .map_or(field, str::trim)
 }
 
-/// A header: how many fields it has, how they are separated, and where the columns that are asked for are.
+/// A header: number of fields, separator, and places of the requested columns.
 struct Header<const N: usize> {
     separator: Separator,
     count: usize,
@@ -92,7 +92,7 @@ fn excerpt(text: &str) -> String {
     shown.escape_debug().to_string()
 }
 
-/// Returns whether a line is a header: it has no field that is a number.
+/// Returns whether a line is a header: none of its fields is a number.
 fn is_header(text: &str) -> bool {
     let mut fields = text
         .split(|c: char| c.is_whitespace() || c == ',' || c == ';')
@@ -102,7 +102,7 @@ fn is_header(text: &str) -> bool {
     fields.peek().is_some() && fields.all(|field| field.parse::<f64>().is_err())
 }
 
-/// The fields of a line without a header: separated by blanks too, where that leaves no field empty.
+/// Fields of a line without a header: separated by blanks, too, if none is then empty.
 fn fields_of(text: &str) -> Result<Vec<&str>> {
     let separator = Separator::of(text);
     let mut fields = separator.fields(text);

@@ -1,4 +1,4 @@
-//! How far computed rows are from reference rows by rays, and whether that keeps a tolerance.
+//! Error of computed rows against reference rows by rays, and the verdict on a tolerance.
 
 use crate::args::{Talk, Tolerance};
 use crate::exit::{self, Exit};
@@ -16,16 +16,16 @@ use serde::Serialize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc;
 
-/// Rows from which the spread over rows says something of the rows that were not drawn.
+/// Fewest rows with a spread that bounds the error of undrawn rows.
 const ROWS_FOR_THE_MATRIX: u64 = 8;
 
-/// How careful a reference must be to judge a tolerance: a third of it. Below the least, rays are too slow; without a
-/// tolerance, the error of the default rung is worth no more than the most.
+/// Error target of a reference that judges a tolerance: a third of it. Below the least, rays are too slow; without a
+/// tolerance, the most is precise enough for the default rung.
 const SHARE_OF_TOLERANCE: f64 = 1.0 / 3.0;
 const LEAST_TARGET: f64 = 1e-4;
 const MOST_TARGET: f64 = 3e-3;
 
-/// The settings of a reference that judges `tolerance`.
+/// Settings of a reference that judges `tolerance`.
 pub(crate) fn reference_settings(tolerance: Option<Tolerance>, seed: u64) -> ReferenceSettings {
     let target = tolerance.map_or(MOST_TARGET, |tolerance| {
         (SHARE_OF_TOLERANCE * tolerance.0).clamp(LEAST_TARGET, MOST_TARGET)
@@ -44,7 +44,7 @@ pub(crate) fn reference_settings(tolerance: Option<Tolerance>, seed: u64) -> Ref
     }
 }
 
-/// The reference rows of `emitters` in order, by several threads; those that were done where it was cancelled.
+/// Computes the reference rows of `emitters` in order, on several threads; only the finished ones if cancelled.
 pub(crate) fn reference_rows(
     reference: &Reference<'_>,
     emitters: &[InputPatch],
@@ -81,7 +81,7 @@ pub(crate) fn reference_rows(
     Ok(rows.into_iter().flatten().collect())
 }
 
-/// Leaves of reference rows what has a column.
+/// Keeps the columns of receivers in reference rows.
 fn keep_receivers(rows: &mut [ReferenceRow], receivers: &[bool]) {
     for row in rows {
         let before: f64 = row.values.iter().sum();
@@ -94,7 +94,7 @@ fn keep_receivers(rows: &mut [ReferenceRow], receivers: &[bool]) {
         row.columns = kept.iter().map(|&place| row.columns[place]).collect();
         row.values = kept.iter().map(|&place| row.values[place]).collect();
         row.errors = kept.iter().map(|&place| row.errors[place]).collect();
-        // What no ray found is spread over the patches like what rays did find, for all that is known.
+        // For all that is known, the mass that rays missed is spread like the mass that they found.
         let share = if before > 0.0 {
             row.values.iter().sum::<f64>() / before
         } else {
@@ -106,12 +106,12 @@ fn keep_receivers(rows: &mut [ReferenceRow], receivers: &[bool]) {
     }
 }
 
-/// How far Σ F and the shares of what a row lost are from 1, over the rows, and what the reference's own rows come to.
+/// Distances of Σ F plus the row's losses from 1, over the rows, and the reference's own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Closure {
-    /// Rows of which the shares are known.
+    /// Rows with known shares.
     rows: u64,
-    /// Those of them that are farther from 1 than the tolerance, if one was asked for.
+    /// Rows farther from 1 than the tolerance, if one was asked for.
     beyond: Option<u64>,
     mean: f64,
     max: f64,
@@ -119,11 +119,11 @@ pub(crate) struct Closure {
     reference_max: f64,
     /// The standard error of Σ F + escaped + blocked of the reference, on average.
     reference_noise: f64,
-    /// What the reference likely lacks of Σ F, at most.
+    /// Upper bound of the reference's likely deficit of Σ F.
     reference_missed: f64,
 }
 
-/// |Σ F + escaped + blocked + unselected − 1| of a stored row; `None` where the shares are not known.
+/// |Σ F + escaped + blocked + unselected − 1| of a stored row; `None` without known shares.
 fn closure_of(sum: f64, patch: InputPatch, table: &RowTable) -> Option<f64> {
     let of = |column: &[f64]| {
         usize::try_from(patch.0)
@@ -149,13 +149,13 @@ impl Closure {
             .collect();
         let own: Vec<f64> = reference.iter().map(|row| (row.closure() - 1.0).abs()).collect();
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-        // What is not a number must show.
+        // NaN must show.
         let max = |values: &[f64]| values.iter().copied().fold(0.0, |a: f64, b| if b <= a { a } else { b });
         let noise: Vec<f64> = reference.iter().map(ReferenceRow::closure_noise).collect();
         let missed: Vec<f64> = reference.iter().map(|row| row.missed).collect();
         Self {
             rows: found.len() as u64,
-            // What is not a number is not within anything.
+            // NaN is within nothing.
             beyond: tolerance.map(|tolerance| found.iter().filter(|&&f| f.is_nan() || f > tolerance.0).count() as u64),
             mean: mean(&found),
             max: max(&found),
@@ -167,7 +167,7 @@ impl Closure {
     }
 }
 
-/// What `--verify` asks for.
+/// The request of `--verify`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Verify<'a> {
     pub(crate) rows: u32,
@@ -177,7 +177,7 @@ pub(crate) struct Verify<'a> {
     pub(crate) cancel: &'a AtomicBool,
 }
 
-/// True if a tolerance was kept, for all that the rows and the reference let one say.
+/// Verdict on a tolerance, within the confidence that the rows and the reference allow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Verdict {
@@ -201,7 +201,7 @@ impl Verdict {
             measured.interval_of_matrix
         };
         let side = |interval: Interval| match interval {
-            // What is not a number is not within anything.
+            // NaN is within nothing.
             Interval { low, high } if low.is_nan() || high.is_nan() || low > tolerance.0 => Self::Broken,
             Interval { high, .. } if high <= tolerance.0 => Self::Kept,
             _ => Self::UnsureForNoise,
@@ -232,7 +232,7 @@ pub(crate) struct Verification {
 }
 
 impl Verify<'_> {
-    /// Draws rows among those of `plan`, computes their references, and holds what `store` has against them.
+    /// Draws rows from `plan`, computes their references, and compares the rows of `store`.
     ///
     /// # Errors
     /// When the store cannot be read.
@@ -254,7 +254,7 @@ impl Verify<'_> {
         let drawn = Plan::new(model, choice, among, 1, plan.rotate).rows;
         let settings = reference_settings(self.tolerance, self.seed);
         let reference = Reference::new(model, settings).context("there is no reference to verify against")?;
-        // An interrupt ends the reference after the rows that are under way, and what was measured is said.
+        // An interrupt ends the reference after the rows in progress; their errors are reported.
         let guard = exit::InterruptGuard::new();
         let bar = Bar::rows(talk, drawn.len() as u64, 0);
         let row_count = drawn.len() as u64;
@@ -315,7 +315,7 @@ impl Verify<'_> {
 }
 
 impl Verification {
-    /// How the program ends.
+    /// Exit of the program.
     pub(crate) fn exit(&self) -> Exit {
         if self.interrupted {
             Exit::Interrupted
@@ -367,7 +367,7 @@ impl Verification {
         }
     }
 
-    /// What a person reads.
+    /// Text for people.
     pub(crate) fn text(&self) -> String {
         let m = &self.measured;
         let mut list = Listing::default();
@@ -480,7 +480,7 @@ mod tests {
         assert_eq!(of(&within, 1000), Verdict::Kept);
         let beyond = measured(20, [0.02, 0.021], [0.011, 0.03]);
         assert_eq!(of(&beyond, 1000), Verdict::Broken);
-        // Rows that break it do not prove that the matrix does.
+        // Rows that break it do not prove that the matrix breaks it.
         let wide = measured(20, [0.02, 0.021], [0.008, 0.03]);
         assert_eq!(of(&wide, 1000), Verdict::UnsureForRows);
         assert_eq!(of(&wide, 20), Verdict::Broken);
@@ -568,7 +568,7 @@ mod tests {
         // A pair is left out.
         let wrong = of(&row(&[0.4]), &table);
         assert!((wrong.max - 0.3).abs() < 1e-12 && wrong.beyond == Some(1), "{wrong:?}");
-        // Shares that nobody knows say nothing.
+        // Unknown shares prove nothing.
         assert_eq!(of(&row(&[0.4]), &RowTable::unknown(3)).rows, 0);
         assert!(closure_of(f64::NAN, InputPatch(1), &table).is_some_and(f64::is_nan));
         assert_eq!(of(&row(&[f64::NAN, 0.4]), &table).beyond, Some(1));

@@ -1,10 +1,10 @@
-// What examples in the documentation begin with, out of the reader's sight. Each includes this file in a module `room`:
-// an example cannot call a function of another one, and a store takes more lines than what is to be shown of it.
+// Hidden beginning of the documentation's examples. Each includes this file in a module `room`: an example cannot call a
+// function of another one, and making a store takes more lines than the example is about.
 
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
 use hemicube::accuracy::correct::Correction;
-use hemicube::driver::settings::{Cut, RowSettings, Rows};
+use hemicube::driver::settings::{RowSettings, RowsRecord, SubdivisionRecord};
 use hemicube::store::{Header, Part, PatchTable, Store, StoreWriter};
 use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::CpuBackend;
@@ -54,7 +54,7 @@ pub fn plan(model: &Model, correction: Correction) -> Plan {
     Plan::new(model, RowChoice::All, Selection::default(), 1, true).with_correction(correction)
 }
 
-/// What the rows of [`plan`] depend on.
+/// Settings of the rows of [`plan`].
 pub fn settings(correction: &Correction) -> RowSettings {
     RowSettings {
         resolution: RENDER.resolution,
@@ -63,13 +63,13 @@ pub fn settings(correction: &Correction) -> RowSettings {
         tolerance: None,
         reason: None,
         rotation: true,
-        subdivision: Cut::from(Subdivision::Split(2)),
+        subdivision: SubdivisionRecord::from(Subdivision::Split(2)),
         two_sided: "auto",
         flip: Vec::new(),
         keep_duplicates: false,
         scale: 1.0,
         up: Some("y"),
-        rows: Rows::All,
+        rows: RowsRecord::All,
         emitters: Vec::new(),
         receivers: Vec::new(),
         occluders: Vec::new(),

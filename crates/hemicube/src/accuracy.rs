@@ -1,8 +1,8 @@
 //! How right a row is: from weights to form factors, and what that costs.
 //!
-//! [`correct`] makes form factors of the weights of hemicubes, at an accuracy [`level`] that the user chose. A
-//! tolerance is kept by refining the visible fractions of some pairs (`refine`), with what [`calibrate`] learnt from a
-//! sample of the scene's rows. Large patches get several hemicubes (`grain`), and what a row loses is measured by rays
+//! [`correct`] makes form factors of the weights of hemicubes, at an accuracy [level](crate::driver::level) that the
+//! user chose. A tolerance is kept by refining the visible fractions of some pairs (`refine`), with what
+//! [calibration](crate::driver::calibrate) learnt from a sample of the scene's rows. Large patches get several hemicubes (`grain`), and what a row loses is measured by rays
 //! where its sum does not say (`lost`).
 //!
 //! `settle.rs` draws rows by a seed, learns from rays how far visible fractions from one hemicube are off in this scene
@@ -42,9 +42,9 @@
 //! have a part in that, by rays from all over the patch (`lost.rs`, 256 to 16,384 of them), which also find the rows
 //! whose centroids lie in a solid: those get up to sixteen hemicubes.
 
-pub mod calibrate;
 pub mod correct;
+pub mod error_model;
 pub(crate) mod grain;
-pub mod level;
-pub(crate) mod lost;
+pub(crate) mod ray_shares;
 pub(crate) mod refine;
+pub(crate) mod row;

@@ -1,4 +1,4 @@
-//! What is made of a stored matrix: checked, compared, added up by object, balanced.
+//! Analyses of a stored matrix: checked, compared, added up by zones, balanced.
 
 pub mod balance;
 pub mod check;

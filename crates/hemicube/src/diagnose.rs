@@ -1,9 +1,9 @@
-//! What in a scene would spoil its form factors, found from geometry alone: each finding with a count, the worst few
-//! places, and the next thing to try. A scene without defects has no findings.
+//! Defects of a scene that would spoil its form factors, found from geometry alone: each finding with a count, the
+//! worst few places, and the next thing to try. A scene without defects has no findings.
 //!
-//! All surfaces are looked at where that is soon done; in large scenes a seeded sample of them is, and counts then are
-//! extrapolated and say so. How much is looked at depends on counted work, never on a clock, so that the same scene has
-//! the same findings on every machine and with any number of threads.
+//! Small scenes are examined whole. In large ones a seeded sample of surfaces is examined, and counts are extrapolated
+//! and marked so. The sample's size depends on counted work, never on a clock: a scene has the same findings on every
+//! machine and with any number of threads.
 
 mod contact;
 mod enclosure;
@@ -24,14 +24,14 @@ use glam::DVec3;
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 
-/// How a scene is examined.
+/// Options of an examination.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DiagnoseOptions {
-    /// Which sample, where not all is looked at.
+    /// Seed of the sample.
     pub seed: u64,
     /// Worker threads; 0: one a core. They change nothing of the result.
     pub threads: usize,
-    /// Surfaces that each detector looks at, at most: the work's own bound in large scenes is lower.
+    /// Most surfaces examined by each detector; the bound on the work is lower in large scenes.
     pub surfaces_max: usize,
 }
 
@@ -54,26 +54,26 @@ pub enum FindingKind {
     Buried,
     /// The centroid sees only backs, other points of the patch see more.
     CentroidBuried,
-    /// More than half of what the centroid has in view is backs of one-sided surfaces.
+    /// Backs of one-sided surfaces fill more than half of the view from the centroid.
     MostlyBlocked,
     /// Two triangles pass through each other.
     Crossing,
-    /// Two triangles cover each other in one plane, or so near that one always hides the other.
+    /// Two triangles cover each other in one plane, or so nearly that one always hides the other.
     Overlap,
     /// Two patches face each other across a gap that is nothing beside their size.
     NearContact,
     /// Seen from the centroid a neighbour is much larger or smaller than from the whole patch.
     LargePatch,
-    /// A triangle more than a thousand times as long as it is high.
+    /// A triangle more than a thousand times longer than high.
     Sliver,
     /// A triangle so small that the rounding of the file's coordinates turns its plane.
     CoarseGrain,
-    /// Corners that are one unit of the file's rounding apart, and were probably one.
+    /// Corners one unit of the file's rounding apart, probably meant to be one.
     Crack,
 }
 
 impl FindingKind {
-    /// A short name, as in reports.
+    /// A short name, for reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Buried => "buried",
@@ -89,7 +89,7 @@ impl FindingKind {
         }
     }
 
-    /// What is counted, in the singular.
+    /// The thing counted, in the singular.
     pub fn counted(self) -> &'static str {
         match self {
             Self::Buried | Self::CentroidBuried | Self::MostlyBlocked | Self::LargePatch => "patch",
@@ -99,7 +99,7 @@ impl FindingKind {
         }
     }
 
-    /// What that means, to go after the count.
+    /// The consequence, as a clause after the count.
     pub fn meaning(self) -> &'static str {
         match self {
             Self::Buried => "with nothing but backs of one-sided surfaces in view: buried, or wound the wrong way",
@@ -117,7 +117,7 @@ impl FindingKind {
         }
     }
 
-    /// What [`Example::value`] is.
+    /// The quantity of [`Example::value`].
     pub fn measure(self) -> Measure {
         let (name, unit) = match self {
             Self::Buried => ("area", Unit::Area),
@@ -134,7 +134,7 @@ impl FindingKind {
         Measure { name, unit }
     }
 
-    /// What [`Finding::examined`] and [`Finding::population`] count, in the plural.
+    /// The things counted by [`Finding::examined`] and [`Finding::population`], in the plural.
     pub fn population(self) -> &'static str {
         match self {
             Self::Buried | Self::CentroidBuried | Self::MostlyBlocked | Self::LargePatch => "patches",
@@ -142,7 +142,7 @@ impl FindingKind {
         }
     }
 
-    /// What [`Finding::total`] is the sum of, where a sum says something.
+    /// The quantity summed in [`Finding::total`], where a sum means something.
     pub fn total(self) -> Option<Measure> {
         let (name, unit) = match self {
             Self::Buried | Self::CentroidBuried | Self::MostlyBlocked => {
@@ -173,16 +173,16 @@ pub enum Unit {
     Number,
 }
 
-/// What is measured, and in what.
+/// A measured quantity and its unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Measure {
-    /// What it is.
+    /// Its name.
     pub name: &'static str,
     /// Its unit.
     pub unit: Unit,
 }
 
-/// One place where something is wrong.
+/// One place of a defect.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Example {
     /// The patch; of a pair the smaller triangle's.
@@ -191,10 +191,10 @@ pub struct Example {
     /// The other patch of a pair.
     #[serde(serialize_with = "number_if_any", skip_serializing_if = "Option::is_none")]
     pub other: Option<InputPatch>,
-    /// Where, in the file's unit.
+    /// The place, in the file's unit.
     #[serde(serialize_with = "coordinates")]
     pub at: DVec3,
-    /// What was measured there, see [`FindingKind::measure`].
+    /// The quantity measured there, see [`FindingKind::measure`].
     pub value: f64,
 }
 
@@ -210,20 +210,20 @@ fn coordinates<S: serde::Serializer>(at: &DVec3, serializer: S) -> Result<S::Ok,
     at.to_array().serialize(serializer)
 }
 
-/// Something that would spoil form factors.
+/// A kind of defect found in a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// What.
+    /// Its kind.
     pub kind: FindingKind,
-    /// Number of times that it was met among those looked at.
+    /// Number of cases among the surfaces examined.
     pub count: u64,
-    /// Number of patches, or triangles, that were looked at.
+    /// Number of patches, or triangles, examined.
     pub examined: u64,
-    /// The number that there are.
+    /// Number of them in the scene.
     pub population: u64,
-    /// Number of times that it is there in all: `count` when all were looked at, otherwise extrapolated.
+    /// Number of cases in the scene: `count` when all were examined, otherwise extrapolated.
     pub estimate: f64,
-    /// The sum that [`FindingKind::total`] names, over those met; extrapolated like `estimate` where it is no share.
+    /// Sum of the quantity of [`FindingKind::total`] over the cases; extrapolated like `estimate` unless it is a share.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub total: Option<f64>,
     /// The worst, worst first.
@@ -239,12 +239,12 @@ impl Finding {
     }
 }
 
-/// What is wrong with a scene, and what its coordinates can tell apart.
+/// Findings about a scene, and the precision of its coordinates.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diagnosis {
-    /// Which sample.
+    /// Seed of the sample.
     pub seed: u64,
-    /// What is wrong, in the order of [`FindingKind`]; empty when nothing is.
+    /// The defects, in the order of [`FindingKind`]; empty without defects.
     pub findings: Vec<Finding>,
     /// Digits and rounding of the coordinates.
     pub precision: Precision,
@@ -257,10 +257,10 @@ impl Diagnosis {
     }
 }
 
-/// Nodes of the tree that the rays of [`enclosure`] may meet: about half a second's worth.
+/// Nodes of the tree that the rays of [`enclosure`] may meet: about half a second of work.
 const WORK_OF_ENCLOSURE: u64 = 25_000_000;
 
-/// Number of the worst places that are kept.
+/// Number of the worst places kept.
 const EXAMPLES_MAX: usize = 5;
 
 /// Counts places and keeps the worst.
@@ -268,7 +268,7 @@ const EXAMPLES_MAX: usize = 5;
 struct Tally {
     count: u64,
     total: f64,
-    /// How bad, and where; worst first.
+    /// Severity and place, the worst first.
     worst: Vec<(f64, Example)>,
 }
 
@@ -306,7 +306,7 @@ impl Tally {
         }
     }
 
-    /// `of` is how many were looked at and how many there are; `whole` what the total is a share of, when it is one.
+    /// `of` is the number examined and the population; `whole` the reference of the total, if it is a share.
     fn finding(self, kind: FindingKind, of: Examined, whole: Option<f64>, next: String) -> Option<Finding> {
         if self.count == 0 {
             return None;
@@ -382,14 +382,14 @@ pub fn diagnose(model: &Model, options: DiagnoseOptions) -> Diagnosis {
     }
 }
 
-/// The power of two by which a model's coordinates were scaled.
+/// The power of two that a model's coordinates were scaled by.
 fn scale_of(model: &Model) -> f64 {
     let edges = model
         .patches()
         .surfaces()
         .iter()
         .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
-    // Not their lengths, whose squares need not be numbers.
+    // Not their lengths: these may have squares out of range.
     let across = |a: DVec3, b: DVec3| (b - a).abs().max_element();
     let scale = edges
         .map(|(a, b)| across(model.normalise(a), model.normalise(b)) / across(a, b))

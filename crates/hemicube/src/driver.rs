@@ -1,7 +1,13 @@
-//! Runs: which rows, with what settings, in which order, on how many threads, to where.
+//! Runs: from a scene to rows of its matrix. [`job`] conducts a run; the others are its steps.
 
+pub mod calibrate;
 pub mod compute;
+pub mod input;
+pub mod job;
+pub mod level;
+mod plan;
 pub mod probe;
+mod queue;
 pub mod selection;
 pub mod settings;
 pub mod storage_policy;

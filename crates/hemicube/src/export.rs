@@ -1,7 +1,7 @@
-//! The matrix in the files that other programs read: SciPy, Matrix Market, MATLAB and Octave, NumPy.
+//! The matrix in files of other programs: SciPy, Matrix Market, MATLAB and Octave, NumPy.
 //!
 //! F\[i, j\] is from i to j. Rows and columns are input patches; a row that was not computed is empty. Everything
-//! streams: a row is in memory, and what each row's length is. Files appear whole or not at all.
+//! streams: in memory are one row, and the length of each. Files appear whole or not at all.
 
 mod array;
 mod text;
@@ -13,7 +13,7 @@ use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Rows whose text is measured to forecast the size of a file.
+/// Rows measured to forecast the size of a text file.
 const FORECAST_ROWS: usize = 256;
 
 /// A file format for matrices.
@@ -33,7 +33,7 @@ pub enum ExportFormat {
 }
 
 impl ExportFormat {
-    /// The format that a file's extension asks for.
+    /// The format of a file's extension.
     ///
     /// # Errors
     /// [`Error::Unsupported`] when it asks for none.
@@ -48,23 +48,23 @@ impl ExportFormat {
             Some("npy") => Ok(Self::Npy),
             _ => Err(Error::unsupported(
                 path,
-                "does not say which format is wanted; end it in `.npz` (SciPy), `.mtx` (Matrix Market), `.txt` or `.dat` \
-                 (MATLAB's `spconvert`) or `.npy` (dense NumPy)",
+                "does not say which format is wanted; end it in `.npz` (SciPy), `.mtx` (Matrix Market), `.txt` or \
+                 `.dat` (MATLAB's `spconvert`) or `.npy` (dense NumPy)",
             )),
         }
     }
 }
 
-/// How to export.
+/// Options of an export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ExportOptions {
     /// Replace a file that is there.
     pub overwrite: bool,
-    /// Accept a store of which parts are missing: their rows are empty.
+    /// Accept a store with missing parts: their rows are empty.
     pub allow_incomplete: bool,
 }
 
-/// What was exported.
+/// Figures of an export.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
 pub struct ExportReport {
@@ -72,17 +72,17 @@ pub struct ExportReport {
     pub path: PathBuf,
     /// Its format.
     pub format: ExportFormat,
-    /// Rows of the matrix, and columns but for those of the sky.
+    /// Rows of the matrix, and columns without those of the sky.
     pub patch_count: u32,
     /// Columns after those of the patches: the ground and the patches of the sky; 0 without them.
     pub sky_columns: u32,
-    /// Rows that were computed; the others are empty.
+    /// Computed rows; the others are empty.
     pub rows: u64,
-    /// Entries of the matrix, those of the sky among them.
+    /// Entries of the matrix, those of the sky included.
     pub entries: u64,
     /// Size of the file.
     pub bytes: u64,
-    /// What the size was thought to become, before; exact but for text.
+    /// Forecast of the size, in bytes; exact except for text.
     pub forecast: u64,
 }
 
@@ -91,7 +91,7 @@ pub struct ExportReport {
 /// # Errors
 /// [`Error::Exists`] without [`ExportOptions::overwrite`]; [`Error::Incomplete`] without
 /// [`ExportOptions::allow_incomplete`]; [`Error::DiskTooSmall`] before anything is written, [`Error::NoSpace`] after;
-/// otherwise what reading and writing give.
+/// otherwise errors of reading and writing.
 ///
 /// ```
 /// use hemicube::export::{ExportFormat, ExportOptions, export};
@@ -118,11 +118,11 @@ pub fn export(store: &Store, path: &Path, format: ExportFormat, options: ExportO
     write(&Source { store, sky: None }, path, format, options)
 }
 
-/// Writes the matrix of `store` with more columns: after those of the patches the ground, and then the patches of the
-/// sky, by what of each row's view they are. With what is blocked, rows then sum to 1 as far as the matrix's close.
+/// Writes the matrix of `store` with more columns: after those of the patches the ground, then the patches of the sky,
+/// each with its share of the row's view. With the blocked share, rows then sum to 1 as far as the matrix is closed.
 ///
 /// # Errors
-/// As [`export`], and when `sky` is of another number of patches.
+/// Those of [`export`], and when `sky` is of another number of patches.
 pub fn export_with_sky(
     store: &Store,
     sky: &StoredSky,
@@ -171,7 +171,7 @@ fn write(source: &Source<'_>, path: &Path, format: ExportFormat, options: Export
         ExportFormat::Npy => array::npy_size(source),
         ExportFormat::MatrixMarket | ExportFormat::Triplets => text::forecast(source, FORECAST_ROWS)?,
     };
-    // Created first: a place that cannot be written is the better thing to be told than one that is too small.
+    // Created first: of two errors, the place that cannot be written is the better one to tell.
     let file = DurableFile::create(path)?;
     require_room(path, format, forecast)?;
     let file = match format {
@@ -196,13 +196,13 @@ fn write(source: &Source<'_>, path: &Path, format: ExportFormat, options: Export
     })
 }
 
-/// Refuses an export that the disk cannot hold.
+/// Refuses an export larger than the disk's free space.
 fn require_room(path: &Path, format: ExportFormat, forecast: u64) -> Result<()> {
     let directory = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    // A file system that does not say how full it is will say so when it is.
+    // Without the disk's free space, a full disk is an error of writing.
     let Ok(available) = fs4::available_space(directory) else {
         return Ok(());
     };
@@ -221,7 +221,7 @@ fn require_room(path: &Path, format: ExportFormat, forecast: u64) -> Result<()> 
     Ok(())
 }
 
-/// What is written: the matrix, and the columns of the sky where they are wanted.
+/// Content of an export: the matrix, and the columns of the sky where they are wanted.
 struct Source<'a> {
     store: &'a Store,
     sky: Option<&'a StoredSky>,
@@ -253,7 +253,7 @@ impl Source<'_> {
         Ok(entries)
     }
 
-    /// Number of entries that a row has; 0 for one that was not computed.
+    /// Number of a row's entries; 0 for one that was not computed.
     fn entries_of_row(&self, patch: InputPatch) -> Result<u64> {
         let Some(entries) = self.store.entries_of_row(patch)? else {
             return Ok(0);
@@ -277,7 +277,7 @@ impl Source<'_> {
         Ok(self.store.row(patch)?.map(|row| self.with_sky(patch, row)))
     }
 
-    /// All rows that were computed.
+    /// All computed rows.
     fn rows(&self) -> Result<impl Iterator<Item = Result<(InputPatch, Row)>>> {
         Ok(self
             .store

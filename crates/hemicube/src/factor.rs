@@ -11,7 +11,8 @@ pub(crate) mod far;
 mod lanes;
 
 use crate::Model;
-use coarse::{Found, Pairs, Reach, Shape, WIDTH};
+use crate::geometry::{self, CompactTriangle, distance, quarters};
+use coarse::{Found, Pairs, Reach, WIDTH};
 use contour::Care;
 use far::{Others, Own};
 use glam::DVec3;
@@ -217,7 +218,7 @@ pub struct Exchanges {
 /// Pairs to be evaluated in single precision, and where their values go.
 #[derive(Debug)]
 struct Single {
-    own: Shape,
+    own: CompactTriangle,
     pairs: Pairs,
     places: [usize; WIDTH],
     corners: [[DVec3; 3]; WIDTH],
@@ -243,7 +244,7 @@ impl Exchanges {
             rule,
             corners: [DVec3::ZERO; 3],
             single: Single {
-                own: Shape::default(),
+                own: CompactTriangle::default(),
                 pairs: Pairs::new(),
                 places: [0; WIDTH],
                 corners: [[DVec3::ZERO; 3]; WIDTH],
@@ -270,7 +271,7 @@ impl Exchanges {
     pub fn begin(&mut self, i: &[DVec3; 3]) {
         self.corners = *i;
         if self.rule.coarse.is_some() {
-            self.single.own = Shape::new(i);
+            self.single.own = CompactTriangle::new(i);
         } else {
             self.double.own = Own::new(i);
         }
@@ -280,7 +281,7 @@ impl Exchanges {
     pub fn add(&mut self, place: usize, j: &[DVec3; 3], out: &mut [f64]) {
         if let Some(reach) = self.rule.coarse {
             let single = &mut self.single;
-            single.pairs.set(single.filled, &single.own, &Shape::new(j));
+            single.pairs.set(single.filled, &single.own, &CompactTriangle::new(j));
             single.places[single.filled] = place;
             single.corners[single.filled] = *j;
             single.filled += 1;
@@ -322,11 +323,11 @@ impl Exchanges {
             self.finish(out);
             return;
         };
-        let shapes = model.shapes();
+        let triangles = model.compact_triangles();
         for (block, patches) in patches.chunks(WIDTH).enumerate() {
             let single = &mut self.single;
             for (l, &patch) in patches.iter().enumerate() {
-                single.pairs.set(l, &single.own, &shapes[patch as usize]);
+                single.pairs.set(l, &single.own, &triangles[patch as usize]);
             }
             let found = coarse::far(&single.own, &single.pairs, &reach);
             for l in 0..patches.len() {
@@ -421,7 +422,7 @@ impl Exchanges {
 
     fn add_near(&mut self, place: usize, j: &[DVec3; 3], out: &mut [f64]) {
         let (outer, inner) = in_order(&self.corners, j);
-        let cross = (outer[1] - outer[0]).cross(outer[2] - outer[0]);
+        let cross = geometry::cross(&outer);
         let double_area = cross.length();
         if double_area == 0.0 {
             out[place] = 0.0;
@@ -429,7 +430,7 @@ impl Exchanges {
         }
         let normal = cross / double_area;
         if is_far(&outer, &inner, self.rule.one) {
-            let center = (outer[0] + outer[1] + outer[2]) / 3.0;
+            let center = geometry::centroid(&outer);
             let l = self.waiting_filled;
             for k in 0..3 {
                 self.waiting.point[k][l] = center[k];
@@ -464,20 +465,16 @@ impl Exchanges {
 
 /// Returns whether two triangles are farther apart than `radii` radii of the outer one, by the spheres round them.
 fn is_far(outer: &[DVec3; 3], inner: &[DVec3; 3], radii: f64) -> bool {
-    let sphere = |t: &[DVec3; 3]| {
-        let center = (t[0] + t[1] + t[2]) / 3.0;
-        let radius = t.iter().map(|p| p.distance_squared(center)).fold(0.0, f64::max).sqrt();
-        (center, radius)
-    };
-    let ((outer_center, outer_radius), (inner_center, inner_radius)) = (sphere(outer), sphere(inner));
+    let ((outer_center, outer_squared), (inner_center, inner_squared)) =
+        (geometry::sphere(outer), geometry::sphere(inner));
+    let (outer_radius, inner_radius) = (outer_squared.sqrt(), inner_squared.sqrt());
     outer_center.distance(inner_center) - inner_radius > (radii + 1.0) * outer_radius
 }
 
 /// The exchange of a pair that is not far apart.
 fn near(outer: &[DVec3; 3], inner: &[DVec3; 3], normal: DVec3, area: f64, rule: &FactorRule) -> f64 {
-    let center = (outer[0] + outer[1] + outer[2]) / 3.0;
-    let radius = outer.map(|p| p.distance(center)).into_iter().fold(0.0, f64::max);
-    let radii = distance(center, inner) / radius - 1.0;
+    let (center, squared_radius) = geometry::sphere(outer);
+    let radii = distance(center, inner) / squared_radius.sqrt() - 1.0;
     if radii <= rule.twenty_four || is_cut(outer, inner) {
         return contour::exchange(outer, inner, rule.care);
     }
@@ -494,51 +491,17 @@ fn near(outer: &[DVec3; 3], inner: &[DVec3; 3], normal: DVec3, area: f64, rule: 
 
 /// Returns whether the inner triangle's plane cuts the outer one: the factor from a point has a kink there.
 fn is_cut(outer: &[DVec3; 3], inner: &[DVec3; 3]) -> bool {
-    let normal = (inner[1] - inner[0]).cross(inner[2] - inner[0]);
+    let normal = geometry::cross(inner);
     let heights = outer.map(|p| normal.dot(p - inner[0]));
     heights.iter().any(|&h| h > 0.0) && heights.iter().any(|&h| h < 0.0)
 }
 
 /// The smaller triangle first, and among equals by their corners, so that the order of arguments does not matter.
 fn in_order(i: &[DVec3; 3], j: &[DVec3; 3]) -> ([DVec3; 3], [DVec3; 3]) {
-    let area = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).length_squared();
+    let area = |t: &[DVec3; 3]| geometry::cross(t).length_squared();
     let bits = |t: &[DVec3; 3]| t.map(|p| p.to_array().map(|x| x.to_bits()));
     let order = area(i).total_cmp(&area(j)).then_with(|| bits(i).cmp(&bits(j)));
     if order.is_le() { (*i, *j) } else { (*j, *i) }
-}
-
-/// The distance from a point to a triangle (Ericson 2005, §5.1.5, by Voronoi regions).
-pub(crate) fn distance(p: DVec3, [a, b, c]: &[DVec3; 3]) -> f64 {
-    let (ab, ac, ap) = (*b - *a, *c - *a, p - *a);
-    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
-    if d1 <= 0.0 && d2 <= 0.0 {
-        return ap.length();
-    }
-    let bp = p - *b;
-    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
-    if d3 >= 0.0 && d4 <= d3 {
-        return bp.length();
-    }
-    let vc = d1 * d4 - d3 * d2;
-    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        return (ap - ab * (d1 / (d1 - d3))).length();
-    }
-    let cp = p - *c;
-    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
-    if d6 >= 0.0 && d5 <= d6 {
-        return cp.length();
-    }
-    let vb = d5 * d2 - d1 * d6;
-    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        return (ap - ac * (d2 / (d2 - d6))).length();
-    }
-    let va = d3 * d6 - d5 * d4;
-    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
-        let w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
-        return (bp - (*c - *b) * w).length();
-    }
-    let n = ab.cross(ac);
-    n.dot(ap).abs() / n.length()
 }
 
 fn set_target(elements: &mut Elements, normal: DVec3, triangle: &[DVec3; 3]) {
@@ -604,12 +567,6 @@ pub(crate) const SIX: [(f64, f64, f64); 2] = [
     (0.816_847_572_980_459, 0.091_576_213_509_771, 0.109_951_743_655_322),
     (0.108_103_018_168_070, 0.445_948_490_915_965, 0.223_381_589_678_011),
 ];
-
-/// The four parts of a triangle that halving its edges gives.
-pub(crate) fn quarters([a, b, c]: &[DVec3; 3]) -> [[DVec3; 3]; 4] {
-    let (ab, bc, ca) = ((*a + *b) * 0.5, (*b + *c) * 0.5, (*c + *a) * 0.5);
-    [[*a, ab, ca], [ab, *b, bc], [ca, bc, *c], [ab, bc, ca]]
-}
 
 /// Six points on a triangle that is `share` of the outer one.
 fn add_six_points(sum: &mut Quadrature, triangle: &[DVec3; 3], share: f64) {
@@ -869,21 +826,6 @@ mod tests {
         for (tolerance, bound) in [(COARSE, 2e-3), (MIDDLE, 3e-4)] {
             let found = between(&floor, &small, tolerance);
             assert!((found / whole - 1.0).abs() < bound, "{tolerance}: {found} {whole}");
-        }
-    }
-
-    #[test]
-    fn distances_to_a_triangle() {
-        let t = [DVec3::ZERO, DVec3::X, DVec3::Y];
-        for (p, d) in [
-            (DVec3::new(0.2, 0.2, 3.0), 3.0),
-            (DVec3::new(-3.0, -4.0, 0.0), 5.0),
-            (DVec3::new(0.5, -2.0, 0.0), 2.0),
-            (DVec3::new(3.0, 0.0, 0.0), 2.0),
-            (DVec3::new(1.0, 1.0, 0.0), 0.5f64.sqrt()),
-            (DVec3::new(0.0, 0.0, 0.0), 0.0),
-        ] {
-            assert!((distance(p, &t) - d).abs() < 1e-15, "{p}");
         }
     }
 }

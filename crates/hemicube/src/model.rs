@@ -1,8 +1,8 @@
 //! A scene made ready for hemicubes: normalised coordinates, surfaces in the octree's order, and the order of work.
 
 use crate::backend::{Geometry, Hemicube, Surface};
-use crate::factor::coarse::Shape;
 use crate::frame;
+use crate::geometry::CompactTriangle;
 use glam::DVec3;
 use hemicube_scene::{InputPatch, Patches, Side};
 use hemicube_spatial::{Aabb, Octree, OctreeError, OctreeOptions, order_by_normal_and_position};
@@ -110,7 +110,7 @@ pub struct Model {
     center: DVec3,
     scale: f64,
     /// By patch; made when first asked for.
-    shapes: Arc<OnceLock<Vec<Shape>>>,
+    compact: Arc<OnceLock<Vec<CompactTriangle>>>,
 }
 
 impl Model {
@@ -210,7 +210,7 @@ impl Model {
             order,
             center,
             scale,
-            shapes: Arc::default(),
+            compact: Arc::default(),
         })
     }
 
@@ -240,11 +240,11 @@ impl Model {
         self.patches.corners(InputPatch(patch)).map(|p| self.normalise(p))
     }
 
-    /// What closed forms to some thousandths need of each patch.
-    pub(crate) fn shapes(&self) -> &[Shape] {
-        self.shapes.get_or_init(|| {
+    /// Each patch in normalised coordinates and single precision; made at the first call, O(patches).
+    pub(crate) fn compact_triangles(&self) -> &[CompactTriangle] {
+        self.compact.get_or_init(|| {
             let corners = self.patches.iter().map(|patch| self.normalised_corners(patch.0));
-            corners.map(|corners| Shape::new(&corners)).collect()
+            corners.map(|corners| CompactTriangle::new(&corners)).collect()
         })
     }
 

@@ -1,18 +1,18 @@
-//! The sky as a receiver: what escapes of a hemicube, divided over patches of the sky, and one *ground* column for what
-//! goes down.
+//! The sky as a receiver: the escaped weight of a hemicube, divided over patches of the sky, and one *ground* column
+//! for directions below the horizon.
 //!
-//! The division is Reinhart's (Reinhart & Walkenhorst 2001) of which Tregenza's 145 patches (Tregenza 1987) are the
-//! first: seven rings of 30, 30, 24, 24, 18, 12, 6 patches and a cap, each ring cut into n and each patch of it into n.
-//! The height of a ring is 90° / (7 n + ½). Order and orientation are those of Radiance's `gendaymtx` and `rfluxmtx`:
-//! column 0 is the ground, column 1 the patch of the lowest ring whose middle lies due north, and on clockwise (north,
-//! east, south, west), ring by ring upwards. A sky matrix of theirs can be multiplied with what is written here.
+//! The division is Reinhart's (Reinhart & Walkenhorst 2001), with Tregenza's 145 patches (Tregenza 1987) as its first:
+//! seven rings of 30, 30, 24, 24, 18, 12, 6 patches and a cap, each ring cut into n and each patch of it into n. The
+//! height of a ring is 90° / (7 n + ½). Order and orientation are those of Radiance's `gendaymtx` and `rfluxmtx`:
+//! column 0 is the ground, column 1 the patch of the lowest ring with its middle due north, and on clockwise (north,
+//! east, south, west), ring by ring upwards. Their sky matrices can be multiplied with sky rows.
 //!
-//! A pixel that escapes goes to the patch of the sky in which its centre lies, with all of its weight: so the columns
-//! of a row add up to what it lost, exactly, in whole weights. Comparisons are made on squares and on the diamond
-//! angle, without trigonometry.
+//! An escaped pixel goes, with all of its weight, to the patch of the sky at its centre. The columns of a row therefore
+//! sum to its escaped weight exactly, in whole weights. Comparisons are made on squares and on the diamond angle,
+//! without trigonometry.
 //!
-//! No sky columns in the parts, because the sky is divided after the matrix is computed, by directions that may change,
-//! and parts would have to be written anew; an export with the sky reads both.
+//! No sky columns in the parts, because the sky is divided after the matrix is computed, by directions that may change:
+//! parts would have to be written anew. An export with the sky reads both.
 
 mod files;
 
@@ -34,14 +34,14 @@ use std::sync::mpsc;
 
 /// Patches of Tregenza's rings, from the horizon up.
 const TREGENZA: [u32; 7] = [30, 30, 24, 24, 18, 12, 6];
-/// The most parts that a patch is cut into along each edge.
+/// Most pieces of a patch along each edge.
 pub const PARTS_MAX: u32 = 16;
 /// Levels of refinement: 1, 4, 16 and 64 hemicubes a row.
 pub const LEVELS: u32 = 4;
 /// Relative to the sky view factor, no error below this share of the hemisphere is worth a hemicube.
 const NEGLIGIBLE: f64 = 1e-5;
 
-/// Where up and north are: three unit vectors, east × north = up.
+/// Directions of east, north and up: unit vectors, east × north = up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Horizon {
     /// East.
@@ -53,8 +53,8 @@ pub struct Horizon {
 }
 
 impl Horizon {
-    /// The horizon of a scene whose `up` axis points up, with north turned clockwise, seen from above, by `turn`
-    /// degrees. North is +y where z is up, −z where y is up (x is east in both), and +z where x is up (y is east).
+    /// The horizon of a scene with the axis `up` pointing up, and north turned clockwise, seen from above, by `turn`
+    /// degrees. North is +y with z up, −z with y up (x is east in both), and +z with x up (y is east).
     pub fn new(up: Axis, turn: f64) -> Self {
         let (east, north, up) = match up {
             Axis::Z => (DVec3::X, DVec3::Y, DVec3::Z),
@@ -84,9 +84,9 @@ impl Horizon {
 struct Ring {
     /// The column of its first patch.
     first: u32,
-    /// Altitude at which it begins and ends, radians.
+    /// Altitudes of its lower and upper edge, radians.
     altitude: [f64; 2],
-    /// Diamond angles, from north clockwise, at which its patches but the first end: the first lies on both sides of
+    /// Diamond angles, from north clockwise, of the ends of its patches but the first, which lies on both sides of
     /// north.
     ends: Vec<f64>,
 }
@@ -97,7 +97,7 @@ impl Ring {
     }
 }
 
-/// The angle from north clockwise as a number from 0 to 4 that grows with it: 0 north, 1 east, 2 south, 3 west.
+/// The diamond angle from north clockwise, growing from 0 to 4: 0 north, 1 east, 2 south, 3 west.
 fn diamond(east: f64, north: f64) -> f64 {
     let size = east.abs() + north.abs();
     if size == 0.0 {
@@ -134,12 +134,12 @@ fn diamond(east: f64, north: f64) -> f64 {
 pub struct SkyDivision {
     parts: u32,
     rings: Vec<Ring>,
-    /// Squares of the sines of the altitudes at which rings begin, but the first.
+    /// Squares of the sines of the rings' lower altitudes, without the first.
     squares: Vec<f64>,
 }
 
 impl SkyDivision {
-    /// Reinhart's division with each of Tregenza's patches cut into `parts`² (from 1, which is Tregenza's own, to
+    /// Reinhart's division, with each of Tregenza's patches cut into `parts`² (from 1, Tregenza's own, to
     /// [`PARTS_MAX`]): 144 `parts`² + 1 patches. `None` out of that range.
     pub fn new(parts: u32) -> Option<Self> {
         if !(1..=PARTS_MAX).contains(&parts) {
@@ -235,7 +235,7 @@ impl SkyDivision {
         }
     }
 
-    /// What a level, free plane that looks up sees of a column: ∫ cos θ dΩ / π. They sum to 1.
+    /// The view factor of a level, free plane looking up to a column: ∫ cos θ dΩ / π. They sum to 1.
     pub fn share_of_a_level_plane(&self, column: u32) -> f64 {
         match self.ring(column) {
             None => 0.0,
@@ -247,21 +247,21 @@ impl SkyDivision {
     }
 }
 
-/// What a row lost to the sky and to the ground.
+/// A row's weights to the sky and the ground.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SkyRow {
-    /// Columns that got something, ascending, and their weights.
+    /// Columns with a weight, ascending, and their weights.
     pub columns: Vec<(u32, u64)>,
     /// The weight of all of them.
     pub escaped: u64,
-    /// The weight that ended on backs of one-sided patches.
+    /// Weight on backs of one-sided patches.
     pub blocked: u64,
-    /// Hemicubes that the weights are of, 2³¹ each.
+    /// Number of hemicubes, 2³¹ each.
     pub hemicubes: u32,
-    /// By how much the sky view factor changed with the last refinement; NaN where there was none.
+    /// Change of the sky view factor by the last refinement; NaN without one.
     pub change: f64,
-    /// The share of the view that leaves the scene, where it is known better than from the hemicubes, as beside a
-    /// matrix: the columns' shares are then scaled to it.
+    /// The escaped share, where it is known better than from the hemicubes, as beside a matrix: the columns' shares are
+    /// then scaled to it.
     pub refined: Option<f64>,
 }
 
@@ -271,12 +271,12 @@ impl SkyRow {
         u64::from(self.hemicubes) * u64::from(WHOLE)
     }
 
-    /// What the columns' shares sum to.
+    /// Sum of the columns' shares.
     pub fn escaped_share(&self) -> f64 {
         self.refined.unwrap_or_else(|| self.share(self.escaped))
     }
 
-    /// By what a column's weight over that of all hemicubes is multiplied to be its share.
+    /// Factor from a column's weight over that of all hemicubes to its share.
     pub fn scale(&self) -> f64 {
         match self.refined {
             Some(refined) if self.escaped > 0 => refined / self.share(self.escaped),
@@ -288,15 +288,15 @@ impl SkyRow {
         weight as f64 / self.whole() as f64
     }
 
-    /// Takes what escapes by the row of a matrix. Whether the columns can be scaled to it.
+    /// Takes the escaped share of a matrix's row. Returns whether the columns can be scaled to it.
     pub fn refine(&mut self, escaped: f64) -> bool {
         let can = self.hemicubes > 0 && (0.0..=1.0).contains(&escaped) && (self.escaped > 0 || escaped == 0.0);
         self.refined = can.then_some(escaped);
         can
     }
 
-    /// The sky view factor: which part of the hemisphere, weighted by the cosine, is sky. What escapes below the
-    /// horizon is none.
+    /// The sky view factor: the share of the hemisphere, weighted by the cosine, that is sky. Escaped weight below the
+    /// horizon is ground.
     pub fn sky_view_factor(&self) -> f64 {
         let ground = self
             .columns
@@ -310,30 +310,30 @@ impl SkyRow {
     }
 }
 
-/// What a free point sees.
+/// Weights of a free point.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointRow {
-    /// Patches that are seen, ascending, and their weights.
+    /// Visible patches, ascending, and their weights.
     pub patches: Vec<(InputPatch, u64)>,
-    /// What escapes.
+    /// The escaped weight.
     pub sky: SkyRow,
 }
 
-/// A free point that looks in a direction, in the scene's coordinates: a measurement, a person, a point of a façade.
+/// A free point with a direction, in the scene's coordinates: a measurement, a person, a point of a façade.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorPoint {
-    /// Where it is.
+    /// Its place.
     pub position: DVec3,
-    /// Where it looks.
+    /// Its direction.
     pub normal: DVec3,
 }
 
-/// How finely rows are rendered.
+/// Fineness of sky rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkyOptions {
-    /// How hemicubes are rendered; of free points, those of the first level.
+    /// Settings of hemicubes; for free points, those of the first level.
     pub render: RenderSettings,
-    /// n of the n² hemicubes of a patch, where no tolerance is asked for.
+    /// n of the n² hemicubes of a patch, without a tolerance.
     pub samples_per_edge: u32,
     /// Refine rows until their sky view factor changes by at most this share: patches by four times as many hemicubes,
     /// up to 64, points by hemicubes of twice the resolution and another turn.
@@ -360,7 +360,7 @@ impl<'a> Bins<'a> {
         }
     }
 
-    /// Adds what escapes of a hemicube, and returns what is blocked. `seen` is told of every patch's pixel.
+    /// Adds the escaped weight of a hemicube and returns the blocked one. `seen` is called with every patch's pixel.
     fn add(&mut self, items: &Items, table: &DeltaTable, axes: &[DVec3; 3], mut seen: impl FnMut(u32, u32)) -> u64 {
         let resolution = items.resolution;
         let axes = axes.map(|axis| self.horizon.local(axis));
@@ -393,7 +393,7 @@ impl<'a> Bins<'a> {
         blocked
     }
 
-    /// The row of what was added.
+    /// The row of everything added.
     fn take(&mut self, blocked: u64, hemicubes: u32, change: f64) -> SkyRow {
         let columns: Vec<(u32, u64)> = (0u32..)
             .zip(&mut self.weights)
@@ -471,7 +471,7 @@ fn point_row(
     let mut row = PointRow::default();
     let mut before = f64::NAN;
     for (level, (backend, table)) in sessions.iter_mut().enumerate() {
-        // Another turn for each level, so that edges are met by other pixels.
+        // Another turn for each level: other pixels then meet the edges.
         let turn = frame::turn(InputPatch(
             u32::try_from(index).unwrap_or(0).wrapping_mul(LEVELS) + u32::try_from(level).unwrap_or(0),
         ));
@@ -552,8 +552,8 @@ fn threads_of(options: SkyOptions) -> usize {
     }
 }
 
-/// What patches lose to the sky, row by row, in the order asked for; `samples` of each is n of its n² hemicubes, where
-/// no tolerance is asked for. `progress` is told how many rows are done and says whether to go on; `None`: it said no.
+/// Sky rows of patches, in the order asked for; with each patch, n of its n² hemicubes for runs without a tolerance.
+/// `progress` is called with the number of rows done and returns whether to go on; `None` when it returned false.
 ///
 /// # Errors
 /// When the backend hands out no item buffers, or fails.
@@ -607,12 +607,12 @@ pub fn sky_of_patches(
     )
 }
 
-/// What free points see: rows of their own. Otherwise as [`sky_of_patches`]. `sessions` are of one backend, a level
-/// each: the first renders at the resolution asked for, each further one at twice that of the one before; levels beyond
-/// what can be rendered, and all but the first where no tolerance is asked for, are not used.
+/// Sky rows of free points. Otherwise as [`sky_of_patches`]. `sessions` are of one backend, a level each: the first
+/// renders at the resolution asked for, each further one at twice that of the one before. Levels beyond the resolutions
+/// of the backend, and all but the first without a tolerance, are not used.
 ///
 /// # Errors
-/// As for patches.
+/// Those of [`sky_of_patches`].
 ///
 /// ```
 /// use hemicube::sky::{Horizon, SensorPoint, SkyDivision, SkyOptions, rows_of_points};

@@ -8,17 +8,17 @@
 //! S  what returns to its patch, diagonal
 //! ```
 //!
-//! A row may say of a part of the view neither which patch it meets nor that it leaves the scene: backs of one-sided
-//! patches, patches without a column, and what Σ F + escaped + blocked + unselected lacks of 1. Taken as black and
-//! cold, that part would cool surfaces that are as warm as all around them. It is taken to exchange nothing instead:
-//! [`RowTable::returned`], Sᵢ = 1 − Σⱼ Fᵢⱼ − escapedᵢ, is what the patch gets back of itself. Then, of any row,
+//! A row may lack information on a part of the view: backs of one-sided patches, patches without a column, and 1 minus
+//! Σ F + escaped + blocked + unselected. Taken as black and cold, that part would cool surfaces as warm as all around
+//! them. Instead it exchanges nothing: the patch gets [`RowTable::returned`], Sᵢ = 1 − Σⱼ Fᵢⱼ − escapedᵢ, of its own
+//! radiosity back. Then, of any row,
 //!
 //! ```text
 //! Bᵢ − Gᵢ = Σⱼ Fᵢⱼ (Bᵢ − Bⱼ) + escapedᵢ (Bᵢ − outside)
 //! ```
 //!
-//! which is Oppenheim's network, a conductance Aᵢ Fᵢⱼ between each two radiosities: with one temperature everywhere no
-//! net flux is left, and in a white furnace no contrast, however large the rows' own errors are.
+//! This is Oppenheim's network, a conductance Aᵢ Fᵢⱼ between each two radiosities: at one temperature no net flux is
+//! left, and in a white furnace no contrast, however large the rows' own errors are.
 //!
 //! Thermal exchange is the same with reflectance 1 − ε, emission ε σ T⁴ and a net flux q = B − G, in W/m² for kelvin
 //! (Modest 2013, chapter 5; Oppenheim 1956).
@@ -30,17 +30,15 @@
 //! - *Gauss–Seidel*: the same with the newest values, row by row in the processing order; one thread computes, another
 //!   reads.
 //! - *GMRES* (Saad & Schultz 1986), restarted, each right-hand side with a Krylov space of its own and products in
-//!   common. ‖I − (I − R F)‖ < 1, so that no preconditioner is needed. It keeps `restart` + 2 vectors a right-hand
-//!   side.
+//!   common. ‖I − (I − R F)‖ < 1, so it needs no preconditioner. It holds `restart` + 2 vectors a right-hand side.
 //!
-//! GMRES is written here, since an operator that is read from a disk can fail and can be interrupted: `faer`'s, the
-//! crate that fits best, asks for a product that cannot fail (`LinOp::apply`), and its BiCGSTAB couples right-hand
-//! sides by small systems that become singular when two of them coincide or one is done before the others.
+//! GMRES is written here, because an operator read from a disk can fail and be interrupted. `faer`'s, the crate that
+//! fits best, asks for a product that cannot fail (`LinOp::apply`), and its BiCGSTAB couples right-hand sides by small
+//! systems that become singular when two of them coincide or one is done before the others.
 //!
-//! The residual of a solution is ‖E + R H − (I − R F) B‖ / ‖E + R H‖, of each right-hand side by itself, and is
-//! computed from B anew when an iteration says that it is done. Each right-hand side is solved as a multiple of a power
-//! of two of itself, whose largest number is near 1: no norm leaves the range of f64, and no bit of a solution hangs on
-//! the unit. A residual that is no number is an error.
+//! The residual of a solution is ‖E + R H − (I − R F) B‖ / ‖E + R H‖, of each right-hand side by itself, computed from
+//! B anew when an iteration ends. Each right-hand side is solved scaled by a power of two, with its largest number near
+//! 1: no norm leaves the range of f64, and no bit of a solution depends on the unit. A NaN residual is an error.
 //!
 //! Solutions lie beside the matrix and name it by a checksum (`solve/files.rs`). Rows are summed in the order of their
 //! entries, so threads change no bit.
@@ -61,7 +59,7 @@ use serde::Serialize;
 /// Stefan–Boltzmann constant, W m⁻² K⁻⁴ (exact since 2019: CODATA).
 pub const STEFAN_BOLTZMANN: f64 = 5.670_374_419e-8;
 
-/// How the system is solved.
+/// Method of solving the system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
@@ -79,13 +77,13 @@ pub enum Method {
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolveOptions {
-    /// How to get there.
+    /// Options of a solution.
     pub method: Method,
     /// The relative residual of every right-hand side.
     pub tolerance: f64,
     /// Products with the matrix before it gives up.
     pub max_iterations: u32,
-    /// Threads that multiply; 0: one a core.
+    /// Threads of products; 0: one a core.
     pub threads: usize,
 }
 
@@ -109,11 +107,10 @@ impl SolveOptions {
     }
 }
 
-/// What a patch reflects of itself is not solved for where this little is left of its equation.
+/// A patch with less than this left of its equation keeps its own reflection unsolved.
 const OWN_LEAST: f64 = 1e-9;
 
-/// What is to be solved. Blocks have a row a patch; emission and the irradiance from outside have a column a right-hand
-/// side.
+/// The system. Blocks have a row a patch; emission and the irradiance from outside have a column a right-hand side.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Problem {
     /// R: a column a band, each value from 0 to 1.
@@ -124,7 +121,7 @@ pub struct Problem {
     pub emission: Block,
     /// H; `None`: nothing comes from outside.
     pub outside: Option<Block>,
-    /// S, a number a patch: what of its own radiosity it gets back ([`RowTable::returned`]); `None`: nothing.
+    /// S, the share of its own radiosity that each patch gets back ([`RowTable::returned`]); `None`: 0.
     pub returned: Option<Vec<f64>>,
 }
 
@@ -142,7 +139,7 @@ pub struct Step {
 pub struct Solution {
     /// B.
     pub radiosity: Block,
-    /// G, what arrives.
+    /// G, the irradiance.
     pub irradiance: Block,
     /// Relative residual of each right-hand side, from B and F anew.
     pub residuals: Vec<f64>,
@@ -156,7 +153,7 @@ pub struct Solution {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SolveError {
-    /// The problem is not one that has a solution.
+    /// The problem has no solution.
     #[error("{0}")]
     Problem(String),
     /// The matrix cannot be read.
@@ -164,13 +161,14 @@ pub enum SolveError {
     Store(#[from] StoreError),
     /// The iteration left the range of numbers.
     #[error(
-        "the residual is {residual} after {iteration} products with the matrix: its rows sum to more than 1 where surfaces \
-         reflect all, or its numbers are none; `hemicube check` says which, and lower reflectances help the first"
+        "the residual is {residual} after {iteration} products with the matrix: its rows sum to more than 1 where \
+         surfaces reflect all, or its numbers are none; `hemicube check` says which, and lower reflectances help the \
+         first"
     )]
     Diverged {
         /// Products with the matrix so far.
         iteration: u32,
-        /// What the residual is.
+        /// The residual.
         residual: f64,
     },
     /// Whoever watches the progress asked to stop.
@@ -178,7 +176,7 @@ pub enum SolveError {
     Interrupted,
 }
 
-/// Magnitudes of the largest number of a right-hand side, between which its squares times areas are numbers.
+/// Range of the largest magnitude of a right-hand side, for its squares times areas to be numbers.
 const MAGNITUDES: std::ops::RangeInclusive<f64> = 1e-200..=1e200;
 
 impl Problem {
@@ -227,8 +225,8 @@ impl Problem {
                 let largest = block.largest(column);
                 if largest != 0.0 && !MAGNITUDES.contains(&largest) {
                     return wrong(format!(
-                        "the largest emission of a right-hand side is {largest:e}, and from {:e} to {:e} it can be solved for; \
-                         give it in another unit",
+                        "the largest emission of a right-hand side is {largest:e}, and from {:e} to {:e} it can be \
+                         solved for; give it in another unit",
                         MAGNITUDES.start(),
                         MAGNITUDES.end()
                     ));
@@ -250,12 +248,12 @@ impl Problem {
         self.returned.as_ref().map_or(0.0, |returned| returned[patch])
     }
 
-    /// A step of an iteration: from B to the B of which (1 − ρ S) B = E + ρ (F B + H), where E + ρ (F B + S B + H) is
-    /// `next`.
+    /// A step of an iteration: from B to the solution of (1 − ρ S) B = E + ρ (F B + H), with `next` = E + ρ (F B + S B
+    /// + H).
     #[inline]
     fn step(&self, patch: usize, column: usize, b: f64, next: f64) -> f64 {
         let own = 1.0 - self.rho(patch, column) * self.back(patch);
-        // A patch that reflects all and sees nothing but itself stays as it is.
+        // A patch that reflects everything and sees only itself stays unchanged.
         if own > OWN_LEAST { b + (next - b) / own } else { next }
     }
 
@@ -283,12 +281,12 @@ impl Problem {
     }
 }
 
-/// What the methods share: the problem, the matrix, and how far it has come.
+/// State shared by the methods: the problem, the matrix, the progress.
 struct Work<'a> {
     factors: &'a dyn Factors,
     problem: &'a Problem,
     source: Block,
-    /// ‖E + R H‖, or 1 where that is 0 and so is the solution.
+    /// ‖E + R H‖, or 1 where that and the solution are 0.
     norms: Vec<f64>,
     options: SolveOptions,
     iterations: u32,
@@ -316,7 +314,7 @@ impl Work<'_> {
 
     /// Tells how far it is; whether all are within the tolerance.
     fn tell(&mut self, relative: &[f64]) -> Result<bool, SolveError> {
-        // `max` would pass over what is no number.
+        // `max` would pass over NaN.
         let residual = relative.iter().copied().fold(0.0, |most: f64, residual| {
             if most.is_nan() || residual.is_nan() {
                 f64::NAN
@@ -355,12 +353,12 @@ impl Work<'_> {
 
 /// Solves `problem`. `progress` is told of every product with the matrix, and says whether to go on.
 ///
-/// A solution that did not reach the tolerance is returned all the same, and says so.
+/// A solution above the tolerance is returned as well, with [`Solution::converged`] false.
 ///
 /// # Errors
-/// [`SolveError::Problem`] for one that is not of this matrix or out of range (the largest number of a right-hand side
-/// is 0, or from 10⁻²⁰⁰ to 10²⁰⁰), [`SolveError::Store`] when the matrix cannot be read, or has two rows of a patch,
-/// [`SolveError::Diverged`] when the residual is no number, [`SolveError::Interrupted`] when `progress` said no.
+/// [`SolveError::Problem`] for a problem of another matrix or out of range (the largest number of a right-hand side
+/// must be 0, or from 10⁻²⁰⁰ to 10²⁰⁰), [`SolveError::Store`] when the matrix cannot be read, or has two rows of a
+/// patch, [`SolveError::Diverged`] for a NaN residual, [`SolveError::Interrupted`] when `progress` returned false.
 ///
 /// ```
 /// use hemicube::solve::{Block, InMemory, Problem, STEFAN_BOLTZMANN, SolveOptions, solve};
@@ -427,7 +425,7 @@ pub fn solve(
         if let Some(outside) = &problem.outside {
             irradiance.add_scaled(&vec![1.0; outside.columns()], outside);
         }
-        // E + R G − B, which is E + R H − (I − R F) B.
+        // E + R G − B = E + R H − (I − R F) B.
         let mut residual = problem.reflect(irradiance.clone());
         let columns = work.columns();
         residual.add_scaled(&vec![1.0; columns], &problem.emission);
@@ -448,7 +446,7 @@ pub fn solve(
     }
 }
 
-/// The exponent of two of a magnitude: 0 for 0 and for what is no magnitude.
+/// The exponent of two of a magnitude: 0 for 0, infinities and NaN.
 fn exponent(magnitude: f64) -> i32 {
     if magnitude == 0.0 || !magnitude.is_finite() {
         return 0;
@@ -458,10 +456,10 @@ fn exponent(magnitude: f64) -> i32 {
     exponent
 }
 
-/// Where the power of one right-hand side goes. In what the emission is in, times area.
+/// Balance of one right-hand side's power, in units of the emission times area.
 ///
-/// emitted + from_outside = absorbed + escaped + blocked + unselected + closure + reciprocity + residual, to rounding:
-/// the last three are what the matrix and the iteration got wrong, and are 0 for a perfect one.
+/// emitted + from_outside = absorbed + escaped + blocked + unselected + closure + reciprocity + residual, to rounding.
+/// The last three are errors of the matrix and the iteration, 0 for a perfect one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct EnergyBalance {
     /// Σ A E.
@@ -472,27 +470,27 @@ pub struct EnergyBalance {
     pub absorbed: f64,
     /// Left the scene.
     pub escaped: f64,
-    /// Ended on backs of one-sided patches; 0 where that returns.
+    /// Ended on backs of one-sided patches; 0 where S returns it.
     pub blocked: f64,
-    /// Ended on patches without columns; 0 where that returns.
+    /// Ended on patches without columns; 0 where S returns it.
     pub unselected: f64,
-    /// What rows that do not sum to 1 lost, or made up where it is negative; 0 where that returns.
+    /// Lost by rows that do not sum to 1, or made up where negative; 0 where S returns it.
     pub closure: f64,
-    /// What patches got back of themselves (S), and so is not lost; it is in none of the sums.
+    /// Returned to the patches themselves (S). Not lost, and in none of the sums.
     pub returned: f64,
-    /// What left towards patches and did not arrive, since Aᵢ Fᵢⱼ and Aⱼ Fⱼᵢ differ.
+    /// Sent to patches without arriving, by Aᵢ Fᵢⱼ ≠ Aⱼ Fⱼᵢ.
     pub reciprocity: f64,
-    /// What the iteration left.
+    /// Left by the iteration.
     pub residual: f64,
 }
 
 impl EnergyBalance {
-    /// What is put in.
+    /// Power put in.
     pub fn input(&self) -> f64 {
         self.emitted + self.from_outside
     }
 
-    /// The share of the input that is in none of the places where it can go.
+    /// The share of the input that is unaccounted for.
     pub fn unaccounted(&self) -> f64 {
         let input = self.input();
         if input == 0.0 {
@@ -502,8 +500,8 @@ impl EnergyBalance {
     }
 }
 
-/// The balance of each right-hand side. `areas` and `rows` are of the matrix; a row whose hemicubes are not known (NaN)
-/// is taken to have lost nothing.
+/// The balance of each right-hand side. `areas` and `rows` are of the matrix; a row without known hemicubes (NaN)
+/// counts as losing nothing.
 ///
 /// ```
 /// use hemicube::solve::{Block, OutOfCore, Problem, SolveOptions, energy_balance, solve};

@@ -1,4 +1,4 @@
-//! The store: a form-factor matrix on disk that is never whole in memory.
+//! The store: a form-factor matrix on disk, never whole in memory.
 //!
 //! ```text
 //! DIR/manifest.json          what it is a matrix of, how it was computed, which parts it has
@@ -17,21 +17,20 @@
 //! DIR/sky/                   what its rows lose to the sky (`hemicube::sky`), where somebody asked for that
 //! ```
 //!
-//! F\[i, j\] is from i to j: the fraction of what leaves patch i that reaches patch j. Rows and columns are *input
-//! patches*, positions in the scene file's face order; the processing order (Morton) shows only in which rows a part
-//! has.
+//! F\[i, j\] is from i to j: the fraction of the diffuse energy leaving patch i that reaches patch j. Rows and columns
+//! are *input patches*, positions in the scene file's face order; the order of work (Morton) shows only in the rows of
+//! a part.
 //!
-//! Weights are fixed point, 2³¹ for each hemicube, so that visible + escaped + blocked + unselected = hemicubes · 2³¹
-//! holds exactly, row by row. Shares ([`RowShares`]) are what users want: with form factors of whole patches, they sum
-//! to 1.
+//! Weights are fixed point, 2³¹ for each hemicube: visible + escaped + blocked + unselected = hemicubes · 2³¹ holds
+//! exactly, row by row. Shares ([`RowShares`]) are for users: with the form factors of a row they sum to 1.
 //!
-//! In the *compact* form ([`Form`]) a part is a third to a quarter of that: instead of data and indices it has codes,
-//! gaps, lengths and runptr (`store/compact.rs` and `docs/store.md` say what they are), and its form factors are
-//! rounded by a relative error that the manifest states. Everything that reads a store reads both.
+//! In the *compact* form ([`Form`]) a part has a third to a quarter of the plain form's size. Instead of data and
+//! indices it has codes, gaps, lengths and runptr (`store/compact.rs` and `docs/store.md` define them), and its form
+//! factors are rounded by a relative error stated in the manifest. All readers of a store read both.
 //!
 //! Every file is written under a temporary name, synced and renamed; parts do not depend on each other, and the files
-//! depend on scene and settings alone. A part that is there is whole, so a run that was killed loses at most the part
-//! it was at, and equal runs give equal bytes.
+//! depend on scene and settings alone. A part is whole or absent: a killed run loses the part under way, and equal runs
+//! give equal bytes.
 
 mod assembly;
 pub(crate) mod closure;
@@ -68,7 +67,7 @@ pub use npy::{Element, ElementType};
 pub use npz::NpzWriter;
 pub use read::{Row, RowTable, Rows, Store};
 pub use records::{BalanceEntry, BalanceSource, Residuals};
-pub use resume::{Kept, Merged, NotKept, merge};
+pub use resume::{Merged, NotKept, Resumed, merge};
 pub use shard::Shard;
 pub use shares::RowShares;
 pub use small_entries::{PartThinning, Thinning};
@@ -85,7 +84,7 @@ use serde::{Deserialize, Serialize};
 /// The weight of a whole hemicube.
 pub const HEMICUBE_WEIGHT: u64 = 1 << 31;
 
-/// How parts are written.
+/// Form of the parts.
 ///
 /// ```
 /// use hemicube::store::Form;
@@ -97,7 +96,7 @@ pub const HEMICUBE_WEIGHT: u64 = 1 << 31;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Form {
-    /// f32 form factors and i32 columns, 8 bytes an entry, as `scipy.sparse.load_npz` reads them.
+    /// f32 form factors and i32 columns, 8 bytes an entry, readable by `scipy.sparse.load_npz`.
     #[default]
     Plain,
     /// 16-bit form factors and runs of columns, 2 to 3 bytes an entry in most scenes.
@@ -105,8 +104,8 @@ pub enum Form {
 }
 
 impl Form {
-    /// By how much of itself a form factor may be off what was computed: 0 in the plain form, 2⁻¹¹ in the compact one
-    /// (for those from 2⁻⁶² up; what is smaller is kept as something below that).
+    /// Relative rounding error of a form factor: 0 in the plain form, 2⁻¹¹ in the compact one (from 2⁻⁶² up; smaller
+    /// ones are rounded to something below that).
     pub fn value_error(self) -> f64 {
         match self {
             Self::Plain => 0.0,
@@ -114,7 +113,7 @@ impl Form {
         }
     }
 
-    /// The form factor that is kept of one. Rounding again changes nothing.
+    /// Rounds a form factor. Rounding again changes nothing.
     pub fn round(self, factor: f32) -> f32 {
         match self {
             Self::Plain => factor,
@@ -127,17 +126,17 @@ impl Form {
     }
 }
 
-/// Where the weight of a row's hemicubes went. The four sum to the number of hemicubes times [`HEMICUBE_WEIGHT`].
+/// Weights of a row's hemicubes by where they went. The four sum to the number of hemicubes times [`HEMICUBE_WEIGHT`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RowSums {
-    /// To patches that are columns.
+    /// To patches with columns.
     pub visible: u64,
     /// To nothing.
     pub escaped: u64,
     /// To the backs of one-sided patches.
     pub blocked: u64,
-    /// To patches that were not selected as receivers.
+    /// To patches without a column.
     pub unselected: u64,
 }
 
@@ -168,29 +167,29 @@ pub struct Part {
     pub index: u32,
     /// The input patch of each row.
     pub rows: Vec<u32>,
-    /// Where each row's entries begin, and one more: where the last one's end.
+    /// Start of each row's entries, and the end of the last one's.
     pub indptr: Vec<i64>,
     /// The input patch of each entry's column, ascending within a row.
     pub indices: Vec<i32>,
     /// The form factor of each entry.
     pub data: Vec<f32>,
-    /// Where each row's weight went.
+    /// Weights of each row.
     pub sums: Vec<RowSums>,
-    /// What of each row is no form factor, as right as its form factors; of sums of pixels, the weights' shares.
+    /// Shares of each row, refined with its form factors; with pixel sums, the weights' shares.
     pub shares: Vec<RowShares>,
-    /// Number of hemicubes that were rendered for each row; 0 for a row that was come by in another way.
+    /// Number of hemicubes of each row; 0 for a row made without any.
     pub hemicubes: Vec<u32>,
-    /// The expected √Σ (F − true F)² of each row; NaN where no rung estimates it.
+    /// Expected √Σ (F − true F)² of each row; NaN at accuracy levels that do not estimate it.
     pub errors: Vec<f32>,
-    /// Rays and points that visible fractions of each row were measured with.
+    /// Rays and points spent on each row's visible fractions.
     pub rays: Vec<u32>,
-    /// What leaving out small form factors did, where that was asked for.
+    /// Effect of leaving out small form factors, where that was asked for.
     pub thinning: Option<PartThinning>,
 }
 
 impl PartialEq for Part {
     fn eq(&self, other: &Self) -> bool {
-        // An error that is not estimated is not a number, which would not equal itself.
+        // An error that is not estimated is NaN, which would not equal itself.
         let bits = |part: &Self| part.errors.iter().map(|e| e.to_bits()).collect::<Vec<u32>>();
         self.index == other.index
             && self.rows == other.rows
@@ -207,7 +206,7 @@ impl PartialEq for Part {
 }
 
 impl Part {
-    /// The columns and form factors of a row, by its place in the part; empty where there is no such row.
+    /// The columns and form factors of a row, by its place in the part; empty beyond the last row.
     pub fn row(&self, row: usize) -> (&[i32], &[f32]) {
         let bound = |place: usize| self.indptr.get(place).and_then(|&bound| usize::try_from(bound).ok());
         match (bound(row), bound(row.saturating_add(1))) {

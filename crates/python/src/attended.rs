@@ -1,5 +1,5 @@
-//! Long work on a thread of its own, attended by the thread that called: it lets go of the interpreter's lock, wakes up
-//! now and then to see whether there is a signal, and calls back with how far the work is.
+//! Long work on a thread of its own, attended by the calling thread: that one releases the interpreter's lock, looks
+//! for signals some times a second, and calls back with the progress.
 
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -7,10 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::time::Duration;
 
-/// How long a signal may wait.
+/// Longest time that a signal waits.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// What the work is given: whether it is to end, and whom to tell how far it is.
+/// The work's side: cancellation, and reports of its progress.
 #[derive(Debug)]
 pub(crate) struct Attendant<'a, P> {
     cancel: &'a AtomicBool,
@@ -47,9 +47,8 @@ fn wait<P>(reports: &Receiver<P>) -> (Option<P>, bool) {
     (latest, done)
 }
 
-/// Does `work`. `callback` is called, on this thread, with the latest of what it tells. After a signal whose handler
-/// raises (Ctrl-C does), or when the callback raises, the work is told to end, and that exception is what is raised
-/// then.
+/// Runs `work`. Calls `callback`, on this thread, with the latest report. After a signal with a handler that raises
+/// (Ctrl-C's does), or a callback that raises, the work is cancelled, and the exception is raised once it has ended.
 pub(crate) fn attended<P, T>(
     py: Python<'_>,
     callback: Option<&Bound<'_, PyAny>>,
@@ -92,7 +91,7 @@ where
         }
         let result = py.detach(|| worker.join());
         match (raised, result) {
-            // A defect of ours goes before what it interrupted.
+            // A panic takes precedence over the exception that interrupted it.
             (_, Err(panic)) => std::panic::resume_unwind(panic),
             (Some(error), Ok(_)) => Err(error),
             (None, Ok(result)) => Ok(result),

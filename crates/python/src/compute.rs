@@ -4,52 +4,58 @@ use crate::attended::{Attendant, attended};
 use crate::errors;
 use crate::matrix::Matrix;
 use crate::scene::Scene;
-use crate::session::Wanted;
+use crate::session::BackendChoice;
 use hemicube::accuracy::correct::Correction;
-use hemicube::accuracy::level::{Asked, Level};
-use hemicube::backend::{Culling, RESOLUTIONS, RenderSettings};
-use hemicube::driver::compute::{
-    ComputeError, Execution, PartSink, Plan, RowChoice, Selection, compute as compute_rows,
-};
-use hemicube::driver::probe::Probe;
-use hemicube::driver::selection::Names;
-use hemicube::driver::settings::{RowSettings, axis_name};
-use hemicube::driver::storage_policy::StoragePolicy;
-use hemicube::store::{Form, Part, PatchTable, Store, StoreWriter};
+use hemicube::backend::{Culling, RESOLUTIONS};
+use hemicube::driver::compute::{Progress, RowChoice};
+use hemicube::driver::job::{Job, Observer, Run, Sessions, Stage, StorePlace};
+use hemicube::driver::level::Asked;
+use hemicube::store::{Form, Store};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
-use std::path::PathBuf;
+use std::cell::Cell;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
-/// Pixels along an edge where nobody says: sums of pixels need more than fractions of them.
+/// Default pixels along an edge: sums of pixels need more than fractions of them.
 const RESOLUTION_OF_PIXEL: u32 = 256;
 const RESOLUTION_OF_FRACTIONS: u32 = 128;
 
 /// Rows done, and rows in all.
 type Rows = (u64, u64);
 
-/// Everything that was asked for but the scene.
+/// Everything asked for but the scene.
 #[derive(Debug)]
 struct Request {
-    asked: Asked,
-    rotate: bool,
-    choice: RowChoice,
-    emitters: Vec<String>,
-    receivers: Vec<String>,
-    occluders: Vec<String>,
-    min_factor: Option<f64>,
-    form: Option<Form>,
-    culling: Option<Culling>,
-    batch: usize,
-    threads: usize,
+    job: Job,
+    backend: BackendChoice,
     output: Option<PathBuf>,
     overwrite: bool,
-    backend: Wanted,
 }
 
-/// Where a run's parts go.
-enum Sink {
-    Memory(Vec<Part>),
-    Store(Box<StoreWriter>),
+/// Passes a run's progress to the attendant, and its cancellation to the run.
+struct Attended<'a> {
+    attendant: &'a Attendant<'a, Rows>,
+    /// Rows of an earlier run.
+    resumed: Cell<u64>,
+}
+
+impl Observer for Attended<'_> {
+    fn begin(&self, stage: Stage) {
+        if let Stage::Rows { resumed, .. } = stage {
+            self.resumed.set(resumed);
+        }
+    }
+
+    fn progress(&self, progress: Progress) {
+        let resumed = self.resumed.get();
+        self.attendant
+            .tell((resumed + progress.rows, resumed + progress.row_count));
+    }
+
+    fn cancel(&self) -> Option<&AtomicBool> {
+        Some(self.attendant.cancel())
+    }
 }
 
 /// Pixels along an edge of the hemicube, if there can be so many.
@@ -115,181 +121,92 @@ fn asked(
 }
 
 impl Request {
-    fn settings(&self, scene: &Scene, plan: &Plan, rung: &Level) -> RowSettings {
-        RowSettings {
-            resolution: rung.resolution,
-            samples: u32::try_from(plan.hemicubes_per_row()).unwrap_or(u32::MAX),
-            correction: rung.correction.name(),
-            tolerance: match self.asked {
-                Asked::Tolerance(tolerance) => Some(tolerance),
-                Asked::Settings { .. } => None,
-            },
-            reason: rung.reason.clone(),
-            rotation: self.rotate,
-            subdivision: scene.subdivision.into(),
-            two_sided: scene.two_sided,
-            flip: scene.flip.clone(),
-            keep_duplicates: scene.keep_duplicates,
-            scale: scene.scale,
-            up: scene.triangles.up.map(axis_name),
-            rows: self.choice.into(),
-            emitters: self.emitters.clone(),
-            receivers: self.receivers.clone(),
-            occluders: self.occluders.clone(),
-            min_factor: (plan.min_factor > 0.0).then_some(plan.min_factor),
+    /// The matrix, computed on a thread without the interpreter's lock.
+    fn run(&self, scene: &Scene, attendant: &Attendant<'_, Rows>) -> PyResult<Matrix> {
+        let observer = Attended {
+            attendant,
+            resumed: Cell::new(0),
+        };
+        let sessions = Sessions {
+            rows: self.backend.open()?,
+            calibration: self.backend.open()?,
+        };
+        let run = self.job.prepare(&scene.input, &scene.model, sessions, &observer);
+        let run = run.map_err(|error| errors::job(&error))?;
+        match &self.output {
+            None => in_memory(run, scene, &observer),
+            Some(directory) => self.stored(run, scene, directory, &observer),
         }
     }
 
-    /// The matrix, on a thread without the interpreter's lock.
-    fn run(&self, scene: &Scene, attendant: &Attendant<'_, Rows>) -> PyResult<Matrix> {
-        let execution = Execution {
-            threads: self.threads,
-            batch: self.batch,
-            cancel: Some(attendant.cancel()),
+    /// The matrix in a store. An interrupted run is resumed by the next one.
+    fn stored(&self, run: Run<'_>, scene: &Scene, directory: &Path, observer: &Attended<'_>) -> PyResult<Matrix> {
+        let place = StorePlace {
+            directory,
+            overwrite: self.overwrite,
+            shard: None,
         };
-        let failed = |error: ComputeError| errors::compute(&error);
-        let names = Names {
-            emitters: &self.emitters,
-            receivers: &self.receivers,
-            occluders: &self.occluders,
-        };
-        let selection =
-            Selection::by_name(&scene.triangles, &scene.patches, names).map_err(|error| errors::no_match(&error))?;
-        let mut backend = self.backend.open()?;
-        let keep = StoragePolicy::choose(
-            self.form,
-            self.min_factor,
-            scene.model.geometry().patch_count,
-            match self.asked {
-                Asked::Tolerance(tolerance) => Some(tolerance),
-                Asked::Settings { .. } => None,
-            },
-        );
-        let rung = Level::resolve(
-            self.asked,
-            &scene.model,
-            &selection,
-            self.rotate,
-            keep.form,
-            self.backend.open()?.as_mut(),
-            execution,
-        )
-        .map_err(|error| errors::rung(&error))?;
-        let mut plan = Plan::new(&scene.model, self.choice, selection, rung.samples_per_edge, self.rotate)
-            .with_correction(rung.correction)
-            .with_min_factor(keep.min_factor)
-            .with_form(keep.form);
-        if plan.rows.is_empty() {
-            return Err(errors::input(
-                "no row is left to compute: `rows`, `emitters` and `occluders` together exclude every patch",
-            ));
-        }
-        let mut render = RenderSettings {
-            resolution: rung.resolution,
-            culling: self.culling.unwrap_or(Culling::On),
-            covered: false,
-        };
-        if self.culling.is_none() {
-            let probe = Probe::render(&scene.model, &plan, render, backend.as_mut()).map_err(failed)?;
-            render.culling = probe.culling();
-        }
-        // What it chooses by the scene is part of what the store is made with.
-        hemicube::driver::compute::load(&scene.model, &plan.correction, render, backend.as_mut()).map_err(failed)?;
-        let settings = self.settings(scene, &plan, &rung);
-        let header = settings
-            .header(&scene.triangles, &scene.patches, &scene.file, &plan, backend.info())
+        let store = run
+            .open(&scene.input, place, &mut |_| {}, observer)
             .map_err(|error| errors::store(&error))?;
-        let value = header.settings.clone();
-        let mut kept_rows = 0;
-        let mut sink = match &self.output {
-            None => Sink::Memory(Vec::new()),
-            Some(directory) => {
-                let table = PatchTable::new(&scene.triangles, &scene.patches);
-                let writer = if self.overwrite {
-                    StoreWriter::create(directory, header, &table, true)
-                } else {
-                    StoreWriter::resume(directory, header, &table, None, self.threads, &mut |_| {}).map(
-                        |(writer, kept)| {
-                            kept_rows = kept.rows;
-                            writer
-                        },
-                    )
-                };
-                let writer = writer.map_err(|error| errors::store(&error))?;
-                let missing = writer.missing_parts();
-                plan = plan.with_parts(|part| missing.binary_search(&part).is_ok());
-                Sink::Store(Box::new(writer))
-            }
-        };
-        let taking: &mut dyn PartSink = match &mut sink {
-            Sink::Memory(parts) => parts,
-            Sink::Store(writer) => writer.as_mut(),
-        };
-        let computed = compute_rows(
-            &scene.model,
-            &plan,
-            render,
-            backend,
-            execution,
-            taking,
-            &mut |progress| {
-                attendant.tell((kept_rows + progress.rows, kept_rows + progress.row_count));
-            },
-        );
-        let cancelled = computed.as_ref().is_ok_and(|summary| summary.cancelled);
-        match sink {
-            Sink::Memory(parts) => {
-                computed.map_err(failed)?;
-                if cancelled {
-                    return Err(interrupted());
-                }
-                let areas = scene.patches.iter().map(|patch| scene.patches.area(patch)).collect();
-                Matrix::in_memory(areas, parts, keep.form, value)
-            }
-            Sink::Store(writer) => {
-                let directory = writer.directory().to_owned();
-                if cancelled || computed.is_err() {
-                    // The next run goes on with the parts that are there, even if the manifest cannot name them.
-                    let _ = writer.interrupt();
-                    computed.map_err(failed)?;
-                    return Err(interrupted());
-                }
-                writer.finish().map_err(|error| errors::store(&error))?;
-                Ok(Matrix::stored(
-                    Store::open(&directory).map_err(|error| errors::store(&error))?,
-                ))
-            }
+        let finished = store
+            .compute(&mut |_| {}, observer)
+            .map_err(|error| errors::job(&error))?;
+        if finished.summary.cancelled {
+            return Err(interrupted());
         }
+        let store = Store::open(directory).map_err(|error| errors::store(&error))?;
+        Ok(Matrix::stored(store))
     }
 }
 
-/// What ends a run that was told to; the exception that told it goes before.
+/// The matrix in memory.
+fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<Matrix> {
+    let settings = serde_json::to_value(&run.settings).map_err(|error| errors::input(error.to_string()))?;
+    let form = run.plan.form;
+    let mut parts = Vec::new();
+    let summary = run
+        .compute(&mut parts, observer)
+        .map_err(|error| errors::compute(&error))?;
+    if summary.cancelled {
+        return Err(interrupted());
+    }
+    let areas = scene.patches.iter().map(|patch| scene.patches.area(patch)).collect();
+    Matrix::in_memory(areas, parts, form, settings)
+}
+
+/// The exception of a cancelled run; the one that cancelled it takes precedence.
 fn interrupted() -> PyErr {
     PyKeyboardInterrupt::new_err("the computation was cancelled")
 }
 
-/// The form-factor matrix of a scene: F[i, j] is the fraction of what leaves patch i that reaches patch j.
+/// The form-factor matrix of a scene: F[i, j] is the fraction of the diffuse energy leaving patch i that reaches patch
+/// j.
 ///
-/// `tolerance` names the relative Frobenius error to aim at (0.01 is 1 %), and everything else follows from it. Without
-/// it, `correction` says what form factors are made of ('pixel', 'point' or 'area'), `resolution` how many pixels an
-/// edge of the hemicube has, and `samples` how many hemicubes a patch gets (1, 4, 9…).
+/// `tolerance` is the relative Frobenius error to aim at (0.01 is 1 %); everything else follows from it. Without it,
+/// `correction` is how weights become form factors ('pixel', 'point' or 'area'), `resolution` the number of pixels
+/// along an edge of the hemicube, and `samples` the number of hemicubes of a patch (1, 4, 9…).
 ///
 /// `rows=(start, end)` or `sample_rows` (drawn by `seed`) computes some rows only; `emitters`, `receivers` and
-/// `occluders` are lists of globs for names of objects and materials that have rows, have columns, or have neither.
-/// `min_factor` leaves smaller form factors out, and the others of their row share what they carried.
+/// `occluders` are lists of globs for names of objects and materials with rows, with columns, or with neither. Form
+/// factors below `min_factor` are left out, and their sum is shared by the others of their row.
 ///
-/// Without `output` the matrix is in memory. With it, it is a store in that directory, the same bytes that the program
-/// `hemicube compute` writes, and an interrupted run goes on where it stopped; `store='compact'` takes a third of the
-/// room.
+/// Without `output` the matrix is in memory. With it, it is a store in that directory, with the bytes of the program's
+/// `hemicube compute`, and an interrupted run is resumed by the next one; `store='compact'` takes a third of the room.
 ///
 /// From a million patches on, the store is compact and form factors below 1e-7 are left out, unless `store` and
 /// `min_factor` say otherwise, or a tolerance below 0.3 % is asked for.
 ///
-/// `progress(done, total)` is called with rows every now and then. Ctrl-C ends the run: parts that are finished stay in
-/// the store. Neither `threads` nor `batch` nor `culling` changes a bit of the result. Other Python threads run
+/// `progress(done, total)` is called with numbers of rows some times a second. Ctrl-C ends the run: finished parts stay
+/// in the store. Neither `threads` nor `batch` nor `culling` changes a bit of the result. Other Python threads run
 /// meanwhile.
 #[pyfunction]
-#[pyo3(signature = (scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None, sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), min_factor=None, output=None, store=None, overwrite=false, backend="cpu", backend_dir=None, backend_options=None, engine="auto", culling=None, batch=0, threads=0, progress=None))]
+#[pyo3(signature = (
+    scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None,
+    sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), min_factor=None,
+    output=None, store=None, overwrite=false, backend="cpu", backend_dir=None, backend_options=None, engine="auto",
+    culling=None, batch=0, threads=0, progress=None
+))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn compute(
     py: Python<'_>,
@@ -340,10 +257,10 @@ pub(crate) fn compute(
             "`min_factor` is {least}; a number from 0 up to 1 is needed"
         )));
     }
-    let request = Request {
-        asked: asked(tolerance, correction, resolution, samples)?,
+    let job = Job {
+        accuracy: asked(tolerance, correction, resolution, samples)?,
         rotate: rotation,
-        choice,
+        rows: choice,
         emitters,
         receivers,
         occluders,
@@ -359,16 +276,16 @@ pub(crate) fn compute(
             }
         },
         culling: culling.map(|on| if on { Culling::On } else { Culling::Off }),
-        batch,
+        forecasts: false,
         threads,
+        batch,
+    };
+    let options = backend_options.unwrap_or_default().into_iter().collect();
+    let request = Request {
+        job,
+        backend: BackendChoice::new(backend, backend_dir, options, engine)?,
         output,
         overwrite,
-        backend: Wanted::new(
-            backend,
-            backend_dir,
-            backend_options.unwrap_or_default().into_iter().collect(),
-            engine,
-        )?,
     };
     attended(py, progress, |attendant| request.run(scene, &attendant))?
 }

@@ -1,9 +1,9 @@
-//! Our errors as Python's exceptions: classes of `hemicube._errors`, our messages.
+//! Errors as Python's exceptions: classes of `hemicube._errors` with the library's messages.
 
-use hemicube::ModelError;
-use hemicube::accuracy::level::LevelError;
 use hemicube::driver::compute::ComputeError;
-use hemicube::driver::selection::NoMatch;
+use hemicube::driver::input::InputError;
+use hemicube::driver::job::JobError;
+use hemicube::driver::level::LevelError;
 use hemicube::solve::SolveError;
 use hemicube::store::Error as StoreError;
 use hemicube_host::OpenError;
@@ -17,13 +17,13 @@ use std::io;
 /// A class of `hemicube._errors`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Class {
-    /// What was given cannot be used.
+    /// An argument cannot be used.
     Input,
     /// The operating system refused.
     File,
     /// A file or directory is not there.
     NotFound,
-    /// What a store or file holds cannot be used, or not for this.
+    /// A store's or file's content cannot be used, or not for this.
     Store,
     /// A backend failed, or is not there.
     Backend,
@@ -55,7 +55,7 @@ impl Class {
                 .and_then(|class| Ok(class.cast_into::<PyType>()?));
             match class {
                 Ok(class) => PyErr::from_type(class, message),
-                // The package is incomplete; the message is what counts.
+                // An incomplete package; the message is more important.
                 Err(_) => PyRuntimeError::new_err(message),
             }
         })
@@ -77,7 +77,7 @@ fn message(error: &dyn Error) -> String {
     text
 }
 
-/// What was given cannot be used.
+/// An argument that cannot be used.
 pub(crate) fn input(message: impl Into<String>) -> PyErr {
     Class::Input.raise(message.into())
 }
@@ -90,8 +90,11 @@ pub(crate) fn scene(error: &SceneError) -> PyErr {
     .raise(message(error))
 }
 
-pub(crate) fn model(error: &ModelError) -> PyErr {
-    input(message(error))
+pub(crate) fn uncut(error: &InputError) -> PyErr {
+    match error {
+        InputError::Patches(error) => scene(error),
+        error => input(message(error)),
+    }
 }
 
 pub(crate) fn store(error: &StoreError) -> PyErr {
@@ -120,15 +123,18 @@ pub(crate) fn compute(error: &ComputeError) -> PyErr {
     }
 }
 
-pub(crate) fn rung(error: &LevelError) -> PyErr {
+/// A run that failed; errors name the keywords of `compute`.
+pub(crate) fn job(error: &JobError) -> PyErr {
     match error {
-        LevelError::Compute(error) => compute(error),
+        JobError::NoMatch(error) => input(format!("`{}`: {error}", error.list)),
+        JobError::Level(LevelError::Compute(error)) | JobError::Compute(error) => compute(error),
+        JobError::NoRows => {
+            input("no row is left to compute: `rows`, `emitters` and `occluders` together exclude every patch")
+        }
+        JobError::Rows(failed) => compute(&failed.source),
+        JobError::Store(error) => store(error),
         error => input(message(error)),
     }
-}
-
-pub(crate) fn no_match(error: &NoMatch) -> PyErr {
-    input(format!("`{}`: {error}", error.list))
 }
 
 pub(crate) fn opening(error: &OpenError) -> PyErr {

@@ -1,12 +1,12 @@
-//! The native half of the Python package `hemicube` (`python/hemicube`): what needs speed, and nothing that Python can
-//! say as well. Docstrings are the comments here; the types are in `python/hemicube/_native.pyi`.
+//! The native half of the Python package `hemicube` (`python/hemicube`): the parts that need speed. Docstrings are the
+//! comments here; the types are in `python/hemicube/_native.pyi`.
 //!
 //! Long work runs on a thread of its own while the calling thread, without the interpreter's lock, waits for it, looks
 //! for signals and calls back (`attended.rs`).
 //!
-//! No Rust references into NumPy's arrays beyond a call, because NumPy owns what it is given: a matrix in memory is
-//! read-only arrays, and solving copies a run of rows at a time out of them. Work runs on a thread of its own while the
-//! calling one looks for signals, because Python runs handlers on its main thread only, and settling and reading know
+//! No Rust references into NumPy's arrays beyond a call, because NumPy owns its arrays: a matrix in memory is read-only
+//! arrays, and solving copies a run of rows at a time out of them. Work runs on a thread of its own while the calling
+//! one looks for signals, because Python runs handlers on its main thread only, and calibration and reading know
 //! nothing of Python.
 
 mod attended;

@@ -12,10 +12,10 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Rows of a matrix in memory that are gone through at once.
+/// Rows in a run of a matrix in memory.
 const RUN: usize = 1024;
 
-/// Compressed rows that NumPy owns and nobody can write to.
+/// Compressed rows owned by NumPy, read-only.
 #[derive(Debug)]
 struct Arrays<I: Element> {
     indptr: Py<PyArray1<I>>,
@@ -77,7 +77,7 @@ impl<I: Index + Element> Arrays<I> {
     }
 }
 
-/// Arrays that are being read.
+/// Arrays borrowed for reading.
 struct View<'py, I: Element> {
     indptr: PyReadonlyArray1<'py, I>,
     indices: PyReadonlyArray1<'py, I>,
@@ -94,7 +94,7 @@ impl<I: Index + Element> View<'_, I> {
     }
 }
 
-/// The matrix that solving goes through, in runs that are copied when they are needed: a few at once, not all.
+/// The matrix for solvers, in runs copied when they are needed: a few at once, not all.
 struct Slices<'a, I> {
     indptr: &'a [I],
     indices: &'a [I],
@@ -130,14 +130,14 @@ impl<I: Index> Factors for Slices<'_, I> {
     }
 }
 
-/// As wide as the number of entries needs: SciPy wants rows and columns counted alike, and copies what is not.
+/// `indptr` and `indices`, as wide as the number of entries needs: SciPy wants both alike, and copies others.
 #[derive(Debug)]
-enum Whole {
+enum CompressedRows {
     Narrow(Arrays<i32>),
     Wide(Arrays<i64>),
 }
 
-/// The same, before NumPy has it.
+/// Compressed rows before NumPy owns them.
 enum Assembled {
     Narrow(Assembly<i32>),
     Wide(Assembly<i64>),
@@ -161,15 +161,15 @@ impl Assembled {
         .map_err(|patch| errors::input(format!("row {patch} changed while it was read")))
     }
 
-    fn into_arrays(self, py: Python<'_>) -> Whole {
+    fn into_arrays(self, py: Python<'_>) -> CompressedRows {
         match self {
-            Self::Narrow(whole) => Whole::Narrow(Arrays::new(py, whole)),
-            Self::Wide(whole) => Whole::Wide(Arrays::new(py, whole)),
+            Self::Narrow(whole) => CompressedRows::Narrow(Arrays::new(py, whole)),
+            Self::Wide(whole) => CompressedRows::Wide(Arrays::new(py, whole)),
         }
     }
 }
 
-impl Whole {
+impl CompressedRows {
     fn to_scipy<'py>(&self, py: Python<'py>, shape: (usize, usize)) -> PyResult<Bound<'py, PyAny>> {
         match self {
             Self::Narrow(arrays) => arrays.to_scipy(py, shape),
@@ -195,13 +195,13 @@ impl Whole {
 
 /// Some matrix, held for a product or a solution.
 pub(crate) trait Use<T> {
-    /// What is done with it, without the interpreter's lock.
+    /// Runs `work` without the interpreter's lock.
     fn with(self, factors: &dyn Factors) -> T;
 }
 
 #[derive(Debug)]
 struct Memory {
-    whole: Whole,
+    whole: CompressedRows,
     table: RowTable,
     areas: Vec<f64>,
     settings: Value,
@@ -214,7 +214,7 @@ enum Source {
     Store(Box<Store>),
 }
 
-/// A form-factor matrix: F[i, j] is the fraction of what leaves patch i that reaches patch j.
+/// A form-factor matrix: F[i, j] is the fraction of the diffuse energy leaving patch i that reaches patch j.
 ///
 /// `compute` makes one, in memory or in a store, and `open` opens a store. Rows of a store are read when they are asked
 /// for.
@@ -228,7 +228,7 @@ fn stored<T>(result: Result<T, StoreError>) -> PyResult<T> {
     result.map_err(|error| errors::store(&error))
 }
 
-/// Relative Frobenius error, of what rows are expected to have; `None` where no row says.
+/// Relative Frobenius error by the rows' expected errors; `None` where no row has one.
 fn relative(errors: &[f64], squared_norm: f64) -> Option<f64> {
     let squared: f64 = errors
         .iter()
@@ -250,7 +250,7 @@ impl Matrix {
         }
     }
 
-    /// The matrix of finished parts, each of which is dropped when its rows are in their places.
+    /// The matrix of finished parts. Each part is dropped when its rows are in their places.
     pub(crate) fn in_memory(areas: Vec<f64>, parts: Vec<Part>, form: Form, settings: Value) -> PyResult<Self> {
         let mut table = RowTable::unknown(areas.len());
         let mut entries = vec![0; areas.len()];
@@ -310,14 +310,14 @@ impl Matrix {
                 let missing = memory.table.row_sum.iter().filter(|sum| sum.is_nan()).count();
                 if missing > 0 {
                     return Err(errors::input(format!(
-                        "the matrix has no rows of {missing} of {} patches; what they send is not known: compute it without \
-                         `rows`, `sample_rows`, `emitters` and `occluders`",
+                        "the matrix has no rows of {missing} of {} patches; what they send is not known: compute it \
+                         without `rows`, `sample_rows`, `emitters` and `occluders`",
                         self.patch_count()
                     )));
                 }
                 match &memory.whole {
-                    Whole::Narrow(arrays) => using.with(&arrays.view(py).slices()?),
-                    Whole::Wide(arrays) => using.with(&arrays.view(py).slices()?),
+                    CompressedRows::Narrow(arrays) => using.with(&arrays.view(py).slices()?),
+                    CompressedRows::Wide(arrays) => using.with(&arrays.view(py).slices()?),
                 }
             }
         }
@@ -341,7 +341,7 @@ impl Matrix {
         }
     }
 
-    /// Columns and form factors of a row that there is.
+    /// Columns and form factors of an existing row.
     fn entries_of<'py>(&self, py: Python<'py>, patch: u32) -> PyResult<Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>> {
         match &self.source {
             Source::Memory(memory) => {
@@ -384,7 +384,7 @@ impl Use<PyResult<Vec<f64>>> for Product<'_> {
     }
 }
 
-/// JSON as Python has it.
+/// JSON as Python objects.
 pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
     py.import("json")?.call_method1("loads", (value.to_string(),))
 }
@@ -413,7 +413,7 @@ impl Matrix {
         ))
     }
 
-    /// How many entries it has.
+    /// Number of entries.
     #[getter]
     fn nnz(&self, py: Python<'_>) -> PyResult<u64> {
         match &self.source {
@@ -431,7 +431,7 @@ impl Matrix {
         }
     }
 
-    /// Whether all rows that were asked for are there.
+    /// True if all rows asked for are there.
     #[getter]
     fn complete(&self) -> bool {
         match &self.source {
@@ -440,7 +440,8 @@ impl Matrix {
         }
     }
 
-    /// Everything that its rows depend on: resolution, correction, tolerance and why it took what it took.
+    /// Everything that its rows depend on: resolution, correction, tolerance and the reason of the settings chosen for
+    /// it.
     #[getter]
     fn settings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         python(
@@ -458,32 +459,31 @@ impl Matrix {
         Ok(PyArray1::from_vec(py, self.area()?))
     }
 
-    /// Sum of the form factors of each row; NaN where none was computed.
+    /// Sum of the form factors of each row; NaN for rows not computed.
     #[getter]
     fn row_sums<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| table.row_sum)
     }
 
-    /// Share of what leaves each patch that leaves the scene, refined with its form factors; NaN where no hemicube was
-    /// rendered.
+    /// Share of each patch's view that leaves the scene, refined with its form factors; NaN for rows without hemicubes.
     #[getter]
     fn escaped<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| table.escaped)
     }
 
-    /// Share of what leaves each patch that ends on backs of one-sided patches.
+    /// Share of each patch's view that ends on backs of one-sided patches.
     #[getter]
     fn blocked<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| table.blocked)
     }
 
-    /// Share of what leaves each patch that ends on patches without a column.
+    /// Share of each patch's view that ends on patches without a column.
     #[getter]
     fn unselected<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| table.unselected)
     }
 
-    /// By how much each row and what it lost miss 1: row sum + escaped + blocked + unselected − 1.
+    /// Closure error of each row: row sum + escaped + blocked + unselected − 1.
     #[getter]
     fn closure<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| {
@@ -494,14 +494,13 @@ impl Matrix {
         })
     }
 
-    /// The expected √Σ (F − true F)² of each row; NaN where no tolerance was asked for.
+    /// The expected √Σ (F − true F)² of each row; NaN without a tolerance.
     #[getter]
     fn errors<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| table.error)
     }
 
-    /// The relative Frobenius error that the matrix is expected to have; None where no tolerance was asked for. Goes
-    /// through all of a store.
+    /// The expected relative Frobenius error of the matrix; None without a tolerance. Reads all of a store.
     fn expected_error(&self, py: Python<'_>) -> PyResult<Option<f64>> {
         match &self.source {
             Source::Memory(memory) => Ok(memory.expected_error),
@@ -521,8 +520,8 @@ impl Matrix {
 
     /// The matrix as a `scipy.sparse.csr_matrix` of float32, rows and columns in the scene's order.
     ///
-    /// Of a matrix in memory nothing is copied: every such matrix shares the same arrays, which cannot be written to
-    /// (`.copy()` makes one that can). A store is read whole, each time.
+    /// All calls on a matrix in memory share the same read-only arrays; nothing is copied (`.copy()` makes arrays that
+    /// can be written to). A store is read whole, each time.
     fn to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let shape = self.shape();
         let store = match &self.source {
@@ -544,7 +543,7 @@ impl Matrix {
         whole.into_arrays(py).to_scipy(py, shape)
     }
 
-    /// The same as `to_scipy()`.
+    /// Equal to `to_scipy()`.
     #[getter]
     fn csr<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         self.to_scipy(py)
@@ -561,8 +560,8 @@ impl Matrix {
         self.entries_of(py, patch)
     }
 
-    /// All rows that were computed, one after the other: (patch, columns, form factors). Of a store one row at a time
-    /// is in memory; `stored_order` goes through its files from the first to the last instead of by patches.
+    /// All computed rows, one after the other: (patch, columns, form factors). One row of a store is in memory at a
+    /// time; `stored_order` reads its files from the first to the last instead of by patches.
     #[pyo3(signature = (*, stored_order=false))]
     fn rows(slf: &Bound<'_, Self>, stored_order: bool) -> PyResult<Rows> {
         let matrix = slf.get();
@@ -583,7 +582,7 @@ impl Matrix {
         Self::rows(slf, false)
     }
 
-    /// F x, without the whole matrix in memory: what each patch receives of what all others show.
+    /// F x, without the whole matrix in memory: y[i] = Σ F[i, j] x[j], the irradiance of each patch by radiosities x.
     #[pyo3(signature = (x, *, threads=0))]
     fn multiply<'py>(
         &self,

@@ -4,7 +4,7 @@ use crate::errors;
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-/// Anything that NumPy makes an array of, as one of this type. `kinds` are the letters of the types that are taken.
+/// Any argument of NumPy's `asarray`, as an array of one type. `kinds` are the letters of the types accepted.
 fn array<'py>(
     given: &Bound<'py, PyAny>,
     what: &str,
@@ -26,7 +26,7 @@ fn array<'py>(
     numpy.call_method1("ascontiguousarray", (array, dtype))
 }
 
-/// How an array's shape reads.
+/// An array's shape for messages.
 fn shape(array: &Bound<'_, PyAny>) -> PyResult<String> {
     Ok(array.getattr("shape")?.str()?.to_string())
 }
@@ -84,8 +84,8 @@ pub(crate) fn vector(given: &Bound<'_, PyAny>, what: &str, len: usize) -> PyResu
     one(array(given, what, "fiu", "numbers", "float64")?, what, len)
 }
 
-/// A number for all patches, one a patch, or a row of them a patch: the values, patch by patch, how many a patch has,
-/// and whether that was a dimension of its own.
+/// A number for all patches, one a patch, or a row of them a patch: the values, patch by patch, the number a patch, and
+/// whether they had a dimension of their own.
 pub(crate) fn columns(given: &Bound<'_, PyAny>, what: &str, patches: usize) -> PyResult<(Vec<f64>, usize, bool)> {
     let array = array(given, what, "fiu", "numbers", "float64")?;
     // `ascontiguousarray` makes one number an array of one.
@@ -122,8 +122,8 @@ pub(crate) fn columns(given: &Bound<'_, PyAny>, what: &str, patches: usize) -> P
     }
 }
 
-/// A vector of ours as an array that owns it, without copying. Nobody can write to it: arrays that are handed out more
-/// than once, and that other threads read, stay as they are.
+/// A vector as an array that owns it, without copying. Read-only: arrays handed out more than once, and read by other
+/// threads, stay unchanged.
 pub(crate) fn frozen<T: Element>(py: Python<'_>, values: Vec<T>) -> Bound<'_, PyArray1<T>> {
     let array = PyArray1::from_vec(py, values);
     drop(array.readwrite().make_nonwriteable());

@@ -2,10 +2,10 @@
 
 use crate::{errors, numbers};
 use glam::DVec3;
-use hemicube::driver::selection::flip;
+use hemicube::driver::input::{SceneInput, SceneSettings};
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
-use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
+use hemicube_scene::repair::RepairReport;
 use hemicube_scene::{Axis, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyUserWarning;
@@ -15,25 +15,20 @@ use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// How triangles become patches: the keywords that all ways to a scene have in common.
-#[derive(Clone, Debug)]
-struct Cutting {
-    subdivision: Subdivision,
-    flip: Vec<String>,
+/// The keywords shared by all ways to a scene.
+#[derive(Debug, Default)]
+struct Keywords<'a> {
+    up: Option<&'a str>,
+    flip: Option<Vec<String>>,
+    subdivide: Option<u32>,
+    split: Option<u32>,
+    patch_size: Option<f64>,
     keep_duplicates: bool,
-    up: Option<Axis>,
 }
 
-impl Cutting {
-    fn new(
-        up: Option<&str>,
-        flip: Option<Vec<String>>,
-        subdivide: Option<u32>,
-        split: Option<u32>,
-        patch_size: Option<f64>,
-        keep_duplicates: bool,
-    ) -> PyResult<Self> {
-        let subdivision = match (subdivide, split, patch_size) {
+impl Keywords<'_> {
+    fn settings(self) -> PyResult<SceneSettings> {
+        let subdivision = match (self.subdivide, self.split, self.patch_size) {
             (None, None, None) => Subdivision::None,
             (Some(levels), None, None) if levels < 32 => Subdivision::Levels(levels),
             (None, Some(pieces), None) if (1..=65536).contains(&pieces) => Subdivision::Split(pieces),
@@ -55,11 +50,11 @@ impl Cutting {
                 ));
             }
         };
-        Ok(Self {
-            subdivision,
-            keep_duplicates,
-            flip: flip.unwrap_or_default(),
-            up: up.map(axis).transpose()?,
+        Ok(SceneSettings {
+            keep_duplicates: self.keep_duplicates,
+            flip: self.flip.unwrap_or_default(),
+            up: self.up.map(axis).transpose()?,
+            ..subdivision.into()
         })
     }
 }
@@ -79,7 +74,7 @@ pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
 
-/// A scene: triangles cut into the patches that rows and columns of a matrix are of.
+/// A scene: triangles cut into patches, which rows and columns of a matrix are of.
 ///
 /// Vertices are (n, 3) numbers, triangles (m, 3) indices into them, counter-clockwise seen from the front. `object` and
 /// `material` are ids of each triangle, which `objects` and `materials` name. A `two_sided` triangle, all of them or
@@ -93,68 +88,40 @@ pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
 #[pyclass(frozen, module = "hemicube")]
 #[derive(Debug)]
 pub(crate) struct Scene {
-    pub(crate) triangles: Triangles,
+    pub(crate) input: SceneInput,
     pub(crate) patches: Arc<Patches>,
     pub(crate) model: Model,
-    pub(crate) file: PathBuf,
-    pub(crate) subdivision: Subdivision,
-    pub(crate) two_sided: &'static str,
-    pub(crate) flip: Vec<String>,
-    pub(crate) keep_duplicates: bool,
-    pub(crate) scale: f64,
 }
 
 impl Scene {
-    fn ready(
-        py: Python<'_>,
-        mut triangles: Triangles,
-        file: PathBuf,
-        two_sided: &'static str,
-        scale: f64,
-        cutting: Cutting,
-    ) -> PyResult<Self> {
-        if let Some(axis) = cutting.up {
-            triangles.up = Some(axis);
-        }
-        flip(&mut triangles, &cutting.flip).map_err(|error| {
+    fn ready(py: Python<'_>, triangles: Triangles, file: PathBuf, settings: SceneSettings) -> PyResult<Self> {
+        let input = py.detach(|| SceneInput::new(triangles, file, settings));
+        let input = input.map_err(|error| {
             errors::input(format!(
                 "`flip`: `{}` matches no object with one-sided triangles; {}",
                 error.glob, error.there
             ))
         })?;
-        let read = triangles.triangles.len();
-        let options = RepairOptions {
-            keep_duplicates: cutting.keep_duplicates,
-        };
-        let repaired = py.detach(|| repair(&mut triangles, options));
-        for warning in &triangles.findings.warnings {
+        for warning in &input.findings.warnings {
             warn(py, warning)?;
         }
-        if triangles.triangles.is_empty() {
+        let repaired = input.repaired;
+        if input.triangles.is_empty() {
             return Err(errors::input(format!(
-                "the scene holds no triangle that can be used: of {read}, {} not finite and {} without area",
-                repaired.non_finite, repaired.degenerate
+                "the scene holds no triangle that can be used: of {}, {} not finite and {} without area",
+                input.triangles_read, repaired.non_finite, repaired.degenerate
             )));
         }
         if let Some(dropped) = dropped(&repaired) {
             warn(py, &dropped)?;
         }
-        let (patches, model) = py.detach(|| -> PyResult<_> {
-            let patches = Patches::new(&triangles, cutting.subdivision).map_err(|error| errors::scene(&error))?;
-            let patches = Arc::new(patches);
-            let model = Model::new(Arc::clone(&patches), HierarchyOptions::default());
-            Ok((patches, model.map_err(|error| errors::model(&error))?))
-        })?;
+        let model = py
+            .detach(|| input.model(HierarchyOptions::default()))
+            .map_err(|error| errors::uncut(&error))?;
         Ok(Self {
-            triangles,
-            patches,
+            input,
+            patches: Arc::clone(model.patches()),
             model,
-            file,
-            subdivision: cutting.subdivision,
-            two_sided,
-            keep_duplicates: cutting.keep_duplicates,
-            flip: cutting.flip,
-            scale,
         })
     }
 
@@ -163,7 +130,7 @@ impl Scene {
         let list = self
             .patches
             .iter()
-            .map(|patch| of(&self.triangles.triangles[self.patches.triangle(patch)]));
+            .map(|patch| of(&self.input.triangles[self.patches.triangle(patch)]));
         PyArray1::from_vec(py, list.collect()).unbind()
     }
 
@@ -174,7 +141,7 @@ impl Scene {
     }
 }
 
-/// What was dropped, if anything was.
+/// The dropped triangles, if any, for a warning.
 fn dropped(report: &RepairReport) -> Option<String> {
     let list: Vec<String> = [
         (report.non_finite, "without finite coordinates"),
@@ -188,7 +155,7 @@ fn dropped(report: &RepairReport) -> Option<String> {
     (!list.is_empty()).then(|| format!("triangles dropped: {}", list.join(", ")))
 }
 
-/// Ids from 0 on, of things that are named or are called by their numbers.
+/// Ids from 0 on, of things named or called by their numbers.
 fn named(ids: &[i64], names: Option<Vec<String>>, what: &str) -> PyResult<(Vec<u32>, Vec<String>)> {
     let most = ids.iter().copied().max().unwrap_or(0);
     let names = names.unwrap_or_else(|| {
@@ -212,7 +179,10 @@ fn named(ids: &[i64], names: Option<Vec<String>>, what: &str) -> PyResult<(Vec<u
 #[pymethods]
 impl Scene {
     #[new]
-    #[pyo3(signature = (vertices, triangles, *, object=None, material=None, objects=None, materials=None, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
+    #[pyo3(signature = (
+        vertices, triangles, *, object=None, material=None, objects=None, materials=None, two_sided=None, flip=None,
+        up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false
+    ))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn new(
         py: Python<'_>,
@@ -230,7 +200,15 @@ impl Scene {
         patch_size: Option<f64>,
         keep_duplicates: bool,
     ) -> PyResult<Self> {
-        let cutting = Cutting::new(up, flip, subdivide, split, patch_size, keep_duplicates)?;
+        let keywords = Keywords {
+            up,
+            flip,
+            subdivide,
+            split,
+            patch_size,
+            keep_duplicates,
+        };
+        let settings = keywords.settings()?;
         let vertices = numbers::points(vertices, "vertices")?;
         let triangles = numbers::triples(triangles, "triangles")?;
         let count = triangles.len();
@@ -289,15 +267,18 @@ impl Scene {
                 two_sided: two_sided[place],
             });
         }
-        Self::ready(py, scene, PathBuf::from("arrays"), "auto", 1.0, cutting)
+        Self::ready(py, scene, PathBuf::from("arrays"), settings)
     }
 
     /// The scene in a file: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON).
     ///
-    /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), where
-    /// None does as the file says; `up` is for files that do not say, or are wrong. The rest is as for arrays.
+    /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), by
+    /// default (None) as the file says; `up` is for files that do not say, or are wrong. The rest is as for arrays.
     #[classmethod]
-    #[pyo3(signature = (path, *, scale=1.0, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false))]
+    #[pyo3(signature = (
+        path, *, scale=1.0, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None,
+        keep_duplicates=false
+    ))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn load(
         _class: &Bound<'_, PyType>,
@@ -312,30 +293,27 @@ impl Scene {
         patch_size: Option<f64>,
         keep_duplicates: bool,
     ) -> PyResult<Self> {
-        let cutting = Cutting::new(up, flip, subdivide, split, patch_size, keep_duplicates)?;
+        let keywords = Keywords {
+            up,
+            flip,
+            subdivide,
+            split,
+            patch_size,
+            keep_duplicates,
+        };
+        let settings = keywords.settings()?;
         if !(scale > 0.0 && scale.is_finite()) {
             return Err(errors::input(format!("`scale` is {scale}; a number above 0 is needed")));
         }
-        let mut scene = py
+        let scene = py
             .detach(|| hemicube_scene::load(&path, ReadOptions::default()))
             .map_err(|error| errors::scene(&error))?;
-        if scale != 1.0 {
-            for corner in scene.triangles.iter_mut().flat_map(|triangle| &mut triangle.corners) {
-                *corner *= scale;
-            }
-            scene.metres_per_unit = scene.metres_per_unit.map(|metres| metres / scale);
-        }
-        if let Some(two_sided) = two_sided {
-            for triangle in &mut scene.triangles {
-                triangle.two_sided = two_sided;
-            }
-        }
-        let sides = match two_sided {
-            None => "auto",
-            Some(true) => "on",
-            Some(false) => "off",
+        let settings = SceneSettings {
+            scale,
+            two_sided,
+            ..settings
         };
-        Self::ready(py, scene, path, sides, scale, cutting)
+        Self::ready(py, scene, path, settings)
     }
 
     /// A scene made up: room, city, block-city, maze, spheres, field or soup, of about so many patches.
@@ -348,20 +326,13 @@ impl Scene {
             seed,
         };
         let mut scene = py.detach(|| generate(spec)).map_err(|error| errors::scene(&error))?;
-        // How near it comes is no surprise.
+        // The number of patches is approximate by nature.
         scene.findings.warnings.clear();
-        let cutting = Cutting::new(None, None, None, None, None, false)?;
-        Self::ready(
-            py,
-            scene,
-            PathBuf::from(format!("{kind}.generated")),
-            "auto",
-            1.0,
-            cutting,
-        )
+        let file = PathBuf::from(format!("{kind}.generated"));
+        Self::ready(py, scene, file, SceneSettings::default())
     }
 
-    /// How many patches there are: rows and columns of a matrix.
+    /// Number of patches: rows and columns of a matrix.
     fn __len__(&self) -> usize {
         self.patches.len()
     }
@@ -370,7 +341,7 @@ impl Scene {
         format!(
             "<hemicube.Scene of {} patches, {}>",
             self.patches.len(),
-            self.file.display()
+            self.input.file.display()
         )
     }
 
@@ -386,13 +357,13 @@ impl Scene {
         self.vectors(py, |patch| self.patches.centroid(patch))
     }
 
-    /// Unit normal of each patch, away from the side that radiates: (n, 3).
+    /// Unit normal of each patch, away from its radiating side: (n, 3).
     #[getter]
     fn normals(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
         self.vectors(py, |patch| self.patches.normal(patch))
     }
 
-    /// Corners of each patch, counter-clockwise seen from the side that radiates: (n, 3, 3).
+    /// Corners of each patch, counter-clockwise seen from its radiating side: (n, 3, 3).
     #[getter]
     fn corners(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f64>>> {
         let corners = self.patches.iter().flat_map(|patch| self.patches.corners(patch));
@@ -402,7 +373,7 @@ impl Scene {
             .unbind())
     }
 
-    /// The triangle of the arrays, or the face of the file, that each patch is of: (n,), from 0.
+    /// The triangle of the arrays, or the face of the file, of each patch: (n,), from 0.
     #[getter]
     fn face(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
         self.by_triangle(py, |triangle| triangle.face)
@@ -420,7 +391,7 @@ impl Scene {
         self.by_triangle(py, |triangle| triangle.material)
     }
 
-    /// The side of its triangle that each patch is: (n,), 0 the front, 1 the back.
+    /// The side of its triangle of each patch: (n,), 0 the front, 1 the back.
     #[getter]
     fn side(&self, py: Python<'_>) -> Py<PyArray1<u8>> {
         let side = |patch| match self.patches.side(patch) {
@@ -433,22 +404,22 @@ impl Scene {
     /// Names of the objects.
     #[getter]
     fn objects(&self) -> Vec<String> {
-        self.triangles.objects.clone()
+        self.input.objects.clone()
     }
 
     /// Names of the materials.
     #[getter]
     fn materials(&self) -> Vec<String> {
-        self.triangles
+        self.input
             .materials
             .iter()
             .map(|material| material.name.clone())
             .collect()
     }
 
-    /// The axis that points up: 'x', 'y', 'z', or None where nobody said.
+    /// The axis that points up: 'x', 'y', 'z', or None if unknown.
     #[getter]
     fn up(&self) -> Option<&'static str> {
-        self.triangles.up.map(hemicube::driver::settings::axis_name)
+        self.input.up_name()
     }
 }

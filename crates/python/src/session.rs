@@ -1,4 +1,4 @@
-//! Backends as Python names them.
+//! Backends by Python's keywords.
 
 use crate::errors;
 use hemicube::backend::HemicubeBackend;
@@ -7,20 +7,20 @@ use hemicube_host::{Environment, Options, Registry, Search};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
-/// The backend that is part of the module.
+/// The module's own backend.
 const BUILT_IN: &str = "cpu";
 
-/// A backend with everything that opening it takes. Sessions are opened as they are needed.
+/// A backend with everything needed to open it. Sessions are opened on demand.
 #[derive(Clone, Debug)]
-pub(crate) struct Wanted {
+pub(crate) struct BackendChoice {
     name: String,
     engine: EngineChoice,
     options: Options,
     registry: Registry,
 }
 
-impl Wanted {
-    /// What the keywords `backend`, `backend_dir`, `backend_options` and `engine` say.
+impl BackendChoice {
+    /// The backend of the keywords `backend`, `backend_dir`, `backend_options` and `engine`.
     pub(crate) fn new(
         name: &str,
         directory: Option<PathBuf>,
@@ -50,7 +50,7 @@ impl Wanted {
                 "`engine` is a setting of backend `{BUILT_IN}`, and `{name}` is asked for"
             )));
         }
-        // The running program is Python: what lies beside it is not ours.
+        // The running program is Python: files beside it are not hemicube's.
         let environment = Environment {
             program: None,
             ..Environment::of_process()

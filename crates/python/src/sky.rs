@@ -1,8 +1,8 @@
-//! `hemicube.sky`: what patches and points see of the sky.
+//! `hemicube.sky`: views of the sky from patches and points.
 
 use crate::attended::attended;
 use crate::scene::{Scene, axis, warn};
-use crate::session::Wanted;
+use crate::session::BackendChoice;
 use crate::{compute, errors, numbers};
 use glam::DVec3;
 use hemicube::InputPatch;
@@ -18,16 +18,16 @@ use pyo3::types::PyDict;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// The patches that a point sees, and their weights.
+/// The patches visible from a point, and their weights.
 type Seen = Vec<(InputPatch, u64)>;
 
-/// What patches, or points, see of the sky and of the ground below the horizon.
+/// Views of the sky and of the ground below the horizon, from patches or points.
 #[pyclass(frozen, module = "hemicube")]
 #[derive(Debug)]
 pub(crate) struct Sky {
     division: SkyDivision,
     rows: Vec<SkyRow>,
-    /// What points see of patches, and how many patches there are.
+    /// Views of patches from points, and the number of patches.
     seen: Option<(Vec<Seen>, usize)>,
 }
 
@@ -84,7 +84,7 @@ impl Sky {
         )
     }
 
-    /// Sky view factor of each row: which part of the hemisphere, weighted by the cosine, is sky.
+    /// Sky view factor of each row: the share of the hemisphere, weighted by the cosine, that is sky.
     #[getter]
     fn view_factors<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.column(py, SkyRow::sky_view_factor)
@@ -99,13 +99,13 @@ impl Sky {
         })
     }
 
-    /// Fraction of each row that ends on backs of one-sided patches.
+    /// Fraction of each row on backs of one-sided patches.
     #[getter]
     fn blocked<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.column(py, |row| share(row.blocked, row))
     }
 
-    /// By how much the sky view factor changed with the last refinement; NaN where there was none.
+    /// Change of the sky view factor by the last refinement; NaN without one.
     #[getter]
     fn changes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.column(py, |row| row.change)
@@ -118,15 +118,15 @@ impl Sky {
         PyArray1::from_vec(py, columns.map(|column| self.division.solid_angle(column)).collect())
     }
 
-    /// Fractions of each row that go to the ground (column 0) and to each patch of the sky, in the order of Radiance's
+    /// Fractions of each row to the ground (column 0) and to each patch of the sky, in the order of Radiance's
     /// `gendaymtx`: a `scipy.sparse.csr_matrix`.
     fn to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let rows = self.rows.iter().map(|row| (row.columns.clone(), row.whole()));
         fractions(py, rows, self.division.columns() as usize)
     }
 
-    /// Fractions of what points see that are patches of the scene: a `scipy.sparse.csr_matrix`; None for rows of
-    /// patches, whose matrix `compute` makes.
+    /// Fractions of points' views on patches of the scene: a `scipy.sparse.csr_matrix`; None for rows of patches, whose
+    /// matrix is `compute`'s.
     fn patches_to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let Some((seen, patches)) = &self.seen else {
             return Ok(None);
@@ -139,13 +139,13 @@ impl Sky {
     }
 }
 
-/// What both kinds of rows need.
+/// Settings of both kinds of rows.
 #[derive(Debug)]
 struct Request {
     division: SkyDivision,
     horizon: Horizon,
     options: SkyOptions,
-    backend: Wanted,
+    backend: BackendChoice,
 }
 
 impl Request {
@@ -160,7 +160,7 @@ impl Request {
         samples: u32,
         rotation: bool,
         threads: usize,
-        backend: Wanted,
+        backend: BackendChoice,
     ) -> PyResult<Self> {
         let parts = match division.split_once(':') {
             None if division == "tregenza" => Some(1),
@@ -175,7 +175,7 @@ impl Request {
         let up = match up {
             Some(name) => axis(name)?,
             None => scene
-                .triangles
+                .input
                 .up
                 .ok_or_else(|| errors::input("the scene does not say which axis points up; `up=\"z\"` does"))?,
         };
@@ -224,7 +224,7 @@ impl Request {
     }
 }
 
-/// What ends a run that was told to; the exception that told it goes before.
+/// The exception of a cancelled run; the one that cancelled it takes precedence.
 fn interrupted() -> PyErr {
     PyKeyboardInterrupt::new_err("the computation was cancelled")
 }
@@ -233,14 +233,17 @@ fn pairs(options: Option<BTreeMap<String, String>>) -> Vec<(String, String)> {
     options.unwrap_or_default().into_iter().collect()
 }
 
-/// What each patch of a scene sees of the sky: sky view factors, and how it divides over patches of the sky.
+/// Views of the sky from each patch of a scene: sky view factors, and their division over patches of the sky.
 ///
 /// `division` is 'tregenza' (145 patches) or 'reinhart:N' (144 N² + 1). `up` is needed where the scene does not say;
-/// `north` turns it clockwise, in degrees, from +y where z is up, −z where y is up. `tolerance` refines each row until
-/// its sky view factor changes by no more than this share; without it a patch gets `samples` hemicubes of `resolution`
-/// pixels an edge. `progress(done, total)` is called with rows every now and then.
+/// `north` turns it clockwise, in degrees, from +y with z up, −z with y up. `tolerance` refines each row until its sky
+/// view factor changes by no more than this share; without it a patch gets `samples` hemicubes of `resolution` pixels
+/// an edge. `progress(done, total)` is called with numbers of rows some times a second.
 #[pyfunction]
-#[pyo3(signature = (scene, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=256, samples=1, rotation=true, backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None))]
+#[pyo3(signature = (
+    scene, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=256, samples=1, rotation=true,
+    backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None
+))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn sky(
     py: Python<'_>,
@@ -260,7 +263,7 @@ pub(crate) fn sky(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Sky> {
     let scene = scene.get();
-    let backend = Wanted::new(backend, backend_dir, pairs(backend_options), engine)?;
+    let backend = BackendChoice::new(backend, backend_dir, pairs(backend_options), engine)?;
     let request = Request::new(
         scene, division, up, north, tolerance, resolution, samples, rotation, threads, backend,
     )?;
@@ -300,7 +303,8 @@ fn warn_of_places(py: Python<'_>, scene: &Scene, points: &[SensorPoint], horizon
         ),
         (
             Place::BehindSheet,
-            "behind surfaces, with backs in more than half of their view; turn their normals, or make sheets `two_sided`",
+            "behind surfaces, with backs in more than half of their view; turn their normals, or make sheets \
+             `two_sided`",
         ),
     ] {
         let there: Vec<usize> = (0..)
@@ -324,10 +328,13 @@ fn warn_of_places(py: Python<'_>, scene: &Scene, points: &[SensorPoint], horizon
     Ok(())
 }
 
-/// What free points see: measurements, people, points of a façade. `positions` and `normals` are (m, 3), in the scene's
-/// coordinates. Otherwise as `sky`; points are refined by hemicubes of twice the resolution.
+/// Views of the sky from free points: measurements, people, points of a façade. `positions` and `normals` are (m, 3),
+/// in the scene's coordinates. Otherwise as `sky`; points are refined by hemicubes of twice the resolution.
 #[pyfunction]
-#[pyo3(signature = (scene, positions, normals, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=256, rotation=true, backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None))]
+#[pyo3(signature = (
+    scene, positions, normals, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=256,
+    rotation=true, backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None
+))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn sky_of_points(
     py: Python<'_>,
@@ -348,7 +355,7 @@ pub(crate) fn sky_of_points(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Sky> {
     let scene = scene.get();
-    let backend = Wanted::new(backend, backend_dir, pairs(backend_options), engine)?;
+    let backend = BackendChoice::new(backend, backend_dir, pairs(backend_options), engine)?;
     let request = Request::new(
         scene, division, up, north, tolerance, resolution, 1, rotation, threads, backend,
     )?;

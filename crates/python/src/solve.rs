@@ -33,13 +33,13 @@ fn array<'py>(py: Python<'py>, block: &Block, is_block: bool) -> PyResult<Bound<
 
 #[pymethods]
 impl Solution {
-    /// B, what leaves each patch.
+    /// B, the radiosity of each patch.
     #[getter]
     fn radiosity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         array(py, &self.solved.radiosity, self.is_block)
     }
 
-    /// G, what arrives at each patch.
+    /// G, the irradiance of each patch.
     #[getter]
     fn irradiance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         array(py, &self.solved.irradiance, self.is_block)
@@ -51,19 +51,19 @@ impl Solution {
         self.solved.residuals.clone()
     }
 
-    /// Products with the matrix that it took.
+    /// Number of products with the matrix.
     #[getter]
     fn iterations(&self) -> u32 {
         self.solved.iterations
     }
 
-    /// Whether every residual is at most the tolerance.
+    /// True if every residual is at most the tolerance.
     #[getter]
     fn converged(&self) -> bool {
         self.solved.converged
     }
 
-    /// Where the power of each right-hand side goes: a dict each. emitted + from_outside = absorbed + escaped + blocked +
+    /// The power balance of each right-hand side: a dict each. emitted + from_outside = absorbed + escaped + blocked +
     /// unselected + closure + reciprocity + residual.
     #[getter]
     fn balance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
@@ -106,13 +106,16 @@ impl Use<PyResult<Solved>> for Solving<'_, '_> {
 /// `emission` E and `outside` H (irradiance from outside the matrix, as from the sky) are numbers, (n,) or (n, k) for k
 /// right-hand sides at once. `reflectance` R is a number, (n,) or (n, bands); right-hand side r is of band r modulo the
 /// number of bands. Heat is the same with reflectance 1 − ε and emission ε σ T⁴ (`STEFAN_BOLTZMANN`), and the net flux
-/// is B − G. S = 1 − Σ F − escaped returns to its patch: backs, and what a row lacks of 1, exchange nothing.
+/// is B − G. S = 1 − Σ F − escaped returns to its patch: backs, and the closure error of a row, exchange nothing.
 ///
 /// `method` is 'gmres', 'gauss-seidel' or 'jacobi'; `tolerance` the relative residual to reach within `max_iterations`
-/// products, and what does not reach it says so with a warning. Of a store, `memory` bytes are used.
-/// `progress(iteration, residual)` is called now and then.
+/// products; a solution above it has a warning. `memory` bytes are used for a store. `progress(iteration, residual)` is
+/// called some times a second.
 #[pyfunction]
-#[pyo3(signature = (matrix, reflectance, emission, *, outside=None, method="gmres", restart=20, tolerance=1e-6, max_iterations=500, memory=1_000_000_000, threads=0, progress=None))]
+#[pyo3(signature = (
+    matrix, reflectance, emission, *, outside=None, method="gmres", restart=20, tolerance=1e-6, max_iterations=500,
+    memory=1_000_000_000, threads=0, progress=None
+))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn solve(
     py: Python<'_>,
@@ -199,7 +202,8 @@ pub(crate) fn solve(
         PyErr::warn(
             py,
             &py.get_type::<PyRuntimeWarning>(),
-            c"the residual did not reach the tolerance; allow more with `max_iterations`, or look for surfaces that reflect all",
+            c"the residual did not reach the tolerance; allow more with `max_iterations`, or look for surfaces that \
+              reflect all",
             1,
         )?;
     }

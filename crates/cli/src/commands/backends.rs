@@ -1,12 +1,15 @@
-//! `hemicube backends`: the engines, their devices and what they can do.
+//! `hemicube backends`: the engines, their devices and capabilities.
 
 mod check;
 
-use crate::args::{Backends, BackendsList};
+use crate::args::Report as ReportArguments;
 use crate::exit::Exit;
+use crate::help::{AFTER_LONG_HELP, examples};
+use crate::outputs::Paths;
 use crate::prepare::{BUILT_IN, registry};
 use crate::report::{self, JsonReport, SCHEMA};
 use anyhow::Result;
+use clap::{Args, Subcommand};
 use hemicube::backend::{Capabilities, HemicubeBackend};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_host::{Device, Listed, State};
@@ -14,13 +17,48 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+const EXAMPLES_OF_CHECK: &str = "  \
+  hemicube backends check vulkan
+  hemicube backends check ./libhemicube_backend_mine.so --only 'room/*' --time-limit 20";
+
+/// Subcommands of `backends`.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Backends {
+    /// List the backends, their devices and what they can do, and why others cannot be used
+    #[command(after_long_help = AFTER_LONG_HELP)]
+    List(ListArguments),
+    /// Hold a backend against the contract, each case in a process of its own; exit 1 when one is not kept
+    #[command(after_long_help = examples(EXAMPLES_OF_CHECK, false))]
+    Check(check::Arguments),
+}
+
+/// `hemicube backends list`
+#[derive(Args, Debug)]
+pub(crate) struct ListArguments {
+    /// Look for backends in DIR first
+    #[arg(long, value_name = "DIR", env = "HEMICUBE_BACKEND_DIR", hide_env = true)]
+    pub(crate) backend_dir: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+
+impl Backends {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        match self {
+            Self::List(arguments) => Paths::default().reports(&arguments.report),
+            Self::Check(arguments) => arguments.paths(),
+        }
+    }
+}
+
 #[derive(Serialize)]
 struct ListReport {
     schema: u32,
     backends: Vec<Entry>,
-    /// Files that look like backends and cannot be used.
+    /// Unusable files that look like backends.
     unusable: Vec<Unusable>,
-    /// Folders that were looked into, in this order.
+    /// Searched folders, in order.
     folders: Vec<FolderEntry>,
 }
 
@@ -29,7 +67,7 @@ struct ListReport {
 struct Entry {
     name: String,
     version: String,
-    /// Its place in the backend's list: what `--backend-option device=` takes.
+    /// Place in the backend's list, for `--backend-option device=`.
     device_number: usize,
     device: String,
     kind: &'static str,
@@ -99,7 +137,7 @@ pub(crate) fn run(command: &Backends) -> Result<Exit> {
     }
 }
 
-fn list(arguments: &BackendsList) -> Result<Exit> {
+fn list(arguments: &ListArguments) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     let registry = registry(arguments.backend_dir.as_deref());
     let (mut backends, mut unusable) = (vec![Entry::built_in()], Vec::new());

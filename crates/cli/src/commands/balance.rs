@@ -1,13 +1,93 @@
-//! `hemicube balance`: a copy of a matrix that is reciprocal, closed, or without small entries.
+//! `hemicube balance`: a reciprocal, closed or thinned copy of a matrix.
 
-use crate::args::{Balance as Arguments, Talk};
+use crate::args::{Report as ReportArguments, Talk, number, share};
 use crate::exit::{Exit, hinted, watch_interrupts};
+use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, percent, size};
 use anyhow::Result;
-use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
+use clap::Args;
+use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, MAX_SCALE_MAX, TOLERANCE_MIN, balance};
 use hemicube::store::{Error, Store};
 use serde::Serialize;
+use std::path::PathBuf;
+
+/// End of `--help`: an interrupt leaves nothing useful of a balanced matrix.
+const AFTER_LONG_HELP: &str = "\
+Examples:
+  hemicube balance room.hemicube -o closed.hemicube --closure
+  hemicube balance city.hemicube -o small.hemicube --min-factor 1e-5 --reciprocity
+Environment:
+  HEMICUBE_NO_PROGRESS  1: no progress bar
+  HEMICUBE_LOG          what the libraries log: error, warn, info, debug, trace
+Exit status:
+  0    done
+  1    the rows did not settle within `--max-sweeps`; the matrix is written all the same
+  2    wrong usage, unreadable input, or something that could not be written
+  130  interrupted; OUT is not there or says that it is incomplete, and `--overwrite` starts again";
+
+/// Write a balanced copy of a matrix: reciprocal, closed, or without small entries
+#[derive(Args, Debug)]
+#[command(override_usage = "hemicube balance [OPTIONS] DIR -o OUT", after_long_help = AFTER_LONG_HELP)]
+#[command(group = clap::ArgGroup::new("work").required(true).multiple(true))]
+pub(crate) struct Arguments {
+    /// The matrix
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// The directory to write the balanced matrix to
+    #[arg(short, long, value_name = "OUT")]
+    pub(crate) output: PathBuf,
+    /// Scale rows and columns alike until each row and what it lost sum to 1; keeps reciprocity
+    #[arg(long, group = "work")]
+    pub(crate) closure: bool,
+    /// Make A_i F_ij and A_j F_ji equal
+    #[arg(long, group = "work")]
+    pub(crate) reciprocity: bool,
+    /// Leave out form factors below X, and give what a row loses to its others
+    #[arg(long, value_name = "X", value_parser = share, allow_negative_numbers = true, group = "work")]
+    pub(crate) min_factor: Option<f64>,
+    /// By how much a row may be scaled; rows that want more stay there, and are counted
+    #[arg(long, value_name = "S", default_value = "1.1", value_parser = max_scale, allow_negative_numbers = true)]
+    pub(crate) max_scale: f64,
+    /// How near its sum each row is to come
+    #[arg(long, value_name = "T", default_value = "1e-6", value_parser = residual, allow_negative_numbers = true)]
+    pub(crate) tolerance: f64,
+    /// Sweeps of the scaling before it gives up; exit 1
+    #[arg(long, value_name = "N", default_value = "1000", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) max_sweeps: u32,
+    /// Replace a matrix that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .store([&self.store])
+            .makes([&self.output])
+            .reports(&self.report)
+    }
+}
+
+fn max_scale(text: &str) -> Result<f64, String> {
+    let number = number(text)?;
+    if number > 1.0 && number <= MAX_SCALE_MAX {
+        Ok(number)
+    } else {
+        Err("a factor above 1 and up to 16 is needed".to_owned())
+    }
+}
+
+fn residual(text: &str) -> Result<f64, String> {
+    let number = number(text)?;
+    if (TOLERANCE_MIN..1.0).contains(&number) {
+        Ok(number)
+    } else {
+        Err("a number from 1e-7 up to 1 is needed: form factors are stored with seven digits".to_owned())
+    }
+}
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -57,7 +137,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     })
 }
 
-/// The next step, where the error itself does not say it.
+/// Adds the next step to errors without one.
 fn hint(error: Error, arguments: &Arguments) -> anyhow::Error {
     let step = match &error {
         Error::Refused { .. } => Some("`hemicube balance --help` has examples".to_owned()),
@@ -73,7 +153,7 @@ fn hint(error: Error, arguments: &Arguments) -> anyhow::Error {
     }
 }
 
-/// What was done, in a few words.
+/// The operations, in a few words.
 pub(crate) fn summary(entry: &BalanceEntry) -> String {
     let mut words = Vec::new();
     if entry.closure {
@@ -170,7 +250,7 @@ fn text(found: &BalanceReport) -> String {
     text
 }
 
-/// A factor near 1 with the digits that tell it from 1.
+/// A factor near 1, with enough digits to tell it from 1.
 fn factor(value: f64) -> String {
     format!("{value:.4}")
 }
@@ -179,7 +259,8 @@ fn warnings(entry: &BalanceEntry) -> Vec<String> {
     let mut warnings = Vec::new();
     if !entry.converged {
         warnings.push(format!(
-            "the rows did not settle within {} to {}; allow more with `--max-sweeps`, or ask for less with `--tolerance`",
+            "the rows did not settle within {} to {}; allow more with `--max-sweeps`, or ask for less with \
+             `--tolerance`",
             counted(entry.sweeps.into(), "sweep"),
             figures(entry.tolerance)
         ));

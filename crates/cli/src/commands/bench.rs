@@ -1,15 +1,13 @@
-//! `hemicube bench`: the study of Vázquez and Guartes 2017 once more, on this machine and its backends, and what it
-//! left open: mazes, open scenes, parameters that find themselves, error against rays.
+//! `hemicube bench`: the study of Vázquez and Guartes 2017, repeated on this machine and its backends and extended by
+//! mazes, open scenes, parameters found by backends, and error against rays.
 //!
-//! Everything is a *cell*: a scene, a backend, a way. Cells are kept in `study.json` as they are measured; tables and
-//! pictures are made of what is there.
+//! The unit is a *cell*: a scene, a backend, a way. `results.rs` keeps cells in `study.json` by machine, version and
+//! settings as they are measured. `tables.rs` and `plots.rs` make the report, of a finished study or not.
 //!
-//! Ways of one scene and backend are measured in turns over the same rows, runs of neighbours spread over the order of
-//! work, as many as the slowest has time for. What a backend finds by itself is measured anew beside the fastest of the
-//! tables, over rows and in turns of their own. `results.rs` keeps them in `study.json` by machine, version and
-//! settings; `tables.rs` and `plots.rs` make what is there into a report, finished or not. Error against time is
-//! `tradeoff`'s, whole runs are processes of this program watched from outside. `sheet.rs` is what its pictures and
-//! `tradeoff`'s are laid out on.
+//! The ways of a scene and backend take turns over the same rows: runs of neighbours spread over the order of work, as
+//! many as the slowest has time for. A backend's findings are measured anew beside the fastest of the tables, over rows
+//! and in turns of their own. Error against time comes from `tradeoff`. Whole runs are processes of this program,
+//! watched from outside.
 
 mod measure;
 mod plots;
@@ -18,17 +16,18 @@ mod scenes;
 mod tables;
 mod ways;
 
-use crate::args::{Auto, Talk};
+use crate::args::{Auto, Talk, positive, resolution};
 use crate::exit::{self, Exit};
+use crate::help::examples;
+use crate::picture::sheet::{Format, Marker, color};
 use crate::progress::Bar;
 use crate::report::{count, counted, print};
-use crate::sheet::{Format, Marker, color};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use measure::Bench;
 use plots::{Diagram, Panel, Series, error_against_time, heat_map, memory_over_time};
 use results::{Cell, Results, Settings};
-use scenes::{CITY, Role, StudyScene, scenes};
+use scenes::{CITY, Role, Size, StudyScene, scenes};
 use serde::Deserialize;
 use std::path::PathBuf;
 use tables::{Grid, Study};
@@ -37,8 +36,13 @@ use ways::{
     with_parameters,
 };
 
-/// `hemicube bench`
+const EXAMPLES: &str = "  \
+  hemicube bench --quick
+  hemicube bench -o study --scenes ../shared/scenes";
+
+/// Rerun the study of algorithms on this machine: tables, pictures, and what finds itself
 #[derive(Args, Debug)]
+#[command(override_usage = "hemicube bench [OPTIONS]", after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The folder for tables, pictures and what was measured; a run that finds some there goes on
     #[arg(short, long, value_name = "DIR", default_value = "hemicube-study")]
@@ -59,16 +63,22 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NAME", hide_short_help = true)]
     scene: Vec<String>,
     /// Patches of the city, by which all generated scenes are sized
-    #[arg(long, value_name = "N", default_value_t = CITY, value_parser = clap::value_parser!(u64).range(10..=100_000), hide_short_help = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = CITY,
+        value_parser = clap::value_parser!(u64).range(10..=100_000),
+        hide_short_help = true
+    )]
     patches: u64,
     /// Pixels along an edge of a hemicube
-    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = crate::args::resolution, hide_short_help = true)]
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = resolution, hide_short_help = true)]
     resolution: Auto,
     /// The most rows of a cell
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000), hide_short_help = true)]
     rows: Option<u32>,
     /// Seconds that the slowest way of a cell may take, by which the rows are chosen
-    #[arg(long, value_name = "S", value_parser = crate::args::positive, hide_short_help = true)]
+    #[arg(long, value_name = "S", value_parser = positive, hide_short_help = true)]
     seconds: Option<f64>,
     /// What others measured on the same scenes, from `scripts/peers`
     #[arg(long, value_name = "FILE")]
@@ -81,7 +91,7 @@ pub(crate) struct Arguments {
     pictures: Pictures,
 }
 
-/// How pictures are written.
+/// Format of pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Pictures {
     /// Lines and letters.
@@ -99,14 +109,7 @@ impl Pictures {
     }
 }
 
-/// How much is measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Size {
-    Quick,
-    Full,
-}
-
-/// What a peer was measured at, of `scripts/peers`.
+/// Results of a peer, from `scripts/peers`.
 #[derive(Clone, Debug, Deserialize)]
 struct Peer {
     scene: String,
@@ -126,12 +129,12 @@ struct Peers {
     without: Vec<String>,
 }
 
-/// What `compute` has where fractions are asked for.
+/// Built-in resolution of `compute` for visible fractions.
 const RESOLUTION: u32 = 128;
-/// Rows of a whole run that is watched from outside.
+/// Rows of a whole, watched run.
 const ROWS_OF_RUN: u64 = 10_240;
 
-/// Octree levels and least patches that are tried on a scene: the thesis's, and where queries are cheap.
+/// Octree levels and least patches tried on a scene: the thesis's, and some with cheap queries.
 fn grid(size: Size, scene: &StudyScene) -> Option<Grid> {
     let (levels, least): (&[u32], &[u32]) = match (size, scene.role) {
         (_, Role::Step) => return None,
@@ -146,22 +149,22 @@ fn grid(size: Size, scene: &StudyScene) -> Option<Grid> {
     })
 }
 
-/// What is measured first of all scenes, and what after it: a study that is interrupted has the most of what matters.
+/// Stages of a study, the most important first: an interrupted one has measured most of the essential.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     /// *Original*, *thesis*, *ours*; errors, and whole runs.
     Algorithms,
-    /// What the best is sought among.
+    /// Competitors of the best way.
     Others,
     /// Levels of the octree and least patches.
     Parameters,
-    /// What finds itself beside the best of these, measured anew.
+    /// Findings beside the best of these, measured anew.
     Choices,
 }
 
 const STAGES: [Stage; 4] = [Stage::Algorithms, Stage::Others, Stage::Parameters, Stage::Choices];
 
-/// What is measured of a scene by a backend.
+/// Ways to measure of a scene by a backend.
 fn wanted(stage: Stage, size: Size, scene: &StudyScene, target: &Target) -> Vec<Way> {
     match stage {
         Stage::Algorithms => ways(target, false),
@@ -177,7 +180,7 @@ fn wanted(stage: Stage, size: Size, scene: &StudyScene, target: &Target) -> Vec<
     }
 }
 
-/// Scenes whose error is measured, and those that a whole run is watched of.
+/// Returns whether the error of a scene is measured.
 fn is_for_errors(size: Size, scene: &StudyScene) -> bool {
     match size {
         Size::Quick => scene.key == "city",
@@ -185,6 +188,7 @@ fn is_for_errors(size: Size, scene: &StudyScene) -> bool {
     }
 }
 
+/// Returns whether a whole run of a scene is watched.
 fn is_for_runs(scene: &StudyScene) -> bool {
     ["room", "city"].contains(&scene.key.as_str())
 }
@@ -252,7 +256,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// Measures what is missing; whether it came to the end.
+/// Measures the missing cells; returns whether it came to the end.
 fn measure_all(
     bench: &mut Bench<'_>,
     size: Size,
@@ -275,7 +279,7 @@ fn measure_all(
     Ok(true)
 }
 
-/// What is missing of a scene at a stage.
+/// Measures the missing cells of a scene at a stage.
 fn measure_scene(
     bench: &mut Bench<'_>,
     stage: Stage,
@@ -298,7 +302,7 @@ fn measure_scene(
             match bench.rates(scene, &ready, target, wanted(stage, size, scene, target)) {
                 Ok(None) => {}
                 Ok(Some(measure::Stopped)) => return Ok(false),
-                // What one driver cannot do is no reason to lose the rest; the report says so.
+                // One driver's failure loses only its own cells; the report names it.
                 Err(error) => {
                     let reason = format!("{error:#}");
                     talk.warn(&format!("{}, `{}`: {reason}", scene.title, target.name));
@@ -320,7 +324,7 @@ fn measure_scene(
     }
     if is_for_runs(scene) {
         for target in targets {
-            // A driver on the processor takes minutes for what says nothing new.
+            // A driver on the processor would take minutes to show nothing new.
             let rows = if target.is_built_in() {
                 ROWS_OF_RUN
             } else {
@@ -338,7 +342,7 @@ fn measure_scene(
     Ok(!bench.is_stopped())
 }
 
-/// What finds itself, where its cells are there and it was not yet held against them.
+/// Measures findings with their rivals' cells present, unless measured already.
 fn measure_choices(
     bench: &mut Bench<'_>,
     size: Size,
@@ -349,18 +353,18 @@ fn measure_choices(
     let mut ready = None;
     for target in targets {
         let parameters = wanted(Stage::Parameters, size, scene, target);
-        // Where the ways among which is chosen were not tried, there is nothing to hold a choice against.
+        // Without rivals, a choice has nothing to compete with.
         let are_tried = !wanted(Stage::Others, size, scene, target).is_empty();
         let findings = findings(target, parameters).into_iter();
         for finding in findings.filter(|finding| finding.key != FOUND_CULLING || are_tried) {
-            let Some(fastest) = bench.fastest(scene, target, &finding) else {
+            let Some(rivals) = bench.fastest(scene, target, &finding) else {
                 continue;
             };
             let ready = match &mut ready {
                 Some(ready) => ready,
                 none => none.insert(scene.ready()?),
             };
-            match bench.choice(scene, ready, target, &finding, fastest) {
+            match bench.choice(scene, ready, target, &finding, &rivals) {
                 Ok(None) => {}
                 Ok(Some(measure::Stopped)) => return Ok(false),
                 Err(error) => {
@@ -501,12 +505,13 @@ fn report(study: &Study<'_>, without: &[String], peers: &Peers, pictures: &[Stri
     );
     add(
         "What finds itself",
-        "What a backend comes to without being told, beside the best of everything that was tried on that scene. The fastest of \
-         those tables (four, or two in scenes of more than 400,000 patches, and none that took half as long again as the first) \
-         are measured anew with what is found, all in the same turns over the same rows: as many as there is time for, in \
-         twice as many turns and, but for a quick study, more, until four have made no way's least time less by a hundredth, sixteen neighbours at a place and, from sixteen places on, up to 256, as a run goes through them. \
-         Such times can be compared with each other, and not with those of the tables. The built-in backend has the octree for \
-         comparison only, so that nothing is to be found for it.",
+        "What a backend comes to without being told, beside the best of everything that was tried on that scene. The \
+         fastest of those tables (four, or two in scenes of more than 400,000 patches, and none that took half as \
+         long again as the first) are measured anew with what is found, all in the same turns over the same rows: as \
+         many as there is time for, in twice as many turns and, but for a quick study, more, until four have made no \
+         way's least time less by a hundredth, sixteen neighbours at a place and, from sixteen places on, up to 256, \
+         as a run goes through them. Such times can be compared with each other, and not with those of the tables. \
+         The built-in backend has the octree for comparison only, so that nothing is to be found for it.",
         &study.found(),
     );
     add(
@@ -526,13 +531,14 @@ fn report(study: &Study<'_>, without: &[String], peers: &Peers, pictures: &[Stri
     );
     add(
         "Distances (table 4.9)",
-        "‖F − F of original‖ / ‖F of original‖, Frobenius, over the rows measured. The thesis has 0.0033 to 0.0056 between its two.",
+        "‖F − F of original‖ / ‖F of original‖, Frobenius, over the rows measured. The thesis has 0.0033 to 0.0056 \
+         between its two.",
         &study.distances(),
     );
     add(
         "Error against rays",
-        "Relative Frobenius error of the rows, and what a row takes on one thread of the built-in backend (the clock on the wall, \
-         the least of up to five).",
+        "Relative Frobenius error of the rows, and what a row takes on one thread of the built-in backend (the clock \
+         on the wall, the least of up to five).",
         &study.errors(),
     );
     add("Peers", "Same scenes, from `scripts/peers`.", &peers_table(peers));
@@ -570,7 +576,7 @@ fn peers_table(peers: &Peers) -> String {
     text
 }
 
-/// Peers on a scene, each with its settings as milliseconds and error.
+/// Peers on a scene: milliseconds and error of each setting.
 fn of_peers(peers: &Peers, scene: &StudyScene) -> Vec<(String, Vec<(f64, f64)>)> {
     let mut found: Vec<(String, Vec<(f64, f64)>)> = Vec::new();
     for peer in peers
@@ -633,7 +639,7 @@ fn time_against_patches(study: &Study<'_>, subtitle: &str) -> Option<Diagram> {
     })
 }
 
-/// How much is gained over the original, against how much of the scene is hidden.
+/// Speedup over the original, against the hidden share of the scene.
 fn gain_against_occlusion(study: &Study<'_>, subtitle: &str) -> Option<Diagram> {
     let mut series = Vec::new();
     for (place, target) in study.targets.iter().enumerate() {

@@ -1,17 +1,57 @@
-//! `hemicube check`: whether a store holds what a form-factor matrix must be.
+//! `hemicube check`: the properties of a form-factor matrix, checked on a store.
 
-use crate::args::{Check as Arguments, Talk};
+use crate::args::{Report as ReportArguments, Talk, not_negative};
 use crate::exit::Exit;
+use crate::help::examples;
+use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, SCHEMA, counted, figures, percent};
 use anyhow::Result;
+use clap::Args;
 use hemicube::analysis::balance::BalanceEntry;
 use hemicube::analysis::check::{Check, CheckOptions, CheckReport, check};
 use hemicube::store::Store;
 use serde::Serialize;
+use std::path::PathBuf;
 
-/// A scene of which no more escapes on average is nearly closed.
+/// Largest mean escaped share of a nearly closed scene.
 const NEARLY_CLOSED: f64 = 0.05;
+
+const EXAMPLES: &str = "  \
+  hemicube check room.hemicube
+  hemicube check room.hemicube --reciprocity 0.05";
+
+/// Check a matrix: closure, reciprocity, range, checksums; exit 1 when a bound is broken
+#[derive(Args, Debug)]
+#[command(after_long_help = examples(EXAMPLES, false))]
+pub(crate) struct Arguments {
+    /// The matrix
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// Bound on how far from 1 a row may sum [default: 1e-6]
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) closure: Option<f64>,
+    /// Bound on the part of a row that escapes, for closed scenes: 0.001 [default: none, it is reported only]
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) escaped: Option<f64>,
+    /// Bound on the relative difference of A_i F_ij and A_j F_ji [default: none, it is reported only]
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) reciprocity: Option<f64>,
+    /// Accept a matrix of which parts are missing, such as that of an interrupted run
+    #[arg(long)]
+    pub(crate) allow_incomplete: bool,
+    /// How many of the rows that sum worst are listed
+    #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u16).range(0..=1000))]
+    pub(crate) worst: u16,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default().store([&self.store]).reports(&self.report)
+    }
+}
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -20,7 +60,7 @@ struct Report<'a> {
     version: &'static str,
     #[serde(flatten)]
     check: &'a CheckReport,
-    /// What was done to the matrix after it was computed.
+    /// The last balancing of the matrix, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     balance: Option<&'a BalanceEntry>,
 }
@@ -57,7 +97,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(if found.ok { Exit::Done } else { Exit::NotHeld })
 }
 
-/// What the matrix is, and where the weight of its rows went. A page goes to others, and does not name the directory.
+/// Facts about the matrix, and where its rows' weight went. A page is given to others, and does not name the directory.
 pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listing {
     let manifest = store.manifest();
     let parts = if found.complete {
@@ -140,101 +180,115 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
     list
 }
 
-/// What was checked, and what came of it.
+/// A group of checks and their outcome.
 pub(super) struct Verdict {
     pub(super) name: &'static str,
-    /// `ok`, `FAILED`, or `-` for what is measured and has no bound.
+    /// `ok`, `FAILED`, or `-` for figures without a bound.
     pub(super) state: &'static str,
     pub(super) what: String,
 }
 
-pub(super) fn verdicts(found: &CheckReport) -> Vec<Verdict> {
-    let failed = |checks: &[Check]| {
-        if found.failures.iter().any(|failure| checks.contains(&failure.check)) {
-            "FAILED"
-        } else {
-            "ok"
+impl Verdict {
+    /// By whether one of `checks` failed.
+    fn by(found: &CheckReport, checks: &[Check], name: &'static str, what: impl Into<String>) -> Self {
+        Self {
+            name,
+            state: if has_failed(found, checks) { "FAILED" } else { "ok" },
+            what: what.into(),
         }
-    };
-    let mut verdicts = Vec::new();
-    let mut add = |name, state, what| verdicts.push(Verdict { name, state, what });
-    add(
-        "files",
-        failed(&[Check::Files, Check::Table, Check::Manifest, Check::Complete]),
-        "checksums, patch table, totals".to_owned(),
-    );
-    add(
-        "weights",
-        failed(&[Check::Weights, Check::Visible]),
-        "every row's weights are its hemicubes', exactly".to_owned(),
-    );
-    add(
-        "range",
-        failed(&[Check::Range, Check::Diagonal, Check::Columns]),
-        "every form factor is from 0 to 1, F_ii = 0, columns ascend".to_owned(),
-    );
-    add(
-        "closure",
-        if found.closure.bound.is_some() {
-            failed(&[Check::Closure])
-        } else {
-            "-"
-        },
-        format!(
-            "|sum of F + escaped + blocked - 1| is at most {}, on average {}; {}",
-            figures(found.closure.max),
-            figures(found.closure.mean),
-            found.closure.bound.map_or_else(
-                || "no bound (`--closure X` sets one)".to_owned(),
-                |bound| format!("bound {}", figures(bound))
-            )
+    }
+
+    /// By a check with an optional bound.
+    fn bounded(found: &CheckReport, check: Check, bound: Option<f64>, name: &'static str, what: String) -> Self {
+        let verdict = Self::by(found, &[check], name, what);
+        match bound {
+            Some(_) => verdict,
+            None => Self { state: "-", ..verdict },
+        }
+    }
+}
+
+fn has_failed(found: &CheckReport, checks: &[Check]) -> bool {
+    found.failures.iter().any(|failure| checks.contains(&failure.check))
+}
+
+/// `bound 1.00e-6`, or how to set one.
+fn bound_text(bound: Option<f64>, without: &str) -> String {
+    bound.map_or_else(|| without.to_owned(), |bound| format!("bound {}", figures(bound)))
+}
+
+/// The outcome of all checks, in the order of the report.
+pub(super) fn verdicts(found: &CheckReport) -> Vec<Verdict> {
+    let files = [Check::Files, Check::Table, Check::Manifest, Check::Complete];
+    let range = [Check::Range, Check::Diagonal, Check::Columns];
+    let mut verdicts = vec![
+        Verdict::by(found, &files, "files", "checksums, patch table, totals"),
+        Verdict::by(
+            found,
+            &[Check::Weights, Check::Visible],
+            "weights",
+            "every row's weights are its hemicubes', exactly",
         ),
+        Verdict::by(
+            found,
+            &range,
+            "range",
+            "every form factor is from 0 to 1, F_ii = 0, columns ascend",
+        ),
+        closure(found),
+    ];
+    verdicts.extend(escaped(found));
+    if has_failed(found, &[Check::Entries]) {
+        verdicts.push(Verdict::by(found, &[Check::Entries], "entries", "no row has an entry"));
+    }
+    verdicts.push(reciprocity(found));
+    verdicts.extend(sky(found));
+    verdicts
+}
+
+fn closure(found: &CheckReport) -> Verdict {
+    let what = format!(
+        "|sum of F + escaped + blocked - 1| is at most {}, on average {}; {}",
+        figures(found.closure.max),
+        figures(found.closure.mean),
+        bound_text(found.closure.bound, "no bound (`--closure X` sets one)")
     );
-    // Of scenes that are closed but for a little, and where it was asked for.
-    if found.escaped_bound.is_some() || (found.escaped > 0.0 && found.escaped <= NEARLY_CLOSED) {
-        let bound = found.escaped_bound.map_or_else(
-            || {
-                "the scene is nearly closed; no bound (`--escaped X` sets one, `inspect` says where it leaks)"
-                    .to_owned()
-            },
-            |bound| format!("bound {}", figures(bound)),
-        );
-        add(
-            "escaped",
-            if found.escaped_bound.is_some() {
-                failed(&[Check::Escaped])
-            } else {
-                "-"
-            },
-            format!(
-                "at most {} of a row leaves the scene; {bound}",
-                percent(found.escaped_max)
-            ),
-        );
-    }
-    if found.failures.iter().any(|failure| failure.check == Check::Entries) {
-        add("entries", "FAILED", "no row has an entry".to_owned());
-    }
+    Verdict::bounded(found, Check::Closure, found.closure.bound, "closure", what)
+}
+
+/// The escaped share, of nearly closed scenes or with a bound.
+fn escaped(found: &CheckReport) -> Option<Verdict> {
+    let is_told = found.escaped_bound.is_some() || (found.escaped > 0.0 && found.escaped <= NEARLY_CLOSED);
+    let bound = bound_text(
+        found.escaped_bound,
+        "the scene is nearly closed; no bound (`--escaped X` sets one, `inspect` says where it leaks)",
+    );
+    let what = format!(
+        "at most {} of a row leaves the scene; {bound}",
+        percent(found.escaped_max)
+    );
+    is_told.then(|| Verdict::bounded(found, Check::Escaped, found.escaped_bound, "escaped", what))
+}
+
+fn reciprocity(found: &CheckReport) -> Verdict {
     let pairs = found.reciprocity;
-    let (state, bound) = match pairs.bound {
-        Some(bound) => (failed(&[Check::Reciprocity]), format!("bound {}", figures(bound))),
-        None => ("-", "no bound (`--reciprocity X` sets one)".to_owned()),
+    let what = if pairs.pairs == 0 {
+        "no pair of rows to compare".to_owned()
+    } else {
+        format!(
+            "A_i F_ij and A_j F_ji differ by {} in {} of {}; {}",
+            percent(pairs.residual),
+            counted(pairs.pairs, "pair"),
+            counted(pairs.rows, "row"),
+            bound_text(pairs.bound, "no bound (`--reciprocity X` sets one)")
+        )
     };
-    add(
-        "reciprocity",
-        state,
-        if pairs.pairs == 0 {
-            "no pair of rows to compare".to_owned()
-        } else {
-            format!(
-                "A_i F_ij and A_j F_ji differ by {} in {} of {}; {bound}",
-                percent(pairs.residual),
-                counted(pairs.pairs, "pair"),
-                counted(pairs.rows, "row")
-            )
-        },
-    );
-    let sky = found.sky.map(|sky| {
+    Verdict::bounded(found, Check::Reciprocity, pairs.bound, "reciprocity", what)
+}
+
+/// The sky rows beside the matrix, if there are any or they should be.
+fn sky(found: &CheckReport) -> Option<Verdict> {
+    let what = found.sky.map(|sky| {
         let others = if sky.rows_as_in_matrix == sky.rows {
             String::new()
         } else {
@@ -250,17 +304,12 @@ pub(super) fn verdicts(found: &CheckReport) -> Vec<Verdict> {
             counted(sky.rows, "row"),
         )
     });
-    if sky.is_some() || found.failures.iter().any(|failure| failure.check == Check::Sky) {
-        add(
-            "sky",
-            failed(&[Check::Sky]),
-            sky.unwrap_or_else(|| "sky rows beside the matrix".to_owned()),
-        );
-    }
-    verdicts
+    let is_told = what.is_some() || has_failed(found, &[Check::Sky]);
+    let what = what.unwrap_or_else(|| "sky rows beside the matrix".to_owned());
+    is_told.then(|| Verdict::by(found, &[Check::Sky], "sky", what))
 }
 
-/// The name of a check, as it is said.
+/// The name of a check in messages.
 pub(super) fn name(check: Check) -> String {
     format!("{check:?}").to_ascii_lowercase()
 }

@@ -2,18 +2,65 @@
 
 mod plot;
 
-use crate::args::{Compare as Arguments, Talk};
+use crate::args::{Report as ReportArguments, RowRange, Talk, not_negative};
 use crate::exit::Exit;
+use crate::help::examples;
+use crate::outputs::Paths;
+use crate::picture::sheet::Format;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, figures};
-use crate::sheet::Format;
 use anyhow::{Context, Result};
+use clap::Args;
 use hemicube::analysis::compare::{CompareOptions, Comparison, OverRows, RowDifference, compare_rows};
 use hemicube::store::Matrix;
 use plot::Picture;
 use serde::Serialize;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "  \
+  hemicube compare fast.hemicube fine.hemicube --max-error 0.02
+  hemicube compare fast.hemicube fine.hemicube --plot errors.svg";
+
+/// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
+#[derive(Args, Debug)]
+#[command(after_long_help = examples(EXAMPLES, false))]
+pub(crate) struct Arguments {
+    /// The matrix: a store, or a .npz, .mtx or .npy file
+    #[arg(value_name = "A")]
+    pub(crate) matrix: PathBuf,
+    /// The reference
+    #[arg(value_name = "B")]
+    pub(crate) reference: PathBuf,
+    /// Exit 1 when the relative Frobenius error is above X
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
+    pub(crate) max_error: Option<f64>,
+    /// Compare only the rows A to B − 1, counted from 0
+    #[arg(long, value_name = "A..B")]
+    pub(crate) rows: Option<RowRange>,
+    /// Draw how many rows have which error into FILE, beside what A expected of them if it was computed to a tolerance:
+    /// .svg or .png
+    #[arg(long, value_name = "FILE")]
+    pub(crate) plot: Option<PathBuf>,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        let (stores, files): (Vec<_>, Vec<_>) = [&self.matrix, &self.reference]
+            .into_iter()
+            .partition(|path| path.is_dir());
+        Paths::default()
+            .store(stores)
+            .reads(files)
+            .writes("--plot", &self.plot, self.overwrite)
+            .reports(&self.report)
+    }
+}
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -50,7 +97,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         }
     })?;
     drop(bar);
-    // Not `>`: an error that is no number is above every bound.
+    // Not `>`: NaN is above every bound.
     let ok = arguments
         .max_error
         .is_none_or(|bound| found.relative_frobenius <= bound);
@@ -77,7 +124,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(if ok { Exit::Done } else { Exit::NotHeld })
 }
 
-/// What is drawn of a comparison.
+/// The picture of a comparison.
 fn picture(found: &Comparison, rows: &[RowDifference], matrix: &Matrix, arguments: &Arguments) -> Result<Picture> {
     let name = |path: &Path| {
         path.file_name()
@@ -86,7 +133,7 @@ fn picture(found: &Comparison, rows: &[RowDifference], matrix: &Matrix, argument
             .into_owned()
     };
     let (matrix_name, reference_name) = (name(&arguments.matrix), name(&arguments.reference));
-    // Rows that the reference leaves empty have no relative error, neither measured nor expected.
+    // Rows empty in the reference have no relative error, neither measured nor expected.
     let relative: Vec<&RowDifference> = rows.iter().filter(|row| row.reference > 0.0).collect();
     let expected = match matrix.store() {
         Some(store) if store.manifest().patches.is_some() => {
@@ -199,7 +246,7 @@ fn text(found: &Comparison, bound: Option<f64>, ok: bool) -> String {
     text
 }
 
-/// A relative quantity: as a percentage with digits enough to compare.
+/// A relative quantity as a percentage, with enough digits to compare.
 fn relative(value: f64) -> String {
     if value == 0.0 {
         "0".to_owned()

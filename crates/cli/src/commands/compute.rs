@@ -1,29 +1,35 @@
 //! `hemicube compute`: the form-factor matrix of a scene, into a store.
 
-use crate::args::{AutoSwitch, Compute as Arguments, RowRange, SampleSize, SelectionSettings, Switch, Talk};
+mod arguments;
+
+pub(crate) use arguments::Arguments;
+
+use crate::args::{AutoSwitch, RowRange, SampleSize, SelectionSettings, Switch, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::forecast;
-use crate::level::{self, Level};
-use crate::prepare::{Prepared, RepairCounts, axis_name, prepare};
-use crate::progress::{Bar, Status};
+use crate::level;
+use crate::prepare::{Prepared, RepairCounts, prepare};
+use crate::progress::{self, Bar, Status};
 use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, Spread, TEMPORARY_SUFFIX, count, counted, duration,
     figures, percent, size,
 };
+use crate::shell::word;
 use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
-use hemicube::Model;
-use hemicube::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
-use hemicube::driver::compute::{Execution, PartSink, Plan, RowChoice, Selection, Summary, compute};
-use hemicube::driver::probe::{Probe, share_left};
-use hemicube::driver::settings::RowSettings;
-use hemicube::driver::storage_policy::StoragePolicy;
-use hemicube::store::{
-    Error as StoreError, Form, Kept, Manifest, Part, PatchTable, Shard, Store, StoreWriter, Thinning,
+use hemicube::backend::{Counters, Culling, HemicubeBackend};
+use hemicube::driver::compute::{Progress, RowChoice, Summary};
+use hemicube::driver::job::{
+    Finished, Job, JobError, Note, Observer, RowsFailed, Run, Sessions, Stage, StorePlace, StoreRun,
 };
+use hemicube::driver::probe::share_left;
+use hemicube::driver::settings::RowSettings;
+use hemicube::store::{Error as StoreError, Form, Manifest, Part, Shard, Store, Thinning};
 use serde::Serialize;
+use std::cell::{Cell, RefCell};
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// The report of `--json`.
@@ -41,15 +47,15 @@ struct Report {
     repair: RepairCounts,
     store: String,
     form: Form,
-    /// By how much of itself a form factor may be off what was computed, by the store's form.
+    /// Relative rounding error of a form factor, by the store's form.
     value_error: f64,
     bytes: u64,
     complete: bool,
-    /// Which share of the rows this is.
+    /// The share of the rows computed by this process.
     #[serde(skip_serializing_if = "Option::is_none")]
     shard: Option<String>,
     parts: u64,
-    /// Those of them that an earlier run had computed.
+    /// Parts resumed from an earlier run.
     parts_kept: u32,
     part_count: u64,
     rows: u64,
@@ -62,27 +68,27 @@ struct Report {
     unselected: f64,
     rows_mostly_blocked: u64,
     closure: f64,
-    /// Relative Frobenius error that the rows are expected to have, where their rung estimates it.
+    /// Expected relative Frobenius error of the rows, at accuracy levels that estimate it.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected_error: Option<f64>,
-    /// What leaving out small form factors did, where that was asked for.
+    /// Effect of leaving out small form factors, where that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     thinning: Option<Thinning>,
-    /// Rays and points that visible fractions were measured with.
+    /// Rays and points spent on visible fractions.
     rays: u64,
-    /// Entries computed by this run that are a visible fraction of a closed form, not a sum of pixels.
+    /// Entries of this run that are a visible fraction of a closed form, not a sum of pixels.
     corrected: u64,
-    /// Pairs among them of which a part only is visible.
+    /// Partially visible pairs among them.
     partial: u64,
-    /// Rows of this run that their budget of work ended before all pairs worth it were measured.
+    /// Rows of this run that met the bound on their work before all pairs worth it were measured.
     cut_short: u64,
-    /// The row of this run that took longest.
+    /// The slowest row of this run.
     #[serde(skip_serializing_if = "Option::is_none")]
     slowest_row: Option<SlowestRow>,
     /// Rows of this run by second.
     #[serde(skip_serializing_if = "Option::is_none")]
     rows_per_second: Option<f64>,
-    /// Numbers of rows by what they took.
+    /// Rows by effort.
     effort: Effort,
     counters: Counters,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -93,7 +99,7 @@ struct Report {
     peak_memory_bytes: Option<u64>,
 }
 
-/// Rows that take longer than so many seconds are named.
+/// Seconds from which the slowest row is named.
 const LONG_ROW: f64 = 0.5;
 
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -102,7 +108,7 @@ struct SlowestRow {
     seconds: f64,
 }
 
-/// Histograms over rows: where the effort went.
+/// Histograms of rows by their effort.
 #[derive(Clone, Debug, Default, Serialize)]
 struct Effort {
     /// Rows by the hemicubes they took.
@@ -146,25 +152,19 @@ struct SceneReport {
     metres_per_unit: Option<f64>,
 }
 
-/// Seconds. Parts are written while rows are computed, so that `write` is in part within `rows`.
+/// Seconds. Parts are written while rows are computed: `write` overlaps `rows`.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 struct Timings {
     load: f64,
     build: f64,
-    /// Finding what keeps a tolerance.
+    /// Calibration of a tolerance.
     settle: f64,
     rows: f64,
     write: f64,
     verify: f64,
 }
 
-/// Keeps parts, and what their rows come to.
-struct Recorder {
-    writer: StoreWriter,
-    tally: Tally,
-}
-
-/// What rows come to, those of an earlier run included.
+/// Figures of the rows, resumed ones included.
 #[derive(Debug)]
 struct Tally {
     parts: u64,
@@ -173,7 +173,7 @@ struct Tally {
     rays: u64,
     squared_error: f64,
     squared_norm: f64,
-    /// Rows that were rendered.
+    /// Rendered rows.
     rendered: u64,
     sum: f64,
     min: f64,
@@ -184,14 +184,6 @@ struct Tally {
     escaped: f64,
     blocked: f64,
     unselected: f64,
-}
-
-impl PartSink for Recorder {
-    fn take(&mut self, part: Part) -> Result<(), hemicube::store::Error> {
-        self.writer.write_part(&part)?;
-        self.tally.add(&part);
-        Ok(())
-    }
 }
 
 impl Tally {
@@ -229,7 +221,7 @@ impl Tally {
                 continue;
             }
             let lost = shares.to_array();
-            // From 0: the sum of nothing is −0, which reads oddly in a report.
+            // From 0: the sum of no numbers is −0, an odd sight in a report.
             let sum = part.row(row).1.iter().fold(0.0, |sum, &factor| sum + f64::from(factor));
             self.rendered += 1;
             self.effort.add(hemicubes, part.rays.get(row).copied().unwrap_or(0));
@@ -244,7 +236,7 @@ impl Tally {
         }
     }
 
-    /// Relative Frobenius error that the rows are expected to have, where their rung estimates it.
+    /// Expected relative Frobenius error of the rows, at accuracy levels that estimate it.
     fn expected_error(&self) -> Option<f64> {
         let relative = (self.squared_error / self.squared_norm).sqrt();
         (self.squared_error > 0.0 && relative.is_finite()).then_some(relative)
@@ -292,9 +284,15 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let backend = arguments.render.open_backend(talk)?;
     check_place(directory)?;
     let status = Status::open(arguments.process.progress_file.as_deref())?;
-    let result = compute_into(
-        &arguments, scene_path, directory, backend, cancel, shard, json, &status, talk,
-    );
+    let opened = Opened {
+        directory,
+        backend,
+        cancel,
+        shard,
+        status: &status,
+        talk,
+    };
+    let result = compute_into(&arguments, scene_path, opened, json);
     status.end(match &result {
         Ok(Exit::Interrupted) => "interrupted",
         Ok(_) => "done",
@@ -304,264 +302,380 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     result
 }
 
-#[allow(
-    clippy::too_many_arguments,
-    reason = "called once: what was opened before the scene is read"
-)]
-fn compute_into(
-    arguments: &Arguments,
-    scene_path: &Path,
-    directory: &Path,
-    mut backend: Box<dyn HemicubeBackend>,
-    cancel: &std::sync::atomic::AtomicBool,
+/// Everything opened before the scene is read.
+struct Opened<'a> {
+    directory: &'a Path,
+    backend: Box<dyn HemicubeBackend>,
+    cancel: &'a AtomicBool,
     shard: Option<Shard>,
-    json: Option<JsonReport>,
-    status: &Status,
+    status: &'a Status,
     talk: Talk,
-) -> Result<Exit> {
-    let mut timings = Timings::default();
-    let stage = status.stage("load");
-    let mut prepared = prepare(
-        scene_path,
-        &arguments.patches,
-        &arguments.render,
-        arguments.process.memory,
-    )?;
-    drop(stage);
-    let selection = crate::selection::selection(&prepared.scene, &prepared.patches, &arguments.selection)?;
-    #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
-    let keep = StoragePolicy::choose(
-        arguments.store.form(),
-        arguments.min_factor,
-        prepared.patches.len() as u32,
-        arguments.render.tolerance.map(|tolerance| tolerance.0),
-    );
-    let stage = status.stage("settle");
-    let started = Instant::now();
-    // A session of its own, so that what is settled and what is computed do not share a loaded scene.
-    let rung = level::choose(
-        &prepared.model,
-        &selection,
-        &arguments.render,
-        arguments.render.rotation == Switch::On,
-        keep.form,
-        arguments.render.open_backend(Talk::SILENT)?.as_mut(),
-    )?;
-    timings.settle = started.elapsed().as_secs_f64();
-    drop(stage);
-    let stage = status.stage("build");
-    let (mut plan, rows) = plan(&prepared.model, selection, arguments, &rung, &keep)?;
-    let mut threads = arguments.render.thread_count();
-    prepared.tell(talk);
-    for reason in [&rung.reason, &keep.reason].into_iter().flatten() {
-        talk.say(reason);
+}
+
+/// Follows a run: the progress file, the bar, and the times of the stages.
+struct Watch<'a> {
+    status: &'a Status,
+    cancel: &'a AtomicBool,
+    talk: Talk,
+    current: RefCell<Option<Current<'a>>>,
+    times: Cell<Timings>,
+}
+
+/// The stage under way. The bar is cleared before the stage ends.
+struct Current<'a> {
+    bar: Option<Bar>,
+    stage: progress::Stage<'a>,
+    started: Instant,
+}
+
+impl<'a> Watch<'a> {
+    fn new(status: &'a Status, cancel: &'a AtomicBool, talk: Talk) -> Self {
+        Self {
+            status,
+            cancel,
+            talk,
+            current: RefCell::new(None),
+            times: Cell::new(Timings::default()),
+        }
+    }
+}
+
+impl Observer for Watch<'_> {
+    fn begin(&self, stage: Stage) {
+        let (bar, shown) = match stage {
+            Stage::Calibrate => (None, self.status.stage("settle")),
+            Stage::Build => (None, self.status.stage("build")),
+            Stage::Store => (None, self.status.stage("store")),
+            Stage::Rows { row_count, resumed } => (
+                Some(Bar::rows(self.talk, row_count, resumed)),
+                self.status.rows(row_count, resumed),
+            ),
+            _ => (None, self.status.stage("finish")),
+        };
+        *self.current.borrow_mut() = Some(Current {
+            bar,
+            stage: shown,
+            started: Instant::now(),
+        });
     }
 
-    let started = Instant::now();
-    let mut render = RenderSettings {
-        resolution: rung.resolution,
-        culling: Culling::On,
-        covered: false,
+    fn end(&self, stage: Stage) {
+        let Some(ended) = self.current.borrow_mut().take() else {
+            return;
+        };
+        let took = ended.started.elapsed().as_secs_f64();
+        let mut times = self.times.get();
+        match stage {
+            Stage::Calibrate => times.settle += took,
+            Stage::Build => times.build += took,
+            Stage::Rows { .. } => times.rows += took,
+            _ => times.write += took,
+        }
+        self.times.set(times);
+    }
+
+    fn note(&self, note: Note<'_>) {
+        match note {
+            Note::Level(reason) | Note::Storage(reason) => self.talk.say(reason),
+            Note::Culling(probe) => self.talk.say(&format!(
+                "culling {}: it leaves {} of the triangles in {}",
+                on_or_off(probe.culling()),
+                percent(probe.left),
+                counted(probe.hemicubes, "trial hemicube"),
+            )),
+            _ => {}
+        }
+    }
+
+    fn progress(&self, progress: Progress) {
+        if let Some(Current { bar, stage, .. }) = &*self.current.borrow() {
+            if let Some(bar) = bar {
+                bar.show(progress);
+            }
+            stage.show(progress);
+        }
+    }
+
+    fn cancel(&self) -> Option<&AtomicBool> {
+        Some(self.cancel)
+    }
+}
+
+fn on_or_off(culling: Culling) -> &'static str {
+    if culling == Culling::On { "on" } else { "off" }
+}
+
+/// Reads the scene and computes its rows into the store.
+fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: Option<JsonReport>) -> Result<Exit> {
+    let Opened {
+        directory,
+        backend,
+        cancel,
+        shard,
+        status,
+        talk,
+    } = opened;
+    let watch = Watch::new(status, cancel, talk);
+    let stage = status.stage("load");
+    let mut prepared = prepare(scene, &arguments.patches, &arguments.render, arguments.process.memory)?;
+    drop(stage);
+    prepared.tell(talk);
+    let sessions = Sessions {
+        rows: backend,
+        calibration: arguments.render.open_backend(Talk::SILENT)?,
     };
-    if arguments.culling == AutoSwitch::Off {
-        render.culling = Culling::Off;
+    let mut run = job(arguments, &prepared)?
+        .prepare(&prepared.scene, &prepared.model, sessions, &watch)
+        .map_err(explain)?;
+    tell_backend(&run, &prepared, talk);
+    let entries_per_row = run.probe.map_or(0.0, |probe| probe.entries_per_row);
+    if let Some(limit) = arguments.process.memory {
+        let rows = forecast_rows(&run, entries_per_row, arguments.batch);
+        run.threads = keep_within(limit, run.threads, rows, talk)?;
     }
-    let probe = Probe::render(&prepared.model, &plan, render, backend.as_mut())?;
-    if arguments.culling == AutoSwitch::Auto {
-        render.culling = culling(probe, talk);
+
+    // From here to the last manifest an interrupt waits, so that the directory is a store afterwards.
+    let guard = exit::InterruptGuard::new();
+    let begun = Begun::new(&prepared, &run, shard);
+    let threads = run.threads;
+    let mut tally = Tally::new();
+    let place = StorePlace {
+        directory,
+        overwrite: arguments.overwrite,
+        shard,
+    };
+    let store = run
+        .open(&prepared.scene, place, &mut |part| tally.add(part), &watch)
+        .map_err(explain_store)?;
+    tell_resumed(&store, talk);
+    warn_of_disk(&store, entries_per_row, talk);
+    let objects = enclosure::objects(&prepared);
+    // As large as the patches, and not needed any more.
+    prepared.scene.scene.triangles = Vec::new();
+    let finished = store.compute(&mut |part| tally.add(part), &watch).map_err(explain)?;
+    drop(guard);
+
+    let shares = [tally.sum, tally.escaped, tally.blocked].map(|sum| tally.mean(sum));
+    let questions = if tally.rendered > 0 && enclosure::is_odd(prepared.scene.objects.len(), shares) {
+        let [row_sum, _, blocked] = shares;
+        enclosure::questions(&prepared, &objects, [row_sum, blocked], threads)
+    } else {
+        Vec::new()
+    };
+    let timings = (!arguments.report.no_timings).then(|| timings(&watch, &prepared, &finished));
+    let mut report = report_of(begun, &prepared, &tally, &finished, timings);
+    talk.say(summarise(&report, &finished.summary, directory).trim_end());
+    for question in questions {
+        talk.warn(&question);
     }
-    // What it chooses by the scene is part of what the store is made with.
-    hemicube::driver::compute::load(&prepared.model, &plan.correction, render, backend.as_mut())?;
-    // Before memory is asked for: rows would build it.
-    plan.correction.prepare(&prepared.model);
-    let device = backend.info().clone();
+    warn_of_error(&report, arguments, talk);
+    let exit = match arguments.verify {
+        _ if finished.summary.cancelled => Exit::Interrupted,
+        None => Exit::Done,
+        Some(rows) => {
+            let _stage = status.stage("verify");
+            let verify = Verify {
+                rows,
+                seed: arguments.selection.seed,
+                tolerance: arguments.render.tolerance,
+                threads,
+                cancel,
+            };
+            verify_rows(&verify, &prepared, &finished, &mut report, talk)?
+        }
+    };
+    if let Some(json) = json {
+        json.write(&report)?;
+    }
+    Ok(exit)
+}
+
+/// Compares rows of the store with reference rows, and enters the result into the report.
+fn verify_rows(
+    verify: &Verify<'_>,
+    prepared: &Prepared,
+    finished: &Finished,
+    report: &mut Report,
+    talk: Talk,
+) -> Result<Exit> {
+    let started = Instant::now();
+    let store = Store::open(&finished.directory)?;
+    let verification = verify.run(&prepared.model, &finished.plan, &store, talk)?;
+    talk.say(verification.text().trim_end());
+    let exit = verification.exit();
+    report.verification = Some(verification);
+    if let Some(timings) = &mut report.timings {
+        timings.verify = started.elapsed().as_secs_f64();
+    }
+    Ok(exit)
+}
+
+/// The job of the arguments.
+fn job(arguments: &Arguments, prepared: &Prepared) -> Result<Job> {
+    let selection = &arguments.selection;
+    Ok(Job {
+        accuracy: arguments.render.accuracy(),
+        rotate: arguments.render.rotation == Switch::On,
+        rows: row_choice(selection, prepared)?,
+        emitters: selection.emitters.clone(),
+        receivers: selection.receivers.clone(),
+        occluders: selection.occluders.clone(),
+        form: arguments.store.form(),
+        min_factor: arguments.min_factor,
+        culling: match arguments.culling {
+            AutoSwitch::Auto => None,
+            AutoSwitch::On => Some(Culling::On),
+            AutoSwitch::Off => Some(Culling::Off),
+        },
+        forecasts: true,
+        threads: arguments.render.thread_count(),
+        batch: arguments.batch as usize,
+    })
+}
+
+/// The rows asked for: all, a range of patches, or a sample of the emitting ones.
+fn row_choice(settings: &SelectionSettings, prepared: &Prepared) -> Result<RowChoice> {
+    let patch_count = prepared.model.geometry().patch_count;
+    let SelectionSettings {
+        rows,
+        sample_rows,
+        seed,
+        ..
+    } = settings;
+    Ok(match (*rows, *sample_rows) {
+        (Some(RowRange { start, end }), _) => {
+            let end = end.unwrap_or(patch_count);
+            if start >= end || end > patch_count {
+                bail!(
+                    "`--rows {start}..{end}`: the scene has {}, from 0 on",
+                    counted(patch_count.into(), "patch")
+                );
+            }
+            RowChoice::Range { start, end }
+        }
+        (None, Some(size)) => {
+            let selection = crate::selection::selection(&prepared.scene, &prepared.patches, settings)?;
+            let emitting = selection.emitters.map_or(u64::from(patch_count), |emitters| {
+                emitters.iter().filter(|&&emits| emits).count() as u64
+            });
+            let wanted = match size {
+                SampleSize::Count(number) => u64::from(number),
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "up to the patch count"
+                )]
+                SampleSize::Percent(percent) => (percent / 100.0 * emitting as f64).ceil() as u64,
+            };
+            RowChoice::Sample {
+                count: u32::try_from(wanted.min(emitting)).unwrap_or(patch_count),
+                seed: *seed,
+            }
+        }
+        (None, None) => RowChoice::All,
+    })
+}
+
+/// A failed run, with the next step.
+fn explain(error: JobError) -> anyhow::Error {
+    match error {
+        JobError::NoMatch(error) => crate::selection::no_match(error),
+        JobError::Level(error) => level::explain(error),
+        JobError::NoRows => {
+            anyhow!("no row is left to compute: `--rows`, `--emitters` and `--occluders` together exclude every patch")
+        }
+        JobError::Compute(error) => error.into(),
+        JobError::Rows(failed) => explain_rows(*failed),
+        JobError::Store(error) => error.into(),
+        error => error.into(),
+    }
+}
+
+/// Failed rows, with the parts kept and the way to resume them.
+fn explain_rows(failed: RowsFailed) -> anyhow::Error {
+    let RowsFailed {
+        source,
+        directory,
+        parts,
+        part_count,
+        are_named,
+    } = failed;
+    let directory = word(&directory);
+    let hint = if parts == 0 {
+        format!("nothing was computed yet; `{directory}` holds an empty matrix")
+    } else if are_named {
+        format!(
+            "{parts} of {part_count} parts are kept, and the same command goes on there; `hemicube check {directory} \
+             --allow-incomplete` looks at them"
+        )
+    } else {
+        format!(
+            "{parts} of {part_count} parts are kept in `{directory}`, though its manifest could not name them; the \
+             same command goes on there"
+        )
+    };
+    hinted(source.into(), hint)
+}
+
+/// A store that cannot be made or resumed, with the next step.
+fn explain_store(error: StoreError) -> anyhow::Error {
+    match error {
+        StoreError::OtherRun { .. } => hinted(
+            error.into(),
+            "the same scene and settings go on with it; `--overwrite` replaces it; another name leaves it",
+        ),
+        StoreError::Malformed { .. } => hinted(error.into(), "`--overwrite` replaces the store"),
+        StoreError::Io { .. } => hinted(
+            error.into(),
+            "no part was touched; try again when the disk can be read, or remove the file: its part is computed again",
+        ),
+        error => error.into(),
+    }
+}
+
+/// Tells the backend, its device and its choices for the scene.
+fn tell_backend(run: &Run<'_>, prepared: &Prepared, talk: Talk) {
+    let device = run.backend().info();
     talk.say(&format!(
         "backend {} {} ({}), {}, {}",
         device.name,
         device.version,
         device.device,
-        counted(threads as u64, "thread"),
+        counted(run.threads as u64, "thread"),
         counted(prepared.patches.len() as u64, "patch"),
     ));
-    for choice in backend.choices() {
+    for choice in run.backend().choices() {
         talk.say(&choice);
     }
-    let rows_of_run = forecast::Rows {
-        entries_per_row: probe.entries_per_row,
-        rows_per_part: plan.rows_per_part,
-        rows_per_batch: match arguments.batch {
-            0 => u32::try_from(device.preferred_rows).unwrap_or(u32::MAX),
+}
+
+/// Rows of a run, for the forecast of its memory.
+fn forecast_rows(run: &Run<'_>, entries_per_row: f64, batch: u32) -> forecast::Rows {
+    forecast::Rows {
+        entries_per_row,
+        rows_per_part: run.plan.rows_per_part,
+        rows_per_batch: match batch {
+            0 => u32::try_from(run.backend().info().preferred_rows).unwrap_or(u32::MAX),
             rows => rows,
         },
-    };
-    if let Some(limit) = arguments.process.memory {
-        threads = keep_within(limit, threads, rows_of_run, talk)?;
     }
-    drop(stage);
-    timings.load = prepared.load_seconds;
-    timings.build = prepared.build_seconds + started.elapsed().as_secs_f64();
+}
 
-    let settings = row_settings(arguments, &prepared, rows, &rung, &plan);
-    let area = prepared.patches.iter().map(|patch| prepared.patches.area(patch)).sum();
-    // From here to the last manifest an interrupt waits, so that what it leaves is a store.
-    let guard = exit::InterruptGuard::new();
-    let started = Instant::now();
-    let stage = status.stage("store");
-    let mut tally = Tally::new();
-    let (writer, kept) = open_store(
-        arguments,
-        &prepared,
-        &plan,
-        &settings,
-        backend.as_ref(),
-        directory,
-        shard,
-        &mut tally,
-    )?;
-    drop(stage);
-    tell_kept(&writer, &kept, directory, talk);
-    let missing = writer.missing_parts();
-    warn_of_disk(
-        directory,
-        rows_of_parts(&writer, &missing),
-        probe.entries_per_row,
-        &plan,
-        talk,
-    );
-    plan = plan.with_parts(|part| missing.binary_search(&part).is_ok());
-    timings.write = started.elapsed().as_secs_f64();
-    let scene = SceneReport {
-        triangles: prepared.triangles_read,
-        triangles_used: prepared.scene.triangles.len() as u64,
-        surfaces: prepared.patches.surfaces().len() as u64,
-        patches: prepared.patches.len() as u64,
-        area,
-        objects: prepared.scene.objects.len() as u64,
-        materials: prepared.scene.materials.len() as u64,
-        up: prepared.scene.up.map(axis_name),
-        metres_per_unit: prepared.scene.metres_per_unit,
-    };
-    let objects = enclosure::objects(&prepared);
-    // Not needed any more, and as large as the patches.
-    prepared.scene.triangles = Vec::new();
-
-    let mut recorder = Recorder { writer, tally };
-    let all_rows = rows_of_parts(&recorder.writer, &missing) + kept.rows;
-    let bar = Bar::rows(talk, all_rows, kept.rows);
-    let stage = status.rows(all_rows, kept.rows);
-    let execution = Execution {
-        threads,
-        batch: arguments.batch as usize,
-        cancel: Some(cancel),
-    };
-    let started = Instant::now();
-    let computed = compute(
-        &prepared.model,
-        &plan,
-        render,
-        backend,
-        execution,
-        &mut recorder,
-        &mut |p| {
-            bar.show(p);
-            stage.show(p);
-        },
-    );
-    drop(bar);
-    drop(stage);
-    let summary = match computed {
-        Ok(summary) => summary,
-        Err(error) => {
-            return Err(keep_what_is_there(
-                anyhow::Error::new(error),
-                recorder.writer,
-                recorder.tally.parts,
-            ));
-        }
-    };
-    timings.rows = summary.elapsed.as_secs_f64();
-    timings.build += (started.elapsed().as_secs_f64() - timings.rows).max(0.0);
-
-    let started = Instant::now();
-    let stage = status.stage("finish");
-    let Recorder { writer, mut tally } = recorder;
-    let means = [tally.escaped, tally.blocked, tally.unselected].map(|sum| tally.mean(sum));
-    let effort = std::mem::take(&mut tally.effort);
-    let manifest = if summary.cancelled {
-        writer.interrupt()
-    } else {
-        writer.finish()
-    }?;
-    drop(stage);
-    drop(guard);
-    timings.write += summary.sink.as_secs_f64() + started.elapsed().as_secs_f64();
-
-    let [escaped, blocked, unselected] = means;
-    let row_sum = tally.mean(tally.sum);
-    let wound = if tally.rendered > 0 && enclosure::is_odd(prepared.scene.objects.len(), [row_sum, escaped, blocked]) {
-        enclosure::questions(&prepared, &objects, [row_sum, blocked], threads)
-    } else {
-        Vec::new()
-    };
-    let mut report = Report {
-        schema: SCHEMA,
-        program: "hemicube",
-        version: env!("CARGO_PKG_VERSION"),
-        inputs: vec![prepared.input],
-        scene,
-        settings,
-        backend: BackendReport {
-            name: device.name,
-            version: device.version,
-            device: device.device,
-        },
-        culling: if render.culling == Culling::On { "on" } else { "off" },
-        threads: summary.threads,
-        repair: RepairCounts::from(&prepared.repaired),
-        store: directory.display().to_string(),
-        form: manifest.form,
-        value_error: manifest.value_error,
-        bytes: bytes_of(directory, &manifest),
-        complete: manifest.complete,
-        shard: shard.map(|shard| shard.to_string()),
-        parts: tally.parts,
-        parts_kept: kept.parts,
-        part_count: u64::from(kept.parts) + missing.len() as u64,
-        rows: tally.rows,
-        rows_kept: kept.rows,
-        row_count: all_rows,
-        entries: tally.entries,
-        row_sum: tally.row_sum(),
-        escaped,
-        blocked,
-        unselected,
-        rows_mostly_blocked: tally.mostly_blocked,
-        closure: tally.closure,
-        expected_error: tally.expected_error(),
-        thinning: manifest.thinning,
-        rays: tally.rays,
-        corrected: summary.corrected,
-        partial: summary.partial,
-        cut_short: summary.cut_short,
-        slowest_row: summary
-            .slowest
-            .filter(|_| !arguments.report.no_timings)
-            .map(|(patch, took)| SlowestRow {
-                patch: patch.0,
-                seconds: took.as_secs_f64(),
-            }),
-        rows_per_second: (summary.elapsed.as_secs_f64() > 0.0 && !arguments.report.no_timings)
-            .then(|| summary.rows as f64 / summary.elapsed.as_secs_f64()),
-        effort,
-        counters: summary.counters,
-        verification: None,
-        timings: (!arguments.report.no_timings).then_some(timings),
-        peak_memory_bytes: report::peak_memory_bytes().filter(|_| !arguments.report.no_timings),
-    };
-    talk.say(summarise(&report, &summary, directory).trim_end());
-    for sentence in wound {
-        talk.warn(&sentence);
+/// Times of the run. Setting up and joining the workers counts as building, the sink's time as writing.
+fn timings(watch: &Watch<'_>, prepared: &Prepared, finished: &Finished) -> Timings {
+    let stages = watch.times.get();
+    let rows = finished.summary.elapsed.as_secs_f64();
+    Timings {
+        load: prepared.load_seconds,
+        build: prepared.build_seconds + stages.build + (stages.rows - rows).max(0.0),
+        rows,
+        write: stages.write + finished.summary.sink.as_secs_f64(),
+        ..stages
     }
+}
+
+/// Warns where leaving out small form factors takes the expected error above the tolerance.
+fn warn_of_error(report: &Report, arguments: &Arguments, talk: Talk) {
     if let (Some(tolerance), Some(error), Some(thinning)) =
         (arguments.render.tolerance, report.expected_error, report.thinning)
         && error > tolerance.0
@@ -573,37 +687,10 @@ fn compute_into(
             figures(thinning.min_factor)
         ));
     }
-    let mut exit = if summary.cancelled {
-        Exit::Interrupted
-    } else {
-        Exit::Done
-    };
-    if let (Some(wanted), Exit::Done) = (arguments.verify, exit) {
-        let _stage = status.stage("verify");
-        let started = Instant::now();
-        let verify = Verify {
-            rows: wanted,
-            seed: arguments.selection.seed,
-            tolerance: arguments.render.tolerance,
-            threads,
-            cancel,
-        };
-        let verification = verify.run(&prepared.model, &plan, &Store::open(directory)?, talk)?;
-        talk.say(verification.text().trim_end());
-        exit = verification.exit();
-        report.verification = Some(verification);
-        if let Some(timings) = &mut report.timings {
-            timings.verify = started.elapsed().as_secs_f64();
-        }
-    }
-    if let Some(json) = json {
-        json.write(&report)?;
-    }
-    Ok(exit)
 }
 
-/// Refuses a place that cannot become a store, before a large scene is read; makes the directory. The store's writer
-/// has the last word.
+/// Refuses a place that cannot become a store before a large scene is read. Makes the directory. The store's writer
+/// checks again.
 fn check_place(directory: &Path) -> Result<()> {
     let shown = directory.display();
     match std::fs::metadata(directory) {
@@ -636,77 +723,13 @@ fn check_place(directory: &Path) -> Result<()> {
     tried.map(drop).with_context(|| format!("`{shown}` cannot be written"))
 }
 
-/// The rows that the settings ask for.
-fn plan(
-    model: &Model,
-    selection: Selection,
-    arguments: &Arguments,
-    rung: &Level,
-    keep: &StoragePolicy,
-) -> Result<(Plan, RowChoice)> {
-    #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
-    let patch_count = model.patches().len() as u32;
-    let emitting = selection.emitters.as_ref().map_or(u64::from(patch_count), |emitters| {
-        emitters.iter().filter(|&&emits| emits).count() as u64
-    });
-    let SelectionSettings {
-        rows,
-        sample_rows,
-        seed,
-        ..
-    } = &arguments.selection;
-    let choice = match (*rows, *sample_rows) {
-        (Some(RowRange { start, end }), _) => {
-            let end = end.unwrap_or(patch_count);
-            if start >= end || end > patch_count {
-                bail!(
-                    "`--rows {start}..{end}`: the scene has {}, from 0 on",
-                    counted(patch_count.into(), "patch")
-                );
-            }
-            RowChoice::Range { start, end }
-        }
-        (None, Some(size)) => {
-            let wanted = match size {
-                SampleSize::Count(number) => u64::from(number),
-                #[allow(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "up to the patch count"
-                )]
-                SampleSize::Percent(percent) => (percent / 100.0 * emitting as f64).ceil() as u64,
-            };
-            let sampled = u32::try_from(wanted.min(emitting)).unwrap_or(patch_count);
-            RowChoice::Sample {
-                count: sampled,
-                seed: *seed,
-            }
-        }
-        (None, None) => RowChoice::All,
-    };
-    let plan = Plan::new(
-        model,
-        choice,
-        selection,
-        rung.samples_per_edge,
-        arguments.render.rotation == Switch::On,
-    )
-    .with_correction(rung.correction)
-    .with_min_factor(keep.min_factor)
-    .with_form(keep.form);
-    if plan.rows.is_empty() {
-        bail!("no row is left to compute: `--rows`, `--emitters` and `--occluders` together exclude every patch");
-    }
-    Ok((plan, choice))
-}
-
-/// Threads with which the run keeps within a limit of memory.
+/// The number of threads that keeps the run within a limit of memory.
 fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> Result<usize> {
     let Some(resident) = report::resident_memory_bytes() else {
         talk.warn("this system does not tell how much memory is in use: `--memory` is not kept");
         return Ok(threads);
     };
-    // What reading the scene took is over, and was too much all the same.
+    // Reading the scene is over, but its peak exceeded the limit.
     let peak = report::peak_memory_bytes().unwrap_or(0);
     if peak > limit {
         return Err(hinted(
@@ -735,8 +758,10 @@ fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> 
     Ok(within)
 }
 
-/// Says when the disk will probably not do. The run begins all the same: it goes on when there is room.
-fn warn_of_disk(directory: &Path, rows: u64, entries_per_row: f64, plan: &Plan, talk: Talk) {
+/// Warns of a disk that is probably too small. The run begins all the same: it can be resumed once there is room.
+fn warn_of_disk(store: &StoreRun<'_>, entries_per_row: f64, talk: Talk) {
+    let (plan, directory) = (store.plan(), store.writer().directory());
+    let rows = store.missing_rows();
     let wanted = forecast::disk(rows, entries_per_row, plan.form);
     let Some(available) = forecast::available(directory).filter(|&available| available < wanted) else {
         return;
@@ -756,150 +781,134 @@ fn warn_of_disk(directory: &Path, rows: u64, entries_per_row: f64, plan: &Plan, 
     ));
 }
 
-/// Returns whether culling pays in this scene, said.
-fn culling(probe: Probe, talk: Talk) -> Culling {
-    let culling = probe.culling();
-    talk.say(&format!(
-        "culling {}: it leaves {} of the triangles in {}",
-        if culling == Culling::On { "on" } else { "off" },
-        percent(probe.left),
-        counted(probe.hemicubes, "trial hemicube"),
-    ));
-    culling
-}
-
-fn row_settings(arguments: &Arguments, prepared: &Prepared, rows: RowChoice, rung: &Level, plan: &Plan) -> RowSettings {
-    let Arguments {
-        patches,
-        render,
-        selection,
-        ..
-    } = arguments;
-    RowSettings {
-        resolution: rung.resolution,
-        samples: u32::try_from(plan.hemicubes_per_row()).unwrap_or(u32::MAX),
-        correction: rung.correction.name(),
-        tolerance: render.tolerance.map(|tolerance| tolerance.0),
-        reason: rung.reason.clone(),
-        rotation: render.rotation == Switch::On,
-        subdivision: patches.subdivision().into(),
-        two_sided: match patches.two_sided {
-            AutoSwitch::Auto => "auto",
-            AutoSwitch::On => "on",
-            AutoSwitch::Off => "off",
-        },
-        flip: patches.flip.clone(),
-        keep_duplicates: patches.keep_duplicates == Switch::On,
-        scale: patches.scale,
-        up: prepared.scene.up.map(axis_name),
-        rows: rows.into(),
-        emitters: selection.emitters.clone(),
-        receivers: selection.receivers.clone(),
-        occluders: selection.occluders.clone(),
-        min_factor: (plan.min_factor > 0.0).then_some(plan.min_factor),
-    }
-}
-
-/// Makes the store, or opens the one that is there to go on with it.
-#[allow(
-    clippy::too_many_arguments,
-    reason = "called once: everything that a store's header says"
-)]
-fn open_store(
-    arguments: &Arguments,
-    prepared: &Prepared,
-    plan: &Plan,
-    settings: &RowSettings,
-    backend: &dyn HemicubeBackend,
-    directory: &Path,
-    shard: Option<Shard>,
-    tally: &mut Tally,
-) -> Result<(StoreWriter, Kept)> {
-    let scene = &prepared.scene;
-    let file = Path::new(&prepared.input.path);
-    let header = settings.header(scene, &prepared.patches, file, plan, backend.info())?;
-    let table = PatchTable::new(scene, &prepared.patches);
-    if arguments.overwrite {
-        return Ok((StoreWriter::create(directory, header, &table, true)?, Kept::default()));
-    }
-    let threads = arguments.render.thread_count();
-    StoreWriter::resume(directory, header, &table, shard, threads, &mut |part| tally.add(part)).map_err(|error| {
-        match error {
-            StoreError::OtherRun { .. } => hinted(
-                error.into(),
-                "the same scene and settings go on with it; `--overwrite` replaces it; another name leaves it",
-            ),
-            StoreError::Malformed { .. } => hinted(error.into(), "`--overwrite` replaces the store"),
-            StoreError::Io { .. } => hinted(
-                error.into(),
-                "no part was touched; try again when the disk can be read, or remove the file: its part is computed again",
-            ),
-            error => error.into(),
-        }
-    })
-}
-
-/// Says what of an earlier run is kept, and what is not.
-fn tell_kept(writer: &StoreWriter, kept: &Kept, directory: &Path, talk: Talk) {
+/// Tells the parts resumed from an earlier run, and those computed again.
+fn tell_resumed(store: &StoreRun<'_>, talk: Talk) {
+    let (writer, resumed) = (store.writer(), store.resumed());
+    let shown = writer.directory().display();
     if !writer.is_locked() {
         talk.warn(&format!(
-            "the file system of `{}` has no locks: see to it that nothing else writes there",
-            directory.display()
+            "the file system of `{shown}` has no locks: see to it that nothing else writes there"
         ));
     }
-    for file in &kept.not_kept {
+    for file in &resumed.not_kept {
         talk.warn(&format!("part {} is computed again: {}", file.part, file.reason));
     }
-    if kept.is_complete {
+    if resumed.is_complete {
         talk.say(&format!(
-            "`{}` is complete and as it was written: there is nothing to compute",
-            directory.display()
+            "`{shown}` is complete and as it was written: there is nothing to compute"
         ));
-    } else if kept.parts > 0 {
+    } else if resumed.parts > 0 {
         talk.say(&format!(
-            "going on with `{}`: {} with {} are there",
-            directory.display(),
-            counted(kept.parts.into(), "part"),
-            counted(kept.rows, "row"),
+            "going on with `{shown}`: {} with {} are there",
+            counted(resumed.parts.into(), "part"),
+            counted(resumed.rows, "row"),
         ));
     }
 }
 
-/// The rows of some parts.
-fn rows_of_parts(writer: &StoreWriter, parts: &[u32]) -> u64 {
-    let of = |&part: &u32| u64::from(writer.manifest().rows_of_part(part));
-    parts.iter().map(of).sum()
+/// Facts of a run known before its first row, for the report.
+struct Begun {
+    scene: SceneReport,
+    settings: RowSettings,
+    backend: BackendReport,
+    culling: Culling,
+    shard: Option<Shard>,
 }
 
-/// A computation failed: names the parts that are on the disk in the manifest, and says so.
-fn keep_what_is_there(error: anyhow::Error, writer: StoreWriter, parts: u64) -> anyhow::Error {
-    let directory = word(writer.directory());
-    let part_count = parts + writer.missing_parts().len() as u64;
-    if parts == 0 {
-        return hinted(
-            error,
-            format!("nothing was computed yet; `{directory}` holds an empty matrix"),
-        );
-    }
-    match writer.interrupt() {
-        Ok(_) => hinted(
-            error,
-            format!(
-                "{parts} of {part_count} parts are kept, and the same command goes on there; `hemicube check {directory} \
-                 --allow-incomplete` looks at them"
-            ),
-        ),
-        Err(_) => hinted(
-            error,
-            format!(
-                "{parts} of {part_count} parts are kept in `{directory}`, though its manifest could not name them; the same \
-                 command goes on there"
-            ),
-        ),
+impl Begun {
+    fn new(prepared: &Prepared, run: &Run<'_>, shard: Option<Shard>) -> Self {
+        let Prepared { scene, patches, .. } = prepared;
+        let device = run.backend().info();
+        Self {
+            scene: SceneReport {
+                triangles: scene.triangles_read,
+                triangles_used: scene.triangles.len() as u64,
+                surfaces: patches.surfaces().len() as u64,
+                patches: patches.len() as u64,
+                area: patches.iter().map(|patch| patches.area(patch)).sum(),
+                objects: scene.objects.len() as u64,
+                materials: scene.materials.len() as u64,
+                up: scene.up_name(),
+                metres_per_unit: scene.metres_per_unit,
+            },
+            settings: run.settings.clone(),
+            backend: BackendReport {
+                name: device.name.clone(),
+                version: device.version.clone(),
+                device: device.device.clone(),
+            },
+            culling: run.render.culling,
+            shard,
+        }
     }
 }
 
-/// What a store takes on the disk.
+/// The report of a run. Without `timings` equal runs have equal reports.
+fn report_of(
+    begun: Begun,
+    prepared: &Prepared,
+    tally: &Tally,
+    finished: &Finished,
+    timings: Option<Timings>,
+) -> Report {
+    let Finished {
+        summary,
+        manifest,
+        resumed,
+        directory,
+        ..
+    } = finished;
+    let seconds = summary.elapsed.as_secs_f64();
+    Report {
+        schema: SCHEMA,
+        program: "hemicube",
+        version: env!("CARGO_PKG_VERSION"),
+        inputs: vec![prepared.input.clone()],
+        scene: begun.scene,
+        settings: begun.settings,
+        backend: begun.backend,
+        culling: on_or_off(begun.culling),
+        threads: summary.threads,
+        repair: RepairCounts::from(&prepared.scene.repaired),
+        store: directory.display().to_string(),
+        form: manifest.form,
+        value_error: manifest.value_error,
+        bytes: bytes_of(directory, manifest),
+        complete: manifest.complete,
+        shard: begun.shard.map(|shard| shard.to_string()),
+        parts: tally.parts,
+        parts_kept: resumed.parts,
+        part_count: u64::from(resumed.parts) + finished.plan.wanted().len() as u64,
+        rows: tally.rows,
+        rows_kept: resumed.rows,
+        row_count: resumed.rows + finished.plan.wanted_rows(),
+        entries: tally.entries,
+        row_sum: tally.row_sum(),
+        escaped: tally.mean(tally.escaped),
+        blocked: tally.mean(tally.blocked),
+        unselected: tally.mean(tally.unselected),
+        rows_mostly_blocked: tally.mostly_blocked,
+        closure: tally.closure,
+        expected_error: tally.expected_error(),
+        thinning: manifest.thinning,
+        rays: tally.rays,
+        corrected: summary.corrected,
+        partial: summary.partial,
+        cut_short: summary.cut_short,
+        slowest_row: timings.and(summary.slowest).map(|(patch, took)| SlowestRow {
+            patch: patch.0,
+            seconds: took.as_secs_f64(),
+        }),
+        rows_per_second: timings.filter(|_| seconds > 0.0).map(|_| summary.rows as f64 / seconds),
+        effort: tally.effort.clone(),
+        counters: summary.counters,
+        verification: None,
+        peak_memory_bytes: timings.and_then(|_| report::peak_memory_bytes()),
+        timings,
+    }
+}
+
+/// Size of a store on the disk.
 fn bytes_of(directory: &Path, manifest: &Manifest) -> u64 {
     let files = manifest.parts.iter().map(|part| part.file.as_str());
     files
@@ -910,10 +919,40 @@ fn bytes_of(directory: &Path, manifest: &Manifest) -> u64 {
         .sum()
 }
 
-/// What a person wants to know of a run.
+/// The figures of a run, for a person.
 fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
-    let shown = word(directory);
     let mut list = Listing::default();
+    list_rows(report, &mut list);
+    list_shares(report, &mut list);
+    list_work(report, summary, &mut list);
+    let form = match report.form {
+        Form::Plain => String::new(),
+        Form::Compact => format!(
+            ", compact: form factors within {} of themselves",
+            percent(report.value_error)
+        ),
+    };
+    list.add(
+        "matrix",
+        format!("`{}`, {}{form}", directory.display(), size(report.bytes)),
+    );
+    let mut text = list.text();
+    if report.rows_mostly_blocked > 0 {
+        text.push_str(&format!(
+            "warning: {} the back of one-sided surfaces in more than half of the view: wrong winding, or patches \
+             inside solids? `--two-sided on` makes every side a patch\n",
+            if report.rows_mostly_blocked == 1 {
+                "1 row sees".to_owned()
+            } else {
+                format!("{} rows see", count(report.rows_mostly_blocked))
+            }
+        ));
+    }
+    text + &next_step(report, summary, directory)
+}
+
+/// Numbers of rows and entries, the effect of leaving out small ones, and the expected error.
+fn list_rows(report: &Report, list: &mut Listing) {
     list.add(
         "rows",
         if report.rows == report.scene.patches {
@@ -975,6 +1014,10 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
         );
         list.add("rays", format!("rows by rays: {}", report.effort.text()));
     }
+}
+
+/// Row sums and shares.
+fn list_shares(report: &Report, list: &mut Listing) {
     let sum = report.row_sum;
     list.add(
         "row sums",
@@ -994,6 +1037,10 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
             format!("{} ends on patches that have no column", percent(report.unselected)),
         );
     }
+}
+
+/// Corrected pairs, time and memory.
+fn list_work(report: &Report, summary: &Summary, list: &mut Listing) {
     if report.corrected > 0 {
         list.add(
             "partial",
@@ -1058,29 +1105,12 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
     if let Some(peak) = report.peak_memory_bytes {
         list.add("memory", format!("{} at most", size(peak)));
     }
-    let form = match report.form {
-        Form::Plain => String::new(),
-        Form::Compact => format!(
-            ", compact: form factors within {} of themselves",
-            percent(report.value_error)
-        ),
-    };
-    list.add(
-        "matrix",
-        format!("`{}`, {}{form}", directory.display(), size(report.bytes)),
-    );
-    let mut text = list.text();
-    if report.rows_mostly_blocked > 0 {
-        text.push_str(&format!(
-            "warning: {} the back of one-sided surfaces in more than half of the view: wrong winding, or patches inside \
-             solids? `--two-sided on` makes every side a patch\n",
-            if report.rows_mostly_blocked == 1 {
-                "1 row sees".to_owned()
-            } else {
-                format!("{} rows see", count(report.rows_mostly_blocked))
-            }
-        ));
-    }
+}
+
+/// The commands that follow a run.
+fn next_step(report: &Report, summary: &Summary, directory: &Path) -> String {
+    let shown = word(directory);
+    let mut text = String::new();
     if summary.cancelled {
         text.push_str(&format!(
             "interrupted: {} of {} are kept; the same command goes on there, and `hemicube check {shown} \
@@ -1100,7 +1130,7 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
         text.push_str(&format!(
             "Next:\n  hemicube check {shown}\n  hemicube export {shown} {export}\n"
         ));
-        // Names that would need quoting in two languages at once are left to who chose them.
+        // Names that would need quoting in two languages at once get no command.
         if !name.contains(['"', '\'', '\\']) {
             text.push_str(&format!(
                 "  python3 -c 'import scipy.sparse as s; print(s.load_npz(\"{name}.npz\").sum(axis=1))'\n"
@@ -1108,27 +1138,4 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
         }
     }
     text
-}
-
-/// A path as a word of a shell.
-pub(crate) fn word(path: &Path) -> String {
-    let text = path.display().to_string();
-    let plain = |c: char| c.is_alphanumeric() || "/._-+,:@%=".contains(c);
-    if !text.is_empty() && text.chars().all(plain) {
-        text
-    } else {
-        format!("'{}'", text.replace('\'', "'\\''"))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn paths_become_words() {
-        assert_eq!(word("a/b-1.x".as_ref()), "a/b-1.x");
-        assert_eq!(word("a b".as_ref()), "'a b'");
-        assert_eq!(word("it's".as_ref()), r"'it'\''s'");
-    }
 }

@@ -1,14 +1,18 @@
 //! `hemicube export`: the matrix, and what is known of its patches, in the files that other programs read.
 
+mod arguments;
 mod parquet;
 mod patches;
 
-use crate::args::{Export as Arguments, Talk, ZoneName};
+pub(crate) use arguments::Arguments;
+
+use crate::args::Talk;
 use crate::exit::{self, Exit, hinted};
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, PendingFile, SCHEMA, count, counted, size};
 use crate::stored;
 use anyhow::{Context, Result, anyhow, bail};
+use arguments::ZoneName;
 use clap::ValueEnum;
 use hemicube::analysis::zones::{GroupBy, Zone, ZoneFormat, write_zones, zones};
 use hemicube::export::{ExportFormat, ExportOptions, ExportReport, export, export_with_sky};

@@ -1,13 +1,43 @@
-//! `hemicube generate`: scenes made by rule, as OBJ.
+//! `hemicube generate`: scenes by rule, as OBJ.
 
-use crate::args::{Generate as Arguments, Talk};
+use crate::args::Talk;
 use crate::exit::{Exit, hinted};
+use crate::help::examples;
+use crate::outputs::Paths;
 use crate::report::{PendingFile, counted, output_error};
 use anyhow::{Context, Result, anyhow, bail};
-use hemicube_scene::generate::{Generate, generate};
+use clap::Args;
+use hemicube_scene::generate::{Generate, Kind, generate};
 use hemicube_scene::{Scene, write};
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Generate a scene: room, city, block-city, maze, spheres, field or soup
+#[derive(Args, Debug)]
+#[command(after_long_help = examples("  hemicube generate city --patches 100000 --seed 3 -o city.obj", false))]
+pub(crate) struct Arguments {
+    /// The kind of scene: room, city, block-city, maze, spheres, field or soup
+    #[arg(value_name = "KIND")]
+    pub(crate) kind: Kind,
+    /// The OBJ file to write; `-` for standard output
+    #[arg(short, long, value_name = "OUT.obj")]
+    pub(crate) output: PathBuf,
+    /// About how many patches it is to have
+    #[arg(long, value_name = "N", default_value = "10000", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) patches: u64,
+    /// Which of the scenes of this kind
+    #[arg(long, value_name = "S", default_value = "1")]
+    pub(crate) seed: u64,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+}
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default().writes("-o", [&self.output], self.overwrite)
+    }
+}
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let to_stdout = arguments.output.as_os_str() == "-";
@@ -66,7 +96,7 @@ fn exists(path: &Path) -> anyhow::Error {
     hinted(anyhow!("`{}` exists", path.display()), "`--overwrite` replaces it")
 }
 
-/// Writes the scene, and its materials beside it where they say more than their names.
+/// Writes the scene, and its materials beside it if they have more than names.
 fn write_files(scene: &Scene, path: &Path, overwrite: bool) -> Result<()> {
     let cannot = || format!("`{}` cannot be written", path.display());
     let has_optics = scene

@@ -1,13 +1,11 @@
-//! `hemicube interactive`, which `hemicube` alone is on a terminal: asks what to do, shows the command line that does
-//! it, and runs that.
+//! `hemicube interactive`, and `hemicube` alone on a terminal: asks, shows the resulting command line, and runs it.
 //!
-//! Every command is a process of its own, of this program with the words that were shown: nothing can come of the
-//! dialogue that would not come of the command line. What is asked is in `dialogue`, how in `menus` and `lines`.
+//! Every command is a process of its own, of this program with the words shown. It handles signals, logs and fails like
+//! a typed command, and the dialogue can do nothing that the command line cannot.
 //!
-//! `commands/interactive` asks and runs. `dialogue.rs` knows what is asked next and which command line comes of it; a
-//! front behind the trait `Ask` knows how (`menus.rs`, `lines.rs`); `settings.rs` holds choices above the layers of
-//! `config.rs`, by the parsers of `args.rs`, and drops every option without which all settings are the same. A command
-//! is a process of its own, of this program: it handles signals, logs and fails as if it had been typed.
+//! `dialogue.rs` knows the next question and the command line of the answers. A front behind the trait `Ask` puts the
+//! question (`menus.rs`, `lines.rs`). `settings.rs` holds choices above the layers of `config.rs`, by the parsers of
+//! the command line, and drops every option without effect.
 
 mod ask;
 mod dialogue;
@@ -35,8 +33,30 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// `hemicube interactive`
+/// End of `--help`: keys, and exit statuses of its own.
+const AFTER_INTERACTIVE_HELP: &str = "\
+Examples:
+  hemicube
+  hemicube interactive --scenes ~/scenes
+  hemicube interactive --plain <answers     # a line for each question
+Keys:
+  arrow keys, Enter  choose; or type the number, or a part of the name
+  Tab                complete a path
+  Esc, Ctrl-D        back; at the first menu, exit
+  Ctrl-C             exit; while a command runs, end that, and come back
+Environment:
+  TERM                  dumb, or nothing: numbered lines in place of menus
+  NO_COLOR              no colours
+  HEMICUBE_SCENES       as `--scenes`
+  HEMICUBE_NAME         as in `hemicube compute --help`, of which the dialogue shows the values
+Exit status, whatever that of the commands was:
+  0    left by the exit, by Esc, or at the end of the input
+  2    no terminal, or a wrong file of settings
+  130  left by Ctrl-C or a request to terminate";
+
+/// Choose from menus, which show the command lines that they run; on a terminal, `hemicube` alone is this
 #[derive(Args, Debug)]
+#[command(after_long_help = AFTER_INTERACTIVE_HELP)]
 pub(crate) struct Arguments {
     /// Look for scenes in DIR, too; as `scenes = "DIR"` in a file of settings, always
     #[arg(long, value_name = "DIR")]
@@ -46,12 +66,12 @@ pub(crate) struct Arguments {
     pub(crate) plain: bool,
 }
 
-/// Returns whether somebody is there who could be asked: a program without arguments is then a question.
+/// Returns whether somebody can be asked: a program without arguments then starts the dialogue.
 pub(crate) fn is_wanted() -> bool {
     std::io::stdin().is_terminal() && std::io::stdout().is_terminal() && std::io::stderr().is_terminal()
 }
 
-pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+pub(crate) fn run(arguments: &Arguments, definition: clap::Command, talk: Talk) -> Result<Exit> {
     let has_terminal = std::io::stdin().is_terminal() && std::io::stderr().is_terminal();
     if !arguments.plain && !has_terminal {
         return Err(hinted(
@@ -75,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         run: &mut runner,
         program: session.called.clone(),
         common: common(talk),
-        settings: Settings::read()?,
+        settings: Settings::read(definition)?,
         here: PathBuf::from("."),
         scenes: arguments.scenes.clone(),
         scenes_are_chosen: false,
@@ -109,9 +129,9 @@ fn lines_front() -> Box<dyn Ask> {
     Box::new(Lines::new(std::io::stdin().lock(), std::io::stderr()))
 }
 
-/// What of the dialogue's own options every command is to have, too.
+/// Options of the dialogue, passed on to every command.
 fn common(talk: Talk) -> Vec<OsString> {
-    // What a variable says reaches commands by itself.
+    // Variables reach commands by themselves.
     let by_variable = std::env::var_os("HEMICUBE_NO_PROGRESS").is_some();
     let flags = [
         (talk.quiet, "--quiet"),
@@ -126,31 +146,31 @@ fn common(talk: Talk) -> Vec<OsString> {
         .collect()
 }
 
-/// The program as it was called: by its name, or by a path that leads to it.
+/// The program as it was called: by name, or by a path.
 fn called(first: Option<OsString>) -> OsString {
     first
         .filter(|name| Path::new(name).components().count() > 1)
         .unwrap_or_else(|| "hemicube".into())
 }
 
-/// What the thread that waits for signals shares with the dialogue.
+/// State shared by the dialogue and the thread waiting for signals.
 #[derive(Debug, Default)]
 struct Session {
-    /// Where the program is.
+    /// Path of the program.
     program: PathBuf,
-    /// How it is called.
+    /// Name of the program as called.
     called: OsString,
-    /// The command lines that were run, with how they ended where that was not well.
+    /// Command lines that were run, with the exit status of failed ones.
     lines: Mutex<Vec<String>>,
-    /// True if a command is running, which gets the signals of the terminal as well.
+    /// True while a command is running, and gets the terminal's signals, too.
     is_running: AtomicBool,
     was_signalled: AtomicBool,
 }
 
 impl Session {
-    /// From now on a signal while a command runs is the command's, and ends the dialogue otherwise.
+    /// Passes signals to a running command; without one, they end the dialogue.
     ///
-    /// A terminal that can do lines only was not changed, and would show what undoes that.
+    /// A terminal limited to lines was not changed, and would show the escape sequences that undo changes.
     #[cfg_attr(
         not(feature = "menus"),
         expect(unused_variables, reason = "lines change no terminal")
@@ -175,7 +195,7 @@ impl Session {
         .context("Ctrl-C cannot be watched")
     }
 
-    /// Prints what was run, to be copied.
+    /// Prints the command lines that were run, for copying.
     fn tell_lines(&self) -> Result<()> {
         let lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
         if lines.is_empty() {
@@ -196,7 +216,7 @@ impl Run for Runner {
         let session = &self.session;
         session.was_signalled.store(false, Ordering::SeqCst);
         session.is_running.store(true, Ordering::SeqCst);
-        // No command reads standard input; keys that are hit meanwhile are for the next question.
+        // No command reads standard input; keys typed meanwhile are for the next question.
         let status = Command::new(&session.program)
             .args(&line.words)
             .stdin(Stdio::null())
@@ -213,7 +233,7 @@ impl Run for Runner {
         };
         session.lines.lock().unwrap_or_else(PoisonError::into_inner).push(shown);
         match ended {
-            // A signal that the command did not get, or had no use for, was meant for the dialogue.
+            // A signal without effect on the command was meant for the dialogue.
             Ended::By(status) if was_signalled && status != i32::from(crate::exit::INTERRUPTED) => {
                 Err(Left::Interrupted)
             }

@@ -1,21 +1,37 @@
-//! `hemicube manual` and `hemicube completions`: what a package of the program holds besides it, from the one
-//! definition of the command line.
+//! `hemicube manual` and `hemicube completions`: further files of a package of the program, from the one definition of
+//! the command line.
 
-use crate::args::{Cli, Completions, Manual};
 use crate::exit::Exit;
 use crate::report::{PendingFile, output_error};
 use anyhow::{Context, Result};
-use clap::{Command, CommandFactory};
+use clap::{Args, Command};
 use clap_mangen::Man;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// Lines as they are: examples and tables would be filled into paragraphs.
+/// Write man pages, for packages of the program
+#[derive(Args, Debug)]
+#[command(hide = true)]
+pub(crate) struct Arguments {
+    /// The directory to write them to
+    #[arg(value_name = "DIR")]
+    pub(crate) directory: PathBuf,
+}
+/// Print a script that completes command lines in a shell
+#[derive(Args, Debug)]
+#[command(hide = true)]
+pub(crate) struct Completions {
+    /// The shell
+    #[arg(value_name = "SHELL")]
+    pub(crate) shell: clap_complete::Shell,
+}
+
+/// Lines not to be filled into paragraphs: examples and tables.
 fn literal(text: &str) -> String {
     let mut lines = String::new();
     for line in text.lines() {
         let line = line.replace('\\', "\\e").replace('-', "\\-");
-        // What begins with one of these is a request to the typesetter.
+        // Such lines are requests to the typesetter.
         if line.starts_with(['.', '\'']) {
             lines.push_str("\\&");
         }
@@ -25,8 +41,8 @@ fn literal(text: &str) -> String {
     lines
 }
 
-/// What stands below the options: sections, each with its name in a line of its own, or behind it the first of its
-/// lines.
+/// Turns the text below the options into sections. A section's name stands on a line of its own, or before the
+/// section's first line.
 fn sections(text: &str) -> String {
     let mut page = String::new();
     let mut open = false;
@@ -51,13 +67,13 @@ fn sections(text: &str) -> String {
     page
 }
 
-/// What `Man` begins each section with: how an apostrophe is set.
+/// Beginning of each section from `Man`: the definition of an apostrophe.
 const APOSTROPHE: &str = ".ie \\n(.g .ds Aq \\(aq\n.el .ds Aq '\n";
-/// A paragraph between two breaks, which typesetters complain of.
+/// A paragraph between two breaks: typesetters complain about it.
 const EMPTY_PARAGRAPH: &str = "\n.br\n\n.br\n";
 
-/// The page of a command: its definition, and its examples as they are in `--help`. Without a date: the same program
-/// has the same pages.
+/// The page of a command: its definition, and its examples from `--help`. Without a date, the same program has the same
+/// pages.
 fn page(command: &Command) -> io::Result<(String, String)> {
     let below = command
         .get_after_long_help()
@@ -84,7 +100,7 @@ fn page(command: &Command) -> io::Result<(String, String)> {
     Ok((name, page))
 }
 
-/// The same command with what `--help` says of options that `-h` leaves out, which `Man` would leave out too.
+/// The command with long help for all options: `Man` would leave out those missing from `-h`.
 fn in_full(command: Command) -> Command {
     let with_help = |argument: clap::Arg| match (argument.get_help().cloned(), argument.get_long_help()) {
         (Some(help), None) => argument.long_help(help),
@@ -93,7 +109,7 @@ fn in_full(command: Command) -> Command {
     command.mut_args(with_help).mut_subcommands(in_full)
 }
 
-/// The page of a command, and those of what it has beneath.
+/// Writes the pages of a command and its subcommands.
 fn write_pages(command: &Command, directory: &Path) -> Result<()> {
     let (name, page) = page(command).with_context(|| format!("the page of `{command}` cannot be made"))?;
     let path = directory.join(name);
@@ -107,19 +123,27 @@ fn write_pages(command: &Command, directory: &Path) -> Result<()> {
     Ok(())
 }
 
-pub(crate) fn run(arguments: &Manual) -> Result<Exit> {
+/// Writes the pages of `definition` and its subcommands.
+///
+/// # Errors
+/// When the directory or a page cannot be written.
+pub(crate) fn run(arguments: &Arguments, definition: Command) -> Result<Exit> {
     let directory = &arguments.directory;
     std::fs::create_dir_all(directory).with_context(|| format!("`{}` cannot be created", directory.display()))?;
-    let mut command = in_full(Cli::command());
-    // Names of subcommands come to be then: `hemicube-compute`.
+    let mut command = in_full(definition);
+    // Makes the subcommands' names: `hemicube-compute`.
     command.build();
     write_pages(&command, directory)?;
     Ok(Exit::Done)
 }
 
-pub(crate) fn completions(arguments: &Completions) -> Result<Exit> {
+/// Prints the completions of `definition`.
+///
+/// # Errors
+/// When standard output cannot be written.
+pub(crate) fn completions(arguments: &Completions, mut definition: Command) -> Result<Exit> {
     let mut script = Vec::new();
-    clap_complete::generate(arguments.shell, &mut Cli::command(), "hemicube", &mut script);
+    clap_complete::generate(arguments.shell, &mut definition, "hemicube", &mut script);
     let mut out = io::stdout().lock();
     out.write_all(&script)
         .and_then(|()| out.flush())
@@ -136,8 +160,8 @@ mod tests {
         let text = "Examples:\n  hemicube x -o y\n.dotted\nHint, first: a\\b\nExit status:\n  0  done";
         assert_eq!(
             sections(text),
-            ".SH EXAMPLES\n.nf\n  hemicube x \\-o y\n\\&.dotted\n.fi\n.SH HINT, FIRST\n.nf\na\\eb\n.fi\n.SH EXIT STATUS\n.nf\n  0  \
-             done\n.fi\n"
+            ".SH EXAMPLES\n.nf\n  hemicube x \\-o y\n\\&.dotted\n.fi\n.SH HINT, FIRST\n.nf\na\\eb\n.fi\n.SH EXIT \
+             STATUS\n.nf\n  0  done\n.fi\n"
         );
     }
 }

@@ -1,13 +1,47 @@
-//! `hemicube merge`: one matrix of what shards computed.
+//! `hemicube merge`: one matrix of several shards.
 
-use crate::args::{Merge as Arguments, Talk};
-use crate::commands::compute::word;
+use crate::args::{Report as ReportArguments, Talk};
 use crate::exit::{Exit, hinted};
+use crate::help::examples;
+use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, SCHEMA, count, counted};
+use crate::shell::word;
 use anyhow::{Result, anyhow};
+use clap::Args;
 use hemicube::store::{Error, merge};
 use serde::Serialize;
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "  \
+  hemicube merge city.hemicube
+  hemicube merge city.hemicube /scratch/node1/city.hemicube /scratch/node2/city.hemicube";
+
+/// Make one matrix of what shards computed
+#[derive(Args, Debug)]
+#[command(override_usage = "hemicube merge [OPTIONS] DIR [FROM]...", after_long_help = examples(EXAMPLES, false))]
+pub(crate) struct Arguments {
+    /// The directory that the shards wrote to, or that is to hold the whole
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// Other directories that shards wrote to; their parts are copied
+    #[arg(value_name = "FROM")]
+    pub(crate) sources: Vec<PathBuf>,
+    /// Threads that check parts; 0: one for each core
+    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub(crate) threads: u32,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .store([&self.store])
+            .store(&self.sources)
+            .reports(&self.report)
+    }
+}
 
 #[derive(Serialize)]
 struct Report {
@@ -21,9 +55,9 @@ struct Report {
     copied: u32,
     rows: u64,
     entries: u64,
-    /// Parts that are nowhere, or nowhere whole.
+    /// Parts missing or incomplete everywhere.
     missing: Vec<u32>,
-    /// The shards that these are of, where it is known of how many.
+    /// Their shards, if the number of shards is known.
     missing_shards: Vec<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     shard_count: Option<u32>,
@@ -106,7 +140,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Err(hinted(anyhow!("`{}`: {parts}", arguments.store.display()), hint))
 }
 
-/// Ascending numbers, those that follow each other as `3-7`.
+/// Ascending numbers, consecutive ones in the form `3-7`.
 fn ranges(numbers: &[u32]) -> String {
     let mut text = String::new();
     for run in numbers.chunk_by(|a, b| a + 1 == *b) {

@@ -1,7 +1,9 @@
-//! `hemicube sky`: what patches and points see of the sky, of the ground, and of the sun.
+//! `hemicube sky`: views of the sky, the ground and the sun, from patches and points.
 
-use crate::args::{EngineSettings, Report as ReportArguments, SceneSettings, Talk};
+use crate::args::{Division, EngineSettings, Report as ReportArguments, SceneSettings, Talk};
 use crate::exit::{self, Exit, hinted};
+use crate::help::{examples, scene_help};
+use crate::outputs::Paths;
 use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
 use crate::report::{self, Input, JsonReport, Listing, PendingFile, SCHEMA, Spread, count, counted, duration, percent};
@@ -15,33 +17,44 @@ use hemicube::backend::{Culling, HemicubeBackend, RESOLUTIONS, RenderSettings, W
 use hemicube::diagnose::{Place, places};
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
-    Horizon, LEVELS, PARTS_MAX, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
+    Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
     write_points, write_sky,
 };
 use hemicube::store::{FolderLock, Store, scene_hash};
+use hemicube_scene::Axis;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Pixels along an edge where nobody says and no matrix does.
+/// Pixels along an edge, without an option or a matrix.
 const RESOLUTION: u32 = 256;
-/// n of the n² points of a patch from which the sun is looked for.
+/// n: rays to the sun start from n² points of a patch.
 const SUN_POINTS: u32 = 4;
 
-/// What is written into the directory.
+/// Files in the output directory.
 pub(crate) const FILES: [&str; 3] = ["sky.npz", "sky.json", "points-sky.npz"];
 
-/// `hemicube sky`
+const EXAMPLES: &str = "  \
+  hemicube sky city.obj --up z -o city-sky --tolerance 0.5%
+  hemicube sky city.obj --store city.hemicube
+  hemicube sky street.obj -o sky --division reinhart:4 --points people.txt --suns june.txt";
+
+/// What patches and points see of the sky, of the ground below the horizon, and of the sun
 #[derive(Args, Debug)]
+#[command(after_long_help = examples(EXAMPLES, false))]
 #[command(group = clap::ArgGroup::new("place").required(true))]
 pub(crate) struct Arguments {
-    #[arg(value_name = "SCENE", help = crate::args::scene_help())]
+    #[arg(value_name = "SCENE", help = scene_help())]
     pub(crate) scene: PathBuf,
     /// Take the patches and hemicubes of this matrix, and write into its directory `sky`
-    #[arg(long, value_name = "DIR", group = "place", conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"])]
+    #[arg(
+        long,
+        value_name = "DIR",
+        group = "place",
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"]
+    )]
     pub(crate) store: Option<PathBuf>,
     /// The directory to write to
     #[arg(short, long, value_name = "DIR", group = "place")]
@@ -79,22 +92,21 @@ pub(crate) struct Arguments {
     pub(crate) report: ReportArguments,
 }
 
-/// A division of the sky, by its name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Division(pub(crate) u32);
-
-impl FromStr for Division {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts = match text.split_once(':') {
-            None if text == "tregenza" => Some(1),
-            Some(("reinhart", parts)) => parts.parse().ok().filter(|parts| (1..=PARTS_MAX).contains(parts)),
-            _ => None,
-        };
-        parts
-            .map(Self)
-            .ok_or_else(|| format!("`tregenza`, or `reinhart:1` to `reinhart:{PARTS_MAX}`, is needed"))
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        let files = self
+            .output
+            .iter()
+            .flat_map(|folder| FILES.map(|name| folder.join(name)));
+        let files: Vec<PathBuf> = files.collect();
+        Paths::default()
+            .reads([&self.scene])
+            .store(&self.store)
+            .reads(&self.points)
+            .reads(&self.suns)
+            .writes("-o", &files, self.overwrite)
+            .reports(&self.report)
     }
 }
 
@@ -134,7 +146,7 @@ fn samples(text: &str) -> Result<u32, String> {
     }
 }
 
-/// What the files are, beside them.
+/// Record beside the files.
 #[derive(Debug, Serialize)]
 struct Record {
     program: &'static str,
@@ -142,7 +154,7 @@ struct Record {
     scene_blake3: String,
     division: String,
     columns: u32,
-    /// What the columns are, for who opens the files without this program's documentation.
+    /// Meaning of the columns, for readers without this program's documentation.
     order: &'static str,
     up: &'static str,
     north_degrees: f64,
@@ -156,20 +168,20 @@ struct Record {
     /// Suns below the horizon, by their place in the file from 0: nothing is lit by them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     suns_below_horizon: Vec<u64>,
-    /// Where points lie that are not in the open.
+    /// Points elsewhere than in the open.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     points_not_in_the_open: Vec<Misplaced>,
-    /// Rows whose escaped weight is that of the matrix, to the last unit; only beside a matrix.
+    /// Rows with exactly the matrix's escaped weight; only beside a matrix.
     #[serde(skip_serializing_if = "Option::is_none")]
     rows_as_in_matrix: Option<u64>,
     sky_view_factor: Spread,
     ground: f64,
-    /// Of the rows that were refined, those that still changed by more than the tolerance at the last level.
+    /// Refined rows still changing by more than the tolerance at the last level.
     unsettled: u64,
     hemicubes: u64,
 }
 
-/// A point that is not in the open.
+/// A point elsewhere than in the open.
 #[derive(Clone, Debug, Serialize)]
 struct Misplaced {
     /// From 0.
@@ -191,7 +203,7 @@ struct Report<'a> {
     seconds: Option<f64>,
 }
 
-/// What a file has a line each of, and their lines.
+/// Items of a file, one a line, and their lines.
 #[derive(Debug)]
 struct Listed<T> {
     items: Vec<T>,
@@ -264,7 +276,7 @@ fn lines(of: &[u64]) -> String {
     }
 }
 
-/// Says which suns are below the horizon.
+/// Warns of suns below the horizon.
 fn tell_of_suns(arguments: &Arguments, suns: &Listed<DVec3>, horizon: Horizon, talk: Talk) {
     let below: Vec<u64> = suns
         .items
@@ -277,7 +289,8 @@ fn tell_of_suns(arguments: &Arguments, suns: &Listed<DVec3>, horizon: Horizon, t
         return;
     };
     talk.warn(&format!(
-        "{} of {} in `{}` {} below the horizon and {} nothing: {}; directions are towards the sun, and `--up` says where up is",
+        "{} of {} in `{}` {} below the horizon and {} nothing: {}; directions are towards the sun, and `--up` says \
+         where up is",
         count(below.len() as u64),
         counted(suns.items.len() as u64, "sun"),
         path.display(),
@@ -287,7 +300,7 @@ fn tell_of_suns(arguments: &Arguments, suns: &Listed<DVec3>, horizon: Horizon, t
     ));
 }
 
-/// Says which points are not in the open, by where they are.
+/// Warns of points that are not in the open, by place.
 fn tell_of_points(arguments: &Arguments, points: usize, misplaced: &[Misplaced], talk: Talk) {
     let Some(path) = &arguments.points else { return };
     let of = counted(points as u64, "point");
@@ -325,8 +338,7 @@ fn tell_of_points(arguments: &Arguments, points: usize, misplaced: &[Misplaced],
     }
 }
 
-/// What the matrix says of its hemicubes: n of the n² of each patch, the weight that escaped, and which share of the
-/// view that is of the whole patch.
+/// The matrix's hemicubes: n of the n² of each patch, the escaped weight, and the refined escaped share.
 struct OfMatrix {
     samples: Vec<u32>,
     escaped: Vec<Option<u64>>,
@@ -352,29 +364,12 @@ fn of_matrix(store: &Store) -> Result<OfMatrix> {
     Ok(found)
 }
 
-#[allow(clippy::too_many_lines, reason = "one thing after another")]
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     arguments.patches.require_one_cut()?;
     let json = JsonReport::open(&arguments.report)?;
-    let points = arguments
-        .points
-        .as_deref()
-        .map(read_points)
-        .transpose()?
-        .unwrap_or_default();
-    let suns = arguments
-        .suns
-        .as_deref()
-        .map(read_suns)
-        .transpose()?
-        .unwrap_or_default();
-    let store = match &arguments.store {
-        Some(path) => {
-            report::require(path)?;
-            Some(Store::open(path)?)
-        }
-        None => None,
-    };
+    let points = read_if_any(arguments.points.as_deref(), read_points)?;
+    let suns = read_if_any(arguments.suns.as_deref(), read_suns)?;
+    let store = open_store(arguments)?;
     let output = match (&store, &arguments.output) {
         (Some(store), _) => store.directory().join("sky"),
         (None, Some(output)) => output.clone(),
@@ -382,132 +377,48 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     };
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
-    let prepared = match &store {
-        Some(store) => stored::scene(
-            store,
-            &arguments.scene,
-            &arguments.engine,
-            arguments.patches.allow_large,
-        )?,
-        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, None)?,
-    };
+    let prepared = prepare_scene(arguments, store.as_ref())?;
     prepared.tell(talk);
-    let up = arguments.patches.up.map(Into::into).or(prepared.scene.up);
-    let Some(up) = up else {
-        return Err(hinted(
-            anyhow!("`{}` does not say which axis points up", arguments.scene.display()),
-            "`--up y` or `--up z` does",
-        ));
-    };
+    let up = up_axis(arguments, &prepared)?;
     let horizon = Horizon::new(up, arguments.north);
     tell_of_suns(arguments, &suns, horizon, talk);
-    let suns = suns.items;
-    let misplaced: Vec<Misplaced> = (0..)
-        .zip(places(&prepared.model, &points.items, horizon.up))
-        .zip(&points.lines)
-        .filter(|((_, place), _)| *place != Place::Open)
-        .map(|((point, place), &line)| Misplaced { point, line, place })
-        .collect();
+    let misplaced = misplaced(&prepared, &points, horizon);
     tell_of_points(arguments, points.items.len(), &misplaced, talk);
-    let points = points.items;
-    let division = SkyDivision::new(arguments.division.0).context("the sky cannot be divided like that")?;
-    let (settings, matrix) = match &store {
-        Some(store) => (Some(&store.manifest().settings), Some(of_matrix(store)?)),
-        None => (None, None),
-    };
-    let of_settings = settings
-        .and_then(|s| s["resolution"].as_u64())
-        .and_then(|n| u32::try_from(n).ok());
-    let options = SkyOptions {
-        render: RenderSettings {
-            resolution: arguments.resolution.or(of_settings).unwrap_or(RESOLUTION),
-            culling: Culling::On,
-            covered: false,
-        },
-        samples_per_edge: arguments.samples.unwrap_or(1),
-        tolerance: arguments.tolerance,
-        rotate: settings.and_then(|s| s["rotation"].as_bool()).unwrap_or(true),
-        threads: arguments.engine.thread_count(),
+    let matrix = store.as_ref().map(of_matrix).transpose()?;
+    let task = Task {
+        arguments,
+        prepared: &prepared,
+        division: SkyDivision::new(arguments.division.0).context("the sky cannot be divided like that")?,
+        horizon,
+        options: options(arguments, store.as_ref()),
+        points: points.items,
+        suns: suns.items,
+        matrix,
     };
     std::fs::create_dir_all(&output).with_context(|| format!("`{}` cannot be created", output.display()))?;
-    // Files of two runs would lie side by side otherwise, and say that they belong together.
+    // Files of two runs side by side would claim to belong together.
     let _lock = FolderLock::take(&output)?;
-
-    let rows: Vec<(InputPatch, u32)> = prepared
-        .patches
-        .iter()
-        .map(|patch| {
-            let of_matrix = matrix.as_ref().map_or(1, |matrix| matrix.samples[patch.0 as usize]);
-            (patch, arguments.samples.unwrap_or(of_matrix))
-        })
-        .collect();
-    let bar = Bar::rows(talk, rows.len() as u64, 0);
     let backend = arguments.engine.open_backend(talk)?;
     require_items(backend.as_ref())?;
-    let mut go_on = |done: usize| {
-        bar.at(done as u64);
-        !cancel.load(Ordering::SeqCst)
-    };
     let guard = exit::InterruptGuard::new();
-    let found = sky_of_patches(&prepared.model, &rows, &division, horizon, options, backend, &mut go_on)?;
-    drop(bar);
-    let Some(mut found) = found else {
+    let Some(of_patches) = task.of_patches(backend, cancel, talk)? else {
         return Ok(Exit::Interrupted);
     };
-    if let Some(matrix) = &matrix {
-        for (row, share) in found.iter_mut().zip(&matrix.shares) {
-            share.map(|share| row.refine(share));
-        }
-    }
-    let lit = sunlit(&prepared, &suns, horizon, options.threads)?;
+    let lit = sunlit(&prepared, &task.suns, horizon, task.options.threads)?;
     write_sky(
         &output.join("sky.npz"),
-        division.columns(),
-        &found,
-        lit.as_deref().map(|lit| (suns.len(), lit)),
+        task.division.columns(),
+        &of_patches,
+        lit.as_deref().map(|lit| (task.suns.len(), lit)),
     )?;
-
-    let of_points = if points.is_empty() {
-        Vec::new()
-    } else {
-        let sessions = (0..LEVELS)
-            .map(|_| arguments.engine.open_backend(Talk::SILENT))
-            .collect::<Result<_>>()?;
-        let found = rows_of_points(
-            &prepared.model,
-            &points,
-            &division,
-            horizon,
-            options,
-            sessions,
-            &mut |_| !cancel.load(Ordering::SeqCst),
-        )?;
-        let Some(found) = found else {
-            return Ok(Exit::Interrupted);
-        };
-        keep_points(&output, &prepared, &division, horizon, &points, &suns, &found)?;
-        found
+    let Some(of_points) = task.of_points(cancel)? else {
+        return Ok(Exit::Interrupted);
     };
-
-    let record = record(
-        arguments,
-        &prepared,
-        &division,
-        horizon,
-        axis_name(up),
-        options,
-        &found,
-        &of_points,
-        &suns,
-        misplaced.clone(),
-        matrix.as_ref(),
-    );
-    let mut file = PendingFile::create(&output.join("sky.json"))?;
-    let mut text = serde_json::to_string_pretty(&record).context("the report is no JSON")?;
-    text.push('\n');
-    file.write_all(text.as_bytes())
-        .with_context(|| format!("`{}` cannot be written", output.display()))?;
-    file.commit()?;
+    if !of_points.is_empty() {
+        task.keep_points(&output, &of_points)?;
+    }
+    let record = task.record(axis_name(up), &of_patches, &of_points, misplaced.clone());
+    write_record(&output, &record)?;
     drop(guard);
     let seconds = started.elapsed().as_secs_f64();
     talk.say(summary(&record, &of_points, &misplaced, &output, seconds).trim_end());
@@ -524,6 +435,271 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
+fn read_if_any<T: Default>(path: Option<&Path>, read: impl Fn(&Path) -> Result<T>) -> Result<T> {
+    Ok(path.map(read).transpose()?.unwrap_or_default())
+}
+
+fn open_store(arguments: &Arguments) -> Result<Option<Store>> {
+    let Some(path) = &arguments.store else { return Ok(None) };
+    report::require(path)?;
+    Ok(Some(Store::open(path)?))
+}
+
+/// Reads the scene, with the subdivision of the matrix if there is one.
+fn prepare_scene(arguments: &Arguments, store: Option<&Store>) -> Result<Prepared> {
+    match store {
+        Some(store) => stored::scene(
+            store,
+            &arguments.scene,
+            &arguments.engine,
+            arguments.patches.allow_large,
+        ),
+        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, None),
+    }
+}
+
+/// The axis that points up: given, otherwise the scene's.
+fn up_axis(arguments: &Arguments, prepared: &Prepared) -> Result<Axis> {
+    let up = arguments.patches.up.map(Into::into).or(prepared.scene.up);
+    up.ok_or_else(|| {
+        hinted(
+            anyhow!("`{}` does not say which axis points up", arguments.scene.display()),
+            "`--up y` or `--up z` does",
+        )
+    })
+}
+
+/// Points that are not in the open.
+fn misplaced(prepared: &Prepared, points: &Listed<SensorPoint>, horizon: Horizon) -> Vec<Misplaced> {
+    (0..)
+        .zip(places(&prepared.model, &points.items, horizon.up))
+        .zip(&points.lines)
+        .filter(|((_, place), _)| *place != Place::Open)
+        .map(|((point, place), &line)| Misplaced { point, line, place })
+        .collect()
+}
+
+/// Settings of the hemicubes: given, otherwise the matrix's.
+fn options(arguments: &Arguments, store: Option<&Store>) -> SkyOptions {
+    let settings = store.map(|store| &store.manifest().settings);
+    let resolution = settings
+        .and_then(|s| s["resolution"].as_u64())
+        .and_then(|n| u32::try_from(n).ok());
+    SkyOptions {
+        render: RenderSettings {
+            resolution: arguments.resolution.or(resolution).unwrap_or(RESOLUTION),
+            culling: Culling::On,
+            covered: false,
+        },
+        samples_per_edge: arguments.samples.unwrap_or(1),
+        tolerance: arguments.tolerance,
+        rotate: settings.and_then(|s| s["rotation"].as_bool()).unwrap_or(true),
+        threads: arguments.engine.thread_count(),
+    }
+}
+
+/// A run: the scene with its sky, suns and points.
+struct Task<'a> {
+    arguments: &'a Arguments,
+    prepared: &'a Prepared,
+    division: SkyDivision,
+    horizon: Horizon,
+    options: SkyOptions,
+    points: Vec<SensorPoint>,
+    suns: Vec<DVec3>,
+    matrix: Option<OfMatrix>,
+}
+
+impl Task<'_> {
+    /// Computes the rows of all patches, with the matrix's refined escaped shares; `None` where interrupted.
+    fn of_patches(
+        &self,
+        backend: Box<dyn HemicubeBackend>,
+        cancel: &AtomicBool,
+        talk: Talk,
+    ) -> Result<Option<Vec<SkyRow>>> {
+        let rows: Vec<(InputPatch, u32)> = self
+            .prepared
+            .patches
+            .iter()
+            .map(|patch| {
+                let of_matrix = self
+                    .matrix
+                    .as_ref()
+                    .map_or(1, |matrix| matrix.samples[patch.0 as usize]);
+                (patch, self.arguments.samples.unwrap_or(of_matrix))
+            })
+            .collect();
+        let bar = Bar::rows(talk, rows.len() as u64, 0);
+        let mut go_on = |done: usize| {
+            bar.at(done as u64);
+            !cancel.load(Ordering::SeqCst)
+        };
+        let found = sky_of_patches(
+            &self.prepared.model,
+            &rows,
+            &self.division,
+            self.horizon,
+            self.options,
+            backend,
+            &mut go_on,
+        )?;
+        let Some(mut found) = found else { return Ok(None) };
+        if let Some(matrix) = &self.matrix {
+            for (row, share) in found.iter_mut().zip(&matrix.shares) {
+                share.map(|share| row.refine(share));
+            }
+        }
+        Ok(Some(found))
+    }
+
+    /// Computes the rows of all points; `None` where interrupted.
+    fn of_points(&self, cancel: &AtomicBool) -> Result<Option<Vec<PointRow>>> {
+        if self.points.is_empty() {
+            return Ok(Some(Vec::new()));
+        }
+        let sessions = (0..LEVELS)
+            .map(|_| self.arguments.engine.open_backend(Talk::SILENT))
+            .collect::<Result<_>>()?;
+        Ok(rows_of_points(
+            &self.prepared.model,
+            &self.points,
+            &self.division,
+            self.horizon,
+            self.options,
+            sessions,
+            &mut |_| !cancel.load(Ordering::SeqCst),
+        )?)
+    }
+
+    /// Writes the rows of points, and the suns lighting each.
+    fn keep_points(&self, output: &Path, found: &[PointRow]) -> Result<()> {
+        let lit = if self.suns.is_empty() {
+            None
+        } else {
+            let reference = Reference::new(&self.prepared.model, ReferenceSettings::default())?;
+            let mut lit = Vec::new();
+            for point in &self.points {
+                for &sun in &self.suns {
+                    let open =
+                        !is_below(sun, self.horizon) && reference.is_open(None, point.position, point.normal, sun)?;
+                    lit.push(if open { 1.0f32 } else { 0.0 });
+                }
+            }
+            Some(lit)
+        };
+        let sky: Vec<SkyRow> = found.iter().map(|row| row.sky.clone()).collect();
+        write_sky(
+            &output.join("points-sky.npz"),
+            self.division.columns(),
+            &sky,
+            lit.as_deref().map(|lit| (self.suns.len(), lit)),
+        )?;
+        let patch_count = u32::try_from(self.prepared.patches.len()).context("too many patches")?;
+        Ok(write_points(&output.join("points.npz"), patch_count, found)?)
+    }
+
+    /// The record of the run: settings, and averages by area over the patches.
+    fn record(&self, up: &'static str, rows: &[SkyRow], points: &[PointRow], misplaced: Vec<Misplaced>) -> Record {
+        let views = self.views(rows);
+        let unsettled = self.options.tolerance.map_or(0, |tolerance| {
+            let all = rows.iter().chain(points.iter().map(|point| &point.sky));
+            all.filter(|row| row.change > (tolerance * row.sky_view_factor()).max(1e-5))
+                .count() as u64
+        });
+        Record {
+            program: env!("CARGO_PKG_VERSION"),
+            scene: self
+                .arguments
+                .scene
+                .file_name()
+                .map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+            scene_blake3: scene_hash(&self.prepared.scene, &self.prepared.patches),
+            division: if self.division.parts() == 1 {
+                "tregenza".to_owned()
+            } else {
+                format!("reinhart:{}", self.division.parts())
+            },
+            columns: self.division.columns(),
+            order: "column 0 is the ground; then ring by ring upwards, each from north clockwise, the first patch's \
+                    middle due north",
+            up,
+            north_degrees: self.arguments.north,
+            east: self.horizon.east.to_array(),
+            north: self.horizon.north.to_array(),
+            resolution: self.options.render.resolution,
+            tolerance: self.options.tolerance,
+            patches: rows.len() as u64,
+            points: points.len() as u64,
+            suns: self.suns.len() as u64,
+            suns_below_horizon: (0..)
+                .zip(&self.suns)
+                .filter(|(_, sun)| is_below(**sun, self.horizon))
+                .map(|(at, _)| at)
+                .collect(),
+            points_not_in_the_open: misplaced,
+            rows_as_in_matrix: self.matrix.as_ref().map(|matrix| {
+                let same = rows
+                    .iter()
+                    .zip(&matrix.escaped)
+                    .filter(|(row, escaped)| Some(row.escaped) == **escaped);
+                same.count() as u64
+            }),
+            sky_view_factor: views.sky,
+            ground: views.ground,
+            unsettled,
+            hemicubes: rows.iter().map(|row| u64::from(row.hemicubes)).sum(),
+        }
+    }
+
+    /// Averages of the patches by their areas.
+    fn views(&self, rows: &[SkyRow]) -> Views {
+        let (mut area, mut sky, mut ground) = (0.0, 0.0, 0.0);
+        let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
+        for (patch, row) in self.prepared.patches.iter().zip(rows) {
+            let factor = row.sky_view_factor();
+            if factor.is_nan() {
+                continue;
+            }
+            let own = self.prepared.patches.area(patch);
+            area += own;
+            sky += own * factor;
+            ground += own * (row.escaped_share() - factor);
+            min = min.min(factor);
+            max = max.max(factor);
+        }
+        let whole = if area > 0.0 { area } else { 1.0 };
+        Views {
+            sky: if area > 0.0 {
+                Spread {
+                    min,
+                    mean: sky / whole,
+                    max,
+                }
+            } else {
+                Spread::default()
+            },
+            ground: ground / whole,
+        }
+    }
+}
+
+/// Views of the patches.
+struct Views {
+    sky: Spread,
+    /// The share of the ground below the horizon, averaged by area.
+    ground: f64,
+}
+
+fn write_record(output: &Path, record: &Record) -> Result<()> {
+    let mut file = PendingFile::create(&output.join("sky.json"))?;
+    let mut text = serde_json::to_string_pretty(record).context("the report is no JSON")?;
+    text.push('\n');
+    file.write_all(text.as_bytes())
+        .with_context(|| format!("`{}` cannot be written", output.display()))?;
+    file.commit()
+}
+
 fn require_items(backend: &dyn HemicubeBackend) -> Result<()> {
     let info = backend.info();
     if info.capabilities.items {
@@ -538,7 +714,7 @@ fn require_items(backend: &dyn HemicubeBackend) -> Result<()> {
     ))
 }
 
-/// For each patch and sun the part of the patch that sees it: 0 where it turns away, and of suns below the horizon.
+/// The share of each patch lit by each sun: 0 for patches turned away, and for suns below the horizon.
 fn sunlit(prepared: &Prepared, suns: &[DVec3], horizon: Horizon, threads: usize) -> Result<Option<Vec<f32>>> {
     if suns.is_empty() {
         return Ok(None);
@@ -581,124 +757,6 @@ fn sunlit(prepared: &Prepared, suns: &[DVec3], horizon: Horizon, threads: usize)
         Ok::<(), anyhow::Error>(())
     })?;
     Ok(Some(lit))
-}
-
-fn keep_points(
-    output: &Path,
-    prepared: &Prepared,
-    division: &SkyDivision,
-    horizon: Horizon,
-    points: &[SensorPoint],
-    suns: &[DVec3],
-    found: &[PointRow],
-) -> Result<()> {
-    let lit = if suns.is_empty() {
-        None
-    } else {
-        let reference = Reference::new(&prepared.model, ReferenceSettings::default())?;
-        let mut lit = Vec::new();
-        for point in points {
-            for &sun in suns {
-                let open = !is_below(sun, horizon) && reference.is_open(None, point.position, point.normal, sun)?;
-                lit.push(if open { 1.0f32 } else { 0.0 });
-            }
-        }
-        Some(lit)
-    };
-    let sky: Vec<SkyRow> = found.iter().map(|row| row.sky.clone()).collect();
-    write_sky(
-        &output.join("points-sky.npz"),
-        division.columns(),
-        &sky,
-        lit.as_deref().map(|lit| (suns.len(), lit)),
-    )?;
-    let patch_count = u32::try_from(prepared.patches.len()).context("too many patches")?;
-    Ok(write_points(&output.join("points.npz"), patch_count, found)?)
-}
-
-#[allow(clippy::too_many_arguments, reason = "called once")]
-fn record(
-    arguments: &Arguments,
-    prepared: &Prepared,
-    division: &SkyDivision,
-    horizon: Horizon,
-    up: &'static str,
-    options: SkyOptions,
-    rows: &[SkyRow],
-    points: &[PointRow],
-    suns: &[DVec3],
-    misplaced: Vec<Misplaced>,
-    matrix: Option<&OfMatrix>,
-) -> Record {
-    let (mut area, mut sky, mut ground) = (0.0, 0.0, 0.0);
-    let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
-    for (patch, row) in prepared.patches.iter().zip(rows) {
-        let factor = row.sky_view_factor();
-        if factor.is_nan() {
-            continue;
-        }
-        let own = prepared.patches.area(patch);
-        area += own;
-        sky += own * factor;
-        ground += own * (row.escaped_share() - factor);
-        min = min.min(factor);
-        max = max.max(factor);
-    }
-    let whole = if area > 0.0 { area } else { 1.0 };
-    let unsettled = options.tolerance.map_or(0, |tolerance| {
-        let all = rows.iter().chain(points.iter().map(|point| &point.sky));
-        all.filter(|row| row.change > (tolerance * row.sky_view_factor()).max(1e-5))
-            .count() as u64
-    });
-    Record {
-        program: env!("CARGO_PKG_VERSION"),
-        scene: arguments
-            .scene
-            .file_name()
-            .map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
-        scene_blake3: scene_hash(&prepared.scene, &prepared.patches),
-        division: if division.parts() == 1 {
-            "tregenza".to_owned()
-        } else {
-            format!("reinhart:{}", division.parts())
-        },
-        columns: division.columns(),
-        order: "column 0 is the ground; then ring by ring upwards, each from north clockwise, the first patch's middle due north",
-        up,
-        north_degrees: arguments.north,
-        east: horizon.east.to_array(),
-        north: horizon.north.to_array(),
-        resolution: options.render.resolution,
-        tolerance: options.tolerance,
-        patches: rows.len() as u64,
-        points: points.len() as u64,
-        suns: suns.len() as u64,
-        suns_below_horizon: (0..)
-            .zip(suns)
-            .filter(|(_, sun)| is_below(**sun, horizon))
-            .map(|(at, _)| at)
-            .collect(),
-        points_not_in_the_open: misplaced,
-        rows_as_in_matrix: matrix.map(|matrix| {
-            let same = rows
-                .iter()
-                .zip(&matrix.escaped)
-                .filter(|(row, escaped)| Some(row.escaped) == **escaped);
-            same.count() as u64
-        }),
-        sky_view_factor: if area > 0.0 {
-            Spread {
-                min,
-                mean: sky / whole,
-                max,
-            }
-        } else {
-            Spread::default()
-        },
-        ground: ground / whole,
-        unsettled,
-        hemicubes: rows.iter().map(|row| u64::from(row.hemicubes)).sum(),
-    }
 }
 
 fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced], output: &Path, seconds: f64) -> String {

@@ -2,10 +2,12 @@
 
 use crate::args::EngineSettings;
 use crate::args::{Report as ReportArguments, Talk};
-use crate::commands::view::canvas::Format as PictureFormat;
-use crate::commands::view::model::{self, Camera};
 use crate::exit::{self, Exit, hinted};
+use crate::help::examples;
 use crate::materials::{Materials, Optics, Thermal};
+use crate::outputs::Paths;
+use crate::picture::canvas::Format as PictureFormat;
+use crate::picture::model::{self, Camera};
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, duration, figures, percent, size};
 use crate::stored;
@@ -20,25 +22,31 @@ use hemicube::store::{PatchTable, RowTable, Store};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// More right-hand sides than this are no columns of a table that a person opens.
+/// Most right-hand sides in a table: more columns nobody opens.
 const CSV_COLUMNS_MAX: u64 = 256;
 /// Temperatures below this, in kelvin, are asked about, and how many of them are named.
 const COLD: f64 = 100.0;
 const COLD_SHOWN: usize = 3;
 /// A scene is open when more than this part of its view leaves it.
 const OPEN: f64 = 0.01;
-/// Right-hand sides whose balances are printed.
+/// Right-hand sides with a printed balance.
 const BALANCES_SHOWN: usize = 6;
-/// What returns is printed from this share of the input on.
+/// Least returned share of the input to be printed.
 const RETURNED_SHOWN: f64 = 1e-4;
-/// Vectors of a right-hand side that are in memory, besides GMRES's.
+/// Vectors in memory a right-hand side, besides GMRES's.
 const VECTORS: u64 = 9;
 
-/// `hemicube solve`
+const EXAMPLES: &str = "  \
+  hemicube solve room.hemicube --scene room.obj
+  hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv
+  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient 293";
+
+/// Solve for light or heat: radiosity of every patch from a matrix and its materials
 #[derive(Args, Debug)]
+#[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
@@ -75,7 +83,13 @@ pub(crate) struct Arguments {
     )]
     pub(crate) method: MethodName,
     /// GMRES begins anew after N iterations
-    #[arg(long, value_name = "N", default_value = "20", value_parser = clap::value_parser!(u32).range(1..=200), hide_short_help = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "20",
+        value_parser = clap::value_parser!(u32).range(1..=200),
+        hide_short_help = true
+    )]
     pub(crate) restart: u32,
     /// Relative residual to reach
     #[arg(long, value_name = "T", default_value = "1e-6", value_parser = tolerance)]
@@ -116,6 +130,22 @@ pub(crate) struct Arguments {
     pub(crate) camera: Camera,
     #[command(flatten)]
     pub(crate) report: ReportArguments,
+}
+
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .store([&self.store])
+            .reads(&self.scene)
+            .reads(&self.materials)
+            .reads(&self.emission)
+            .reads(&self.sky_radiance)
+            .reads(&self.sky)
+            .writes("-o", &self.output, self.overwrite)
+            .writes("--picture", &self.picture, self.overwrite)
+            .reports(&self.report)
+    }
 }
 
 /// The methods, by name.
@@ -166,7 +196,7 @@ pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     }
 }
 
-/// What the solution is of, in its report and in `--json`.
+/// Materials of the solution, in its report and in `--json`.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Surfaces {
@@ -174,7 +204,7 @@ enum Surfaces {
     Heat { materials: Vec<Thermal>, ambient: f64 },
 }
 
-/// What is kept beside the solution. No clock and no machine.
+/// Record beside the solution. No clock and no machine.
 #[derive(Debug, Serialize)]
 struct Record {
     program: &'static str,
@@ -223,98 +253,29 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let rows = store.row_table()?;
     let task = Task::new(arguments, &store, &table, &rows)?;
     task.question(arguments, talk);
-    let name = arguments
-        .name
-        .clone()
-        .unwrap_or_else(|| if arguments.thermal { "thermal" } else { "radiosity" }.to_owned());
-
-    let options = SolveOptions {
-        method: match arguments.method {
-            MethodName::Gmres => Method::Gmres {
-                restart: arguments.restart,
-            },
-            MethodName::GaussSeidel => Method::GaussSeidel,
-            MethodName::Jacobi => Method::Jacobi,
-        },
-        tolerance: arguments.tolerance,
-        max_iterations: arguments.max_iterations,
-        threads: arguments.threads as usize,
-    };
-    let columns_at_once = columns_at_once(arguments, &store);
+    let name = arguments.name.as_deref().unwrap_or(arguments.quantity().name);
     let factors = OutOfCore::new(&store, arguments.memory / 2)?;
-    let mut writer = SolutionWriter::create(&store, &name, task.quantities(), task.rows)?;
-    let mut record = Record {
-        program: env!("CARGO_PKG_VERSION"),
-        quantity: if arguments.thermal { "heat" } else { "light" },
-        bands: task.bands.clone(),
-        band_of_row: (0..task.rows).map(|row| task.band(row)).collect(),
-        surfaces: task.surfaces(arguments)?,
-        method: options.method,
-        tolerance: options.tolerance,
-        converged: true,
-        iterations: 0,
-        residuals: Vec::new(),
-        balance: Vec::new(),
-    };
-    let bar = Bar::spinner(talk, "solving");
+    let mut writer = SolutionWriter::create(&store, name, task.quantities(), task.rows)?;
+    let mut record = task.record(arguments)?;
     let guard = exit::InterruptGuard::new();
-    let mut first = 0;
-    while first < task.rows {
-        let end = (first + columns_at_once).min(task.rows);
-        let problem = task.problem(first..end)?;
-        let solved = solve(&factors, &problem, options, &mut |step| {
-            let text = format!(
-                "iteration {}, residual {}{}",
-                step.iteration,
-                figures(step.residual),
-                if end - first < task.rows {
-                    format!(", right-hand sides {} to {end} of {}", first + 1, task.rows)
-                } else {
-                    String::new()
-                }
-            );
-            bar.message(&text);
-            talk.detail(&text);
-            !cancel.load(Ordering::SeqCst)
-        });
-        let solution = match solved {
-            Ok(solution) => solution,
-            Err(SolveError::Interrupted) => return Ok(Exit::Interrupted),
-            Err(error) => return Err(error.into()),
-        };
-        record.converged &= solution.converged;
-        record.iterations = record.iterations.max(solution.iterations);
-        record.residuals.extend(&solution.residuals);
-        record
-            .balance
-            .extend(energy_balance(&problem, &solution, &table.area, &rows));
-        task.keep(&mut writer, &solution)?;
-        first = end;
-    }
-    drop(bar);
-    // Outputs are of this solution, and not of one that replaces it meanwhile.
+    let at_once = columns_at_once(arguments, &store);
+    let Some(()) = task.solve(&factors, at_once, &mut writer, &mut record, cancel, talk)? else {
+        return Ok(Exit::Interrupted);
+    };
+    // Keeps the solution from being replaced while outputs are written.
     let (path, _lock) = writer.finish(&serde_json::to_value(&record).context("the report is no JSON")?)?;
     drop(guard);
-    let stored = StoredSolution::open(&store, &name)?;
+    let stored = StoredSolution::open(&store, name)?;
     for output in &arguments.output {
         write_output(&stored, &store, &table, &record, output)?;
     }
-    if let (Some(picture), Some(scene)) = (&arguments.picture, &arguments.scene) {
-        let prepared = stored::scene(&store, scene, &EngineSettings::default(), arguments.allow_large)?;
-        let quantity = if arguments.thermal { "flux" } else { "radiosity" };
-        model::draw(
-            &prepared,
-            &model::of_solution(&stored, quantity)?,
-            &arguments.camera,
-            picture,
-        )?;
-    }
+    draw_picture(arguments, &store, &stored)?;
     let seconds = started.elapsed().as_secs_f64();
     talk.say(text(&record, &store, &path, seconds).trim_end());
     if !record.converged {
         talk.warn(&format!(
             "the residual did not reach {}; allow more with `--max-iterations`, or look for surfaces that reflect all",
-            figures(options.tolerance)
+            figures(record.tolerance)
         ));
     }
     if let Some(json) = json {
@@ -334,7 +295,57 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(if record.converged { Exit::Done } else { Exit::NotHeld })
 }
 
-/// Number of right-hand sides that are solved together, by what their vectors take of half the memory.
+/// The words for light or heat.
+struct Quantity {
+    /// In reports.
+    kind: &'static str,
+    /// Built-in name of the solution.
+    name: &'static str,
+    /// On the picture.
+    shown: &'static str,
+}
+
+impl Arguments {
+    fn quantity(&self) -> Quantity {
+        if self.thermal {
+            Quantity {
+                kind: "heat",
+                name: "thermal",
+                shown: "flux",
+            }
+        } else {
+            Quantity {
+                kind: "light",
+                name: "radiosity",
+                shown: "radiosity",
+            }
+        }
+    }
+
+    fn options(&self) -> SolveOptions {
+        SolveOptions {
+            method: match self.method {
+                MethodName::Gmres => Method::Gmres { restart: self.restart },
+                MethodName::GaussSeidel => Method::GaussSeidel,
+                MethodName::Jacobi => Method::Jacobi,
+            },
+            tolerance: self.tolerance,
+            max_iterations: self.max_iterations,
+            threads: self.threads as usize,
+        }
+    }
+}
+
+fn draw_picture(arguments: &Arguments, store: &Store, stored: &StoredSolution) -> Result<()> {
+    let (Some(picture), Some(scene)) = (&arguments.picture, &arguments.scene) else {
+        return Ok(());
+    };
+    let prepared = stored::scene(store, scene, &EngineSettings::default(), arguments.allow_large)?;
+    let values = model::of_solution(stored, arguments.quantity().shown)?;
+    model::draw(&prepared, &values, &arguments.camera, picture)
+}
+
+/// Number of right-hand sides solved together: their vectors take half the memory.
 fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
     let vectors = VECTORS
         + match arguments.method {
@@ -344,16 +355,17 @@ fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
     (arguments.memory / 2 / (8 * vectors * u64::from(store.patch_count()).max(1))).clamp(1, 1024)
 }
 
-/// What is solved: the sources of the right-hand sides, and the materials.
+/// The system: sources of the right-hand sides, and materials.
 struct Task<'a> {
     bands: Vec<String>,
     rows: u64,
     table: &'a PatchTable,
     row_table: &'a RowTable,
+    options: SolveOptions,
     kind: Kind,
 }
 
-/// Light from the sky: radiances, a row a right-hand side, and which patch sees what of it.
+/// Light from the sky: radiances, a row a right-hand side, and the sky rows of the patches.
 struct Sky {
     radiance: ArrayFile,
     division: PathBuf,
@@ -372,6 +384,70 @@ enum Kind {
 }
 
 impl<'a> Task<'a> {
+    /// The record of a solution before the first right-hand side.
+    fn record(&self, arguments: &Arguments) -> Result<Record> {
+        Ok(Record {
+            program: env!("CARGO_PKG_VERSION"),
+            quantity: arguments.quantity().kind,
+            bands: self.bands.clone(),
+            band_of_row: (0..self.rows).map(|row| self.band(row)).collect(),
+            surfaces: self.surfaces(arguments)?,
+            method: self.options.method,
+            tolerance: self.options.tolerance,
+            converged: true,
+            iterations: 0,
+            residuals: Vec::new(),
+            balance: Vec::new(),
+        })
+    }
+
+    /// Solves all right-hand sides, `at_once` together, and writes them; `None` where interrupted.
+    fn solve(
+        &self,
+        factors: &OutOfCore<'_>,
+        at_once: u64,
+        writer: &mut SolutionWriter,
+        record: &mut Record,
+        cancel: &AtomicBool,
+        talk: Talk,
+    ) -> Result<Option<()>> {
+        let bar = Bar::spinner(talk, "solving");
+        let mut first = 0;
+        while first < self.rows {
+            let end = (first + at_once).min(self.rows);
+            let problem = self.problem(first..end)?;
+            let solved = solve(factors, &problem, self.options, &mut |step| {
+                let text = format!(
+                    "iteration {}, residual {}{}",
+                    step.iteration,
+                    figures(step.residual),
+                    if end - first < self.rows {
+                        format!(", right-hand sides {} to {end} of {}", first + 1, self.rows)
+                    } else {
+                        String::new()
+                    }
+                );
+                bar.message(&text);
+                talk.detail(&text);
+                !cancel.load(Ordering::SeqCst)
+            });
+            let solution = match solved {
+                Ok(solution) => solution,
+                Err(SolveError::Interrupted) => return Ok(None),
+                Err(error) => return Err(error.into()),
+            };
+            record.converged &= solution.converged;
+            record.iterations = record.iterations.max(solution.iterations);
+            record.residuals.extend(&solution.residuals);
+            record
+                .balance
+                .extend(energy_balance(&problem, &solution, &self.table.area, self.row_table));
+            self.keep(writer, &solution)?;
+            first = end;
+        }
+        Ok(Some(()))
+    }
+
     fn new(arguments: &Arguments, store: &Store, table: &'a PatchTable, row_table: &'a RowTable) -> Result<Self> {
         let manifest = store.manifest();
         let materials = Materials::read(
@@ -392,6 +468,7 @@ impl<'a> Task<'a> {
                 rows: 1,
                 table,
                 row_table,
+                options: arguments.options(),
                 kind: Kind::Heat {
                     materials: materials.thermal(&used)?,
                     ambient: arguments.ambient.unwrap_or(0.0),
@@ -453,11 +530,12 @@ impl<'a> Task<'a> {
             bands,
             table,
             row_table,
+            options: arguments.options(),
             kind: Kind::Light { optics, emission, sky },
         })
     }
 
-    /// Asks once whether temperatures are in kelvin, and what lies outside of an open scene.
+    /// Asks once whether temperatures are in kelvin, and about the surroundings of an open scene.
     fn question(&self, arguments: &Arguments, talk: Talk) {
         let Kind::Heat { materials, ambient } = &self.kind else {
             return;
@@ -493,8 +571,8 @@ impl<'a> Task<'a> {
         }
         if arguments.ambient.is_none() && escaped > OPEN * area {
             talk.warn(&format!(
-                "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--ambient KELVIN` says how \
-                 warm it is, and `--ambient 0` that it is cold space",
+                "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--ambient KELVIN` \
+                 says how warm it is, and `--ambient 0` that it is cold space",
                 percent(escaped / area)
             ));
         }
@@ -529,14 +607,14 @@ impl<'a> Task<'a> {
             Kind::Light { optics, emission, sky } => {
                 let mut returned = self.row_table.returned();
                 let outside = match sky {
-                    // A patch of the sky sends π times its radiance, as a white wall would.
+                    // A patch of the sky sends π times its radiance, like a white wall.
                     Some(sky) => {
                         let mut radiances = Vec::new();
                         for row in rows.clone() {
                             let radiance = sky.radiance.row(row)?;
                             radiances.push(radiance.into_iter().map(|l| std::f64::consts::PI * l).collect());
                         }
-                        // What the patches of the sky come to: all that is known to be outside.
+                        // Sum over the patches of the sky: all known surroundings.
                         radiances.push(vec![1.0; radiances.first().map_or(0, Vec::len)]);
                         let product = sky_product(&sky.division, &radiances)?;
                         let (last, columns) = (radiances.len() - 1, product.patches());
@@ -606,7 +684,7 @@ impl<'a> Task<'a> {
                 2,
                 &Block::from_fn(b.patches(), 1, |patch, _| b.of(patch)[0] - g.of(patch)[0]),
             )?;
-            // Of a surface that keeps nothing, what it sends is what a black one of its temperature would.
+            // An adiabatic surface sends as much as a black one of its temperature.
             let temperature = Block::from_fn(b.patches(), 1, |patch, _| {
                 materials[self.table.material[patch] as usize]
                     .temperature
@@ -621,7 +699,8 @@ impl<'a> Task<'a> {
 fn require_bands(array: &ArrayFile, path: &Path, bands: &[String]) -> Result<()> {
     if array.rows() == 0 || !array.rows().is_multiple_of(bands.len() as u64) {
         bail!(
-            "`{}` has {} rows, which is no multiple of the {} bands; `bands = [\"all\"]` in the file of materials makes one",
+            "`{}` has {} rows, which is no multiple of the {} bands; `bands = [\"all\"]` in the file of materials \
+             makes one",
             path.display(),
             array.rows(),
             bands.len()

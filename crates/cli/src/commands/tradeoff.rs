@@ -1,68 +1,119 @@
-//! `hemicube tradeoff`: every rung of the accuracy ladder on a sample of a scene's rows, its error against rays and its
-//! time on this machine, and the setting to take for a tolerance.
+//! `hemicube tradeoff`: error against rays and time on this machine of every rung of the accuracy ladder, on a sample
+//! of a scene's rows, and the recommended setting for a tolerance.
 //!
-//! Errors depend on the scene, the sample and its seed only. Times, and what is chosen by them (the front and the
-//! recommendation), are this machine's. What is tried is settled by counting triangles and pixels, not by a clock.
+//! Errors depend on the scene, the sample and its seed only. Times, and therefore the front and the recommendation, are
+//! this machine's. The settings tried are chosen by counting triangles and pixels, not by a clock.
 
 mod plot;
 
-use crate::args::Tradeoff as Arguments;
-use crate::args::{AutoSwitch, Correction as Name, EngineSettings, SceneSettings, Switch, Talk, Tolerance, UpAxis};
-use crate::commands::compute::word;
+use crate::args::{
+    AutoSwitch, ConfigFiles, Correction as Name, EngineSettings, Report as ReportArguments, SceneSettings, Switch,
+    Talk, Tolerance, UpAxis, tolerance,
+};
 use crate::exit::{self, Exit};
+use crate::help::{examples, scene_help};
 use crate::level::{correction, percentage, within};
+use crate::outputs::Paths;
+use crate::picture::sheet::Format;
 use crate::prepare::{Prepared, prepare};
 use crate::progress::Bar;
 use crate::report::print;
 use crate::report::{
     BackendReport, Input, JsonReport, PendingFile, SCHEMA, count, counted, duration, figures, percent,
 };
-use crate::sheet::Format;
+use crate::shell::word;
 use crate::verify::{reference_rows, reference_settings};
 use anyhow::{Context, Result, bail};
+use clap::{Args, FromArgMatches};
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::driver::compute::{Execution, Plan, Progress, RowChoice, Selection, compute};
-use hemicube::reference::{EstimatedRow, Measured, Reference, errors_against, noise_of};
+use hemicube::reference::{EstimatedRow, Measured, Reference, ReferenceRow, errors_against, noise_of};
 use hemicube::row::RowBlock;
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
 use plot::{Family, Mark, Picture};
 use serde::Serialize;
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What is tried: the tolerances, and the resolutions and hemicubes a patch (n of n²) of the other rungs.
+const EXAMPLES: &str = "  \
+  hemicube tradeoff city.obj --plot city.svg
+  hemicube tradeoff city.obj --tolerance 0.3% --sample-rows 64 --json=city.json";
+
+/// Measure error against time on a scene and this machine, and recommend a setting
+#[derive(Args, Debug)]
+#[command(override_usage = "hemicube tradeoff [OPTIONS] SCENE", after_long_help = examples(EXAMPLES, true))]
+pub(crate) struct Arguments {
+    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
+    pub(crate) scene: Option<PathBuf>,
+    /// The relative Frobenius error that a setting is recommended for
+    #[arg(long, value_name = "T", default_value = "1%", value_parser = tolerance)]
+    pub(crate) tolerance: Tolerance,
+    /// How many random rows are measured
+    #[arg(long, value_name = "N", default_value = "24", value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    pub(crate) sample_rows: u32,
+    /// Which rows
+    #[arg(long, value_name = "S", default_value = "1")]
+    pub(crate) seed: u64,
+    /// Draw error against time into FILE: .svg or .png
+    #[arg(long, value_name = "FILE")]
+    pub(crate) plot: Option<PathBuf>,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    #[command(flatten)]
+    pub(crate) patches: SceneSettings,
+    #[command(flatten)]
+    pub(crate) engine: EngineSettings,
+    #[command(flatten)]
+    pub(crate) config: ConfigFiles,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .reads(&self.scene)
+            .reads(&self.config.config)
+            .writes("--plot", &self.plot, self.overwrite)
+            .reports(&self.report)
+    }
+}
+
+/// Settings tried: the tolerances, and the resolutions and hemicubes a patch (n of n²) of the other rungs.
 const TOLERANCES: [f64; 6] = [5e-2, 2e-2, 1e-2, 5e-3, 3e-3, 1e-3];
 const SAMPLES: [u32; 3] = [1, 2, 4];
 const RESOLUTIONS_OF_PIXEL: [u32; 4] = [64, 128, 256, 512];
 const RESOLUTIONS_OF_POINT: [u32; 1] = [128];
 const RESOLUTIONS_OF_AREA: [u32; 3] = [64, 128, 256];
-/// Tolerances have hemicubes of this many pixels along an edge, as `compute` has.
+/// Pixels along an edge with a tolerance, as in `compute`.
 const RESOLUTION_OF_TOLERANCE: u32 = 128;
 
-/// A cheaper setting is as good if its error is at most this much of the dearer one's: less is chance.
+/// Largest ratio of a cheaper setting's error to a dearer one's at which it is as good: less is chance.
 const AS_GOOD: f64 = 1.05;
 
 /// Errors of this share of the tolerance are still told from nothing.
 const SHARE_TOLD_APART: f64 = 0.3;
 
-/// Nominal milliseconds, to know beforehand what is absurd: for a triangle, a pixel, an entry that is corrected, and an
-/// entry at a tolerance of 1 %.
+/// Nominal milliseconds, to rule out absurd settings: a triangle, a pixel, a corrected entry, and an entry at a
+/// tolerance of 1 %.
 const COST_OF_TRIANGLE: f64 = 1e-4;
 const COST_OF_PIXEL: f64 = 8e-7;
 const COST_OF_FACTOR: f64 = 1e-4;
 const COST_OF_TOLERANCE: f64 = 1e-3;
-/// Hemicubes that the nominal cost is counted from.
+/// Hemicubes sampled for the nominal cost.
 const PROBES: usize = 8;
-/// Nominal seconds for all sampled rows beyond which a setting is skipped.
+/// Largest nominal seconds of all sampled rows; slower settings are skipped.
 const SECONDS_MOST: f64 = 60.0;
-/// How often a setting is timed, the best counting, and the seconds from which once is enough. The rows are the same.
+/// Repetitions of a timing, the best one counting, and seconds above which one is enough. The rows are always equal.
 const REPEATS: u32 = 5;
 const SECONDS_ONCE: f64 = 0.5;
 
-/// A setting that is tried.
+/// A setting to try.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Setting {
     rung: Rung,
@@ -77,7 +128,7 @@ enum Rung {
 }
 
 impl Setting {
-    /// The correction and the resolution; a tolerance settles its own, as `compute` does.
+    /// Determines correction and resolution; a tolerance calibrates its own, like `compute`.
     fn settle(self, model: &Model, backend: &mut dyn HemicubeBackend, threads: usize) -> Result<(Correction, u32)> {
         match self.rung {
             Rung::Named(name) => Ok((correction(name), self.resolution)),
@@ -116,7 +167,7 @@ impl Setting {
         }
     }
 
-    /// The words of `compute` that ask for it.
+    /// Options of `compute` for this setting.
     fn words(self) -> String {
         match self.rung {
             Rung::Named(name) => format!(
@@ -129,7 +180,7 @@ impl Setting {
         }
     }
 
-    /// Nominal milliseconds of a row of which a hemicube transforms so many triangles and sees so many patches.
+    /// Nominal milliseconds of a row with this many triangles transformed and patches seen by a hemicube.
     fn nominal(self, triangles: f64, seen: f64) -> f64 {
         let pixels = 3.0 * f64::from(self.resolution) * f64::from(self.resolution);
         let hemicube = COST_OF_TRIANGLE * triangles + COST_OF_PIXEL * pixels;
@@ -142,7 +193,7 @@ impl Setting {
     }
 }
 
-/// Everything worth trying, with the tolerance that is asked for.
+/// All settings to try, with the given tolerance.
 fn settings(asked: Tolerance) -> Vec<Setting> {
     let named = [
         (Name::Pixel, RESOLUTIONS_OF_PIXEL.as_slice()),
@@ -176,7 +227,7 @@ fn is_same(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-9 * a.max(b)
 }
 
-/// A setting with what was measured of it.
+/// A setting with its measurements.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Trial {
     pub(super) name: String,
@@ -185,11 +236,11 @@ pub(super) struct Trial {
     /// Hemicubes a patch.
     samples: u32,
     resolution: u32,
-    /// The words of `compute` that ask for it.
+    /// Options of `compute` for this setting.
     words: String,
     entries: u64,
     pub(super) measured: Measured,
-    /// Left out where times are: a clock decides them.
+    /// Left out with `--no-timings`: a clock decides it.
     #[serde(skip_serializing_if = "Option::is_none")]
     timing: Option<Timing>,
     #[serde(skip)]
@@ -207,7 +258,7 @@ struct Timing {
 }
 
 impl Trial {
-    /// The error that may be claimed: its upper end, for all that the reference's noise lets one say.
+    /// Upper end of the error, within the reference's noise.
     fn bound(&self) -> f64 {
         let high = self.measured.interval_of_rows.high;
         if high.is_nan() { f64::INFINITY } else { high }
@@ -240,11 +291,11 @@ pub(super) struct ReferenceReport {
 struct Recommendation {
     name: String,
     command: String,
-    /// The upper end of the error, which is within the tolerance.
+    /// Upper end of the error, within the tolerance.
     error: f64,
     milliseconds_per_row: f64,
     seconds_for_all_rows: f64,
-    /// The error that the whole matrix may have, for all that the sampled rows say.
+    /// Upper end of the matrix's error, by the sampled rows.
     error_of_matrix: f64,
 }
 
@@ -282,7 +333,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let prepared = prepare(path, &arguments.patches, &arguments.engine, None)?;
     prepared.tell(talk);
-    // An interrupt ends what is under way, so that files which were begun are removed.
+    // An interrupt ends the current work, and unfinished files are removed.
     let guard = exit::InterruptGuard::new();
     let Some(mut report) = measure(&arguments, prepared, backend.as_mut(), cancel, talk)? else {
         talk.say("interrupted: nothing is reported");
@@ -312,11 +363,14 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// Measures everything on the scene that the arguments name; nothing where it was interrupted. For `bench`.
+/// Measures all settings on a scene, by the arguments of a `tradeoff` command line; `None` where interrupted. For
+/// `bench`.
 ///
 /// # Errors
-/// When the scene cannot be read, the backend does not open, or there is no reference.
-pub(super) fn measure_scene(arguments: &Arguments, cancel: &AtomicBool, talk: Talk) -> Result<Option<Report>> {
+/// When the arguments are wrong, the scene cannot be read, the backend does not open, or there is no reference.
+pub(super) fn measure_scene(words: Vec<OsString>, cancel: &AtomicBool, talk: Talk) -> Result<Option<Report>> {
+    let definition = Arguments::augment_args(clap::Command::new("tradeoff").no_binary_name(true));
+    let arguments = &Arguments::from_arg_matches(&definition.try_get_matches_from(words)?)?;
     let Some(path) = arguments.scene.as_deref() else {
         bail!("a scene is needed")
     };
@@ -325,7 +379,7 @@ pub(super) fn measure_scene(arguments: &Arguments, cancel: &AtomicBool, talk: Ta
     measure(arguments, prepared, backend.as_mut(), cancel, talk)
 }
 
-/// Measures everything; nothing where it was interrupted.
+/// Measures all settings; `None` where interrupted.
 fn measure(
     arguments: &Arguments,
     prepared: Prepared,
@@ -335,114 +389,21 @@ fn measure(
 ) -> Result<Option<Report>> {
     let model = &prepared.model;
     let threads = arguments.engine.thread_count();
-    let choice = RowChoice::Sample {
-        count: arguments.sample_rows,
-        seed: arguments.seed,
-    };
-    let plan_of = |samples_per_edge, correction| {
-        Plan::new(model, choice, Selection::default(), samples_per_edge, true).with_correction(correction)
-    };
-    let rows = plan_of(1, Correction::Pixel).rows;
-    let row_count = rows.len() as u64;
-
-    // Finer settings than the one that will do are to be told from it too.
+    let rows = plan_of(model, arguments, 1, Correction::Pixel).rows;
+    // The reference tells settings finer than the recommended one apart, too.
     let finer = Tolerance(arguments.tolerance.0 * SHARE_TOLD_APART);
     let settings_of_reference = reference_settings(Some(finer), arguments.seed);
     let reference = Reference::new(model, settings_of_reference).context("there is no reference to measure against")?;
-    talk.say(&format!("reference: {} by rays", counted(row_count, "row")));
-    let bar = Bar::rows(talk, row_count, 0);
-    let exact = reference_rows(&reference, &rows, threads, cancel, &mut |done| {
-        bar.show(Progress {
-            rows: done,
-            row_count,
-            entries: 0,
-        });
-    })?;
-    drop(bar);
-    if cancel.load(Ordering::Relaxed) {
+    let Some(exact) = trace(&reference, &rows, threads, cancel, talk)? else {
+        return Ok(None);
+    };
+    let (mut timings, skipped) = affordable(model, arguments, &rows, backend)?;
+    if !time(&mut timings, model, arguments, cancel, talk)? {
         return Ok(None);
     }
-
-    let (triangles, seen) = probe(model, &rows, backend)?;
-    let (mut skipped, mut timings) = (Vec::new(), Vec::new());
-    for setting in settings(arguments.tolerance) {
-        let nominal_seconds = setting.nominal(triangles, seen) * 1e-3 * row_count as f64;
-        if nominal_seconds > SECONDS_MOST {
-            skipped.push(Skipped {
-                name: setting.name(),
-                nominal_seconds,
-            });
-        } else {
-            let (correction, resolution) = setting.settle(model, backend, threads)?;
-            timings.push(Timed {
-                setting: Setting { resolution, ..setting },
-                plan: plan_of(setting.samples_per_edge, correction),
-                repeats: 0,
-                parts: Vec::new(),
-                milliseconds_per_row: f64::INFINITY,
-            });
-        }
-    }
-    talk.say(&format!(
-        "settings: {}, timed with one thread",
-        count(timings.len() as u64)
-    ));
-    let all = timings.len() as u64 * u64::from(REPEATS);
-    let bar = Bar::counting(talk, all, "timings");
-    // All settings once, then all again: whatever else the machine does in between hits them alike.
-    let mut done = 0;
-    for _ in 0..REPEATS {
-        for timed in &mut timings {
-            if timed.repeats == 0 || timed.milliseconds_per_row * row_count as f64 * 1e-3 < SECONDS_ONCE {
-                timed.run(model, arguments, cancel)?;
-            }
-            if cancel.load(Ordering::Relaxed) {
-                return Ok(None);
-            }
-            done += 1;
-            bar.show(Progress {
-                rows: done,
-                row_count: all,
-                entries: 0,
-            });
-        }
-    }
-    drop(bar);
     let patches = model.patches().len() as u64;
-    let mut trials = Vec::with_capacity(timings.len());
-    for timed in timings {
-        let Timed {
-            setting,
-            plan,
-            repeats,
-            parts,
-            milliseconds_per_row,
-        } = timed;
-        let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
-        trials.push(Trial {
-            name: setting.name(),
-            rung: match setting.rung {
-                Rung::Named(name) => correction(name).name(),
-                Rung::Tolerance(_) => "tolerance",
-            },
-            tolerance: match setting.rung {
-                Rung::Tolerance(tolerance) => Some(tolerance),
-                Rung::Named(_) => None,
-            },
-            samples: u32::try_from(plan.hemicubes_per_row()).unwrap_or(u32::MAX),
-            resolution: setting.resolution,
-            words: setting.words(),
-            entries: parts.iter().map(|part| part.indices.len() as u64).sum(),
-            measured: errors_against(&exact, &estimated),
-            timing: Some(Timing {
-                milliseconds_per_row,
-                seconds_for_all_rows: milliseconds_per_row * 1e-3 * patches as f64 / threads as f64,
-                repeats,
-                front: false,
-            }),
-            setting,
-        });
-    }
+    let all = ForAllRows { patches, threads };
+    let mut trials: Vec<Trial> = timings.into_iter().map(|timed| timed.trial(&exact, all)).collect();
     mark_front(&mut trials);
     let info = backend.info();
     Ok(Some(Report {
@@ -471,7 +432,96 @@ fn measure(
     }))
 }
 
-/// Triangles that a hemicube transforms, and patches that it sees, on average over a few.
+/// The sampled rows with a number of hemicubes a patch and a correction.
+fn plan_of(model: &Model, arguments: &Arguments, samples_per_edge: u32, correction: Correction) -> Plan {
+    let choice = RowChoice::Sample {
+        count: arguments.sample_rows,
+        seed: arguments.seed,
+    };
+    Plan::new(model, choice, Selection::default(), samples_per_edge, true).with_correction(correction)
+}
+
+/// Computes the rows by rays; `None` where interrupted.
+fn trace(
+    reference: &Reference<'_>,
+    rows: &[InputPatch],
+    threads: usize,
+    cancel: &AtomicBool,
+    talk: Talk,
+) -> Result<Option<Vec<ReferenceRow>>> {
+    let row_count = rows.len() as u64;
+    talk.say(&format!("reference: {} by rays", counted(row_count, "row")));
+    let bar = Bar::rows(talk, row_count, 0);
+    let exact = reference_rows(reference, rows, threads, cancel, &mut |done| {
+        bar.show(Progress {
+            rows: done,
+            row_count,
+            entries: 0,
+        });
+    })?;
+    Ok((!cancel.load(Ordering::Relaxed)).then_some(exact))
+}
+
+/// Calibrates the settings with a nominal time within [`SECONDS_MOST`], and names the others.
+fn affordable(
+    model: &Model,
+    arguments: &Arguments,
+    rows: &[InputPatch],
+    backend: &mut dyn HemicubeBackend,
+) -> Result<(Vec<Timed>, Vec<Skipped>)> {
+    let threads = arguments.engine.thread_count();
+    let (triangles, seen) = probe(model, rows, backend)?;
+    let (mut timings, mut skipped) = (Vec::new(), Vec::new());
+    for setting in settings(arguments.tolerance) {
+        let nominal_seconds = setting.nominal(triangles, seen) * 1e-3 * rows.len() as f64;
+        if nominal_seconds > SECONDS_MOST {
+            skipped.push(Skipped {
+                name: setting.name(),
+                nominal_seconds,
+            });
+        } else {
+            let (correction, resolution) = setting.settle(model, backend, threads)?;
+            timings.push(Timed {
+                setting: Setting { resolution, ..setting },
+                plan: plan_of(model, arguments, setting.samples_per_edge, correction),
+                repeats: 0,
+                parts: Vec::new(),
+                milliseconds_per_row: f64::INFINITY,
+            });
+        }
+    }
+    Ok((timings, skipped))
+}
+
+/// Times all settings once, then all again: other load of the machine hits them alike. Returns false where interrupted.
+fn time(timings: &mut [Timed], model: &Model, arguments: &Arguments, cancel: &AtomicBool, talk: Talk) -> Result<bool> {
+    talk.say(&format!(
+        "settings: {}, timed with one thread",
+        count(timings.len() as u64)
+    ));
+    let all = timings.len() as u64 * u64::from(REPEATS);
+    let bar = Bar::counting(talk, all, "timings");
+    let mut done = 0;
+    for _ in 0..REPEATS {
+        for timed in &mut *timings {
+            if timed.repeats == 0 || timed.seconds() < SECONDS_ONCE {
+                timed.run(model, arguments, cancel)?;
+            }
+            if cancel.load(Ordering::Relaxed) {
+                return Ok(false);
+            }
+            done += 1;
+            bar.show(Progress {
+                rows: done,
+                row_count: all,
+                entries: 0,
+            });
+        }
+    }
+    Ok(true)
+}
+
+/// Mean triangles transformed and patches seen by a hemicube, from a few.
 fn probe(model: &Model, rows: &[InputPatch], backend: &mut dyn HemicubeBackend) -> Result<(f64, f64)> {
     let hemicubes: Vec<_> = (0..PROBES)
         .filter_map(|probe| rows.get(probe * rows.len() / PROBES))
@@ -492,19 +542,57 @@ fn probe(model: &Model, rows: &[InputPatch], backend: &mut dyn HemicubeBackend) 
     ))
 }
 
-/// A setting that is being timed.
+/// A setting being timed.
 struct Timed {
     setting: Setting,
     plan: Plan,
     /// Number of times so far.
     repeats: u32,
-    /// The rows, which are the same every time.
+    /// The rows, equal in every repetition.
     parts: Vec<Part>,
     /// The least so far.
     milliseconds_per_row: f64,
 }
 
+/// The size of a whole run, for its forecast.
+#[derive(Clone, Copy)]
+struct ForAllRows {
+    patches: u64,
+    threads: usize,
+}
+
 impl Timed {
+    /// Seconds of the sampled rows.
+    fn seconds(&self) -> f64 {
+        self.milliseconds_per_row * self.plan.rows.len() as f64 * 1e-3
+    }
+
+    /// Compares the rows with the reference.
+    fn trial(self, exact: &[ReferenceRow], all: ForAllRows) -> Trial {
+        let estimated: Vec<EstimatedRow> = self.parts.iter().flat_map(EstimatedRow::of_part).collect();
+        let (rung, tolerance) = match self.setting.rung {
+            Rung::Named(name) => (correction(name).name(), None),
+            Rung::Tolerance(tolerance) => ("tolerance", Some(tolerance)),
+        };
+        Trial {
+            name: self.setting.name(),
+            rung,
+            tolerance,
+            samples: u32::try_from(self.plan.hemicubes_per_row()).unwrap_or(u32::MAX),
+            resolution: self.setting.resolution,
+            words: self.setting.words(),
+            entries: self.parts.iter().map(|part| part.indices.len() as u64).sum(),
+            measured: errors_against(exact, &estimated),
+            timing: Some(Timing {
+                milliseconds_per_row: self.milliseconds_per_row,
+                seconds_for_all_rows: self.milliseconds_per_row * 1e-3 * all.patches as f64 / all.threads as f64,
+                repeats: self.repeats,
+                front: false,
+            }),
+            setting: self.setting,
+        }
+    }
+
     /// Computes the rows once more.
     fn run(&mut self, model: &Model, arguments: &Arguments, cancel: &AtomicBool) -> Result<()> {
         let settings = RenderSettings {
@@ -536,7 +624,7 @@ impl Timed {
     }
 }
 
-/// Puts trials in order of time, and marks those of which no cheaper one is as good.
+/// Sorts trials by time, and marks those with no cheaper one as good.
 fn mark_front(trials: &mut [Trial]) {
     trials.sort_by(|a, b| a.milliseconds().total_cmp(&b.milliseconds()));
     let mut best = f64::INFINITY;
@@ -550,7 +638,7 @@ fn mark_front(trials: &mut [Trial]) {
     }
 }
 
-/// The cheapest setting that is within the tolerance even at the upper end of its error.
+/// The cheapest setting with even the upper end of its error within the tolerance.
 fn recommend(
     trials: &[Trial],
     arguments: &Arguments,
@@ -560,8 +648,8 @@ fn recommend(
 ) -> Option<Recommendation> {
     let keeps = |trial: &&Trial| trial.bound() <= arguments.tolerance.0;
     let is_asked = |trial: &&Trial| trial.tolerance.is_some_and(|t| is_same(t, arguments.tolerance.0));
-    // What `compute --tolerance` would pick, where it keeps its word: a cheaper setting keeps it in these few rows, but
-    // nothing was learnt of the others for it.
+    // The choice of `compute --tolerance` goes first if it keeps its word: a cheaper setting keeps it in these few
+    // rows, but nothing was learnt about the others.
     let trial = trials.iter().filter(keeps).find(is_asked).or_else(|| {
         let cost = |a: &&Trial, b: &&Trial| a.milliseconds().total_cmp(&b.milliseconds());
         trials.iter().filter(keeps).min_by(cost)
@@ -576,7 +664,7 @@ fn recommend(
     })
 }
 
-/// The line that computes the whole matrix with a setting.
+/// The command line for the whole matrix.
 fn command(trial: &Trial, arguments: &Arguments, path: &Path) -> String {
     let mut output = path.file_stem().map_or_else(|| PathBuf::from("matrix"), PathBuf::from);
     output.as_mut_os_string().push(".hemicube");
@@ -586,7 +674,7 @@ fn command(trial: &Trial, arguments: &Arguments, path: &Path) -> String {
     words.join(" ")
 }
 
-/// The settings of scene and engine that are not the built-in ones, as words of a command line.
+/// Options for the scene and the engine, without built-in values.
 fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> {
     let mut words = Vec::new();
     let mut add = |name: &str, value: Option<String>| {
@@ -633,7 +721,7 @@ fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> 
     words
 }
 
-/// An error as a number of hundredths; only its upper end where the reference's noise hides it.
+/// An error in per cent; only its upper end if the reference's noise hides it.
 fn error_figures(measured: &Measured) -> String {
     let high = measured.interval_of_rows.high;
     if measured.relative_frobenius < 0.5 * high {
@@ -643,7 +731,7 @@ fn error_figures(measured: &Measured) -> String {
     }
 }
 
-/// 0.0123 as `1.23`.
+/// Formats 0.0123 as `1.23`.
 fn hundredths(share: f64) -> String {
     let value = 100.0 * share;
     if value > 0.0 && value < 5e-4 {
@@ -655,7 +743,7 @@ fn hundredths(share: f64) -> String {
     }
 }
 
-/// What a person reads.
+/// The report for people.
 fn text(report: &Report, recommended: Option<&Recommendation>, arguments: &Arguments, path: &Path) -> String {
     let mut text = format!(
         "`{}`, {}, {} with {}\n{} (seed {}) against rays, whose own noise is {}\n\n",
@@ -667,6 +755,24 @@ fn text(report: &Report, recommended: Option<&Recommendation>, arguments: &Argum
         report.seed,
         percent(report.reference.noise),
     );
+    text.push_str(&trials_text(report));
+    for skipped in &report.skipped {
+        text.push_str(&format!(
+            "skipped {}: some {} for these rows\n",
+            skipped.name,
+            duration(skipped.nominal_seconds)
+        ));
+    }
+    text.push('\n');
+    text.push_str(&match recommended {
+        Some(best) => recommendation_text(report, best, arguments),
+        None => nearest_text(report, arguments),
+    });
+    text
+}
+
+/// The table of trials, and the meaning of its columns.
+fn trials_text(report: &Report) -> String {
     let lines = report.trials.iter().map(|trial| {
         let m = &trial.measured;
         [
@@ -691,7 +797,7 @@ fn text(report: &Report, recommended: Option<&Recommendation>, arguments: &Argum
                 .map_or_else(|| "0".to_owned(), |worst| figures((worst.a - worst.b).abs())),
         ]
     });
-    text.push_str(&right_aligned(
+    let mut text = right_aligned(
         [
             "",
             "setting",
@@ -707,73 +813,70 @@ fn text(report: &Report, recommended: Option<&Recommendation>, arguments: &Argum
             "worst",
         ],
         lines.collect(),
-    ));
+    );
     text.push_str(&format!(
         "\n* no cheaper setting is as good. ms/row: one thread; all rows: forecast for {}.\n\
          error: relative Frobenius of these rows, and where that of the matrix lies (95 %); of rows: median and 90th\n\
          percentile, median L1, mass missed, row sums; all in %. worst: the entry that differs most.\n",
         counted(report.threads as u64, "thread"),
     ));
-    for skipped in &report.skipped {
+    text
+}
+
+/// The recommended setting, the uncertainty left by the sample, and the result of the tolerance itself.
+fn recommendation_text(report: &Report, best: &Recommendation, arguments: &Arguments) -> String {
+    let tolerance = percentage(arguments.tolerance.0);
+    let mut text = String::new();
+    text.push_str(&format!(
+        "For an error of {tolerance}: {}, {} at {} ms a row, about {} for all {}\n  {}\n",
+        best.name,
+        percent(best.error),
+        figures(best.milliseconds_per_row),
+        duration(best.seconds_for_all_rows),
+        counted(report.patches, "row"),
+        best.command,
+    ));
+    if best.error_of_matrix > arguments.tolerance.0 {
         text.push_str(&format!(
-            "skipped {}: some {} for these rows\n",
-            skipped.name,
-            duration(skipped.nominal_seconds)
+            "From these rows alone, the matrix may be off by up to {} %; `--sample-rows {}` tells more\n",
+            hundredths(best.error_of_matrix),
+            4 * arguments.sample_rows
         ));
     }
-    let tolerance = percentage(arguments.tolerance.0);
-    text.push('\n');
-    match recommended {
-        Some(best) => {
-            text.push_str(&format!(
-                "For an error of {tolerance}: {}, {} at {} ms a row, about {} for all {}\n  {}\n",
-                best.name,
-                percent(best.error),
-                figures(best.milliseconds_per_row),
-                duration(best.seconds_for_all_rows),
-                counted(report.patches, "row"),
-                best.command,
-            ));
-            if best.error_of_matrix > arguments.tolerance.0 {
-                text.push_str(&format!(
-                    "From these rows alone, the matrix may be off by up to {} %; `--sample-rows {}` tells more\n",
-                    hundredths(best.error_of_matrix),
-                    4 * arguments.sample_rows
-                ));
-            }
-            let asked = report
-                .trials
-                .iter()
-                .find(|trial| trial.tolerance.is_some_and(|t| is_same(t, arguments.tolerance.0)));
-            if let Some(asked) = asked.filter(|trial| trial.name != best.name) {
-                text.push_str(&format!(
-                    "`--tolerance {tolerance}` {}: {} at {} ms a row\n",
-                    if asked.bound() <= arguments.tolerance.0 {
-                        "keeps it too"
-                    } else {
-                        "does not keep it"
-                    },
-                    percent(asked.bound()),
-                    figures(asked.milliseconds()),
-                ));
-            }
-        }
-        None => {
-            let nearest = report.trials.iter().min_by(|a, b| a.bound().total_cmp(&b.bound()));
-            text.push_str(&format!(
-                "For an error of {tolerance}: none of these{}; ask for more with a smaller `--tolerance`\n",
-                nearest.map_or_else(String::new, |trial| format!(
-                    ": {} comes nearest with {}",
-                    trial.name,
-                    percent(trial.bound())
-                )),
-            ));
-        }
+    let asked = report
+        .trials
+        .iter()
+        .find(|trial| trial.tolerance.is_some_and(|t| is_same(t, arguments.tolerance.0)));
+    if let Some(asked) = asked.filter(|trial| trial.name != best.name) {
+        text.push_str(&format!(
+            "`--tolerance {tolerance}` {}: {} at {} ms a row\n",
+            if asked.bound() <= arguments.tolerance.0 {
+                "keeps it too"
+            } else {
+                "does not keep it"
+            },
+            percent(asked.bound()),
+            figures(asked.milliseconds()),
+        ));
     }
     text
 }
 
-/// A table of which the columns of numbers, from the third on, end in line.
+/// The nearest setting, where none keeps the tolerance.
+fn nearest_text(report: &Report, arguments: &Arguments) -> String {
+    let tolerance = percentage(arguments.tolerance.0);
+    let nearest = report.trials.iter().min_by(|a, b| a.bound().total_cmp(&b.bound()));
+    format!(
+        "For an error of {tolerance}: none of these{}; ask for more with a smaller `--tolerance`\n",
+        nearest.map_or_else(String::new, |trial| format!(
+            ": {} comes nearest with {}",
+            trial.name,
+            percent(trial.bound())
+        )),
+    )
+}
+
+/// A table with columns of numbers, from the third on, aligned to the right.
 fn right_aligned<const N: usize>(headings: [&str; N], rows: Vec<[String; N]>) -> String {
     let width = |column: usize| {
         let cells = rows
@@ -836,7 +939,7 @@ fn picture(report: &Report, recommended: Option<&Recommendation>, path: &Path) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::args::{Cli, Command};
+    use crate::command_line::{Cli, Command};
     use clap::Parser;
     use hemicube::reference::Interval;
 

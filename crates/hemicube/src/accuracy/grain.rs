@@ -8,7 +8,7 @@
 use crate::Model;
 use crate::backend::Geometry;
 use crate::bvh::{INNER, LANES, Tree, UNUSED};
-use crate::geometry::area;
+use crate::geometry::{self, area};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
@@ -66,12 +66,11 @@ impl Grain {
 /// most [`ENOUGH`].
 fn standing_on(tree: &Tree, patch: InputPatch, corners: &[DVec3; 3]) -> usize {
     let [a, b, c] = *corners;
-    let cross = (b - a).cross(c - a);
+    let cross = geometry::cross(corners);
     let own = 0.5 * cross.length();
     let Some(normal) = cross.try_normalize() else { return 0 };
     let reach = own.sqrt();
-    let low = a.min(b).min(c);
-    let high = a.max(b).max(c);
+    let (low, high) = geometry::bounds(corners);
     let (low, high) = (low.min(low + normal * reach), high.max(high + normal * reach));
     let inwards = [(a, b), (b, c), (c, a)].map(|(p, q)| (normal.cross(q - p), p));
     let own_slot = tree.slot_of_patch[patch.0 as usize];
@@ -91,14 +90,14 @@ fn standing_on(tree: &Tree, patch: InputPatch, corners: &[DVec3; 3]) -> usize {
         }
         let block = &tree.blocks[node.block as usize];
         for l in (0..LANES).filter(|&l| block.negative[l] != UNUSED) {
-            let [p, q, r] = block.triangle(l);
-            let middle = (p + q + r) / 3.0;
+            let triangle = block.triangle(l);
+            let middle = geometry::centroid(&triangle);
             let height = normal.dot(middle - a);
             let is_above = height > tree.plane_tolerance && height <= reach;
             let is_over = inwards.iter().all(|&(inward, from)| inward.dot(middle - from) >= 0.0);
             #[allow(clippy::cast_possible_truncation, reason = "slots are u32")]
             let slot = (node.block as usize * LANES + l) as u32;
-            if is_above && is_over && slot != own_slot && area(&[p, q, r]) <= SMALLER * own {
+            if is_above && is_over && slot != own_slot && area(&triangle) <= SMALLER * own {
                 count += 1;
             }
         }

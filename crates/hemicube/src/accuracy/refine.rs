@@ -1,42 +1,42 @@
-//! Rows to a tolerance: effort goes where the error is.
+//! Refinement of visible fractions: rays and exact points go to the pairs that a row's error is made of.
 //!
 //! A row begins with one hemicube at the centroid and the area-to-area closed form of every pair. What is wrong then is
-//! the visible fraction of some pairs, and few of them matter. Candidates are what the hemicube saw and what it did not
-//! see but could be large ([`Candidates`]). Each has a prior variance, the mean squared error that fractions are known
-//! to have in such a case; those whose prior variance hardly matters for the row keep their fraction. For the others
-//! the shaft between the two patches is listed: an empty one proves that all is visible, one blocked by a single
-//! triangle that nothing is. A few rays tell how the rest stand, and then each pair gets rays in proportion to its part
-//! in the error, or is measured exactly from points ([`ExactVisibility`]) where that is cheaper.
+//! the visible fraction of a few pairs. Candidates are the patches that the hemicube saw, and unseen ones whose form
+//! factor could be large ([`Candidates`]). Each has a prior variance ([`super::error_model`]); a pair whose prior
+//! variance hardly matters to the row keeps its fraction. For the others, list the shaft between the two patches: an
+//! empty one proves that all is visible, one blocked by a single region that nothing is. Otherwise cast a few rays for
+//! the spread, then rays in proportion to the pair's part in the error, or measure exactly from points
+//! ([`ExactVisibility`]) where that is cheaper. The multiplier λ between rays and squared error is one for the scene,
+//! from a sample of its rows ([`Refinement::with_multiplier_of`]).
 //!
-//! Errors of different pairs are independent, so squares add up. Let one unit of squared error be worth μ rays, the
-//! same all over the scene. n rays of a sequence that fills four dimensions evenly leave z² s² n^(−5/4) of a pair with
-//! the stake z and the spread s, so that the pair gets n = (5/4 μ z² s²)^(4/9) of them; one whose prior variance is d
-//! is left as it is where μ z² d is less than the shaft and its rays would cost. μ follows from the error that is asked
-//! for, over a sample of the scene's rows ([`Refinement::priced`]).
+//! Where no tolerance is asked for, [`Refiner::refine_selected`] does the same for the few pairs that make most of a
+//! row's error: those that touch or all but touch, and large ones that are partly seen.
 //!
-//! Where no tolerance is asked for, the same is done for the few pairs that are most of what a row may be off by: those
-//! that touch or all but touch, and large ones that are partly seen ([`Refiner::mend`]).
+//! Spread, rays and points are the same in both directions of a pair, and so is the measured fraction, to the bit. Only
+//! fractions left as a row's own centroid has them are not reciprocal.
 //!
-//! The stake is what the pair's visible fraction moves in both its rows: z² = (F_ij² + F_ji²) / 2. Spread, rays and
-//! points are the same in both directions, and so is the fraction that is measured, to the bit: what is not reciprocal
-//! is what one of the two rows leaves as its centroid has it.
-//!
-//! No table of fractions shared between rows, because rows would then depend on each other. Instead a pair's samples
-//! and their number follow from what is the same in both directions, and so does the fraction.
+//! No table of fractions shared between rows, because rows would then depend on each other. Instead, a pair's samples
+//! and their number follow from quantities that are the same in both directions.
 
 mod large;
-mod sums;
+pub(crate) mod sums;
 
 use crate::Model;
+use crate::accuracy::error_model::{
+    CLASSES, ErrorContribution, FRACTIONS_SHARE, GROUPS, INFLATION, LEAST_SPREAD, MEASURED_FROM, MOST_SELECTED_SAMPLES,
+    NEAR_RAY, PAIRS_OF_A_SUM, PriorCell, PriorSums, PriorVariances, REACH, ROW_SUM, SELECTED, SELECTED_RAYS, SUM_GAIN,
+    TREE_RAY, UNMEASURED_SHARE, USUAL_FACTOR, class_of, multiplier_for, nearness_of, rays_for, variance_of_rays,
+};
+use crate::accuracy::row::{Emitter, RowLists, UnfinishedRow};
 use crate::bvh::Tree;
 use crate::factor::{self, Exchanges, FactorRule};
-use crate::geometry::area;
+use crate::geometry::{area, centroid, cross};
 use crate::sampling::splitmix;
 use crate::visibility::candidates::{Candidates, Least};
 use crate::visibility::coplanar::CoplanarRegions;
-use crate::visibility::exact::ExactVisibility;
+use crate::visibility::exact::{ExactVisibility, Precision};
 use crate::visibility::segments::Obstacles;
-use crate::visibility::shaft::{Cast, RAYS, Shaft};
+use crate::visibility::shaft::{Cast, PatchTriangle, RAYS, Shaft};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -46,86 +46,85 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct Refinement {
     /// The relative Frobenius error to aim at.
     pub tolerance: f64,
-    /// How the closed form is integrated.
+    /// Quadrature of the closed form.
     pub rule: FactorRule,
-    /// The error aimed at as a share of `tolerance`: what a scene needs to keep it.
+    /// Share of `tolerance` to aim at, as the scene needs to keep it.
     pub effort: f64,
-    /// The mean of Σ F² over the scene's rows; 0 where it is not known.
+    /// The mean of Σ F² over the scene's rows; 0 if unknown.
     ///
-    /// The tolerance is for the matrix, not for each row: half of what a row may err by is in proportion to itself,
-    /// half is the same for all, so that rows with next to nothing in them get next to no rays.
+    /// The tolerance is for the matrix, not for each row: half of a row's permitted squared error is in proportion to
+    /// its own Σ F², half to this mean, so that rows with next to nothing in them get next to no rays.
     pub mean_squared_norm: f64,
-    /// Number of rays that a unit of squared error is worth; 0 where it is not known, and each row finds its own price.
-    pub price: f64,
-    /// Error bound of a fraction that one hemicube has.
+    /// λ, the number of rays that a unit of squared error is worth; 0 if unknown: each row finds its own.
+    pub multiplier: f64,
+    /// Mean squared errors of fractions from one hemicube.
     pub priors: PriorVariances,
-    /// How large the squared error of rows is as a multiple of what prior variances and rays let expect: found on rows
-    /// that were tried.
+    /// Ratio of the squared error of rows to its expectation by prior variances and rays, measured on trial rows.
     pub estimate: f32,
-    /// Whether all pairs are measured, and none stays as the centroid has it: for scenes so small that it takes no
-    /// time.
+    /// True if all pairs are measured and none keeps its hemicube's fraction: for scenes so small that it takes no time.
     pub all: bool,
-    /// True if each pair is to have the tolerance by itself: for scenes so small that all pairs can be looked at.
+    /// True if each pair keeps the tolerance by itself: for scenes so small that all pairs can be looked at.
     pub each: bool,
-    /// Whether much of what leaves the scene's patches meets nothing. Where little does, the sums of rows are known,
-    /// and one that is off by more than the tolerance is done again with care.
-    pub open: bool,
+    /// True if much of what leaves the scene's patches meets nothing. Otherwise sums of rows are known, and a row whose
+    /// sum is off by more than the tolerance is computed again, strictly.
+    pub is_open: bool,
 }
 
 impl Refinement {
-    /// The refinement for a relative Frobenius error, nothing known of the scene.
+    /// The refinement for a relative Frobenius error, without knowledge of the scene.
     pub fn for_tolerance(tolerance: f64) -> Self {
         Self {
             tolerance,
             rule: FactorRule::for_tolerance(tolerance * 0.5),
             effort: 1.0,
             mean_squared_norm: 0.0,
-            price: 0.0,
+            multiplier: 0.0,
             priors: PriorVariances::default(),
             estimate: 1.0,
             all: false,
             each: false,
-            open: false,
+            is_open: false,
         }
     }
 
-    /// For rows that are mended ([`Refiner::mend`]), nothing known of the scene.
+    /// For [`Refiner::refine_selected`], without knowledge of the scene.
     pub(crate) fn without_tolerance(rule: FactorRule) -> Self {
         Self {
             rule,
-            priors: PriorVariances::found(),
+            priors: PriorVariances::measured(),
             ..Self::for_tolerance(f64::INFINITY)
         }
     }
 
-    /// The price of what is expected of a sample of rows, so that Σ (F − true F)² is what the effort stands for.
-    pub(crate) fn priced(self, rows: &[Vec<ErrorContribution>]) -> Self {
-        let worth = self.worth();
-        let budget = SHARE * (self.tolerance * self.effort).powi(2) * self.mean_squared_norm * rows.len() as f64;
-        let mut price = price_of(rows.iter().flatten(), budget, worth);
+    /// Sets the multiplier at which a sample of rows leaves the Σ (F − true F)² that the effort stands for.
+    pub(crate) fn with_multiplier_of(self, rows: &[Vec<ErrorContribution>]) -> Self {
+        let threshold = self.threshold();
+        let squared = (self.tolerance * self.effort).powi(2);
+        let budget = FRACTIONS_SHARE * squared * self.mean_squared_norm * rows.len() as f64;
+        let mut multiplier = multiplier_for(rows.iter().flatten(), budget, threshold);
         if self.all {
-            // Rows have no price of their own then, so this one must do for their sums.
-            let most = SHARE * (ROW_SUM * self.tolerance).powi(2);
-            price = rows
+            // Rows have no multiplier of their own then, so this one must do for their sums.
+            let most = FRACTIONS_SHARE * (ROW_SUM * self.tolerance).powi(2);
+            multiplier = rows
                 .iter()
-                .map(|row| price_of(row.iter(), most, worth))
-                .fold(price, f64::max);
+                .map(|row| multiplier_for(row.iter(), most, threshold))
+                .fold(multiplier, f64::max);
         }
-        Self { price, ..self }
+        Self { multiplier, ..self }
     }
 
-    /// Steps that one row may take.
+    /// Bound of one row's work, in steps ([`crate::visibility::shaft`]): 10⁹ · max(0.01 / T, 1), at most 10¹¹.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10¹¹")]
     fn most_steps(&self) -> u64 {
         (TOLERANCE_STEPS * (0.01 / self.tolerance).clamp(1.0, 100.0)) as u64
     }
 
-    /// What z √d √μ must be for a pair to be measured.
-    fn worth(&self) -> f64 {
-        if self.all { 0.0 } else { WORTH_A_SHAFT }
+    /// z √d √λ from which a pair is measured.
+    fn threshold(&self) -> f64 {
+        if self.all { 0.0 } else { MEASURED_FROM }
     }
 
-    /// What Σ (F − true F)² of a row may be.
+    /// Permitted Σ (F − true F)² of a row with this Σ F².
     fn budget(&self, squared_norm: f64) -> f64 {
         let norm = if self.mean_squared_norm > 0.0 {
             0.5 * (squared_norm + self.mean_squared_norm)
@@ -136,261 +135,131 @@ impl Refinement {
     }
 }
 
-/// What is expected of a pair that stays as the centroid has it: z √d and F √d.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct ErrorContribution {
-    both: f64,
-    own: f64,
-    is_near: bool,
-}
-
-/// See [`Refinement::worth`]: with √d for the spread, a shaft, as dear as 800 rays, and the rays then
-/// cost what they save.
-const WORTH_A_SHAFT: f64 = 30.0;
-
-impl ErrorContribution {
-    /// The squared error that is expected at this price, where pairs worth less than `worth` are not measured.
-    fn left(&self, price: f64, worth: f64) -> f64 {
-        let (own, both) = (self.own * self.own, self.both * self.both * price);
-        if both <= worth * worth {
-            return own;
-        }
-        let ray = if self.is_near { NEAR_RAY } else { 1.0 };
-        own * left_by(rays_for(both, ray).max(RAYS as f64))
-    }
-}
-
-/// The price at which these pairs leave no more than `budget` of squared error, about; next to nothing where they do so
-/// anyway.
-fn price_of<'a>(contributions: impl Iterator<Item = &'a ErrorContribution> + Clone, budget: f64, worth: f64) -> f64 {
-    let error = |price: f64| contributions.clone().map(|stake| stake.left(price, worth)).sum::<f64>();
-    if budget.is_infinite() || error(0.0) <= budget {
-        return f64::MIN_POSITIVE;
-    }
-    // By halves of the logarithm; a root has the same bits everywhere, which a power has not.
-    let (mut low, mut high) = (1e-10f64, 1e40f64);
-    while high > 1.09 * low {
-        let middle = (low * high).sqrt();
-        if error(middle) <= budget {
-            high = middle;
-        } else {
-            low = middle;
-        }
-    }
-    high
-}
-
-/// Mean squared errors of visible fractions from one hemicube at the centroid, by what it says and by how near the pair
-/// is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PriorVariances([[f32; NEARNESSES]; CLASSES]);
-
-/// See [`Kind::group`].
-const GROUPS: usize = CLASSES + 2;
-/// What a hemicube says of a patch: partly visible, all visible, not visible, nearly all, hardly at all.
-const CLASSES: usize = 5;
-const UNSEEN: usize = 2;
-/// Nearly all, and the rest of it hardly at all.
-const NEARLY: f64 = 0.85;
-/// Steps of a factor 2 in the distance, measured in radii.
-const NEARNESSES: usize = 8;
-
-impl Default for PriorVariances {
-    /// What rooms, cities and machines have, on the large side: a pair that a sample of rows did not meet is rare, and
-    /// not known to be harmless.
-    fn default() -> Self {
-        Self([
-            [0.08, 0.06, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05],
-            [0.02, 0.01, 0.005, 0.003, 0.002, 0.002, 0.002, 0.002],
-            [0.1, 0.05, 0.02, 0.01, 0.01, 0.01, 0.01, 0.01],
-            [0.04, 0.03, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02],
-            [0.08, 0.05, 0.03, 0.02, 0.02, 0.02, 0.02, 0.02],
-        ])
-    }
-}
-
-impl PriorVariances {
-    /// What rows of a block city, uncut and cut, and of a real tile, uncut and cut, were found to have, by F² and
-    /// rounded: where no sample of the scene's rows is held against rays.
-    pub(crate) fn found() -> Self {
-        Self([
-            [0.01, 0.008, 0.006, 0.005, 0.004, 0.004, 0.004, 0.004],
-            [0.0003, 0.0001, 0.00005, 0.00005, 0.00005, 0.00005, 0.00005, 0.00005],
-            [0.1, 0.0004, 0.0003, 0.0003, 0.0003, 0.0003, 0.0003, 0.0003],
-            [0.003, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002],
-            [0.02, 0.005, 0.004, 0.003, 0.003, 0.003, 0.003, 0.003],
-        ])
-    }
-
-    /// What several hemicubes say of a patch that they see is off by less, as independent points would be.
-    fn lower(&mut self, samples: usize) {
-        let share = (samples as f32).recip();
-        for (class, of) in self.0.iter_mut().enumerate() {
-            if class != UNSEEN {
-                of.iter_mut().for_each(|prior| *prior *= share);
-            }
-        }
-    }
-
-    fn of(&self, kind: Kind) -> f64 {
-        f64::from(self.0[kind.class as usize][kind.nearness as usize])
-    }
-}
-
-/// Which of the prior variances is a pair's.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Kind {
-    class: u8,
-    nearness: u8,
-}
-
-impl Kind {
-    fn class(fraction: f64) -> u8 {
-        if fraction >= 1.0 {
-            1
-        } else if fraction <= 0.0 {
-            2
-        } else if fraction >= NEARLY {
-            3
-        } else if fraction <= 1.0 - NEARLY {
-            4
-        } else {
-            0
-        }
-    }
-
-    /// Pairs that are off together where one point stands badly for a patch: those of a class, and of unseen ones,
-    /// which may be near neighbours or a whole street, those that are about as near.
-    fn group(self) -> usize {
-        match (usize::from(self.class), self.nearness) {
-            (UNSEEN, 0) => CLASSES,
-            (UNSEEN, 1 | 2) => CLASSES + 1,
-            (class, _) => class,
-        }
-    }
-
-    fn nearness(i: &[DVec3; 3], j: &[DVec3; 3]) -> u8 {
-        let sphere = |t: &[DVec3; 3]| {
-            let center = (t[0] + t[1] + t[2]) / 3.0;
-            (center, t.iter().map(|p| p.distance_squared(center)).fold(0.0, f64::max))
-        };
-        let ((c0, r0), (c1, r1)) = (sphere(i), sphere(j));
-        let radii = c0.distance_squared(c1) / (r0 + r1);
-        // The exponent of a power of 4.
-        let exponent = (radii.to_bits() >> 52) as i64 - 1023;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-        let step = exponent.div_euclid(2).clamp(0, NEARNESSES as i64 - 1) as u8;
-        step
-    }
-}
-
-/// Sums that prior variances are estimated from: Σ f² (error)², Σ f² and how many.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct PriorSums([[(f64, f64, f64); NEARNESSES]; CLASSES]);
-
-impl PriorSums {
-    /// The prior variances: what is usual counts as much as a few pairs.
-    pub(crate) fn priors(&self) -> PriorVariances {
-        let mut priors = PriorVariances::default();
-        for (prior, &(error, weight, count)) in priors.0.iter_mut().flatten().zip(self.0.iter().flatten()) {
-            if count > 0.0 {
-                let usual = USUAL * weight / count;
-                #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
-                let found = ((error + usual * f64::from(*prior)) / (weight + usual)) as f32;
-                *prior = found;
-            }
-        }
-        priors
-    }
-}
-
-/// Pairs that the usual prior variance counts as much as.
-const USUAL: f64 = 5.0;
-
 /// A pair of the row.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
     pub(crate) patch: u32,
-    /// F if all were visible.
-    pub(crate) open: f64,
+    /// The unoccluded form factor.
+    pub(crate) unoccluded: f64,
+    /// The visible fraction, 0 to 1.
     pub(crate) fraction: f64,
-    /// A_i F if all were visible, the same bits from both sides; and what it is multiplied by for z.
-    exchange: f64,
-    stake: f64,
-    kind: Kind,
-    /// F is only what the middles of the two have it for: enough as long as nothing of it is seen.
+    /// Unoccluded A_i F_ij, the same bits from both sides.
+    pub(crate) exchange_area: f64,
+    /// z = `exchange_area` · `per_area`: √((1/A_i² + 1/A_j²) / 2), or 1/A_i where the own row alone counts.
+    per_area: f64,
+    cell: PriorCell,
+    /// True if `unoccluded` is an estimate from centroids: enough as long as nothing of the pair is seen.
     is_rough: bool,
 }
 
 impl Pair {
-    /// Nothing known but the patch.
+    /// A patch of which nothing is known.
     fn unseen(patch: u32) -> Self {
         Self {
             patch,
-            open: 0.0,
+            unoccluded: 0.0,
             fraction: 0.0,
-            exchange: 0.0,
-            stake: 0.0,
-            kind: Kind {
-                class: Kind::class(0.0),
-                nearness: 0,
-            },
+            exchange_area: 0.0,
+            per_area: 0.0,
+            cell: PriorCell::unseen(0),
             is_rough: false,
         }
     }
+
+    /// The form factor.
+    pub(crate) fn factor(&self) -> f64 {
+        self.fraction * self.unoccluded
+    }
 }
 
-/// Refines the rows of one patch at a time. One a thread.
+/// The row at the level *tolerance*.
+impl UnfinishedRow for Vec<Pair> {
+    fn sum(&self) -> f64 {
+        self.iter().map(Pair::factor).sum()
+    }
+
+    fn sees(&self, patch: u32) -> bool {
+        let place = self.binary_search_by_key(&patch, |pair| pair.patch);
+        place.is_ok_and(|place| self[place].fraction > 0.0)
+    }
+
+    fn insert(&mut self, pairs: &[Pair]) {
+        let listed = self.len();
+        for pair in pairs {
+            match self[..listed].binary_search_by_key(&pair.patch, |pair| pair.patch) {
+                Ok(place) => self[place] = *pair,
+                Err(_) => self.push(*pair),
+            }
+        }
+        self.sort_unstable_by_key(|pair| pair.patch);
+    }
+
+    fn entries(&self) -> impl Iterator<Item = super::row::Entry> {
+        self.iter().map(|pair| super::row::Entry {
+            patch: pair.patch,
+            unoccluded: pair.unoccluded,
+            fraction: pair.fraction,
+        })
+    }
+
+    fn fractions(&mut self) -> impl Iterator<Item = &mut f64> {
+        self.iter_mut().map(|pair| &mut pair.fraction)
+    }
+
+    fn samples(&self) -> usize {
+        1
+    }
+}
+
+/// Refines rows one after the other; one a thread.
 #[derive(Debug)]
 pub(crate) struct Refiner<'c> {
     refinement: Refinement,
-    /// When this becomes true, the row is left as it is: nobody wants it any more.
+    /// When this becomes true, rows are left as they are.
     cancel: Option<&'c AtomicBool>,
     pub(crate) pairs: Vec<Pair>,
     candidates: Candidates,
     exchanges: Exchanges,
-    open: Vec<f64>,
+    exchange_areas: Vec<f64>,
     /// Unseen pairs far from each other.
     far: Vec<Pair>,
-    /// What [`Refiner::find_unseen`] found, ascending.
+    /// Found by [`Refiner::find_unseen`], ascending.
     pub(crate) unseen: Vec<Pair>,
-    /// Where pairs lie in the row that is mended.
+    /// Places of pairs in the row whose selected pairs are refined.
     places: Vec<usize>,
-    /// What is expected of each pair.
+    /// Expected error of each pair.
     contributions: Vec<ErrorContribution>,
-    own_area: f64,
     is_measured: Vec<bool>,
-    /// Which pairs are measured in any case.
+    /// Pairs that are measured in any case.
     is_probe: Vec<bool>,
     shaft: Shaft,
-    clipper: ExactVisibility,
-    /// What was measured of this emitter's pairs; ascending as far as it was measured for another row of it.
+    exact: ExactVisibility,
+    /// Measurements of this emitter's pairs; the first `measured_before`, of an earlier attempt at the row, ascending.
     measured: Vec<Measured>,
     measured_before: usize,
     measured_of: Option<InputPatch>,
 }
 
-/// What was measured of a pair.
+/// The measurement of a pair.
 #[derive(Clone, Copy, Debug)]
 struct Measured {
     patch: u32,
     fraction: f64,
-    open: f64,
-    exchange: f64,
+    unoccluded: f64,
+    exchange_area: f64,
     cost: Refined,
 }
 
-/// How far the measured pairs of a group were off, and how far they were expected to be: Σ z² (error)² and Σ z² d.
+/// Errors of a group's measured pairs: Σ F² (error)² as found, and Σ F² d as expected.
 #[derive(Clone, Copy, Debug, Default)]
-struct Found {
+struct GroupErrors {
     squared: f64,
     expected: f64,
 }
 
-impl Found {
-    /// How much larger the group's prior variances are in this row than elsewhere: what is usual counts as much as what
-    /// was found.
-    fn larger(self) -> f64 {
+impl GroupErrors {
+    /// Factor on the group's prior variances in this row, at least 1: the mean of 1 and of found over expected.
+    fn inflation(self) -> f64 {
         if self.expected > 0.0 {
             (0.5 + 0.5 * self.squared / self.expected).max(1.0)
         } else {
@@ -399,61 +268,18 @@ impl Found {
     }
 }
 
-/// A row from one hemicube or several that is looked at again.
-pub(crate) struct Mended<'r> {
-    /// Ascending.
-    pub(crate) patches: &'r mut Vec<u32>,
-    pub(crate) fractions: &'r mut Vec<f64>,
-    /// A_i F_ij if all were visible.
-    pub(crate) exchanges: &'r mut Vec<f64>,
-    /// Number of hemicubes.
-    pub(crate) samples: usize,
-    /// True if they are so many for the patch's size ([`crate::accuracy::grain`]).
-    pub(crate) is_large: bool,
+/// Limits of a row's measurements.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    /// λ.
+    multiplier: f64,
+    /// z √d above which a pair is measured.
+    least: f64,
+    /// Bound of the row's work, in steps.
+    steps: u64,
 }
 
-impl Mended<'_> {
-    /// How many times as much work as a row of one hemicube it is worth: the hemicubes along an edge, or a quarter of
-    /// all of them.
-    fn worth(&self) -> u64 {
-        self.samples.isqrt().max(self.samples / 4) as u64
-    }
-
-    /// Puts pairs of which something is visible into the row.
-    pub(crate) fn insert(&mut self, pairs: &[Pair]) {
-        for pair in pairs.iter().filter(|pair| pair.fraction > 0.0) {
-            match self.patches.binary_search(&pair.patch) {
-                Ok(place) => self.fractions[place] = pair.fraction,
-                Err(place) => {
-                    self.patches.insert(place, pair.patch);
-                    self.fractions.insert(place, pair.fraction);
-                    self.exchanges.insert(place, pair.exchange);
-                }
-            }
-        }
-    }
-}
-
-/// From what share of a row's √Σ F² on the expected error of a pair is worth a shaft where no tolerance is asked for.
-const MENDED: f64 = 0.0016;
-/// More hemicubes than this ask for no more precision.
-const MOST_ODD: usize = 4;
-/// So many rays the square of that is worth then.
-const MENDING: f64 = 60.0;
-/// How much larger than usual the prior variances of a row may prove there.
-const LARGER: f64 = 4.0;
-/// Steps that mending a row may take: so many, and so many for each of its entries, times [`Mended::worth`]. About what
-/// its hemicubes take, for most rows twice over.
-const MENDING_STEPS: u64 = 400_000;
-const MENDING_STEPS_AN_ENTRY: u64 = 1_000;
-/// Steps that a row of a tolerance of 1 % may take; of a finer one, more in proportion, up to a hundred times as many.
-const TOLERANCE_STEPS: f64 = 1e9;
-/// Steps that a pair takes about: if a row's budget does for so many a pair, their order does not matter.
-const STEPS_A_PAIR: u64 = 30_000;
-/// What a form factor is taken for in a row of which hemicubes saw nothing.
-const USUAL_FACTOR: f64 = 0.01;
-
-/// What a row's refinement came to.
+/// Result and cost of refining a row or a pair.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Refined {
     /// Expected Σ (F − true F)².
@@ -463,14 +289,14 @@ pub(crate) struct Refined {
     pub(crate) rays: u64,
     pub(crate) points: u64,
     pub(crate) shafts: u64,
-    /// Cost, in steps (`shaft.rs`).
+    /// Work, in steps ([`crate::visibility::shaft`]).
     pub(crate) steps: u64,
-    /// True if the row's budget ended it before all was measured that was worth it.
+    /// True if the bound of work ended the row with pairs unmeasured.
     pub(crate) cut_short: bool,
 }
 
 impl Refined {
-    /// Adds what a pair came to.
+    /// Adds the result and cost of a pair.
     fn add(&mut self, pair: Self) {
         self.squared_error += pair.squared_error;
         self.rays += pair.rays;
@@ -481,43 +307,30 @@ impl Refined {
     }
 }
 
-/// The share of the squared error for visible fractions.
-const SHARE: f64 = 0.8;
-/// The share of its part of the squared error that a row may have from pairs that stay as the centroid has them: prior
-/// variances are what is usual, and where one point stands badly for a patch, all of its pairs are off at once.
-const ROUGH_SHARE: f64 = 0.5;
-/// The standard error of a row's sum in tolerances, at most.
-const ROW_SUM: f64 = 0.33;
-/// The spread that a pair is not believed to have less of where rows' sums depend on it.
-const LEAST_SPREAD: f64 = 0.25;
-/// How much better than independent rays those are taken to be.
-const SUM_GAIN: f64 = 4.0;
-/// The root of how many pairs have a part in that, with a margin.
-const PAIRS_OF_A_SUM: f64 = 6.0;
-/// Unseen pairs are looked for down to this share of the row's permitted error.
-const REACH: f64 = 0.3;
-/// What a ray between near patches costs, in others.
-const NEAR_RAY: f64 = 2.0;
-/// What a ray that walks the tree costs, in others.
-const CROWDED_RAY: f64 = 10.0;
-/// Rays that are cast at a pair before it is asked again how many it takes, as a multiple of those it had.
+/// Bound of the steps of refining a row's selected pairs: these, and these for each entry, times
+/// [`RowLists::work_units`]. A choice: about the time of its hemicubes, for most rows twice.
+const SELECTED_STEPS: u64 = 400_000;
+const SELECTED_STEPS_AN_ENTRY: u64 = 1_000;
+/// Bound of a row's steps at a tolerance of 1 %; of a finer one, more in proportion, up to a hundred times. A choice.
+const TOLERANCE_STEPS: f64 = 1e9;
+/// Steps of a pair, about. If a row's bound leaves so many for each pair, their order does not matter.
+const STEPS_A_PAIR: u64 = 30_000;
+/// Growth of the number of rays at a pair before it is asked again how many it needs.
 const GROWTH: usize = 4;
-/// So many rays say well enough how many more it would take.
+/// Number of rays that tell well enough how many more are needed.
 const KNOWN_RAYS: usize = 256;
-/// From this many rays on, points are cheaper.
+/// Number of rays from which on points are cheaper.
 const MANY_RAYS: f64 = 131_072.0;
-/// Points at one pair, about, at most; and where each pair is to have the tolerance by itself.
+/// Bound of the points at one pair, about; and where each pair keeps the tolerance by itself.
 const MOST_POINTS: usize = 6_000;
 const MOST_POINTS_EACH: usize = 20_000;
-/// Pairs of each group that are measured in any case, at most.
+/// Bound of the pairs of each group that are measured in any case. A choice.
 const PROBES: f64 = 6.0;
-/// Number of times that what was found may lead to more.
+/// Bound of the passes in which found errors lead to further measurements. A choice.
 const PASSES: usize = 4;
-/// From this nearness on, the middles of two patches tell their factor well enough to see whether it matters.
+/// Nearness from which on centroids tell a form factor well enough to see whether it matters: 8 radii.
 const FAR: u8 = 3;
-/// Directions that are drawn for a ray between near patches, at most.
-pub(crate) const MOST_DRAWN: usize = 32;
-/// Rays at one pair, at most.
+/// Bound of the rays at one pair.
 const MOST_RAYS: f64 = 262_144.0;
 
 impl<'c> Refiner<'c> {
@@ -528,16 +341,15 @@ impl<'c> Refiner<'c> {
             pairs: Vec::new(),
             candidates: Candidates::default(),
             exchanges: Exchanges::new(refinement.rule),
-            open: Vec::new(),
+            exchange_areas: Vec::new(),
             far: Vec::new(),
             unseen: Vec::new(),
             places: Vec::new(),
             contributions: Vec::new(),
-            own_area: 0.0,
             is_measured: Vec::new(),
             is_probe: Vec::new(),
             shaft: Shaft::default(),
-            clipper: ExactVisibility::default(),
+            exact: ExactVisibility::default(),
             measured: Vec::new(),
             measured_before: 0,
             measured_of: None,
@@ -553,27 +365,30 @@ impl<'c> Refiner<'c> {
         self.cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed))
     }
 
-    /// From now on takes nothing for known, and half of the error, if it is to take care; returns what it did before.
-    pub(crate) fn with_care(&mut self, care: bool) -> Refinement {
+    /// If `strict`, takes no prior variance for measured and aims at half the error from now on. Returns the refinement
+    /// before, for [`Self::set`].
+    pub(crate) fn make_strict(&mut self, strict: bool) -> Refinement {
         let before = self.refinement;
-        // Where all pairs are measured, hemicubes tell nothing that could be doubted.
-        if care && !self.refinement.all {
+        // Where all pairs are measured, no prior variance is used.
+        if strict && !self.refinement.all {
             self.refinement.priors = PriorVariances::default();
             self.refinement.effort *= 0.5;
-            self.refinement.price *= 16.0;
+            self.refinement.multiplier *= 16.0;
             self.measured_of = None;
         }
         before
     }
 
-    /// Refines so from now on.
+    /// Sets the refinement of the rows to come.
     pub(crate) fn set(&mut self, refinement: Refinement) {
         self.refinement = refinement;
     }
 
-    /// Refines a row: `seen` are the patches that its hemicubes saw, ascending, with their visible fractions; whether
-    /// it is that of a large patch. Afterwards `pairs` is the row, ascending. Where it is the row of the last emitter
-    /// again, with more hemicubes, what was measured of it is not measured again.
+    /// Refines a row of the patches that its hemicubes saw, ascending, with their visible fractions. Afterwards
+    /// `self.pairs` is the row, ascending.
+    ///
+    /// `is_large`: the emitter has several hemicubes for its size. Another attempt at the last emitter's row takes over
+    /// what was measured.
     pub(crate) fn row(
         &mut self,
         model: &Model,
@@ -582,192 +397,205 @@ impl<'c> Refiner<'c> {
         is_large: bool,
         receives: impl Fn(u32) -> bool,
     ) -> Refined {
-        let own = model.normalised_corners(emitter.0);
-        let budget = self.begin(model, emitter, &own, (seen, is_large), receives);
+        let emitter = &Emitter::new(model, emitter);
+        let budget = self.begin(emitter, seen, is_large, receives);
         if self.refinement.each {
-            let refined = self.measure_each(model, emitter, &own);
+            let refined = self.measure_each(emitter);
             self.pairs.sort_unstable_by_key(|pair| pair.patch);
             return refined;
         }
 
-        self.remember(self.measured_of == Some(emitter));
-        self.measured_of = Some(emitter);
+        self.begin_measuring(emitter.patch);
         let most_steps = self.refinement.most_steps();
         if is_large {
             let tolerance = self.refinement.tolerance * self.refinement.effort;
-            let mut refined = self.measure_all(model, (emitter, &own), Some(tolerance), most_steps);
+            let mut refined = self.measure_all(emitter, Some(tolerance), most_steps);
             self.pairs.sort_unstable_by_key(|pair| pair.patch);
             refined.squared_norm = self.squared_norm();
             return refined;
         }
-        self.find_contributions();
-        let (price, least) = self.price(budget);
+        self.find_contributions(emitter.area);
+        let limits = self.limits(budget, most_steps);
         let mut refined = Refined::default();
-        self.find_probes(emitter);
-        self.measure(model, emitter, &own, (price, least), most_steps, &mut refined);
+        self.find_probes(emitter.patch);
+        self.measure(emitter, limits, &mut refined);
         refined.squared_error *= f64::from(self.refinement.estimate);
         self.pairs.sort_unstable_by_key(|pair| pair.patch);
         refined.squared_norm = self.squared_norm();
         refined
     }
 
-    /// Orders what was measured, so that it can be looked up.
+    /// Orders the measurements, to be looked up.
     fn sort_measured(&mut self) {
         self.measured.sort_unstable_by_key(|measured| measured.patch);
     }
 
-    /// Keeps what was measured for the row before, or forgets it.
-    fn remember(&mut self, keep: bool) {
-        if keep {
+    /// Keeps the measurements of an earlier attempt at the same emitter, and forgets those of another.
+    fn begin_measuring(&mut self, emitter: InputPatch) {
+        if self.measured_of == Some(emitter) {
             self.sort_measured();
         } else {
             self.measured.clear();
         }
         self.measured_before = self.measured.len();
         self.unseen.clear();
+        self.measured_of = Some(emitter);
     }
 
-    /// Looks again at those pairs of a row that are a good part of what it may be off by, with the prior variances that
-    /// pairs were found to have elsewhere, and adds those of them that no hemicube saw.
+    /// Measures the pairs of a row that make a good part of its expected error, by measured prior variances, and inserts
+    /// those that no hemicube saw.
     ///
-    /// A pair is worth it from a share of √Σ F² on: of a row that sees little, of what it would be if it saw as much as
-    /// it can, on half the way there (the geometric mean), for it has the smaller part in the matrix. Of n hemicubes
-    /// less is expected to be wrong: there the share is a √n-th of that.
-    pub(crate) fn mend(
+    /// A pair is selected if its expected error exceeds a share of √Σ F². A row that sees little counts for less in the
+    /// matrix: √Σ F² is then that of the geometric mean of what it sees and what it could. With n hemicubes, up to
+    /// four, the share falls by √n.
+    pub(crate) fn refine_selected(
         &mut self,
-        model: &Model,
-        emitter: InputPatch,
-        row: Mended<'_>,
+        emitter: &Emitter<'_>,
+        row: &mut RowLists<'_>,
         receives: impl Fn(u32) -> bool,
     ) -> Refined {
-        let mut refined = Refined::default();
-        self.remember(self.measured_of == Some(emitter));
-        self.measured_of = Some(emitter);
-        let own = model.normalised_corners(emitter.0);
-        self.own_area = area(&own);
-        let per_area = 1.0 / self.own_area;
+        self.begin_measuring(emitter.patch);
+        let (least, priors) = self.selection(emitter, row);
+        self.select_seen(emitter, row, least, &priors);
+        let seen_count = self.pairs.len();
+        self.select_unseen(emitter, row, least, &priors, receives);
+        // The error in the other row is found there: z is F_ij alone, here and where rays are allotted.
+        let contribution = |pair: &Pair| {
+            let own = pair.unoccluded * priors.of(pair.cell).sqrt();
+            ErrorContribution {
+                both: own,
+                own,
+                is_near: pair.cell.nearness == 0,
+            }
+        };
+        self.contributions.clear();
+        self.contributions.extend(self.pairs.iter().map(contribution));
+        self.is_probe.clear();
+        self.is_probe.resize(self.pairs.len(), false);
+        let entries = row.patches.len() as u64;
+        let limits = Limits {
+            multiplier: SELECTED_RAYS / (least * least),
+            least,
+            steps: (SELECTED_STEPS + SELECTED_STEPS_AN_ENTRY * entries) * row.work_units(),
+        };
+        let refined = if row.is_large {
+            self.measure_all(emitter, None, limits.steps)
+        } else {
+            let mut refined = Refined::default();
+            self.measure(emitter, limits, &mut refined);
+            refined
+        };
+        for (pair, &place) in self.pairs.iter().zip(&self.places) {
+            row.fractions[place] = pair.fraction;
+        }
+        row.insert(&self.pairs[seen_count..]);
+        refined
+    }
+
+    /// The expected error F √d above which a pair of a row is selected, and the prior variances to expect it by.
+    fn selection(&self, emitter: &Emitter<'_>, row: &RowLists<'_>) -> (f64, PriorVariances) {
+        let per_area = 1.0 / emitter.area;
+        let mut priors = self.refinement.priors;
+        if row.is_large {
+            // By form factors alone, whatever the prior variance.
+            let unoccluded = row.exchange_areas.iter().map(|exchange_area| exchange_area * per_area);
+            return (large::least_factor(unoccluded), PriorVariances::ones());
+        }
+        if row.samples > 1 {
+            priors.divide_by(row.samples);
+        }
         let (mut squares, mut sum) = (0.0, 0.0);
-        for (fraction, exchange) in row.fractions.iter().zip(&*row.exchanges) {
-            let factor = fraction * exchange * per_area;
+        for (fraction, exchange_area) in row.fractions.iter().zip(&*row.exchange_areas) {
+            let factor = fraction * exchange_area * per_area;
             squares += factor * factor;
             sum += factor;
         }
-        // With what it says, as long as it says anything.
         let usual = if squares > 0.0 {
             squares / sum.min(1.0)
         } else {
             USUAL_FACTOR
         };
-        let is_large = row.is_large;
-        let mut least = MENDED * (usual / row.samples.min(MOST_ODD) as f64).sqrt();
-        let mut priors = self.refinement.priors;
-        if row.samples > 1 {
-            priors.lower(row.samples);
-        }
-        if is_large {
-            // From this form factor on, whatever the prior variance.
-            priors = PriorVariances([[1.0; NEARNESSES]; CLASSES]);
-            least = large::least_factor(row.exchanges.iter().map(|exchange| exchange * per_area));
-        }
-        let most = priors.0.map(|of| f64::from(of.into_iter().fold(0.0, f32::max)).sqrt());
+        let samples = row.samples.min(MOST_SELECTED_SAMPLES) as f64;
+        (SELECTED * (usual / samples).sqrt(), priors)
+    }
+
+    /// Lists the seen pairs of a row whose expected error could exceed `least`, and their places.
+    fn select_seen(&mut self, emitter: &Emitter<'_>, row: &RowLists<'_>, least: f64, priors: &PriorVariances) {
+        let per_area = 1.0 / emitter.area;
+        let most = priors.largest_deviations();
+        let inflation = if row.is_large { 1.0 } else { INFLATION.sqrt() };
         self.pairs.clear();
         self.places.clear();
-        let pairs = row.patches.iter().zip(&*row.fractions).zip(&*row.exchanges);
-        for (place, ((&patch, &fraction), &exchange)) in pairs.enumerate() {
-            let class = Kind::class(fraction);
-            let open = exchange * per_area;
-            let larger = if is_large { 1.0 } else { LARGER.sqrt() };
-            if open * most[usize::from(class)] * larger <= least {
+        let pairs = row.patches.iter().zip(&*row.fractions).zip(&*row.exchange_areas);
+        for (place, ((&patch, &fraction), &exchange_area)) in pairs.enumerate() {
+            let class = class_of(fraction);
+            let unoccluded = exchange_area * per_area;
+            if unoccluded * most[usize::from(class)] * inflation <= least {
                 continue;
             }
-            let corners = model.normalised_corners(patch);
+            let corners = emitter.model.normalised_corners(patch);
             self.places.push(place);
             self.pairs.push(Pair {
                 patch,
-                open,
+                unoccluded,
                 fraction,
-                exchange,
-                stake: per_area,
-                kind: Kind {
+                exchange_area,
+                per_area,
+                cell: PriorCell {
                     class,
-                    nearness: Kind::nearness(&own, &corners),
+                    nearness: nearness_of(&emitter.corners, &corners),
                 },
                 is_rough: false,
             });
         }
-        let seen_count = self.pairs.len();
-        let tree = Tree::of(model.geometry());
-        let from = |nearness| {
-            let kind = Kind {
-                class: Kind::class(0.0),
-                nearness,
-            };
-            least / priors.of(kind).sqrt()
-        };
+    }
+
+    /// Lists unseen pairs whose expected error exceeds `least`.
+    fn select_unseen(
+        &mut self,
+        emitter: &Emitter<'_>,
+        row: &RowLists<'_>,
+        least: f64,
+        priors: &PriorVariances,
+        receives: impl Fn(u32) -> bool,
+    ) {
+        let per_area = 1.0 / emitter.area;
+        let tree = Tree::of(emitter.model.geometry());
+        let from = |nearness| least / priors.of(PriorCell::unseen(nearness)).sqrt();
         let from = Least {
             near: from(0),
             far: from(1),
         };
-        self.candidates.find(&tree, emitter.0, &own, from);
+        self.candidates.find(&tree, emitter.patch.0, &emitter.corners, from);
         for &patch in &self.candidates.patches {
             if row.patches.binary_search(&patch).is_ok() || !receives(patch) {
                 continue;
             }
-            let corners = model.normalised_corners(patch);
-            let kind = Kind {
-                class: Kind::class(0.0),
-                nearness: Kind::nearness(&own, &corners),
-            };
-            // Of those that all but touch, the middles tell nothing.
-            let is_rough = kind.nearness > 0;
-            let (open, exchange) = if is_rough {
-                (by_middles(&own, &corners), 0.0)
+            let corners = emitter.model.normalised_corners(patch);
+            let cell = PriorCell::unseen(nearness_of(&emitter.corners, &corners));
+            // Between patches that all but touch, centroids tell nothing.
+            let is_rough = cell.nearness > 0;
+            let (unoccluded, exchange_area) = if is_rough {
+                (by_centroids(&emitter.corners, &corners), 0.0)
             } else {
-                let exchange = factor::exchange(&own, &corners, &self.refinement.rule);
-                (exchange * per_area, exchange)
+                let exchange_area = factor::exchange(&emitter.corners, &corners, &self.refinement.rule);
+                (exchange_area * per_area, exchange_area)
             };
-            if open * priors.of(kind).sqrt() > least {
+            if unoccluded * priors.of(cell).sqrt() > least {
                 self.pairs.push(Pair {
                     patch,
-                    open,
+                    unoccluded,
                     fraction: 0.0,
-                    exchange,
-                    stake: per_area,
-                    kind,
+                    exchange_area,
+                    per_area,
+                    cell,
                     is_rough,
                 });
             }
         }
-        // What a pair is worth to the other row is found there: z is F_ij alone, here and where rays are allotted.
-        let stake = |pair: &Pair| {
-            let own = pair.open * priors.of(pair.kind).sqrt();
-            ErrorContribution {
-                both: own,
-                own,
-                is_near: pair.kind.nearness == 0,
-            }
-        };
-        self.contributions.clear();
-        self.contributions.extend(self.pairs.iter().map(stake));
-        self.is_probe.clear();
-        self.is_probe.resize(self.pairs.len(), false);
-        let price = MENDING / (least * least);
-        let entries = row.patches.len() as u64;
-        let most_steps = (MENDING_STEPS + MENDING_STEPS_AN_ENTRY * entries) * row.worth();
-        if is_large {
-            refined = self.measure_all(model, (emitter, &own), None, most_steps);
-        } else {
-            self.measure(model, emitter, &own, (price, least), most_steps, &mut refined);
-        }
-        for (pair, &place) in self.pairs.iter().zip(&self.places) {
-            row.fractions[place] = pair.fraction;
-        }
-        let mut row = row;
-        row.insert(&self.pairs[seen_count..]);
-        refined
     }
 
-    /// What is expected of a row's pairs.
+    /// Expected errors of a row's pairs, from the hemicube's fractions.
     pub(crate) fn expected_errors(
         &mut self,
         model: &Model,
@@ -775,86 +603,94 @@ impl<'c> Refiner<'c> {
         seen: impl Iterator<Item = (u32, f64)>,
         receives: impl Fn(u32) -> bool,
     ) -> Vec<ErrorContribution> {
-        let own = model.normalised_corners(emitter.0);
-        self.begin(model, emitter, &own, (seen, false), receives);
-        self.find_contributions();
+        let emitter = Emitter::new(model, emitter);
+        self.begin(&emitter, seen, false, receives);
+        self.find_contributions(emitter.area);
         self.contributions.clone()
     }
 
-    fn find_contributions(&mut self) {
+    fn find_contributions(&mut self, own_area: f64) {
         let priors = self.refinement.priors;
         self.contributions.clear();
         self.contributions.extend(self.pairs.iter().map(|pair| {
-            let own = pair.open * priors.of(pair.kind).sqrt();
+            let own = pair.unoccluded * priors.of(pair.cell).sqrt();
             ErrorContribution {
-                both: own * pair.stake * self.own_area,
+                both: own * pair.per_area * own_area,
                 own,
-                is_near: pair.kind.nearness == 0,
+                is_near: pair.cell.nearness == 0,
             }
         }));
     }
 
-    /// What a squared error is worth in this row: what it is all over the scene, or more where the row by itself would
-    /// be too far off. And the z √d from which on pairs are measured.
-    fn price(&self, budget: f64) -> (f64, f64) {
-        let worth = self.refinement.worth();
-        let mut price = self.refinement.price;
-        if price <= 0.0 {
-            price = price_of(self.contributions.iter(), SHARE * budget, worth);
-            return (price, worth / price.sqrt());
+    /// The row's multiplier: the scene's, or a larger one where the row by itself would be too far off. And the z √d
+    /// from which on pairs are measured.
+    fn limits(&self, budget: f64, steps: u64) -> Limits {
+        let threshold = self.refinement.threshold();
+        let mut multiplier = self.refinement.multiplier;
+        if multiplier <= 0.0 {
+            multiplier = multiplier_for(self.contributions.iter(), FRACTIONS_SHARE * budget, threshold);
+            let least = threshold / multiplier.sqrt();
+            return Limits {
+                multiplier,
+                least,
+                steps,
+            };
         }
         if self.refinement.all {
-            // The same price for all rows, so that both of a pair have the same rays.
-            return (price, 0.0);
+            // One multiplier for all rows, so that both rows of a pair cast the same rays.
+            let least = 0.0;
+            return Limits {
+                multiplier,
+                least,
+                steps,
+            };
         }
-        let most = SHARE * (ROW_SUM * self.refinement.tolerance).powi(2);
-        if self
-            .contributions
-            .iter()
-            .map(|stake| stake.left(price, worth))
-            .sum::<f64>()
-            > most
-        {
-            price = price_of(self.contributions.iter(), most, worth).max(price);
+        let most = FRACTIONS_SHARE * (ROW_SUM * self.refinement.tolerance).powi(2);
+        let left = self.contributions.iter().map(|pair| pair.left(multiplier, threshold));
+        if left.sum::<f64>() > most {
+            multiplier = multiplier_for(self.contributions.iter(), most, threshold).max(multiplier);
         }
-        let mut least = worth / price.sqrt();
-        let rough = |least: f64| -> f64 {
-            let kept = self.contributions.iter().filter(|stake| stake.both <= least);
-            kept.map(|stake| stake.own * stake.own).sum()
+        let mut least = threshold / multiplier.sqrt();
+        let unmeasured = |least: f64| -> f64 {
+            let kept = self.contributions.iter().filter(|pair| pair.both <= least);
+            kept.map(|pair| pair.own * pair.own).sum()
         };
-        while rough(least) > ROUGH_SHARE * budget {
+        while unmeasured(least) > UNMEASURED_SHARE * budget {
             least *= 0.7;
         }
-        (price, least)
+        Limits {
+            multiplier,
+            least,
+            steps,
+        }
     }
 
-    /// Makes the list of pairs: what was seen, and what was not but could be large. Returns what the row may err by.
+    /// Lists the pairs: the seen ones, and unseen ones that could be large. Returns the row's permitted squared error.
     fn begin(
         &mut self,
-        model: &Model,
-        emitter: InputPatch,
-        own: &[DVec3; 3],
-        (seen, is_large): (impl Iterator<Item = (u32, f64)>, bool),
+        emitter: &Emitter<'_>,
+        seen: impl Iterator<Item = (u32, f64)>,
+        is_large: bool,
         receives: impl Fn(u32) -> bool,
     ) -> f64 {
         self.pairs.clear();
         self.pairs.extend(seen.map(|(patch, fraction)| Pair {
             fraction,
-            kind: Kind {
-                class: Kind::class(fraction),
+            cell: PriorCell {
+                class: class_of(fraction),
                 nearness: 0,
             },
             ..Pair::unseen(patch)
         }));
         let seen_count = self.pairs.len();
-        self.exchanges.begin(own);
-        self.own_area = area(own);
-        self.close(model, own, 0);
+        self.exchanges.begin(&emitter.corners);
+        self.evaluate_from(emitter, 0);
         let budget = self.refinement.budget(self.squared_norm());
-        let least = if self.refinement.each || self.refinement.all {
+        let measures_all = self.refinement.each || self.refinement.all;
+        let least = if measures_all {
             f64::MIN_POSITIVE
         } else if is_large {
-            large::least_factor(self.pairs.iter().map(|pair| pair.open))
+            large::least_factor(self.pairs.iter().map(|pair| pair.unoccluded))
         } else {
             REACH * budget.sqrt()
         };
@@ -863,7 +699,8 @@ impl<'c> Refiner<'c> {
                 near: least,
                 far: least,
             };
-            self.candidates.find(&Tree::of(model.geometry()), emitter.0, own, from);
+            let tree = Tree::of(emitter.model.geometry());
+            self.candidates.find(&tree, emitter.patch.0, &emitter.corners, from);
             let mut known = 0;
             for &patch in &self.candidates.patches {
                 while known < seen_count && self.pairs[known].patch < patch {
@@ -873,37 +710,37 @@ impl<'c> Refiner<'c> {
                 if is_known || !receives(patch) {
                     continue;
                 }
-                let corners = model.normalised_corners(patch);
-                let nearness = Kind::nearness(own, &corners);
-                let is_rough = nearness >= FAR && !self.refinement.each && !self.refinement.all;
+                let corners = emitter.model.normalised_corners(patch);
+                let nearness = nearness_of(&emitter.corners, &corners);
                 let mut pair = Pair {
-                    stake: stake(area(own), area(&corners)),
-                    is_rough,
+                    per_area: inverse_area(emitter.area, area(&corners)),
+                    cell: PriorCell::unseen(nearness),
                     ..Pair::unseen(patch)
                 };
-                pair.kind.nearness = nearness;
-                if is_rough {
-                    pair.open = by_middles(own, &corners);
-                }
-                if is_rough {
+                if nearness >= FAR && !measures_all {
+                    pair.is_rough = true;
+                    pair.unoccluded = by_centroids(&emitter.corners, &corners);
                     self.far.push(pair);
                 } else {
                     self.pairs.push(pair);
                 }
             }
-            self.close(model, own, seen_count);
+            self.evaluate_from(emitter, seen_count);
             self.pairs.append(&mut self.far);
         }
         budget
     }
 
     fn squared_norm(&self) -> f64 {
-        self.pairs.iter().map(|p| (p.open * p.fraction).powi(2)).sum()
+        self.pairs.iter().map(|p| (p.unoccluded * p.fraction).powi(2)).sum()
     }
 
-    /// Compares what a hemicube says of some of a row's pairs with rays; adds to `sums`. Returns Σ F² of the row as the
-    /// hemicube has it.
-    pub(crate) fn survey(
+    /// Measures by rays how far the hemicube's fractions of some of a row's pairs are off, and adds to `sums`. Returns
+    /// Σ F² of the row by the hemicube's fractions.
+    ///
+    /// Pairs of each class are drawn in proportion to F, about [`PRIOR_PAIRS`] of them, and weighted by F² over their
+    /// chance.
+    pub(crate) fn measure_priors(
         &mut self,
         model: &Model,
         emitter: InputPatch,
@@ -911,195 +748,164 @@ impl<'c> Refiner<'c> {
         receives: impl Fn(u32) -> bool,
         sums: &mut PriorSums,
     ) -> f64 {
-        let own = model.normalised_corners(emitter.0);
-        self.begin(model, emitter, &own, (seen, false), receives);
-        let walls = &*CoplanarRegions::of(model);
-        let obstacles = Obstacles {
-            surfaces: &model.geometry().surfaces,
-            walls,
-        };
+        let emitter = Emitter::new(model, emitter);
+        self.begin(&emitter, seen, false, receives);
+        let regions = CoplanarRegions::of(model);
+        let obstacles = Obstacles::new(model, &regions);
         for class in 0..CLASSES {
-            let of_class = |pair: &&Pair| usize::from(pair.kind.class) == class;
-            let total: f64 = self.pairs.iter().filter(of_class).map(|pair| pair.open).sum();
-            for pair in self.pairs.iter().filter(of_class).filter(|pair| pair.open > 0.0) {
-                // Drawn in proportion to F, and weighted by what that leaves out.
-                let chance = (SURVEYED * pair.open / total).min(1.0);
-                if splitmix::unit(splitmix::hash(seed(emitter.0, pair.patch).wrapping_add(splitmix::STEP))) >= chance {
+            let of_class = |pair: &&Pair| usize::from(pair.cell.class) == class;
+            let total: f64 = self.pairs.iter().filter(of_class).map(|pair| pair.unoccluded).sum();
+            for pair in self.pairs.iter().filter(of_class).filter(|pair| pair.unoccluded > 0.0) {
+                let chance = (PRIOR_PAIRS * pair.unoccluded / total).min(1.0);
+                let seed = seed(emitter.patch.0, pair.patch);
+                if splitmix::unit(splitmix::hash(seed.wrapping_add(splitmix::STEP))) >= chance {
                     continue;
                 }
                 let corners = model.normalised_corners(pair.patch);
                 self.shaft.clear();
-                let sighting = self.shaft.sight(obstacles, (emitter.0, &own), (pair.patch, &corners));
-                let fraction = if sighting.hidden {
-                    0.0
-                } else if sighting.is_open() {
-                    1.0
+                let triangles =
+                    self.shaft
+                        .pair(obstacles, emitter.triangle(), PatchTriangle::new(pair.patch, &corners));
+                let fraction = if let Some(fraction) = triangles.proved_fraction() {
+                    fraction
                 } else {
                     let mut cast = Cast::default();
-                    let seed = seed(emitter.0, pair.patch);
-                    if sighting.near {
-                        self.shaft.cast_near(
-                            obstacles,
-                            &sighting,
-                            SURVEY_RAYS,
-                            MOST_DRAWN * SURVEY_RAYS,
-                            seed,
-                            &mut cast,
-                        );
-                    } else {
-                        self.shaft.cast(obstacles, &sighting, SURVEY_RAYS, seed, &mut cast);
-                    }
+                    self.shaft.cast(obstacles, &triangles, PRIOR_RAYS, seed, &mut cast);
                     let Some(fraction) = cast.fraction() else { continue };
                     fraction
                 };
-                let weight = pair.open * pair.open / chance;
-                let sum = &mut sums.0[class][usize::from(pair.kind.nearness)];
-                sum.0 += weight * (fraction - pair.fraction).powi(2);
-                sum.1 += weight;
-                sum.2 += 1.0;
+                let weight = pair.unoccluded * pair.unoccluded / chance;
+                sums.add(pair.cell, (fraction - pair.fraction).powi(2), weight);
             }
         }
         self.squared_norm()
     }
 
-    /// The closed forms of the pairs from `start` on.
-    fn close(&mut self, model: &Model, own: &[DVec3; 3], start: usize) {
-        let own_area = area(own);
-        self.open.clear();
-        self.open.resize(self.pairs.len() - start, 0.0);
+    /// Evaluates the closed forms of the pairs from place `start` on.
+    fn evaluate_from(&mut self, emitter: &Emitter<'_>, start: usize) {
+        self.exchange_areas.clear();
+        self.exchange_areas.resize(self.pairs.len() - start, 0.0);
         for (place, pair) in self.pairs[start..].iter_mut().enumerate() {
-            let corners = model.normalised_corners(pair.patch);
-            self.exchanges.add(place, &corners, &mut self.open);
-            pair.kind.nearness = Kind::nearness(own, &corners);
-            pair.stake = stake(own_area, area(&corners));
+            let corners = emitter.model.normalised_corners(pair.patch);
+            self.exchanges.add(place, &corners, &mut self.exchange_areas);
+            pair.cell.nearness = nearness_of(&emitter.corners, &corners);
+            pair.per_area = inverse_area(emitter.area, area(&corners));
         }
-        self.exchanges.finish(&mut self.open);
-        for (pair, exchange) in self.pairs[start..].iter_mut().zip(&self.open) {
-            pair.open = exchange / own_area;
-            pair.exchange = *exchange;
+        self.exchanges.finish(&mut self.exchange_areas);
+        for (pair, exchange_area) in self.pairs[start..].iter_mut().zip(&self.exchange_areas) {
+            pair.unoccluded = exchange_area / emitter.area;
+            pair.exchange_area = *exchange_area;
         }
     }
 
-    /// Measures the fraction of every pair to the tolerance.
-    fn measure_each(&mut self, model: &Model, emitter: InputPatch, own: &[DVec3; 3]) -> Refined {
-        let walls = &*CoplanarRegions::of(model);
-        let obstacles = Obstacles {
-            surfaces: &model.geometry().surfaces,
-            walls,
-        };
+    /// Measures every pair's fraction to the tolerance.
+    fn measure_each(&mut self, emitter: &Emitter<'_>) -> Refined {
+        let regions = CoplanarRegions::of(emitter.model);
+        let obstacles = Obstacles::new(emitter.model, &regions);
         let mut refined = Refined::default();
         let cancel = self.cancel;
-        for pair in self.pairs.iter_mut().filter(|pair| pair.open > 0.0) {
+        for pair in self.pairs.iter_mut().filter(|pair| pair.unoccluded > 0.0) {
             if cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
                 refined.cut_short = true;
                 break;
             }
             self.shaft.clear();
-            let corners = model.normalised_corners(pair.patch);
-            let sighting = self.shaft.sight(obstacles, (emitter.0, own), (pair.patch, &corners));
+            let corners = emitter.model.normalised_corners(pair.patch);
+            let triangles = self
+                .shaft
+                .pair(obstacles, emitter.triangle(), PatchTriangle::new(pair.patch, &corners));
             refined.shafts += 1;
-            if sighting.hidden || sighting.is_open() {
-                pair.fraction = f64::from(u8::from(!sighting.hidden));
+            if let Some(fraction) = triangles.proved_fraction() {
+                pair.fraction = fraction;
                 continue;
             }
-            // Of a factor under a hundredth, a hundredth of the tolerance.
-            let enough = EACH_SHARE * self.refinement.tolerance * (SMALL_FACTOR / pair.open).max(1.0);
-            let measured = self
-                .clipper
-                .measure(&self.shaft, walls, &sighting, enough, MOST_POINTS_EACH, true);
-            if let Some(clipped) = measured {
-                pair.fraction = clipped.fraction;
-                refined.points += clipped.points as u64;
-                refined.squared_error += (clipped.change * pair.open).powi(2);
+            let precision = Precision {
+                // For a factor below a hundredth, relative to a hundredth.
+                enough: EACH_SHARE * self.refinement.tolerance * (SMALL_FACTOR / pair.unoccluded).max(1.0),
+                most_points: MOST_POINTS_EACH,
+                along_contacts: true,
+            };
+            if let Some(exact) = self.exact.measure(&self.shaft, &regions, &triangles, precision) {
+                pair.fraction = exact.fraction;
+                refined.points += exact.points as u64;
+                refined.squared_error += (exact.error * pair.unoccluded).powi(2);
                 continue;
             }
-            let seed = seed(emitter.0, pair.patch);
+            let seed = seed(emitter.patch.0, pair.patch);
             let mut cast = Cast::default();
-            if sighting.near {
-                self.shaft
-                    .cast_near(obstacles, &sighting, EACH_RAYS, MOST_DRAWN * EACH_RAYS, seed, &mut cast);
-            } else {
-                self.shaft.cast(obstacles, &sighting, EACH_RAYS, seed, &mut cast);
-            }
+            self.shaft.cast(obstacles, &triangles, EACH_RAYS, seed, &mut cast);
             refined.rays += EACH_RAYS as u64;
             if let Some(fraction) = cast.fraction() {
                 pair.fraction = fraction;
             }
-            let variance = pair.fraction * (1.0 - pair.fraction) * left_by(EACH_RAYS as f64);
-            refined.squared_error += pair.open * pair.open * variance;
+            let variance = pair.fraction * (1.0 - pair.fraction) * variance_of_rays(EACH_RAYS as f64);
+            refined.squared_error += pair.unoccluded * pair.unoccluded * variance;
         }
         refined.squared_norm = self.squared_norm();
         refined
     }
 
-    /// Measures the fractions of the pairs whose z √d is more than `least`, at this price of a squared error.
-    fn measure(
-        &mut self,
-        model: &Model,
-        emitter: InputPatch,
-        own: &[DVec3; 3],
-        (price, least): (f64, f64),
-        most_steps: u64,
-        refined: &mut Refined,
-    ) {
-        // Prior variances of the groups in this row: where one point stands badly for a patch, all that it says is off
-        // at once. So some pairs of each group are tried in any case, and where they are off, so may be others.
-        let mut found = [Found::default(); GROUPS];
+    /// Measures the fractions of the pairs whose z √d exceeds `limits.least`, and of the probes.
+    fn measure(&mut self, emitter: &Emitter<'_>, limits: Limits, refined: &mut Refined) {
+        // Where one point stands badly for a patch, all fractions of a group are off at once. So some pairs of each
+        // group are measured in any case, and if they are off, so may be others.
+        let mut found = [GroupErrors::default(); GROUPS];
         self.is_measured.clear();
         self.is_measured.resize(self.pairs.len(), false);
         for pass in 0..PASSES {
-            let larger = found.map(|f| f.larger());
+            let inflation = found.map(|f| f.inflation());
             let expected =
-                |place: usize| self.contributions[place].both * larger[self.pairs[place].kind.group()].sqrt();
+                |place: usize| self.contributions[place].both * inflation[self.pairs[place].cell.group()].sqrt();
             let mut wanted: Vec<(f64, usize)> = (0..self.pairs.len())
                 .filter(|&place| !self.is_measured[place])
                 .map(|place| (expected(place), place))
-                .filter(|&(worth, place)| worth > least || (pass == 0 && self.is_probe[place]))
+                .filter(|&(error, place)| error > limits.least || (pass == 0 && self.is_probe[place]))
                 .collect();
             if wanted.is_empty() {
                 break;
             }
-            // Where the budget may not do for all, those first that matter most.
-            if refined.steps + wanted.len() as u64 * STEPS_A_PAIR > most_steps {
+            // Where the steps may not do for all, the largest errors first.
+            if refined.steps + wanted.len() as u64 * STEPS_A_PAIR > limits.steps {
                 wanted.sort_by(|p, q| q.0.total_cmp(&p.0).then(p.1.cmp(&q.1)));
             }
             for (_, place) in wanted {
-                if refined.steps >= most_steps || self.is_cancelled() {
+                if refined.steps >= limits.steps || self.is_cancelled() {
                     refined.cut_short = true;
                     break;
                 }
-                let (group, stake) = (self.pairs[place].kind.group(), self.contributions[place]);
+                let (group, contribution) = (self.pairs[place].cell.group(), self.contributions[place]);
                 let before = self.pairs[place].fraction;
-                self.measure_pair(model, (emitter, own), place, price, refined);
+                self.measure_pair(emitter, place, limits.multiplier, refined);
                 let pair = &self.pairs[place];
-                found[group].squared += (pair.open * (pair.fraction - before)).powi(2);
-                found[group].expected += stake.own * stake.own;
+                found[group].squared += (pair.unoccluded * (pair.fraction - before)).powi(2);
+                found[group].expected += contribution.own * contribution.own;
                 self.is_measured[place] = true;
             }
         }
-        for (place, stake) in self.contributions.iter().enumerate() {
+        for (place, contribution) in self.contributions.iter().enumerate() {
             if !self.is_measured[place] {
-                let larger = found[self.pairs[place].kind.group()].larger();
-                refined.squared_error += larger * stake.own.powi(2);
+                let inflation = found[self.pairs[place].cell.group()].inflation();
+                refined.squared_error += inflation * contribution.own.powi(2);
             }
         }
     }
 
-    /// Draws pairs of each group in proportion to their part in its prior variance, evenly through the row.
+    /// Draws probes: pairs of each group in proportion to their part in its expected squared error, evenly through the
+    /// row.
     fn find_probes(&mut self, emitter: InputPatch) {
         let mut totals = [0.0; GROUPS];
-        for (stake, pair) in self.contributions.iter().zip(&self.pairs) {
-            totals[pair.kind.group()] += stake.own * stake.own;
+        for (contribution, pair) in self.contributions.iter().zip(&self.pairs) {
+            totals[pair.cell.group()] += contribution.own * contribution.own;
         }
         let steps = totals.map(|total| total / PROBES);
         let first = splitmix::unit(splitmix::hash(u64::from(emitter.0).wrapping_add(splitmix::STEP)));
         let mut next = steps.map(|step| first * step);
         let mut sums = [0.0; GROUPS];
         self.is_probe.clear();
-        for (stake, pair) in self.contributions.iter().zip(&self.pairs) {
-            let group = pair.kind.group();
-            sums[group] += stake.own * stake.own;
-            let is_probe = stake.own > 0.0 && sums[group] > next[group];
+        for (contribution, pair) in self.contributions.iter().zip(&self.pairs) {
+            let group = pair.cell.group();
+            sums[group] += contribution.own * contribution.own;
+            let is_probe = contribution.own > 0.0 && sums[group] > next[group];
             while steps[group] > 0.0 && next[group] < sums[group] {
                 next[group] += steps[group];
             }
@@ -1107,114 +913,99 @@ impl<'c> Refiner<'c> {
         }
     }
 
-    /// Measures the fraction of a pair, or takes it from when that was done for this row before.
-    fn measure_pair(
-        &mut self,
-        model: &Model,
-        (emitter, own): (InputPatch, &[DVec3; 3]),
-        place: usize,
-        price: f64,
-        refined: &mut Refined,
-    ) {
+    /// Measures the fraction of a pair, or takes it over from an earlier attempt at the row.
+    fn measure_pair(&mut self, emitter: &Emitter<'_>, place: usize, multiplier: f64, refined: &mut Refined) {
         let patch = self.pairs[place].patch;
         let before = self.measured[..self.measured_before].binary_search_by_key(&patch, |measured| measured.patch);
         if let Ok(at) = before {
             let (measured, pair) = (self.measured[at], &mut self.pairs[place]);
             pair.fraction = measured.fraction;
             if pair.is_rough {
-                (pair.open, pair.exchange, pair.is_rough) = (measured.open, measured.exchange, false);
+                pair.unoccluded = measured.unoccluded;
+                pair.exchange_area = measured.exchange_area;
+                pair.is_rough = false;
             }
             refined.add(measured.cost);
             return;
         }
         let mut cost = Refined::default();
-        self.measure_anew(model, (emitter, own), place, price, &mut cost);
+        self.measure_anew(emitter, place, multiplier, &mut cost);
         refined.add(cost);
         let pair = &self.pairs[place];
         self.measured.push(Measured {
             patch,
             fraction: pair.fraction,
-            open: pair.open,
-            exchange: pair.exchange,
+            unoccluded: pair.unoccluded,
+            exchange_area: pair.exchange_area,
             cost,
         });
     }
 
-    /// Measures the fraction of a pair.
-    fn measure_anew(
-        &mut self,
-        model: &Model,
-        (emitter, own): (InputPatch, &[DVec3; 3]),
-        place: usize,
-        price: f64,
-        refined: &mut Refined,
-    ) {
-        let walls = &*CoplanarRegions::of(model);
-        let obstacles = Obstacles {
-            surfaces: &model.geometry().surfaces,
-            walls,
-        };
+    /// Measures the fraction of a pair: by proof, by rays, or exactly from points.
+    fn measure_anew(&mut self, emitter: &Emitter<'_>, place: usize, multiplier: f64, refined: &mut Refined) {
+        let regions = CoplanarRegions::of(emitter.model);
+        let obstacles = Obstacles::new(emitter.model, &regions);
         let pair = &mut self.pairs[place];
-        let corners = model.normalised_corners(pair.patch);
+        let corners = emitter.model.normalised_corners(pair.patch);
         self.shaft.clear();
-        let sighting = self.shaft.sight(obstacles, (emitter.0, own), (pair.patch, &corners));
+        let triangles = self
+            .shaft
+            .pair(obstacles, emitter.triangle(), PatchTriangle::new(pair.patch, &corners));
         refined.shafts += 1;
-        refined.steps += sighting.steps;
-        if sighting.hidden {
+        refined.steps += triangles.steps;
+        if triangles.is_occluded {
             pair.fraction = 0.0;
             return;
         }
         if pair.is_rough {
-            let exchange = factor::exchange(own, &corners, &self.refinement.rule);
-            (pair.open, pair.exchange, pair.is_rough) = (exchange / area(own), exchange, false);
+            pair.exchange_area = factor::exchange(&emitter.corners, &corners, &self.refinement.rule);
+            pair.unoccluded = pair.exchange_area / emitter.area;
+            pair.is_rough = false;
         }
-        if sighting.is_open() {
+        if triangles.is_unoccluded() {
             pair.fraction = 1.0;
             return;
         }
-        let seed = seed(emitter.0, pair.patch);
-        let exchanged = pair.exchange * pair.stake;
-        let ray = match (sighting.crowded, sighting.near) {
-            (true, _) => CROWDED_RAY,
+        let seed = seed(emitter.patch.0, pair.patch);
+        let z = pair.exchange_area * pair.per_area;
+        let ray = match (triangles.is_crowded, triangles.is_near) {
+            (true, _) => TREE_RAY,
             (false, true) => NEAR_RAY,
             (false, false) => 1.0,
         };
         let mut cast = Cast::default();
-        let mut next = if sighting.near { 2 * RAYS } else { RAYS };
+        let mut next = if triangles.is_near { 2 * RAYS } else { RAYS };
         let (rays, spread) = loop {
-            let rays = if sighting.near {
-                self.shaft
-                    .cast_near(obstacles, &sighting, next, MOST_DRAWN * next, seed, &mut cast)
-            } else {
-                self.shaft.cast(obstacles, &sighting, next, seed, &mut cast)
-            };
+            let rays = self.shaft.cast(obstacles, &triangles, next, seed, &mut cast);
             // A few rays that agree do not prove that all would (Laplace's rule of succession, for half a ray).
             let count = rays as f64;
             let seen = cast.fraction().unwrap_or(0.5);
             let smooth = (seen * count + 0.5) / (count + 1.0);
             let spread = (smooth * (1.0 - smooth)).sqrt();
-            let mut wanted = rays_for((spread * exchanged).powi(2) * price, ray);
+            let mut wanted = rays_for((spread * z).powi(2) * multiplier, ray);
             if self.refinement.all {
-                // A row's sum may be off by what a few dozen such pairs leave, even where their first rays agree by
+                // Some dozens of such pairs add up to the error of a row's sum, even where their first rays agree by
                 // chance. The larger factor of the two is at most √2 z.
-                let larger = std::f64::consts::SQRT_2 * exchanged;
+                let larger = std::f64::consts::SQRT_2 * z;
                 let error = PAIRS_OF_A_SUM * larger * spread.max(LEAST_SPREAD) / (ROW_SUM * self.refinement.tolerance);
                 wanted = wanted.max(error * error / SUM_GAIN);
             }
-            let is_poor = cast.sums.1 <= 0.0 || (sighting.near && rays < RAYS);
+            let is_poor = cast.sums.all <= 0.0 || (triangles.is_near && rays < RAYS);
             if is_poor || (wanted > MANY_RAYS && rays >= KNOWN_RAYS) {
-                // What so many rays would leave.
-                let enough = spread * left_by(wanted.max(1.0)).sqrt();
-                let clipped = self
-                    .clipper
-                    .measure(&self.shaft, walls, &sighting, enough, MOST_POINTS, false);
-                refined.steps += self.clipper.steps();
-                if let Some(clipped) = clipped {
+                let precision = Precision {
+                    // As much as those rays would leave.
+                    enough: spread * variance_of_rays(wanted.max(1.0)).sqrt(),
+                    most_points: MOST_POINTS,
+                    along_contacts: false,
+                };
+                let exact = self.exact.measure(&self.shaft, &regions, &triangles, precision);
+                refined.steps += self.exact.steps();
+                if let Some(exact) = exact {
                     refined.steps += cast.steps;
-                    pair.fraction = clipped.fraction;
+                    pair.fraction = exact.fraction;
                     refined.rays += rays as u64;
-                    refined.points += clipped.points as u64;
-                    refined.squared_error += (clipped.change * pair.open).powi(2);
+                    refined.points += exact.points as u64;
+                    refined.squared_error += (exact.error * pair.unoccluded).powi(2);
                     return;
                 }
             }
@@ -1224,8 +1015,7 @@ impl<'c> Refiner<'c> {
                 reason = "clamped, then a number of rays"
             )]
             let wanted = (wanted.clamp(0.0, MOST_RAYS) as usize).next_multiple_of(RAYS);
-            // No more than a few times as many at once: most of those that the first are in doubt about, the next
-            // settle.
+            // Grow step by step: most spreads that the first rays leave open, the next resolve.
             if wanted <= rays || next >= wanted {
                 break (rays, spread);
             }
@@ -1237,53 +1027,38 @@ impl<'c> Refiner<'c> {
         if let Some(fraction) = cast.fraction() {
             pair.fraction = fraction;
         }
-        refined.squared_error += (spread * pair.open).powi(2) * left_by(rays.max(1) as f64);
+        refined.squared_error += (spread * pair.unoccluded).powi(2) * variance_of_rays(rays.max(1) as f64);
     }
 }
 
-/// The factor from patch to patch as their middles have it, by the parts of either in front of the other.
-fn by_middles(i: &[DVec3; 3], j: &[DVec3; 3]) -> f64 {
-    let cross = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
-    let middle = |t: &[DVec3; 3]| (t[0] + t[1] + t[2]) / 3.0;
+/// A form factor by the kernel between centroids, with the greatest height of either triangle above the other's plane.
+fn by_centroids(i: &[DVec3; 3], j: &[DVec3; 3]) -> f64 {
     let (n, m) = (cross(i), cross(j));
-    let between = middle(j) - middle(i);
+    let between = centroid(j) - centroid(i);
     let square = between.length_squared();
     let highest = |n: DVec3, from: DVec3, t: &[DVec3; 3]| t.iter().map(|&p| n.dot(p - from)).fold(0.0, f64::max);
     let (up, back) = (highest(n, i[0], j) / n.length(), highest(m, j[0], i));
     0.5 * up * back / (std::f64::consts::PI * square * square)
 }
 
-/// z in terms of the exchange A_i F_ij: both factors count, and both directions have the same bits.
-fn stake(i: f64, j: f64) -> f64 {
+/// √((1/A_i² + 1/A_j²) / 2), the same bits in both directions: z = √((F_ij² + F_ji²) / 2) = `inverse_area` · A_i F_ij.
+fn inverse_area(i: f64, j: f64) -> f64 {
     (0.5 / (i * i) + 0.5 / (j * j)).sqrt()
 }
 
-/// Where each pair is measured: the share of the tolerance that points may leave, and rays where points will not do.
+/// Share of the tolerance that points may leave where each pair is measured. A choice.
 const EACH_SHARE: f64 = 0.3;
+/// Form factor below which a pair's error there is relative to this instead of to the factor. A choice.
 const SMALL_FACTOR: f64 = 1e-2;
+/// Number of rays there, where points do not do.
 const EACH_RAYS: usize = 1 << 18;
 
-/// Pairs of each class that are surveyed in a row, about.
-const SURVEYED: f64 = 16.0;
+/// Number of pairs of each class, about, at which prior variances are measured in a row.
+const PRIOR_PAIRS: f64 = 16.0;
 /// Rays at each of them.
-const SURVEY_RAYS: usize = 512;
+const PRIOR_RAYS: usize = 512;
 
-/// What so many rays of a sequence leave of a squared spread of 1, where independent ones would leave 1/n: about so
-/// between pairs that matter to their rows, near and far (`rays_leave_less_than_independent_ones`).
-fn left_by(rays: f64) -> f64 {
-    1.0 / (rays * rays.sqrt().sqrt())
-}
-
-/// So many rays, each as dear as `ray` usual ones, that what they cost and what they leave of a squared error, which is
-/// worth `worth` usual rays, come to the least.
-fn rays_for(worth: f64, ray: f64) -> f64 {
-    // To the power of 7/16, for 4/9: roots have the same bits everywhere.
-    let fourth = (1.25 * worth / ray).sqrt().sqrt();
-    let eighth = fourth.sqrt();
-    fourth * eighth * eighth.sqrt()
-}
-
-/// The same in both directions.
+/// The seed of a pair, the same in both directions.
 fn seed(i: u32, j: u32) -> u64 {
     (u64::from(i.min(j)) << 32 | u64::from(i.max(j))).wrapping_mul(splitmix::STEP)
 }

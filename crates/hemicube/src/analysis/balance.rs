@@ -1,5 +1,5 @@
-//! Balancing a stored matrix: reciprocity, closure, and leaving out small entries, as an explicit step after the
-//! computation that the result's manifest records.
+//! Balancing of a stored matrix: reciprocity, closure, and leaving out small entries. An explicit step after the
+//! computation, recorded in the result's manifest.
 //!
 //! ```text
 //! symmetrise  Sᵢⱼ = Aᵢ Aⱼ (Fᵢⱼ + Fⱼᵢ) / (Aᵢ + Aⱼ), at most min(Aᵢ, Aⱼ)     the mean of Aᵢ Fᵢⱼ and Aⱼ Fⱼᵢ, each row
@@ -9,34 +9,33 @@
 //!             tᵢ = 1 − escapedᵢ − blockedᵢ for closure; otherwise what row i summed to before the drop
 //! ```
 //!
-//! A patch that is small sees another better from its one hemicube than the large one sees it: hence the weights. A
-//! pair that only one of the two rows has is averaged with the other row's 0: both rows are observations of the pair,
-//! and one of them saw nothing.
+//! A small patch sees a large one better from its one hemicube than the large one sees it: hence the weights. A pair in
+//! one row only is averaged with the other row's 0: both rows are observations of the pair, and one of them saw
+//! nothing.
 //!
 //! The scaling is that of Sinkhorn & Knopp (1967) in its symmetric form, S' = D S D (Csima & Datta 1972); van Leersum
-//! (1989) and Lawson (1995) scale or smooth view factors for the same purpose. It is found by minimising ½ Σ dᵢ Sᵢⱼ dⱼ
-//! − Σ Aᵢ tᵢ ln dᵢ, convex in ln d, one dᵢ = Aᵢ tᵢ / Σⱼ Sᵢⱼ dⱼ after the other, in the processing order. No scaling
-//! reaches the sums where they contradict the entries: a patch that sees one other only, and that one less of it; or,
-//! far more often, a tᵢ that is wrong, because one hemicube at a centroid lost what most of the patch sees. Unbounded d
-//! would spoil all entries around such a row, so every dᵢ stays within a bound, and rows that want more are counted.
+//! (1989) and Lawson (1995) scale or smooth view factors for the same purpose. It minimises ½ Σ dᵢ Sᵢⱼ dⱼ − Σ Aᵢ tᵢ ln
+//! dᵢ, convex in ln d, one dᵢ = Aᵢ tᵢ / Σⱼ Sᵢⱼ dⱼ after the other, in the order of work. No scaling reaches sums that
+//! contradict the entries: a patch sees one other only, and that one sees less of it; or, far more often, tᵢ is wrong,
+//! because one hemicube at a centroid lost most of the patch's view. Unbounded d would spoil all entries around such a
+//! row. Every dᵢ therefore stays within a bound, and rows at the bound are counted.
 //!
-//! **What it is for.** Solvers that need energy to balance. It adds nothing that the hemicubes did not see: sums of
-//! pixels come nearer to the reference by it. What a corrected row loses is refined with it ([`RowShares`](crate::store::RowShares)), so that in
-//! the open tᵢ is what the row sums to already, and exact factors stay as they are; where nothing is lost, tᵢ = 1 moves
-//! all of the row alike, and usually away from the reference. `what_balancing_does_to_the_error` in
-//! tests/tests/balance.rs measures it.
+//! **Use.** For solvers that need energy to balance. It adds nothing unseen by the hemicubes: sums of pixels come
+//! nearer to the reference by it. The shares of a corrected row are refined with it
+//! ([`RowShares`](crate::store::RowShares)): in the open tᵢ is the row's sum already, and exact factors stay unchanged;
+//! where nothing is lost, tᵢ = 1 moves all of the row alike, usually away from the reference.
+//! `what_balancing_does_to_the_error` in tests/tests/balance.rs measures it.
 //!
-//! Without reciprocity and closure rows stay on their own: entries below the least factor go, and the others of the row
-//! share what it lost in proportion. A row whose entries would grow beyond the bound keeps everything.
+//! Without reciprocity and closure, rows stay on their own: entries below the least factor are left out, and the others
+//! of the row share their sum in proportion. A row that would grow beyond the bound keeps all.
 //!
-//! The result is in the plain form, whatever the source's: what is made equal here would not stay so in 16 bits.
+//! The result is in the plain form, whatever the source's: equalities made here would not survive 16 bits.
 //!
-//! **Out of core.** In memory are some vectors of one number a patch and one part. A row needs its column: entries are
-//! dealt out into a file beside the result, one run for each part that holds the column's row (`exchange`), which costs
-//! one write and one read of 12 bytes an entry. Passes over the store for one block of columns each would need no disk,
-//! but as many reads of the whole matrix as it is larger than memory. The symmetric matrix is a second such file of 8
-//! bytes an entry, read once a sweep (`symmetric`). Everything runs in one thread and one order: equal input gives
-//! equal bytes.
+//! **Out of core.** In memory are some vectors of one number a patch, and one part. A row needs its column: entries are
+//! sorted into a file beside the result, one run for each part with the column's row (`exchange`), at the cost of one
+//! write and one read of 12 bytes an entry. Passes over the store for one block of columns each would need no disk, but
+//! size / memory reads of the whole matrix. The symmetric matrix is a second such file of 8 bytes an entry, read once a
+//! sweep (`symmetric`). Everything runs in one thread and one order: equal input gives equal bytes.
 
 mod exchange;
 mod residual;
@@ -53,30 +52,29 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use symmetric::Symmetric;
 
-/// The least residual that can be asked for: form factors are stored as f32, and a row's rounding adds up.
+/// The least tolerance of the sweeps: form factors are stored as f32, and a row's rounding adds up.
 pub const TOLERANCE_MIN: f64 = 1e-7;
 
-/// The most that [`BalanceOptions::max_scale`] can be: beyond it nothing is left of what was computed.
+/// The largest [`BalanceOptions::max_scale`]: beyond it nothing is left of the computed matrix.
 pub const MAX_SCALE_MAX: f64 = 16.0;
 
-/// What to do to a matrix.
+/// Options of balancing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BalanceOptions {
-    /// Scale rows and columns alike until every row sums to what its hemicubes did not lose. Implies `reciprocity`.
+    /// Scale rows and columns alike until every row sums to 1 minus its shares. Implies `reciprocity`.
     pub closure: bool,
     /// Make Aᵢ Fᵢⱼ and Aⱼ Fⱼᵢ equal.
     pub reciprocity: bool,
-    /// Leave out form factors below this, and give what a row loses to its other entries; 0: leave out none.
+    /// Leave out form factors below this, and give their sum to the other entries of the row; 0: leave out none.
     pub min_factor: f64,
-    /// By how much a row may be scaled up or down, and so an entry by the square of it. A row that wants more has a
-    /// wrong sum or lacks entries, and scaling would spoil the other rows for it: it stays at the bound, and is
-    /// counted.
+    /// Bound on the scaling of a row, up or down; an entry is scaled by its square at most. A row that needs more has a
+    /// wrong sum or lacks entries, and would spoil the other rows: it stays at the bound, and is counted.
     pub max_scale: f64,
-    /// When the sweeps end: no dᵢ changes by more than this share, so that no row is off by more.
+    /// The sweeps end when no dᵢ changes by more than this share: no row is then off by more.
     pub tolerance: f64,
     /// When they end anyway.
     pub max_sweeps: u32,
-    /// Replace a store that is there.
+    /// Replace an existing store.
     pub overwrite: bool,
 }
 
@@ -129,10 +127,10 @@ impl BalanceOptions {
     }
 }
 
-/// What balancing did.
+/// Result of balancing.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BalanceReport {
-    /// The matrix that was balanced.
+    /// The matrix balanced.
     pub source: PathBuf,
     /// The balanced matrix.
     pub output: PathBuf,
@@ -144,17 +142,17 @@ pub struct BalanceReport {
     pub bytes_before: u64,
     /// Size of the result on the disk.
     pub bytes_after: u64,
-    /// What the manifest records.
+    /// The record in the manifest.
     pub balance: BalanceEntry,
 }
 
 /// Writes a balanced copy of `store` to the directory `output`.
 ///
 /// # Errors
-/// [`Error::Unsupported`] for a matrix that cannot be balanced as asked: incomplete; or, for closure and reciprocity,
-/// without a row or a column for every patch, or with patches without area. [`Error::Refused`] for options that make no
-/// sense. [`Error::DiskTooSmall`] before anything is written, [`Error::NoSpace`] after; otherwise what reading and
-/// writing give. After an error the result is not there or, by its manifest, not complete.
+/// [`Error::Unsupported`] for an incomplete matrix or, for closure and reciprocity, one without a row or a column for
+/// every patch, or with patches without area. [`Error::Refused`] for options out of range. [`Error::DiskTooSmall`]
+/// before anything is written, [`Error::NoSpace`] after; otherwise errors of reading and writing. After an error the
+/// result is not there or, by its manifest, not complete.
 ///
 /// ```
 /// use hemicube::analysis::balance::{BalanceOptions, balance};
@@ -208,7 +206,7 @@ pub fn balance(store: &Store, output: &Path, options: &BalanceOptions) -> Result
     })
 }
 
-/// Areas as shares of the largest one, so that no product of them leaves the range of f64, and their roots.
+/// Areas as shares of the largest one, with their roots: no product of them leaves the range of f64.
 #[derive(Debug)]
 pub(crate) struct Areas {
     pub(crate) share: Vec<f64>,
@@ -229,8 +227,8 @@ impl Areas {
                 return Err(Error::unsupported(
                     &path,
                     format!(
-                        "has patch {patch} without area, whose row reciprocity leaves open; take it out of the scene and \
-                         compute again"
+                        "has patch {patch} without area, whose row reciprocity leaves open; take it out of the scene \
+                         and compute again"
                     ),
                 ));
             }
@@ -243,7 +241,8 @@ impl Areas {
         if is_symmetric && smallest < 1e-150 {
             return Err(Error::unsupported(
                 &path,
-                "has patches of which one is 10¹⁵⁰ times as large as another: they cannot be balanced against each other",
+                "has patches of which one is 10¹⁵⁰ times as large as another: they cannot be balanced against each \
+                 other",
             ));
         }
         let root = share.iter().map(|share| share.sqrt()).collect();
@@ -314,7 +313,7 @@ fn balance_rows(
             let (of_row, rest) = exchange::split_row(backward, row);
             backward = rest;
             for (column, forward, back) in merge(part.row(row), of_row) {
-                // A row that was not computed says nothing against the other one.
+                // A row that was not computed does not contradict the other one.
                 if survey.position_of(column).is_none() {
                     continue;
                 }
@@ -378,7 +377,7 @@ fn balance_pairs(
         None
     };
     if !options.closure {
-        // What the pairs made of a row is what it is to sum to.
+        // The row's sum after pairing is its target.
         targets = match &kept {
             Some(dropped) => dropped.sums.iter().map(|&sum| Some(sum)).collect(),
             None => vec![None; areas.share.len()],
@@ -437,7 +436,7 @@ fn balance_pairs(
     Ok(entry)
 }
 
-/// What both rows say of a pair, over √(Aᵢ Aⱼ): the same number whichever comes first.
+/// The mean of both rows' exchange area of a pair, over √(Aᵢ Aⱼ): the same number in either order.
 fn mean(areas: &Areas, one: (u32, f32), other: (u32, f32)) -> f32 {
     let ((i, forward), (j, backward)) = if one.0 <= other.0 { (one, other) } else { (other, one) };
     let of = |values: &[f64], patch: u32| values.get(patch as usize).copied().unwrap_or(1.0);
@@ -485,8 +484,8 @@ fn new_entry(store: &Store, options: &BalanceOptions) -> Result<BalanceEntry> {
     })
 }
 
-/// The header of the result: that of the source, with what is done to it among the settings, so that their hash differs
-/// and nothing takes up the computation where it ended.
+/// The header of the result: the source's, with the balancing among the settings. Their hash differs, and nothing
+/// resumes the computation there.
 fn header(store: &Store, options: &BalanceOptions) -> Result<Header> {
     let manifest = store.manifest();
     let mut settings = manifest.settings.clone();
@@ -512,12 +511,13 @@ fn header(store: &Store, options: &BalanceOptions) -> Result<Header> {
         program: crate::driver::settings::PROGRAM.to_owned(),
         scene: manifest.scene.clone(),
         settings,
-        // No longer visible weights alone, where it was `pixel`.
+        // `pixel` stands for sums of visible weights, and these are none any more.
         correction: format!("{}, balanced", manifest.correction.trim_end_matches(", balanced")),
         patch_count: manifest.patch_count,
         row_count: manifest.row_count,
         rows_per_part: manifest.rows_per_part,
-        // Whatever the source's: sums and pairs that agree to seven digits would not survive 16-bit form factors.
+        // Plain, whatever the source's: sums and pairs that agree to seven digits would not survive 16-bit form
+        // factors.
         form: Form::Plain,
         min_factor: manifest.min_factor,
         backend: manifest.backend.clone(),
@@ -529,7 +529,7 @@ fn header(store: &Store, options: &BalanceOptions) -> Result<Header> {
 fn require_another(store: &Store, output: &Path) -> Result<()> {
     let same = match (store.directory().canonicalize(), output.canonicalize()) {
         (Ok(source), Ok(output)) => source == output,
-        // What is not there is not the source.
+        // A missing directory is not the source.
         _ => false,
     };
     if same {
@@ -579,7 +579,7 @@ fn require_square(store: &Store) -> Result<()> {
     Ok(())
 }
 
-/// Refuses what the disk cannot hold even if every entry has its counterpart.
+/// Refuses a result larger than the free disk even if every entry has its counterpart.
 fn require_room(store: &Store, output: &Path, options: &BalanceOptions) -> Result<()> {
     let existing = output.ancestors().find(|place| place.is_dir());
     let entries = store.manifest().entries;
@@ -593,7 +593,7 @@ fn require_room(store: &Store, output: &Path, options: &BalanceOptions) -> Resul
         Some(place) if !place.as_os_str().is_empty() => place,
         _ => Path::new("."),
     };
-    // A file system that does not say how full it is will say so when it is.
+    // Without the disk's free space, a full disk is an error of writing.
     match fs4::available_space(place) {
         Ok(available) if available < wanted => Err(Error::DiskTooSmall {
             path: output.to_owned(),
@@ -610,7 +610,7 @@ fn require_part(store: &Store, place: usize) -> Result<Part> {
         .ok_or_else(|| Error::malformed(store.directory(), format!("has no part at place {place}")))
 }
 
-/// What a store takes on the disk, as far as its manifest names it.
+/// Size of a store on the disk, by the files of its manifest.
 fn size_of(directory: &Path, manifest: &Manifest) -> u64 {
     let parts = manifest.parts.iter().map(|part| part.file.as_str());
     parts

@@ -1,9 +1,9 @@
-//! Whether a store holds what a form-factor matrix must be.
+//! Checks of a store against the laws of a form-factor matrix:
 //!
 //! ```text
 //! weights      visible + escaped + blocked + unselected = hemicubes · 2³¹, exactly, for every row
-//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ ε Σⱼ Fᵢⱼ: what rounding each factor can do (pixel mode); ε is 2⁻²⁴
-//!              for f32, 2⁻¹¹ more in the compact form, and 2⁻²⁴ more where small factors were left out and shared
+//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ ε Σⱼ Fᵢⱼ: the rounding of each factor (pixel mode); ε is 2⁻²⁴ for
+//!              f32, 2⁻¹¹ more in the compact form, and 2⁻²⁴ more where small factors were left out and shared
 //! range        0 ≤ Fᵢⱼ ≤ 1
 //! columns      ascending, of patches that exist
 //! diagonal     Fᵢᵢ = 0: a planar patch does not see itself
@@ -14,8 +14,8 @@
 //! reciprocity  √(Σ (Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ)²) / √(Σ (Aᵢ Fᵢⱼ)²), over the entries of sampled rows i whose row j exists
 //! ```
 //!
-//! and whether its files are as they were written. Reciprocity has no bound of its own in pixel mode: the two sides are
-//! two hemicubes at two points.
+//! and of its files against their checksums. Reciprocity has no bound of its own in pixel mode: the two sides are two
+//! hemicubes at two points.
 
 use crate::sky::{SkyCheck, check_sky, sky_beside};
 use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Result, RowShares, RowSums, Store};
@@ -23,25 +23,23 @@ use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// What to check, and within which bounds.
+/// Bounds of a check.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CheckOptions {
-    /// Bound on the closure error of a row; `None` for 1e-6 and the value error of the store's form where form factors
-    /// are sums of pixels, and to report it only where they are not: there it is a measure of their error, which
-    /// nothing has promised.
+    /// Bound on the closure error of a row. `None`: 1e-6 and the value error of the store's form with pixel sums,
+    /// otherwise no bound: the closure error then measures the form factors' error, which is only reported.
     pub closure: Option<f64>,
-    /// Bound on the fraction of a row that escapes, for scenes that are closed; `None` to report it only.
+    /// Bound on the escaped share of a row, for closed scenes; `None` to report it only.
     pub escaped: Option<f64>,
     /// Bound on the reciprocity residual; `None` to report it only.
     pub reciprocity: Option<f64>,
     /// Matrices of no more entries are held in memory to measure reciprocity, at 8 bytes each.
     pub entries_in_memory: u64,
-    /// Number of pairs of entries that may be looked up to measure reciprocity in a matrix that is too large for
-    /// memory.
+    /// Pairs of entries looked up to measure reciprocity in a matrix too large for memory.
     pub reciprocity_pairs: u64,
-    /// Number of rows with the largest closure error that are named.
+    /// Number of rows named, by their closure errors.
     pub worst_rows: usize,
-    /// Accept a store of which parts are missing.
+    /// Accept a store with missing parts.
     pub allow_incomplete: bool,
 }
 
@@ -59,19 +57,18 @@ impl Default for CheckOptions {
     }
 }
 
-/// What a check is about.
+/// Kinds of checks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum Check {
     /// Every part is there.
     Complete,
-    /// The files are as they were written, and what every reader relies on: rows of patches that have no other, areas
-    /// above 0, unit normals.
+    /// The files are unchanged, and all that readers rely on holds: one row a patch, areas above 0, unit normals.
     Files,
     /// The totals of the manifest are those of the parts.
     Manifest,
-    /// The patch table says of every row what the parts say.
+    /// The patch table agrees with the parts about every row.
     Table,
     /// A row's weights sum to its hemicubes'; sums of pixels have no other shares than these.
     Weights,
@@ -83,22 +80,22 @@ pub enum Check {
     Columns,
     /// No patch sees itself.
     Diagonal,
-    /// A row's form factors and what it lost sum to 1.
+    /// A row's form factors and shares sum to 1.
     Closure,
     /// No more of a row escapes than a bound allows.
     Escaped,
-    /// Some row has an entry: no patch of a scene that sees another is no matrix of one.
+    /// Some row has an entry: a matrix without entries is of no scene.
     Entries,
     /// A_i F_ij = A_j F_ji.
     Reciprocity,
-    /// The sky rows beside the matrix are as they were written, and add up to what escaped.
+    /// The sky rows beside the matrix are unchanged, and sum to its escaped shares.
     Sky,
 }
 
-/// A check that failed.
+/// A failed check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Failure {
-    /// Which one.
+    /// Its kind.
     pub check: Check,
     /// In how many rows, entries or files.
     pub count: u64,
@@ -124,9 +121,9 @@ pub struct Closure {
     pub max: f64,
     /// Average over the rows.
     pub mean: f64,
-    /// What no row may exceed, if there is a bound.
+    /// Bound on a row, if there is one.
     pub bound: Option<f64>,
-    /// Rows that have weights to close with: those that were rendered.
+    /// Rows compared: those rendered, which have weights.
     pub rows: u64,
 }
 
@@ -135,15 +132,15 @@ pub struct Closure {
 pub struct Reciprocity {
     /// √(Σ (A_i F_ij − A_j F_ji)²) / √(Σ (A_i F_ij)²).
     pub residual: f64,
-    /// Number of ordered pairs that were compared.
+    /// Number of ordered pairs compared.
     pub pairs: u64,
     /// From how many rows they are: all, or evenly spaced ones.
     pub rows: u64,
-    /// What it may not exceed, if there is a bound.
+    /// Bound, if there is one.
     pub bound: Option<f64>,
 }
 
-/// A row and what it came to.
+/// A row with its sum and shares.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct WorstRow {
     /// The input patch.
@@ -152,13 +149,13 @@ pub struct WorstRow {
     pub closure_error: f64,
     /// Σ F.
     pub row_sum: f64,
-    /// Share of the view that leaves the scene.
+    /// Share that leaves the scene.
     pub escaped: f64,
     /// Share that ends on backs of one-sided patches.
     pub blocked: f64,
 }
 
-/// What a check found.
+/// Result of a check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct CheckReport {
@@ -166,19 +163,19 @@ pub struct CheckReport {
     pub store: PathBuf,
     /// True if nothing failed.
     pub ok: bool,
-    /// What failed.
+    /// The failed checks.
     pub failures: Vec<Failure>,
     /// True if every part is there.
     pub complete: bool,
     /// Patches of the scene.
     pub patch_count: u32,
-    /// Rows that are there.
+    /// Rows present.
     pub rows: u64,
-    /// Entries that are there.
+    /// Entries present.
     pub entries: u64,
-    /// How its parts are written.
+    /// Form of its parts.
     pub form: Form,
-    /// By how much of itself a form factor may be off what was computed, by its form.
+    /// Relative rounding error of a form factor, by the form.
     pub value_error: f64,
     /// Entries of a row, over the rows.
     pub entries_per_row: EntriesPerRow,
@@ -188,13 +185,13 @@ pub struct CheckReport {
     pub escaped: f64,
     /// Largest such share of a row.
     pub escaped_max: f64,
-    /// What no row may exceed of it, if there is a bound.
+    /// Bound on it, if there is one.
     pub escaped_bound: Option<f64>,
-    /// Average over the rendered rows of the share that ends on backs of one-sided patches.
+    /// Average over the rendered rows of the share on backs of one-sided patches.
     pub blocked: f64,
-    /// Average over the rendered rows of the share that ends on patches that were not selected.
+    /// Average over the rendered rows of the share on patches without a column.
     pub unselected: f64,
-    /// Rows that lost anything to the back of a one-sided patch.
+    /// Rows with any blocked share.
     pub blocked_rows: u64,
     /// Distance of the rows' sums from 1.
     pub closure: Closure,
@@ -202,13 +199,12 @@ pub struct CheckReport {
     pub reciprocity: Reciprocity,
     /// The rows with the largest closure error, largest first.
     pub worst_rows: Vec<WorstRow>,
-    /// The sky rows beside the matrix, where there are any.
+    /// The sky rows beside the matrix, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sky: Option<SkyCheck>,
 }
 
-/// Checks a store. A damaged file, as far as it can be told apart from a store that is none, is a failure in the
-/// report.
+/// Checks a store. A damaged file is a failure in the report, as long as the directory can be told for a store.
 ///
 /// # Errors
 /// [`Error::Io`] when a file cannot be read at all.
@@ -266,7 +262,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
         };
         let failures = tally.failures.iter().map(|failure| failure.count).sum::<u64>();
         tally.part(place, &part);
-        // What no reader takes and none of the checks above has a name for: rows that another part has, and the like.
+        // Violations noticed by no check above: rows that another part has, and the like.
         if failures == tally.failures.iter().map(|failure| failure.count).sum::<u64>() {
             tally.files(store.validate(place, &path, &part))?;
         }
@@ -288,7 +284,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
                 table.hemicube_unselected[patch],
             ];
             let expected = expected.unwrap_or([f64::NAN; 7]);
-            // NaN marks what is not there, and is equal to itself here.
+            // NaN marks absent rows, and equals itself here.
             let equal = found
                 .iter()
                 .zip(expected)
@@ -344,7 +340,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     })
 }
 
-/// Sum of the form factors, shares, and the hemicubes' shares, computed as they were when the table was written.
+/// Sum of the form factors, shares, and the hemicubes' shares, by the same operations as in the table.
 fn of_row(part: &Part, row: usize) -> [f64; 7] {
     let sum = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
     let [a, b, c] = part.shares[row].to_array();
@@ -414,7 +410,7 @@ impl Tally {
         }
     }
 
-    /// A file that is damaged or gone is a finding; one that the system does not let be read is an error.
+    /// A damaged or missing file is a finding; a file that the system refuses to read is an error.
     fn files<T>(&mut self, result: Result<T>) -> Result<Option<T>> {
         match result {
             Ok(value) => Ok(Some(value)),
@@ -461,7 +457,7 @@ impl Tally {
                 );
             }
             before = column;
-            // Also what is no number.
+            // Also NaN.
             if !(0.0..=1.0).contains(&factor) {
                 self.fail(Check::Range, format!("F[{patch}, {column}] = {factor}"));
             }
@@ -486,8 +482,8 @@ impl Tally {
         let row_sum: f64 = factors.iter().map(|&factor| f64::from(factor)).sum();
         let whole = whole as f64;
         let visible = sums.visible as f64 / whole;
-        // Half a unit in the last place of each factor, every time that it was rounded; then what f64 loses in the sum,
-        // and in factors below f32's normal range.
+        // Half a unit in the last place of each factor for every rounding; then the errors of f64 in the sum, and of
+        // factors below f32's normal range.
         let bound = visible * self.rounding + factors.len() as f64 * 1e-16;
         let is_off = (row_sum - visible).abs() > bound || row_sum.is_nan();
         if self.is_pixel && is_off {
@@ -519,7 +515,7 @@ impl Tally {
             );
         }
         let error = (row_sum + lost.iter().sum::<f64>() - 1.0).abs();
-        // A row that sums to no number is as far off as can be.
+        // NaN is infinitely far off.
         let error = if error.is_nan() { f64::INFINITY } else { error };
         self.closure.rows += 1;
         self.closure_sum += error;
@@ -637,7 +633,7 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
             (0..wanted).map(|number| all[number * all.len() / wanted]).collect()
         }
     };
-    // As shares of the largest, so that no square leaves the range of f64.
+    // As shares of the largest: no square leaves the range of f64.
     let largest = areas.iter().copied().fold(0.0, f64::max);
     let areas: Vec<f64> = areas.iter().map(|area| area / largest).collect();
     let (mut difference, mut total, mut pairs, mut rows) = (0.0, 0.0, 0u64, 0u64);

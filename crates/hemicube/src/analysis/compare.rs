@@ -1,6 +1,6 @@
-//! How far one form-factor matrix is from another.
+//! Distance of one form-factor matrix from another.
 //!
-//! With d = a − b, b being the reference, over the rows that both have:
+//! With d = a − b, b being the reference, over the rows of both:
 //!
 //! ```text
 //! relative Frobenius  √(Σ d²) / √(Σ b²)
@@ -16,14 +16,14 @@ use serde::Serialize;
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// What to compare.
+/// Rows to compare.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CompareOptions {
     /// Only these rows; all if `None`.
     pub rows: Option<Range<u32>>,
 }
 
-/// An entry in which two matrices differ most.
+/// The entry of largest difference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct WorstEntry {
     /// Row, an input patch.
@@ -58,12 +58,12 @@ pub struct Comparison {
     pub reference: PathBuf,
     /// Rows and columns of both.
     pub patch_count: u32,
-    /// Rows that both have. Only a store tells whether a row was computed; in a file an empty row counts as one that
-    /// was not, unless it is empty in both.
+    /// Rows of both. Only a store tells whether a row was computed. In a file an empty row counts as not computed,
+    /// unless it is empty in both.
     pub rows_compared: u64,
-    /// Rows with entries that the reference does not have.
+    /// Rows with entries that the reference lacks.
     pub rows_only_in_matrix: u64,
-    /// Rows with entries that the matrix does not have.
+    /// Rows with entries that the matrix lacks.
     pub rows_only_in_reference: u64,
     /// Entries of the matrix in the rows compared.
     pub entries_in_matrix: u64,
@@ -75,23 +75,22 @@ pub struct Comparison {
     pub row_error: OverRows,
     /// Σⱼ |dᵢⱼ| / Σⱼ bᵢⱼ over the rows.
     pub row_l1: OverRows,
-    /// Rows that are empty in the reference and not in the matrix: they have no relative error, and count in the other
-    /// figures only.
+    /// Rows empty in the reference only. They have no relative error, and count in the other figures only.
     pub rows_without_reference: u64,
-    /// Σ bᵢⱼ where aᵢⱼ is absent or 0, over Σ b.
+    /// Σ bᵢⱼ over pairs with aᵢⱼ absent or 0, over Σ b.
     pub missed_mass: f64,
     /// The largest missed mass of a row, over its Σ b.
     pub missed_mass_worst_row: f64,
-    /// Σ aᵢⱼ where bᵢⱼ is absent or 0, over Σ b.
+    /// Σ aᵢⱼ over pairs with bᵢⱼ absent or 0, over Σ b.
     pub spurious_mass: f64,
     /// |Σⱼ aᵢⱼ − Σⱼ bᵢⱼ| over the rows.
     pub row_sum_error: OverRows,
-    /// The entry that differs most, if any does.
+    /// The entry of largest difference, if any entry differs.
     pub worst_entry: Option<WorstEntry>,
 }
 
 impl Comparison {
-    /// Returns whether no entry differs, and neither has rows that the other has not.
+    /// Returns whether no entry differs, and both have the same rows.
     pub fn is_equal(&self) -> bool {
         self.worst_entry.is_none() && self.rows_only_in_matrix == 0 && self.rows_only_in_reference == 0
     }
@@ -109,13 +108,13 @@ pub struct RowDifference {
 }
 
 impl RowDifference {
-    /// ‖dᵢ‖₂ / ‖bᵢ‖₂; 0 where both rows are empty, infinite where only the reference's is.
+    /// ‖dᵢ‖₂ / ‖bᵢ‖₂; 0 for two empty rows, infinite for an empty reference row.
     pub fn relative(&self) -> f64 {
         over(self.distance, self.reference)
     }
 }
 
-/// Nothing over nothing is no difference; something over nothing has no ratio, and shows as infinite.
+/// 0/0 is no difference; anything else over 0 is infinite.
 fn over(part: f64, whole: f64) -> f64 {
     if part == 0.0 { 0.0 } else { part / whole }
 }
@@ -123,8 +122,7 @@ fn over(part: f64, whole: f64) -> f64 {
 /// Compares `matrix` with `reference`, row by row.
 ///
 /// # Errors
-/// [`Error::Incomparable`] when they are not of the same size, or have no row in common; otherwise what reading them
-/// gives.
+/// [`Error::Incomparable`] when their sizes differ, or they have no row in common; otherwise errors of reading.
 ///
 /// ```
 /// use hemicube::analysis::compare::{CompareOptions, compare};
@@ -148,10 +146,10 @@ pub fn compare(matrix: &Matrix, reference: &Matrix, options: &CompareOptions) ->
     compare_rows(matrix, reference, options, |_| ())
 }
 
-/// The same, and calls `each` with every row that both have, in ascending order.
+/// [`compare`], and `each` is called with every row of both, in ascending order.
 ///
 /// # Errors
-/// As [`compare`].
+/// Those of [`compare`].
 ///
 /// ```
 /// use hemicube::analysis::compare::{CompareOptions, compare_rows};
@@ -198,7 +196,7 @@ pub fn compare_rows(
     let mut tally = Tally::default();
     let mut next = rows.start;
     while next < rows.end.min(size) {
-        // Rows that cannot have entries in either are passed over.
+        // Rows that cannot have entries in either are skipped.
         let Some(row) = [matrix.next_row(next), reference.next_row(next)]
             .into_iter()
             .flatten()
@@ -211,7 +209,7 @@ pub fn compare_rows(
         }
         next = row + 1;
         let (a, b) = (matrix.row(row)?, reference.row(row)?);
-        // Only a store knows of a row that is empty because its patch sees nothing.
+        // Only a store knows computed rows without entries.
         let has = |found: &Option<MatrixRow>, source: &Matrix| {
             found
                 .as_ref()
@@ -324,7 +322,7 @@ impl Tally {
 impl OverRows {
     fn new(mut values: Vec<f64>) -> Self {
         values.sort_unstable_by(f64::total_cmp);
-        // The smallest value that at least this share of the rows does not exceed.
+        // The smallest value that is not exceeded by this share of the rows.
         let at = |percent: usize| {
             let rank = (values.len() * percent).div_ceil(100);
             values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
@@ -343,7 +341,7 @@ impl OverRows {
     }
 }
 
-/// The entries of two rows side by side: column, value in the first, value in the second; 0 where one has none.
+/// The entries of two rows side by side: column, value in the first, value in the second; 0 for an absent one.
 struct Merged<'a> {
     a: &'a MatrixRow,
     b: &'a MatrixRow,

@@ -4,8 +4,8 @@
 //! F_IJ = Σ_{i∈I} A_i Σ_{j∈J} F_ij / Σ_{i∈I} A_i
 //! ```
 //!
-//! (Siegel & Howell 2002, *Thermal Radiation Heat Transfer*, view-factor algebra). The sums are of what is stored:
-//! where patches are reciprocal and closed, zones are.
+//! (Siegel & Howell 2002, *Thermal Radiation Heat Transfer*, view-factor algebra). Sums are over the stored matrix:
+//! with reciprocal and closed patches, zones are reciprocal and closed.
 
 use crate::store::{Error, Manifest, PatchTable, Result, Store, write_whole};
 use hemicube_scene::is_unseen;
@@ -14,36 +14,36 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
-/// What makes patches one zone.
+/// Grouping of patches into zones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum GroupBy {
-    /// The object that the scene's file has them in; objects of one name are one zone.
+    /// By the file's object; objects of one name are one zone.
     Object,
     /// The material; materials of one name are one zone.
     Material,
-    /// The face of the scene's file that they were cut from; its sides are two zones.
+    /// By the file's face; its two sides are two zones.
     Face,
 }
 
-/// A zone: patches that are added up.
+/// A zone: patches added up.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Zone {
     /// The name of its object or material, or the number of its face from 0.
     pub name: String,
     /// Index of the material of its first patch into the manifest's.
     pub material: u32,
-    /// Number of patches that it has.
+    /// Number of its patches.
     pub patches: u32,
     /// Their area, in the file's unit squared.
     pub area: f64,
-    /// The part of what leaves it that leaves the scene.
+    /// Share that leaves the scene.
     pub escaped: f64,
-    /// The part of what leaves it that ends on backs of one-sided patches.
+    /// Share that ends on backs of one-sided patches.
     pub blocked: f64,
-    /// The part of what leaves it that ends on patches that were left out of the matrix.
+    /// Share that ends on patches without a column.
     pub unselected: f64,
-    /// The form factors to zones, ascending by zone; those that are not there are 0.
+    /// Form factors to zones, ascending by zone; absent ones are 0.
     pub factors: Vec<(u32, f64)>,
 }
 
@@ -55,7 +55,7 @@ impl Zone {
     }
 }
 
-/// The zones that patches belong to, in order of their first patch, and the zone of each patch.
+/// The zones of the patches, in order of their first patch, and the zone of each patch.
 fn zones_of(table: &PatchTable, manifest: &Manifest, by: GroupBy) -> (Vec<Zone>, Vec<u32>) {
     let mut zones: Vec<Zone> = Vec::new();
     let mut by_name: HashMap<(&str, u32, u8), u32> = HashMap::new();
@@ -98,12 +98,11 @@ fn name_in(names: &[String], index: u32) -> &str {
     names.get(index as usize).map_or("", String::as_str)
 }
 
-/// Adds up the matrix of a store. Memory is that of the patch table and of the zones' own matrix.
+/// Adds up the matrix of a store. Memory: the patch table and the zones' own matrix.
 ///
 /// # Errors
-/// [`Error::Incomplete`] when parts are missing; [`Error::Unsupported`] when a zone has rows that were computed and
-/// others that were not, which leaves nothing to divide by; otherwise what reading gives. A zone without any computed
-/// row has no factors.
+/// [`Error::Incomplete`] when parts are missing; [`Error::Unsupported`] for a zone with some rows computed and others
+/// not, which leaves no area to divide by; otherwise errors of reading. A zone without any computed row has no factors.
 ///
 /// ```
 /// use hemicube::analysis::zones::{GroupBy, ZoneFormat, write_zones, zones};
@@ -130,7 +129,7 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
     let table = store.patches()?;
     let (mut zones, zone_of) = zones_of(&table, store.manifest(), by);
     let lost = store.row_table()?;
-    // Rows come in the order of patches, so that every sum is made in one order.
+    // Rows come in the order of patches: every sum has one order.
     let mut sums: Vec<HashMap<u32, f64>> = vec![HashMap::new(); zones.len()];
     let mut computed = vec![0u32; zones.len()];
     let mut of_row: HashMap<u32, f64> = HashMap::new();
@@ -180,13 +179,13 @@ pub enum ZoneFormat {
     /// `.csv`: a line for each zone with its name, patches, area, losses, and the factors to all zones under their
     /// names.
     Csv,
-    /// `.vf`: what View3D writes as `out=0`: a header, areas, a square matrix of six decimals, emissivities. These are
-    /// taken from materials called `emissivity 0.9`, as its own scenes are read; others count as 0.999, black.
+    /// `.vf`: View3D's `out=0`: a header, areas, a square matrix of six decimals, emissivities. These are taken from
+    /// materials called `emissivity 0.9`, as in its own scenes; others count as 0.999, black.
     View3d,
 }
 
 impl ZoneFormat {
-    /// The format that a file's extension asks for.
+    /// The format of a file's extension.
     ///
     /// # Errors
     /// [`Error::Unsupported`] when it asks for none.
@@ -225,9 +224,9 @@ pub fn write_zones(
     Ok(text.len() as u64)
 }
 
-/// A text from a file as a cell of a table: spreadsheets take one that begins with `=`, `+`, `-`, `@`, a tab or a line
-/// end for a formula, which may run programs, unless an apostrophe stands before it. Numbers stay numbers; control
-/// characters are escaped, `\u{1b}`.
+/// A text from a file as a cell of a table. Spreadsheets take a text with `=`, `+`, `-`, `@`, a tab or a line end at
+/// its beginning for a formula, which may run programs, unless an apostrophe stands before it. Numbers stay numbers;
+/// control characters are escaped, `\u{1b}`.
 ///
 /// ```
 /// use hemicube::analysis::zones::table_text;

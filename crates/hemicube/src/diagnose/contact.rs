@@ -1,39 +1,39 @@
 //! Pairs of triangles that cross, cover each other, nearly touch face to face, or leave a crack between their corners.
 //!
-//! Triangle and triangle (Möller 1997, "A fast triangle-triangle intersection test"): each is cut by the other's plane,
-//! and where both are, the two segments on the planes' common line overlap or not. Nearly parallel ones are projected
-//! onto each other and clipped (Sutherland & Hodgman 1974). A pair is looked at once, from the smaller of the two, so
-//! that a ground under a city is not tested against the whole of it, and so that a sample of triangles finds its share
-//! of pairs.
+//! Triangle and triangle (Möller 1997, "A fast triangle-triangle intersection test"): each is cut by the other's plane;
+//! if both are cut, the two segments on the planes' common line overlap or not. Nearly parallel ones are projected onto
+//! each other and clipped (Sutherland & Hodgman 1974). A pair is examined once, from the smaller of the two: a ground
+//! under a city is not tested against the whole of it, and a sample of triangles finds its share of pairs.
 
 use super::precision::Grain;
 use super::sample::{examine, hash};
 use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, scale_of, shape};
 use crate::Model;
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
+use crate::geometry;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
 
-/// Boxes and pairs that may be looked at: a second's worth or two.
+/// Boxes and pairs examined at most: one or two seconds of work.
 const WORK_MAX: u64 = 60_000_000;
-/// What reaches less far through a triangle than this share of the smaller one's longest edge is contact.
+/// A reach through a triangle below this share of the smaller one's longest edge is contact.
 const DEPTH: f64 = 1e-3;
 /// Sine of the angle below which two planes count as parallel.
 const PARALLEL: f64 = 1e-3;
-/// The gap across which two plates nearly touch, as a share of the root of their common area.
+/// The gap between two plates that nearly touch, as a share of the root of their common area.
 const GAP: f64 = 1e-4;
-/// The share of the smaller triangle that must be common to two that cover each other.
+/// Common share of the smaller triangle from which two cover each other.
 const COMMON: f64 = 0.01;
 
-/// What two triangles are to each other.
+/// Relation of two triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Relation {
-    /// They cross along a line of this length, whose middle is here.
+    /// They cross along a line of this length, with its middle here.
     Crossing { length: f64, at: DVec3 },
-    /// One hides the other over this area, whose middle is here.
+    /// One hides the other over this area, with its middle here.
     Overlap { area: f64, at: DVec3 },
-    /// They face each other across this gap, over an area whose middle is here.
+    /// They face each other across this gap, over an area with its middle here.
     NearContact { gap: f64, size: f64, at: DVec3 },
 }
 
@@ -72,8 +72,7 @@ impl Plate {
     }
 }
 
-/// What `p` and `q` are to each other, where it matters. `tolerance`: see
-/// [`crate::backend::Geometry::plane_tolerance`].
+/// The relation of `p` and `q`, if it matters. `tolerance`: see [`crate::backend::Geometry::plane_tolerance`].
 fn relation(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
     let line = p.normal.cross(q.normal);
     let sine = line.length();
@@ -87,7 +86,7 @@ fn relation(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
     }
     let (of_p, of_q) = (q.heights(p), p.heights(q));
     let smaller = p.longest.min(q.longest);
-    // How far each reaches to the other side of the other's plane, measured within its own.
+    // Reach of each to the other side of the other's plane, measured within its own.
     let reach = |heights: [f64; 3]| {
         let (low, high) = range(heights);
         high.min(-low) / sine
@@ -116,7 +115,7 @@ fn range(values: [f64; 3]) -> (f64, f64) {
     (a.min(b).min(c), a.max(b).max(c))
 }
 
-/// The two points at which a triangle's edges meet a plane over which its corners have these heights, by their place
+/// The two intersections of a triangle's edges with a plane over which its corners have these heights, by their place
 /// along `line`, ascending.
 fn cut(corners: &[DVec3; 3], heights: [f64; 3], line: DVec3, origin: DVec3) -> Option<[(f64, DVec3); 2]> {
     let mut ends = [(0.0, DVec3::ZERO); 2];
@@ -124,7 +123,7 @@ fn cut(corners: &[DVec3; 3], heights: [f64; 3], line: DVec3, origin: DVec3) -> O
     for (i, j) in [(0, 1), (1, 2), (2, 0)] {
         let (from, to) = (heights[i], heights[j]);
         if (from > 0.0) != (to > 0.0) {
-            let at = corners[i] + (corners[j] - corners[i]) * (from / (from - to));
+            let at = geometry::crossing(corners[i], corners[j], from, to);
             *ends.get_mut(count)? = (line.dot(at - origin), at);
             count += 1;
         }
@@ -135,7 +134,7 @@ fn cut(corners: &[DVec3; 3], heights: [f64; 3], line: DVec3, origin: DVec3) -> O
     (count == 2).then_some(ends)
 }
 
-/// Two nearly parallel triangles that cover each other without a gap to speak of.
+/// Two nearly parallel triangles that cover each other with hardly a gap.
 fn cover(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
     // The corners' own heights bound the gap: most pairs end here.
     let (low, high) = range(p.heights(q));
@@ -143,7 +142,7 @@ fn cover(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
     if low > GAP * size_max + tolerance || high < -GAP * size_max - tolerance {
         return None;
     }
-    // Most of the rest are neighbours, which an edge of either divides.
+    // Most of the rest are neighbours, divided by an edge of either.
     if are_divided(p, q) || are_divided(q, p) {
         return None;
     }
@@ -152,16 +151,7 @@ fn cover(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
     for k in 0..3 {
         let side = inside_of(p, k);
         kept.clear();
-        for (i, &a) in polygon.iter().enumerate() {
-            let b = polygon[(i + 1) % polygon.len()];
-            let (at_a, at_b) = (side(a), side(b));
-            if at_a >= 0.0 {
-                kept.push(a);
-            }
-            if (at_a >= 0.0) != (at_b >= 0.0) {
-                kept.push(a + (b - a) * (at_a / (at_a - at_b)));
-            }
-        }
+        geometry::clip(&polygon, side, &mut kept);
         std::mem::swap(&mut polygon, &mut kept);
     }
     let (&first, rest) = polygon.split_first()?;
@@ -175,7 +165,7 @@ fn cover(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
         return None;
     }
     let at = polygon.iter().sum::<DVec3>() / polygon.len() as f64;
-    // q's plane over p's, where they cover each other.
+    // q's plane over p's, on their common area.
     let tilt = p.normal.dot(q.normal);
     let over = |point: DVec3| -q.height(point) / tilt;
     let size = area.sqrt();
@@ -189,7 +179,7 @@ fn cover(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
         let sides_coincide = same_way || p.two_sided || q.two_sided;
         return sides_coincide.then_some(Relation::Overlap { area, at });
     }
-    // Which sides look into the gap: p's front where q lies over it, q's front where it looks down at p.
+    // Sides that look into the gap: p's front with q over it, q's front if it looks down at p.
     let p_looks = gap > 0.0 || p.two_sided;
     let q_looks = (gap > 0.0) != same_way || q.two_sided;
     match (p_looks, q_looks) {
@@ -272,16 +262,16 @@ pub(super) fn findings(model: &Model, order: &[u32], grain: Option<Grain>, optio
             FindingKind::Overlap,
             of,
             None,
-            "delete one of each pair; until then the smaller patch number is seen where both lie in one plane, the upper \
-             one otherwise"
+            "delete one of each pair; until then the smaller patch number is seen where both lie in one plane, the \
+             upper one otherwise"
                 .to_owned(),
         ),
         all.near.finding(
             FindingKind::NearContact,
             of,
             None,
-            "delete both (walls between joined houses), or leave them out with `--emitters`: their rows hold little but \
-             each other"
+            "delete both (walls between joined houses), or leave them out with `--emitters`: their rows hold little \
+             but each other"
                 .to_owned(),
         ),
         all.cracks.finding(
@@ -299,7 +289,7 @@ struct Search<'m> {
     model: &'m Model,
     tree: Arc<Tree>,
     tolerance: f64,
-    /// Corners nearer than this are a crack, if they are not one; 0 where the file has no grain.
+    /// Distinct corners nearer than this are a crack; 0 for a file without a grain.
     crack: f64,
     /// Normalised lengths are this times the file's.
     scale: f64,
@@ -311,12 +301,11 @@ struct Search<'m> {
 
 /// The squared diagonal of a triangle's box: the same bits from whichever corner.
 fn measure_box(corners: &[DVec3; 3]) -> (DVec3, DVec3, f64) {
-    let [a, b, c] = *corners;
-    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let (low, high) = geometry::bounds(corners);
     (low, high, (high - low).length_squared())
 }
 
-/// Which lanes' boxes meet the one from `low` to `high`.
+/// Lanes with boxes that meet the one from `low` to `high`.
 fn lanes_near(block: &Block, low: DVec3, high: DVec3) -> [bool; LANES] {
     let mut near = [true; LANES];
     for axis in 0..3 {
@@ -358,7 +347,7 @@ impl<'m> Search<'m> {
         }
     }
 
-    /// Adds the pairs of a surface with all that are larger than it, or as large and with a larger id.
+    /// Adds the pairs of a surface with all larger ones, and with equally large ones of a larger id.
     fn around(&self, index: u32, contacts: &mut Contacts, work: &mut u64) {
         let surface = &self.model.geometry().surfaces[index as usize];
         let Some(p) = Plate::new(surface.corners, surface.front.0, surface.back.is_some()) else {
@@ -404,7 +393,7 @@ impl<'m> Search<'m> {
                 }
                 *work += 12;
                 let two_sided = negative.max(positive) < self.tree.patch_count;
-                // Corners in the tree are sorted: the ids say whether that turned the triangle around.
+                // Corners in the tree are sorted: the ids tell whether that turned the triangle around.
                 let corners = if front == negative {
                     corners
                 } else {

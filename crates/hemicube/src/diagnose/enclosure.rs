@@ -1,22 +1,22 @@
-//! How a scene encloses: which objects face the wrong way, and where a nearly closed scene leaks. By rays from both
-//! sides of a sample of patches.
+//! Enclosure of a scene: objects that face the wrong way, and leaks of a nearly closed scene. By rays from both sides
+//! of a sample of patches.
 //!
-//! Turning a set S of objects round makes their backs fronts, and what leaves their fronts leaves from the other side.
-//! So what a turn would block is counted from the same rays: a ray from object a to object b is there if it leaves a's
-//! active side, and is blocked if it meets b's other side. With w the weight of a ray (its patch's area by the rays of
-//! a patch),
+//! Turning a set S of objects round swaps their backs and fronts. The rays blocked after a turn are counted from the
+//! same rays: a ray from object a to object b exists if it leaves a's active side, and is blocked if it meets b's other
+//! side. With w the weight of a ray (its patch's area by the rays of a patch),
 //!
 //! ```text
-//! J(S) = Σ w [blocked under S] + Σ w [escaped under S, of a group that sees no front and is nearly closed on its other side]
+//! J(S) = Σ w [blocked under S]
+//!      + Σ w [escaped under S, of a group that sees no front and is nearly closed on its other side]
 //! ```
 //!
-//! over the weight of all rays. What escapes counts only where every group of the scene sees no front, or only its own:
-//! among free-standing solids, some see others. The culprit is the set by which J falls most, of: each object, each
-//! group of objects that share corners, the groups that face a closed inside while others see their backs (by those),
-//! and all; then the next, until nothing is worth a turn. Of an object or group, turning must face it to a space that
-//! is nearly closed. Two-sided surfaces have no back and are never turned.
+//! over the weight of all rays. Escaping rays count only if every group of the scene sees no front, or only its own:
+//! among free-standing solids, some see others. The culprit is the set of the largest fall of J among: each object,
+//! each group of objects that share corners, the groups that face a closed inside while others see their backs (by
+//! those), and all; then the next, until no turn is worth it. An object or group must be turned to face a nearly closed
+//! space. Two-sided surfaces have no back and are never turned.
 
-use super::rays::{Caster, Emitter, Met, crossed, directions};
+use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};
 use super::{DiagnoseOptions, WORK_OF_ENCLOSURE};
 use crate::Model;
@@ -27,48 +27,48 @@ use hemicube_scene::{InputPatch, Side};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Rays from each side of a patch at least and at most; and from one side of all patches of small scenes, so many for
-/// each patch that may be looked at, and at most.
+/// Rays from each side of a patch, at least and at most; and from one side of all patches of small scenes, for each
+/// patch that may be examined, and at most.
 const RAYS: [u32; 2] = [32, 1024];
 const RAYS_A_PATCH: usize = 16;
 const RAYS_OF_ALL: usize = 1 << 16;
 /// A group sees no front when less of its view is.
 const BLIND: f64 = 0.02;
-/// Likewise for the only group of a scene, whose bays see one another from outside.
+/// Likewise for the only group of a scene, with bays that see one another from outside.
 const BLIND_ALONE: f64 = 0.1;
 /// A side is nearly closed when no more than this escapes from it.
 const OPEN: f64 = 0.25;
 /// A group sees only itself when so much of its view is its own.
 const ITSELF: f64 = 0.9;
-/// A group faces a closed inside when so much of its view is its own, no more than `BLIND` escapes, and no more than
-/// this is backs: the rest may be a floor that it stands on.
+/// A group faces a closed inside if at least this share of its view is its own, no more than `BLIND` escapes, and no
+/// more than this is backs: the rest may be a floor that it stands on.
 const INSIDE: f64 = 0.5;
 const INSIDE_BACKS: f64 = 0.1;
-/// Others see an object's back when so much of what meets it does.
+/// Others see an object's back if at least this share of the rays that meet it do.
 const BACKS: f64 = 0.8;
 /// Weight, and rays, that a turn must save.
 const WORTH: f64 = 1e-3;
 const WORTH_RAYS: u64 = 8;
-/// Sets that are turned one after the other.
+/// Most sets turned one after the other.
 const TURNS_MAX: usize = 16;
-/// What escapes of a scene that is nearly closed.
+/// Escaping share of a nearly closed scene.
 const ESCAPED_MAX: f64 = 0.3;
-/// Leaks that are named.
+/// Most leaks named.
 const LEAKS_MAX: usize = 5;
-/// Boundary loops that escaping rays are held against, the largest first, and rays.
+/// Boundary loops tested against escaping rays, the largest first, and rays.
 const LOOPS_MAX: usize = 512;
 const ESCAPING_MAX: usize = 4096;
 /// Positions nearer than this share of the scene are one.
 const WELD: f64 = 1e-7;
 
-/// What is turned.
+/// The objects of a turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Turn {
     /// All: the model is wound outwards, and no patch sees the front of another.
     All,
-    /// Groups that see only their own inside, of which others see the backs.
+    /// Groups that see only their own inside, with backs seen by others.
     InsideOut,
     /// Some objects.
     Objects,
@@ -77,18 +77,18 @@ pub enum Turn {
 /// Objects that face the wrong way.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Winding {
-    /// What is turned.
+    /// The objects of the turn.
     pub turn: Turn,
-    /// The objects to turn, by index, ascending; of [`Turn::All`] all that have a back.
+    /// The objects to turn, by index, ascending; for [`Turn::All`] all that have a back.
     pub objects: Vec<u32>,
-    /// Share of all views that ends on backs, or is lost from what faces out, because of them.
+    /// Share of all views that ends on their backs, or is lost by their facing out.
     pub lost: f64,
 }
 
 /// A hole that rays escape through.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Leak {
-    /// The object, by index, that most of the hole's rim belongs to.
+    /// The object, by index, with most of the hole's rim.
     pub object: u32,
     /// The least coordinates of the rim.
     pub low: [f64; 3],
@@ -96,16 +96,16 @@ pub struct Leak {
     pub high: [f64; 3],
     /// Its area, in the scene's unit squared.
     pub area: f64,
-    /// Which part of what escapes leaves through it.
+    /// Share of the escaping weight that leaves through it.
     pub share: f64,
 }
 
-/// How a scene encloses; see [`enclosure`].
+/// Enclosure of a scene; see [`enclosure`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Enclosure {
     /// Rays from fronts.
     pub rays: u64,
-    /// Area-weighted shares of what fronts have in view: fronts,
+    /// Area-weighted shares of the fronts' view: fronts,
     pub visible: f64,
     /// nothing,
     pub escaped: f64,
@@ -113,18 +113,18 @@ pub struct Enclosure {
     pub blocked: f64,
     /// Objects that face the wrong way, the worst first.
     pub winding: Vec<Winding>,
-    /// Where every group of objects that share corners sees only its own inside, and nobody else: how many there are.
-    /// Rooms are like that, and buildings that are inside out.
+    /// Number of groups, if every group of objects that share corners sees only its own inside. Rooms do, and buildings
+    /// turned inside out.
     pub apart: u64,
-    /// Holes that rays escape through, the largest share first; of scenes that are nearly closed only.
+    /// Holes that rays escape through, the largest share first; for nearly closed scenes only.
     pub leaks: Vec<Leak>,
-    /// Holes beyond those.
+    /// Number of further holes.
     pub leaks_more: u64,
-    /// Which part of what escapes leaves through holes that are named or counted here.
+    /// Share of the escaping weight that leaves through the holes named or counted here.
     pub leaking: f64,
 }
 
-/// Rays of one kind: from an object's side to an object's side, `NONE` standing for what cannot be turned.
+/// Rays of one kind: from an object's side to an object's side, `NONE` for objects that cannot be turned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Kind {
     from: u32,
@@ -155,7 +155,7 @@ struct Sample {
     escaping: Vec<(u32, DVec3, DVec3, f64)>,
 }
 
-/// Examines how a scene encloses. `object` says which object a patch is of.
+/// Examines the enclosure of a scene. `object` is the object of a patch.
 ///
 /// ```
 /// use hemicube::diagnose::{DiagnoseOptions, Turn, enclosure};
@@ -262,9 +262,9 @@ fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: 
                     let origin = points[(hash(patch.0.into(), k) % points.len() as u64) as usize];
                     let direction = side * emitter.turned(direction);
                     let to = match caster.first_of_side(&emitter, side, origin, direction) {
-                        Met::Nothing => To::Nothing,
-                        Met::Patch(patch) => To::Front(turnable(patch)),
-                        Met::Back(patch) => To::Back(object(InputPatch(patch))),
+                        Hit::Nothing => To::Nothing,
+                        Hit::Patch(patch) => To::Front(turnable(patch)),
+                        Hit::Back(patch) => To::Back(object(InputPatch(patch))),
                     };
                     let turned = side < 0.0;
                     if to == To::Nothing && !turned && sample.escaping.len() < ESCAPING_MAX {
@@ -298,7 +298,7 @@ fn welded(model: &Model, corner: DVec3) -> [i64; 3] {
     (model.normalise(corner) / WELD).round().to_array().map(|c| c as i64)
 }
 
-/// For each object the group that it is of: objects that share corners, by the least of their indices.
+/// The group of each object: objects that share corners, by the least of their indices.
 fn groups(model: &Model, object: &impl Fn(InputPatch) -> u32) -> BTreeMap<u32, u32> {
     fn root(parent: &mut BTreeMap<u32, u32>, of: u32) -> u32 {
         let mut at = of;
@@ -327,7 +327,7 @@ fn groups(model: &Model, object: &impl Fn(InputPatch) -> u32) -> BTreeMap<u32, u
     objects.into_iter().map(|of| (of, root(&mut parent, of))).collect()
 }
 
-/// What a group of objects sees from its active side, and how it is seen.
+/// The view of a group of objects from its active side, and the views of it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sight {
     own: f64,
@@ -337,7 +337,7 @@ struct Sight {
     /// From the other side.
     hidden: f64,
     hidden_escaped: f64,
-    /// Fronts of others, which see its backs.
+    /// Fronts of others that see its backs.
     hidden_met: f64,
     /// By others, front and back.
     met: [f64; 2],
@@ -364,7 +364,7 @@ impl Sight {
 
 struct Rays<'a> {
     list: Vec<(Kind, Count)>,
-    /// Entries that an object is part of.
+    /// Entries with an object.
     of: BTreeMap<u32, Vec<usize>>,
     groups: &'a BTreeMap<u32, u32>,
     whole: f64,
@@ -418,8 +418,8 @@ impl Rays<'_> {
         sights
     }
 
-    /// J of the entries that `objects` are part of, and the rays that count in it. `blind` are the groups whose
-    /// escaping rays do.
+    /// J of the entries with `objects`, and the rays that count in it. `blind` are the groups with escaping rays that
+    /// count.
     fn lost(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>, blind: &BTreeSet<u32>) -> (f64, u64) {
         let mut entries: Vec<usize> = objects
             .iter()
@@ -433,7 +433,7 @@ impl Rays<'_> {
         for entry in entries {
             let (kind, count) = self.list[entry];
             let blind = || self.groups.get(&kind.from).is_some_and(|group| blind.contains(group));
-            // Of blind groups that are turned, what escapes of their other side is a leak at most.
+            // Turned blind groups may at most leak on their other side.
             let counts =
                 Self::meets_back(kind, turned) || (kind.to == To::Nothing && blind() && !turned.contains(&kind.from));
             if Self::is_active(kind, turned) && counts {
@@ -444,8 +444,8 @@ impl Rays<'_> {
         (weight, rays)
     }
 
-    /// Whether what others see of these objects is backs, or nobody sees them, and their other side faces a space that
-    /// is nearly closed.
+    /// Returns whether others see only backs of these objects, or nobody sees them, and their other side faces a nearly
+    /// closed space.
     fn faces_away(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> bool {
         let (mut met, mut hidden) = ([0.0; 2], [0.0; 2]);
         for &entry in objects.iter().filter_map(|o| self.of.get(o)).flatten() {
@@ -486,7 +486,7 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
         groups,
         whole,
     };
-    // Objects that have a back.
+    // Objects with a back.
     let all: BTreeSet<u32> = rays
         .list
         .iter()
@@ -509,7 +509,7 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             .map(|(&group, _)| group)
             .collect()
     };
-    // Of a model that is turned throughout: shells face nothing, and what stands in them sees itself and their backs.
+    // In a model turned throughout, shells face nothing, and the things in them see themselves and their backs.
     let blind = chosen(&|sight| sight.is_blind(alone));
     let all_outward = !blind.is_empty()
         && sights
@@ -549,8 +549,8 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             let after: BTreeSet<u32> = turned.union(objects).copied().collect();
             let ((before, rays_before), (rest, rays_rest)) =
                 (rays.lost(objects, &turned, &blind), rays.lost(objects, &after, &blind));
-            // Of what is inside out, the backs that others see: what a floor sees of their insides, from under them,
-            // says nothing.
+            // For objects inside out: the backs seen by others. A floor's view of their insides from below proves
+            // nothing.
             let (saved, rays_saved) = if *turn == Turn::InsideOut {
                 (backs_of(&inside_out), WORTH_RAYS)
             } else {
@@ -620,14 +620,14 @@ fn loops(model: &Model, object: &impl Fn(InputPatch) -> u32) -> Vec<Loop> {
         left.entry(b).or_default().insert(a);
     }
     let mut found = Vec::new();
-    // From each vertex along edges not yet walked; where the walk meets itself, a loop is cut off.
+    // From each vertex along unwalked edges; where the walk meets itself, a loop is cut off.
     let starts: Vec<Vertex> = left.keys().copied().collect();
     for start in starts {
         let mut path = vec![start];
         let mut place: HashMap<Vertex, usize> = HashMap::from([(start, 0)]);
         while let Some(&at) = path.last() {
             let Some(next) = left.get(&at).and_then(|next| next.first().copied()) else {
-                // A dead end: what leads here is no loop.
+                // A dead end: its edges are no loop.
                 left.remove(&at);
                 place.remove(&at);
                 path.pop();

@@ -1,7 +1,7 @@
-//! Where free points lie: in the open, in solids, below the ground, behind sheets. By rays in all directions, so that
-//! it does not hang on where a point looks.
+//! Places of free points: in the open, in solids, below the ground, behind sheets. By rays in all directions,
+//! independent of a point's own direction.
 
-use super::rays::{Caster, Met, directions};
+use super::rays::{Caster, Hit, directions};
 use crate::Model;
 use crate::bvh::Tree;
 use crate::sky::SensorPoint;
@@ -16,14 +16,14 @@ const RAYS_OF_VIEW: u32 = 32;
 const OFFSET: f64 = 1e-9;
 /// More of the directions than this are backs only from within a solid: a plane's back fills half of them.
 const SOLID: f64 = 0.55;
-/// Of the upper half of the directions, from below the ground.
+/// Least share of backs in the upper half of the directions, from below the ground.
 const GROUND: f64 = 0.5;
-/// Of the lower half, at most so much is a front there.
+/// Most of the fronts in the lower half there.
 const NOTHING: f64 = 0.05;
 /// A point is shut in when so many of the directions end on something.
 const SHUT: f64 = 0.95;
 
-/// Where a point lies, as what surrounds it says. Only one-sided surfaces have backs that say so.
+/// The place of a point, by its surroundings. Only one-sided surfaces have backs to tell it by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -32,13 +32,13 @@ pub enum Place {
     Open,
     /// Most directions, all round, end on backs of one-sided surfaces.
     InSolid,
-    /// Backs above, and nothing that faces it below.
+    /// Backs above, and no front below.
     BelowGround,
-    /// More than half of what it looks at is backs.
+    /// Backs fill more than half of its view.
     BehindSheet,
 }
 
-/// Where each point lies. `up` is a direction; `points` are in the scene's coordinates.
+/// The place of each point. `up` is a direction; `points` are in the scene's coordinates.
 ///
 /// ```
 /// use hemicube::diagnose::{Place, places};
@@ -82,9 +82,9 @@ fn shares(caster: &mut Caster<'_>, origin: DVec3, axis: DVec3, directions: &[DVe
     let (mut backs, mut fronts) = (0u32, 0u32);
     for &direction in directions {
         match caster.first_of_point(origin, about(axis, direction)) {
-            Met::Back(_) => backs += 1,
-            Met::Patch(_) => fronts += 1,
-            Met::Nothing => {}
+            Hit::Back(_) => backs += 1,
+            Hit::Patch(_) => fronts += 1,
+            Hit::Nothing => {}
         }
     }
     let count = directions.len().max(1) as f64;

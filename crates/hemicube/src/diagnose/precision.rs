@@ -1,24 +1,24 @@
-//! What coordinates can tell apart: the digits that f32 would leave, the file's own rounding, and the triangles that
-//! are too thin for either.
+//! Precision of coordinates: the digits that f32 would leave, the file's own rounding, and triangles too thin for
+//! either.
 //!
-//! A file's rounding is taken for its *grain* only where the coordinates show it: all of them are multiples of a power
-//! of ten and its last digits are spread like those of measured numbers, or all of them are f32 numbers with used-up
-//! fractions. Coordinates that someone typed (0, 1, 2.5) are exact.
+//! A file's rounding counts as its *grain* only if the coordinates prove it: all of them are multiples of a power of
+//! ten, with last digits spread like those of measured numbers, or all of them are f32 numbers with used-up fractions.
+//! Typed coordinates (0, 1, 2.5) are exact.
 
 use super::{Examined, Example, Finding, FindingKind, Tally, scale_of, shape};
 use crate::Model;
 use serde::Serialize;
 
-/// Surfaces whose coordinates are looked at for the grain.
+/// Surfaces examined for the grain.
 const SAMPLE: usize = 20_000;
-/// Different coordinates below which nothing can be said of their digits.
+/// Least number of different coordinates with telling digits.
 const VALUES_MIN: usize = 200;
 /// Longest edge over height beyond which a triangle is a sliver.
 const SLIVER: f64 = 1e3;
-/// Rounding over height beyond which a triangle's plane is not known: the tangent of 3°.
+/// Rounding over height beyond which a triangle's plane is unknown: the tangent of 3°.
 const TILT: f64 = 0.0524;
 
-/// How a file's coordinates are rounded.
+/// Rounding of a file's coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "kind", content = "step")]
 pub enum Grain {
@@ -44,9 +44,9 @@ pub struct Precision {
     pub largest: f64,
     /// The distance between f32 numbers there.
     pub f32_step: f64,
-    /// Decimal digits that f32 would leave of a typical triangle's size. Everything here is kept in f64.
+    /// Decimal digits that f32 would leave of a typical triangle's size. All coordinates here are f64.
     pub f32_digits: f64,
-    /// How the file rounds its coordinates, where that shows.
+    /// The file's rounding of coordinates, if it is known.
     pub grain: Option<Grain>,
 }
 
@@ -84,8 +84,8 @@ fn f32_step(x: f64) -> f64 {
     (f64::from_bits(exponent) * 2.0_f64.powi(-23)).max(2.0_f64.powi(-149))
 }
 
-/// The coarsest power of ten that all `values` (ascending, all different) are multiples of, if their last digits are
-/// spread as those of rounded numbers are.
+/// The coarsest power of ten with all `values` (ascending, all different) as multiples, if their last digits are spread
+/// like those of rounded numbers.
 fn decimal_grain(values: &[f64]) -> Option<Grain> {
     if values.len() < VALUES_MIN {
         return None;
@@ -179,7 +179,8 @@ pub(super) fn findings(model: &Model, grain: Option<Grain>) -> Vec<Finding> {
             of,
             None,
             format!(
-                "export the scene again with more digits, about an origin near it: this file's coordinates have steps of {file_step:.0e}"
+                "export the scene again with more digits, about an origin near it: this file's coordinates have steps \
+                 of {file_step:.0e}"
             ),
         ),
     ];

@@ -1,7 +1,7 @@
-//! Rays through the tree of a scene's surfaces, all in f64: what is met first from a point of a patch.
+//! Rays through the tree of a scene's surfaces, all in f64: the first hit from a point of a patch.
 //!
 //! Ray and triangle: Möller & Trumbore 1997. Directions: the R₂ sequence (Roberts 2018, "The unreasonable effectiveness
-//! of quasirandom sequences"), of which every beginning is spread evenly, lifted to the hemisphere by Malley's method.
+//! of quasirandom sequences"), evenly spread from its beginning on, lifted to the hemisphere by Malley's method.
 
 use crate::Model;
 use crate::bvh::{Block, INNER, LANES, Tree};
@@ -10,7 +10,7 @@ use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::f64::consts::TAU;
 
-/// A patch that rays leave, in normalised coordinates.
+/// A patch with rays from it, in normalised coordinates.
 pub(super) struct Emitter {
     pub(super) patch: InputPatch,
     pub(super) corners: [DVec3; 3],
@@ -59,9 +59,9 @@ pub(super) fn directions(count: u32) -> Vec<DVec3> {
         .collect()
 }
 
-/// What a ray met first.
+/// The first hit of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Met {
+pub(super) enum Hit {
     Nothing,
     /// The back of a one-sided surface, by its front's patch.
     Back(u32),
@@ -85,14 +85,14 @@ impl<'t> Caster<'t> {
         }
     }
 
-    /// What the ray from a point of `emitter` meets first, of all that rises above the emitter's plane. Of surfaces in
-    /// one plane the patch with the smaller id, and any patch before a back.
-    pub(super) fn first(&mut self, emitter: &Emitter, origin: DVec3, direction: DVec3) -> Met {
+    /// The first hit of a ray from a point of `emitter`, among surfaces that rise above its plane. Of surfaces in one
+    /// plane the patch with the smaller id, and any patch before a back.
+    pub(super) fn first(&mut self, emitter: &Emitter, origin: DVec3, direction: DVec3) -> Hit {
         self.first_of_side(emitter, 1.0, origin, direction)
     }
 
-    /// The same from the emitter's front (`side` 1) or its back (−1).
-    pub(super) fn first_of_side(&mut self, emitter: &Emitter, side: f64, origin: DVec3, direction: DVec3) -> Met {
+    /// Likewise from the emitter's front (`side` 1) or its back (−1).
+    pub(super) fn first_of_side(&mut self, emitter: &Emitter, side: f64, origin: DVec3, direction: DVec3) -> Hit {
         let normal = side * emitter.normal();
         let tolerance = self.tree.plane_tolerance;
         self.nearest(origin, direction, |slot, corners| {
@@ -101,20 +101,20 @@ impl<'t> Caster<'t> {
         })
     }
 
-    /// What the ray from a free point meets first.
-    pub(super) fn first_of_point(&mut self, origin: DVec3, direction: DVec3) -> Met {
+    /// The first hit of a ray from a free point.
+    pub(super) fn first_of_point(&mut self, origin: DVec3, direction: DVec3) -> Hit {
         self.nearest(origin, direction, |_, _| false)
     }
 
-    /// What a ray meets first, of all that is not passed over, by its slot and its corners.
-    fn nearest(&mut self, origin: DVec3, direction: DVec3, passes: impl Fn(usize, &[DVec3; 3]) -> bool) -> Met {
+    /// The first hit of a ray among the surfaces not skipped, by its slot and its corners.
+    fn nearest(&mut self, origin: DVec3, direction: DVec3, passes: impl Fn(usize, &[DVec3; 3]) -> bool) -> Hit {
         let tree = self.tree;
         let inverse = direction.recip();
         let enter = |index: u32| {
             let node = &tree.nodes[index as usize];
             let low = (node.center - node.half - origin) * inverse;
             let high = (node.center + node.half - origin) * inverse;
-            // A coordinate that is 0 × ∞ bounds nothing: `f64::min` and `max` pass over it.
+            // A coordinate of 0 × ∞ bounds nothing: `f64::min` and `max` pass over NaN.
             let (mut from, mut to) = (0.0_f64, f64::INFINITY);
             for axis in 0..3 {
                 from = from.max(low[axis].min(high[axis]));
@@ -125,7 +125,7 @@ impl<'t> Caster<'t> {
         // Surfaces in one plane must be told by their ids, not by how their depths are rounded.
         let tie = 1e-12 + 4.0 * tree.plane_tolerance;
         let mut nearest = f64::INFINITY;
-        let mut met = Met::Nothing;
+        let mut met = Hit::Nothing;
         self.pending.clear();
         self.pending.extend(enter(0).map(|t| (t, 0)));
         while let Some((t, index)) = self.pending.pop() {
@@ -159,14 +159,14 @@ impl<'t> Caster<'t> {
                     (block.positive[lane], block.negative[lane])
                 };
                 let found = if id < tree.patch_count {
-                    Met::Patch(id)
+                    Hit::Patch(id)
                 } else {
-                    Met::Back(other)
+                    Hit::Back(other)
                 };
                 let wins = match (met, found) {
                     _ if t < nearest - tie => true,
-                    (Met::Nothing, _) | (Met::Back(_), Met::Patch(_)) => true,
-                    (Met::Patch(old), Met::Patch(new)) => new < old,
+                    (Hit::Nothing, _) | (Hit::Back(_), Hit::Patch(_)) => true,
+                    (Hit::Patch(old), Hit::Patch(new)) => new < old,
                     _ => false,
                 };
                 if wins {
@@ -188,8 +188,7 @@ fn meet(block: &Block, origin: DVec3, direction: DVec3) -> ([f64; LANES], [f64; 
     (distances, determinants)
 }
 
-/// Distance along the ray at which a triangle is met (negative: not at all), and the determinant, whose sign is the
-/// side.
+/// Distance along the ray to a triangle (negative: no hit), and the determinant, whose sign is the side.
 pub(super) fn crossed([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> (f64, f64) {
     let (e, f, s) = (b - a, c - a, origin - a);
     let p = direction.cross(f);
@@ -197,7 +196,7 @@ pub(super) fn crossed([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) ->
     let inverse = 1.0 / determinant;
     let q = s.cross(e);
     let (u, v) = (s.dot(p) * inverse, direction.dot(q) * inverse);
-    // Unused lanes have no area: their determinant is 0, and nothing compares with what that divides.
+    // Unused lanes have no area: their determinant is 0, and comparisons with a quotient by it are false.
     let hit = u >= 0.0 && v >= 0.0 && u + v <= 1.0;
     (if hit { f.dot(q) * inverse } else { -1.0 }, determinant)
 }

@@ -1,4 +1,4 @@
-//! What is looked at: a seeded order of the surfaces, of which a scene's size decides how far it is followed.
+//! The surfaces examined: a seeded order, followed as far as the work allows.
 
 use crate::Model;
 use crate::sampling::splitmix;
@@ -6,10 +6,10 @@ use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
-/// Surfaces that are handed to a thread at once.
+/// Surfaces handed to a thread at once.
 const CHUNK: usize = 64;
 
-/// A hash of a number that differs from seed to seed.
+/// A hash of a number by a seed.
 pub(super) fn hash(seed: u64, number: u64) -> u64 {
     splitmix::hash(seed ^ (number + 1).wrapping_mul(splitmix::STEP))
 }
@@ -25,8 +25,8 @@ pub(super) fn order(model: &Model, seed: u64) -> Vec<u32> {
     keys.into_iter().map(|(_, index)| index).collect()
 }
 
-/// Looks at `order` from its beginning, by `threads`, until the work that `look` counts is `limit` or more. Returns
-/// what was found, in order, and how many were looked at; neither depends on the threads.
+/// Examines `order` from its beginning, on `threads`, until the work counted by `look` reaches `limit`. Returns the
+/// findings, in order, and the number examined; neither depends on the threads.
 pub(super) fn examine<T: Send>(
     order: &[u32],
     threads: usize,
@@ -42,8 +42,8 @@ pub(super) fn examine<T: Send>(
     let (next, done) = (AtomicUsize::new(0), AtomicU64::new(0));
     let found = Mutex::new(Vec::new());
     let work_through = || {
-        // What is finished is never more than the work of all chunks before the next one, so that none is left out
-        // that belongs to the result.
+        // The finished work is never more than that of all chunks before the next one: no chunk of the result is left
+        // out.
         while done.load(Ordering::Relaxed) < limit {
             let place = next.fetch_add(1, Ordering::Relaxed);
             let Some(chunk) = chunks.get(place) else { break };

@@ -1,11 +1,11 @@
-//! What patches see, by rays: those buried in solids, and those too large for their neighbours.
+//! Views of patches, by rays: patches buried in solids, and those too large for their neighbours.
 //!
-//! A patch is *buried* when less than a twentieth of the rays from its centroid meet anything but backs of one-sided
-//! surfaces, and the same holds of other points of it; *mostly blocked* when half of the rays from its centroid meet
-//! backs. It is *too large* when the form factor to one neighbour (Lambert's contour integral) is quite another from
-//! the centroid than on average over the patch: that is what one hemicube at the centroid gets wrong.
+//! A patch is *buried* if less than a twentieth of the rays from its centroid, and from other points of it, meet
+//! anything but backs of one-sided surfaces; *mostly blocked* if half of the rays from its centroid meet backs. It is
+//! *too large* if the form factor to one neighbour (Lambert's contour integral) from the centroid differs much from its
+//! average over the patch: one hemicube at the centroid then is that much off.
 
-use super::rays::{Caster, Emitter, Met, directions};
+use super::rays::{Caster, Emitter, Hit, directions};
 use super::sample::{examine, hash};
 use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, rounded, scale_of, shape};
 use crate::Model;
@@ -17,21 +17,21 @@ use hemicube_scene::{InputPatch, Subdivision};
 
 /// Rays from the centroid of a patch that may be buried.
 const RAYS: u32 = 64;
-/// Rays by which it is seen that a patch is not; with more than one of them that meets a back, it may be.
+/// Rays of a first test: a patch with at most one of them on a back is not buried.
 const RAYS_FIRST: usize = 8;
 /// Rays from each other point.
 const RAYS_ELSEWHERE: usize = 24;
 /// A point sees out when this share of its rays meets something else than backs.
 const SHARE_OUT: f64 = 0.05;
-/// Nodes of the tree that rays may meet: about a second's worth.
+/// Nodes of the tree that rays may meet: about a second of work.
 const WORK_MAX: u64 = 50_000_000;
-/// Surfaces whose neighbours are looked at.
+/// Surfaces with neighbours examined.
 const NEIGHBOURS_MAX: usize = 5000;
-/// Sub-triangles along an edge whose centroids stand for the whole patch.
+/// Sub-triangles along an edge, by whose centroids the whole patch is averaged.
 const POINTS_PER_EDGE: u32 = 8;
-/// The difference of form factors at which a patch is too large.
+/// Difference of form factors from which a patch is too large.
 const DIFFERENCE: f64 = 0.1;
-/// Rays that must meet a patch for it to be a neighbour.
+/// Least rays that meet a neighbour.
 const NEIGHBOUR_HITS: u32 = 2;
 
 pub(super) fn findings(model: &Model, order: &[u32], options: DiagnoseOptions) -> Vec<Finding> {
@@ -91,16 +91,16 @@ fn buried(model: &Model, order: &[u32], threads: usize) -> Vec<Finding> {
             FindingKind::Buried,
             of,
             whole,
-            "delete them, turn them round if they face the wrong way, `--two-sided=on` if they are sheets; their rows are \
-             `blocked`, not wrong"
+            "delete them, turn them round if they face the wrong way, `--two-sided=on` if they are sheets; their rows \
+             are `blocked`, not wrong"
                 .to_owned(),
         ),
         all.at_centroid.finding(
             FindingKind::CentroidBuried,
             of,
             whole,
-            "cut them (`--subdivide 2`), so that what is inside and what is outside become patches of their own, or look \
-             from more points of each (`--samples 16`)"
+            "cut them (`--subdivide 2`), so that what is inside and what is outside become patches of their own, or \
+             look from more points of each (`--samples 16`)"
                 .to_owned(),
         ),
         all.mostly.finding(
@@ -152,11 +152,11 @@ fn bury(model: &Model, caster: &mut Caster<'_>, directions: &[DVec3], patch: Inp
     }
 }
 
-/// The share of what a point of a patch has in view that is something else than backs.
+/// Share of the view from a point of a patch that is not backs.
 fn share_out(caster: &mut Caster<'_>, emitter: &Emitter, point: DVec3, directions: &[DVec3]) -> f64 {
     let out = directions
         .iter()
-        .filter(|&&direction| !matches!(caster.first(emitter, point, emitter.turned(direction)), Met::Back(_)))
+        .filter(|&&direction| !matches!(caster.first(emitter, point, emitter.turned(direction)), Hit::Back(_)))
         .count();
     out as f64 / directions.len().max(1) as f64
 }
@@ -164,7 +164,7 @@ fn share_out(caster: &mut Caster<'_>, emitter: &Emitter, point: DVec3, direction
 #[derive(Default)]
 struct Sizes {
     tally: Tally,
-    /// Longest edges of those found.
+    /// Longest edges of the cases.
     longest: Vec<f64>,
 }
 
@@ -205,8 +205,8 @@ fn large(model: &Model, order: &[u32], threads: usize) -> Option<Finding> {
     all.longest.sort_unstable_by(f64::total_cmp);
     let median = all.longest.get(all.longest.len() / 2).copied().unwrap_or(0.0);
     let next = format!(
-        "{}; `--correction area` averages over a patch what is in view of its centroid, and only `--tolerance` looks from \
-         other points too",
+        "{}; `--correction area` averages over a patch what is in view of its centroid, and only `--tolerance` looks \
+         from other points too",
         how_to_cut(model, &rounded(0.5 * median / scale_of(model)))
     );
     all.tally.finding(
@@ -217,10 +217,10 @@ fn large(model: &Model, order: &[u32], threads: usize) -> Option<Finding> {
     )
 }
 
-/// More patches than this many times those there are is no advice.
+/// More patches than this many times the present number is no advice.
 const TIMES_MAX: f64 = 20.0;
 
-/// How to cut patches to `length`, and what becomes of the others.
+/// Advice to cut patches to `length`, with the number of patches.
 fn how_to_cut(model: &Model, length: &str) -> String {
     let surfaces = model.patches().surfaces();
     let times = length.parse().map_or(f64::INFINITY, |length| {
@@ -233,13 +233,14 @@ fn how_to_cut(model: &Model, length: &str) -> String {
         "cut all (`--subdivide 1` halves them), for patches differ too much in size for one `--patch-size`".to_owned()
     } else {
         format!(
-            "cut them: `--patch-size {length}` is half their size and makes {times:.1} times as many patches of the scene"
+            "cut them: `--patch-size {length}` is half their size and makes {times:.1} times as many patches of the \
+             scene"
         )
     }
 }
 
-/// The neighbour whose form factor from the centroid differs most from that from the patch, and by how much. Occlusion
-/// decides who is a neighbour, and is not part of the two.
+/// The neighbour with the largest difference of form factors from the centroid and from the patch, and that difference.
+/// Occlusion decides who is a neighbour, and is in neither form factor.
 fn worst_neighbour(
     model: &Model,
     caster: &mut Caster<'_>,
@@ -251,11 +252,11 @@ fn worst_neighbour(
     let mut hits = Vec::new();
     for (k, &direction) in (0u64..).zip(directions) {
         let direction = emitter.turned(direction);
-        // Neighbouring directions leave from points that have nothing to do with each other.
+        // Neighbouring directions leave from unrelated points.
         #[allow(clippy::cast_possible_truncation, reason = "below the number of points")]
         let point = points[(hash(emitter.patch.0.into(), k) % points.len() as u64) as usize];
         for origin in [emitter.centroid(), point] {
-            if let Met::Patch(patch) = caster.first(emitter, origin, direction) {
+            if let Hit::Patch(patch) = caster.first(emitter, origin, direction) {
                 hits.push(patch);
             }
         }

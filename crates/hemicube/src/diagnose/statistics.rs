@@ -1,4 +1,4 @@
-//! What a few patches of a scene see: the seeded statistics from which settings can choose themselves, never a clock.
+//! Statistics of the views of a few patches: seeded, for settings to choose themselves by, never by a clock.
 
 use super::sample::hash;
 use crate::Model;
@@ -9,35 +9,35 @@ use glam::DVec3;
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 
-/// Hemicubes that the statistics come from, at most.
+/// Most hemicubes of the statistics.
 const ROWS: u32 = 64;
-/// Patches against which it is counted how many face a patch.
+/// Patches among which those facing a patch are counted.
 const FACING_SAMPLE: u64 = 32_768;
 /// A patch nearer than this many radii of the emitter is near.
 const NEAR: f64 = 1.5;
 
-/// What one hemicube at the centroid of each of a few patches sees. The same for the same scene, resolution and seed.
+/// The views of one hemicube at the centroid of each of a few patches. They depend on the scene, the resolution and the
+/// seed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SceneStatistics {
-    /// Which patches.
+    /// The patches.
     pub seed: u64,
-    /// How many.
+    /// Their number.
     pub rows: u32,
-    /// Of the hemicubes.
+    /// Pixels along an edge of the hemicubes.
     pub resolution: u32,
     /// Patches seen, on average a row.
     pub seen: f64,
-    /// Patches that would be seen if nothing were in between, on average a row: centroids in front of each other's
-    /// plane.
+    /// Average number of patches visible without occlusion: centroids in front of each other's plane.
     pub facing: f64,
-    /// 1 − seen / facing, and 0 where more is seen than faces. What is smaller than a pixel counts as hidden.
+    /// 1 − seen / facing, or 0 if more is seen than faces. Patches smaller than a pixel count as hidden.
     pub occlusion: f64,
-    /// The share of the view that leaves the scene: 0 in a closed one.
+    /// Share of the view that leaves the scene: 0 in a closed one.
     pub escaped: f64,
-    /// The share of the view that is backs of one-sided surfaces.
+    /// Share of the view on backs of one-sided surfaces.
     pub blocked: f64,
-    /// The emitter's radius (centroid to farthest corner) over the distance from its centroid to the nearest point of
-    /// what it sees: the median, each pair by its weight in the view.
+    /// The emitter's radius (centroid to farthest corner) over the distance from its centroid to the nearest point of a
+    /// visible patch: the median, each pair by its weight in the view.
     pub nearness: f64,
     /// Patches seen nearer than 1.5 radii of the emitter, on average a row.
     pub near: f64,
@@ -47,7 +47,7 @@ impl SceneStatistics {
     /// Renders the hemicubes. The backend is left with the scene loaded, culling on and no covered weights.
     ///
     /// # Errors
-    /// What the backend says.
+    /// The backend's error.
     pub fn measure(
         model: &Model,
         backend: &mut dyn HemicubeBackend,
@@ -124,7 +124,7 @@ impl SceneStatistics {
 /// Centroids and normals of all patches, or of a sample of them.
 struct Others {
     patches: Vec<(DVec3, DVec3)>,
-    /// Number of patches that each stands for.
+    /// Number of patches that each one examined stands for.
     each: f64,
 }
 
@@ -145,7 +145,7 @@ impl Others {
         }
     }
 
-    /// Number of patches that could be seen if nothing were in between: each centroid in front of the other's plane.
+    /// Number of patches visible without occlusion: each centroid in front of the other's plane.
     fn facing(&self, centroid: DVec3, normal: DVec3) -> f64 {
         let faces = |&&(other, other_normal): &&(DVec3, DVec3)| {
             let way = other - centroid;
@@ -179,7 +179,7 @@ fn nearest_point(point: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
         .unwrap_or(a)
 }
 
-/// The value up to which half the weight lies; 0 for none.
+/// The weighted median; 0 for none.
 fn weighted_median(values: &mut [(f64, u64)]) -> f64 {
     values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let whole: u64 = values.iter().map(|&(_, weight)| weight).sum();

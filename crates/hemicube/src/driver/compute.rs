@@ -1,220 +1,32 @@
-//! The driver: patches in the order of work → hemicubes → a backend → checked rows → parts → a sink.
+//! The computation: patches in the order of work ▶ hemicubes ▶ a backend ▶ checked rows ▶ parts ▶ a sink.
+//!
+//! ```text
+//! Queue ▶ Worker (one a thread: render, check, convert a batch) ▶ Collector (batches in order, parts) ▶ PartSink
+//! ```
 //!
 //! Rows do not depend on threads or batches: a row comes from its own hemicubes only, parts are fixed runs of the order
-//! of work, and workers' results are put back in order before they leave.
+//! of work, and the collector puts batches back in order.
 
 use crate::Model;
-use crate::accuracy::correct::{Attempt, Converter, Correction};
-use crate::accuracy::grain::{Grain, MOST_PER_EDGE};
+use crate::accuracy::correct::{Attempt, Converter, Correction, Rendered};
+use crate::accuracy::grain::MOST_PER_EDGE;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
+use crate::driver::queue::{Queue, StopOnPanic};
 use crate::row::{RowBlock, RowError};
-use crate::sampling::splitmix;
 use crate::store::{Form, Part, PartThinning, RowSums, StoreWriter, Thinning, small_entries};
 use hemicube_scene::InputPatch;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError, mpsc};
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-/// Which patches have rows and columns. Everything occludes, selected or not.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Selection {
-    /// For each patch whether it has a row; `None`: all have.
-    pub emitters: Option<Vec<bool>>,
-    /// For each patch whether it has a column; `None`: all have. What the others receive is counted as *unselected*.
-    pub receivers: Option<Vec<bool>>,
-}
+pub(crate) use super::plan::sample;
+pub use super::plan::{Plan, RowChoice, Selection};
 
-impl Selection {
-    fn emits(&self, patch: InputPatch) -> bool {
-        self.emitters.as_ref().is_none_or(|e| e[patch.0 as usize])
-    }
-
-    fn receives(&self, patch: u32) -> bool {
-        self.receivers.as_ref().is_none_or(|r| r[patch as usize])
-    }
-}
-
-/// Which rows of the matrix to compute.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum RowChoice {
-    /// All that emit.
-    All,
-    /// Those of the input patches `start..end`.
-    Range {
-        /// The first input patch.
-        start: u32,
-        /// One past the last.
-        end: u32,
-    },
-    /// A sample of this many, drawn without repetition.
-    Sample {
-        /// How many; all of them if there are fewer.
-        count: u32,
-        /// Which sample.
-        seed: u64,
-    },
-}
-
-/// What is to be computed: the rows in the order of work, cut into parts.
+/// Takes finished parts, in order, on a thread of its own: rows are computed while a part is written.
 ///
-/// ```
-/// use hemicube::driver::compute::{Plan, RowChoice, Selection};
-/// use hemicube::accuracy::correct::Correction;
-/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
-/// # let model = room::model()?;
-///
-/// // All rows of the room's 160 patches, four hemicubes each, corrected for area.
-/// let plan = Plan::new(&model, RowChoice::All, Selection::default(), 2, true).with_correction(Correction::area());
-/// assert_eq!((plan.rows.len(), plan.hemicubes_per_row(), plan.part_count()), (160, 4, 3));
-///
-/// // Ten rows of them: the same ten whenever the seed is the same.
-/// let ten = |seed| Plan::new(&model, RowChoice::Sample { count: 10, seed }, Selection::default(), 1, true).rows;
-/// assert_eq!(ten(1).len(), 10);
-/// assert!(ten(1) == ten(1) && ten(1) != ten(2));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Clone, Debug, PartialEq)]
-pub struct Plan {
-    /// The emitting patch of each row, in the order of work.
-    pub rows: Vec<InputPatch>,
-    /// Rows of a part; the last part may have fewer.
-    pub rows_per_part: u32,
-    /// n of the n² hemicubes of a row.
-    pub samples_per_edge: u32,
-    /// True if each hemicube is turned about its normal.
-    pub rotate: bool,
-    /// Which patches have rows and columns.
-    pub selection: Selection,
-    /// How weights become form factors.
-    pub correction: Correction,
-    /// Form factors below this are left out, and the others of the row share what they carried; 0: none is.
-    pub min_factor: f64,
-    /// What form factors are rounded to.
-    pub form: Form,
-    /// The parts to compute, ascending; `None`: all. Parts do not depend on each other, so leaving out those that are
-    /// there already, or that another process computes, changes nothing in the others.
-    pub parts: Option<Vec<u32>>,
-}
-
-impl Plan {
-    /// Plans the rows of `choice`. Depends on the scene and the settings only.
-    pub fn new(model: &Model, choice: RowChoice, selection: Selection, samples_per_edge: u32, rotate: bool) -> Self {
-        let mut rows: Vec<InputPatch> = model.order().filter(|&p| selection.emits(p)).collect();
-        match choice {
-            RowChoice::All => {}
-            RowChoice::Range { start, end } => rows.retain(|p| (start..end).contains(&p.0)),
-            RowChoice::Sample { count, seed } => rows = sample(&rows, count as usize, seed),
-        }
-        Self {
-            rows_per_part: Self::rows_per_part_of(rows.len()),
-            rows,
-            samples_per_edge,
-            rotate,
-            selection,
-            correction: Correction::Pixel,
-            min_factor: 0.0,
-            form: Form::Plain,
-            parts: None,
-        }
-    }
-
-    /// Number of rows that a part of a plan of so many rows has.
-    #[allow(clippy::cast_possible_truncation, reason = "clamped to 1024")]
-    pub fn rows_per_part_of(rows: usize) -> u32 {
-        // A part is what a killed run loses and what a job of a cluster computes: at most a few seconds and megabytes,
-        // and some dozens of them even in a small scene.
-        (rows / 64).next_power_of_two().clamp(64, 1024) as u32
-    }
-
-    /// The same plan for those of its parts that `wanted` says, to go on with a matrix or to compute a shard of it.
-    #[must_use]
-    pub fn with_parts(mut self, wanted: impl Fn(u32) -> bool) -> Self {
-        let count = u32::try_from(self.part_count()).unwrap_or(u32::MAX);
-        self.parts = Some((0..count).filter(|&part| wanted(part)).collect());
-        self
-    }
-
-    /// The same plan with another rung of the accuracy ladder; that of a tolerance takes one hemicube a row.
-    #[must_use]
-    pub fn with_correction(mut self, correction: Correction) -> Self {
-        if let Correction::Tolerance(_) = correction {
-            self.samples_per_edge = 1;
-        }
-        self.correction = correction;
-        self
-    }
-
-    /// The same plan without form factors below `min_factor`, at least 0 and below 1. The others of their row share
-    /// what they carried in proportion, as [`balance`](crate::analysis::balance::balance) does it afterwards;
-    /// [`Summary::thinning`] says what that did.
-    #[must_use]
-    pub fn with_min_factor(mut self, min_factor: f64) -> Self {
-        self.min_factor = min_factor;
-        self
-    }
-
-    /// The same plan for a store of another form: rows leave the driver as that store keeps them.
-    #[must_use]
-    pub fn with_form(mut self, form: Form) -> Self {
-        self.form = form;
-        self
-    }
-
-    /// Hemicubes along an edge of a patch: as planned, or as many as a patch asks for that is large beside what stands
-    /// on it, on all rungs but that of pixel sums, which is the method as published.
-    fn per_edge(&self, model: &Model, patch: InputPatch) -> u32 {
-        match self.correction {
-            Correction::Pixel => self.samples_per_edge,
-            _ => Grain::of(model.geometry())
-                .per_edge(model, patch)
-                .max(self.samples_per_edge),
-        }
-    }
-
-    /// Hemicubes of a row of a patch that is no larger than what stands on it.
-    pub fn hemicubes_per_row(&self) -> usize {
-        self.samples_per_edge as usize * self.samples_per_edge as usize
-    }
-
-    /// Number of parts.
-    pub fn part_count(&self) -> usize {
-        self.rows.len().div_ceil(self.rows_per_part as usize)
-    }
-
-    /// The places of a part's rows in [`Self::rows`]; none for a part that there is not.
-    fn rows_of_part(&self, part: u32) -> std::ops::Range<usize> {
-        let start = (part as usize * self.rows_per_part as usize).min(self.rows.len());
-        start..(start + self.rows_per_part as usize).min(self.rows.len())
-    }
-
-    /// The parts to compute.
-    fn wanted(&self) -> Vec<u32> {
-        let count = u32::try_from(self.part_count()).unwrap_or(u32::MAX);
-        match &self.parts {
-            Some(parts) => parts.iter().copied().filter(|&part| part < count).collect(),
-            None => (0..count).collect(),
-        }
-    }
-}
-
-/// Draws `count` of `rows`, keeping their order (Knuth 1969, algorithm 3.4.2 S).
-pub(crate) fn sample(rows: &[InputPatch], count: usize, seed: u64) -> Vec<InputPatch> {
-    let mut state = seed;
-    let mut chosen = Vec::with_capacity(count.min(rows.len()));
-    for (i, &row) in rows.iter().enumerate() {
-        let z = splitmix::next(&mut state);
-        let (left, wanted) = ((rows.len() - i) as u128, count.saturating_sub(chosen.len()) as u128);
-        if (u128::from(z) * left) >> 64 < wanted {
-            chosen.push(row);
-        }
-    }
-    chosen
-}
-
-/// Takes finished parts, in order, on a thread of its own, so that rows are computed while a part is written.
-///
-/// What is done with rows is the sink's own business; none need be kept:
+/// A sink need not keep the rows:
 ///
 /// ```
 /// use hemicube::driver::compute::{Execution, PartSink, compute};
@@ -251,7 +63,7 @@ pub trait PartSink: Send {
     /// Takes the next part.
     ///
     /// # Errors
-    /// When it cannot be kept; the computation then ends, and no further part comes.
+    /// When it cannot be kept. The computation then ends, and no further part comes.
     fn take(&mut self, part: Part) -> Result<(), crate::store::Error>;
 }
 
@@ -261,7 +73,7 @@ impl PartSink for StoreWriter {
     }
 }
 
-/// Keeps the parts in memory: for small scenes, and for embedders.
+/// Keeps the parts in memory.
 impl PartSink for Vec<Part> {
     fn take(&mut self, part: Part) -> Result<(), crate::store::Error> {
         self.push(part);
@@ -280,26 +92,26 @@ pub struct Progress {
     pub entries: u64,
 }
 
-/// How a computation is run. Nothing here changes a bit of the result.
+/// Threads, batches and cancellation of a computation. Nothing here changes a bit of the result.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Execution<'a> {
     /// Worker threads; 0: one a core.
     pub threads: usize,
-    /// Hemicubes a call of the backend; 0: what the backend prefers.
+    /// Hemicubes a call of the backend; 0: its preference.
     pub batch: usize,
-    /// When this becomes true, the run ends, and the summary says so. The part being computed is finished and kept if
-    /// that takes no longer than two seconds; if it does, its rows are computed again when the run goes on.
+    /// When this becomes true, the run ends, [`Summary::cancelled`]. The part under way is finished if that takes no
+    /// longer than two seconds; otherwise its rows are computed again when the run is resumed.
     pub cancel: Option<&'a AtomicBool>,
 }
 
 impl Execution<'_> {
-    /// Returns whether it was told to end.
+    /// Returns whether it was cancelled.
     pub(crate) fn is_cancelled(&self) -> bool {
         self.cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed))
     }
 }
 
-/// What a computation did.
+/// Figures of a computation.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Summary {
     /// Rows computed.
@@ -312,34 +124,34 @@ pub struct Summary {
     pub sums: RowSums,
     /// Hemicubes rendered, the unit of `sums`.
     pub hemicubes: u64,
-    /// Rays and points that visible fractions were measured with.
+    /// Rays and points spent on visible fractions.
     pub rays: u64,
-    /// Expected Σ (F − true F)² of all rows; 0 on rungs that do not estimate it.
+    /// Expected Σ (F − true F)² of all rows; 0 at accuracy levels that do not estimate it.
     pub squared_error: f64,
     /// Σ F² of all rows.
     pub squared_norm: f64,
-    /// What leaving out small form factors did, where that was asked for.
+    /// Effect of leaving out small form factors, where that was asked for.
     pub thinning: Option<Thinning>,
     /// Entries that are a visible fraction of a closed form, not a sum of pixels.
     pub corrected: u64,
-    /// Pairs of which a part only is visible, on rungs that know.
+    /// Partially visible pairs, at accuracy levels that know.
     pub partial: u64,
-    /// Rows that their budget of work ended before all pairs were measured that were worth it. Their expected error, on
-    /// rungs that estimate it, says so.
+    /// Rows that met the bound on their work before all pairs worth it were measured. Their expected error, at accuracy
+    /// levels that estimate it, includes the pairs left.
     pub cut_short: u64,
-    /// What the backend counted.
+    /// Counts of the backend.
     pub counters: Counters,
     /// True if it was cancelled before the last row.
     pub cancelled: bool,
     /// Worker threads used.
     pub threads: usize,
-    /// Time from the first row asked for to the last part kept.
+    /// Time from the first row's request to the last part's writing.
     pub elapsed: Duration,
-    /// The row that took longest, and its time; `None` where there is no row.
+    /// The slowest row and its time; `None` without rows.
     pub slowest: Option<(InputPatch, Duration)>,
-    /// Time of all rows, one after the other.
+    /// Sum of the rows' times.
     pub row_time: Duration,
-    /// Time in the sink; rows were computed meanwhile.
+    /// Time in the sink, in parallel with the rows.
     pub sink: Duration,
 }
 
@@ -352,7 +164,7 @@ pub enum ComputeError {
     Backend {
         /// Its name.
         backend: String,
-        /// What it said.
+        /// Its error.
         source: BackendError,
     },
     /// The backend returned rows that break the contract.
@@ -371,7 +183,7 @@ pub enum ComputeError {
         /// The panic's message.
         message: String,
     },
-    /// It was told to end before there was a row.
+    /// It was cancelled before there was a row.
     #[error("the computation was cancelled before its first row")]
     Cancelled,
     /// The sink could not keep a part.
@@ -379,80 +191,8 @@ pub enum ComputeError {
     Store(#[from] crate::store::Error),
 }
 
-/// Rows of one batch, ready to be appended to a part.
-#[derive(Debug, Default)]
-struct Batch {
-    part: Part,
-    /// What became of each row, where entries were left out.
-    changes: Vec<small_entries::RowChange>,
-    partial: u64,
-    cut_short: u64,
-    counters: Counters,
-    slowest: Option<(InputPatch, Duration)>,
-    row_time: Duration,
-}
-
-/// What workers share: who computes what, and how far the collector is.
-#[derive(Debug)]
-struct Queue {
-    state: Mutex<QueueState>,
-    changed: Condvar,
-}
-
-#[derive(Debug)]
-struct QueueState {
-    next: usize,
-    end: usize,
-    collected: usize,
-}
-
-impl Queue {
-    fn lock(&self) -> MutexGuard<'_, QueueState> {
-        // The state is three numbers that are always consistent, so a panic elsewhere does not spoil it.
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// The next batch to compute, or `None` when there is none left. Waits while the collector is `window` batches
-    /// behind, which bounds memory.
-    fn take(&self, window: usize) -> Option<usize> {
-        let mut state = self.lock();
-        while state.next < state.end && state.next >= state.collected + window {
-            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
-        }
-        (state.next < state.end).then(|| {
-            state.next += 1;
-            state.next - 1
-        })
-    }
-
-    fn collected(&self, count: usize) {
-        self.lock().collected = count;
-        self.changed.notify_all();
-    }
-
-    /// Hands out no batch from `end` on.
-    fn stop_at(&self, end: usize) {
-        let mut state = self.lock();
-        state.end = state.end.min(end);
-        drop(state);
-        self.changed.notify_all();
-    }
-}
-
-/// Stops the queue when its thread panics: nobody would compute the batch, or take the part, that the others wait for.
-struct StopOnPanic<'a>(&'a Queue);
-
-impl Drop for StopOnPanic<'_> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            self.0.stop_at(0);
-        }
-    }
-}
-
-/// Loads a model into a backend as [`compute`] does, with what `correction` asks of rows: what the backend then says of
-/// itself ([`HemicubeBackend::info`], [`HemicubeBackend::choices`]) is what it will be for the run. Returns the
-/// settings that it was loaded with.
+/// Loads a model into a backend as [`compute`] does, with covered weights if `correction` needs them. From then on
+/// [`HemicubeBackend::info`] and [`HemicubeBackend::choices`] are those of the run. Returns the settings loaded.
 ///
 /// # Errors
 /// When the backend cannot take the model or the settings.
@@ -466,7 +206,7 @@ pub fn load(
         covered: settings.covered || correction.needs_covered(),
         ..settings
     };
-    // Corrections make fractions of the weights, and nothing else.
+    // Corrections use weights for fractions only.
     let loaded = if correction.needs_covered() {
         backend.load_for_fractions(model.geometry(), settings)
     } else {
@@ -483,11 +223,11 @@ pub fn load(
 
 /// Computes the rows of `plan` with `backend` and hands them, part by part, to `sink`.
 ///
-/// `settings` are loaded into the backend here, with covered weights whenever the plan's correction needs them.
-/// `progress` is called on this thread now and then.
+/// Loads `settings` into the backend, with covered weights if the plan's correction needs them. Calls `progress` on
+/// this thread some times a second.
 ///
 /// # Errors
-/// When the backend fails or breaks the contract, or the sink cannot keep a part. Parts already kept stay.
+/// When the backend fails or breaks the contract, or the sink cannot keep a part. Earlier parts stay.
 ///
 /// Threads and batches change no bit of the rows:
 ///
@@ -511,7 +251,7 @@ pub fn load(
 /// let (summary, parts) = rows_by(1, 1)?;
 /// assert_eq!(parts, rows_by(3, 7)?.1);
 ///
-/// // No light is lost or invented, to the last of 2³¹ parts of each hemicube.
+/// // Weights are conserved, to the last of the 2³¹ of each hemicube.
 /// assert_eq!(summary.sums.total(), Some(summary.hemicubes * HEMICUBE_WEIGHT));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -524,116 +264,41 @@ pub fn compute(
     sink: &mut dyn PartSink,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Summary, ComputeError> {
-    let name = backend.info().name.clone();
-    let backend_error = |source| ComputeError::Backend {
-        backend: name.clone(),
-        source,
-    };
     let settings = load(model, &plan.correction, settings, backend.as_mut())?;
-
-    let samples = plan.hemicubes_per_row();
-    let hemicubes_per_call = if execution.batch == 0 {
-        backend.info().preferred_rows
-    } else {
-        execution.batch
+    let batches = Batches::new(plan, execution.batch, backend.as_ref());
+    let sessions = sessions(backend, execution.threads, batches.count)?;
+    let run = Run {
+        model,
+        plan,
+        settings,
+        queue: Queue::new(batches.count),
+        abandon: AtomicBool::new(false),
+        batches,
+        window: 8 * sessions.len(),
     };
-    let rows_per_batch = (hemicubes_per_call / samples.max(1)).clamp(1, plan.rows_per_part as usize);
-    let batches_per_part = (plan.rows_per_part as usize).div_ceil(rows_per_batch);
-    let wanted = plan.wanted();
-    // Only the last part of a plan is shorter than the others, and it is the last that is wanted, too.
-    let rows_of_last = wanted.last().map_or(0, |&part| plan.rows_of_part(part).len());
-    let batch_count = wanted.len().saturating_sub(1) * batches_per_part + rows_of_last.div_ceil(rows_per_batch);
-    let rows_of_batch = |batch: usize| {
-        let rows = plan.rows_of_part(wanted[batch / batches_per_part]);
-        let start = rows.start + batch % batches_per_part * rows_per_batch;
-        &plan.rows[start..(start + rows_per_batch).min(rows.end)]
-    };
-
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let threads = if execution.threads == 0 {
-        cores
-    } else {
-        execution.threads
-    }
-    .clamp(1, batch_count.max(1));
-    let mut sessions = Vec::with_capacity(threads);
-    for _ in 1..threads {
-        sessions.push(backend.fork().map_err(backend_error)?);
-    }
-    sessions.push(backend);
-
-    let queue = Queue {
-        state: Mutex::new(QueueState {
-            next: 0,
-            end: batch_count,
-            collected: 0,
-        }),
-        changed: Condvar::new(),
-    };
-    let abandon = AtomicBool::new(false);
-    let window = 8 * threads;
     let started = Instant::now();
-    let mut summary = Summary {
-        threads,
-        ..Summary::default()
-    };
-    std::thread::scope(|scope| {
+    let mut collector = Collector::new(&run, sessions.len());
+    let sink_time = std::thread::scope(|scope| {
         let (sender, receiver) = mpsc::channel();
         let (parts, finished) = mpsc::sync_channel(PARTS_WAITING);
-        let writer = {
-            let queue = &queue;
-            scope.spawn(move || {
-                let _stop = StopOnPanic(queue);
-                keep_parts(&finished, queue, sink)
-            })
-        };
+        let run = &run;
+        let writer = scope.spawn(move || {
+            let _stop = StopOnPanic(&run.queue);
+            keep_parts(&finished, &run.queue, sink)
+        });
         let workers: Vec<_> = sessions
             .into_iter()
-            .map(|mut session| {
-                let (sender, queue, rows_of_batch, abandon) = (sender.clone(), &queue, &rows_of_batch, &abandon);
-                scope.spawn(move || {
-                    let _stop = StopOnPanic(queue);
-                    let mut rows = RowBlock::default();
-                    let mut converter = Converter::new(plan.correction, Some(abandon));
-                    while let Some(batch) = queue.take(window) {
-                        let result = compute_batch(
-                            model,
-                            plan,
-                            settings,
-                            session.as_mut(),
-                            rows_of_batch(batch),
-                            &mut rows,
-                            &mut converter,
-                        );
-                        if abandon.load(Ordering::Relaxed) {
-                            break;
-                        }
-                        let failed = result.is_err();
-                        if sender.send((batch, result)).is_err() || failed {
-                            queue.stop_at(0);
-                            break;
-                        }
-                    }
-                })
+            .map(|session| {
+                let sender = sender.clone();
+                scope.spawn(move || Worker::new(run, session).work(&sender))
             })
             .collect();
         drop(sender);
 
-        let result = collect(
-            model,
-            plan,
-            &wanted,
-            batches_per_part,
-            &queue,
-            &receiver,
-            parts,
-            progress,
-            (execution.cancel, &abandon),
-            &mut summary,
-        );
-        // Whatever ended the collection, nobody may wait for it any more, and nobody wants further rows.
-        queue.stop_at(0);
-        abandon.store(true, Ordering::Relaxed);
+        let result = collector.collect(&receiver, parts, execution.cancel, progress);
+        // However the collection ended, nobody may wait for it, and no further rows are wanted.
+        run.queue.stop_at(0);
+        run.abandon.store(true, Ordering::Relaxed);
         drop(receiver);
         let mut panic = None;
         for worker in workers {
@@ -641,16 +306,40 @@ pub fn compute(
                 panic.get_or_insert(panicked(payload.as_ref()));
             }
         }
-        // Parts that are waiting are whole, and are kept whatever ended the run.
+        // Waiting parts are whole, and are written however the run ended.
         let kept = match writer.join() {
             Ok(kept) => kept.map_err(ComputeError::from),
             Err(payload) => Err(panic.take().unwrap_or_else(|| panicked(payload.as_ref()))),
         };
-        summary.sink = panic.map_or(result, Err).and(kept)?;
-        Ok::<(), ComputeError>(())
+        panic.map_or(result, Err).and(kept)
     })?;
+    let mut summary = collector.summary;
+    summary.sink = sink_time;
     summary.elapsed = started.elapsed();
     Ok(summary)
+}
+
+/// A session for each worker: at most one a batch.
+fn sessions(
+    backend: Box<dyn HemicubeBackend>,
+    threads: usize,
+    batch_count: usize,
+) -> Result<Vec<Box<dyn HemicubeBackend>>, ComputeError> {
+    let threads = match threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        threads => threads,
+    }
+    .clamp(1, batch_count.max(1));
+    let mut sessions = Vec::with_capacity(threads);
+    for _ in 1..threads {
+        let forked = backend.fork().map_err(|source| ComputeError::Backend {
+            backend: backend_name(backend.as_ref()),
+            source,
+        });
+        sessions.push(forked?);
+    }
+    sessions.push(backend);
+    Ok(sessions)
 }
 
 fn panicked(payload: &(dyn std::any::Any + Send)) -> ComputeError {
@@ -662,11 +351,11 @@ fn panicked(payload: &(dyn std::any::Any + Send)) -> ComputeError {
     ComputeError::Panic { message }
 }
 
-/// Parts that wait for the sink while it is at one: two, so that a slow disk is always busy. What is beyond them stops
-/// the workers, which bounds memory.
+/// Parts that wait while the sink takes one: two keep a slow disk busy. A third one stops the workers, which bounds
+/// memory.
 const PARTS_WAITING: usize = 2;
 
-/// Hands parts to the sink as they come; the time it took. Its error ends the run: the workers get no further batch.
+/// Hands parts to the sink as they come. Returns the sink's time. An error of the sink stops the queue.
 fn keep_parts(
     finished: &mpsc::Receiver<Part>,
     queue: &Queue,
@@ -684,89 +373,209 @@ fn keep_parts(
     Ok(spent)
 }
 
-/// Renders, checks and converts the rows of one batch.
-fn compute_batch(
-    model: &Model,
-    plan: &Plan,
-    settings: RenderSettings,
-    backend: &mut dyn HemicubeBackend,
-    emitters: &[InputPatch],
-    rows: &mut RowBlock,
-    converter: &mut Converter<'_>,
-) -> Result<Batch, ComputeError> {
-    let mut hemicubes = Vec::with_capacity(emitters.len());
-    let mut of_rows = Vec::with_capacity(emitters.len());
-    for &emitter in emitters {
-        let before = hemicubes.len();
-        let per_edge = plan.per_edge(model, emitter);
-        hemicubes.extend(model.hemicubes(emitter, per_edge, plan.rotate));
-        of_rows.push((hemicubes.len() - before, per_edge));
-    }
-    rows.clear();
-    let first = emitters.first().copied().unwrap_or(InputPatch(0));
-    let began = Instant::now();
-    let counters = render(model, settings, backend, first, &hemicubes, rows)?;
-    let rendering = began.elapsed();
+/// The batches of a plan: rows of one part that a worker renders by one call of the backend.
+#[derive(Debug)]
+struct Batches<'a> {
+    plan: &'a Plan,
+    /// The parts to compute.
+    parts: Vec<u32>,
+    rows_per_batch: usize,
+    per_part: usize,
+    count: usize,
+}
 
-    let mut batch = Batch {
-        counters,
-        ..Batch::default()
-    };
-    let part = &mut batch.part;
-    let mut first = 0;
-    let receives = |patch| plan.selection.receives(patch);
-    for (&emitter, &(count, per_edge)) in emitters.iter().zip(&of_rows) {
-        if converter.is_cancelled() {
-            break;
+impl<'a> Batches<'a> {
+    /// Batches of `hemicubes` hemicubes; 0: as the backend prefers.
+    fn new(plan: &'a Plan, hemicubes: usize, backend: &dyn HemicubeBackend) -> Self {
+        let hemicubes = match hemicubes {
+            0 => backend.info().preferred_rows,
+            hemicubes => hemicubes,
+        };
+        let rows_per_batch = (hemicubes / plan.hemicubes_per_row().max(1)).clamp(1, plan.rows_per_part as usize);
+        let per_part = (plan.rows_per_part as usize).div_ceil(rows_per_batch);
+        let parts = plan.wanted();
+        // Only the last part of a plan is shorter than the others, and it is the last wanted, too.
+        let rows_of_last = parts.last().map_or(0, |&part| plan.rows_of_part(part).len());
+        Self {
+            count: parts.len().saturating_sub(1) * per_part + rows_of_last.div_ceil(rows_per_batch),
+            plan,
+            parts,
+            rows_per_batch,
+            per_part,
         }
+    }
+
+    /// The emitters of a batch.
+    fn rows(&self, batch: usize) -> &'a [InputPatch] {
+        let rows = self.plan.rows_of_part(self.parts[batch / self.per_part]);
+        let start = rows.start + batch % self.per_part * self.rows_per_batch;
+        &self.plan.rows[start..(start + self.rows_per_batch).min(rows.end)]
+    }
+}
+
+/// Everything that workers and collector share.
+#[derive(Debug)]
+struct Run<'a> {
+    model: &'a Model,
+    plan: &'a Plan,
+    settings: RenderSettings,
+    batches: Batches<'a>,
+    queue: Queue,
+    /// Batches that workers may be ahead of the collector.
+    window: usize,
+    /// Set when rows under way are not wanted any more.
+    abandon: AtomicBool,
+}
+
+/// Rows of one batch, ready to be appended to a part.
+#[derive(Debug, Default)]
+struct Batch {
+    part: Part,
+    /// The change of each row, where small entries are left out.
+    changes: Vec<small_entries::RowChange>,
+    partial: u64,
+    cut_short: u64,
+    counters: Counters,
+    slowest: Option<(InputPatch, Duration)>,
+    row_time: Duration,
+}
+
+/// A batch by its number, or its failure.
+type Computed = (usize, Result<Batch, ComputeError>);
+
+/// A row of a batch, and its hemicubes there.
+#[derive(Debug)]
+struct BatchRow {
+    emitter: InputPatch,
+    /// n of the n² hemicubes.
+    per_edge: u32,
+    hemicubes: Range<usize>,
+}
+
+/// Computes batches on a thread of its own.
+struct Worker<'a> {
+    run: &'a Run<'a>,
+    session: Box<dyn HemicubeBackend>,
+    rows: RowBlock,
+    converter: Converter<'a>,
+}
+
+impl<'a> Worker<'a> {
+    fn new(run: &'a Run<'a>, session: Box<dyn HemicubeBackend>) -> Self {
+        Self {
+            run,
+            session,
+            rows: RowBlock::default(),
+            converter: Converter::new(run.plan.correction, Some(&run.abandon)),
+        }
+    }
+
+    /// Computes batches until there are no more, one fails, or nobody collects them.
+    fn work(mut self, sender: &mpsc::Sender<Computed>) {
+        let Run { queue, abandon, .. } = self.run;
+        let _stop = StopOnPanic(queue);
+        while let Some(batch) = queue.take(self.run.window) {
+            let result = self.compute(self.run.batches.rows(batch));
+            if abandon.load(Ordering::Relaxed) {
+                break;
+            }
+            let failed = result.is_err();
+            if sender.send((batch, result)).is_err() || failed {
+                queue.stop_at(0);
+                break;
+            }
+        }
+    }
+
+    /// Renders, checks and converts the rows of one batch.
+    fn compute(&mut self, emitters: &[InputPatch]) -> Result<Batch, ComputeError> {
+        let Run { model, plan, .. } = self.run;
+        let mut hemicubes = Vec::with_capacity(emitters.len());
+        let mut rows = Vec::with_capacity(emitters.len());
+        for &emitter in emitters {
+            let start = hemicubes.len();
+            let per_edge = plan.per_edge(model, emitter);
+            hemicubes.extend(model.hemicubes(emitter, per_edge, plan.rotate));
+            rows.push(BatchRow {
+                emitter,
+                per_edge,
+                hemicubes: start..hemicubes.len(),
+            });
+        }
+        self.rows.clear();
+        let first = emitters.first().copied().unwrap_or(InputPatch(0));
         let began = Instant::now();
-        let samples = first..first + count;
-        first += count;
-        let (columns, data) = (&mut part.indices, &mut part.data);
-        let start = data.len();
-        let of_row = samples.clone().map(|row| rows.row(row));
-        let mut hemicubes_of_row = count;
-        // A large patch has the hemicubes that it asks for.
-        let most = MOST_PER_EDGE.max(plan.samples_per_edge * 4);
-        let attempts: Vec<u32> = more_samples(&plan.correction)
-            .iter()
-            .map(|more| more * per_edge)
-            .collect();
-        let attempts = &attempts[..attempts.partition_point(|&more| more <= most)];
-        let mut converted = converter.convert(
+        let session = self.session.as_mut();
+        let counters = render(model, self.run.settings, session, first, &hemicubes, &mut self.rows)?;
+        let rendering = began.elapsed();
+
+        let mut batch = Batch {
+            counters,
+            ..Batch::default()
+        };
+        for row in rows {
+            if self.converter.is_cancelled() {
+                break;
+            }
+            let began = Instant::now();
+            self.convert(&row, &hemicubes[row.hemicubes.clone()], &mut batch)?;
+            // Hemicubes are rendered together: each has its share of that time.
+            let share = row.hemicubes.len() as f64 / hemicubes.len().max(1) as f64;
+            let took = began.elapsed() + rendering.mul_f64(share);
+            batch.row_time += took;
+            if batch.slowest.is_none_or(|(_, longest)| took > longest) {
+                batch.slowest = Some((row.emitter, took));
+            }
+        }
+        Ok(batch)
+    }
+
+    /// Converts a rendered row, with more hemicubes where it is inconsistent, and appends it to the batch's part.
+    fn convert(&mut self, row: &BatchRow, hemicubes: &[Hemicube], batch: &mut Batch) -> Result<(), ComputeError> {
+        let Run { model, plan, .. } = self.run;
+        let emitter = row.emitter;
+        let receives = |patch| plan.selection.receives(patch);
+        let attempts = more_per_edge(plan, row.per_edge);
+        let mut attempt = Attempt {
+            is_first: true,
+            is_large: row.per_edge > plan.samples_per_edge,
+            is_last: attempts.is_empty(),
+        };
+        let part = &mut batch.part;
+        let start = part.data.len();
+        let rendered = Rendered {
             model,
             emitter,
-            &hemicubes[samples],
-            of_row,
-            receives,
-            Attempt {
-                is_first: true,
-                is_large: per_edge > plan.samples_per_edge,
-                is_last: attempts.is_empty(),
-            },
-            columns,
-            data,
-        );
-        for (place, &more) in attempts.iter().enumerate() {
+            hemicubes,
+            rows: row.hemicubes.clone().map(|place| self.rows.row(place)),
+            attempt,
+        };
+        let mut count = hemicubes.len();
+        let mut converted = self.converter.convert(rendered, receives, part);
+        for (place, &per_edge) in attempts.iter().enumerate() {
             if !converted.is_odd {
                 break;
             }
-            // The points do not stand for the emitter: a centroid inside a solid, say, of a patch that reaches out of
-            // it.
-            let more = model.hemicubes(emitter, more, plan.rotate);
-            let mut odd = RowBlock::default();
-            batch.counters += render(model, settings, backend, emitter, &more, &mut odd)?;
-            let of_row = (0..more.len()).map(|row| odd.row(row));
-            columns.truncate(start);
-            data.truncate(start);
-            let attempt = Attempt {
-                is_first: false,
-                is_large: per_edge > plan.samples_per_edge,
-                is_last: place + 1 == attempts.len(),
+            // The hemicubes' points do not represent the emitter: its centroid lies in a solid that it reaches out of,
+            // say.
+            let more = model.hemicubes(emitter, per_edge, plan.rotate);
+            let mut rows = RowBlock::default();
+            let session = self.session.as_mut();
+            batch.counters += render(model, self.run.settings, session, emitter, &more, &mut rows)?;
+            part.indices.truncate(start);
+            part.data.truncate(start);
+            attempt.is_first = false;
+            attempt.is_last = place + 1 == attempts.len();
+            let rendered = Rendered {
+                model,
+                emitter,
+                hemicubes: &more,
+                rows: (0..more.len()).map(|row| rows.row(row)),
+                attempt,
             };
             let lost = converted.lost;
-            converted = converter.convert(model, emitter, &more, of_row, receives, attempt, columns, data);
-            hemicubes_of_row = more.len();
+            converted = self.converter.convert(rendered, receives, part);
+            count = more.len();
             if matches!(plan.correction, Correction::Tolerance(_)) && (converted.lost - lost).abs() > LOST {
                 break;
             }
@@ -783,39 +592,36 @@ fn compute_batch(
         part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
         part.sums.push(converted.sums);
         part.shares.push(converted.shares);
-        part.hemicubes.push(u32::try_from(hemicubes_of_row).unwrap_or(u32::MAX));
+        part.hemicubes.push(u32::try_from(count).unwrap_or(u32::MAX));
         part.errors.push(converted.error);
         part.rays.push(u32::try_from(converted.rays).unwrap_or(u32::MAX));
-        // Hemicubes are rendered together: each has its share of that time.
-        let took = began.elapsed() + rendering.mul_f64(count as f64 / hemicubes.len().max(1) as f64);
-        batch.row_time += took;
-        if batch.slowest.is_none_or(|(_, longest)| took > longest) {
-            batch.slowest = Some((emitter, took));
-        }
+        Ok(())
     }
-    Ok(batch)
 }
 
-/// What hemicubes lose of one row may differ by so much. Where it does by more, rays know the form factors better than
-/// hemicubes know what is lost, and the sum of both tells nothing.
+/// Largest difference of a row's non-visible share between two sets of hemicubes. Above it the hemicubes know the share
+/// worse than rays know the form factors, and the sum of both tells nothing.
 const LOST: f64 = 0.01;
 
-/// How many times as many hemicubes along an edge a row gets whose hemicubes do not stand for its emitter; and if those
-/// do not, how many then.
-fn more_samples(correction: &Correction) -> &'static [u32] {
-    match correction {
-        // What matters of such a row is looked at by rays, and more than four hemicubes make little of the rest better,
-        // but where rays say that they still see what the patch does not.
+/// n of the n² hemicubes of an inconsistent row: of its next attempt, and of the one after that. At most
+/// [`MOST_PER_EDGE`], or 4 times the plan's n.
+fn more_per_edge(plan: &Plan, per_edge: u32) -> Vec<u32> {
+    let times: &[u32] = match plan.correction {
+        // Rays look at the pairs that matter. More than four hemicubes improve little of the rest, except where rays
+        // find that they still see beyond the patch.
         Correction::Area(_) => &[2, 4],
-        // In the open, a row that sums oddly has a centroid that is a bad place to see the sky from; in the closed, the
+        // In the open, the centroid of an inconsistent row is a bad place to see the sky from. In a closed scene its
         // sum is part of the promise.
-        Correction::Tolerance(_) if correction.is_in_the_open() => &[2],
+        Correction::Tolerance(_) if plan.correction.is_in_the_open() => &[2],
         Correction::Tolerance(_) => &[2, 4],
         Correction::Pixel | Correction::Point => &[2, 4],
-    }
+    };
+    let most = MOST_PER_EDGE.max(plan.samples_per_edge * 4);
+    let more = times.iter().map(|times| times * per_edge);
+    more.take_while(|&more| more <= most).collect()
 }
 
-/// Renders and checks rows; `first` is the emitter to name where something is wrong.
+/// Renders and checks rows. Errors name `first`, the first emitter.
 pub(crate) fn render(
     model: &Model,
     settings: RenderSettings,
@@ -841,135 +647,181 @@ fn backend_name(backend: &dyn HemicubeBackend) -> String {
     backend.info().name.clone()
 }
 
-/// Puts batches back in order, appends them to parts, and hands full parts on. Ends early, and without an error of its
-/// own, when nobody takes parts any more.
-#[allow(clippy::too_many_arguments, reason = "private, called once: the pieces of one loop")]
-fn collect(
-    model: &Model,
-    plan: &Plan,
-    wanted: &[u32],
-    batches_per_part: usize,
-    queue: &Queue,
-    receiver: &mpsc::Receiver<(usize, Result<Batch, ComputeError>)>,
-    parts: mpsc::SyncSender<Part>,
-    progress: &mut dyn FnMut(Progress),
-    (cancel, abandon): (Option<&AtomicBool>, &AtomicBool),
-    summary: &mut Summary,
-) -> Result<(), ComputeError> {
-    let row_count = wanted
-        .iter()
-        .map(|&part| plan.rows_of_part(part).len() as u64)
-        .sum::<u64>();
-    let mut wanted = wanted.iter().copied();
-    let is_thinned = plan.min_factor > 0.0;
-    // Past the last part nothing comes.
-    let mut next_part = || {
-        let mut part = empty_part(wanted.next().unwrap_or(u32::MAX));
-        part.thinning = is_thinned.then(PartThinning::default);
-        part
-    };
-    let mut early: BTreeMap<usize, Batch> = BTreeMap::new();
-    let mut next = 0;
-    let mut part = next_part();
-    let mut cancelling: Option<Instant> = None;
-    let mut thinned = PartThinning::default();
-    let so_far = |summary: &Summary, part: &Part| Progress {
-        rows: summary.rows + part.rows.len() as u64,
-        row_count,
-        entries: summary.entries + part.indices.len() as u64,
-    };
-    progress(so_far(summary, &part));
-    loop {
-        if cancelling.is_some_and(|since| since.elapsed() > PATIENCE) {
-            abandon.store(true, Ordering::Relaxed);
-        }
-        if cancelling.is_none() && cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
-            cancelling = Some(Instant::now());
-            // Whole parts only: the one in which the first batch not yet handed out lies is still computed.
-            let handed_out = queue.lock().next;
-            queue.stop_at(handed_out.div_ceil(batches_per_part) * batches_per_part);
-        }
-        // A time-out, so that a cancellation is noticed while one slow batch is under way.
-        let (index, batch) = match receiver.recv_timeout(Duration::from_millis(100)) {
-            Ok(received) => received,
-            Err(mpsc::RecvTimeoutError::Timeout) => {
-                // So that what shows the progress can show that time goes by.
-                progress(so_far(summary, &part));
-                continue;
-            }
-            Err(mpsc::RecvTimeoutError::Disconnected) => break,
+/// Puts batches back in order, appends them to parts, and adds up their figures.
+#[derive(Debug)]
+struct Collector<'a> {
+    run: &'a Run<'a>,
+    row_count: u64,
+    /// Batches that came before their turn.
+    early: BTreeMap<usize, Batch>,
+    /// The next batch.
+    next: usize,
+    /// The part under way.
+    part: Part,
+    /// Place of the next part among the parts to compute.
+    next_part: usize,
+    thinned: PartThinning,
+    /// When the run was cancelled.
+    cancelled: Option<Instant>,
+    summary: Summary,
+}
+
+impl<'a> Collector<'a> {
+    fn new(run: &'a Run<'a>, threads: usize) -> Self {
+        let mut collector = Self {
+            run,
+            row_count: run.plan.wanted_rows(),
+            early: BTreeMap::new(),
+            next: 0,
+            part: Part::default(),
+            next_part: 0,
+            thinned: PartThinning::default(),
+            cancelled: None,
+            summary: Summary {
+                threads,
+                ..Summary::default()
+            },
         };
-        let batch = batch?;
-        summary.row_time += batch.row_time;
-        summary.cut_short += batch.cut_short;
-        if let Some((patch, took)) = batch.slowest
-            && summary.slowest.is_none_or(|(_, longest)| took > longest)
-        {
-            summary.slowest = Some((patch, took));
-        }
-        early.insert(index, batch);
-        while let Some(batch) = early.remove(&next) {
-            next += 1;
-            summary.counters += batch.counters;
-            summary.partial += batch.partial;
-            let before = part.rows.len();
-            append(&mut part, batch.part);
-            if let Some(mut changed) = part.thinning {
-                for (row, change) in (before..).zip(&batch.changes) {
-                    let area = model.patches().area(InputPatch(part.rows[row]));
-                    changed.add(&part, row, area, change);
-                }
-                part.thinning = Some(changed);
-            }
-            let full = next % batches_per_part == 0 || part.rows.len() as u64 + summary.rows == row_count;
-            if full {
-                summary.rows += part.rows.len() as u64;
-                summary.entries += part.indices.len() as u64;
-                if plan.correction != Correction::Pixel {
-                    summary.corrected += part.indices.len() as u64;
-                }
-                summary.parts += 1;
-                summary.rays += part.rays.iter().map(|&r| u64::from(r)).sum::<u64>();
-                summary.squared_error += part
-                    .errors
-                    .iter()
-                    .filter(|e| !e.is_nan())
-                    .map(|&e| f64::from(e).powi(2))
-                    .sum::<f64>();
-                summary.squared_norm += part.data.iter().map(|&f| f64::from(f).powi(2)).sum::<f64>();
-                summary.hemicubes += part.hemicubes.iter().map(|&h| u64::from(h)).sum::<u64>();
-                for sums in &part.sums {
-                    summary.sums.visible += sums.visible;
-                    summary.sums.escaped += sums.escaped;
-                    summary.sums.blocked += sums.blocked;
-                    summary.sums.unselected += sums.unselected;
-                }
-                if let Some(of_part) = &part.thinning {
-                    thinned.merge(of_part);
-                }
-                if parts.send(std::mem::replace(&mut part, next_part())).is_err() {
-                    return Ok(());
-                }
-            }
-        }
-        queue.collected(next);
-        progress(so_far(summary, &part));
+        collector.part = collector.begin_part();
+        collector
     }
-    summary.cancelled = summary.rows < row_count;
-    summary.thinning = is_thinned.then(|| thinned.finish(plan.min_factor));
-    Ok(())
+
+    fn is_thinned(&self) -> bool {
+        self.run.plan.min_factor > 0.0
+    }
+
+    /// An empty part. Past the last one nothing comes.
+    fn begin_part(&mut self) -> Part {
+        let index = self.run.batches.parts.get(self.next_part).copied();
+        self.next_part += 1;
+        Part {
+            index: index.unwrap_or(u32::MAX),
+            indptr: vec![0],
+            thinning: self.is_thinned().then(PartThinning::default),
+            ..Part::default()
+        }
+    }
+
+    fn progress(&self) -> Progress {
+        Progress {
+            rows: self.summary.rows + self.part.rows.len() as u64,
+            row_count: self.row_count,
+            entries: self.summary.entries + self.part.indices.len() as u64,
+        }
+    }
+
+    /// Collects batches and hands full parts on, until all have come, one fails, or `cancel` is set. Ends early,
+    /// without an error of its own, when nobody takes parts any more.
+    fn collect(
+        &mut self,
+        batches: &mpsc::Receiver<Computed>,
+        parts: mpsc::SyncSender<Part>,
+        cancel: Option<&AtomicBool>,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<(), ComputeError> {
+        progress(self.progress());
+        loop {
+            self.look_for_cancellation(cancel);
+            // A time-out: a cancellation is noticed, and passing time shown, while one slow batch is under way.
+            let (index, batch) = match batches.recv_timeout(Duration::from_millis(100)) {
+                Ok(received) => received,
+                Err(mpsc::RecvTimeoutError::Timeout) => {
+                    progress(self.progress());
+                    continue;
+                }
+                Err(mpsc::RecvTimeoutError::Disconnected) => break,
+            };
+            let batch = batch?;
+            self.summary.row_time += batch.row_time;
+            self.summary.cut_short += batch.cut_short;
+            if let Some((patch, took)) = batch.slowest
+                && self.summary.slowest.is_none_or(|(_, longest)| took > longest)
+            {
+                self.summary.slowest = Some((patch, took));
+            }
+            self.early.insert(index, batch);
+            while let Some(batch) = self.early.remove(&self.next) {
+                self.next += 1;
+                self.append(batch);
+                let is_last = self.part.rows.len() as u64 + self.summary.rows == self.row_count;
+                if self.next.is_multiple_of(self.run.batches.per_part) || is_last {
+                    let part = self.end_part();
+                    if parts.send(part).is_err() {
+                        return Ok(());
+                    }
+                }
+            }
+            self.run.queue.collected(self.next);
+            progress(self.progress());
+        }
+        self.summary.cancelled = self.summary.rows < self.row_count;
+        self.summary.thinning = self.is_thinned().then(|| self.thinned.finish(self.run.plan.min_factor));
+        Ok(())
+    }
+
+    /// After a cancellation, ends the queue with the part under way, and after [`PATIENCE`] the rows as well.
+    fn look_for_cancellation(&mut self, cancel: Option<&AtomicBool>) {
+        if self.cancelled.is_some_and(|since| since.elapsed() > PATIENCE) {
+            self.run.abandon.store(true, Ordering::Relaxed);
+        }
+        if self.cancelled.is_none() && cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
+            self.cancelled = Some(Instant::now());
+            // Whole parts only: the part of the first batch not yet handed out is still computed.
+            let (queue, per_part) = (&self.run.queue, self.run.batches.per_part);
+            queue.stop_at(queue.next().div_ceil(per_part) * per_part);
+        }
+    }
+
+    /// Appends the next batch to the part under way.
+    fn append(&mut self, batch: Batch) {
+        self.summary.counters += batch.counters;
+        self.summary.partial += batch.partial;
+        let before = self.part.rows.len();
+        append(&mut self.part, batch.part);
+        if let Some(mut changed) = self.part.thinning {
+            for (row, change) in (before..).zip(&batch.changes) {
+                let area = self.run.model.patches().area(InputPatch(self.part.rows[row]));
+                changed.add(&self.part, row, area, change);
+            }
+            self.part.thinning = Some(changed);
+        }
+    }
+
+    /// Adds the figures of a full part to the summary and begins the next one.
+    fn end_part(&mut self) -> Part {
+        let next = self.begin_part();
+        let part = std::mem::replace(&mut self.part, next);
+        let summary = &mut self.summary;
+        summary.rows += part.rows.len() as u64;
+        summary.entries += part.indices.len() as u64;
+        if self.run.plan.correction != Correction::Pixel {
+            summary.corrected += part.indices.len() as u64;
+        }
+        summary.parts += 1;
+        summary.rays += part.rays.iter().map(|&r| u64::from(r)).sum::<u64>();
+        summary.squared_error += part
+            .errors
+            .iter()
+            .filter(|e| !e.is_nan())
+            .map(|&e| f64::from(e).powi(2))
+            .sum::<f64>();
+        summary.squared_norm += part.data.iter().map(|&f| f64::from(f).powi(2)).sum::<f64>();
+        summary.hemicubes += part.hemicubes.iter().map(|&h| u64::from(h)).sum::<u64>();
+        for sums in &part.sums {
+            summary.sums.visible += sums.visible;
+            summary.sums.escaped += sums.escaped;
+            summary.sums.blocked += sums.blocked;
+            summary.sums.unselected += sums.unselected;
+        }
+        if let Some(of_part) = &part.thinning {
+            self.thinned.merge(of_part);
+        }
+        part
+    }
 }
 
-/// How long a run that was told to end may go on with the part that it is at.
+/// Time that a cancelled run may take to finish the part under way.
 const PATIENCE: Duration = Duration::from_secs(2);
-
-fn empty_part(index: u32) -> Part {
-    Part {
-        index,
-        indptr: vec![0],
-        ..Part::default()
-    }
-}
 
 fn append(part: &mut Part, batch: Part) {
     let base = part.indptr.last().copied().unwrap_or(0);

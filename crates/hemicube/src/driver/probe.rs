@@ -1,4 +1,4 @@
-//! A few hemicubes spread over a plan, that say of all of them whether culling pays and how many entries rows have.
+//! A few trial hemicubes, spread over a plan: whether culling pays, and how many entries rows have.
 
 use crate::Model;
 use crate::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
@@ -6,18 +6,18 @@ use crate::driver::compute::{ComputeError, Plan, load};
 use crate::row::RowBlock;
 use hemicube_scene::InputPatch;
 
-/// Hemicubes from which it is seen whether culling pays.
+/// Hemicubes that measure culling.
 const CULLING_PROBES: usize = 16;
 
-/// Hemicubes at most from which it is seen how many entries rows have.
+/// Most hemicubes that measure entries.
 const ENTRY_PROBES: usize = 256;
 
-/// Culling that leaves more of the triangles than this is not worth its tests.
+/// Share of the triangles left by culling from which its tests cost more than they save.
 const CULLING_PAYS_BELOW: f64 = 0.97;
 
-/// What a few hemicubes say.
+/// Findings of the trial hemicubes.
 ///
-/// How large a matrix will be is known well enough before it is computed:
+/// They forecast the size of a matrix before it is computed:
 ///
 /// ```
 /// use hemicube::driver::probe::Probe;
@@ -35,17 +35,17 @@ const CULLING_PAYS_BELOW: f64 = 0.97;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probe {
-    /// Hemicubes of which `left` is.
+    /// Number of hemicubes of `left`.
     pub hemicubes: u64,
-    /// Share of the triangles that culling leaves.
+    /// Share of the triangles left by culling.
     pub left: f64,
     /// Entries of a row, on average.
     pub entries_per_row: f64,
 }
 
 impl Probe {
-    /// Renders a few hemicubes of `plan`. Leaves the model loaded into the backend, with `settings` and what the plan's
-    /// correction asks of rows.
+    /// Renders trial hemicubes of `plan`. Leaves the model loaded into the backend, with `settings` and the needs of
+    /// the plan's correction.
     ///
     /// # Errors
     /// When the backend fails.
@@ -70,7 +70,7 @@ impl Probe {
         load(model, &plan.correction, settings, backend)?;
         let mut block = RowBlock::default();
         let counters = backend.rows(&hemicubes, &mut block).map_err(failed)?;
-        // Entries differ more from row to row than what culling spares.
+        // Entries vary more from row to row than the effect of culling.
         let count = (plan.rows.len() / 32).clamp(CULLING_PROBES, ENTRY_PROBES);
         let more: Vec<_> = (0..count)
             .filter_map(|probe| plan.rows.get((2 * probe + 1) * plan.rows.len() / (2 * count)))
@@ -84,7 +84,7 @@ impl Probe {
         })
     }
 
-    /// Returns whether culling pays in this scene. No clock, so that the choice is the same in every run.
+    /// Returns whether culling pays in this scene. By no clock: equal runs choose equally.
     pub fn culling(&self) -> Culling {
         if self.left > CULLING_PAYS_BELOW {
             Culling::Off
@@ -94,10 +94,10 @@ impl Probe {
     }
 }
 
-/// Which share of the triangles was transformed, over the hemicubes.
+/// Share of the triangles that were transformed, over the hemicubes.
 pub fn share_left(counters: &Counters, surfaces: usize) -> f64 {
     let all = counters.hemicubes as f64 * surfaces as f64;
-    // Blocks of triangles may count what fills them up.
+    // Blocks of triangles may count their padding.
     if all > 0.0 {
         (counters.triangles_transformed as f64 / all).min(1.0)
     } else {

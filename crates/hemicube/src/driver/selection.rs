@@ -1,11 +1,10 @@
-//! Which patches have rows and columns, by the names of their objects and materials: `*` stands for any characters, `?`
-//! for one.
+//! Selection of rows and columns by the names of objects and materials: `*` stands for any characters, `?` for one.
 
 use crate::driver::compute::Selection;
 use hemicube_scene::{Patches, Scene};
 use std::collections::BTreeSet;
 
-/// Number of names that an error lists.
+/// Names listed by an error.
 const NAMES_SHOWN: usize = 5;
 
 /// Globs for the names of objects and materials. An empty list chooses nothing, and so leaves everything chosen.
@@ -35,19 +34,19 @@ const NAMES_SHOWN: usize = 5;
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Names<'a> {
-    /// Patches that have rows; empty: all.
+    /// Patches with rows; empty: all.
     pub emitters: &'a [String],
-    /// Patches that have columns; empty: all.
+    /// Patches with columns; empty: all.
     pub receivers: &'a [String],
-    /// Patches that have neither, and only hide others.
+    /// Patches with neither, which only occlude.
     pub occluders: &'a [String],
 }
 
-/// Turns the one-sided triangles of objects round whose names match one of `globs`; `all` stands for every object. Both
-/// sides of two-sided triangles radiate, so there is nothing to turn. Returns how many were turned.
+/// Turns round the one-sided triangles of objects with names that match one of `globs`; `all` stands for every object.
+/// Two-sided triangles radiate from both sides and are not turned. Returns the number of triangles turned.
 ///
 /// # Errors
-/// When a glob matches no object that has one-sided triangles.
+/// When a glob matches no object with one-sided triangles.
 ///
 /// ```
 /// use hemicube::driver::selection::flip;
@@ -109,15 +108,15 @@ pub fn flip(scene: &mut Scene, globs: &[String]) -> Result<usize, NoMatch> {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{glob}` matches no object and no material of a patch; {there}")]
 pub struct NoMatch {
-    /// Which list it is of: `emitters`, `receivers`, `occluders` or `flip`.
+    /// Its list: `emitters`, `receivers`, `occluders` or `flip`.
     pub list: &'static str,
     /// The glob.
     pub glob: String,
-    /// What there is to match.
+    /// The names to choose from.
     pub there: String,
 }
 
-/// Whether `name` matches `glob`, character by character, case and all. Going back to the last star is enough, so the
+/// Returns whether `name` matches `glob`, character by character and with case. Only the last star is tried again: the
 /// time is at most the product of the lengths.
 ///
 /// ```
@@ -151,7 +150,7 @@ pub fn matches_glob(glob: &str, name: &str) -> bool {
     glob[at..].iter().all(|&rest| rest == '*')
 }
 
-/// For each patch whether one of `globs` matches its object or its material; `None` where there is no glob.
+/// True for each patch with an object or material that matches one of `globs`; `None` without a glob.
 fn matching(
     scene: &Scene,
     patches: &Patches,
@@ -205,7 +204,7 @@ fn list(of: &str, names: BTreeSet<&str>) -> String {
     }
 }
 
-/// What there is to match.
+/// The names to choose from.
 fn names(scene: &Scene) -> String {
     let objects = scene
         .objects

@@ -1,5 +1,4 @@
-//! Everything that a row depends on, as manifests and reports have it. Whoever computes with the same settings and
-//! scene makes the same store, byte for byte.
+//! Settings of rows in manifests and reports. Equal settings and scenes make equal stores, byte for byte.
 
 use crate::backend::BackendInfo;
 use crate::driver::compute::{Plan, RowChoice};
@@ -8,11 +7,11 @@ use hemicube_scene::{Axis, Patches, Scene, Subdivision};
 use serde::Serialize;
 use std::path::Path;
 
-/// What a manifest calls this program: its version, and behind the plus sign that of what follows the hemicubes, raised
-/// whenever the same settings and hemicubes come to other bits. A store is gone on with only by what began it.
+/// Name of this program in manifests: its version, a plus sign, and a number raised whenever the same settings and
+/// hemicubes come to other bits. A store is resumed only by the program of its manifest.
 pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+10");
 
-/// Everything that a row depends on but the scene's triangles, resolved: nothing in it is still to be chosen.
+/// Everything that rows depend on but the scene's triangles. Nothing in it is still to be chosen.
 ///
 /// ```
 /// use hemicube::driver::settings::RowSettings;
@@ -32,7 +31,7 @@ pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+10");
 /// assert_eq!((&*one.scene.file, &*other.scene.file), ("a.obj", "b.obj"));
 /// assert_eq!(one.scene.blake3, other.scene.blake3, "the scene is its triangles, not its name");
 ///
-/// // Whatever a row depends on makes another store.
+/// // Another setting makes another store.
 /// let finer = RowSettings { resolution: 128, ..settings.clone() };
 /// assert_ne!(header(&finer, "b.obj")?.settings, other.settings);
 /// assert_eq!(other.settings["resolution"], 64);
@@ -42,46 +41,46 @@ pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+10");
 pub struct RowSettings {
     /// Pixels along an edge of the hemicube.
     pub resolution: u32,
-    /// Hemicubes of a patch.
+    /// Hemicubes of a patch, n².
     pub samples: u32,
-    /// What form factors are made of.
+    /// Name of the accuracy level's correction.
     pub correction: &'static str,
-    /// The relative Frobenius error that was asked for.
+    /// The relative Frobenius error asked for.
     pub tolerance: Option<f64>,
-    /// Why this rung, where a tolerance chose it.
+    /// Reason of the accuracy level, where a tolerance chose it.
     pub reason: Option<String>,
     /// True if each hemicube is turned a little about its normal.
     pub rotation: bool,
-    /// How triangles were cut into patches.
-    pub subdivision: Cut,
-    /// Which triangles radiate from their backs: `auto` as the scene says, `on` all, `off` none.
+    /// Subdivision of triangles into patches.
+    pub subdivision: SubdivisionRecord,
+    /// Triangles that radiate from their backs: `auto` as the scene says, `on` all, `off` none.
     pub two_sided: &'static str,
-    /// Names of the objects whose one-sided triangles were turned round, or `all`.
+    /// Names of objects with their one-sided triangles turned round, or `all`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub flip: Vec<String>,
     /// True if triangles that lie exactly on others were kept.
     pub keep_duplicates: bool,
-    /// What coordinates were multiplied with.
+    /// Factor on coordinates.
     pub scale: f64,
     /// The axis that points up, where it is known.
     pub up: Option<&'static str>,
-    /// Which rows were asked for.
-    pub rows: Rows,
+    /// The rows asked for.
+    pub rows: RowsRecord,
     /// Names of the patches that have rows; empty: all.
     pub emitters: Vec<String>,
     /// Names of the patches that have columns; empty: all.
     pub receivers: Vec<String>,
     /// Names of the patches that have neither.
     pub occluders: Vec<String>,
-    /// Below what form factors are left out.
+    /// Form factors below this are left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min_factor: Option<f64>,
 }
 
-/// A [`Subdivision`], as it is written down.
+/// A [`Subdivision`] in a manifest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Cut {
+pub enum SubdivisionRecord {
     /// One patch a triangle.
     None,
     /// Levels of halved edges.
@@ -92,7 +91,7 @@ pub enum Cut {
     PatchSize(f64),
 }
 
-impl From<Subdivision> for Cut {
+impl From<Subdivision> for SubdivisionRecord {
     fn from(subdivision: Subdivision) -> Self {
         match subdivision {
             Subdivision::None => Self::None,
@@ -103,13 +102,13 @@ impl From<Subdivision> for Cut {
     }
 }
 
-/// A [`RowChoice`], as it is written down.
+/// A [`RowChoice`] in a manifest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Rows {
+pub enum RowsRecord {
     /// All that emit.
     All,
-    /// Those of a range of input patches.
+    /// The rows of a range of input patches.
     Range {
         /// The first.
         start: u32,
@@ -118,14 +117,14 @@ pub enum Rows {
     },
     /// A sample.
     Sample {
-        /// Of how many.
+        /// Number of rows.
         count: u32,
-        /// Which sample.
+        /// Seed of the draw.
         seed: u64,
     },
 }
 
-impl From<RowChoice> for Rows {
+impl From<RowChoice> for RowsRecord {
     fn from(choice: RowChoice) -> Self {
         match choice {
             RowChoice::All => Self::All,
@@ -145,8 +144,7 @@ pub fn axis_name(axis: Axis) -> &'static str {
 }
 
 impl RowSettings {
-    /// What a store of `plan` says of itself before its first row. `file` is where the scene is from, of which the last
-    /// step is kept.
+    /// The header of a store of `plan`. It holds the last component of `file`, the scene's path.
     ///
     /// # Errors
     /// When there are more patches or rows than a store holds.
@@ -190,9 +188,14 @@ mod tests {
 
     #[test]
     fn settings_have_readable_names() {
-        let text = serde_json::to_string(&[Cut::None, Cut::PatchSize(0.5), Cut::Split(3)]).unwrap();
+        let text = serde_json::to_string(&[
+            SubdivisionRecord::None,
+            SubdivisionRecord::PatchSize(0.5),
+            SubdivisionRecord::Split(3),
+        ])
+        .unwrap();
         assert_eq!(text, r#"["none",{"patch_size":0.5},{"split":3}]"#);
-        let text = serde_json::to_string(&Rows::Range { start: 1, end: 4 }).unwrap();
+        let text = serde_json::to_string(&RowsRecord::Range { start: 1, end: 4 }).unwrap();
         assert_eq!(text, r#"{"range":{"start":1,"end":4}}"#);
     }
 }

@@ -1,18 +1,18 @@
-//! What is kept of a matrix where nobody says: at a million patches and more, what output takes is the limit.
+//! Defaults of a matrix's storage: from a million patches on, the size of the output is the limit.
 
 use crate::store::Form;
 
 /// From how many patches on a matrix is kept small.
 pub const LARGE: u32 = 1_000_000;
 
-/// Below what form factors are left out of a large matrix: in a block city of 1.5 million patches two thirds of all
-/// entries, which carry 0.005 % (`docs/store.md`).
+/// Form factors left out of a large matrix are below this: in a block city of 1.5 million patches two thirds of all
+/// entries, with 0.005 % of Σ F (`docs/store.md`).
 pub const LEAST_OF_LARGE: f64 = 1e-7;
 
 /// A tolerance below this asks for everything, whatever it takes.
 pub const FINE_TOLERANCE: f64 = 0.003;
 
-/// The form of a matrix, and from what form factor on entries are kept.
+/// The form of a matrix, and its least form factor.
 ///
 /// ```
 /// use hemicube::driver::storage_policy::StoragePolicy;
@@ -32,16 +32,17 @@ pub const FINE_TOLERANCE: f64 = 0.003;
 pub struct StoragePolicy {
     /// The form of its parts.
     pub form: Form,
-    /// Form factors below this are left out; 0 where all are kept.
+    /// Smaller form factors are left out; 0: none.
     pub min_factor: f64,
-    /// What was chosen because the scene is large, and how to have it otherwise.
+    /// The choices made because the scene is large, and the settings for others.
     pub reason: Option<String>,
 }
 
 impl StoragePolicy {
-    /// Size of a scene's matrix, of which `form` and `min_factor` may have been asked for.
+    /// The storage of a scene's matrix; `form` and `min_factor` as asked for, otherwise by the number of patches and
+    /// the tolerance.
     ///
-    /// The choice depends on the scene's patches and the tolerance alone, not on which of the rows are computed.
+    /// The rows computed do not matter.
     pub fn choose(form: Option<Form>, min_factor: Option<f64>, patches: u32, tolerance: Option<f64>) -> Self {
         let is_large = patches >= LARGE && tolerance.is_none_or(|tolerance| tolerance >= FINE_TOLERANCE);
         let mut chosen = Vec::new();

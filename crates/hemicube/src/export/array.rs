@@ -5,7 +5,7 @@ use crate::store::{DurableFile, ElementType, Error, NpyHeader, NpzWriter, Result
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Rows of `indptr` that are written at a time.
+/// Rows of `indptr` written at a time.
 const BOUNDS: usize = 1 << 14;
 
 /// The size of the `.npz`, to a few hundred bytes.
@@ -42,7 +42,7 @@ pub(super) fn write_npz(source: &Source<'_>, path: &Path, file: DurableFile, for
     let mut columns: Vec<i32> = Vec::new();
     for row in source.rows()? {
         columns.clear();
-        // A matrix has fewer than 2³¹ columns, and a row that was read has none beyond them.
+        // A matrix has fewer than 2³¹ columns, and a row has none beyond them.
         columns.extend(row?.1.indices.iter().map(|&column| column.cast_signed()));
         npz.push(&columns).map_err(on_write)?;
     }

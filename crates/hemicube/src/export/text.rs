@@ -1,4 +1,5 @@
-//! Exports as text: Matrix Market and MATLAB's triplets. Values have the fewest digits that read back to the same f32.
+//! Exports as text: Matrix Market and MATLAB's triplets. Values have the fewest digits that give the same f32 when
+//! read.
 
 use super::Source;
 use crate::store::{DurableFile, Error, F32_COMMENT, Result, Row};
@@ -26,14 +27,16 @@ fn market_header(source: &Source<'_>, entries: u64) -> String {
     };
     format!(
         "%%MatrixMarket matrix coordinate real general\n\
-         % form factors (view factors): F[i,j] is from i to j, the fraction of what leaves patch i that reaches patch j\n\
-         % rows and columns are patches in the order of the scene's file, from 1; a row that was not computed is empty\n\
+         % form factors (view factors): F[i,j] is from i to j, the fraction of what leaves patch i that reaches \
+         patch j\n\
+         % rows and columns are patches in the order of the scene's file, from 1; a row that was not computed is \
+         empty\n\
          {sky}{F32_COMMENT}\n\
          {rows} {columns} {entries}\n"
     )
 }
 
-/// What the file's size will be, from the text of evenly spaced rows.
+/// Forecast of the file's size, from the text of evenly spaced rows.
 pub(super) fn forecast(source: &Source<'_>, rows: usize) -> Result<u64> {
     let patches = source.store.computed_patches()?;
     let wanted = rows.min(patches.len());

@@ -10,41 +10,11 @@
 //! Both are sums whose terms change places when the triangles do, so that A_i F_ij = A_j F_ji to the bit.
 
 use super::SIX;
+use crate::geometry::CompactTriangle;
 use crate::simd::{InstructionSet, dispatch};
-use glam::DVec3;
 
 /// Pairs a call.
 pub(crate) const WIDTH: usize = 16;
-
-/// What these pairs need of a triangle: a cache line.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C, align(64))]
-pub(crate) struct Shape {
-    center: [f64; 3],
-    /// 0 for a triangle without area.
-    normal: [f32; 3],
-    /// From corner 0 to corner 1.
-    edge: [f32; 3],
-    /// From the centroid to corner 2. The other two are at −½ of it, less and more half the edge.
-    median: [f32; 3],
-    area: f32,
-}
-
-impl Shape {
-    #[allow(clippy::cast_possible_truncation, reason = "rounding to single precision is wanted")]
-    pub(crate) fn new([a, b, c]: &[DVec3; 3]) -> Self {
-        let center = (*a + *b + *c) / 3.0;
-        let single = |v: DVec3| v.to_array().map(|x| x as f32);
-        let cross = (*b - *a).cross(*c - *a);
-        Self {
-            center: center.to_array(),
-            normal: single(cross.normalize_or_zero()),
-            edge: single(*b - *a),
-            median: single(*c - center),
-            area: (0.5 * cross.length()) as f32,
-        }
-    }
-}
 
 /// Sixteen triangles as one other sees them.
 #[derive(Clone, Debug)]
@@ -72,7 +42,7 @@ impl Pairs {
     /// Puts the pair of `own` and `other` into a lane.
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation, reason = "rounding to single precision is wanted")]
-    pub(crate) fn set(&mut self, lane: usize, own: &Shape, other: &Shape) {
+    pub(crate) fn set(&mut self, lane: usize, own: &CompactTriangle, other: &CompactTriangle) {
         for k in 0..3 {
             self.between[k][lane] = (other.center[k] - own.center[k]) as f32;
             self.normal[k][lane] = other.normal[k];
@@ -132,25 +102,25 @@ impl Found {
 }
 
 /// Sorts sixteen pairs by how far apart they are, and evaluates those far apart.
-pub(crate) fn far(own: &Shape, others: &Pairs, reach: &Reach) -> Found {
+pub(crate) fn far(own: &CompactTriangle, others: &Pairs, reach: &Reach) -> Found {
     let mut out = Found::new();
     far_by(InstructionSet::widest(), own, others, reach, &mut out);
     out
 }
 
 /// Evaluates sixteen pairs by six points on either triangle.
-pub(crate) fn middle(own: &Shape, others: &Pairs) -> Found {
+pub(crate) fn middle(own: &CompactTriangle, others: &Pairs) -> Found {
     let mut out = Found::new();
     middle_by(InstructionSet::widest(), own, others, &mut out);
     out
 }
 
 dispatch! {
-    fn far_by = far_portable(own: &Shape, others: &Pairs, reach: &Reach, out: &mut Found)
+    fn far_by = far_portable(own: &CompactTriangle, others: &Pairs, reach: &Reach, out: &mut Found)
 }
 
 dispatch! {
-    fn middle_by = middle_portable(own: &Shape, others: &Pairs, out: &mut Found)
+    fn middle_by = middle_portable(own: &CompactTriangle, others: &Pairs, out: &mut Found)
 }
 
 #[inline(always)]
@@ -189,7 +159,7 @@ const OF_MEDIAN: f32 = 1.0 / 8.0;
 const OF_EDGE: f32 = 1.0 / 24.0;
 
 #[inline(always)]
-fn far_portable(own: &Shape, others: &Pairs, reach: &Reach, out: &mut Found) {
+fn far_portable(own: &CompactTriangle, others: &Pairs, reach: &Reach, out: &mut Found) {
     let mut kernels = [0.0; WIDTH];
     let own_extent = extent(own.edge, own.median);
     for l in 0..WIDTH {
@@ -301,7 +271,7 @@ impl Pair {
 }
 
 #[inline(always)]
-fn middle_portable(own: &Shape, others: &Pairs, out: &mut Found) {
+fn middle_portable(own: &CompactTriangle, others: &Pairs, out: &mut Found) {
     let mut kernels = [0.0; WIDTH];
     let own_corners = corners(own.edge, own.median);
     for l in 0..WIDTH {
@@ -321,7 +291,7 @@ fn middle_portable(own: &Shape, others: &Pairs, out: &mut Found) {
 
 /// Kernels to exchanges, apart from the loops before: a loop has as many lanes as its widest numbers allow.
 #[inline(always)]
-fn weigh(own: &Shape, others: &Pairs, kernels: &[f32; WIDTH], out: &mut Found) {
+fn weigh(own: &CompactTriangle, others: &Pairs, kernels: &[f32; WIDTH], out: &mut Found) {
     for l in 0..WIDTH {
         let areas = f64::from(own.area) * f64::from(others.area[l]);
         out.exchange[l] = areas * (f64::from(kernels[l]) * std::f64::consts::FRAC_1_PI);
@@ -332,7 +302,8 @@ fn weigh(own: &Shape, others: &Pairs, kernels: &[f32; WIDTH], out: &mut Found) {
 mod tests {
     use super::*;
     use crate::factor::{FactorRule, exchange, is_cut};
-    use crate::geometry::area;
+    use crate::geometry::{area, centroid};
+    use glam::DVec3;
     use proptest::prelude::*;
 
     const REACH: Reach = Reach {
@@ -345,30 +316,24 @@ mod tests {
         prop::array::uniform3(prop::array::uniform3(-1.0..1.0f64).prop_map(DVec3::from_array))
     }
 
-    fn pairs(own: &Shape, triangles: &[[DVec3; 3]]) -> Pairs {
+    fn pairs(own: &CompactTriangle, triangles: &[[DVec3; 3]]) -> Pairs {
         let mut pairs = Pairs::new();
         for (l, triangle) in triangles.iter().enumerate() {
-            pairs.set(l, own, &Shape::new(triangle));
+            pairs.set(l, own, &CompactTriangle::new(triangle));
         }
         pairs
     }
 
     /// What the two could exchange at the distance of their centroids, turned to each other.
     fn most_exchanged(i: &[DVec3; 3], j: &[DVec3; 3]) -> f64 {
-        let middle = |t: &[DVec3; 3]| (t[0] + t[1] + t[2]) / 3.0;
-        area(i) * area(j) / (std::f64::consts::PI * middle(i).distance_squared(middle(j)))
-    }
-
-    #[test]
-    fn a_shape_is_a_cache_line() {
-        assert_eq!(std::mem::size_of::<Shape>(), 64);
+        area(i) * area(j) / (std::f64::consts::PI * centroid(i).distance_squared(centroid(j)))
     }
 
     #[test]
     fn a_triangle_without_area_exchanges_nothing() {
         let flat = [DVec3::ZERO, DVec3::X, DVec3::X * 2.0];
         let other = [DVec3::Z * 9.0, DVec3::Z * 9.0 + DVec3::Y, DVec3::Z * 9.0 + DVec3::X];
-        let own = Shape::new(&flat);
+        let own = CompactTriangle::new(&flat);
         let found = far(&own, &pairs(&own, &[other]), &REACH);
         assert_eq!((found.kind[0], found.exchange[0]), (DONE, 0.0));
     }
@@ -378,7 +343,7 @@ mod tests {
         fn every_path_gives_the_same_bits(
             i in triangle(), others in prop::collection::vec((triangle(), prop::array::uniform3(-9.0..9.0f64)), WIDTH),
         ) {
-            let own = Shape::new(&i);
+            let own = CompactTriangle::new(&i);
             let others: Vec<_> = others.into_iter().map(|(t, shift)| t.map(|p| p + DVec3::from_array(shift))).collect();
             let pairs = pairs(&own, &others);
             let (mut portable_far, mut portable_middle) = (Found::new(), Found::new());
@@ -400,7 +365,7 @@ mod tests {
             i in triangle(), j in triangle(), shift in prop::array::uniform3(-9.0..9.0f64),
         ) {
             let j = j.map(|p| p + DVec3::from_array(shift));
-            let (of_i, of_j) = (Shape::new(&i), Shape::new(&j));
+            let (of_i, of_j) = (CompactTriangle::new(&i), CompactTriangle::new(&j));
             let (there, back) = (pairs(&of_i, &[j]), pairs(&of_j, &[i]));
             let (p, q) = (far(&of_i, &there, &REACH), far(&of_j, &back, &REACH));
             prop_assert_eq!(p.kind[0], q.kind[0]);
@@ -414,7 +379,7 @@ mod tests {
             i in triangle(), j in triangle(), shift in prop::array::uniform3(-20.0..20.0f64),
         ) {
             let j = j.map(|p| p + DVec3::from_array(shift));
-            let own = Shape::new(&i);
+            let own = CompactTriangle::new(&i);
             let pairs = pairs(&own, &[j]);
             let most = most_exchanged(&i, &j);
             let exact = exchange(&i, &j, &FactorRule::for_tolerance(1e-6));

@@ -16,60 +16,9 @@
 
 use super::GAUSS;
 use super::lanes::{LANES, angle};
+use crate::geometry::{self, in_front};
 use crate::simd::{InstructionSet, dispatch};
 use glam::DVec3;
-
-/// A triangle cut by a plane: up to four corners, in order.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Outline {
-    corners: [DVec3; 4],
-    count: usize,
-}
-
-impl Outline {
-    pub(crate) fn corners(&self) -> &[DVec3] {
-        &self.corners[..self.count]
-    }
-
-    fn edges(&self) -> impl Iterator<Item = (DVec3, DVec3)> + '_ {
-        (0..self.count).map(|k| (self.corners[k], self.corners[(k + 1) % self.count]))
-    }
-}
-
-/// The part of `triangle` in front of the plane through `on` with unit `normal`; what is nearer to it than `tolerance`
-/// counts as on it. `None` where nothing is in front.
-pub(crate) fn in_front(triangle: &[DVec3; 3], on: DVec3, normal: DVec3, tolerance: f64) -> Option<Outline> {
-    let heights = triangle.map(|p| {
-        let h = normal.dot(p - on);
-        if h.abs() <= tolerance { 0.0 } else { h }
-    });
-    if heights.iter().all(|&h| h <= 0.0) {
-        return None;
-    }
-    let mut outline = Outline {
-        corners: [DVec3::ZERO; 4],
-        count: 0,
-    };
-    let mut push = |p| {
-        if outline.count < 4 {
-            outline.corners[outline.count] = p;
-            outline.count += 1;
-        }
-    };
-    for k in 0..3 {
-        let next = (k + 1) % 3;
-        let (p, q, hp, hq) = (triangle[k], triangle[next], heights[k], heights[next]);
-        if hp >= 0.0 {
-            push(p);
-        }
-        if (hp > 0.0 && hq < 0.0) || (hp < 0.0 && hq > 0.0) {
-            // From the end in front, so that the cut of a shared edge is the same from either side.
-            let (a, b, ha, hb) = if hp > 0.0 { (p, q, hp, hq) } else { (q, p, hq, hp) };
-            push(a + (b - a) * (ha / (ha - hb)));
-        }
-    }
-    Some(outline)
-}
 
 /// How exact a contour integral is to be.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,7 +69,7 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f6
     let scale = 1.0 / size;
     let local = |t: &[DVec3; 3]| t.map(|p| (p - origin) * scale);
     let (outer, inner) = (local(outer), local(inner));
-    let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).try_normalize();
+    let normal = |t: &[DVec3; 3]| geometry::cross(t).try_normalize();
     let (Some(outer_normal), Some(inner_normal)) = (normal(&outer), normal(&inner)) else {
         return 0.0;
     };
@@ -156,7 +105,7 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f6
         }
     }
     let closed = closed.sum();
-    let area = crate::geometry::area(&outer);
+    let area = geometry::area(&outer);
     let whole = area * std::f64::consts::TAU;
     let (mut enough, least) = (care.absolute * whole, care.least * whole);
     let sum = loop {

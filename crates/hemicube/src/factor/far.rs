@@ -6,7 +6,7 @@
 //! so that A_i F_ij = A_j F_ji to the bit.
 
 use super::lanes::LANES;
-use crate::simd::{InstructionSet, dispatch};
+use crate::simd::{InstructionSet, cross, dispatch, dot, minus, most};
 use glam::DVec3;
 
 /// A triangle, such as the one that all eight pairs share.
@@ -39,35 +39,19 @@ pub(crate) fn shape(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> Own {
         (a[1] + b[1] + c[1]) * third,
         (a[2] + b[2] + c[2]) * third,
     ];
-    let (e, f) = (minus(b, a), minus(c, a));
-    let cross = [
-        e[1] * f[2] - e[2] * f[1],
-        e[2] * f[0] - e[0] * f[2],
-        e[0] * f[1] - e[1] * f[0],
-    ];
+    let cross = cross(minus(b, a), minus(c, a));
     let distance = |p: [f64; 3]| {
         let d = minus(p, center);
         dot(d, d)
     };
     let (p, q, r) = (distance(a), distance(b), distance(c));
-    let most = if p > q { p } else { q };
     Own {
         corners: [a, b, c],
         middles: [middle(a, b), middle(b, c), middle(c, a)],
         center,
         cross,
-        squared_radius: if most > r { most } else { r },
+        squared_radius: most(most(p, q), r),
     }
-}
-
-#[inline(always)]
-pub(crate) fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    [p[0] - q[0], p[1] - q[1], p[2] - q[2]]
-}
-
-#[inline(always)]
-pub(crate) fn dot(p: [f64; 3], q: [f64; 3]) -> f64 {
-    p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 }
 
 /// Eight triangles, by coordinate of corner 0, then 1, then 2.
@@ -155,7 +139,7 @@ fn evaluate_portable(own: &Own, others: &Others, radii: f64, out: &mut Far) {
 mod tests {
     use super::*;
     use crate::factor::{FactorRule, exchange};
-    use crate::geometry::area;
+    use crate::geometry::{area, centroid};
     use proptest::prelude::*;
 
     fn others(triangle: &[DVec3; 3]) -> Others {
@@ -205,8 +189,8 @@ mod tests {
                 let far = evaluate(&Own::new(&i), &others(&j), radii);
                 if far.kind[0] == DONE && far.exchange[0] > 0.0 {
                     // The largest the two could exchange at this distance, turned to each other.
-                    let middle = |t: &[DVec3; 3]| (t[0] + t[1] + t[2]) / 3.0;
-                    let most = area(&i) * area(&j) / (std::f64::consts::PI * middle(&i).distance_squared(middle(&j)));
+                    let squared = centroid(&i).distance_squared(centroid(&j));
+                    let most = area(&i) * area(&j) / (std::f64::consts::PI * squared);
                     let exact = exchange(&i, &j, &FactorRule::for_tolerance(1e-6));
                     prop_assert!((far.exchange[0] - exact).abs() < bound * most, "{} {exact}", far.exchange[0]);
                 }

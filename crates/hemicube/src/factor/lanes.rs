@@ -11,7 +11,7 @@
 //! The angle comes from its sine and cosine by an own arc tangent, so that values are the same bits on every machine;
 //! the same source is compiled for each instruction set, without fused multiply-add.
 
-use crate::simd::{InstructionSet, dispatch};
+use crate::simd::{InstructionSet, cross, dispatch, dot, plus};
 
 /// Evaluations a call.
 pub(crate) const LANES: usize = 8;
@@ -93,20 +93,6 @@ pub(super) fn angle(y: f64, x: f64) -> f64 {
     select(x < 0.0, std::f64::consts::PI - r, r)
 }
 
-#[inline(always)]
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-#[inline(always)]
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 /// One edge's term of the contour sum.
 #[inline(always)]
 pub(super) fn term(n: [f64; 3], p: [f64; 3], q: [f64; 3]) -> f64 {
@@ -157,11 +143,6 @@ fn edge(n: [f64; 3], p: [f64; 3], q: [f64; 3], zp: f64, zq: f64) -> Edge {
             select(rises, from[2], 0.0),
         ],
     }
-}
-
-#[inline(always)]
-fn plus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    [p[0] + q[0], p[1] + q[1], p[2] + q[2]]
 }
 
 #[inline(always)]

@@ -9,6 +9,7 @@
 
 use super::visibility::Sight;
 use crate::Model;
+use crate::geometry;
 use glam::DVec3;
 use std::f64::consts::PI;
 
@@ -24,12 +25,8 @@ pub(super) struct Facing {
 impl Facing {
     pub(super) fn find(&mut self, model: &Model, emitter: &Sight) {
         let tolerance = model.geometry().plane_tolerance;
-        let center = emitter.centroid();
-        let radius = emitter
-            .corners
-            .map(|p| p.distance(center))
-            .into_iter()
-            .fold(0.0, f64::max);
+        let (center, squared_radius) = geometry::sphere(&emitter.corners);
+        let radius = squared_radius.sqrt();
         self.bounds.clear();
         self.patches.clear();
         for patch in 0..model.geometry().patch_count {
@@ -70,17 +67,16 @@ impl Facing {
 }
 
 fn bound(emitter: &Sight, (center, radius): (DVec3, f64), corners: &[DVec3; 3], tolerance: f64) -> f64 {
-    let [a, b, c] = *corners;
     let height = corners.map(|p| emitter.height(p)).into_iter().fold(0.0, f64::max);
     if height <= tolerance {
         return 0.0;
     }
-    let cross = (b - a).cross(c - a);
+    let cross = geometry::cross(corners);
     let twice_area = cross.length();
     // A patch without area has no plane: not a number, which is not above it.
     let above = emitter
         .corners
-        .map(|p| cross.dot(p - a) / twice_area)
+        .map(|p| cross.dot(p - corners[0]) / twice_area)
         .into_iter()
         .fold(0.0, f64::max);
     if above <= tolerance {
@@ -88,8 +84,8 @@ fn bound(emitter: &Sight, (center, radius): (DVec3, f64), corners: &[DVec3; 3], 
     }
     let area = 0.5 * twice_area;
     let by_area = (area / emitter.area).min(1.0);
-    let own = (a + b + c) / 3.0;
-    let reach = radius + corners.map(|p| p.distance(own)).into_iter().fold(0.0, f64::max);
+    let (own, squared_radius) = geometry::sphere(corners);
+    let reach = radius + squared_radius.sqrt();
     let distance = own.distance(center) - reach;
     if distance <= 0.0 {
         return by_area;

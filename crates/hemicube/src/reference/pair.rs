@@ -8,8 +8,8 @@
 
 use super::random::{Random, point_of};
 use super::visibility::{Occluders, Sight};
-use crate::factor::{FactorRule, exchange, quarters};
-use crate::geometry::area;
+use crate::factor::{FactorRule, exchange};
+use crate::geometry::{self, area, clip, quarters};
 use glam::DVec3;
 
 /// Independent batches of segments of a pair.
@@ -201,8 +201,7 @@ impl Pair {
 }
 
 fn radius(sight: &Sight) -> f64 {
-    let center = sight.centroid();
-    sight.corners.iter().map(|p| p.distance(center)).fold(0.0, f64::max)
+    geometry::sphere(&sight.corners).1.sqrt()
 }
 
 /// A triangle, or what is left of it in front of a plane: one or two triangles.
@@ -227,16 +226,7 @@ impl Pieces {
             });
         }
         let mut outline = Vec::with_capacity(4);
-        for k in 0..3 {
-            let (p, q) = (of.corners[k], of.corners[(k + 1) % 3]);
-            let (hp, hq) = (heights[k], heights[(k + 1) % 3]);
-            if hp >= 0.0 {
-                outline.push(p);
-            }
-            if (hp < 0.0) != (hq < 0.0) {
-                outline.push(p + (q - p) * (hp / (hp - hq)));
-            }
-        }
+        clip(&of.corners, |corner| plane.height(corner), &mut outline);
         match outline[..] {
             [a, b, c] => Some(Self {
                 first: [a, b, c],

@@ -5,6 +5,7 @@
 
 use crate::Model;
 use crate::frame;
+use crate::geometry;
 use glam::{DVec3, Vec3A};
 use hemicube_scene::InputPatch;
 use obvhs::BvhBuildParams;
@@ -34,7 +35,7 @@ impl Sight {
     pub(super) fn new(model: &Model, patch: InputPatch) -> Option<Self> {
         let corners = model.patches().corners(patch).map(|p| model.normalise(p));
         let [_, _, normal] = frame::axes(corners, 0.0)?;
-        let area = crate::geometry::area(&corners);
+        let area = geometry::area(&corners);
         (area > 0.0).then_some(Self {
             patch: patch.0,
             corners,
@@ -56,7 +57,7 @@ impl Sight {
     }
 
     pub(super) fn centroid(&self) -> DVec3 {
-        (self.corners[0] + self.corners[1] + self.corners[2]) / 3.0
+        geometry::centroid(&self.corners)
     }
 
     pub(super) fn height(&self, point: DVec3) -> f64 {
@@ -148,11 +149,8 @@ impl Occluders {
             .surfaces
             .iter()
             .map(|surface| {
-                let [a, b, c] = surface.corners;
-                Aabb::new(
-                    rounded(a.min(b).min(c)) - Vec3A::splat(WIDEN),
-                    rounded(a.max(b).max(c)) + Vec3A::splat(WIDEN),
-                )
+                let (low, high) = geometry::bounds(&surface.corners);
+                Aabb::new(rounded(low) - Vec3A::splat(WIDEN), rounded(high) + Vec3A::splat(WIDEN))
             })
             .collect();
         let mut hierarchy = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());

@@ -1,5 +1,5 @@
-//! Sky rows and rows of free points on disk: CSR archives that `scipy.sparse.load_npz` opens, with more arrays beside,
-//! and sealed as the parts of a store are.
+//! Sky rows and rows of free points on disk: CSR archives for `scipy.sparse.load_npz`, with more arrays beside, and
+//! sealed like a store's parts.
 
 use super::{PointRow, SkyRow};
 use crate::store::{DurableFile, Error, Npz, NpzWriter, Result, Store, sealed_checksum};
@@ -12,7 +12,7 @@ fn share(weight: u64, whole: u64) -> f64 {
 }
 
 /// A CSR matrix of weights as shares of a row's hemicubes, each row times a scale. Weights are whole numbers below 2⁵³,
-/// and hemicubes powers of two wherever they come from a tolerance: shares are then exact, and so are their sums.
+/// and hemicubes of a tolerance are powers of two: shares are then exact, and so are their sums.
 fn write(
     path: &Path,
     columns: u64,
@@ -44,12 +44,12 @@ fn write(
     Ok(())
 }
 
-/// What the columns of each row sum to.
+/// Sum of each row's columns.
 const ESCAPED_SHARE: &str = "escaped_share";
 
 /// Writes sky rows: `columns` of them, column 0 the ground; beside the matrix `weights`, `escaped`, `blocked`,
-/// `hemicubes`, `sky_view_factor`, `change`, `escaped_share` (what the columns sum to); and where suns were asked for
-/// `suns`, one row a row, one column a sun.
+/// `hemicubes`, `sky_view_factor`, `change`, `escaped_share` (the sum of the columns); and `suns`, where suns were
+/// asked for, one row a row, one column a sun.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -96,10 +96,10 @@ pub fn write_points(path: &Path, patch_count: u32, rows: &[PointRow]) -> Result<
     write(path, patch_count.into(), &mut entries, |_| Ok(()))
 }
 
-/// The sky view factor of each row of a file that [`write_sky`] wrote, from 0 to 1.
+/// The sky view factor of each row of a file of [`write_sky`], from 0 to 1.
 ///
 /// # Errors
-/// When it cannot be read, or is no such file as it was written.
+/// When it cannot be read, or is not an unchanged file of that kind.
 pub fn read_sky_view_factors(path: &Path) -> Result<Vec<f64>> {
     require_seal(path)?;
     let factors: Vec<f64> = Npz::open(path)?.array("sky_view_factor")?;
@@ -121,7 +121,7 @@ pub fn read_sky_view_factors(path: &Path) -> Result<Vec<f64>> {
 /// Likewise for the sky rows beside a matrix, one for each patch.
 ///
 /// # Errors
-/// As [`read_sky_view_factors`], and when it is of another number of patches.
+/// Those of [`read_sky_view_factors`], and when it is of another number of patches.
 pub fn sky_view_factors_beside(store: &Store) -> Result<Vec<f64>> {
     let path = sky_beside(store);
     let factors = read_sky_view_factors(&path)?;
@@ -129,7 +129,7 @@ pub fn sky_view_factors_beside(store: &Store) -> Result<Vec<f64>> {
     Ok(factors)
 }
 
-/// By how much shares of one hemisphere may sum to more than 1: what adding them up rounds.
+/// Excess of the sum of one hemisphere's shares over 1 that rounding explains.
 const ROUNDING: f64 = 1e-9;
 
 fn require_seal(path: &Path) -> Result<()> {
@@ -155,7 +155,7 @@ fn require_patches(path: &Path, store: &Store, rows: usize) -> Result<()> {
     ))
 }
 
-/// Where the sky rows of a matrix are, beside it.
+/// Path of a matrix's sky rows, beside it.
 pub fn sky_beside(store: &Store) -> PathBuf {
     store.directory().join("sky").join("sky.npz")
 }
@@ -195,7 +195,7 @@ impl StoredSky {
     /// The sky rows beside a matrix, one for each patch.
     ///
     /// # Errors
-    /// As [`Self::open`], and when they are of another number of patches.
+    /// Those of [`Self::open`], and when they are of another number of patches.
     pub fn beside(store: &Store) -> Result<Self> {
         let path = sky_beside(store);
         let sky = Self::open(&path)?;
@@ -203,11 +203,11 @@ impl StoredSky {
         Ok(sky)
     }
 
-    /// Reads a file that [`write_sky`] wrote: columns that ascend within the sky, shares from 0 to 1 that sum to no
-    /// more than 1 in a row.
+    /// Reads a file of [`write_sky`]: ascending columns within the sky, shares from 0 to 1 that sum to 1 at most in a
+    /// row.
     ///
     /// # Errors
-    /// When it cannot be read, or is not as it was written.
+    /// When it cannot be read, or has changed since it was written.
     pub fn open(path: &Path) -> Result<Self> {
         require_seal(path)?;
         let malformed = |reason: &str| Error::malformed(path, reason);
@@ -274,32 +274,31 @@ impl StoredSky {
         self.data.len() as u64
     }
 
-    /// Columns of a row, ascending, and what of the hemisphere each is.
+    /// Columns of a row, ascending, and their shares of the hemisphere.
     pub fn row(&self, row: usize) -> (&[u32], &[f64]) {
         let range = self.bounds[row]..self.bounds[row + 1];
         (&self.indices[range.clone()], &self.data[range])
     }
 }
 
-/// What was found of the sky rows beside a matrix.
+/// Findings about the sky rows beside a matrix.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SkyCheck {
     /// The ground and the patches of the sky.
     pub columns: u32,
     /// Rows of the matrix.
     pub rows: u64,
-    /// Rows that lose there exactly what they lose in the matrix.
+    /// Rows that lose exactly as much there as in the matrix.
     pub rows_as_in_matrix: u64,
     /// By how much of the hemisphere the others differ at most.
     pub difference: f64,
 }
 
-/// Holds the sky rows beside a matrix against what they must be: the bytes that were written; columns that add up, in
-/// whole weights, to what escaped; and shares that are those weights, scaled. `escaped` is what escapes by the matrix's
-/// rows.
+/// Checks the sky rows beside a matrix: bytes as written; columns that sum, in whole weights, to the escaped weight;
+/// and shares equal to those weights, scaled. `escaped` are the escaped shares of the matrix's rows.
 ///
 /// # Errors
-/// The first thing that does not hold, or that the file cannot be read.
+/// The first violation, or a file that cannot be read.
 pub fn check_sky(path: &Path, escaped: &[f64]) -> Result<SkyCheck> {
     let sky = StoredSky::open(path)?;
     let mut npz = Npz::open(path)?;
@@ -350,7 +349,7 @@ pub fn check_sky(path: &Path, escaped: &[f64]) -> Result<SkyCheck> {
         {
             return Err(malformed("a share is not its weight's".to_owned()));
         }
-        // Rows that were not computed, or come by without a hemicube, have nothing to differ from.
+        // Rows not computed, or made without a hemicube, have nothing to differ from.
         if whole > 0 && !escaped[row].is_nan() {
             found.rows += 1;
             let difference = (shares[row] - escaped[row]).abs();
@@ -361,7 +360,7 @@ pub fn check_sky(path: &Path, escaped: &[f64]) -> Result<SkyCheck> {
     Ok(found)
 }
 
-/// Σⱼ wᵢⱼ xⱼ of every row of a file that [`write_sky`] wrote, for several vectors of one number a column.
+/// Σⱼ wᵢⱼ xⱼ of every row of a file of [`write_sky`], for several vectors of one number a column.
 ///
 /// # Errors
 /// When the file cannot be read or damaged, or a vector is not of its columns.

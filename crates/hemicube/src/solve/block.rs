@@ -1,9 +1,9 @@
 //! Vectors of one number a patch, several side by side.
 
-/// Sums of squares that have lost nothing to the ends of f64's range.
+/// Range of sums of squares that have lost nothing to the ends of f64's range.
 const SQUARES: std::ops::Range<f64> = 1e-250..1e300;
 
-/// Several right-hand sides, or bands, of one number a patch. Patch by patch, so that an entry of the matrix is read
+/// Several right-hand sides, or bands, of one number a patch. Stored patch by patch: an entry of the matrix is read
 /// once for all of them.
 ///
 /// ```
@@ -28,7 +28,7 @@ impl Block {
         }
     }
 
-    /// The values that `value` gives for a patch and a column.
+    /// The values of `value` for each patch and column.
     pub fn from_fn(patches: usize, columns: usize, mut value: impl FnMut(usize, usize) -> f64) -> Self {
         let mut block = Self::zeros(patches, columns);
         for patch in 0..patches {
@@ -44,7 +44,7 @@ impl Block {
         self.columns
     }
 
-    /// Number of numbers that each has.
+    /// Length of each column.
     pub fn patches(&self) -> usize {
         self.values.len().checked_div(self.columns).unwrap_or(0)
     }
@@ -54,7 +54,7 @@ impl Block {
         &self.values[patch * self.columns..(patch + 1) * self.columns]
     }
 
-    /// The same, to be changed.
+    /// The numbers of a patch, mutable.
     pub fn of_mut(&mut self, patch: usize) -> &mut [f64] {
         &mut self.values[patch * self.columns..(patch + 1) * self.columns]
     }
@@ -106,8 +106,8 @@ impl Block {
         sums
     }
 
-    /// The Euclidean norm of each column; of columns whose squares leave the range of f64, too. NaN where a number is
-    /// none.
+    /// The Euclidean norm of each column, also of columns with squares out of the range of f64. NaN for a column with
+    /// NaN.
     pub fn norms(&self) -> Vec<f64> {
         let squares = self.dot(self);
         let norm = |(column, square): (usize, f64)| {
@@ -124,7 +124,7 @@ impl Block {
         squares.into_iter().enumerate().map(norm).collect()
     }
 
-    /// The largest magnitude in a column; NaN where one is no number.
+    /// The largest magnitude in a column; NaN for a column with NaN.
     pub(super) fn largest(&self, column: usize) -> f64 {
         let larger = |most: f64, value: f64| if value.is_nan() { value } else { most.max(value.abs()) };
         self.column(column).fold(
@@ -133,9 +133,9 @@ impl Block {
         )
     }
 
-    /// Multiplies column c by 2 to the power of `exponents[c]`, which rounds nothing within the range of f64.
+    /// Multiplies column c by 2 to the power of `exponents[c]`; exact within the range of f64.
     pub(super) fn scale_by_powers(&mut self, exponents: &[i32]) {
-        // Half of it twice: 2⁻¹⁰⁷⁴ takes 2¹⁰⁷⁴ to become 1, which is no f64.
+        // Half of the power twice: 2⁻¹⁰⁷⁴ takes 2¹⁰⁷⁴ to become 1, more than an f64 holds.
         for half in [|e: i32| e / 2, |e: i32| e - e / 2] {
             let factors: Vec<f64> = exponents.iter().map(|&e| 2.0_f64.powi(half(e))).collect();
             self.scale(&factors);

@@ -1,4 +1,4 @@
-//! The matrix as solvers go through it: run by run, from memory or from a store.
+//! The matrix for solvers: run by run, from memory or from a store.
 
 use super::Block;
 use crate::store::{Error, Part, Result, Store};
@@ -6,8 +6,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// The rows of a form-factor matrix, in runs that are gone through again and again. The order of the runs is fixed, and
-/// no two have a row of the same patch.
+/// The rows of a form-factor matrix, in runs read again and again. The order of the runs is fixed, and no two have a
+/// row of the same patch.
 pub trait Factors: Sync {
     /// Rows and columns of the matrix.
     fn patch_count(&self) -> usize;
@@ -30,7 +30,7 @@ pub struct InMemory {
 }
 
 impl InMemory {
-    /// The matrix of some parts, such as the driver hands out.
+    /// The matrix of some parts, such as the driver's.
     pub fn new(patch_count: usize, parts: Vec<Part>) -> Self {
         Self {
             patch_count,
@@ -71,26 +71,26 @@ impl Factors for InMemory {
     }
 }
 
-/// A stored matrix. Parts are read whenever they are gone through, but for as many as fit a budget of memory: those are
-/// read once.
+/// A stored matrix. Parts are read again each time, except for the first ones, up to a budget of memory: they are
+/// cached.
 #[derive(Debug)]
 pub struct OutOfCore<'s> {
     store: &'s Store,
     budget: u64,
-    kept: Mutex<Kept>,
+    cache: Mutex<Cache>,
 }
 
 #[derive(Debug)]
-struct Kept {
+struct Cache {
     bytes: u64,
     parts: Vec<Option<Arc<Part>>>,
 }
 
-/// Parts that the system is asked to read while one is worked on.
+/// Parts that the system reads ahead.
 const PARTS_AHEAD: usize = 4;
 
 impl<'s> OutOfCore<'s> {
-    /// The matrix of a store, with at most `budget` bytes of it kept in memory.
+    /// The matrix of a store, with at most `budget` bytes of it cached in memory.
     ///
     /// # Errors
     /// When parts or rows are missing: every patch must have a row.
@@ -100,8 +100,8 @@ impl<'s> OutOfCore<'s> {
             return Err(Error::unsupported(
                 store.directory(),
                 format!(
-                    "has rows of {} patches only, of {}; what the others send is not known: compute it without `--rows`, \
-                     `--sample-rows`, `--emitters` and `--occluders`",
+                    "has rows of {} patches only, of {}; what the others send is not known: compute it without \
+                     `--rows`, `--sample-rows`, `--emitters` and `--occluders`",
                     store.manifest().rows_present(),
                     store.patch_count()
                 ),
@@ -110,16 +110,16 @@ impl<'s> OutOfCore<'s> {
         Ok(Self {
             store,
             budget,
-            kept: Mutex::new(Kept {
+            cache: Mutex::new(Cache {
                 bytes: 0,
                 parts: vec![None; store.manifest().parts.len()],
             }),
         })
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Kept> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, Cache> {
         // A slot and a sum that only grow: a panic elsewhere leaves them usable.
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Solutions on disk, beside the matrix that they are of.
+//! Solutions on disk, beside their matrix.
 //!
 //! ```text
 //! DIR/solutions/NAME/solution.json   what was solved, how, how far, and the balance; which matrix it is of
@@ -6,10 +6,10 @@
 //! DIR/solutions/NAME/irradiance.npy  the same of what arrives; and further quantities, one file each
 //! ```
 //!
-//! `solution.json` has the checksum of each array, and as its last field `blake3` that of itself, as a manifest has.
+//! `solution.json` has the checksum of each array, and its own as the last field `blake3`, like a manifest.
 //!
-//! One row a right-hand side, so that thousands of them are written as they are solved, and `numpy.load(mmap_mode="r")`
-//! has any of them at once.
+//! One row a right-hand side: thousands of them are written as they are solved, and `numpy.load(mmap_mode="r")` reads
+//! any of them at once.
 
 use super::Block;
 use crate::store::{
@@ -21,15 +21,15 @@ use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Where solutions are, in a store's directory.
+/// Folder of solutions in a store's directory.
 const DIRECTORY: &str = "solutions";
-/// What says that a solution is whole; written last.
+/// The report, written last: with it a solution is whole.
 const REPORT: &str = "solution.json";
 const FORMAT: &str = "hemicube solution";
 /// A report of a hundred thousand right-hand sides has 50 MB; larger ones are not ours.
 const REPORT_SIZE_MAX: u64 = 1 << 28;
 
-/// Identifies the matrix that a solution is of: BLAKE3 of its manifest, and with the checksums in it of every bit.
+/// Identifies the matrix of a solution: BLAKE3 of its manifest, and by the checksums in it of every bit.
 fn identity(manifest: &Manifest, path: &Path) -> Result<String> {
     let text = manifest
         .to_json()
@@ -64,10 +64,10 @@ fn is_quantity(name: &str) -> bool {
             .all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'))
 }
 
-/// The right-hand sides of a report that consumers may rely on.
+/// Number of right-hand sides in a report that consumers may rely on.
 ///
 /// # Errors
-/// The first thing that does not fit the rest, as a clause about the report.
+/// The first contradiction, as a clause about the report.
 fn check_report(report: &Value, patches: u64) -> std::result::Result<u64, String> {
     let rows = report["rows"].as_u64().filter(|&rows| rows > 0);
     let rows = rows.ok_or("has no right-hand sides; solve again")?;
@@ -84,7 +84,7 @@ fn check_report(report: &Value, patches: u64) -> std::result::Result<u64, String
     if let Some(twice) = quantities.windows(2).find(|pair| pair[0] == pair[1]) {
         return Err(format!("has the quantity `{}` twice", twice[0]));
     }
-    // What was written by embedders need not say its bands.
+    // Solutions written by embedders need not name their bands.
     if !report["bands"].is_null() {
         let bands = strings("bands")
             .filter(|bands| !bands.is_empty())
@@ -140,8 +140,8 @@ impl std::fmt::Debug for SolutionWriter {
 }
 
 impl SolutionWriter {
-    /// Begins the solution `name` of `rows` right-hand sides, with a file for each of `quantities`. One of that name
-    /// that is there is replaced.
+    /// Begins the solution `name` of `rows` right-hand sides, with a file for each of `quantities`. Replaces one of
+    /// that name.
     ///
     /// # Errors
     /// When `name` is no name, the place cannot be written, or another process writes a solution of this name.
@@ -155,7 +155,7 @@ impl SolutionWriter {
         }
         std::fs::create_dir_all(&directory).map_err(|error| Error::io(&directory, "created", error))?;
         let lock = FolderLock::take(&directory)?;
-        // Without its report what is there is no solution any more.
+        // Without its report the old solution is none any more.
         match std::fs::remove_file(directory.join(REPORT)) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                 return Err(Error::io(&directory.join(REPORT), "removed", error));
@@ -183,7 +183,7 @@ impl SolutionWriter {
         })
     }
 
-    /// Writes the next right-hand sides of a quantity, by its place among those that were named.
+    /// Writes the next right-hand sides of a quantity, by its place in `quantities`.
     ///
     /// # Errors
     /// When the block is not of the matrix's patches, or cannot be written.
@@ -205,8 +205,8 @@ impl SolutionWriter {
         Ok(())
     }
 
-    /// Ends the solution: with this it is there. `report` says what it is; the matrix's identity and the quantities are
-    /// added. Returns its folder, and the lock that keeps others from replacing it: whoever reads it next holds that.
+    /// Ends the solution by its `report`, with the matrix's identity and the quantities added. Returns its folder, and
+    /// the lock that protects it: a reader who follows holds that.
     ///
     /// # Errors
     /// When right-hand sides are missing, or the files cannot be written.
@@ -247,7 +247,7 @@ impl SolutionWriter {
     }
 }
 
-/// A solution that is open for reading.
+/// A solution open for reading.
 #[derive(Debug)]
 pub struct StoredSolution {
     directory: PathBuf,
@@ -260,7 +260,7 @@ impl StoredSolution {
     /// Opens the solution `name` of a matrix.
     ///
     /// # Errors
-    /// When there is none of that name (the error lists those there are), or it is of a matrix that has changed since.
+    /// When there is none of that name (the error lists those there are), or its matrix has changed since.
     pub fn open(store: &Store, name: &str) -> Result<Self> {
         let directory = check_name(store, name)?;
         let path = directory.join(REPORT);
@@ -310,7 +310,7 @@ impl StoredSolution {
         })
     }
 
-    /// The solutions that there are of a matrix, by name.
+    /// Names of a matrix's solutions.
     pub fn names(store: &Store) -> Vec<String> {
         let Ok(entries) = std::fs::read_dir(store.directory().join(DIRECTORY)) else {
             return Vec::new();
@@ -324,12 +324,12 @@ impl StoredSolution {
         names
     }
 
-    /// What `solution.json` holds.
+    /// The content of `solution.json`.
     pub fn report(&self) -> &Value {
         &self.report
     }
 
-    /// The quantities that were kept.
+    /// The quantities written.
     pub fn quantities(&self) -> Vec<&str> {
         let list = self.report["quantities"].as_array();
         list.into_iter().flatten().filter_map(Value::as_str).collect()
@@ -455,12 +455,12 @@ impl ArrayFile {
         })
     }
 
-    /// Number of rows that it has.
+    /// Number of rows.
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
-    /// Number of columns that it has.
+    /// Number of columns.
     pub fn columns(&self) -> u64 {
         self.columns
     }

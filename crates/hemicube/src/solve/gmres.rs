@@ -4,7 +4,7 @@
 
 use super::{Block, SolveError, Work};
 
-/// What is below this share of a vector's length is rounding: the space holds the solution.
+/// A vector shorter than this share of its former length is rounding: the space holds the solution.
 const BREAKDOWN: f64 = 1e-14;
 
 /// The upper triangle of one right-hand side's Hessenberg matrix after the rotations, and the rotated residual.
@@ -13,7 +13,7 @@ struct Column {
     upper: Vec<Vec<f64>>,
     rotations: Vec<(f64, f64)>,
     residual: Vec<f64>,
-    /// Dimension of the space at which it held the solution.
+    /// Dimension of the space when it held the solution.
     done: Option<usize>,
 }
 
@@ -53,14 +53,14 @@ impl Column {
         (sine * residual).abs()
     }
 
-    /// What the solution is made of, as multiples of the space's vectors.
+    /// Coefficients of the solution in the space's vectors.
     fn coefficients(&self) -> Vec<f64> {
         let size = self.done.unwrap_or(self.upper.len());
         let mut y = vec![0.0; size];
         for row in (0..size).rev() {
             let rest: f64 = (row + 1..size).map(|k| self.upper[k][row] * y[k]).sum();
             let pivot = self.upper[row][row];
-            // A pivot of 0 is a direction that the matrix sends to nothing: none of it is taken.
+            // A pivot of 0 is a direction in the matrix's kernel: its coefficient is 0.
             y[row] = if pivot == 0.0 {
                 0.0
             } else {

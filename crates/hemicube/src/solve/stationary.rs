@@ -10,7 +10,7 @@ pub(super) fn jacobi(work: &mut Work<'_>, mut b: Block) -> Result<Block, SolveEr
         let product = work.product(&b)?;
         let mut next = work.problem.reflect(product);
         next.add_scaled(&vec![1.0; work.columns()], &work.source);
-        // What the iteration changes is the residual of where it began.
+        // The change of a step is the residual of its start.
         for patch in 0..next.patches() {
             for (column, value) in next.of_mut(patch).iter_mut().enumerate() {
                 *value = work.problem.step(patch, column, b.of(patch)[column], *value);
@@ -27,8 +27,8 @@ pub(super) fn jacobi(work: &mut Work<'_>, mut b: Block) -> Result<Block, SolveEr
     Ok(b)
 }
 
-/// The same with the newest values. The change of a sweep bounds the residual after it, since what is left of a row's
-/// residual is R F times changes that came later in the sweep.
+/// Gauss–Seidel: each row takes the newest values. The change of a sweep bounds the residual after it: a row's residual
+/// is R F times the changes later in the sweep.
 pub(super) fn gauss_seidel(work: &mut Work<'_>, mut b: Block) -> Result<Block, SolveError> {
     let columns = work.columns();
     let mut sums = vec![0.0; columns];

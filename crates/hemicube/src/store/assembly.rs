@@ -2,17 +2,16 @@
 
 use super::Part;
 
-/// A number that counts entries and columns: `i32` or `i64`.
+/// An integer for numbers of entries and columns: `i32` or `i64`.
 pub trait Index: Copy + Default + From<i32> + TryFrom<u64> + TryInto<usize> + Send + Sync {}
 
 impl Index for i32 {}
 impl Index for i64 {}
 
-/// A matrix in memory that is put together part by part: compressed rows in input order, as `scipy.sparse.csr_matrix`
-/// has them. Rows that no part has are empty.
+/// A matrix in memory, put together part by part: compressed rows in input order, as of `scipy.sparse.csr_matrix`. Rows
+/// without a part are empty.
 ///
-/// Memory is only touched where a part is placed, so that parts which are dropped one after the other make room for
-/// what is made of them.
+/// Memory is touched only where a part is placed: parts dropped one after the other make room for the matrix.
 ///
 /// ```
 /// use hemicube::InputPatch;
@@ -63,7 +62,7 @@ impl<I: Index> Assembly<I> {
     /// Places the rows of a part.
     ///
     /// # Errors
-    /// The patch of the first row that has another number of entries than was said.
+    /// The patch of the first row with another number of entries than announced.
     pub fn place(&mut self, part: &Part) -> Result<(), u32> {
         for (row, &patch) in part.rows.iter().enumerate() {
             let (columns, factors) = part.row(row);
@@ -86,7 +85,7 @@ impl<I: Index> Assembly<I> {
         Ok(())
     }
 
-    /// Where rows begin, and one more; columns; form factors.
+    /// Starts of rows, and the last one's end; columns; form factors.
     pub fn into_arrays(self) -> (Vec<I>, Vec<I>, Vec<f32>) {
         (self.indptr, self.indices, self.data)
     }

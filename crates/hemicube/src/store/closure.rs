@@ -1,8 +1,8 @@
-//! How far rows are from closure, Σⱼ Fᵢⱼ + escapedᵢ + blockedᵢ + unselectedᵢ = 1.
+//! Closure of rows: Σⱼ Fᵢⱼ + escapedᵢ + blockedᵢ + unselectedᵢ = 1.
 
 use super::{Part, RowShares};
 
-/// The sum that a row is to have, 1 minus what it loses; `None` for a row without hemicubes.
+/// The sum of a row's form factors at closure: 1 minus its shares; `None` for a row without hemicubes.
 pub(crate) fn target_of(part: &Part, row: usize) -> Option<f64> {
     let (sums, hemicubes) = (part.sums.get(row)?, *part.hemicubes.get(row)?);
     let shares = part.shares.get(row)?;
@@ -13,7 +13,7 @@ pub(crate) fn target_of(part: &Part, row: usize) -> Option<f64> {
         return Some((1.0 - shares.lost()).max(0.0));
     }
     let whole = u64::from(hemicubes) * super::HEMICUBE_WEIGHT;
-    // In whole numbers: a row that lost everything is to sum to 0, and not to what rounding leaves.
+    // In whole numbers: without rounding, a row that lost everything sums to 0.
     let left = whole.checked_sub(sums.escaped.checked_add(sums.blocked)?.checked_add(sums.unselected)?)?;
     Some(left as f64 / whole as f64)
 }
@@ -27,7 +27,7 @@ pub(crate) struct ClosureTally {
 }
 
 impl ClosureTally {
-    /// Adds a row that sums to `sum` and should sum to `target`; its error.
+    /// Adds a row with the sum `sum` and the closed sum `target`. Returns its error.
     pub(crate) fn add(&mut self, sum: f64, target: f64) -> f64 {
         let error = (sum - target).abs();
         self.max = self.max.max(error);
@@ -50,7 +50,7 @@ impl ClosureTally {
         [self.max, self.squares, self.rows as f64]
     }
 
-    /// From what [`Self::sums`] gave.
+    /// The inverse of [`Self::sums`].
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

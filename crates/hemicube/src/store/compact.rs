@@ -10,16 +10,16 @@
 //! ```
 //!
 //! A code is an f32 without sign, of 64 exponents and 10 bits of mantissa, rounded to nearest, ties to even:
-//! |F' − F| ≤ 2⁻¹¹ F for every F from 2⁻⁶² up, what is smaller is never 0 unless it was, and 0 and 1 are exact. Rounding
-//! what is rounded changes nothing. Decoding is whole numbers only, so that every machine and NumPy find the same bits.
+//! |F' − F| ≤ 2⁻¹¹ F for every F from 2⁻⁶² up, smaller ones never become 0, and 0 and 1 are exact. Rounding again
+//! changes nothing. Decoding takes whole numbers only: every machine and NumPy find the same bits.
 //!
 //! **Why runs.** Patches cut from one triangle follow each other in the input, and are seen together: half to 97 % of
-//! the columns of a row are the one before plus 1, whatever the scene. **Why not deflate or zstd on top.** What is left
-//! is mostly mantissas, which do not shrink: 4 to 23 % for a quarter of the speed of reading, and a row has no offset
-//! in the file any more. `docs/store.md` has the figures, and `examples/store_forms.rs` measures them.
+//! the columns of a row are the one before plus 1, in any scene. **Why not deflate or zstd on top.** The rest is mostly
+//! mantissas, which do not shrink: 4 to 23 % for a quarter of the speed of reading, and rows lose their offsets in the
+//! file. `docs/store.md` has the figures, and `examples/store_forms.rs` measures them.
 //!
-//! No compression of parts by deflate or zstd, because columns as runs and 16-bit form factors are a third of the plain
-//! form at the plain form's speed, and a general compressor takes little off that (mantissas) at several times the
+//! No compression of parts by deflate or zstd, because columns as runs and 16-bit form factors take a third of the
+//! plain form at the plain form's speed. A general compressor takes little off that (mantissas) at several times the
 //! cost; a row keeps its offset in the file. `docs/store.md` has the figures.
 //!
 //! No part-wide dictionary of columns, because columns in input order come in runs already: gaps between ranks in the
@@ -28,13 +28,13 @@
 /// The largest relative error of a form factor.
 pub(crate) const VALUE_ERROR: f64 = 1.0 / 2048.0;
 
-/// Bits of an f32's mantissa that a code does not have.
+/// Bits of an f32's mantissa that are left out of a code.
 const DROPPED: u32 = 13;
 
-/// The bits of the f32 2⁻⁶³, which code 0 would be if it were not 0.
+/// The bits of the f32 2⁻⁶³: code 0 would stand for it, but stands for 0.
 const BASE: u32 = 64 << 23;
 
-/// The code of a form factor; `None` for what is none: negative, not a number, or as large as 2.
+/// The code of a form factor; `None` for a negative number, NaN, and numbers from 2 on.
 pub(crate) fn code(factor: f32) -> Option<u16> {
     if factor == 0.0 {
         return Some(0);
@@ -56,8 +56,8 @@ pub(crate) fn factor(code: u16) -> f32 {
     }
 }
 
-/// The same as an f64: those bits moved to where an f64 has its exponent and mantissa, which vectors do faster than
-/// conversions.
+/// The form factor of a code as an f64. Moving its bits to an f64's exponent and mantissa is faster in vectors than a
+/// conversion.
 #[inline(always)]
 pub(crate) fn factor_f64(code: u16) -> f64 {
     // Both exponents count from their own middle.
@@ -68,7 +68,7 @@ pub(crate) fn factor_f64(code: u16) -> f64 {
     }
 }
 
-/// The form factor that is kept of one; what is none stays as it is.
+/// Rounds a form factor; other numbers stay as they are.
 pub(crate) fn round(value: f32) -> f32 {
     code(value).map_or(value, factor)
 }
@@ -82,7 +82,7 @@ pub(crate) struct Runs {
 }
 
 impl Runs {
-    /// Of rows whose columns ascend and are not negative.
+    /// Encodes rows with ascending columns from 0 on.
     pub(crate) fn new(indptr: &[i64], indices: &[i32]) -> Self {
         let mut runs = Self {
             runptr: Vec::with_capacity(indptr.len()),
@@ -101,7 +101,7 @@ impl Runs {
     fn push_row(&mut self, mut row: &[i32]) {
         let mut end = 0;
         while let Some(&first) = row.first() {
-            // 255 at most: that is what a length can say.
+            // 255 at most: the range of a length.
             let length = (first..)
                 .zip(row)
                 .take(255)
@@ -131,10 +131,10 @@ impl Runs {
     }
 }
 
-/// Appends the columns of a row that has `count` of them; `false` when the runs are of more or fewer, or reach beyond
-/// what a column can be.
+/// Appends the `count` columns of a row. Returns false when the runs have more or fewer, or reach beyond the range of
+/// columns.
 pub(crate) fn columns(gaps: &[u16], lengths: &[u8], count: u64, columns: &mut Vec<i32>) -> bool {
-    // Held against the count first, so that no more is made than was asked for.
+    // Checked against the count first: no more is made than was asked for.
     let total: u64 = lengths.iter().map(|&length| u64::from(length)).sum();
     if total != count {
         return false;

@@ -1,4 +1,4 @@
-//! A compressed-row matrix in an archive of arrays: as SciPy saves it, and as every part of a store is, in either form.
+//! A compressed-row matrix in an archive of arrays: SciPy's, and every part of a store in either form.
 //!
 //! Only `indptr` (and `runptr`) is in memory. A row is two or three reads at its offset, unless the archive is
 //! compressed.
@@ -10,7 +10,7 @@ use super::{Error, Form, Result, compact};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-/// An array whose elements can be read from any place on.
+/// An array with elements that can be read from any place on.
 #[derive(Debug)]
 struct Sequence {
     element: ElementType,
@@ -26,7 +26,7 @@ impl Sequence {
         })
     }
 
-    /// The same into a buffer that is there.
+    /// [`Self::read`] into a buffer.
     fn read_into(&self, path: &Path, file: &File, start: u64, count: u64, bytes: &mut Vec<u8>) -> Result<()> {
         let Elements::Stored(offset) = &self.elements else {
             *bytes = self.read(path, file, start, count)?;
@@ -61,15 +61,14 @@ impl Sequence {
     }
 }
 
-/// Entries that are read at a time where rows are visited: 128 kB in the plain form, which leaves most of a core's
-/// cache to x.
+/// Entries read at a time when rows are visited: 128 kB in the plain form, leaving most of a core's cache to x.
 const ENTRIES_AT_A_TIME: u64 = 1 << 14;
 
-/// What rows are read into.
+/// Buffers for rows.
 #[derive(Debug, Default)]
 pub(crate) struct Buffers([Vec<u8>; 3]);
 
-/// A row as its file has it.
+/// A row in its file's form.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum EncodedRow<'a> {
     /// i4 and f4.
@@ -92,7 +91,7 @@ pub(crate) struct CsrFile {
     entries: Entries,
 }
 
-/// Columns and values, in the form that the file has.
+/// Columns and values in the file's form.
 #[derive(Debug)]
 enum Entries {
     Plain {
@@ -107,19 +106,19 @@ enum Entries {
     },
 }
 
-/// Asks the system to read a whole file ahead, where it can be asked. Arrays of a part are read by turns in pieces,
-/// which no system takes for one file read in order.
+/// Asks the system to read a whole file ahead, where it can be asked. Arrays of a part are read by turns in pieces, and
+/// systems do not take that for one file read in order.
 pub(super) fn will_read(file: &File) {
     #[cfg(target_os = "linux")]
     {
-        // Advice: where it is not taken, reads only wait longer.
+        // Advice only: without it, reads wait longer.
         let _ = rustix::fs::fadvise(file, 0, None, rustix::fs::Advice::WillNeed);
     }
     #[cfg(not(target_os = "linux"))]
     let _ = file;
 }
 
-/// Where a row begins, and how many it has; none where there is no such row.
+/// Start and number of a row's entries; none beyond the last row.
 fn bounds(bounds: &[u64], row: u64) -> (u64, u64) {
     let bound = |row: u64| usize::try_from(row).ok().and_then(|row| bounds.get(row)).copied();
     match (bound(row), bound(row.saturating_add(1))) {
@@ -226,7 +225,7 @@ impl CsrFile {
         })
     }
 
-    /// Returns whether it is what a store of this form has as a part.
+    /// Returns whether its arrays are those of a part of this form.
     pub(crate) fn is_store_part(&self, form: Form) -> bool {
         match &self.entries {
             Entries::Plain { indices, data } => {
@@ -240,12 +239,12 @@ impl CsrFile {
         self.indptr.last().copied().unwrap_or(0)
     }
 
-    /// Where a row's entries begin and how many it has; none where there is no such row.
+    /// Start and number of a row's entries; none beyond the last row.
     pub(crate) fn bounds(&self, row: u64) -> (u64, u64) {
         bounds(&self.indptr, row)
     }
 
-    /// The columns and values of a row as they stand in a store's part.
+    /// The columns and values of a row in a store's part, in the file's form.
     pub(crate) fn row(&self, file: &File, row: u64) -> Result<(Vec<i32>, Vec<f32>)> {
         let (start, count) = self.bounds(row);
         let read = |sequence: &Sequence, (start, count)| sequence.read(&self.path, file, start, count);
@@ -272,8 +271,7 @@ impl CsrFile {
         }
     }
 
-    /// Hands the rows of a store's part to `each` in order, as bytes of the file, so many at a time that they stay in a
-    /// cache.
+    /// Hands the rows of a store's part to `each` in order, as bytes of the file, in pieces that fit a cache.
     pub(crate) fn visit(
         &self,
         file: &File,
@@ -281,8 +279,7 @@ impl CsrFile {
         each: &mut dyn FnMut(u64, EncodedRow<'_>) -> Option<()>,
     ) -> Result<()> {
         let [first, second, third] = &mut buffers.0;
-        // Each array by a file of its own: systems read ahead of what goes through a file in order, and these take
-        // turns.
+        // Each array by a file of its own: systems read ahead in files read in order, and these take turns.
         let open = || hemicube_scene::open_regular(&self.path).map_err(|error| Error::io(&self.path, "opened", error));
         let (file_of_second, file_of_third) = (open()?, open()?);
         let mut row = 0;
@@ -293,7 +290,7 @@ impl CsrFile {
                 end += 1;
             }
             let count = self.bounds(end - 1).0 + self.bounds(end - 1).1 - start;
-            // Bounds of one row within what was read, in bytes.
+            // Bounds of one row within the bytes read.
             let part = |bytes: &[u8], (of_row, length): (u64, u64), start: u64, size: u64| -> std::ops::Range<usize> {
                 let at =
                     |place: u64| usize::try_from((place - start) * size).map_or(bytes.len(), |at| at.min(bytes.len()));
@@ -343,7 +340,7 @@ impl CsrFile {
         Ok(())
     }
 
-    /// The columns and values of all rows of a store's part, whose archive is still open.
+    /// The columns and values of all rows of a store's part, from its open archive.
     pub(crate) fn rows(&self, npz: &mut Npz) -> Result<(Vec<i32>, Vec<f32>)> {
         let Entries::Compact { runptr, .. } = &self.entries else {
             return Ok((npz.array("indices")?, npz.array("data")?));

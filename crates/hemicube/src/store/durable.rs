@@ -1,8 +1,8 @@
 //! Files that are there whole or not at all: written under a temporary name in the same directory, synced, renamed, and
-//! the directory synced. Also reading at an offset, which needs no shared position.
+//! the directory synced. Also reading at an offset, without a shared position.
 //!
-//! A temporary file is always a new one (`O_CREAT | O_EXCL`) under a name with ten random characters, so that no link
-//! can wait where it will be, and two writers of one file do not meet before the last step, which is a rename.
+//! A temporary file is always new (`O_CREAT | O_EXCL`), with ten random characters in its name: no link can wait at its
+//! place, and two writers of one file meet only in the last step, a rename.
 
 use super::{Error, Result};
 use std::fs::{File, TryLockError};
@@ -10,21 +10,21 @@ use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use tempfile::TempPath;
 
-/// The end of every temporary name: it says whose file it is, so that one that a killed run left can be removed.
+/// The end of every temporary name. Remains of a killed run are recognised and removed by it.
 pub(crate) const TEMPORARY_SUFFIX: &str = ".hemicube-tmp";
 
-/// Bytes of a seal: a BLAKE3 checksum in hexadecimal, of everything that stands before it. Archives have it as their
-/// comment, which is what a zip file ends in.
+/// Bytes of a seal: a BLAKE3 checksum in hexadecimal of everything before it. Archives have it as their comment, the
+/// end of a zip file.
 pub(crate) const SEAL_SIZE: u64 = 64;
 
-/// The seal behind bytes that were hashed, and the checksum of both.
+/// The seal behind bytes already hashed, and the checksum of both.
 pub(crate) fn seal(mut hasher: blake3::Hasher) -> (String, String) {
     let seal = hasher.finalize().to_hex().to_string();
     hasher.update(seal.as_bytes());
     (seal, hasher.finalize().to_hex().to_string())
 }
 
-/// Says what is being done to a file, for who looks for the moment at which something ended.
+/// Logs a step of writing a file. Tests end the process at such steps.
 fn tell(step: &'static str, path: &Path) {
     tracing::trace!(target: "hemicube::store", step, file = %path.display());
 }
@@ -35,11 +35,11 @@ const RANDOM: usize = 10;
 /// Bytes of the file's own name that its temporary name repeats; file systems take 255 in all.
 const REPEATED_MAX: usize = 180;
 
-/// A new file beside another, under a name of its own, which takes that other's place at the end or is removed when it
-/// is dropped. It is locked while it is open; what a killed run left is not, and the next writer of the same file
-/// removes it.
+/// A new file beside another, under a name of its own. It takes the other's place at the end, or is removed when
+/// dropped. It is locked while open; remains of a killed run are not locked, and the next writer of the same file
+/// removes them.
 ///
-/// Unlike [`DurableFile`] it is not synced: for what is of the moment.
+/// Not synced, unlike [`DurableFile`]: for contents of the moment.
 ///
 /// ```
 /// use hemicube::store::TemporaryFile;
@@ -62,10 +62,10 @@ pub struct TemporaryFile {
 }
 
 impl TemporaryFile {
-    /// Creates the file that is to become `path`.
+    /// Creates the file that will become `path`.
     ///
     /// # Errors
-    /// When `path` names no file or something that is none, or its directory cannot be written.
+    /// When `path` names something other than a file, or its directory cannot be written.
     pub fn create(path: &Path) -> Result<Self> {
         let prefix = prefix(path, "")?;
         remove_left_behind(path, &prefix);
@@ -95,16 +95,16 @@ impl TemporaryFile {
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
-            // As any file is created: the process's mask takes from it.
+            // Permissions of a new file: the process's mask reduces them.
             builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
         loop {
             let created = builder.tempfile_in(directory_of(path)).map_err(failed)?;
             let (file, temporary) = created.into_parts();
             match file.try_lock() {
-                // Whoever clears away what killed runs left was between our creating and our locking it.
+                // Another writer's clean-up came between creating and locking.
                 Err(TryLockError::WouldBlock) => {}
-                // Where there are no locks, nobody clears away.
+                // Without locks there is no clean-up.
                 Ok(()) | Err(TryLockError::Error(_)) => {
                     return Ok(Self {
                         path: path.to_owned(),
@@ -121,14 +121,14 @@ impl TemporaryFile {
         &mut self.file
     }
 
-    /// Gives the file its name, in the place of what has it.
+    /// Renames the file to its final name, replacing a file there.
     ///
     /// # Errors
     /// When the name cannot be given; the file is removed then.
     pub fn rename(self) -> io::Result<()> {
         // Open until it has its name, for the lock's sake.
         std::fs::rename(&self.temporary, &self.path)?;
-        // It has no temporary name any more that could be removed.
+        // It has no temporary name left to be removed.
         let _ = self.temporary.keep();
         drop(self.file);
         Ok(())
@@ -151,7 +151,7 @@ impl Seek for TemporaryFile {
     }
 }
 
-/// The system's error, which `tempfile` wraps with the temporary name.
+/// The system's error, without the temporary name added by `tempfile`.
 fn without_path(error: io::Error) -> io::Error {
     let inner = error
         .get_ref()
@@ -162,7 +162,7 @@ fn without_path(error: io::Error) -> io::Error {
     }
 }
 
-/// The directory that a file lies in.
+/// The directory of a file.
 fn directory_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -170,7 +170,7 @@ fn directory_of(path: &Path) -> &Path {
     }
 }
 
-/// What the temporary names of a file begin with.
+/// Beginning of a file's temporary names.
 fn prefix(path: &Path, label: &str) -> Result<String> {
     let name = path.file_name().ok_or_else(|| Error::InTheWay {
         path: path.to_owned(),
@@ -184,8 +184,8 @@ fn prefix(path: &Path, label: &str) -> Result<String> {
     Ok(format!(".{}{label}.", &name[..end]))
 }
 
-/// Removes what killed writers of this file left: regular files by our kind of name that nobody has locked. Best
-/// effort: what stays is passed over by all readers.
+/// Removes remains of killed writers of this file: regular files under its temporary names that nobody has locked. Best
+/// effort: readers pass over the rest.
 fn remove_left_behind(path: &Path, prefix: &str) {
     let is_left = |name: &str| {
         let random = name
@@ -206,7 +206,7 @@ fn remove_left_behind(path: &Path, prefix: &str) {
     }
 }
 
-/// A file that appears under its name when it is committed, and leaves nothing behind when it is dropped before.
+/// A file that appears under its name when committed, and leaves nothing behind when dropped before.
 ///
 /// ```
 /// use hemicube::store::DurableFile;
@@ -228,7 +228,7 @@ pub struct DurableFile {
     /// Set by the first error: from then on nothing reaches the disk, nothing fails, and nothing can be committed. The
     /// zip writer ends its archive when it is dropped, and would complain on the standard error of a full disk.
     failed: bool,
-    /// Where the next byte goes, and where the last one went.
+    /// Offset of the next byte, and of the last one written.
     position: u64,
     end: u64,
 }
@@ -251,7 +251,7 @@ impl DurableFile {
         Ok(Self::of(TemporaryFile::create(path)?))
     }
 
-    /// The same with a `label` in the temporary name, in a directory whose writer clears it of such names itself.
+    /// [`Self::create`] with a `label` in the temporary name, in a directory whose writer removes such names itself.
     pub(crate) fn create_as(path: &Path, label: &str) -> Result<Self> {
         tell("create", path);
         Ok(Self::of(TemporaryFile::create_as(path, &prefix(path, label)?)?))
@@ -293,8 +293,8 @@ impl DurableFile {
         Ok(())
     }
 
-    /// Replaces the last [`SEAL_SIZE`] bytes, which the file has for it, by the checksum of all before them, and makes
-    /// the file durable under its name; the checksum of the whole.
+    /// Replaces the last [`SEAL_SIZE`] bytes, reserved for it, by the checksum of all before them, and makes the file
+    /// durable under its name. Returns the checksum of the whole.
     pub(crate) fn commit_sealed(mut self) -> io::Result<String> {
         if self.failed {
             return Err(io::Error::other("an earlier part of the file was not written"));
@@ -370,7 +370,7 @@ impl Seek for DurableFile {
 impl Drop for DurableFile {
     fn drop(&mut self) {
         if let Some(writer) = self.file.take() {
-            // What is still buffered is not wanted any more.
+            // Buffered bytes are not wanted any more.
             let (file, _) = writer.into_parts();
             drop(file);
         }
@@ -386,7 +386,7 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8], label: &str) -> Result<()> 
         .map_err(|error| Error::write(path, wanted, error))
 }
 
-/// A rename is durable only when the directory that holds the name is.
+/// A rename is durable only when its directory is.
 #[cfg(unix)]
 pub(crate) fn sync_directory(directory: &Path) -> io::Result<()> {
     let directory = if directory.as_os_str().is_empty() {
@@ -427,7 +427,7 @@ pub(crate) fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) 
     Ok(())
 }
 
-/// The checksum of a sealed file; `None` when its seal is not that of its bytes.
+/// The checksum of a sealed file; `None` when the seal does not match its bytes.
 pub(crate) fn sealed_checksum(path: &Path) -> Result<Option<String>> {
     let file = hemicube_scene::open_regular(path).map_err(|error| Error::io(path, "opened", error))?;
     let read = |error| Error::io(path, "read", error);

@@ -13,7 +13,7 @@ pub enum Error {
     Io {
         /// The file or directory.
         path: PathBuf,
-        /// What was being done, as a past participle: `read`, `written`, `created`…
+        /// The failed action, as a past participle: `read`, `written`, `created`…
         action: &'static str,
         /// The system's reason.
         source: io::Error,
@@ -24,9 +24,9 @@ pub enum Error {
         path.display()
     )]
     NoSpace {
-        /// The file that was being written. Its temporary file is gone.
+        /// The file being written. Its temporary file is removed.
         path: PathBuf,
-        /// The size that the file would have had.
+        /// The file's final size.
         wanted: u64,
         /// The system's reason.
         source: io::Error,
@@ -37,19 +37,19 @@ pub enum Error {
         path.display()
     )]
     DiskTooSmall {
-        /// The file that was asked for; nothing was written.
+        /// The file asked for; nothing was written.
         path: PathBuf,
-        /// The size that the file would have.
+        /// The file's size.
         wanted: u64,
-        /// What is free.
+        /// Free bytes.
         available: u64,
     },
-    /// Something that is no store lies where one was to be written.
+    /// Something other than a store is at the place of the store.
     #[error("`{}` {reason}", path.display())]
     InTheWay {
         /// The file or directory.
         path: PathBuf,
-        /// What it is, and what to do.
+        /// Its kind, and the next step.
         reason: &'static str,
     },
     /// A store or a file lies there already.
@@ -60,29 +60,30 @@ pub enum Error {
     },
     /// Somebody else is writing the store.
     #[error(
-        "`{}` is being written by {holder}; wait for it, or end it: what it computed stays, and the next run goes on there",
+        "`{}` is being written by {holder}; wait for it, or end it: what it computed stays, and the next run goes on \
+         there",
         path.display()
     )]
     Locked {
         /// The store.
         path: PathBuf,
-        /// Who it is, as far as is known.
+        /// The holder of the lock, as far as it is known.
         holder: String,
     },
-    /// A store lies there that another run makes: of another scene, with other settings or by another version.
+    /// A store of another run is there: of another scene, with other settings or by another version.
     #[error("`{}` holds another matrix: {difference}", path.display())]
     OtherRun {
         /// The store.
         path: PathBuf,
-        /// What differs, theirs and ours.
+        /// The difference, theirs and ours.
         difference: String,
     },
-    /// The bytes are not what the format allows.
+    /// The bytes violate the format.
     #[error("`{}` {reason}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// The thing and what is wrong with it.
+        /// The thing and its defect.
         reason: String,
     },
     /// Legal, but not read or written by this version.
@@ -90,40 +91,41 @@ pub enum Error {
     Unsupported {
         /// The file.
         path: PathBuf,
-        /// The thing, and what to do instead.
+        /// The thing, and the alternative.
         reason: String,
     },
     /// A file's bytes have changed since they were written.
     #[error(
-        "`{}` has changed since it was written: its BLAKE3 checksum is {found}, the manifest says {expected}; compute it \
-         again or restore it from a copy",
+        "`{}` has changed since it was written: its BLAKE3 checksum is {found}, the manifest says {expected}; compute \
+         it again or restore it from a copy",
         path.display()
     )]
     Checksum {
         /// The file.
         path: PathBuf,
-        /// What the manifest says.
+        /// The manifest's checksum.
         expected: String,
-        /// What the bytes give.
+        /// The bytes' checksum.
         found: String,
     },
-    /// What was handed to the writer cannot be stored; nothing was written.
+    /// The writer was given something that cannot be stored; nothing was written.
     #[error("`{}` was not written: {reason}", path.display())]
     Refused {
-        /// The file that would have been written.
+        /// The file that was not written.
         path: PathBuf,
-        /// The thing and what is wrong with it.
+        /// The thing and its defect.
         reason: String,
     },
     /// Parts of the matrix are not there.
     #[error(
-        "`{}` is incomplete: {present} of {expected} parts are there; compute the rest, or ask for an incomplete matrix",
+        "`{}` is incomplete: {present} of {expected} parts are there; compute the rest, or ask for an incomplete \
+         matrix",
         path.display()
     )]
     Incomplete {
         /// The store.
         path: PathBuf,
-        /// Parts that are there.
+        /// Number of parts present.
         present: u32,
         /// Parts of the whole.
         expected: u32,
@@ -133,7 +135,7 @@ pub enum Error {
     Incomparable {
         /// The matrix.
         path: PathBuf,
-        /// What it was to be compared with.
+        /// The matrix compared with.
         reference: PathBuf,
         /// Why not.
         reason: String,

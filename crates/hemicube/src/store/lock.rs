@@ -1,8 +1,8 @@
-//! Who may write a store: one run, or any number of its shards, or a merge.
+//! Locks of writers of a store: one run, or any number of its shards, or a merge.
 //!
-//! A lock is the operating system's, on a file in the store: it ends with the process that holds it, however that ends,
-//! so that a file which a killed run left locks nothing. The file says who holds it, for the message to who comes
-//! second. A whole run holds [`FILE`] alone; shards share it, and each has a file of its own beside it.
+//! A lock is the operating system's, on a file in the store. It ends with its process, however that ends: a file left
+//! by a killed run locks nothing. The file names its holder, for the message to a second writer. A run without shards
+//! holds [`FILE`] alone; shards share it, and each has a file of its own beside it.
 
 use super::durable::TEMPORARY_SUFFIX;
 use super::{Error, Result};
@@ -15,9 +15,9 @@ use std::path::{Path, PathBuf};
 pub(super) enum Mode {
     /// Everybody else.
     Alone,
-    /// Who wants to be alone.
+    /// Alone; others are refused.
     Shared,
-    /// Everybody else, who then waits: for the short work of making a store.
+    /// Alone, after waiting for the others: for the short work of making a store.
     Waiting,
 }
 
@@ -30,8 +30,8 @@ pub(super) struct Lock {
     mode: Mode,
 }
 
-/// Keeps every other writer out of a folder in which several files belong together, such as a solution's, until it is
-/// dropped. Where the file system has no locks it keeps out nobody.
+/// Keeps other writers out of a folder of files that belong together, such as a solution's, until it is dropped. On a
+/// file system without locks it keeps out nobody.
 ///
 /// ```
 /// use hemicube::store::FolderLock;
@@ -48,7 +48,7 @@ pub struct FolderLock {
 }
 
 impl FolderLock {
-    /// Takes the lock of a folder, which exists.
+    /// Takes the lock of an existing folder.
     ///
     /// # Errors
     /// [`Error::Refused`] when somebody else has it, and names them.
@@ -99,12 +99,12 @@ impl Lock {
                 }
                 Err(TryLockError::Error(error)) => return Err(Error::io(&path, "locked", error)),
             }
-            // Who held it before may have removed the file between our opening and our locking it.
+            // The holder before may have removed the file between opening and locking.
             if !is_still_at(&file, &path) {
                 continue;
             }
             if mode == Mode::Alone {
-                // A courtesy to who comes second.
+                // For the message to a second writer.
                 let _ = file
                     .set_len(0)
                     .and_then(|()| file.rewind())
@@ -118,7 +118,7 @@ impl Lock {
         }
     }
 
-    /// Whether the file system keeps others out. Where it does not, whoever starts a second writer is not stopped.
+    /// Returns whether the file system keeps others out. On one without locks a second writer is not stopped.
     pub(super) fn holds(&self) -> bool {
         self.file.is_some()
     }
@@ -126,7 +126,7 @@ impl Lock {
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        // Before the lock ends, so that nobody holds a lock on a file that is about to go. Others may share ours.
+        // Before the lock ends: nobody may hold a lock on a file about to be removed. Others may share ours.
         if self.mode != Mode::Shared && (self.file.is_some() || self.mode == Mode::Alone) {
             let _ = std::fs::remove_file(&self.path);
         }
@@ -134,8 +134,8 @@ impl Drop for Lock {
     }
 }
 
-/// Opens the lock's file, or makes it. Its name is foreseeable, as it must be, so that whatever has it is not followed,
-/// waited for or written to unless it is a plain file without another name.
+/// Opens the lock's file, or makes it. Its name can be foreseen by others: a link, a pipe, a device or a file with a
+/// second name there is not followed, waited for or written to.
 fn open(path: &Path) -> Result<File> {
     let mut options = File::options();
     options.read(true).write(true).create(true).truncate(false);
@@ -178,7 +178,7 @@ fn holder() -> String {
 }
 
 fn is_unsupported(error: &io::Error) -> bool {
-    // ENOLCK and ENOSYS: network file systems that were mounted without locks.
+    // ENOLCK and ENOSYS: network file systems mounted without locks.
     error.kind() == io::ErrorKind::Unsupported
         || matches!(error.raw_os_error(), Some(37 | 38) if cfg!(target_os = "linux"))
 }
@@ -192,7 +192,7 @@ fn is_still_at(file: &File, path: &Path) -> bool {
     }
 }
 
-/// A file that is open cannot lose its name here.
+/// An open file cannot lose its name here.
 #[cfg(not(unix))]
 fn is_still_at(_: &File, path: &Path) -> bool {
     path.exists()

@@ -1,8 +1,8 @@
-//! The manifest: what a store is a matrix of, how it was computed, and which parts it has.
+//! The manifest: the matrix's scene and settings, and the parts present.
 //!
-//! `manifest.json` is pretty-printed JSON with its fields in the order of [`Manifest`], and as its last field `blake3`,
-//! the checksum of all bytes before that field's name. It holds no clock, no machine and no thread count, so that equal
-//! runs give equal bytes.
+//! `manifest.json` is pretty-printed JSON with its fields in the order of [`Manifest`]. Its last field, `blake3`, is
+//! the checksum of all bytes before that field's name. It holds no clock, no machine and no thread count: equal runs
+//! give equal bytes.
 
 use super::BalanceEntry;
 use super::Thinning;
@@ -15,16 +15,16 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
-/// What [`Manifest::format`] says in every store.
+/// Value of [`Manifest::format`] in every store.
 pub const FORMAT: &str = "hemicube-store";
 
-/// The version of the format that is written.
+/// Version of the format, as written.
 pub const VERSION: u32 = 2;
 
-/// The oldest version that is read. Version 1 has no refined shares: its rows' are those of their hemicubes.
+/// The oldest version read. Version 1 has no refined shares: its rows take those of their hemicubes.
 pub const VERSION_MIN: u32 = 1;
 
-/// The most patches that a matrix can have: `i32` columns, and room for marks beyond the last id.
+/// Most patches of a matrix: columns are `i32`, with room for marks beyond the last id.
 pub const PATCH_COUNT_MAX: u32 = (1 << 31) - 16;
 
 pub(crate) const MANIFEST_FILE: &str = "manifest.json";
@@ -34,30 +34,30 @@ pub(crate) const PARTS_DIRECTORY: &str = "parts";
 /// A manifest of a million parts has 300 MB; larger ones are not ours.
 const MANIFEST_SIZE_MAX: u64 = 1 << 29;
 
-/// What stands between the manifest's fields and its checksum, and after that.
+/// Text between the manifest's fields and its checksum, and after it.
 const CHECKSUM_KEY: &str = ",\n  \"blake3\": \"";
 const CHECKSUM_END: &str = "\"\n}\n";
 
 /// A matrix before its first row is computed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
-    /// Version of the program that computes it.
+    /// Version of the program.
     pub program: String,
     /// The scene.
     pub scene: SceneEntry,
-    /// The resolved settings: everything that a row depends on, and nothing else.
+    /// The resolved settings: everything that rows depend on, and nothing else.
     pub settings: Value,
-    /// What form factors are made of: `pixel` for visible weights alone.
+    /// Name of the correction: `pixel` for sums of visible weights.
     pub correction: String,
     /// Patches of the scene: the matrix is square, of this size.
     pub patch_count: u32,
-    /// Rows that the finished store will have: all of them, or those that were selected or sampled.
+    /// Rows of the finished store: all of them, or those selected or sampled.
     pub row_count: u32,
-    /// Rows of each part but the last, which has what is left.
+    /// Rows of each part; the last one has the rest.
     pub rows_per_part: u32,
-    /// How parts are written.
+    /// Form of the parts.
     pub form: Form,
-    /// Below what form factors are left out while they are computed; 0: none is.
+    /// Smaller form factors are left out while rows are computed; 0: none.
     pub min_factor: f64,
     /// The engine.
     pub backend: BackendEntry,
@@ -68,13 +68,13 @@ pub struct Header {
 }
 
 impl Header {
-    /// Number of parts that the finished store will have.
+    /// Number of parts of the finished store.
     pub fn part_count(&self) -> u32 {
         self.row_count.div_ceil(self.rows_per_part.max(1))
     }
 }
 
-/// The scene that a matrix belongs to.
+/// The scene of a matrix.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneEntry {
@@ -84,17 +84,17 @@ pub struct SceneEntry {
     pub blake3: String,
 }
 
-/// The engine that rendered the hemicubes.
+/// The backend of the hemicubes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BackendEntry {
     /// Its name.
     pub name: String,
-    /// Its version, and that of its arithmetic.
+    /// Its version, with that of its arithmetic.
     pub version: String,
 }
 
-/// A file of a store and what its bytes must be.
+/// A file of a store and the checksum of its bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FileEntry {
@@ -112,9 +112,9 @@ pub struct PartEntry {
     pub index: u32,
     /// Path in the store, with `/` between its steps.
     pub file: String,
-    /// Number of rows that it has.
+    /// Number of rows.
     pub rows: u32,
-    /// Number of entries that it has.
+    /// Number of entries.
     pub entries: u64,
     /// BLAKE3 of its bytes, in hexadecimal.
     pub blake3: String,
@@ -122,7 +122,7 @@ pub struct PartEntry {
     pub sums: RowSums,
 }
 
-/// What a store is a matrix of, how it was computed, and which parts it has.
+/// Scene, settings and parts of a store.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
@@ -130,7 +130,7 @@ pub struct Manifest {
     pub format: String,
     /// From [`VERSION_MIN`] to [`VERSION`].
     pub version: u32,
-    /// Version of the program that computed it.
+    /// Version of the program.
     pub program: String,
     /// The scene.
     pub scene: SceneEntry,
@@ -138,7 +138,7 @@ pub struct Manifest {
     pub settings: Value,
     /// BLAKE3 of the settings as compact JSON with sorted keys, in hexadecimal.
     pub settings_hash: String,
-    /// What form factors are made of: `pixel` for visible weights alone.
+    /// Name of the correction: `pixel` for sums of visible weights.
     pub correction: String,
     /// Patches of the scene: the matrix is square, of this size.
     pub patch_count: u32,
@@ -148,14 +148,14 @@ pub struct Manifest {
     pub part_count: u32,
     /// Rows of each part but the last.
     pub rows_per_part: u32,
-    /// How parts are written; not there where they are plain.
+    /// Form of the parts; absent where they are plain.
     #[serde(default, skip_serializing_if = "Form::is_plain")]
     pub form: Form,
-    /// By how much of itself a form factor may be off what was computed; not there where the form keeps every bit.
+    /// Relative rounding error of a form factor by the form; absent where the form is exact.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub value_error: f64,
-    /// Below what form factors were left out while they were computed, the others of their row sharing what they
-    /// carried; not there where none was.
+    /// Smaller form factors were left out while rows were computed, the others of their row sharing their sum; absent
+    /// where none were.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub min_factor: f64,
     /// The engine.
@@ -166,16 +166,16 @@ pub struct Manifest {
     pub materials: Vec<String>,
     /// The patch table, once it is written.
     pub patches: Option<FileEntry>,
-    /// The parts that are there, by index. All of them in a complete store.
+    /// The parts present, by index. All of them in a complete store.
     pub parts: Vec<PartEntry>,
     /// Entries of all these parts.
     pub entries: u64,
     /// True if every part is there.
     pub complete: bool,
-    /// What leaving out small form factors did, as far as the run came.
+    /// Effect of leaving out small form factors, over the parts present.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub thinning: Option<Thinning>,
-    /// What was done to the matrix after it was computed; not there for one as it was computed.
+    /// Change of the matrix after it was computed; absent for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub balance: Option<BalanceEntry>,
 }
@@ -191,19 +191,19 @@ pub(crate) fn seal_json(mut text: String) -> String {
     text
 }
 
-/// Returns whether a text of [`seal_json`] is as it was; `None` where it has no checksum.
+/// Returns whether a text of [`seal_json`] is unchanged; `None` without a checksum.
 fn is_sealed_json(text: &str) -> Option<bool> {
     let (body, end) = text.rsplit_once(CHECKSUM_KEY)?;
     let checksum = blake3::hash(body.as_bytes()).to_hex();
     Some(end.strip_suffix(CHECKSUM_END) == Some(checksum.as_str()))
 }
 
-/// Likewise for a text that may be of a version which had no checksum there.
+/// Likewise for a text that may be of a version without a checksum.
 pub(crate) fn is_sealed_or_plain_json(text: &str) -> bool {
     is_sealed_json(text).unwrap_or(true)
 }
 
-/// How `part` is called, from the store's directory.
+/// File name of `part`, from the store's directory.
 pub(crate) fn part_file(part: u32) -> String {
     format!("{PARTS_DIRECTORY}/part-{part:05}.npz")
 }
@@ -252,7 +252,7 @@ fn sorted(value: &Value) -> Value {
 }
 
 impl Manifest {
-    /// The manifest of a store that has no parts yet.
+    /// The manifest of a store without parts.
     pub(crate) fn new(header: Header) -> Self {
         let part_count = header.part_count();
         let settings = sorted(&header.settings);
@@ -283,8 +283,8 @@ impl Manifest {
         }
     }
 
-    /// What every part of this run carries: equal for all processes that compute the same rows in the same way, and
-    /// different as soon as a bit of a part could be.
+    /// Id of the run, in every part: equal for all processes that compute the same rows in the same way, and different
+    /// as soon as a bit of a part could be.
     pub(crate) fn run_id(&self) -> [u8; 32] {
         let identity = serde_json::json!({
             "format": self.format,
@@ -303,8 +303,8 @@ impl Manifest {
         *blake3::hash(sorted(&identity).to_string().as_bytes()).as_bytes()
     }
 
-    /// In what this store is of another run than `other`, for a person: theirs first. `None` when parts of the two
-    /// belong together. The scene's file may have another name: what is in it counts.
+    /// Difference between the runs of two stores, for a person, theirs first; `None` when their parts belong together.
+    /// The scene's content counts, not its file's name.
     pub(crate) fn difference(&self, other: &Self) -> Option<String> {
         let of = |what: &str, theirs: &dyn std::fmt::Display, ours: &dyn std::fmt::Display| {
             Some(format!("its {what} is {theirs}, here it is {ours}"))
@@ -338,23 +338,23 @@ impl Manifest {
                 other.scene.file, self.scene.file
             ));
         }
-        // After what it may follow from: scenes and settings have engines of their own.
+        // After its possible causes: scenes and settings imply engines of their own.
         if self.backend.version != other.backend.version {
             let what = format!("version of the backend `{}`", self.backend.name);
             return of(&what, &self.backend.version, &other.backend.version);
         }
-        // What is left follows from the rest, unless somebody made one of them by hand.
+        // The rest follows, unless somebody edited a manifest by hand.
         (self.run_id() != other.run_id()).then(|| "it was computed in another way".to_owned())
     }
 
-    /// Number of rows that `part` has.
+    /// Number of rows of `part`.
     pub fn rows_of_part(&self, part: u32) -> u32 {
         let first = u64::from(part) * u64::from(self.rows_per_part);
         let left = u64::from(self.row_count).saturating_sub(first);
         u32::try_from(left.min(u64::from(self.rows_per_part))).unwrap_or(0)
     }
 
-    /// The rows of all parts that are there.
+    /// Rows of all parts present.
     pub fn rows_present(&self) -> u64 {
         self.parts.iter().map(|part| u64::from(part.rows)).sum()
     }
@@ -362,7 +362,7 @@ impl Manifest {
     /// The bytes of `manifest.json`.
     ///
     /// # Errors
-    /// Only when the settings hold what JSON cannot.
+    /// Only for settings that JSON cannot hold.
     pub fn to_json(&self) -> serde_json::Result<String> {
         serde_json::to_string_pretty(self).map(seal_json)
     }
@@ -371,7 +371,7 @@ impl Manifest {
         self.write_as(directory, "")
     }
 
-    /// The same with a label in the temporary name.
+    /// [`Self::write`] with a label in the temporary name.
     pub(crate) fn write_as(&self, directory: &Path, label: &str) -> Result<()> {
         let path = directory.join(MANIFEST_FILE);
         let text = self
@@ -382,7 +382,7 @@ impl Manifest {
 
     /// Returns whether `directory` holds a manifest of this format, of whatever version and in whatever state.
     pub(crate) fn is_in(directory: &Path) -> bool {
-        // The format's name stands first; what follows may be damaged.
+        // The format's name comes first; the rest may be damaged.
         let start = format!("{{\n  \"format\": \"{FORMAT}\"");
         let mut found = vec![0; start.len()];
         hemicube_scene::open_regular(&directory.join(MANIFEST_FILE))
@@ -423,7 +423,8 @@ impl Manifest {
             Some(version) if (u64::from(VERSION_MIN)..=u64::from(VERSION)).contains(&version) => {}
             Some(version) => {
                 return Err(format!(
-                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION}: use the one that wrote it"
+                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION}: use the one that \
+                     wrote it"
                 ));
             }
             None => return Err("has no version".into()),
@@ -443,7 +444,7 @@ impl Manifest {
         self.version > 1
     }
 
-    /// Returns whether the numbers fit together. Every size that is allocated later rests on this or on a file's size.
+    /// Returns whether the numbers fit together. Every size allocated later rests on this or on a file's size.
     fn check(&self) -> std::result::Result<(), String> {
         if self.patch_count > PATCH_COUNT_MAX || self.row_count > self.patch_count {
             return Err(format!(
@@ -489,7 +490,7 @@ impl Manifest {
 /// The patches of a matrix, in input order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PatchTable {
-    /// The face of the scene's file that the patch was cut from, from 0.
+    /// Number of the scene file's face that the patch was cut from, from 0.
     pub face: Vec<u32>,
     /// Index into [`Manifest::objects`].
     pub object: Vec<u32>,
@@ -506,7 +507,7 @@ pub struct PatchTable {
 }
 
 impl PatchTable {
-    /// The table of `patches`, which were cut from `scene`.
+    /// The table of `patches`, cut from `scene`.
     pub fn new(scene: &Scene, patches: &Patches) -> Self {
         let mut table = Self::default();
         for patch in patches.iter() {
@@ -566,7 +567,7 @@ impl PatchTable {
 /// ```
 pub fn scene_hash(scene: &Scene, patches: &Patches) -> String {
     let mut hasher = blake3::Hasher::new();
-    // Gathered first: the hash runs on several kilobytes at once, many times as fast as on eight bytes.
+    // Gathered first: hashing several kilobytes at once is many times as fast as eight bytes.
     let mut bytes = Vec::with_capacity(HASHED + 128);
     for corner in patches.surfaces().iter().flatten() {
         for coordinate in corner.to_array() {
@@ -586,7 +587,7 @@ pub fn scene_hash(scene: &Scene, patches: &Patches) -> String {
     hasher.finalize().to_hex().to_string()
 }
 
-/// Bytes that are hashed at once.
+/// Bytes hashed at a time.
 const HASHED: usize = 1 << 16;
 
 fn hash_when_full(hasher: &mut blake3::Hasher, bytes: &mut Vec<u8>) {

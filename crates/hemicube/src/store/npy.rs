@@ -4,16 +4,16 @@
 //! 93 'N' 'U' 'M' 'P' 'Y' | major minor | length u16 (major 1) or u32 | {'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), } ␠…␠ \n
 //! ```
 //!
-//! Written here and not taken from a crate: the crate at hand allocates whatever length a file claims, parses the
-//! dictionary recursively and multiplies the shape unchecked, and a header that reads three kinds of value is short. It
-//! serves in the tests as a second opinion. Source: the format's description in NumPy (`numpy.lib.format`).
+//! Own code, because the crate at hand allocates any length claimed by a file, parses the dictionary recursively and
+//! multiplies the shape unchecked, and a reader of three kinds of value is short. The crate is a second opinion in the
+//! tests. Source: the format's description in NumPy (`numpy.lib.format`).
 
 use std::io::{self, Read};
 
-/// The longest header that is read. NumPy writes 118 bytes for a matrix; only structured types need more.
+/// Bytes of the longest header read. NumPy writes 118 for a matrix; only structured types need more.
 const HEADER_MAX: usize = 1 << 14;
 
-/// What an array's elements are; little-endian, as every file of ours is.
+/// Type of an array's elements, little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ElementType {
     /// `<f4`
@@ -93,7 +93,7 @@ impl ElementType {
 
 /// A number that an array can hold.
 pub trait Element: Copy {
-    /// What an array of them says it holds.
+    /// Element type of an array of them.
     const TYPE: ElementType;
     /// Appends its bytes.
     fn put(self, bytes: &mut Vec<u8>);
@@ -123,18 +123,18 @@ pub(crate) fn decode<T: Element>(bytes: &[u8]) -> Vec<T> {
     bytes.chunks_exact(size_of::<T>()).map(T::get).collect()
 }
 
-/// What a `.npy` header says.
+/// Header of a `.npy` file.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Header {
     pub(crate) element: ElementType,
     pub(crate) fortran_order: bool,
     pub(crate) shape: Vec<u64>,
-    /// Where the elements begin, in bytes from the start of the header.
+    /// Start of the elements, in bytes from the start of the header.
     pub(crate) size: u64,
 }
 
 impl Header {
-    /// Number of elements that the shape asks for, if 64 bits can count them.
+    /// Number of elements of the shape, if 64 bits can count them.
     pub(crate) fn count(&self) -> Option<u64> {
         self.shape
             .iter()
@@ -172,7 +172,7 @@ impl Header {
 
     /// Reads a header, and leaves `reader` at the first element.
     ///
-    /// The inner error is the reason why the bytes are no header of an array that can be read.
+    /// The inner error is the reason why the bytes are no header of a readable array.
     pub(crate) fn read(reader: &mut impl Read) -> io::Result<Result<Self, String>> {
         let mut start = [0; 8];
         reader.read_exact(&mut start)?;

@@ -1,8 +1,7 @@
-//! F·x and Fᵀ·x of a matrix that stays on the disk.
+//! F·x and Fᵀ·x of a matrix on the disk.
 //!
-//! Parts are read once, front to back, in pieces that stay in a cache, by as many threads as there are; in memory are
-//! x, y and, for Fᵀ·x, [`SUMS`] vectors more. Sums have a fixed order: the result is the same to the bit whatever the
-//! threads.
+//! Parts are read once, front to back, in pieces that fit a cache, by all threads. In memory are x, y and, for Fᵀ·x,
+//! [`SUMS`] more vectors. Sums have a fixed order: the result does not depend on the threads, to the bit.
 
 use super::csr::{Buffers, CsrFile, EncodedRow};
 use super::row_product::{Scratch, dot, scatter};
@@ -12,13 +11,13 @@ use std::fs::File;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Vectors that Fᵀ·x is added up in, each from its share of the parts, before they are added to each other. So many
-/// threads can work on it.
+/// Vectors that Fᵀ·x is added up in, each over its share of the parts, before they are added to each other: the most
+/// threads that can work on it.
 const SUMS: usize = 8;
 
 impl Store {
-    /// y = F·x: what each patch receives of what all others have, or sees of what they show. Rows that were not
-    /// computed give NaN. With 0 `threads` every core works.
+    /// y = F·x: y_i = Σⱼ F_ij x_j, the arrivals at i from radiosities x. NaN for rows not computed. 0 `threads`: all
+    /// cores.
     ///
     /// # Errors
     /// [`Error::Incomplete`] when parts are missing, [`Error::Refused`] when `x` is not of all patches; when a part is
@@ -51,10 +50,10 @@ impl Store {
         Ok(y.into_inner().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// y = Fᵀ·x: what arrives at each patch of what all others send. Rows that were not computed send nothing.
+    /// y = Fᵀ·x: y_j = Σᵢ F_ij x_i. Rows not computed add nothing.
     ///
     /// # Errors
-    /// As [`Self::multiply`].
+    /// Those of [`Self::multiply`].
     pub fn multiply_transposed(&self, x: &[f64], threads: usize) -> Result<Vec<f64>> {
         self.require_factor(x)?;
         let parts = self.manifest().parts.len();
@@ -104,7 +103,7 @@ impl Store {
             holds.then_some(())?;
             each(row, encoded)
         });
-        // Who reads the whole part says which row, and what is wrong with it.
+        // Reading the whole part names the row and its defect.
         if visited.is_err() {
             self.part(place)?;
         }
@@ -129,7 +128,7 @@ impl Store {
     }
 }
 
-/// As many threads as are wanted, or as there are cores where 0 are; no more than there are pieces of work.
+/// The number of threads asked for, or of cores for 0; at most one a piece of work.
 fn thread_count(wanted: usize, pieces: usize) -> usize {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     if wanted == 0 { cores } else { wanted }.clamp(1, pieces.max(1))

@@ -1,11 +1,11 @@
 //! Reading a store of either form: the manifest at once, a part's head when a row of it is first wanted, a row by two
 //! or three reads at its offset.
 //!
-//! A part is looked at as a whole before anything of it is handed on (`validate.rs`): its checksum, its run, that no
+//! A part is checked as a whole before anything of it is handed on (`validate.rs`): its checksum, its run, that no
 //! other part has its rows, and, at the latest when they are read, its columns and form factors.
 //!
-//! Memory: 16 bytes a patch for where its row is, 20 or 28 bytes a row for the heads of the parts; entries are never
-//! kept.
+//! Memory: 16 bytes a patch for its row's place, 20 or 28 bytes a row for the heads of the parts. Entries are not
+//! cached.
 
 use super::csr::CsrFile;
 use super::durable::file_checksum;
@@ -17,30 +17,30 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Files that are kept open. Rows in input order jump from part to part, and the system allows about a thousand.
+/// Files kept open. Rows in input order jump from part to part, and the system allows about a thousand open files.
 const OPEN_FILES_MAX: usize = 128;
 
-/// The array of a part that says what leaving out small form factors did.
+/// The array of a part with the effect of leaving out small form factors.
 pub(super) const THINNING: &str = "thinning";
 
-/// The array of a part that has the rows' refined shares.
+/// The array of a part with the rows' refined shares.
 pub(super) const SHARES: &str = "shares";
 
-/// The array of a part, and of the patch table, that says which run it is of.
+/// The array of a part, and of the patch table, with the id of its run.
 pub(super) const RUN: &str = "run";
 
-/// Bytes that the patch table takes at least for a patch.
+/// Least bytes of the patch table for a patch.
 const PATCH_SIZE: u64 = 101;
 
-/// What was found to hold of a file, a bit each.
+/// Checks that a file has passed, a bit each.
 mod found {
     /// The checksum of its bytes.
     pub(super) const CHECKSUM: u8 = 1;
     /// The CRC of its arrays.
     pub(super) const CRC: u8 = 2;
-    /// That it is of the store's run.
+    /// It is of the store's run.
     pub(super) const RUN: u8 = 4;
-    /// That its rows are of patches which have no other.
+    /// Its rows are of patches without another row.
     pub(super) const ROWS: u8 = 8;
     /// Its columns and form factors.
     pub(super) const ENTRIES: u8 = 16;
@@ -55,30 +55,30 @@ pub struct Row {
     pub data: Vec<f32>,
 }
 
-/// What each row came to, in input order; NaN where none was computed. Fractions of the hemicube are NaN too where a
-/// row was come by without one.
+/// Sum, shares and error of each row, in input order; NaN for rows not computed. Fractions of the hemicube are also NaN
+/// for rows made without hemicubes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RowTable {
-    /// Fraction of what leaves that leaves the scene, as right as the form factors ([`RowShares`]).
+    /// Share that leaves the scene, refined with the form factors ([`RowShares`]).
     pub escaped: Vec<f64>,
-    /// Fraction that ends on backs of one-sided patches.
+    /// Share that ends on backs of one-sided patches.
     pub blocked: Vec<f64>,
-    /// Fraction that ends on patches which were not selected as receivers.
+    /// Share that ends on patches without a column.
     pub unselected: Vec<f64>,
     /// Sum of the form factors.
     pub row_sum: Vec<f64>,
-    /// Expected √Σ (F − true F)², on rungs that estimate it.
+    /// Expected √Σ (F − true F)², at accuracy levels that estimate it.
     pub error: Vec<f64>,
-    /// Fraction of the hemicubes that hit nothing.
+    /// Fraction of the hemicubes' weight that escaped.
     pub hemicube_escaped: Vec<f64>,
-    /// Fraction that hit the back of a one-sided patch.
+    /// Fraction on backs of one-sided patches.
     pub hemicube_blocked: Vec<f64>,
-    /// Fraction that hit patches which were not selected as receivers.
+    /// Fraction on patches without a column.
     pub hemicube_unselected: Vec<f64>,
 }
 
 impl RowTable {
-    /// Of so many patches, none of which has a row.
+    /// A table of `patch_count` patches without rows.
     pub fn unknown(patch_count: usize) -> Self {
         let unknown = || vec![f64::NAN; patch_count];
         Self {
@@ -93,10 +93,10 @@ impl RowTable {
         }
     }
 
-    /// Takes up the rows of a part, as a store of this form has them.
+    /// Adds the rows of a part, rounded as in a store of `form`.
     ///
     /// # Panics
-    /// When the part has rows of patches that there are not, or arrays that do not fit together.
+    /// When the part has rows of other patches, or arrays that do not fit together.
     pub fn add(&mut self, part: &Part, form: Form) {
         for (row, &patch) in part.rows.iter().enumerate() {
             let patch = patch as usize;
@@ -112,22 +112,22 @@ impl RowTable {
         }
     }
 
-    /// What of each patch's view exchanges nothing with others, and so is taken to return to it when light or heat is
-    /// solved for: 1 − Σ F − escaped. That is what ends on backs and on patches without a column, and what a row lacks
-    /// of 1 (less than 0 where it has more); 0 for a patch without a row.
+    /// The share of each patch's view that exchanges nothing with others, 1 − Σ F − escaped; `solve` returns it to the
+    /// patch. It holds backs, patches without a column, and the closure error (below 0 where the row sums to more than
+    /// 1). 0 for a patch without a row.
     pub fn returned(&self) -> Vec<f64> {
         self.returned_beside(&self.escaped)
     }
 
-    /// The same where so much of each patch's view is taken for the outside, from 0 to 1: what escapes to no known part
-    /// of the sky exchanges nothing.
+    /// [`Self::returned`] with `outside`, from 0 to 1 a patch, in place of escaped: the rest of the sky exchanges
+    /// nothing.
     pub fn returned_beside(&self, outside: &[f64]) -> Vec<f64> {
         let known = |share: f64| if share.is_nan() { 0.0 } else { share };
         let rows = self.row_sum.iter().zip(outside);
         rows.map(|(sum, &outside)| known(1.0 - sum - known(outside))).collect()
     }
 
-    /// What of a patch's view is no form factor; not numbers where it is not known.
+    /// The shares of a patch's view that are no form factors; NaN where they are not known.
     ///
     /// # Panics
     /// When there is no such patch.
@@ -143,10 +143,10 @@ struct PartHead {
     csr: CsrFile,
 }
 
-/// Where the row of a patch is: place of the part among those that are there, and row in it.
+/// Place of a patch's row: the part among those present, and the row in it.
 type Location = Option<(u32, u32)>;
 
-/// A store that is open for reading. Every method may be called from several threads.
+/// A store open for reading. All methods may be called from several threads.
 ///
 /// ```
 /// use hemicube::InputPatch;
@@ -184,27 +184,27 @@ pub struct Store {
     /// By place of the part, least recently opened first.
     files: Mutex<Vec<(usize, Arc<File>)>>,
     locations: Mutex<Option<Arc<Vec<Location>>>>,
-    /// What was [`found`] to hold of the parts, by place, and of the patch table.
+    /// Checks passed ([`found`]), by place of the part, and last of the patch table.
     found: Vec<AtomicU8>,
-    /// The part that has the row of each patch, from 1 on; 0: none that was looked at.
-    claims: Mutex<Vec<u32>>,
-    /// The run of the first part, which all files are to be of.
+    /// The part with the row of each patch, from 1 on; 0: no checked part has one.
+    owners: Mutex<Vec<u32>>,
+    /// The run of the first part; all files must be of it.
     run: OnceLock<Option<[u8; 32]>>,
 }
 
 impl Store {
-    /// Opens a store, complete or not. Reads the manifest only; parts are opened when they are needed, and the first
-    /// time read whole to see that they are as they were written.
+    /// Opens a store, complete or not. Reads the manifest only; a part is opened when it is needed, and read whole and
+    /// verified the first time.
     ///
     /// # Errors
-    /// [`Error::Malformed`] when the directory is no store, or its manifest is not as it was written.
+    /// [`Error::Malformed`] when the directory is no store, or its manifest has changed since it was written.
     pub fn open(directory: &Path) -> Result<Self> {
         Self::open_as(directory, false)
     }
 
-    /// Opens for those who read little of a large store, or have checked it: checksums are only looked at by
-    /// [`Self::verify_part`] and [`Self::verify_patches`]. Bits that flipped within the entries of a row may then go
-    /// unnoticed, and nothing worse.
+    /// Opens without verifying checksums, for readers of a few rows of a large store, or of a store checked before.
+    /// [`Self::verify_part`] and [`Self::verify_patches`] still verify them. Flipped bits within the entries of a row
+    /// may go unnoticed, and nothing worse.
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -215,12 +215,12 @@ impl Store {
     fn open_as(directory: &Path, trusts: bool) -> Result<Self> {
         let manifest = Manifest::read(directory)?;
         let count = manifest.parts.len();
-        // The patch count is only a claim until there is a table as long as it says.
+        // Until there is a table of that length, the patch count is only a claim.
         if manifest.patches.is_none() {
             return Err(Error::malformed(
                 directory,
-                "has no patch table: its run was ended before it had written one; `hemicube compute` with the scene goes on \
-                 with it",
+                "has no patch table: its run was ended before it had written one; `hemicube compute` with the scene \
+                 goes on with it",
             ));
         }
         require_backed(&directory.join(super::manifest::PATCHES_FILE), manifest.patch_count)?;
@@ -232,7 +232,7 @@ impl Store {
             files: Mutex::default(),
             locations: Mutex::default(),
             found: (0..=count).map(|_| AtomicU8::new(known)).collect(),
-            claims: Mutex::default(),
+            owners: Mutex::default(),
             run: OnceLock::new(),
         })
     }
@@ -242,7 +242,7 @@ impl Store {
         &self.directory
     }
 
-    /// What it is a matrix of, and which parts it has.
+    /// The store's manifest.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
@@ -252,7 +252,7 @@ impl Store {
         self.manifest.patch_count
     }
 
-    /// Refuses a store of which parts are missing.
+    /// Refuses a store with missing parts.
     ///
     /// # Errors
     /// [`Error::Incomplete`].
@@ -279,7 +279,7 @@ impl Store {
         }
     }
 
-    /// Number of entries that the row of a patch has, without reading it; `None` when it was not computed.
+    /// Number of entries of a patch's row, without reading it; `None` when it was not computed.
     ///
     /// # Errors
     /// When its part is damaged.
@@ -291,7 +291,7 @@ impl Store {
         }
     }
 
-    /// The patches whose rows were computed, in input order.
+    /// The patches of the computed rows, in input order.
     ///
     /// # Errors
     /// When the head of a part is damaged.
@@ -303,7 +303,7 @@ impl Store {
             .collect())
     }
 
-    /// All rows that were computed, in input order. Reads jump between the parts.
+    /// All computed rows, in input order. Reads jump between the parts.
     ///
     /// # Errors
     /// When the head of a part is damaged.
@@ -315,7 +315,7 @@ impl Store {
         })
     }
 
-    /// The patches whose rows were computed, in the order in which they were: part by part.
+    /// The patches of the computed rows, part by part, in the order of work.
     ///
     /// # Errors
     /// When the head of a part is damaged.
@@ -327,7 +327,7 @@ impl Store {
         Ok(order)
     }
 
-    /// All rows that were computed, in the order in which they were. Reads run through the parts.
+    /// All computed rows, part by part, in the order of work. Reads run through the parts.
     ///
     /// # Errors
     /// When the head of a part is damaged.
@@ -339,9 +339,9 @@ impl Store {
         })
     }
 
-    /// A part, by its place among those that are there ([`Manifest::parts`]); `None` beyond the last. Reads the whole
-    /// part into memory, and looks at all that a reader relies on: rows of patches that have no other, columns that
-    /// ascend within the matrix, form factors from 0 to below 2, weights that are those of the hemicubes.
+    /// A part, by its place among those present ([`Manifest::parts`]); `None` beyond the last. Reads the whole part
+    /// into memory and checks all that a reader relies on: rows of patches without another row, ascending columns
+    /// within the matrix, form factors from 0 to below 2, weights that sum to the hemicubes'.
     ///
     /// # Errors
     /// When the part is damaged, or of another run than the rest.
@@ -353,7 +353,7 @@ impl Store {
         Ok(Some(part))
     }
 
-    /// A part of which no more is known than that its arrays fit together, for who says what is wrong with it.
+    /// A part with no check but that its arrays fit together, for [`check`](crate::analysis::check).
     pub(crate) fn part_as_it_is(&self, place: usize) -> Result<Option<(PathBuf, Part)>> {
         let Some(entry) = self.manifest.parts.get(place) else {
             return Ok(None);
@@ -364,10 +364,10 @@ impl Store {
         Ok(Some((path, part)))
     }
 
-    /// Holds a part against all that readers rely on.
+    /// Checks a part against everything that readers rely on.
     ///
     /// # Errors
-    /// [`Error::Malformed`] with the first thing that does not hold.
+    /// [`Error::Malformed`] with the first violation.
     pub(crate) fn validate(&self, place: usize, path: &Path, part: &Part) -> Result<()> {
         let rows = self.manifest.rows_of_part(part.index) as usize;
         validate::part(part, rows, self.manifest.patch_count, self.manifest.form)
@@ -397,20 +397,20 @@ impl Store {
         self.note(place, found::ENTRIES);
     }
 
-    /// Refuses rows of patches that do not exist, or of which this part or another has a row already.
+    /// Refuses rows of patches that do not exist, or that have a row already, in this part or another.
     fn claim(&self, place: usize, path: &Path, rows: &[u32]) -> Result<()> {
-        let mut claims = self.claims.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut owners = self.owners.lock().unwrap_or_else(PoisonError::into_inner);
         if self.has(place, found::ROWS) {
             return Ok(());
         }
-        claims.resize(self.manifest.patch_count as usize, 0);
+        owners.resize(self.manifest.patch_count as usize, 0);
         let claimant = u32::try_from(place).unwrap_or(u32::MAX - 1) + 1;
         for (row, &patch) in rows.iter().enumerate() {
-            match claims.get_mut(patch as usize) {
+            match owners.get_mut(patch as usize) {
                 Some(slot @ 0) => *slot = claimant,
                 _ => {
                     // Whoever looks again is told the same.
-                    rows[..row].iter().for_each(|&patch| claims[patch as usize] = 0);
+                    rows[..row].iter().for_each(|&patch| owners[patch as usize] = 0);
                     return Err(Error::malformed(path, validate::no_row(patch)));
                 }
             }
@@ -419,7 +419,7 @@ impl Store {
         Ok(())
     }
 
-    /// Refuses a file of another run than the first part, which stands for the store.
+    /// Refuses a file of another run than the first part's, which stands for the store.
     fn require_run(&self, place: usize, path: &Path, npz: &mut Npz) -> Result<()> {
         if self.has(place, found::RUN) {
             return Ok(());
@@ -427,20 +427,20 @@ impl Store {
         let run: Vec<u8> = npz.shaped(RUN, &[32])?;
         let of_store = self.run.get_or_init(|| {
             let first = self.directory.join(&self.manifest.parts.first()?.file);
-            // Where the first part cannot be read, it is refused itself.
+            // An unreadable first part is refused itself.
             let run: Vec<u8> = Npz::open(&first).ok()?.shaped(RUN, &[32]).ok()?;
             run.try_into().ok()
         });
         if of_store.is_some_and(|of_store| run != of_store) {
-            let reason = "is of another run than the first part: another scene, other settings or another version; compute \
-                          the matrix again";
+            let reason = "is of another run than the first part: another scene, other settings or another version; \
+                          compute the matrix again";
             return Err(Error::malformed(path, reason));
         }
         self.note(place, found::RUN);
         Ok(())
     }
 
-    /// Reads a part's file and holds its checksum against the manifest's. Place as in [`Self::part`].
+    /// Reads a part's file and compares its checksum with the manifest's. Place as in [`Self::part`].
     ///
     /// # Errors
     /// [`Error::Checksum`] when a bit differs; [`Error::Io`] when it cannot be read.
@@ -451,7 +451,7 @@ impl Store {
         }
     }
 
-    /// Verifies a file the first time that something of it is wanted.
+    /// Verifies a file before its first use.
     fn once(&self, place: usize, verify: impl FnOnce() -> Result<()>) -> Result<()> {
         if place < self.found.len() && !self.has(place, found::CHECKSUM) {
             verify()
@@ -486,7 +486,7 @@ impl Store {
         }
     }
 
-    /// The patches: of objects and materials that the manifest names, each with an area and a unit normal.
+    /// The patches: of objects and materials named by the manifest, each with an area and a unit normal.
     ///
     /// # Errors
     /// When the patch table is not there, or damaged.
@@ -495,7 +495,7 @@ impl Store {
         read_patches(&path, &mut npz, &self.manifest)
     }
 
-    /// What each row came to. All NaN as long as the store is not complete.
+    /// Sum, shares and error of each row. All NaN until the store is complete.
     ///
     /// # Errors
     /// When the patch table is not there, or damaged.
@@ -542,10 +542,9 @@ impl Store {
         Ok((path, npz))
     }
 
-    /// Asks the system to read a part into its cache while others are worked on; nothing where there is none of this
-    /// place.
+    /// Asks the system to read a part into its cache ahead of its use. Does nothing beyond the last part.
     pub(crate) fn read_ahead(&self, place: usize) {
-        // Advice: a file that cannot be opened is found out when it is read.
+        // Advice only: a file that cannot be opened fails when it is read.
         if let Some(entry) = self.manifest.parts.get(place)
             && let Ok(file) = hemicube_scene::open_regular(&self.directory.join(&entry.file))
         {
@@ -575,7 +574,7 @@ impl Store {
         Ok((path, npz, csr))
     }
 
-    /// A part's matrix and its file, for who reads much of it.
+    /// A part's matrix and file, for readers of many of its rows.
     pub(super) fn matrix_of_part(&self, place: usize) -> Result<(CsrFile, Vec<u32>, File)> {
         let (path, mut npz, csr) = self.open_part(place)?;
         let rows: Vec<u32> = npz.shaped("rows", &[csr.row_count])?;
@@ -650,7 +649,8 @@ impl Store {
         let (columns, data) = head.csr.row(&file, row.into())?;
         if !validate::are_columns(&columns, self.manifest.patch_count) || !validate::are_factors(data.iter().copied()) {
             let reason = format!(
-                "has columns in its row {row} that do not ascend, or leave the matrix, or what is no form factor: it is damaged"
+                "has columns in its row {row} that do not ascend, or leave the matrix, or what is no form factor: it \
+                 is damaged"
             );
             return Err(Error::malformed(&head.path, reason));
         }
@@ -659,7 +659,7 @@ impl Store {
     }
 }
 
-/// Refuses a table that is shorter than so many patches.
+/// Refuses a table too short for `patch_count` patches.
 pub(super) fn require_backed(table: &Path, patch_count: u32) -> Result<()> {
     let size = std::fs::metadata(table)
         .map_err(|error| Error::io(table, "read", error))?
@@ -708,7 +708,7 @@ pub(super) fn open_part(path: &Path, manifest: &Manifest, part: u32) -> Result<(
     Ok((npz, csr))
 }
 
-/// Reads a whole part, and checks of it what no reader can do without: that its arrays fit together.
+/// Reads a whole part. Checks only that its arrays fit together, which every reader needs.
 pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Manifest, index: u32) -> Result<Part> {
     let count = u64::from(manifest.rows_of_part(index));
     let rows: Vec<u32> = npz.shaped("rows", &[count])?;

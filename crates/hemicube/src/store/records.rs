@@ -1,4 +1,4 @@
-//! Plain records of a manifest: what was done to a matrix that was made of another.
+//! Plain records of a manifest: changes of a matrix made from another.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,15 +10,15 @@ pub struct Residuals {
     pub closure_max: f64,
     /// Root mean square of the rows' closure errors.
     pub closure_rms: f64,
-    /// Rows that these are over: those that were rendered.
+    /// Number of rows compared: those rendered.
     pub closure_rows: u64,
-    /// ‖A F − (A F)ᵀ‖ / ‖A F‖ over the pairs of rows that are there.
+    /// ‖A F − (A F)ᵀ‖ / ‖A F‖ over the pairs of present rows.
     pub reciprocity: f64,
     /// The largest |Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ| / min(Aᵢ, Aⱼ): by how much the smaller patch's form factor is off its counterpart.
     pub reciprocity_worst: f64,
 }
 
-/// The matrix that another was made from.
+/// The matrix that this one was made from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BalanceSource {
@@ -26,58 +26,57 @@ pub struct BalanceSource {
     pub settings_hash: String,
     /// BLAKE3 of its whole manifest, in hexadecimal; by the parts' checksums in it, of every bit of the matrix.
     pub manifest_blake3: String,
-    /// What its form factors are made of.
+    /// Name of its correction.
     pub correction: String,
 }
 
-/// What was done to a matrix; in its manifest, so that nobody takes it for one as it was computed.
+/// Balancing of a matrix. In the manifest, so that nobody takes it for the matrix computed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BalanceEntry {
-    /// True if rows were made to sum to what their hemicubes did not lose.
+    /// True if rows were scaled to closure.
     pub closure: bool,
     /// True if Aᵢ Fᵢⱼ and Aⱼ Fⱼᵢ were made equal.
     pub reciprocity: bool,
-    /// Below what form factors were left out.
+    /// Smaller form factors were left out.
     pub min_factor: f64,
     /// By how much a row could be scaled.
     pub max_scale: f64,
-    /// What the sweeps were to reach.
+    /// Tolerance of the sweeps.
     pub tolerance: f64,
     /// Number of sweeps at most.
     pub max_sweeps: u32,
-    /// What was balanced.
+    /// The matrix balanced.
     pub source: BalanceSource,
     /// Sweeps of the scaling.
     pub sweeps: u32,
-    /// True if they reached the tolerance, but for the rows that are counted below.
+    /// True if the sweeps reached the tolerance, except for the rows counted below.
     pub converged: bool,
-    /// Rows that cannot be scaled to their sum because they have no entries.
+    /// Rows without entries, which cannot be scaled to their sum.
     pub rows_empty: u64,
-    /// Rows that are to sum to nothing and have entries, because other patches see theirs.
+    /// Rows with the sum 0 that have entries, because other patches see theirs.
     pub rows_without_target: u64,
-    /// Rows for which no scaling within the bounds gives the sum: they see too few others, or others that see too
-    /// little.
+    /// Rows without a scaling within the bounds: they see too few others, or others that see too little.
     pub rows_at_bound: u64,
-    /// The largest closure error of the rows that none of these three counts.
+    /// Largest closure error of the rows counted by none of these three.
     pub closure_max_of_others: f64,
     /// Rows that kept entries below the least factor because they would have lost nearly everything.
     pub rows_kept_whole: u64,
-    /// The least of 1 and the factors that entries were multiplied by, after symmetrising.
+    /// The least scaling factor of an entry after symmetrising, at most 1.
     pub scale_min: f64,
     /// The largest of 1 and these.
     pub scale_max: f64,
-    /// Pairs of patches that either sees.
+    /// Pairs of patches seen by either.
     pub pairs: u64,
-    /// Those of them that only one of the two rows had. Only counted where reciprocity was asked for.
+    /// Pairs in one of the two rows only. Counted only where reciprocity was asked for.
     pub pairs_one_sided: u64,
     /// Entries before.
     pub entries_before: u64,
     /// Entries after.
     pub entries_after: u64,
-    /// Entries that were below the least factor and left out.
+    /// Entries left out, being below the least factor.
     pub entries_dropped: u64,
-    /// What they carried, Σ Aᵢ Fᵢⱼ, as a share of what all did; the others carry it now.
+    /// Share of Σ Aᵢ Fᵢⱼ of the entries left out; the others of their rows have it now.
     pub mass_dropped: f64,
     /// Residuals of closure and reciprocity.
     pub before: Residuals,

@@ -1,11 +1,11 @@
-//! Going on with a store that is there, and making one of shards.
+//! Resuming a store, and merging one from shards.
 //!
-//! A part's file says of itself whether it is whole (its last bytes are the checksum of those before) and which run it
-//! is of (`run`), so what is kept of a store does not hang on a manifest that a killed run could not write any more.
-//! Every part is read and held against both before it is kept; what does not hold is computed again.
+//! A part's file tells whether it is whole (its last bytes are the checksum of those before) and its run (`run`).
+//! Resuming therefore does not need the manifest that a killed run could not write. Every part is read and checked
+//! against both before it is kept; the others are computed again.
 //!
-//! No journal beside the parts, because a sealed part says all that a journal could, cannot disagree with it, and may
-//! be copied from another machine. Reading every part when a run goes on is a fraction of a per cent of computing it.
+//! No journal beside the parts, because a sealed part tells all that a journal could, cannot disagree with it, and may
+//! be copied from another machine. Reading every part takes a fraction of a per cent of computing it.
 
 use super::durable::{DurableFile, TEMPORARY_SUFFIX, sealed_checksum};
 use super::lock::{Lock, Mode};
@@ -19,32 +19,32 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A file that was found in the place of a part and is not kept.
+/// A file at the place of a part that is not resumed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NotKept {
-    /// Which part.
+    /// Index of the part.
     pub part: u32,
     /// Why, with the file's name.
     pub reason: String,
 }
 
-/// What was found of a store that is gone on with.
+/// Parts of a store that is resumed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Kept {
+pub struct Resumed {
     /// True if a store was there at all.
     pub was_there: bool,
-    /// True if it was complete and is as it was written, so that there is nothing to do.
+    /// True if it was complete and has not changed: there is nothing to do.
     pub is_complete: bool,
-    /// Parts that are kept.
+    /// Number of parts resumed.
     pub parts: u32,
     /// Their rows.
     pub rows: u64,
-    /// What is computed again, and why.
+    /// Parts that are computed again, with the reasons.
     pub not_kept: Vec<NotKept>,
 }
 
 /// A part that is there, whole, and of the run.
-struct Found {
+struct WholePart {
     part: Part,
     checksum: String,
 }
@@ -52,13 +52,13 @@ struct Found {
 /// Looks at the file of a part: `None` when there is none, the reason when it is not to be relied on.
 ///
 /// # Errors
-/// When the system cannot read it, which says nothing about the part.
+/// When the system cannot read it; that is no defect of the part.
 fn look(
     directory: &Path,
     manifest: &Manifest,
     run: &[u8; 32],
     index: u32,
-) -> Result<Option<std::result::Result<Found, String>>> {
+) -> Result<Option<std::result::Result<WholePart, String>>> {
     let file = part_file(index);
     let path = directory.join(&file);
     let shown = path.display();
@@ -72,7 +72,7 @@ fn look(
         }
         Err(error) => return Err(error),
     };
-    let found = || -> Result<std::result::Result<Found, String>> {
+    let found = || -> Result<std::result::Result<WholePart, String>> {
         let (mut npz, csr) = open_part(&path, manifest, index)?;
         if npz.array::<u8>(RUN)? != run {
             return Ok(Err(format!(
@@ -80,12 +80,12 @@ fn look(
             )));
         }
         let part = read_part(&path, &mut npz, &csr, manifest, index)?;
-        Ok(Ok(Found { part, checksum }))
+        Ok(Ok(WholePart { part, checksum }))
     };
     match found() {
         Ok(found) => Ok(Some(found)),
         Err(error @ Error::Io { .. }) => Err(error),
-        // Whole as it was written, and no part of this matrix.
+        // Whole as written, and no part of this matrix.
         Err(error) => Ok(Some(Err(error.to_string()))),
     }
 }
@@ -97,7 +97,7 @@ fn look_at_all(
     run: &[u8; 32],
     parts: &[u32],
     threads: usize,
-    each: &mut dyn FnMut(u32, std::result::Result<Found, String>) -> Result<()>,
+    each: &mut dyn FnMut(u32, std::result::Result<WholePart, String>) -> Result<()>,
 ) -> Result<()> {
     for some in parts.chunks(threads.max(1)) {
         let found: Vec<_> = std::thread::scope(|scope| {
@@ -135,7 +135,7 @@ fn patches_of(directory: &Path, run: &[u8; 32]) -> Result<Option<FileEntry>> {
     }))
 }
 
-/// An empty file by which a merge knows of how many shards there are.
+/// Leaves an empty file with the number of shards, for a merge.
 fn mark_shards(directory: &Path, shard: Shard) -> Result<()> {
     let path = directory.join(format!("{SHARDS_MARK}{}{TEMPORARY_SUFFIX}", shard.count()));
     match File::create_new(&path) {
@@ -147,7 +147,7 @@ fn mark_shards(directory: &Path, shard: Shard) -> Result<()> {
 
 const SHARDS_MARK: &str = ".shards-";
 
-/// Of how many shards those are that worked in these directories, if all say the same.
+/// The number of shards that worked in these directories, if all marks agree.
 fn shard_count(directories: &[&Path]) -> Option<u32> {
     let mut counts = BTreeSet::new();
     for directory in directories {
@@ -164,14 +164,14 @@ fn shard_count(directories: &[&Path]) -> Option<u32> {
 }
 
 impl StoreWriter {
-    /// Makes a store, or goes on with the one that is there: its whole parts are kept and handed to `each` in order,
-    /// and [`Self::missing_parts`] says what is left to do. A `shard` looks at its own parts only, and other shards may
-    /// work in the same directory meanwhile.
+    /// Makes a store, or resumes the one in `directory`: its whole parts are kept and handed to `each` in order, and
+    /// [`Self::missing_parts`] are left to do. A `shard` reads its own parts only, and other shards may work in the
+    /// same directory meanwhile.
     ///
-    /// The result is the same to the bit as if the store had been written at one go.
+    /// The result equals, to the bit, a store written without interruption.
     ///
     /// # Errors
-    /// [`Error::OtherRun`] when the store is of another scene, other settings or another version; otherwise as
+    /// [`Error::OtherRun`] when the store is of another scene, other settings or another version; otherwise those of
     /// [`Self::create`].
     pub fn resume(
         directory: &Path,
@@ -180,7 +180,7 @@ impl StoreWriter {
         shard: Option<Shard>,
         threads: usize,
         each: &mut dyn FnMut(&Part),
-    ) -> Result<(Self, Kept)> {
+    ) -> Result<(Self, Resumed)> {
         check_header(directory, &header, patches)?;
         claim(directory, true)?;
         let mut locks = vec![Lock::take(
@@ -191,7 +191,7 @@ impl StoreWriter {
         let mut begin_lock = None;
         if let Some(shard) = shard {
             locks.push(Lock::take(directory, &shard.label(), Mode::Alone)?);
-            // Shards that start together make the store one after the other, and the second finds it made.
+            // Shards that start together make the store one after the other: the second finds it made.
             begin_lock = Some(Lock::take(directory, "-begin", Mode::Waiting)?);
             mark_shards(directory, shard)?;
         } else {
@@ -200,9 +200,9 @@ impl StoreWriter {
 
         let mut ours = Manifest::new(header);
         let is_there = Manifest::is_in(directory);
-        let mut kept = Kept {
+        let mut resumed = Resumed {
             was_there: is_there,
-            ..Kept::default()
+            ..Resumed::default()
         };
         let mut before = None;
         if is_there {
@@ -214,11 +214,11 @@ impl StoreWriter {
                             difference,
                         });
                     }
-                    // The same scene under another name: the store keeps the name it was begun with.
+                    // An equal scene under another name: the store keeps its first name.
                     ours.scene.file.clone_from(&theirs.scene.file);
                     before = Some(theirs);
                 }
-                // Damaged: the parts say what they are of.
+                // A damaged manifest: the parts tell their run.
                 Err(error @ Error::Malformed { .. }) => refuse_foreign_parts(directory, &ours, error)?,
                 Err(error) => return Err(error),
             }
@@ -251,26 +251,26 @@ impl StoreWriter {
                 },
                 Err(reason) => reason,
             };
-            kept.not_kept.push(NotKept { part: index, reason });
+            resumed.not_kept.push(NotKept { part: index, reason });
             Ok(())
         })?;
-        kept.parts = u32::try_from(writer.manifest().parts.len()).unwrap_or(u32::MAX);
-        kept.rows = writer.manifest().rows_present();
+        resumed.parts = u32::try_from(writer.manifest().parts.len()).unwrap_or(u32::MAX);
+        resumed.rows = writer.manifest().rows_present();
         let complete = before.filter(|theirs| theirs.complete);
         match complete {
             Some(theirs) if theirs.parts == writer.manifest().parts && theirs.patches == writer.manifest().patches => {
-                kept.is_complete = true;
+                resumed.is_complete = true;
                 writer.has_been_complete(theirs);
             }
-            // Something of a complete store is damaged: until that is mended, it is not complete.
+            // Something of a complete store is damaged; until it is repaired, the store is not complete.
             Some(_) if shard.is_none() => writer.note_parts()?,
             _ => {}
         }
-        Ok((writer, kept))
+        Ok((writer, resumed))
     }
 }
 
-/// A manifest that cannot be read may be written anew only where no part contradicts it.
+/// Refuses to replace an unreadable manifest where a part contradicts the new one.
 fn refuse_foreign_parts(directory: &Path, ours: &Manifest, error: Error) -> Result<()> {
     let run = ours.run_id();
     let entries = std::fs::read_dir(directory.join(PARTS_DIRECTORY))
@@ -286,8 +286,8 @@ fn refuse_foreign_parts(directory: &Path, ours: &Manifest, error: Error) -> Resu
     Ok(())
 }
 
-/// Where no manifest says that a directory is a store's, its parts must: a file that only has the name of one is
-/// somebody else's, and would be replaced.
+/// Refuses, without a manifest, files with a part's name that are no parts: they are somebody else's and would be
+/// replaced.
 fn refuse_what_is_no_part(directory: &Path) -> Result<()> {
     let entries = std::fs::read_dir(directory.join(PARTS_DIRECTORY))
         .into_iter()
@@ -310,23 +310,23 @@ fn is_missing(error: &Error) -> bool {
     matches!(error, Error::Io { source, .. } if source.kind() == io::ErrorKind::NotFound)
 }
 
-/// What a merge found.
+/// Result of a merge.
 #[derive(Clone, Debug)]
 pub struct Merged {
     /// The manifest of the whole; not complete when parts are missing.
     pub manifest: Manifest,
-    /// Parts that were copied from other directories.
+    /// Number of parts copied from other directories.
     pub copied: u32,
-    /// Parts that are nowhere, or nowhere whole.
+    /// Parts that are missing, or nowhere whole.
     pub missing: Vec<u32>,
-    /// Files in the place of parts that were passed over.
+    /// Files at the places of parts that were passed over.
     pub not_kept: Vec<NotKept>,
-    /// Of how many shards those were that computed here, if they say so.
+    /// Number of shards that computed here, where it is known.
     pub shard_count: Option<u32>,
 }
 
 impl Merged {
-    /// The shards whose parts are missing, from 1; empty where it is not known of how many they are.
+    /// The shards with missing parts, from 1; empty where the number of shards is not known.
     pub fn missing_shards(&self) -> Vec<u32> {
         let Some(count) = self.shard_count else {
             return Vec::new();
@@ -336,10 +336,10 @@ impl Merged {
     }
 }
 
-/// Makes one store of the parts that shards computed in `directory` and, if they worked elsewhere, in `sources`, whose
-/// parts are copied. Everything is checked: that the directories are of one run, and every part as when a run is gone
-/// on with. With nothing missing the store is complete, the same to the bit as that of one process; otherwise nothing
-/// but the copied parts has changed, and it may be tried again.
+/// Merges the parts computed by shards in `directory` and, if they worked elsewhere, in `sources`, whose parts are
+/// copied. Checks that the directories are of one run, and every part as when resuming. With nothing missing the store
+/// is complete, equal to the bit to that of one process. Otherwise only the copied parts have changed, and the merge
+/// may be tried again.
 ///
 /// # Errors
 /// [`Error::OtherRun`] when a directory is of another run; [`Error::Refused`] when two of them have one part in two
@@ -363,7 +363,7 @@ impl Merged {
 ///
 /// for shard in ["1/2", "2/2"] {
 ///     let shard: Shard = shard.parse()?;
-///     let (mut writer, _kept) =
+///     let (mut writer, _resumed) =
 ///         StoreWriter::resume(&directory, header.clone(), &table, Some(shard), 0, &mut |_| ())?;
 ///     let missing = writer.missing_parts();
 ///     let plan = plan.clone().with_parts(|part| missing.contains(&part));
@@ -421,7 +421,7 @@ pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Me
             "is damaged, and no other directory has it; run `compute` with the scene again, which mends it",
         ));
     }
-    // Nothing is made room for by the manifest's word alone, and nothing is put together of what no reader takes.
+    // Memory is not allocated by the manifest's word alone, and files that no reader takes are not merged.
     let table = directory.join(PATCHES_FILE);
     require_backed(&table, ours.patch_count)?;
     read_patches(&table, &mut Npz::open(&table)?, &ours)?;
@@ -433,7 +433,7 @@ pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Me
     let manifest = writer.manifest().clone();
     let (mut copied, mut not_kept) = (0, Vec::new());
     for place in &places {
-        // All of them, so that two versions of one part are seen.
+        // All of them, so that two versions of one part are noticed.
         let all: Vec<u32> = (0..manifest.part_count).collect();
         look_at_all(place, &manifest, &run, &all, threads, &mut |index, found| {
             let path = place.join(part_file(index));
@@ -447,9 +447,9 @@ pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Me
                     if writer.manifest().parts[at].blake3 == found.checksum {
                         return Ok(());
                     }
-                    let reason = "two directories have this part in two versions, though of one run: were they computed by \
-                                  the same program, and on disks that can be trusted? `hemicube check` on a whole store of \
-                                  either tells";
+                    let reason = "two directories have this part in two versions, though of one run: were they \
+                                  computed by the same program, and on disks that can be trusted? `hemicube check` on \
+                                  a whole store of either tells";
                     return Err(Error::refused(&path, reason));
                 }
                 (Ok(found), Err(_)) => {
@@ -496,7 +496,7 @@ fn copy(from: &Path, to: &Path) -> Result<()> {
         .map_err(|error| Error::write(to, size, error))
 }
 
-/// The manifest of a store, for who only asks whether there is one.
+/// Returns whether a directory has a store's manifest.
 impl StoreWriter {
     /// Returns whether a store, in whatever state, is in `directory`.
     pub fn is_in(directory: &Path) -> bool {

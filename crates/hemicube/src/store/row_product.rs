@@ -1,22 +1,22 @@
-//! What one row of a store adds to F·x and Fᵀ·x, from the bytes of its file.
+//! Contribution of one row of a store to F·x and Fᵀ·x, from the bytes of its file.
 //!
-//! A row of F·x is [`LANES`] sums, entry k to sum k mod [`LANES`], that are added from the first to the last at the
-//! end: in either form, on every instruction set. Multiplications and additions are rounded one by one, never fused;
-//! the same source is compiled for each instruction set, so that all give the same bits.
+//! A row of F·x is [`LANES`] sums, entry k in sum k mod [`LANES`], added from the first to the last at the end, in
+//! either form and on every instruction set. Multiplications and additions are rounded one by one, never fused. The
+//! same source is compiled for each instruction set, so all give the same bits.
 
 use super::compact;
 use super::csr::EncodedRow;
 use crate::simd::{InstructionSet, dispatch};
 
-/// Sums of a row that do not wait for each other.
+/// Independent sums of a row.
 const LANES: usize = 8;
-/// Columns that are looked at together: seven follow each other on average in a city of 1.5 million patches.
+/// Columns handled together: runs have seven columns on average in a city of 1.5 million patches.
 const RUN: usize = 4;
 
-/// What rows of the compact form are decoded into.
+/// Buffers of decoded rows of the compact form.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
-    /// What the columns of a row take of x.
+    /// Values of x at the columns of a row.
     of_row: Vec<f64>,
     /// The columns of a row.
     columns: Vec<u32>,
@@ -39,7 +39,7 @@ pub(super) fn dot(row: EncodedRow<'_>, x: &[f64], scratch: &mut Scratch) -> Opti
     }
 }
 
-/// Adds F x to what arrives at the patches that a row sees; `None` when a column is none.
+/// Adds F x to the arrivals at the patches seen by a row; `None` for a column out of range.
 pub(super) fn scatter(row: EncodedRow<'_>, x: f64, y: &mut [f64], scratch: &mut Scratch) -> Option<()> {
     match row {
         EncodedRow::Plain { columns, values } => scatter_plain(columns, values, x, y),
@@ -60,10 +60,14 @@ dispatch! {
     fn dot_plain = dot_plain_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64>
 }
 dispatch! {
-    fn dot_compact = dot_compact_portable(gaps: &[u8], lengths: &[u8], codes: &[u8], x: &[f64], of_row: &mut Vec<f64>, long: &mut Vec<Long>) -> Option<f64>
+    fn dot_compact = dot_compact_portable(
+        gaps: &[u8], lengths: &[u8], codes: &[u8], x: &[f64], of_row: &mut Vec<f64>, long: &mut Vec<Long>
+    ) -> Option<f64>
 }
 dispatch! {
-    fn scatter_compact = scatter_compact_portable(gaps: &[u8], lengths: &[u8], codes: &[u8], x: f64, y: &mut [f64], columns: &mut Vec<u32>, long: &mut Vec<Long>) -> Option<()>
+    fn scatter_compact = scatter_compact_portable(
+        gaps: &[u8], lengths: &[u8], codes: &[u8], x: f64, y: &mut [f64], columns: &mut Vec<u32>, long: &mut Vec<Long>
+    ) -> Option<()>
 }
 
 fn column(bytes: [u8; 4]) -> usize {
@@ -71,7 +75,7 @@ fn column(bytes: [u8; 4]) -> usize {
     i32::from_le_bytes(bytes).cast_unsigned() as usize
 }
 
-/// The first of columns that follow each other without a gap.
+/// First of a run of adjacent columns.
 fn run(columns: &[[u8; 4]; RUN]) -> Option<usize> {
     let first = i32::from_le_bytes(columns[0]);
     let mut differs = 0;
@@ -104,11 +108,11 @@ fn dot_plain_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64> {
     Some(sums.iter().sum())
 }
 
-/// A run that is longer than [`LANES`]: its first column, where it begins in its row, and its length.
+/// A run longer than [`LANES`]: its first column, its start in the row, and its length.
 type Long = (usize, usize, usize);
 
-/// Unrolls the runs of a row of so many entries: `place` puts what belongs to the columns from one on into a slice, or
-/// says that they are none. Returns what it made of all, and one past the last column.
+/// Unrolls the runs of a row of `count` entries: `place` fills a slice for the columns from one on, or refuses them.
+/// Returns its results combined, and one past the last column.
 #[inline(always)]
 fn unroll<'r, T: Clone + Default>(
     gaps: &[u8],
@@ -126,8 +130,8 @@ fn unroll<'r, T: Clone + Default>(
         let length = usize::from(length);
         let first = next + usize::from(u16::from_le_bytes(gap));
         next = first + length;
-        // Nineteen runs of twenty are no longer than LANES. So many are placed of each, whatever its length: what is
-        // too much is written over by the next run, and what is missing comes below. A branch on lengths would be
+        // Nineteen of twenty runs are no longer than LANES. LANES columns are placed for each, whatever its length: the
+        // next run overwrites the excess, and longer ones are completed below. A branch on lengths would be
         // mispredicted.
         if place(room.get_mut(at..at + LANES)?, first).is_none() {
             place(room.get_mut(at..at + length)?, first)?;

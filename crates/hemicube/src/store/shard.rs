@@ -1,12 +1,12 @@
-//! Shards: which parts of a matrix one of several processes computes.
+//! Shards: the parts of a matrix computed by one of several processes.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// One of several processes that compute a matrix together, each its parts, in any order and on any machine.
+/// One of several processes that compute a matrix together, each its own parts, in any order and on any machine.
 ///
-/// Shard I of N has every N-th part from the I-th on: parts that follow each other look at the same region of the scene
-/// and take about as long, so that shards end at about the same time.
+/// Shard I of N has every N-th part from the I-th on. Parts that follow each other see the same region of the scene and
+/// take about equal times, so shards end at about the same time.
 ///
 /// ```
 /// use hemicube::store::Shard;
@@ -29,12 +29,12 @@ impl Shard {
         (index < count).then_some(Self { index, count })
     }
 
-    /// Which one it is, from 1.
+    /// Its number, from 1.
     pub fn number(&self) -> u32 {
         self.index + 1
     }
 
-    /// Of how many.
+    /// Number of shards.
     pub fn count(&self) -> u32 {
         self.count
     }
@@ -44,7 +44,7 @@ impl Shard {
         part % self.count == self.index
     }
 
-    /// What its temporary files and its lock are called by.
+    /// Label of its temporary files and its lock.
     pub(super) fn label(self) -> String {
         format!("-{}-of-{}", self.number(), self.count)
     }

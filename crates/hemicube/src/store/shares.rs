@@ -1,26 +1,25 @@
-//! What of a patch's view is no form factor: *escaped*, *blocked* and *unselected*, as right as the form factors are.
+//! Shares of a patch's view that are no form factors: *escaped*, *blocked* and *unselected*, refined with the form
+//! factors.
 //!
-//! A hemicube says of all four what it sees from a point. Corrections make form factors of the whole emitter, by closed
-//! forms and rays, and then the four do not sum to 1 any more, by the *residual*
+//! Hemicubes measure all four from a point. Corrections make form factors of the whole emitter, by closed forms and
+//! rays. The four then miss 1 by the *residual*
 //!
 //! ```text
 //! r = 1 − Σ F − E − B − U          E, B, U: the hemicubes' shares
 //! ```
 //!
-//! The residual is the hemicubes' error: they are one point, or a few, where F is of the whole patch. It is dealt out
-//! over the three in proportion to wₓ = X (1 − X), the variance of a quantity that is 0 or 1 and is estimated from one
-//! point. No share falls below 0, none rises by more than that variance's root, and none that is 0 in the hemicubes
-//! changes: what such bounds leave of the residual is dealt out over the others, and what none can take is the form
-//! factors' own error.
+//! The residual is the hemicubes' error: they stand at one point, or a few, and F is of the whole patch. It is
+//! distributed over the three in proportion to wₓ = X (1 − X), the variance of a quantity of 0 or 1 estimated from one
+//! point. No share falls below 0 or rises by more than the root of that variance, and a share of 0 stays 0. The rest
+//! that such bounds leave goes to the other shares; a rest that none can take is the form factors' own error.
 //!
-//! Where the residual is more than form factors are expected to be off by, and backs or unselected patches may have a
-//! part in it, the hemicubes' shares are replaced by rays' from all over the patch (`accuracy/lost.rs`), which are
-//! refined by three times their own error at most, or, where that leaves the row off by more than is permitted, by all
-//! of it.
+//! A residual above the expected error of the form factors, where backs or unselected patches may have a part in it,
+//! has the hemicubes' shares replaced by rays' from all over the patch (`accuracy/lost.rs`). These are refined by three
+//! times their own error at most, or, where the row would still be off by more than is permitted, by all of it.
 
 use crate::store::{HEMICUBE_WEIGHT, RowSums};
 
-/// Shares of a patch's view that go to no column, each from 0 to 1; not numbers for a row without hemicubes.
+/// Shares of a patch's view that go to no column, each from 0 to 1; NaN for a row without hemicubes.
 ///
 /// ```
 /// use hemicube::store::{HEMICUBE_WEIGHT, RowShares, RowSums};
@@ -37,31 +36,31 @@ pub struct RowShares {
     pub escaped: f64,
     /// To the backs of one-sided patches.
     pub blocked: f64,
-    /// To patches that were not selected as receivers.
+    /// To patches without a column.
     pub unselected: f64,
 }
 
 impl PartialEq for RowShares {
-    /// Bit by bit: what is not known equals itself.
+    /// Bit by bit: NaN equals itself.
     fn eq(&self, other: &Self) -> bool {
         self.to_array().map(f64::to_bits) == other.to_array().map(f64::to_bits)
     }
 }
 
-/// A share that is all but 1 can still fall: the least 1 − X that its weight is made of, a unit of a hemicube's weight.
+/// The least 1 − X in a share's weight, one unit of a hemicube's weight: a share of nearly 1 can still fall.
 const RESOLUTION: f64 = 1.0 / HEMICUBE_WEIGHT as f64;
 
-/// What the form factors of a row are expected to lack or have too much in all, where their rung does not say.
+/// Expected error of a row's sum at accuracy levels that do not estimate it.
 const OWN_ERROR: f64 = 0.01;
 
 /// By how many times its expected error a sum of form factors can be off.
 const ERRORS: f64 = 3.0;
 
 impl RowShares {
-    /// Of a row without hemicubes.
+    /// Shares of a row without hemicubes.
     pub const UNKNOWN: Self = Self::from_array([f64::NAN; 3]);
 
-    /// What the hemicubes of a row say.
+    /// Shares by the weights of a row's hemicubes.
     pub fn of_hemicubes(sums: &RowSums, hemicubes: u32) -> Self {
         if hemicubes == 0 {
             return Self::UNKNOWN;
@@ -70,8 +69,8 @@ impl RowShares {
         Self::from_array([sums.escaped, sums.blocked, sums.unselected].map(|weight| weight as f64 / whole))
     }
 
-    /// These shares, with what they and form factors lack of 1 dealt out over them. `factors` is what the form factors
-    /// sum to, and `error` what that sum is expected to be off by; where it is not a number, 1 %.
+    /// These shares with the residual distributed over them. `factors` is the sum of the form factors, and `error` its
+    /// expected error; NaN: 1 %.
     #[must_use]
     pub fn refined(self, factors: f64, error: f64) -> Self {
         let residual = 1.0 - factors - self.lost();
@@ -87,9 +86,9 @@ impl RowShares {
         Self::from_array(shares)
     }
 
-    /// As [`Self::refined`], of shares whose errors are known: together they move by no more than three times their
-    /// `errors`, and what that leaves of the residual is the form factors'. If it is more than is `permitted`, the
-    /// shares take it all: pairs were looked for, and those that are uncertain moved, before.
+    /// [`Self::refined`] for shares with known errors. Together they move by three times their `errors` at most; the
+    /// rest of the residual is the form factors'. If the rest exceeds `permitted`, the shares take it all: pairs were
+    /// looked for before, and uncertain ones moved.
     pub(crate) fn refined_within(self, factors: f64, errors: [f64; 3], permitted: f64) -> Self {
         let residual = 1.0 - factors - self.lost();
         let most = ERRORS * errors.iter().map(|error| error * error).sum::<f64>().sqrt();
@@ -101,14 +100,13 @@ impl RowShares {
         Self::from_array(self.deal(self.to_array(), residual.clamp(-most, most), [1.0; 3]).0)
     }
 
-    /// Deals `residual` out over `shares`, none of which may exceed its `most`: the new shares, and what none could
-    /// take.
+    /// Distributes `residual` over `shares`, none of which may exceed its `most`. Returns the new shares and the rest.
     fn deal(self, mut shares: [f64; 3], mut residual: f64, most: [f64; 3]) -> ([f64; 3], f64) {
         let mut weights = self.to_array().map(|share| share * (1.0 - share).max(RESOLUTION));
         // Each round but the last exhausts a share.
         for _ in 0..shares.len() {
             let whole: f64 = weights.iter().sum();
-            // Nothing to deal out, nothing to deal it over; or shares that are not known.
+            // No residual, no share to take it, or unknown shares.
             if residual == 0.0 || whole.is_nan() || whole <= 0.0 {
                 break;
             }
@@ -141,7 +139,7 @@ impl RowShares {
         [self.escaped, self.blocked, self.unselected]
     }
 
-    /// From what [`Self::to_array`] gave.
+    /// The inverse of [`Self::to_array`].
     pub const fn from_array([escaped, blocked, unselected]: [f64; 3]) -> Self {
         Self {
             escaped,
@@ -150,7 +148,7 @@ impl RowShares {
         }
     }
 
-    /// Returns whether they can be those of a row: from 0 to 1, unknown where there is no hemicube.
+    /// Returns whether they can be those of a row: from 0 to 1, or NaN without a hemicube.
     pub(crate) fn fit(self, hemicubes: u32) -> bool {
         let fits = |share: &f64| {
             if hemicubes == 0 {

@@ -1,18 +1,17 @@
-//! What is kept of a row: small form factors left out while it is computed, and the rounding of the store's form.
+//! Small form factors left out of a row while it is computed, and the rounding of the store's form.
 //!
-//! The rule is that of `balance` for rows on their own ([`crate::analysis::balance`]): entries below the least factor
-//! go, the others of the row share what these carried in proportion, and a row whose entries would grow beyond the
-//! bound keeps all. What both steps change is in the row's expected error: √(e² + Σ (F' − F)²), as if it had nothing to
-//! do with the error that was there.
+//! The rule of `balance` for rows on their own ([`crate::analysis::balance`]): entries below the least factor are left
+//! out, and the others of the row share their sum in proportion. A row that would grow beyond the bound keeps all. Both
+//! steps add to the row's expected error, as if independent of it: √(e² + Σ (F' − F)²).
 
 use super::closure::{ClosureTally, narrow, share_of, target_of};
 use super::{Form, Part};
 use serde::{Deserialize, Serialize};
 
-/// By how much a row may be scaled at most where nobody says: an entry by the square of it.
+/// Default bound on the scaling of a row; an entry is scaled by its square at most.
 pub(crate) const MAX_SCALE: f64 = 1.1;
 
-/// What becomes of the entries of a row.
+/// Changes of a row's entries.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SmallEntryRule {
     /// Entries below are left out; 0 where the row would lose too much, and keeps all.
@@ -28,7 +27,7 @@ impl Default for SmallEntryRule {
 }
 
 impl SmallEntryRule {
-    /// For a row that sums to `whole`, and to `kept` without what is below `least`.
+    /// For a row with the sum `whole`, and `kept` without the entries below `least`.
     pub(crate) fn new(whole: f64, kept: f64, least: f64, max_scale: f64) -> Self {
         if kept * max_scale * max_scale < whole {
             Self::default()
@@ -55,7 +54,7 @@ impl SmallEntryRule {
     }
 }
 
-/// What a row sums to, and what it sums to without the entries below `least`.
+/// Sum of a row, and its sum without the entries below `least`.
 pub(crate) fn sums(factors: &[f32], least: f64) -> (f64, f64) {
     factors.iter().fold((0.0, 0.0), |(whole, kept), &factor| {
         let factor = f64::from(factor);
@@ -63,33 +62,33 @@ pub(crate) fn sums(factors: &[f32], least: f64) -> (f64, f64) {
     })
 }
 
-/// What leaving out small form factors did to the rows of a run.
+/// Effect of leaving out small form factors on the rows of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Thinning {
-    /// Below what form factors were left out.
+    /// Smaller form factors were left out.
     pub min_factor: f64,
-    /// A row in which the others would have grown by more than the square of this kept all.
+    /// Bound on the growth of a row: its entries grow by the square at most, or the row keeps all.
     pub max_scale: f64,
     /// Entries left out.
     pub entries_dropped: u64,
-    /// What they carried, Σ Aᵢ Fᵢⱼ, as a share of what all did; the others carry it now.
+    /// Share of Σ Aᵢ Fᵢⱼ of the entries left out; the others of their rows have it now.
     pub mass_dropped: f64,
     /// Rows that kept entries below the least factor because they would have lost too much.
     pub rows_kept_whole: u64,
-    /// The largest factor that entries were multiplied by.
+    /// Largest scaling factor of an entry.
     pub scale_max: f64,
     /// Largest |Σ F + escaped + blocked + unselected − 1| of a row, before.
     pub closure_max_before: f64,
     /// Root mean square of it over the rows, before.
     pub closure_rms_before: f64,
-    /// Largest one, of the rows as they are stored.
+    /// Largest error, of the rows as stored.
     pub closure_max_after: f64,
-    /// Root mean square, of the rows as they are stored.
+    /// Root mean square, of the rows as stored.
     pub closure_rms_after: f64,
 }
 
-/// What became of a row.
+/// Change of a row.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RowChange {
     whole: f64,
@@ -99,8 +98,8 @@ pub(crate) struct RowChange {
     scale: f64,
 }
 
-/// Leaves small entries out of the last row of a part, which begins at `start`, and rounds the others; `error` is what
-/// was expected of it.
+/// Leaves small entries out of the last row of a part, from `start` on, and rounds the others. Updates `error`, the
+/// row's expected error.
 pub(crate) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, error: &mut f32) -> RowChange {
     let (whole, kept) = sums(&part.data[start..], min_factor);
     let cut = if min_factor > 0.0 {
@@ -123,7 +122,7 @@ pub(crate) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, e
     let entries_dropped = (part.data.len() - end) as u64;
     part.indices.truncate(end);
     part.data.truncate(end);
-    // Not a number where nothing was expected, and then still.
+    // NaN stays NaN.
     if squares > 0.0 {
         *error = narrow((f64::from(*error).powi(2) + squares).sqrt());
     }
@@ -136,8 +135,8 @@ pub(crate) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, e
     }
 }
 
-/// What leaving out small form factors did to the rows of one part: what the figures of a run are added up from, part
-/// by part, whoever computed them and when.
+/// Effect of leaving out small form factors on the rows of one part. A run's figures are added up from the parts', in
+/// order, whoever computed them and when.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PartThinning {
     entries_dropped: u64,
@@ -151,7 +150,7 @@ pub struct PartThinning {
 }
 
 impl PartThinning {
-    /// Number of numbers that [`Self::numbers`] has.
+    /// Length of [`Self::numbers`].
     pub(crate) const LENGTH: usize = 11;
 
     /// Adds a row of a part, in the order of work.
@@ -194,7 +193,7 @@ impl PartThinning {
         }
     }
 
-    /// As a part's file has it. Numbers of entries and rows are exact: they are far below 2⁵³.
+    /// The record in a part's file. Numbers of entries and rows are exact: they are far below 2⁵³.
     pub(crate) fn numbers(&self) -> [f64; Self::LENGTH] {
         let ([a, b, c], [d, e, f]) = (self.before.sums(), self.after.sums());
         [
@@ -212,7 +211,7 @@ impl PartThinning {
         ]
     }
 
-    /// From what [`Self::numbers`] gave.
+    /// The inverse of [`Self::numbers`].
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

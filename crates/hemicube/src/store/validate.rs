@@ -1,14 +1,14 @@
-//! What the arrays of a store must be, beyond fitting together. Writers refuse what is not so before a file is there,
-//! and readers before anything is made of it: nobody gets a row, a patch or a column that was not looked at here.
+//! Requirements on the arrays of a store, beyond fitting together. Writers refuse violations before a file is there,
+//! readers before anything is made of it: no row, patch or column is handed out unchecked.
 
 use super::{Form, HEMICUBE_WEIGHT, Part, PatchTable, RowSums, compact};
 use std::result::Result;
 
-/// Form factors are below this, in either form. A fraction is 1 at most; what closed forms of patches that all but
-/// touch are off by stays far below the other 1.
+/// Form factors are below this, in either form. A fraction is 1 at most; errors of closed forms of patches that all but
+/// touch stay far below the other 1.
 pub(super) const FACTOR_END: f32 = 2.0;
 
-/// The most hemicubes of a row: 4096 of `--samples`, and 16 times as many for a row that sums oddly.
+/// Most hemicubes of a row: 4096 by `--samples`, and 16 times as many for an inconsistent row.
 pub(super) const HEMICUBES_MAX: u32 = 1 << 16;
 
 /// By how much the square of a unit normal may be off 1.
@@ -19,8 +19,8 @@ const FRACTION_ERROR: f64 = 1e-9;
 
 /// Returns whether all are form factors: numbers from 0 to below [`FACTOR_END`].
 pub(super) fn are_factors(factors: impl Iterator<Item = f32> + Clone) -> bool {
-    // The two highest bits are those of the sign and of 2 and more, which infinities and what is no number have, too.
-    // Without a branch this is a tenth of the time of two comparisons each.
+    // The two highest bits are the sign and 2, set in infinities and NaN too. Without a branch this takes a tenth of
+    // the time of two comparisons each.
     let bits = factors.clone().fold(0, |bits, factor| bits | factor.to_bits());
     bits & 0xC000_0000 == 0 || factors.into_iter().all(is_factor)
 }
@@ -57,10 +57,10 @@ pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32) -> b
         && are_factors(values.iter().map(|&value| f32::from_le_bytes(value)))
 }
 
-/// Holds a part against what every reader relies on; the sums over its rows.
+/// Checks a part against everything that readers rely on. Returns the sums over its rows.
 ///
 /// # Errors
-/// The first thing that is not so, as a clause about the part.
+/// The first violation, as a clause about the part.
 pub(super) fn part(part: &Part, row_count: usize, patch_count: u32, form: Form) -> Result<RowSums, String> {
     let lengths = [
         part.rows.len(),
@@ -120,7 +120,8 @@ pub(super) fn part(part: &Part, row_count: usize, patch_count: u32, form: Form) 
         }
         if sums.total() != Some(u64::from(hemicubes) * HEMICUBE_WEIGHT) {
             return Err(format!(
-                "has weights in the row of patch {patch} that sum to {:?}, not to {hemicubes} hemicubes of {HEMICUBE_WEIGHT}",
+                "has weights in the row of patch {patch} that sum to {:?}, not to {hemicubes} hemicubes of \
+                 {HEMICUBE_WEIGHT}",
                 sums.total()
             ));
         }
@@ -139,15 +140,15 @@ pub(super) fn part(part: &Part, row_count: usize, patch_count: u32, form: Form) 
     Ok(total)
 }
 
-/// What is wrong where a patch that is none, or that has a row already, has a row.
+/// Names a row of a patch that does not exist, or that has a row already.
 pub(super) fn no_row(patch: u32) -> String {
     format!("has a row of patch {patch}, which does not exist or has a row already")
 }
 
-/// Holds the patches against the names that they count into, and against what a patch can be.
+/// Checks the patches' names and geometry.
 ///
 /// # Errors
-/// The first thing that is not so, as a clause about the table.
+/// The first violation, as a clause about the table.
 pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize) -> Result<(), String> {
     let beyond = |what: &str, numbers: &[u32], names: usize| {
         let found = (0..).zip(numbers).find(|&(_, &number)| number as usize >= names);
@@ -169,7 +170,8 @@ pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize) -> R
     for (patch, &area) in table.area.iter().enumerate() {
         if area == 0.0 {
             return Err(format!(
-                "has patch {patch} without area, whose form factors are nothing; take it out of the scene and compute again"
+                "has patch {patch} without area, whose form factors are nothing; take it out of the scene and compute \
+                 again"
             ));
         }
         if !(area > 0.0 && area.is_finite()) {
@@ -193,7 +195,7 @@ pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize) -> R
     Ok(())
 }
 
-/// Holds a column of what rows came to against its range; what is no number says that nothing is known.
+/// Checks a column of the row table against its range; NaN is unknown.
 ///
 /// # Errors
 /// The first value out of range, as a clause about the table.
@@ -211,7 +213,7 @@ pub(super) fn column(name: &str, values: &[f64], most: f64) -> Result<(), String
 /// Holds the fractions of each row's hemicubes against the whole.
 ///
 /// # Errors
-/// The first row that lost more than there was.
+/// The first row that lost more than 1.
 pub(super) fn fractions(columns: &[&[f64]]) -> Result<(), String> {
     let count = columns.first().map_or(0, |column| column.len());
     for patch in 0..count {

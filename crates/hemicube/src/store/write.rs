@@ -1,4 +1,4 @@
-//! Writing a store: everything that can be refused is refused before the first row is computed.
+//! Writing a store. Refusals come before the first row is computed.
 
 use super::BalanceEntry;
 use super::durable::{DurableFile, SEAL_SIZE, TEMPORARY_SUFFIX, read_exact_at, seal, sync_directory, write_whole};
@@ -15,34 +15,34 @@ use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
 use std::path::{Path, PathBuf};
 
-/// The columns of the patch table that are known before the run, in the file's order.
+/// Columns of the patch table known before the run, in the file's order.
 const GEOMETRY: [&str; 7] = ["face", "object", "material", "side", "area", "centroid", "normal"];
 
-/// Elements that are copied at a time.
+/// Elements copied at a time.
 const COPY: usize = 1 << 16;
 
-/// A store that is being written.
+/// A store being written.
 ///
-/// Parts may come in any order. A writer that is dropped without [`Self::finish`] or [`Self::interrupt`] leaves the
-/// parts that were written, and a manifest that does not name them.
+/// Parts may come in any order. A writer dropped without [`Self::finish`] or [`Self::interrupt`] leaves the parts
+/// written, and a manifest that does not name them.
 #[derive(Debug)]
 pub struct StoreWriter {
     directory: PathBuf,
     manifest: Manifest,
     /// For the patch table.
     columns: RowTable,
-    /// Rows that some part has, by input patch.
+    /// True for each input patch with a row in some part.
     written: Vec<bool>,
-    /// What every part carries.
+    /// The id of the run, in every part.
     run: [u8; 32],
-    /// What leaving out small form factors did, by part; to be added up in order.
+    /// Effect of leaving out small form factors, by part, to be added up in order.
     thinned: BTreeMap<u32, PartThinning>,
     shard: Option<Shard>,
     locks: Vec<Lock>,
 }
 
 impl StoreWriter {
-    /// Makes the directory and writes everything that is known before the first row.
+    /// Makes the directory and writes everything known before the first row.
     ///
     /// # Errors
     /// [`Error::Exists`] when a store is there and `overwrite` is not set; [`Error::InTheWay`] when something else is;
@@ -62,7 +62,7 @@ impl StoreWriter {
         Ok(writer)
     }
 
-    /// A writer that has written nothing.
+    /// A writer that has written nothing yet.
     pub(super) fn new(directory: &Path, manifest: Manifest, shard: Option<Shard>, locks: Vec<Lock>) -> Self {
         let count = manifest.patch_count as usize;
         Self {
@@ -77,8 +77,8 @@ impl StoreWriter {
         }
     }
 
-    /// Writes what a store is before its first part; without `patches` their table is there. Whoever writes alone
-    /// clears away what is left of another store.
+    /// Writes manifest and patch table; without `patches` the table is there already. A writer without other shards
+    /// removes the remains of another store.
     pub(super) fn begin(&mut self, patches: Option<&PatchTable>, replaces: bool) -> Result<()> {
         let parts = self.directory.join(PARTS_DIRECTORY);
         std::fs::create_dir_all(&parts).map_err(|error| Error::io(&parts, "created", error))?;
@@ -86,7 +86,7 @@ impl StoreWriter {
         sync_directory(&self.directory).map_err(|error| Error::io(&self.directory, "made durable", error))?;
         if let Some(parent) = self.directory.parent() {
             match sync_directory(parent) {
-                // One that may be passed through but not read: the system will see to it in its time.
+                // A directory that may be passed through but not read: the system syncs it in its time.
                 Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {}
                 synced => synced.map_err(|error| Error::io(parent, "made durable", error))?,
             }
@@ -104,7 +104,7 @@ impl StoreWriter {
         self.manifest.write_as(&self.directory, &label)
     }
 
-    /// What temporary names have in them.
+    /// Label in temporary names.
     fn label(&self) -> String {
         self.shard.map_or_else(String::new, Shard::label)
     }
@@ -114,7 +114,7 @@ impl StoreWriter {
         self.locks.iter().all(Lock::holds)
     }
 
-    /// The parts that are still to be written: all that are not there, or those of the shard.
+    /// The parts still to be written, of the shard if there is one.
     pub fn missing_parts(&self) -> Vec<u32> {
         let is_there = |part: &u32| {
             self.manifest
@@ -134,19 +134,19 @@ impl StoreWriter {
         &self.directory
     }
 
-    /// The manifest as it stands; a shard's names only parts of the shard.
+    /// The manifest as it stands; a shard's names the shard's parts only.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
 
-    /// Writes a part. When this returns, the part is on the disk. In the compact form its form factors are rounded
-    /// ([`Form::round`]), if that was not done before.
+    /// Writes a part. It is on the disk when this returns. The compact form rounds its form factors ([`Form::round`]),
+    /// if they are not rounded yet.
     ///
     /// # Errors
-    /// [`Error::Refused`] when the part is not what a reader may rely on: another number of rows than this part has,
-    /// rows or columns that do not exist or do not ascend, form factors that are no numbers (in the compact form also
-    /// negative ones and such as are 2 and more), weights that do not sum to the hemicubes'. [`Error::NoSpace`] or
-    /// [`Error::Io`] when it cannot be written: then the parts before it are intact, and it can be tried again.
+    /// [`Error::Refused`] when readers could not rely on the part: a wrong number of rows, rows or columns that do not
+    /// exist or do not ascend, form factors that are no numbers (in the compact form also negative ones and those from
+    /// 2 on), weights that do not sum to the hemicubes'. [`Error::NoSpace`] or [`Error::Io`] when it cannot be written:
+    /// the parts before it are then intact, and it can be tried again.
     pub fn write_part(&mut self, part: &Part) -> Result<()> {
         let file = part_file(part.index);
         let path = self.directory.join(&file);
@@ -159,7 +159,7 @@ impl StoreWriter {
         Ok(())
     }
 
-    /// Takes over a part whose file is there and has this checksum.
+    /// Takes over the file of a part, with its checksum.
     ///
     /// # Errors
     /// The reason why no reader could rely on it.
@@ -169,7 +169,7 @@ impl StoreWriter {
         Ok(())
     }
 
-    /// Has the manifest and the patch table know of a part that is on the disk.
+    /// Enters a part on the disk into manifest and patch table.
     fn record(&mut self, part: &Part, checksum: String, sums: RowSums) {
         let form = self.manifest.form;
         let entry = PartEntry {
@@ -192,31 +192,31 @@ impl StoreWriter {
         self.columns.add(part, form);
     }
 
-    /// Has the manifest say what leaving out small form factors did to the parts that are there.
+    /// Enters the effect of leaving out small form factors into the manifest, over the parts present.
     fn add_up_thinning(&mut self) {
         let mut all = PartThinning::default();
         self.thinned.values().for_each(|of_part| all.merge(of_part));
         self.manifest.thinning = (!self.thinned.is_empty()).then(|| all.finish(self.manifest.min_factor));
     }
 
-    /// Writes the manifest with the parts that are there, and that it is not complete.
+    /// Writes the manifest of an incomplete store with the parts present.
     pub(super) fn note_parts(&mut self) -> Result<()> {
         self.manifest.write_as(&self.directory, &self.label())
     }
 
-    /// Nothing is left to do: the manifest is the one that is there.
+    /// Nothing is left to do: the manifest on the disk stays.
     pub(super) fn has_been_complete(&mut self, manifest: Manifest) {
         self.manifest = manifest;
     }
 
-    /// Has the manifest say what was done to the matrix after it was computed.
+    /// Enters into the manifest a change made to the matrix after it was computed.
     pub(crate) fn record_balance(&mut self, entry: BalanceEntry) {
         self.manifest.balance = Some(entry);
     }
 
-    /// Ends a run whose parts are all written: the patch table gets its last columns, the manifest says that the store
-    /// is complete. A shard ends with its own parts, and leaves table and manifest to [`merge`](super::merge); the
-    /// manifest that it returns names what it looked at and wrote.
+    /// Finishes a store with all parts written: the patch table gets its last columns, the manifest is complete. A
+    /// shard ends with its own parts and leaves table and manifest to [`merge`](super::merge); the manifest returned
+    /// names the shard's parts.
     ///
     /// # Errors
     /// [`Error::Incomplete`] when parts are missing; [`Error::NoSpace`] or [`Error::Io`].
@@ -245,7 +245,7 @@ impl StoreWriter {
         Ok(self.manifest)
     }
 
-    /// Ends a run early: the manifest names the parts that are there and says that the store is not complete.
+    /// Ends a run early, with a manifest that names the parts present and is not complete.
     ///
     /// # Errors
     /// [`Error::NoSpace`] or [`Error::Io`]; the parts are there all the same.
@@ -260,7 +260,7 @@ impl StoreWriter {
         Ok(self.manifest)
     }
 
-    /// What a reader may rely on, checked; the sums over all rows.
+    /// Checks a part for readers. Returns the sums over all rows.
     fn inspect(&self, part: &Part) -> std::result::Result<RowSums, String> {
         let patch_count = self.manifest.patch_count;
         if part.index >= self.manifest.part_count {
@@ -305,8 +305,8 @@ impl StoreWriter {
         Ok(())
     }
 
-    /// Writes the patch table anew, now with what the rows came to. Its geometry comes from the file: it need not stay
-    /// in memory through the run.
+    /// Writes the patch table anew, with the rows' columns. Its geometry is read from the file: it need not stay in
+    /// memory through the run.
     fn complete_patches(&mut self) -> Result<()> {
         let path = self.directory.join(PATCHES_FILE);
         let mut known = Npz::open(&path)?;
@@ -368,7 +368,7 @@ impl RowTable {
     }
 }
 
-/// Refuses numbers that do not fit together.
+/// Refuses numbers that contradict each other.
 pub(super) fn check_header(directory: &Path, header: &Header, patches: &PatchTable) -> Result<()> {
     let refused = |reason: String| Err(Error::refused(directory, reason));
     if header.patch_count > PATCH_COUNT_MAX || header.row_count > header.patch_count || header.rows_per_part == 0 {
@@ -384,8 +384,8 @@ pub(super) fn check_header(directory: &Path, header: &Header, patches: &PatchTab
         .or_else(|reason| refused(format!("the patch table {reason}")))
 }
 
-/// Makes `directory`, or sees that it is free for a store or holds one: whether it does. Parts that were put there
-/// without a manifest may be taken over or not.
+/// Makes `directory`, or checks that it is free for a store or holds one. Returns true for one that holds a store. With
+/// `may_take_over`, parts without a manifest are allowed.
 pub(super) fn claim(directory: &Path, may_have_parts: bool) -> Result<bool> {
     let in_the_way = |reason| Error::InTheWay {
         path: directory.to_owned(),
@@ -405,8 +405,7 @@ pub(super) fn claim(directory: &Path, may_have_parts: bool) -> Result<bool> {
             let entries = std::fs::read_dir(directory).map_err(|error| Error::io(directory, "read", error))?;
             for entry in entries {
                 let entry = entry.map_err(|error| Error::io(directory, "read", error))?;
-                // A run that was killed at its very start leaves no more than this; parts say themselves what they are
-                // of.
+                // Remains of a run killed at its very start; parts carry their run themselves.
                 let name = entry.file_name();
                 let is_ours = |name: &str| name.ends_with(TEMPORARY_SUFFIX) || may_have_parts && is_part(name);
                 let ours = name.to_string_lossy().ends_with(TEMPORARY_SUFFIX)
@@ -425,7 +424,7 @@ pub(super) fn claim(directory: &Path, may_have_parts: bool) -> Result<bool> {
     }
 }
 
-/// Removes the parts of a store that is being replaced, and what a killed run left; nothing else.
+/// Removes the parts of a store being replaced, and remains of killed runs; nothing else.
 fn remove_parts(parts: &Path) -> Result<()> {
     let entries = std::fs::read_dir(parts).map_err(|error| Error::io(parts, "read", error))?;
     for entry in entries {
@@ -443,7 +442,7 @@ fn is_part(name: &str) -> bool {
     name.starts_with("part-") && name.ends_with(".npz")
 }
 
-/// Removes what killed runs left in a store of which nobody else is a writer.
+/// Removes remains of killed runs from a store without another writer.
 pub(super) fn remove_temporaries(directory: &Path) -> Result<()> {
     let ours = super::lock::file_name("");
     for place in [directory, &directory.join(PARTS_DIRECTORY)] {
@@ -453,7 +452,7 @@ pub(super) fn remove_temporaries(directory: &Path) -> Result<()> {
             let name = entry.file_name();
             if name.to_string_lossy().ends_with(TEMPORARY_SUFFIX) && name != ours.as_str() {
                 match std::fs::remove_file(entry.path()) {
-                    // Who only tries whether the directory can be written removes its own.
+                    // A trial of whether the directory can be written removes its own file.
                     Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                     removed => removed.map_err(|error| Error::io(&entry.path(), "removed", error))?,
                 }

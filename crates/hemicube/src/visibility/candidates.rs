@@ -13,8 +13,9 @@
 //! matter.
 
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
-use crate::factor::far::{Own, dot, minus, shape};
-use crate::simd::{InstructionSet, dispatch};
+use crate::factor::far::{Own, shape};
+use crate::geometry;
+use crate::simd::{InstructionSet, dispatch, dot, lanes, mask, minus, most};
 use glam::DVec3;
 
 /// The emitter as bounds need it.
@@ -55,16 +56,15 @@ impl Candidates {
     /// Finds the patches whose form factor from `emitter` may be `least` or more.
     pub(crate) fn find(&mut self, tree: &Tree, patch: u32, corners: &[DVec3; 3], least: Least) {
         self.patches.clear();
-        let [a, b, c] = *corners;
-        let cross = (b - a).cross(c - a);
+        let cross = geometry::cross(corners);
         let Some(normal) = cross.try_normalize() else { return };
-        let center = (a + b + c) / 3.0;
+        let (center, squared_radius) = geometry::sphere(corners);
         let emitter = Emitter {
             corners: corners.map(|p| p.to_array()),
             center: center.to_array(),
             normal: normal.to_array(),
-            offset: normal.dot(a),
-            radius: corners.iter().map(|p| p.distance(center)).fold(0.0, f64::max),
+            offset: normal.dot(corners[0]),
+            radius: squared_radius.sqrt(),
             area: 0.5 * cross.length(),
             tolerance: tree.plane_tolerance,
         };
@@ -96,10 +96,8 @@ impl Candidates {
             }
             let block = &tree.blocks[node.block as usize];
             let (front, back) = dispatch_bounds(InstructionSet::widest(), block, &emitter, least);
-            for (mut mask, ids) in [(front, &block.negative), (back, &block.positive)] {
-                while mask != 0 {
-                    let l = mask.trailing_zeros() as usize;
-                    mask &= mask - 1;
+            for (mask, ids) in [(front, &block.negative), (back, &block.positive)] {
+                for l in lanes(mask) {
                     let id = ids[l];
                     #[allow(clippy::cast_possible_truncation, reason = "slots are u32")]
                     let slot = (node.block as usize * LANES + l) as u32;
@@ -126,7 +124,6 @@ fn bounds(block: &Block, emitter: &Emitter, least: Least) -> (u16, u16) {
             block.corners[3 * k + 2][l],
         ]
     };
-    let most = |p: f64, q: f64| if p > q { p } else { q };
     for l in 0..LANES {
         let (a, b, c) = (at(l, 0), at(l, 1), at(l, 2));
         let Own {
@@ -166,12 +163,7 @@ fn bounds(block: &Block, emitter: &Emitter, least: Least) -> (u16, u16) {
         front[l] = u64::from(reaches & side(most(p, most(q, r))));
         back[l] = u64::from(reaches & side(most(-p, most(-q, -r))));
     }
-    let mut masks = (0u16, 0u16);
-    for l in 0..LANES {
-        masks.0 |= u16::from(front[l] != 0) << l;
-        masks.1 |= u16::from(back[l] != 0) << l;
-    }
-    masks
+    (mask(&front), mask(&back))
 }
 
 dispatch! {
@@ -191,12 +183,7 @@ mod tests {
         let patches = Patches::new(&city.generate().expect("a city"), Subdivision::None).expect("patches");
         let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
         let tree = Tree::of(model.geometry());
-        let round = |patch: u32| {
-            let corners = model.normalised_corners(patch);
-            let center = (corners[0] + corners[1] + corners[2]) / 3.0;
-            let radius = corners.map(|p| p.distance_squared(center));
-            (center, radius.into_iter().fold(0.0, f64::max))
-        };
+        let round = |patch: u32| geometry::sphere(&model.normalised_corners(patch));
         let (mut touching, mut others) = (0, 0);
         for InputPatch(patch) in model.order().step_by(17) {
             let found = |near, far| {

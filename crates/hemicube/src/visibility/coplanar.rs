@@ -1,41 +1,42 @@
-//! CoplanarRegions: surfaces of one plane that make up a convex polygon together, as one thing that occludes.
+//! Coplanar regions: surfaces of one plane that make up a convex polygon together, as one occluder.
 //!
-//! A patch is cut fine for what it radiates; what it hides is the same however it is cut. Between two patches of a
-//! finely cut city lie dozens of pieces of the same few façades: a shaft that lists façades has fewer triangles to test
-//! and to send rays at, and a façade proves a pair hidden where none of its pieces does.
+//! Patches are cut fine for radiation; for occlusion the cuts do not matter. Between two patches of a finely cut city lie
+//! dozens of pieces of the same few façades. A shaft of façades lists fewer triangles to test and to cast rays at, and a
+//! façade proves a pair occluded where none of its pieces does.
 
 use crate::Model;
 use crate::backend::{Geometry, Surface};
 use crate::bvh::Tree;
+use crate::geometry::cross;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// How far corners may be off the plane of a wall, as a part of the tolerance by which patches count as in one plane.
+/// Distance of corners from the region's plane, at most, in parts of the tolerance by which patches are in one plane.
 const FLAT: f64 = 0.25;
-/// CoplanarRegions of more corners than this are left in pieces.
+/// Bound of a region's corners: regions of more are left in pieces.
 const MOST_CORNERS: usize = 8;
-/// How much of its area a wall may be off the sum of its pieces.
+/// Difference of a region's area from the sum of its pieces', at most, in parts of it.
 const SAME_AREA: f64 = 1e-9;
 
-/// The walls of a scene.
+/// The coplanar regions of a scene.
 #[derive(Debug)]
 pub(crate) struct CoplanarRegions {
-    /// Of the triangles that walls fall into; the ids in its blocks are walls, not patches.
+    /// Over the triangles that regions fall into. The ids in its blocks are those of regions, not of patches.
     pub(crate) tree: Tree,
-    /// Index of the wall that a patch is a piece of.
+    /// The region of each patch.
     pub(crate) of_patch: Vec<u32>,
-    /// Each wall's corners, counter-clockwise, from `corner_start[wall]` on.
+    /// Each region's corners, counter-clockwise, from `corner_start[region]` on.
     corners: Vec<DVec3>,
     corner_start: Vec<u32>,
-    /// Each wall's pieces, as indices into the scene's surfaces, from `piece_start[wall]` on.
+    /// Each region's pieces, as indices into the scene's surfaces, from `piece_start[region]` on.
     pieces: Vec<u32>,
     piece_start: Vec<u32>,
 }
 
 impl CoplanarRegions {
-    /// The walls of a model, made when first asked for and shared from then on.
+    /// The regions of a model, made at the first call and shared from then on.
     pub(crate) fn of(model: &Model) -> Arc<Self> {
         let patches = model.patches();
         model
@@ -43,45 +44,45 @@ impl CoplanarRegions {
             .kept(|geometry| Self::new(geometry, |surface| patches.triangle(surface.front)))
     }
 
-    /// The walls of a scene; `triangle` says which of the file's triangles a surface was cut from.
+    /// Finds the regions of a scene. `triangle` gives the file's triangle that a surface was cut from.
     pub(crate) fn new(geometry: &Geometry, triangle: impl Fn(&Surface) -> usize) -> Self {
         let surfaces = &geometry.surfaces;
-        // By patch, not as the octree has them, so that walls are the same whatever the octree.
+        // By patch, not by the octree's order: regions do not depend on the octree.
         let mut order: Vec<usize> = (0..surfaces.len()).collect();
         order.sort_unstable_by_key(|&s| surfaces[s].front);
         let mesh = Mesh::of(surfaces, &order);
-        let mut walls = Self::none(geometry);
+        let mut found = Self::none(geometry);
         let flat = FLAT * geometry.plane_tolerance;
-        let mut regions = Regions {
+        let mut growth = Growth {
             mesh: &mesh,
             surfaces,
             taken: vec![false; surfaces.len()],
         };
         let mut region = Vec::new();
         for seed in order {
-            regions.grow(seed, flat, &mut region);
+            growth.grow(seed, flat, &mut region);
             if region.is_empty() {
                 continue;
             }
             if let Some(polygon) = mesh.polygon(surfaces, &region, flat) {
-                walls.push(surfaces, &region, &polygon);
+                found.push(surfaces, &region, &polygon);
                 continue;
             }
-            // What the file has as one triangle is convex.
+            // The pieces of one triangle of the file are convex together.
             region.sort_by_key(|&s| triangle(&surfaces[s as usize]));
             for pieces in region.chunk_by(|&a, &b| triangle(&surfaces[a as usize]) == triangle(&surfaces[b as usize])) {
                 match mesh.polygon(surfaces, pieces, flat) {
-                    Some(polygon) => walls.push(surfaces, pieces, &polygon),
+                    Some(polygon) => found.push(surfaces, pieces, &polygon),
                     None => {
                         for &piece in pieces {
-                            walls.push(surfaces, &[piece], &surfaces[piece as usize].corners);
+                            found.push(surfaces, &[piece], &surfaces[piece as usize].corners);
                         }
                     }
                 }
             }
         }
-        walls.plant(surfaces);
-        walls
+        found.plant(surfaces);
+        found
     }
 
     fn none(geometry: &Geometry) -> Self {
@@ -95,34 +96,34 @@ impl CoplanarRegions {
         }
     }
 
-    /// Puts a tree over the triangles that the walls fall into.
+    /// Builds the tree over the triangles that the regions fall into.
     fn plant(&mut self, surfaces: &[Surface]) {
         let mut triangles = Vec::new();
-        for wall in 0..self.len() {
-            let fan = match *self.pieces(wall) {
-                // Left as it is, so that its corners keep their order.
+        for region in 0..self.len() {
+            let fan = match *self.pieces(region) {
+                // Corners keep their order.
                 [piece] => vec![surfaces[piece as usize].corners],
                 _ => {
-                    let corners = self.corners(wall);
+                    let corners = self.corners(region);
                     let sides = corners[1..].windows(2);
                     sides.map(|side| [corners[0], side[0], side[1]]).collect()
                 }
             };
             triangles.extend(fan.into_iter().map(|corners| Surface {
                 corners,
-                front: InputPatch(wall),
-                back: Some(InputPatch(wall)),
+                front: InputPatch(region),
+                back: Some(InputPatch(region)),
             }));
         }
         self.tree = Tree::of_surfaces(&triangles, self.len(), self.tree.plane_tolerance);
     }
 
     fn push(&mut self, surfaces: &[Surface], pieces: &[u32], polygon: &[DVec3]) {
-        let wall = self.len();
+        let region = self.len();
         for &piece in pieces {
             let surface = &surfaces[piece as usize];
             for patch in std::iter::once(surface.front).chain(surface.back) {
-                self.of_patch[patch.0 as usize] = wall;
+                self.of_patch[patch.0 as usize] = region;
             }
         }
         self.pieces.extend_from_slice(pieces);
@@ -132,45 +133,45 @@ impl CoplanarRegions {
         self.corner_start.push(end(self.corners.len()));
     }
 
-    /// The number that there are.
+    /// Number of regions.
     pub(crate) fn len(&self) -> u32 {
         u32::try_from(self.piece_start.len() - 1).unwrap_or(u32::MAX)
     }
 
-    /// The corners of a wall.
-    pub(crate) fn corners(&self, wall: u32) -> &[DVec3] {
-        let wall = wall as usize;
-        &self.corners[self.corner_start[wall] as usize..self.corner_start[wall + 1] as usize]
+    /// The corners of a region.
+    pub(crate) fn corners(&self, region: u32) -> &[DVec3] {
+        let region = region as usize;
+        &self.corners[self.corner_start[region] as usize..self.corner_start[region + 1] as usize]
     }
 
-    /// The surfaces that a wall is made of.
-    pub(crate) fn pieces(&self, wall: u32) -> &[u32] {
-        let wall = wall as usize;
-        &self.pieces[self.piece_start[wall] as usize..self.piece_start[wall + 1] as usize]
+    /// The surfaces of a region.
+    pub(crate) fn pieces(&self, region: u32) -> &[u32] {
+        let region = region as usize;
+        &self.pieces[self.piece_start[region] as usize..self.piece_start[region + 1] as usize]
     }
 }
 
-/// Two surfaces run along an edge the same way: they overlap, or one of them is the other's back.
+/// In place of a surface: two run along an edge the same way. They overlap, or one is the other's back.
 const TWICE: u32 = u32::MAX;
 
-/// The corners that surfaces share.
+/// Surfaces by the corners they share.
 struct Mesh {
-    /// By surface.
+    /// Indices into `places`, by surface.
     corners: Vec<[u32; 3]>,
     places: Vec<DVec3>,
-    /// Which surface runs along an edge from one corner to the other.
+    /// The surface along each edge, from one corner to the other.
     along: HashMap<(u32, u32), u32>,
 }
 
 impl Mesh {
-    /// Numbers corners as surfaces in `order` have them.
+    /// Numbers corners in the order of `order`.
     fn of(surfaces: &[Surface], order: &[usize]) -> Self {
         let mut known: HashMap<[u64; 3], u32> = HashMap::with_capacity(surfaces.len());
         let mut places = Vec::new();
         let mut corners = vec![[0; 3]; surfaces.len()];
         for &index in order {
             corners[index] = surfaces[index].corners.map(|place| {
-                // Both zeros are one place.
+                // 0 and −0 are one place.
                 let bits = (place + DVec3::ZERO).to_array().map(f64::to_bits);
                 *known.entry(bits).or_insert_with(|| {
                     places.push(place);
@@ -187,7 +188,7 @@ impl Mesh {
         Self { corners, places, along }
     }
 
-    /// The surface on the other side of an edge, if there is just one.
+    /// The surface on the other side of an edge, if just one is on either side.
     fn across(&self, (from, to): (u32, u32)) -> Option<u32> {
         let is_single = self.along.get(&(from, to)) != Some(&TWICE);
         self.along
@@ -196,8 +197,7 @@ impl Mesh {
             .filter(|&of| is_single && of != TWICE)
     }
 
-    /// The convex polygon that surfaces of one plane make up, without corners on its sides; `None` where they make up
-    /// something else.
+    /// The convex polygon that surfaces of one plane make up, without corners on its sides; `None` if they make up none.
     fn polygon(&self, surfaces: &[Surface], region: &[u32], flat: f64) -> Option<Vec<DVec3>> {
         if region.len() < 2 {
             return None;
@@ -241,7 +241,7 @@ impl Mesh {
             let (p, after) = (outline[k], outline[(k + 1) % count]);
             let turn = normal.dot((p - before).cross(after - p));
             let lengths = (p - before).length() + (after - p).length();
-            // How far the corner is off the side that would be without it.
+            // turn / lengths is about the corner's distance from the side without it.
             if turn > flat * lengths {
                 corners.push(p);
             } else if turn < -flat * lengths {
@@ -258,15 +258,15 @@ impl Mesh {
     }
 }
 
-/// Surfaces that no wall has yet.
-struct Regions<'a> {
+/// Grows regions of the surfaces not yet taken.
+struct Growth<'a> {
     mesh: &'a Mesh,
     surfaces: &'a [Surface],
     taken: Vec<bool>,
 }
 
-impl Regions<'_> {
-    /// Takes what hangs together with a surface in its plane; nothing where that is taken.
+impl Growth<'_> {
+    /// Takes the surfaces connected to `seed` in its plane; none if `seed` is taken.
     fn grow(&mut self, seed: usize, flat: f64, region: &mut Vec<u32>) {
         region.clear();
         if std::mem::replace(&mut self.taken[seed], true) {
@@ -302,14 +302,11 @@ fn edges([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
     [(a, b), (b, c), (c, a)]
 }
 
-fn cross([a, b, c]: &[DVec3; 3]) -> DVec3 {
-    (*b - *a).cross(*c - *a)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::HierarchyOptions;
+    use crate::geometry::area;
     use hemicube_scene::generate::{BlockCityParameters, cornell_box};
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
@@ -353,7 +350,6 @@ mod tests {
         let walls = CoplanarRegions::of(model);
         let surfaces = &model.geometry().surfaces;
         let mut seen = vec![0; surfaces.len()];
-        let area = |t: &[DVec3; 3]| 0.5 * cross(t).length();
         let counts = (0..walls.len()).map(|wall| {
             let corners = walls.corners(wall);
             let normal = cross(&[corners[0], corners[1], corners[2]]).normalize();

@@ -1,110 +1,45 @@
-//! The visible fraction of a pair without rays: from points of one triangle, the other is cut by what hides it, and
-//! what is left has a closed form.
+//! The visible fraction of a pair without rays: from points of one triangle, cut the other by its occluders and evaluate
+//! the rest in closed form.
 //!
-//! From a point x, the part of a polygon that a triangle hides is what lies in the cone of x over it. Taking the cones
-//! of all occluders away leaves convex pieces, whose factors from x are Lambert's contour sums: exact at x, however
-//! thin the pieces. Over the points the visible factor is continuous, with kinks where an edge comes into view, so that
-//! few points do, and more of them only where neighbouring ones disagree: cells of the outer triangle are cut into four
-//! until that changes little. Rays would have to resolve a step in four dimensions instead.
+//! From a point x, an occluder hides the part of a polygon inside the cone of x over it. Taking the cones of all
+//! occluders away leaves convex pieces, whose factors from x are Lambert's contour sums: exact at x, however thin the
+//! pieces. Over the points the visible factor is continuous, with kinks where an edge comes into view. So few points
+//! do, and more only where neighbouring ones disagree: cells of the outer triangle are divided into four until that
+//! changes little. Rays would have to resolve a step in four dimensions instead.
 //!
-//! On which side of the plane through x and an edge a, b a point p lies is the sign of det (a − x, b − x, p − x), which
-//! is affine in x: what holds at the three corners of a cell holds all over it. So whole cells are proved to see all,
-//! or nothing, and occluders that cannot matter are left out of their parts.
+//! A point p lies on that side of the plane through x and an edge a, b that the sign of det (a − x, b − x, p − x) tells.
+//! The determinant is affine in x: its sign at the three corners of a cell holds all over the cell. So whole cells are
+//! proved to see all, or nothing, and occluders that cannot matter are left out of their parts.
 
-use crate::factor::contour::{self, Care, in_front};
-use crate::factor::{SIX, point_to_polygon, quarters};
+use crate::factor::contour::{self, Care};
+use crate::factor::{SIX, point_to_polygon};
+use crate::geometry::{self, in_front, quarters};
 use crate::visibility::coplanar::CoplanarRegions;
-use crate::visibility::shaft::{Shaft, Sighting};
+use crate::visibility::shaft::{Shaft, TrianglePair};
 use glam::DVec3;
 
-/// Pieces that a polygon is cut into from one point, at most: beyond, rays are cheaper.
+/// Bound of the pieces that a polygon is cut into from one point: beyond, rays are cheaper.
 const MOST_PIECES: usize = 200;
 
-/// How much of a cell that nothing is proved of may see other than its points do, by how often it was divided: few
-/// points miss much more than many do.
+/// Part of a cell that may see other than its points do, if nothing is proved of it, by the number of its divisions: few
+/// points miss much more than many. A choice, checked by `cells_end_where_an_obstruction_sticks_through`.
 const UNPROVED: [f64; 4] = [0.1, 0.015, 0.006, 0.002];
 
-/// Pieces that the outer triangle is cut into where occluders stand on it, at most.
+/// Bound of the pieces that the outer triangle is cut into along occluders that stand on it.
 const MOST_CUT: usize = 64;
 
-/// Volumes, in cubes of the pair's extent, below which a point counts as on a plane.
+/// Volume in cubes of the pair's extent below which a point counts as on a plane.
 const ROUNDING: f64 = 1e-12;
 
-/// A convex polygon.
-#[derive(Clone, Copy, Debug)]
-struct Polygon {
-    corners: [DVec3; Self::MOST],
-    count: usize,
-}
+/// Bound of the corners of a polygon: [`MANY`], and one more for each of the five planes of a cone over a pentagon that
+/// cut it.
+const MOST_CORNERS: usize = 13;
+/// Pieces with more corners are cut in two.
+const MANY: usize = 8;
 
-impl Polygon {
-    /// What has [`Self::MANY`] corners, cut by the five planes of the cone over a pentagon.
-    const MOST: usize = 13;
-    /// Pieces with more corners are cut in two.
-    const MANY: usize = 8;
+type Polygon = geometry::Polygon<MOST_CORNERS>;
 
-    const EMPTY: Self = Self {
-        corners: [DVec3::ZERO; Self::MOST],
-        count: 0,
-    };
-
-    fn of(corners: &[DVec3]) -> Self {
-        let mut polygon = Self::EMPTY;
-        for &corner in corners {
-            polygon.push(corner);
-        }
-        polygon
-    }
-
-    fn push(&mut self, corner: DVec3) {
-        if self.count < Self::MOST {
-            self.corners[self.count] = corner;
-            self.count += 1;
-        }
-    }
-
-    fn corners(&self) -> &[DVec3] {
-        &self.corners[..self.count]
-    }
-
-    /// The parts in front of a plane and behind it.
-    fn split(&self, normal: DVec3, offset: f64, slack: f64) -> (Self, Self) {
-        let (mut within, mut without) = (Self::EMPTY, Self::EMPTY);
-        self.split_into(normal, offset, slack, &mut within, &mut without);
-        (within, without)
-    }
-
-    /// As [`Self::split`], over what the two were: corners nearer to the plane than `slack` lie on it, so that no edge
-    /// is cut next to its end, as an edge of no length has no side.
-    fn split_into(&self, normal: DVec3, offset: f64, slack: f64, within: &mut Self, without: &mut Self) {
-        (within.count, without.count) = (0, 0);
-        let height = |p: DVec3| {
-            let h = normal.dot(p) - offset;
-            if h.abs() <= slack { 0.0 } else { h }
-        };
-        let Some(&last) = self.corners().last() else {
-            return;
-        };
-        let (mut p, mut hp) = (last, height(last));
-        for &q in self.corners() {
-            let hq = height(q);
-            if (hp > 0.0 && hq < 0.0) || (hp < 0.0 && hq > 0.0) {
-                let cut = p + (q - p) * (hp / (hp - hq));
-                within.push(cut);
-                without.push(cut);
-            }
-            if hq >= 0.0 {
-                within.push(q);
-            }
-            if hq <= 0.0 {
-                without.push(q);
-            }
-            (p, hp) = (q, hq);
-        }
-    }
-}
-
-/// Polygons one after the other; those that are taken out leave their room to the next.
+/// A list of polygons that reuses its room.
 #[derive(Debug, Default)]
 struct Pieces {
     polygons: Vec<Polygon>,
@@ -120,21 +55,21 @@ impl Pieces {
         &self.polygons[..self.count]
     }
 
-    /// Adds the polygon with these corners: only they are copied.
+    /// Appends the polygon with these corners, copying nothing else.
     fn push(&mut self, corners: impl Iterator<Item = DVec3>) {
         if self.count == self.polygons.len() {
             self.polygons.push(Polygon::EMPTY);
         }
         let polygon = &mut self.polygons[self.count];
-        polygon.count = 0;
+        polygon.clear();
         corners.for_each(|corner| polygon.push(corner));
         self.count += 1;
     }
 
-    /// Adds a polygon, in two where it has too many corners.
+    /// Appends a polygon, in two if it has more than [`MANY`] corners.
     fn keep(&mut self, polygon: &Polygon) {
         let corners = polygon.corners();
-        if corners.len() <= Polygon::MANY {
+        if corners.len() <= MANY {
             self.push(corners.iter().copied());
             return;
         }
@@ -144,18 +79,18 @@ impl Pieces {
     }
 }
 
-/// What may come in between: a convex polygon between the two planes.
+/// An occluder: a convex polygon between the two planes.
 #[derive(Clone, Copy, Debug)]
 struct Occluder {
     outline: Polygon,
     normal: DVec3,
 }
 
-/// Measures visible fractions. Reused from pair to pair.
+/// Measures visible fractions, one pair after the other.
 #[derive(Debug, Default)]
 pub(crate) struct ExactVisibility {
     occluders: Vec<Occluder>,
-    /// Which occluders matter to cells; each cell has a run of it.
+    /// Indices of the occluders that matter to cells; each cell has a run of them.
     relevant: Vec<u32>,
     pieces: Pieces,
     next: Pieces,
@@ -164,76 +99,84 @@ pub(crate) struct ExactVisibility {
     slack: f64,
 }
 
-/// What a measurement found.
+/// A measured fraction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Clipped {
+pub(crate) struct ExactFraction {
     /// The visible fraction.
     pub(crate) fraction: f64,
-    /// Error bound.
-    pub(crate) change: f64,
-    /// Points it is from.
+    /// Error bound of `fraction`.
+    pub(crate) error: f64,
+    /// Number of points.
     pub(crate) points: usize,
 }
 
-/// What a point costs in steps (`shaft.rs`), for each occluder of the pair.
+/// Precision of a measurement.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Precision {
+    /// Error of the fraction at which the measurement ends.
+    pub(crate) enough: f64,
+    /// Number of points at which it ends, about.
+    pub(crate) most_points: usize,
+    /// True to cut cells along the lines on which occluders stand on them.
+    ///
+    /// From one side of such a line to the other the visible factor jumps. Where cells lie along the line, their points'
+    /// errors add up with one sign, and error estimates are too small.
+    pub(crate) along_contacts: bool,
+}
+
+/// Steps (`shaft.rs`) of a point, for each occluder of the pair. Measured.
 const STEPS_A_POINT: u64 = 30;
-/// Occluders of a pair beyond which it is not measured from points.
+/// Bound of the occluders of a pair that is measured from points.
 const MOST_OCCLUDERS: usize = 128;
 
-/// A part of the outer triangle: (∫ f visible, ∫ f open).
+/// A part of the outer triangle, with the integrals of the factor from its points.
 #[derive(Clone, Debug)]
 struct Cell {
     corners: [DVec3; 3],
     relevant: std::ops::Range<usize>,
+    /// ∫ of the visible factor.
     visible: f64,
-    open: f64,
-    /// Difference of the six points' value from `open`.
+    /// ∫ of the unoccluded factor.
+    unoccluded: f64,
+    /// Difference of the six points' value from `unoccluded`.
     strayed: f64,
     /// Error bound of `visible`.
     estimate: f64,
-    /// Number of times that the triangle was divided for it.
+    /// Number of divisions of the triangle down to it.
     depth: usize,
 }
 
-/// What a pair's cells have in common.
+/// The target of a pair's cells.
 struct View<'a> {
     target: &'a [DVec3],
-    /// The whole of what the target is a part of.
+    /// The triangle of which the target is a part.
     inner: &'a [DVec3; 3],
-    /// Near each other: the factor varies too much over a cell for six points to be trusted with it.
-    near: bool,
+    /// True if the two are so near that six points do not integrate the factor over a cell.
+    is_near: bool,
     normal: DVec3,
 }
 
 impl ExactVisibility {
-    /// The visible fraction of a pair, refined until its cells' error estimates add up to `enough` or there are
-    /// `most_points`, about. `None` where a polygon falls in too many pieces, or nothing is left of one triangle in
-    /// front of the other.
-    ///
-    /// With `along_contacts`, no cell has an occluder stand on its inside. From one side of such a line to the other
-    /// the visible factor jumps, and where cells lie along the line, what their points miss adds up with one sign:
-    /// error estimates say too little.
+    /// Measures the visible fraction of a pair until its cells' error estimates add up to `precision.enough`. `None` if
+    /// the pair has too many occluders, a polygon falls in too many pieces, or nothing of one triangle is in front of
+    /// the other.
     pub(crate) fn measure(
         &mut self,
         shaft: &Shaft,
-        walls: &CoplanarRegions,
-        sighting: &Sighting,
-        enough: f64,
-        most_points: usize,
-        along_contacts: bool,
-    ) -> Option<Clipped> {
+        regions: &CoplanarRegions,
+        pair: &TrianglePair,
+        precision: Precision,
+    ) -> Option<ExactFraction> {
         self.points = 0;
         self.occluders.clear();
-        if sighting.crowded {
+        if pair.is_crowded {
             return None;
         }
-        let (emitter, receiver) = (&sighting.emitter, &sighting.receiver);
-        let tolerance = walls.tree.plane_tolerance;
-        let unit = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).try_normalize();
+        let (emitter, receiver) = (&pair.emitter, &pair.receiver);
+        let tolerance = regions.tree.plane_tolerance;
+        let unit = |t: &[DVec3; 3]| geometry::cross(t).try_normalize();
         let (emitter_normal, receiver_normal) = (unit(emitter)?, unit(receiver)?);
-        self.occluders.clear();
         self.relevant.clear();
-        self.points = 0;
         let size = emitter
             .iter()
             .chain(receiver)
@@ -241,7 +184,7 @@ impl ExactVisibility {
             .fold(0.0, f64::max)
             .sqrt();
         self.slack = ROUNDING * size.powi(3);
-        for triangle in shaft.triangles(walls, sighting) {
+        for triangle in shaft.triangles(regions, pair) {
             let Some(above) = in_front(&triangle, emitter[0], emitter_normal, tolerance) else {
                 continue;
             };
@@ -252,10 +195,10 @@ impl ExactVisibility {
         if self.occluders.len() > MOST_OCCLUDERS {
             return None;
         }
-        let (outer, inner, outer_normal, inner_normal) = if sighting.receiver_is_smaller {
+        let (outer, inner, outer_normal, inner_normal) = if pair.receiver_is_smaller {
             (receiver, emitter, receiver_normal, emitter_normal)
         } else {
-            for triangle in &sighting.over {
+            for triangle in &pair.coplanar {
                 self.push_occluder(Polygon::of(triangle), triangle);
             }
             (emitter, receiver, emitter_normal, receiver_normal)
@@ -265,23 +208,28 @@ impl ExactVisibility {
         let view = View {
             target: target.corners(),
             inner,
-            near: sighting.near,
+            is_near: pair.is_near,
             normal: outer_normal,
         };
         #[allow(clippy::cast_possible_truncation, reason = "fewer occluders than surfaces")]
         self.relevant.extend(0..self.occluders.len() as u32);
         let all = 0..self.relevant.len();
-        // Where the receiver is the outer one, what lies under something else in its plane is seen from nowhere.
+        // If the receiver is the outer one, its part under a coplanar patch is seen from nowhere.
         let (mut seen, mut covered) = (Pieces::default(), Pieces::default());
         seen.push(from.corners().iter().copied());
-        if sighting.receiver_is_smaller {
-            for triangle in &sighting.over {
+        if pair.receiver_is_smaller {
+            for triangle in &pair.coplanar {
                 seen = without(&seen, triangle, receiver_normal, &mut covered);
             }
         }
-        if along_contacts {
+        if precision.along_contacts {
+            let plane = PlaneAt {
+                origin: outer[0],
+                normal: outer_normal,
+                tolerance,
+            };
             for occluder in &self.occluders {
-                seen = cut_along(&seen, &occluder.outline, (outer[0], outer_normal), tolerance);
+                seen = cut_along(&seen, &occluder.outline, &plane);
             }
         }
         let mut cells = Vec::new();
@@ -296,65 +244,71 @@ impl ExactVisibility {
                 }
             }
         }
+        self.refine(cells, &view, precision)
+    }
+
+    /// Divides cells until their error estimates are small enough.
+    fn refine(&mut self, mut cells: Vec<Cell>, view: &View<'_>, precision: Precision) -> Option<ExactFraction> {
+        let enough = precision.enough;
         loop {
             // Error estimates of different cells are independent: squares add up.
-            let (mut visible, mut open, mut squared) = (0.0, 0.0, 0.0);
+            let (mut visible, mut unoccluded, mut squared) = (0.0, 0.0, 0.0);
             for cell in &cells {
                 visible += cell.visible;
-                open += cell.open;
+                unoccluded += cell.unoccluded;
                 squared += cell.estimate * cell.estimate;
             }
             let estimate = squared.sqrt();
-            if open <= 0.0 {
+            if unoccluded <= 0.0 {
                 return None;
             }
-            if estimate <= enough * open || self.points > most_points {
-                return Some(Clipped {
-                    fraction: visible / open,
-                    change: estimate / open,
+            if estimate <= enough * unoccluded || self.points > precision.most_points {
+                return Some(ExactFraction {
+                    fraction: visible / unoccluded,
+                    error: estimate / unoccluded,
                     points: self.points,
                 });
             }
-            // All cells with more than their part in it at once.
-            let least = 0.7 * enough * open / (cells.len() as f64).sqrt();
+            // Divide all cells with more than their part in the error at once.
+            let least = 0.7 * enough * unoccluded / (cells.len() as f64).sqrt();
             let mut next = Vec::with_capacity(4 * cells.len());
             for cell in cells {
                 if cell.estimate <= least {
                     next.push(cell);
                 } else {
-                    self.divide(&cell, &view, &mut next)?;
+                    self.divide(&cell, view, &mut next)?;
                 }
             }
             cells = next;
         }
     }
 
-    /// What the last measurement took, in steps.
+    /// Work of the last measurement, in steps.
     pub(crate) fn steps(&self) -> u64 {
         self.points as u64 * STEPS_A_POINT * (1 + self.occluders.len() as u64)
     }
 
-    /// A cell from its six points.
+    /// Evaluates a cell from its six points. `parent` are the occluders that matter to the cell it is part of.
     fn cell(&mut self, corners: [DVec3; 3], parent: std::ops::Range<usize>, view: &View<'_>) -> Option<Cell> {
         let start = self.relevant.len();
         let mut hidden = false;
         for k in parent {
             let index = self.relevant[k];
-            match self.occluders[index as usize].over(&corners, view.target, self.slack) {
-                Over::Nothing => {}
-                Over::All => {
+            match self.occluders[index as usize].effect(&corners, view.target, self.slack) {
+                Effect::Nothing => {}
+                Effect::All => {
                     hidden = true;
                     break;
                 }
-                Over::Part => self.relevant.push(index),
+                Effect::Part => self.relevant.push(index),
             }
         }
         if hidden {
             self.relevant.truncate(start);
         }
         let relevant = start..self.relevant.len();
-        let area = crate::geometry::area(&corners);
-        let (mut visible, mut open) = (0.0, 0.0);
+        let area = geometry::area(&corners);
+        let (mut visible, mut unoccluded) = (0.0, 0.0);
         for (large, small, weight) in SIX {
             for k in 0..3 {
                 let mut at = [small; 3];
@@ -365,7 +319,7 @@ impl ExactVisibility {
                 if whole <= 0.0 {
                     continue;
                 }
-                open += weight * whole;
+                unoccluded += weight * whole;
                 if hidden {
                     continue;
                 }
@@ -373,13 +327,13 @@ impl ExactVisibility {
             }
         }
         let proved = hidden || relevant.is_empty();
-        let fraction = if open > 0.0 {
-            visible / open
+        let fraction = if unoccluded > 0.0 {
+            visible / unoccluded
         } else {
             f64::from(u8::from(!hidden))
         };
-        let points = open * area;
-        let whole = if view.near {
+        let points = unoccluded * area;
+        let whole = if view.is_near {
             contour::exchange(&corners, view.inner, Care::of_area(1e-5))
         } else {
             points
@@ -388,7 +342,7 @@ impl ExactVisibility {
             corners,
             relevant,
             visible: whole * fraction,
-            open: whole,
+            unoccluded: whole,
             strayed: (points - whole).abs(),
             // Six points do not tell how much they miss.
             estimate: if proved {
@@ -400,7 +354,7 @@ impl ExactVisibility {
         })
     }
 
-    /// The four parts of a cell; how far they are from it, together, is their error estimate.
+    /// Divides a cell into four; the difference of the parts' sum from the cell is their error estimate.
     fn divide(&mut self, cell: &Cell, view: &View<'_>, out: &mut Vec<Cell>) -> Option<()> {
         let first = out.len();
         for part in quarters(&cell.corners) {
@@ -409,39 +363,39 @@ impl ExactVisibility {
         }
         let parts = &mut out[first..];
         let visible: f64 = parts.iter().map(|part| part.visible).sum();
-        let open: f64 = parts.iter().map(|part| part.open).sum();
-        if open <= 0.0 || cell.open <= 0.0 {
+        let unoccluded: f64 = parts.iter().map(|part| part.unoccluded).sum();
+        if unoccluded <= 0.0 || cell.unoccluded <= 0.0 {
             return Some(());
         }
-        // Of the fraction, in terms of what is open: the factor itself is the closed form's business.
-        let change = (visible / open - cell.visible / cell.open).abs() * open;
+        // Error of the fraction, times the unoccluded factor: that factor itself is the closed form's business.
+        let change = (visible / unoccluded - cell.visible / cell.unoccluded).abs() * unoccluded;
         let missed = UNPROVED[(cell.depth + 1).min(UNPROVED.len() - 1)];
         parts.iter_mut().for_each(|part| part.depth = cell.depth + 1);
         let unproved = parts.iter().filter(|part| part.estimate > 0.0).count().max(1);
         for part in parts.iter_mut().filter(|part| part.estimate > 0.0) {
-            // The smooth error falls with the square of a cell's size, that of a kink nearly so; and what no point has
-            // met is worth a little as long as nothing is proved.
-            part.estimate = (0.3 * change / unproved as f64).max(missed * part.open) + 0.5 * part.strayed;
+            // The smooth error falls with the square of a cell's size, that of a kink nearly so. As long as nothing is
+            // proved, occluders that no point has met count for a little.
+            part.estimate = (0.3 * change / unproved as f64).max(missed * part.unoccluded) + 0.5 * part.strayed;
         }
         Some(())
     }
 
-    fn push_occluder(&mut self, outline: Polygon, [a, b, c]: &[DVec3; 3]) {
+    fn push_occluder(&mut self, outline: Polygon, triangle: &[DVec3; 3]) {
         // The triangle's own normal: three corners of its outline may lie on one line but for rounding.
-        let normal = (*b - *a).cross(*c - *a);
-        if outline.count >= 3 && normal != DVec3::ZERO {
+        let normal = geometry::cross(triangle);
+        if outline.len() >= 3 && normal != DVec3::ZERO {
             self.occluders.push(Occluder { outline, normal });
         }
     }
 
-    /// The factor from an element at `x` to what it sees of the target, of which it would see `whole` with nothing in
-    /// between.
+    /// The factor from an element at `x` to the visible part of the target; `whole` is the unoccluded one. `None` if
+    /// there are too many pieces.
     fn visible(&mut self, x: DVec3, view: &View<'_>, relevant: std::ops::Range<usize>, whole: f64) -> Option<f64> {
         self.pieces.clear();
         self.pieces.push(view.target.iter().map(|&p| p - x));
         let mut cut = false;
         let slack = self.slack;
-        // What is being cut, and what is cut off it.
+        // The rest of the piece being cut, and its parts inside and outside of a plane.
         let (mut inside, mut within, mut without) = (Polygon::EMPTY, Polygon::EMPTY, Polygon::EMPTY);
         for &index in &self.relevant[relevant] {
             let occluder = &self.occluders[index as usize];
@@ -451,7 +405,7 @@ impl ExactVisibility {
                 continue;
             }
             // Planes of the cone over the occluder, positive inside.
-            let mut cone = [DVec3::ZERO; Polygon::MOST];
+            let mut cone = [DVec3::ZERO; MOST_CORNERS];
             for (k, &p) in outline.iter().enumerate() {
                 let q = outline[(k + 1) % outline.len()];
                 let n = (p - x).cross(q - x);
@@ -472,11 +426,11 @@ impl ExactVisibility {
                 for (k, n) in cone.iter().enumerate() {
                     let whole = if k == 0 { piece } else { &inside };
                     whole.split_into(*n, 0.0, slack, &mut within, &mut without);
-                    if without.count >= 3 {
+                    if without.len() >= 3 {
                         self.next.keep(&without);
                     }
                     std::mem::swap(&mut inside, &mut within);
-                    if inside.count < 3 {
+                    if inside.len() < 3 {
                         break;
                     }
                 }
@@ -502,24 +456,24 @@ impl ExactVisibility {
     }
 }
 
-/// What an occluder does to a cell's view.
+/// Effect of an occluder on a cell's view.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Over {
-    /// From nowhere in the cell it hides anything of the target.
+enum Effect {
+    /// Proved: it hides nothing of the target from anywhere in the cell.
     Nothing,
-    /// From everywhere in the cell it hides all of it.
+    /// Proved: it hides all of the target from everywhere in the cell.
     All,
     /// Neither is proved.
     Part,
 }
 
 impl Occluder {
-    fn over(&self, cell: &[DVec3; 3], target: &[DVec3], slack: f64) -> Over {
+    fn effect(&self, cell: &[DVec3; 3], target: &[DVec3], slack: f64) -> Effect {
         let outline = self.outline.corners();
         let sides = cell.map(|x| self.normal.dot(x - outline[0]));
         let (front, back) = (sides.iter().all(|&s| s >= -slack), sides.iter().all(|&s| s <= slack));
         if !front && !back {
-            return Over::Part;
+            return Effect::Part;
         }
         let sign = if front { -1.0 } else { 1.0 };
         let mut all = sides.iter().all(|&s| s != 0.0);
@@ -529,21 +483,33 @@ impl Occluder {
                 let n = (a - x).cross(b - x) * sign;
                 target.iter().map(move |&p| n.dot(p - x))
             });
-            // The first says which of the two is still possible.
+            // The first height tells which of the two is still possible.
             if heights.next().is_some_and(|h| h > slack) {
                 all = all && heights.all(|h| h > 0.0);
             } else if heights.all(|h| h <= slack) {
-                return Over::Nothing;
+                return Effect::Nothing;
             } else {
                 all = false;
             }
         }
-        if all { Over::All } else { Over::Part }
+        if all { Effect::All } else { Effect::Part }
     }
 }
 
-/// Polygons in the plane through a point with a normal, each cut in two by the line on which `outline` stands on it.
-fn cut_along(polygons: &Pieces, outline: &Polygon, (origin, normal): (DVec3, DVec3), tolerance: f64) -> Pieces {
+/// A plane through a point, and the distance from it within which points lie on it.
+struct PlaneAt {
+    origin: DVec3,
+    normal: DVec3,
+    tolerance: f64,
+}
+
+/// Cuts polygons of a plane in two along the line on which `outline` stands on it.
+fn cut_along(polygons: &Pieces, outline: &Polygon, plane: &PlaneAt) -> Pieces {
+    let &PlaneAt {
+        origin,
+        normal,
+        tolerance,
+    } = plane;
     let mut parts = Pieces::default();
     // Outlines end at the plane, but for rounding.
     let mut contact = outline
@@ -558,8 +524,8 @@ fn cut_along(polygons: &Pieces, outline: &Polygon, (origin, normal): (DVec3, DVe
     for polygon in polygons.as_slice() {
         let cut = line.and_then(|(a, b, across)| {
             let (left, right) = polygon.split(across, across.dot(a), tolerance);
-            let is_cut = left.count >= 3 && right.count >= 3 && polygons.count < MOST_CUT;
-            (is_cut && meets(polygon, (a, b), normal, tolerance)).then_some([left, right])
+            let is_cut = left.len() >= 3 && right.len() >= 3 && polygons.count < MOST_CUT;
+            (is_cut && meets(polygon, [a, b], plane)).then_some([left, right])
         });
         match cut {
             Some(halves) => halves.iter().for_each(|half| parts.keep(half)),
@@ -569,13 +535,13 @@ fn cut_along(polygons: &Pieces, outline: &Polygon, (origin, normal): (DVec3, DVe
     parts
 }
 
-/// Whether some of a segment lies inside a convex polygon of its plane, which goes around `normal` in either sense.
-fn meets(polygon: &Polygon, (a, b): (DVec3, DVec3), normal: DVec3, tolerance: f64) -> bool {
+/// Returns whether part of a segment lies inside a convex polygon of the same plane, of either sense of rotation.
+fn meets(polygon: &Polygon, [a, b]: [DVec3; 2], plane: &PlaneAt) -> bool {
     let corners = polygon.corners();
     let middle = corners.iter().sum::<DVec3>() / corners.len().max(1) as f64;
     let (mut from, mut to) = (0.0_f64, 1.0_f64);
     for (k, &p) in corners.iter().enumerate() {
-        let inwards = normal.cross(corners[(k + 1) % corners.len()] - p);
+        let inwards = plane.normal.cross(corners[(k + 1) % corners.len()] - p);
         let inwards = inwards * inwards.dot(middle - p).signum();
         let (ha, hb) = (inwards.dot(a - p), inwards.dot(b - p));
         if ha < 0.0 && hb < 0.0 {
@@ -587,10 +553,10 @@ fn meets(polygon: &Polygon, (a, b): (DVec3, DVec3), normal: DVec3, tolerance: f6
             to = to.min(ha / (ha - hb));
         }
     }
-    (to - from) * (b - a).length() > tolerance
+    (to - from) * (b - a).length() > plane.tolerance
 }
 
-/// Polygons in one plane without what a triangle in it covers, which is added to `covered`.
+/// Takes a triangle away from polygons in its plane; appends the parts it covers to `covered`.
 fn without(polygons: &Pieces, triangle: &[DVec3; 3], normal: DVec3, covered: &mut Pieces) -> Pieces {
     let mut rest = Pieces::default();
     for polygon in polygons.as_slice() {
@@ -602,12 +568,12 @@ fn without(polygons: &Pieces, triangle: &[DVec3; 3], normal: DVec3, covered: &mu
                 inwards = -inwards;
             }
             let (within, outside) = inside.split(inwards, inwards.dot(a), 0.0);
-            if outside.count >= 3 {
+            if outside.len() >= 3 {
                 rest.keep(&outside);
             }
             inside = within;
         }
-        if inside.count >= 3 {
+        if inside.len() >= 3 {
             covered.keep(&inside);
         }
     }
@@ -618,12 +584,21 @@ fn without(polygons: &Pieces, triangle: &[DVec3; 3], normal: DVec3, covered: &mu
 mod tests {
     use super::*;
     use crate::visibility::segments::Obstacles;
+    use crate::visibility::shaft::PatchTriangle;
     use crate::{HierarchyOptions, Model};
     use glam::DQuat;
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
     fn quad([a, b, c, d]: [DVec3; 4]) -> [[DVec3; 3]; 2] {
         [[a, b, c], [a, c, d]]
+    }
+
+    fn precision(enough: f64, along_contacts: bool) -> Precision {
+        Precision {
+            enough,
+            most_points: 20_000,
+            along_contacts,
+        }
     }
 
     /// Quads as patches, two triangles each; what comes after the first two quads has two sides.
@@ -645,8 +620,8 @@ mod tests {
 
     /// From quad to quad: the factor, and the most by which a pair's fraction may be off by its own account.
     fn factor_of(model: &Model, [from, to]: [[u32; 2]; 2], along_contacts: bool, enough: f64) -> (f64, f64) {
-        let (surfaces, walls) = (&model.geometry().surfaces, &*CoplanarRegions::of(model));
-        let obstacles = Obstacles { surfaces, walls };
+        let regions = &*CoplanarRegions::of(model);
+        let obstacles = Obstacles::new(model, regions);
         let (mut exchange, mut whole, mut change) = (0.0, 0.0, 0.0_f64);
         for i in from {
             let own = model.normalised_corners(i);
@@ -654,13 +629,13 @@ mod tests {
             for j in to {
                 let other = model.normalised_corners(j);
                 let mut shaft = Shaft::default();
-                let sighting = shaft.sight(obstacles, (i, &own), (j, &other));
+                let pair = shaft.pair(obstacles, PatchTriangle::new(i, &own), PatchTriangle::new(j, &other));
                 let rule = crate::factor::FactorRule::for_tolerance(1e-5);
                 let clipped = ExactVisibility::default()
-                    .measure(&shaft, walls, &sighting, enough, 20_000, along_contacts)
+                    .measure(&shaft, regions, &pair, precision(enough, along_contacts))
                     .expect("a fraction");
                 exchange += crate::factor::exchange(&own, &other, &rule) * clipped.fraction;
-                change = change.max(clipped.change);
+                change = change.max(clipped.error);
             }
         }
         (exchange / whole, change)
@@ -712,24 +687,24 @@ mod tests {
             DQuat::from_axis_angle(p(-2., 1., 0.5).normalize(), 0.7),
         ] {
             let model = model_of(&[floor, wall, low], turn);
-            let (surfaces, walls) = (&model.geometry().surfaces, &*CoplanarRegions::of(&model));
-            let obstacles = Obstacles { surfaces, walls };
+            let regions = &*CoplanarRegions::of(&model);
+            let obstacles = Obstacles::new(&model, regions);
             for (from, to) in [([0, 1], [2, 3]), ([2, 3], [0, 1])] {
                 let mut sum = 0.0;
                 for i in from {
                     for j in to {
                         let (own, other) = (model.normalised_corners(i), model.normalised_corners(j));
                         let mut shaft = Shaft::default();
-                        let sighting = shaft.sight(obstacles, (i, &own), (j, &other));
+                        let pair = shaft.pair(obstacles, PatchTriangle::new(i, &own), PatchTriangle::new(j, &other));
                         let rule = crate::factor::FactorRule::for_tolerance(1e-4);
                         let open = 2.0 * crate::factor::exchange(&own, &other, &rule)
                             / (own[1] - own[0]).cross(own[2] - own[0]).length();
                         let clipped = ExactVisibility::default()
-                            .measure(&shaft, walls, &sighting, 1e-3, 20_000, false)
+                            .measure(&shaft, regions, &pair, precision(1e-3, false))
                             .expect("a fraction");
                         sum += 0.5 * open * clipped.fraction;
                         let mut cast = crate::visibility::shaft::Cast::default();
-                        shaft.cast(obstacles, &sighting, 1 << 16, 1, &mut cast);
+                        shaft.cast_segments(obstacles, &pair, 1 << 16, 1, &mut cast);
                         let by_rays = cast.fraction().expect("a fraction");
                         assert!(
                             (clipped.fraction - by_rays).abs() < 5e-3,

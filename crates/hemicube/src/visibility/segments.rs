@@ -1,32 +1,43 @@
-//! Segments between points of two triangles, against the tree of walls: what a shaft is asked where too much lies in it
-//! to be listed.
+//! Segments between points of two triangles against the tree of coplanar regions: for pairs whose shaft holds too many
+//! triangles to list.
 //!
-//! A list costs as much as it is long for every ray; a tree costs its depth. So a ray's cost is bounded whatever lies
-//! between the two. All is in f64: what lies a hair from one of the two planes needs no list of its own, as it does
-//! beside rays in f32.
+//! Against a list, a ray costs as much as the list is long; down the tree, the tree's depth. So a ray's cost is bounded
+//! whatever lies between the two. All is in f64: what lies a hair from one of the two planes needs no list of its own,
+//! unlike with rays in f32.
 
+use crate::Model;
 use crate::backend::Surface;
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
-use crate::simd::{InstructionSet, dispatch};
+use crate::geometry::{self, Plane};
+use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::visibility::coplanar::CoplanarRegions;
 use glam::DVec3;
 
-/// What may lie in between in a scene.
+/// Everything in a scene that occludes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Obstacles<'a> {
     pub(crate) surfaces: &'a [Surface],
-    pub(crate) walls: &'a CoplanarRegions,
+    pub(crate) regions: &'a CoplanarRegions,
+}
+
+impl<'a> Obstacles<'a> {
+    pub(crate) fn new(model: &'a Model, regions: &'a CoplanarRegions) -> Self {
+        Self {
+            surfaces: &model.geometry().surfaces,
+            regions,
+        }
+    }
 }
 
 /// Segments between two triangles, in the scene's coordinates.
 #[derive(Debug)]
 pub(crate) struct Segments<'a> {
     obstacles: Obstacles<'a>,
-    /// The walls that the two are part of.
+    /// The coplanar regions of the two.
     own: [u32; 2],
     receiver: u32,
-    /// n and d of the emitter's plane and of the receiver's.
-    planes: [([f64; 3], f64); 2],
+    /// Of the emitter and of the receiver.
+    planes: [Plane; 2],
     tolerance: f64,
     pending: Vec<u32>,
     /// The block that stopped the segment before: it often stops the next.
@@ -34,23 +45,23 @@ pub(crate) struct Segments<'a> {
 }
 
 impl<'a> Segments<'a> {
-    /// Segments from a patch to the patch `receiver`; `own` are their walls, `planes` their planes as n · p = d.
-    pub(crate) fn new(obstacles: Obstacles<'a>, own: [u32; 2], receiver: u32, planes: [(DVec3, f64); 2]) -> Self {
+    /// Segments from a patch to the patch `receiver`; `own` are their coplanar regions, `planes` their planes.
+    pub(crate) fn new(obstacles: Obstacles<'a>, own: [u32; 2], receiver: u32, planes: [Plane; 2]) -> Self {
         Self {
             obstacles,
             own,
             receiver,
-            planes: planes.map(|(n, d)| (n.to_array(), d)),
-            tolerance: obstacles.walls.tree.plane_tolerance,
+            planes,
+            tolerance: obstacles.regions.tree.plane_tolerance,
             pending: Vec::new(),
             last: None,
         }
     }
 
-    /// Whether a wall crosses the segment from `start` to `end`, or hides `at`, its end on the receiver, as it lies in
-    /// the receiver's plane with a smaller id. Costs a walk down the tree along the segment.
+    /// Returns whether a region crosses the segment from `start` to `end`, or hides `at`, its end on the receiver, by
+    /// lying in the receiver's plane with a smaller id. Walks down the tree along the segment.
     pub(crate) fn is_stopped(&mut self, start: DVec3, end: DVec3, at: DVec3) -> bool {
-        let tree = &self.obstacles.walls.tree;
+        let tree = &self.obstacles.regions.tree;
         let segment = Segment::new(start, end, self.tolerance);
         if let Some(block) = self.last
             && self.stops(block, &segment, at)
@@ -73,58 +84,45 @@ impl<'a> Segments<'a> {
     }
 
     fn stops(&self, block: u32, segment: &Segment, at: DVec3) -> bool {
-        let walls = self.obstacles.walls;
-        let block = &walls.tree.blocks[block as usize];
+        let regions = self.obstacles.regions;
+        let block = &regions.tree.blocks[block as usize];
         let (crossed, flat) = dispatch_crossed(InstructionSet::widest(), block, segment, &self.planes, self.tolerance);
         let is_other = |l: usize| block.negative[l] != UNUSED && !self.own.contains(&block.negative[l]);
         if lanes(crossed).any(is_other) {
             return true;
         }
         lanes(flat).filter(|&l| is_other(l)).any(|l| {
-            let mut pieces = walls.pieces(block.negative[l]).iter();
+            let mut pieces = regions.pieces(block.negative[l]).iter();
             pieces.any(|&piece| self.lies_over(&self.obstacles.surfaces[piece as usize], at))
         })
     }
 
     /// Returns whether a surface in the receiver's plane hides a point of it: of patches there the smaller id is seen.
     fn lies_over(&self, surface: &Surface, at: DVec3) -> bool {
-        let (normal, offset) = (DVec3::from_array(self.planes[1].0), self.planes[1].1);
+        let plane = &self.planes[1];
         let [a, b, c] = surface.corners;
-        let own = (b - a).cross(c - a);
-        let id = if own.dot(normal) > 0.0 {
+        let own = geometry::cross(&surface.corners);
+        let id = if own.dot(plane.normal) > 0.0 {
             Some(surface.front)
         } else {
             surface.back
         };
         id.is_some_and(|id| id.0 < self.receiver)
-            && surface
-                .corners
-                .iter()
-                .all(|&p| (normal.dot(p) - offset).abs() <= self.tolerance)
+            && surface.corners.iter().all(|&p| plane.height(p).abs() <= self.tolerance)
             && [(a, b), (b, c), (c, a)]
                 .iter()
                 .all(|&(p, q)| own.cross(q - p).dot(at - p) >= 0.0)
     }
 }
 
-fn lanes(mut mask: u16) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        (mask != 0).then(|| {
-            let lane = mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            lane
-        })
-    })
-}
-
-/// A segment as boxes and triangles are tested against it.
+/// A segment, prepared for tests against boxes and triangles.
 #[derive(Debug)]
 pub(crate) struct Segment {
     start: [f64; 3],
     end: [f64; 3],
     direction: [f64; 3],
     inverse: [f64; 3],
-    /// How much wider boxes are taken to be.
+    /// Margin by which boxes are widened.
     slack: f64,
 }
 
@@ -135,20 +133,16 @@ impl Segment {
             start: start.to_array(),
             end: end.to_array(),
             direction,
-            // No division by 0: along such an axis a box is met everywhere or nowhere, as with so large a number.
+            // No division by 0: along such an axis a box is met everywhere or nowhere, as with this large number.
             inverse: direction.map(|x| if x.abs() < 1e-200 { 1e200 } else { 1.0 / x }),
             slack,
         }
     }
 }
 
-/// The next block that the segment's boxes lead to; the nearer child first.
+/// The next block whose box the segment meets; the nearer child first.
 #[inline(always)]
 fn next_leaf(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u32> {
-    let (least, most) = (
-        |p: f64, q: f64| if p < q { p } else { q },
-        |p: f64, q: f64| if p > q { p } else { q },
-    );
     while let Some(index) = pending.pop() {
         let node = &tree.nodes[index as usize];
         let (center, half) = (node.center.to_array(), node.half.to_array());
@@ -156,7 +150,7 @@ fn next_leaf(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u
         for a in 0..3 {
             let middle = (center[a] - segment.start[a]) * segment.inverse[a];
             let extent = (half[a] + segment.slack) * segment.inverse[a].abs();
-            // A few roundings more, so that no box is missed that the segment touches.
+            // A few roundings more: no box is missed that the segment touches.
             let extent = extent + 1e-14 * middle.abs();
             from = most(from, middle - extent);
             to = least(to, middle + extent);
@@ -175,20 +169,20 @@ fn next_leaf(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u
         for a in 0..3 {
             ahead += (second[a] - first[a]) * segment.direction[a];
         }
-        // The one that is popped first is the nearer.
+        // The nearer child is popped first.
         let nearer = u32::from(ahead < 0.0);
         pending.extend([node.child + (1 - nearer), node.child + nearer]);
     }
     None
 }
 
-/// Where the line of a segment crosses the plane of a triangle.
+/// The crossing of a segment's line with a triangle's plane.
 pub(crate) struct Crossing {
     /// True if the segment crosses the triangle, strictly between its ends.
     pub(crate) hits: bool,
-    /// Height of the start above the plane, times twice the triangle's area: positive where its front is seen.
+    /// Height of the start above the plane times twice the triangle's area: positive if its front is seen.
     pub(crate) at_start: f64,
-    /// `at_start` less the same of the end: the crossing is at `at_start / determinant` of the length.
+    /// `at_start` less its counterpart at the end: the crossing is at `at_start / determinant` of the length.
     pub(crate) determinant: f64,
 }
 
@@ -212,40 +206,17 @@ pub(crate) fn crossing([a, b, c]: [[f64; 3]; 3], start: [f64; 3], end: [f64; 3],
     }
 }
 
+/// Masks of 16 triangles: those that rise above both planes and cross the segment strictly between its ends, and those
+/// in the receiver's plane.
 #[inline(always)]
-pub(crate) fn dot(p: [f64; 3], q: [f64; 3]) -> f64 {
-    p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
-}
-
-#[inline(always)]
-pub(crate) fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    [p[0] - q[0], p[1] - q[1], p[2] - q[2]]
-}
-
-#[inline(always)]
-fn cross(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    [
-        p[1] * q[2] - p[2] * q[1],
-        p[2] * q[0] - p[0] * q[2],
-        p[0] * q[1] - p[1] * q[0],
-    ]
-}
-
-/// Which of 16 triangles the segment crosses strictly between its ends, of those that rise above both planes; and which
-/// lie in the receiver's plane.
-#[inline(always)]
-fn crossed(block: &Block, segment: &Segment, planes: &[([f64; 3], f64); 2], tolerance: f64) -> (u16, u16) {
+fn crossed(block: &Block, segment: &Segment, planes: &[Plane; 2], tolerance: f64) -> (u16, u16) {
     let (d, x, y) = (segment.direction, segment.start, segment.end);
-    let (least, most) = (
-        |p: f64, q: f64| if p < q { p } else { q },
-        |p: f64, q: f64| if p > q { p } else { q },
-    );
     let (mut hit, mut flat) = ([0u64; LANES], [0u64; LANES]);
     for l in 0..LANES {
         let [a, b, c] = block.corners_of(l);
-        let height = |(n, offset): ([f64; 3], f64), p: [f64; 3]| dot(n, p) - offset;
-        let of_emitter = [a, b, c].map(|p| height(planes[0], p));
-        let of_receiver = [a, b, c].map(|p| height(planes[1], p));
+        let height = |plane: &Plane, p: [f64; 3]| dot(plane.normal.to_array(), p) - plane.offset;
+        let of_emitter = [a, b, c].map(|p| height(&planes[0], p));
+        let of_receiver = [a, b, c].map(|p| height(&planes[1], p));
         let above = most(of_emitter[0], most(of_emitter[1], of_emitter[2])) > tolerance;
         let highest = most(of_receiver[0], most(of_receiver[1], of_receiver[2]));
         let lowest = least(of_receiver[0], least(of_receiver[1], of_receiver[2]));
@@ -253,15 +224,10 @@ fn crossed(block: &Block, segment: &Segment, planes: &[([f64; 3], f64); 2], tole
         hit[l] = u64::from(crossing.hits & above & (highest > tolerance));
         flat[l] = u64::from(above & (highest <= tolerance) & (lowest >= -tolerance));
     }
-    let mut masks = (0u16, 0u16);
-    for l in 0..LANES {
-        masks.0 |= u16::from(hit[l] != 0) << l;
-        masks.1 |= u16::from(flat[l] != 0) << l;
-    }
-    masks
+    (mask(&hit), mask(&flat))
 }
 
-/// The next block that the boxes along a segment lead to, `pending` the nodes still to look at: at first the root, 0.
+/// The next block whose box a segment meets. `pending` are the nodes still to look at, at first the root, 0.
 pub(crate) fn next_block(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u32> {
     dispatch_next_leaf(InstructionSet::widest(), tree, segment, pending)
 }
@@ -270,5 +236,5 @@ dispatch! {
     fn dispatch_next_leaf = next_leaf(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u32>
 }
 dispatch! {
-    fn dispatch_crossed = crossed(block: &Block, segment: &Segment, planes: &[([f64; 3], f64); 2], tolerance: f64) -> (u16, u16)
+    fn dispatch_crossed = crossed(block: &Block, segment: &Segment, planes: &[Plane; 2], tolerance: f64) -> (u16, u16)
 }

@@ -1,19 +1,24 @@
-//! How much of a triangle another one sees: the shaft between the two lists what may come in between, and rays at those
-//! few occluders measure the visible fraction.
+//! The shaft between two triangles, and rays through it.
 //!
-//! The shaft (Haines & Wallace 1991) is the convex hull of the two triangles. What lies outside one of its planes
-//! cannot come in between; an empty shaft proves that all is visible, and a triangle that all nine segments between
-//! corners pass through proves that nothing is. Below the emitter's plane and behind the receiver's nothing occludes;
-//! what lies in the receiver's own plane does if its patch has the smaller id, as in a backend's rows.
+//! The shaft (Haines & Wallace 1991) is the convex hull of the two triangles. Nothing outside one of its planes comes in
+//! between. An empty shaft proves that all is visible; a region that all nine segments between corners pass through
+//! proves that nothing is. Otherwise rays against the listed occluders measure the visible fraction.
 //!
-//! The visible fraction is Σ k V / Σ k over points drawn on both triangles, with the same points above and below and
-//! the kernel k = cos φ_i cos φ_j / r² as weight: times the closed form it gives F_ij without the bias of uniform
-//! visibility.
+//! Below the emitter's plane and behind the receiver's nothing occludes. A patch in the receiver's own plane does if its
+//! id is smaller, as in a backend's rows.
+//!
+//! The visible fraction is Σ k V / Σ k over points drawn on both triangles: V is 1 or 0, and the kernel
+//! k = cos φ_i cos φ_j / r² weights numerator and denominator. Times the closed form it gives F_ij without the bias of
+//! uniform visibility.
+//!
+//! Work is counted in steps of about a nanosecond of one core of 2024 with AVX-512, never timed, so that bounds depend
+//! on the scene and the settings and on no clock.
 
 use crate::backend::Surface;
 use crate::bvh::{INNER, LANES, Tree, UNUSED, overlap};
+use crate::geometry::{self, Plane, in_front};
 use crate::sampling::sobol::{self, Sequence, fold};
-use crate::simd::{InstructionSet, dispatch};
+use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::segments::{Obstacles, Segments};
 use glam::DVec3;
@@ -22,34 +27,52 @@ use std::ops::Range;
 /// Rays cast together.
 pub(crate) const RAYS: usize = sobol::BATCH;
 
-/// What lies within this part of the pair's extent of a side of the shaft counts as outside.
+/// Depth inside a side of the shaft that still counts as outside, in parts of the pair's extent. A choice above the
+/// rounding of rays in f32.
 const OUTSIDE: f64 = 4e-6;
-/// And no more than this part of what either triangle rises above that side.
+/// Bound of that depth in parts of either triangle's greatest height above that side. A choice.
 const OUTSIDE_OF_RISE: f64 = 0.01;
 
-/// What rises less than this part of the pair's extent above one of the planes, and what has one of the two patches so
-/// near to its own plane, is met in f64: rays in f32 are not sure on which side of it they begin and end.
-const BESIDE: f64 = 1e-4;
+/// Height above one of the pair's planes, in parts of its extent, up to which an occluder is tested in f64; likewise
+/// the distance of a patch's corners from the occluder's plane. Rays in f32 do not know on which side of it they begin
+/// and end. A choice.
+const NEAR_PLANE: f64 = 1e-4;
 
-/// See [`Sighting::near`].
+/// Distance of centroids in radii below which a pair [is near](TrianglePair::is_near). A choice.
 const NEAR: f64 = 2.0;
 
-/// What things cost, in steps of about a nanosecond of one core of 2024 with AVX-512: a shaft, a block of the tree that
-/// reaches into it, a triangle listed; sixteen rays, and a triangle that they are held against; a segment's way down
-/// the tree. Budgets are in steps, so that they depend on the scene and the settings, and on no clock.
+/// Steps of a shaft, of a block of the tree that reaches into it, and of a triangle listed. Measured.
 const STEPS_A_SHAFT: u64 = 700;
 const STEPS_A_BLOCK: u64 = 60;
 const STEPS_LISTED: u64 = 30;
-const STEPS_A_GROUP: u64 = 100;
+/// Steps of sixteen rays, and of each occluder they are tested against. Measured.
+const STEPS_A_BATCH: u64 = 100;
 const STEPS_A_TEST: u64 = 7;
+/// Steps of a segment down the tree. Measured.
 const STEPS_A_SEGMENT: u64 = 600;
-/// And of a direction drawn between near patches, sixteen together.
+/// Steps of sixteen directions drawn between near patches. Measured.
 const STEPS_A_DRAW: u64 = 120;
 
-/// Triangles that a shaft lists, at most: a ray held against more of them costs more than its way down the tree.
+/// Bound of the triangles that a shaft lists: a ray tested against more of them costs more than its way down the tree.
 const MOST_LISTED: u32 = 256;
 
-/// A triangle that may come in between, relative to the sighting's origin.
+/// Bound of the directions drawn for each ray that is wanted between near patches. A choice.
+const MOST_DRAWN: usize = 32;
+
+/// A patch and its corners in normalised coordinates.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PatchTriangle<'a> {
+    id: u32,
+    corners: &'a [DVec3; 3],
+}
+
+impl<'a> PatchTriangle<'a> {
+    pub(crate) fn new(id: u32, corners: &'a [DVec3; 3]) -> Self {
+        Self { id, corners }
+    }
+}
+
+/// A triangle that may come in between, relative to the pair's origin.
 #[derive(Clone, Copy, Debug)]
 struct Occluder {
     corner: [f32; 3],
@@ -57,45 +80,45 @@ struct Occluder {
     normal: [f32; 3],
     /// block × 16 + lane in the tree.
     slot: u32,
-    /// Squared twice its area: the large ones stop most rays.
+    /// (2 · area)²: large occluders stop most rays.
     size: f32,
 }
 
-/// Lists what may come in between two triangles, for many pairs one after the other.
+/// Lists the occluders between two triangles, for one pair after the other.
 #[derive(Debug, Default)]
 pub(crate) struct Shaft {
     sides: Sides,
     found: EdgeSides,
-    /// Of all sightings since [`Shaft::clear`].
+    /// Of all pairs since [`Shaft::clear`].
     occluders: Vec<Occluder>,
     pending: Vec<u32>,
-    /// Blocks that reach into the shaft, and which of their triangles may.
+    /// Blocks that reach into the shaft, with the mask of triangles that may.
     reached: Vec<(u32, u16)>,
 }
 
-/// Planes tried together.
+/// Number of planes tested together.
 const TOGETHER: usize = 8;
-/// The two triangles' planes and one for each of 18 edges and opposite corners, in whole groups.
+/// The two triangles' planes and one for each of 18 edges with opposite corners, rounded up to whole groups.
 const MOST_SIDES: usize = 24;
 
-/// The planes of a shaft and the box round it: what is inside has n · p > d for each.
+/// The planes of a shaft, n · p > `least` inside, and its box.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 struct Sides {
     normal: [[f64; MOST_SIDES]; 3],
-    /// With how far in is still out.
+    /// Includes the depth that still counts as outside.
     least: [f64; MOST_SIDES],
     count: usize,
     low: [f64; 3],
     high: [f64; 3],
 }
 
-/// Planes through an edge of either triangle and a corner of the other one.
+/// Number of planes through an edge of either triangle and a corner of the other.
 const EDGE_SIDES: usize = 18;
-/// And so many lanes.
+/// Number of lanes for them.
 const EDGE_LANES: usize = 24;
 
-/// Edge and corner of each: the edge's ends and the corner, of six.
+/// For each of these planes, the edge's ends and the corner, as indices into the six corners.
 const EDGE_CORNERS: [[usize; 3]; EDGE_LANES] = {
     let mut corners = [[0, 1, 3]; EDGE_LANES];
     let mut l = 0;
@@ -107,7 +130,7 @@ const EDGE_CORNERS: [[usize; 3]; EDGE_LANES] = {
     corners
 };
 
-/// Which of these planes have all of both triangles on one side, as n · p ≥ d less what is still out.
+/// These planes, and which of them have both triangles on one side: n · p > `least` inside.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 struct EdgeSides {
@@ -149,7 +172,7 @@ impl Sides {
         }
     }
 
-    /// Fills the last group with planes that everything is inside of.
+    /// Fills the last group with planes that have everything inside.
     fn fill(&mut self) {
         for k in self.count..self.count.next_multiple_of(TOGETHER) {
             for normal in &mut self.normal {
@@ -159,7 +182,7 @@ impl Sides {
         }
     }
 
-    /// Returns whether a box, by its centre and half its extent, may reach inside.
+    /// Returns whether a box of centre `c` and half extents `h` may reach inside.
     #[inline(always)]
     fn reach(&self, c: [f64; 3], h: [f64; 3]) -> bool {
         for a in 0..3 {
@@ -185,51 +208,63 @@ impl Sides {
     }
 }
 
-/// Two triangles that look at each other, and what may be in between.
+/// Two triangles that face each other, and the occluders between them.
 #[derive(Clone, Debug)]
-pub(crate) struct Sighting {
-    /// The emitter and the receiver relative to `origin`.
+pub(crate) struct TrianglePair {
+    /// Relative to `origin`.
     pub(crate) emitter: [DVec3; 3],
     pub(crate) receiver: [DVec3; 3],
     pub(crate) origin: DVec3,
-    /// The middle of the smaller one is near the other, in radii of either: a few segments between evenly drawn points
-    /// would carry most of the weight.
-    pub(crate) near: bool,
-    /// True if the receiver is the smaller of the two.
+    /// True if the centroid of the smaller one is near the other, in radii of either: of segments between evenly drawn
+    /// points, a few would carry most of the weight.
+    pub(crate) is_near: bool,
+    /// True if the receiver has the smaller area.
     pub(crate) receiver_is_smaller: bool,
-    /// What is between the two planes.
-    between: Range<usize>,
-    /// What is so near to one of the planes that rays in f32 cannot tell on which side.
-    beside: Vec<[DVec3; 3]>,
-    /// What lies in the receiver's plane and hides it, as its id is smaller.
-    pub(crate) over: Vec<[DVec3; 3]>,
-    /// One triangle hides all of it.
-    pub(crate) hidden: bool,
-    /// More reaches into the shaft than is listed: nothing is proved, and segments walk the tree.
-    pub(crate) crowded: bool,
-    /// The walls that the two are part of.
-    own_walls: [u32; 2],
+    /// Between the two planes, in the shaft's list.
+    occluders: Range<usize>,
+    /// Occluders so near to one of the planes that rays in f32 cannot tell their side.
+    near_plane: Vec<[DVec3; 3]>,
+    /// Patches in the receiver's plane that hide part of it by a smaller id.
+    pub(crate) coplanar: Vec<[DVec3; 3]>,
+    /// Proved: one region hides all of the receiver.
+    pub(crate) is_occluded: bool,
+    /// True if more reaches into the shaft than is listed: nothing is proved, and segments walk the tree.
+    pub(crate) is_crowded: bool,
+    /// The coplanar regions of the two.
+    own_regions: [u32; 2],
     receiver_patch: u32,
-    /// n and d of both planes, relative to `origin`.
-    planes: [(DVec3, f64); 2],
-    /// What listing took, in steps.
+    /// Of the emitter and the receiver, relative to `origin`.
+    planes: [Plane; 2],
+    /// Work of listing the occluders, in steps.
     pub(crate) steps: u64,
 }
 
-impl Sighting {
-    /// Returns whether all is visible: proved, as nothing may come in between.
-    pub(crate) fn is_open(&self) -> bool {
-        !self.crowded && self.between.is_empty() && self.beside.is_empty() && self.over.is_empty()
+impl TrianglePair {
+    /// Returns whether all is proved visible: there is no occluder.
+    pub(crate) fn is_unoccluded(&self) -> bool {
+        !self.is_crowded && self.occluders.is_empty() && self.near_plane.is_empty() && self.coplanar.is_empty()
     }
 
-    /// Segments of a crowded shaft.
+    /// The visible fraction if proved: 0 or 1.
+    pub(crate) fn proved_fraction(&self) -> Option<f64> {
+        if self.is_occluded {
+            Some(0.0)
+        } else {
+            self.is_unoccluded().then_some(1.0)
+        }
+    }
+
+    /// Segments down the tree, for a crowded shaft.
     fn segments<'a>(&self, obstacles: Obstacles<'a>) -> Segments<'a> {
-        let planes = self.planes.map(|(n, d)| (n, d + n.dot(self.origin)));
-        Segments::new(obstacles, self.own_walls, self.receiver_patch, planes)
+        let planes = self.planes.map(|plane| Plane {
+            offset: plane.offset + plane.normal.dot(self.origin),
+            ..plane
+        });
+        Segments::new(obstacles, self.own_regions, self.receiver_patch, planes)
     }
 
-    /// Whether a segment between points of the smaller one and of the other, relative to `origin`, is stopped in the
-    /// tree.
+    /// Returns whether a segment between a point of the smaller one and one of the other, relative to `origin`, is
+    /// stopped in the tree.
     fn is_stopped(&self, segments: &mut Segments<'_>, small: DVec3, large: DVec3) -> bool {
         let (small, large) = (small + self.origin, large + self.origin);
         segments.is_stopped(small, large, if self.receiver_is_smaller { small } else { large })
@@ -244,28 +279,26 @@ impl Sighting {
         }
     }
 
-    /// Lists a surface that lies in the receiver's plane if it hides part of it: of patches there the smaller id is
-    /// seen.
-    fn lay_over(&mut self, surface: &Surface, receiver: u32, plane: (DVec3, f64), tolerance: f64, side: f64) {
+    /// Lists a surface in the receiver's plane if it hides part of it: of patches in one plane, the smaller id is seen.
+    fn list_coplanar(&mut self, surface: &Surface, receiver: u32, plane: &Plane, tolerance: f64, side: f64) {
         let triangle = surface.corners.map(|p| p - self.origin);
-        let [a, b, c] = triangle;
-        let faces = (b - a).cross(c - a).dot(plane.0) > 0.0;
+        let faces = geometry::cross(&triangle).dot(plane.normal) > 0.0;
         let Some(id) = (if faces { Some(surface.front) } else { surface.back }) else {
             return;
         };
         if id.0 < receiver
-            && triangle.iter().all(|&p| (plane.0.dot(p) - plane.1).abs() <= tolerance)
-            && overlap(&triangle, &self.receiver, plane.0, side)
-            && !self.over.contains(&triangle)
+            && triangle.iter().all(|&p| plane.height(p).abs() <= tolerance)
+            && overlap(&triangle, &self.receiver, plane.normal, side)
+            && !self.coplanar.contains(&triangle)
         {
-            self.over.push(triangle);
+            self.coplanar.push(triangle);
         }
     }
 
-    /// Which of the segments drawn something beside stops, or something over the receiver is seen at the end of.
-    fn stopped(&self, drawn: &Drawn, out: &mut [u64; RAYS]) {
+    /// Marks segments that an occluder near a plane stops, or that end on a coplanar patch.
+    fn mark_stopped(&self, drawn: &DrawnSegments, out: &mut [u64; RAYS]) {
         *out = [0; RAYS];
-        if self.beside.is_empty() && self.over.is_empty() {
+        if self.near_plane.is_empty() && self.coplanar.is_empty() {
             return;
         }
         let (from, to) = if self.receiver_is_smaller {
@@ -273,45 +306,70 @@ impl Sighting {
         } else {
             (&drawn.start, &drawn.end)
         };
-        dispatch_stop(InstructionSet::widest(), &self.beside, &self.over, from, to, out);
+        mark_stopped_by(
+            InstructionSet::widest(),
+            &self.near_plane,
+            &self.coplanar,
+            from,
+            to,
+            out,
+        );
     }
 }
 
-/// Rays cast at a pair so far, of one sequence.
+/// Sums over rays of the kernel k, where V is 1 or 0.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Kernels {
+    /// Σ k V.
+    pub(crate) visible: f64,
+    /// Σ k.
+    pub(crate) all: f64,
+}
+
+impl Kernels {
+    fn add(&mut self, weight: f64, is_visible: bool) {
+        self.visible += if is_visible { weight } else { 0.0 };
+        self.all += weight;
+    }
+}
+
+/// Rays of one sequence cast at a pair so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Cast {
-    /// The number that were drawn.
+    /// Number of rays drawn.
     pub(crate) drawn: usize,
-    /// Σ k V and Σ k.
-    pub(crate) sums: (f64, f64),
-    /// Σ of weights and of their squares.
-    weights: (f64, f64),
-    /// Cost, in steps.
+    pub(crate) sums: Kernels,
+    /// Σ w and Σ w² of directions.
+    weight: f64,
+    squared_weight: f64,
+    /// Work, in steps.
     pub(crate) steps: u64,
 }
 
 impl Cast {
     /// The visible fraction; `None` where no ray had weight.
     pub(crate) fn fraction(&self) -> Option<f64> {
-        (self.sums.1 > 0.0).then(|| self.sums.0 / self.sums.1)
+        (self.sums.all > 0.0).then(|| self.sums.visible / self.sums.all)
     }
 }
 
 impl Shaft {
-    /// Forgets all sightings.
+    /// Forgets all pairs.
     pub(crate) fn clear(&mut self) {
         self.occluders.clear();
     }
 
-    /// Lists what may come in between an emitting patch and a receiving one.
-    pub(crate) fn sight(
+    /// Lists the occluders between an emitting patch and a receiving one.
+    pub(crate) fn pair(
         &mut self,
         obstacles: Obstacles<'_>,
-        (i, emitter): (u32, &[DVec3; 3]),
-        (j, receiver): (u32, &[DVec3; 3]),
-    ) -> Sighting {
-        let walls = obstacles.walls;
-        // The same for both directions of a pair, so that all that follows has the same bits.
+        emitter: PatchTriangle<'_>,
+        receiver: PatchTriangle<'_>,
+    ) -> TrianglePair {
+        let regions = obstacles.regions;
+        let (i, emitter) = (emitter.id, emitter.corners);
+        let (j, receiver) = (receiver.id, receiver.corners);
+        // One origin for both directions of a pair, so that both have the same bits.
         let origin = if i < j { emitter[0] } else { receiver[0] };
         let local = |t: &[DVec3; 3]| t.map(|p| p - origin);
         let (emitter, receiver) = (local(emitter), local(receiver));
@@ -325,11 +383,8 @@ impl Shaft {
         ];
         let size = points.iter().map(|p| p.length_squared()).fold(0.0, f64::max).sqrt();
         let sphere = |t: &[DVec3; 3]| {
-            let center = (t[0] + t[1] + t[2]) / 3.0;
-            (
-                center,
-                t.iter().map(|p| p.distance_squared(center)).fold(0.0, f64::max).sqrt(),
-            )
+            let (center, squared_radius) = geometry::sphere(t);
+            (center, squared_radius.sqrt())
         };
         let ((c0, r0), (c1, r1)) = (sphere(&emitter), sphere(&receiver));
         let (mut low, mut high) = (DVec3::ZERO, DVec3::ZERO);
@@ -339,57 +394,57 @@ impl Shaft {
         }
         let slack = DVec3::splat(OUTSIDE * size);
         (self.sides.low, self.sides.high) = ((low - slack).to_array(), (high + slack).to_array());
-        let planes = self.make_planes(&points, size, walls.tree.plane_tolerance);
+        let planes = self.make_planes(&points, size, regions.tree.plane_tolerance);
         let start = self.occluders.len();
-        let area = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).length_squared();
-        // Of two of one size, the same one whichever of them emits.
+        let area = |t: &[DVec3; 3]| geometry::cross(t).length_squared();
+        // Between equal areas, ids decide, whichever of the two emits.
         let receiver_is_smaller = match area(&receiver).total_cmp(&area(&emitter)) {
             std::cmp::Ordering::Less => true,
             std::cmp::Ordering::Equal => j < i,
             std::cmp::Ordering::Greater => false,
         };
-        let mut sighting = Sighting {
+        let mut pair = TrianglePair {
             emitter,
             receiver,
             origin,
-            near: if receiver_is_smaller {
-                crate::factor::distance(c1, &emitter) < (NEAR * r1).max(r0)
+            is_near: if receiver_is_smaller {
+                geometry::distance(c1, &emitter) < (NEAR * r1).max(r0)
             } else {
-                crate::factor::distance(c0, &receiver) < (NEAR * r0).max(r1)
+                geometry::distance(c0, &receiver) < (NEAR * r0).max(r1)
             },
             receiver_is_smaller,
-            between: start..start,
-            beside: Vec::new(),
-            over: Vec::new(),
-            hidden: false,
-            crowded: false,
-            own_walls: [i, j].map(|p| walls.of_patch[p as usize]),
+            occluders: start..start,
+            near_plane: Vec::new(),
+            coplanar: Vec::new(),
+            is_occluded: false,
+            is_crowded: false,
+            own_regions: [i, j].map(|p| regions.of_patch[p as usize]),
             receiver_patch: j,
             planes,
             steps: 0,
         };
-        self.list_occluders(obstacles, size, &mut sighting);
+        self.list_occluders(obstacles, size, &mut pair);
         let listed = self
             .reached
             .iter()
             .map(|&(_, kept)| u64::from(kept.count_ones()))
             .sum::<u64>();
-        sighting.steps = STEPS_A_SHAFT + STEPS_A_BLOCK * self.reached.len() as u64 + STEPS_LISTED * listed;
-        sighting
+        pair.steps = STEPS_A_SHAFT + STEPS_A_BLOCK * self.reached.len() as u64 + STEPS_LISTED * listed;
+        pair
     }
 
-    /// Makes the sides; returns the planes (n, d) of the two triangles.
-    fn make_planes(&mut self, points: &[DVec3; 6], size: f64, tolerance: f64) -> [(DVec3, f64); 2] {
+    /// Makes the sides; returns the planes of the two triangles.
+    fn make_planes(&mut self, points: &[DVec3; 6], size: f64, tolerance: f64) -> [Plane; 2] {
         self.sides.count = 0;
-        // Only what rises above the emitter and lies in front of the receiver can be in the way.
+        // Occluders rise above the emitter and lie in front of the receiver.
         let own = [([0, 1, 2], tolerance), ([3, 4, 5], -tolerance)].map(|([a, b, c], outside)| {
-            let n = (points[b] - points[a]).cross(points[c] - points[a]).normalize_or_zero();
-            let d = n.dot(points[a]);
-            self.sides.push(n, d + outside);
-            (n, d)
+            let normal = geometry::cross(&[points[a], points[b], points[c]]).normalize_or_zero();
+            let offset = normal.dot(points[a]);
+            self.sides.push(normal, offset + outside);
+            Plane { normal, offset }
         });
         let corners = points.map(|p| p.to_array());
-        dispatch_find_sides(InstructionSet::widest(), &corners, size, tolerance, &mut self.found);
+        find_sides_by(InstructionSet::widest(), &corners, size, tolerance, &mut self.found);
         let found = &self.found;
         for l in (0..EDGE_SIDES).filter(|&l| found.is_side[l] != 0) {
             let normal = DVec3::new(found.normal[0][l], found.normal[1][l], found.normal[2][l]);
@@ -399,13 +454,13 @@ impl Shaft {
         own
     }
 
-    fn list_occluders(&mut self, Obstacles { surfaces, walls }: Obstacles<'_>, size: f64, sighting: &mut Sighting) {
-        let (origin, own_walls, receiver) = (sighting.origin, sighting.own_walls, sighting.receiver_patch);
-        let [emitter_plane, receiver_plane] = sighting.planes;
+    fn list_occluders(&mut self, Obstacles { surfaces, regions }: Obstacles<'_>, size: f64, pair: &mut TrianglePair) {
+        let (origin, own_regions, receiver) = (pair.origin, pair.own_regions, pair.receiver_patch);
+        let [emitter_plane, receiver_plane] = pair.planes;
         let side = OUTSIDE * size;
-        let tree = &walls.tree;
+        let tree = &regions.tree;
         let tolerance = tree.plane_tolerance;
-        if !dispatch_reached(
+        if !list_reached_by(
             InstructionSet::widest(),
             tree,
             &self.sides,
@@ -413,37 +468,35 @@ impl Shaft {
             &mut self.pending,
             &mut self.reached,
         ) {
-            sighting.crowded = true;
+            pair.is_crowded = true;
             return;
         }
         let start = self.occluders.len();
         for &(index, kept) in &self.reached {
             let block = &tree.blocks[index as usize];
-            let mut kept = kept;
-            while kept != 0 {
-                let l = kept.trailing_zeros() as usize;
-                kept &= kept - 1;
+            for l in lanes(kept) {
                 #[allow(clippy::cast_possible_truncation, reason = "slots are u32")]
                 let slot = (index as usize * LANES + l) as u32;
-                let wall = block.negative[l];
-                if wall == UNUSED || own_walls.contains(&wall) {
+                let region = block.negative[l];
+                if region == UNUSED || own_regions.contains(&region) {
                     continue;
                 }
-                let [a, b, c] = block.triangle(l).map(|p| p - origin);
-                let (least, most) = (a.min(b).min(c).to_array(), a.max(b).max(c).to_array());
+                let triangle = block.triangle(l).map(|p| p - origin);
+                let (least, most) = geometry::bounds(&triangle);
+                let (least, most, [a, b, c]) = (least.to_array(), most.to_array(), triangle);
                 if (0..3).any(|x| most[x] < self.sides.low[x] || least[x] > self.sides.high[x]) {
                     continue;
                 }
-                let height = |(n, d): &(DVec3, f64)| {
-                    let h = [n.dot(a) - d, n.dot(b) - d, n.dot(c) - d];
+                let height = |plane: &Plane| {
+                    let h = triangle.map(|p| plane.height(p));
                     (h[0].min(h[1]).min(h[2]), h[0].max(h[1]).max(h[2]))
                 };
                 let (lowest, highest) = height(&receiver_plane);
                 if highest <= tolerance {
                     // In the receiver's plane, or below it at one end.
-                    if lowest >= -tolerance && overlap(&[a, b, c], &sighting.receiver, receiver_plane.0, side) {
-                        for &piece in walls.pieces(wall) {
-                            sighting.lay_over(&surfaces[piece as usize], receiver, receiver_plane, tolerance, side);
+                    if lowest >= -tolerance && overlap(&[a, b, c], &pair.receiver, receiver_plane.normal, side) {
+                        for &piece in regions.pieces(region) {
+                            pair.list_coplanar(&surfaces[piece as usize], receiver, &receiver_plane, tolerance, side);
                         }
                     }
                     continue;
@@ -453,8 +506,8 @@ impl Shaft {
                     reason = "relative to the pair, f32 is enough for rays"
                 )]
                 let single = |p: DVec3| p.to_array().map(|x| x as f32);
-                let normal = (b - a).cross(c - a);
-                // From its nearest corner on, as f32 has the fewest digits behind the point for what is far.
+                let normal = geometry::cross(&triangle);
+                // Begin at the nearest corner: f32 has the fewest digits behind the point for what is far.
                 let [p, q, r] = match [a, b, c].map(DVec3::length_squared) {
                     [x, y, z] if x <= y && x <= z => [a, b, c],
                     [_, y, z] if y <= z => [b, c, a],
@@ -468,18 +521,18 @@ impl Shaft {
                     slot,
                     size: normal.length_squared() as f32,
                 };
-                // What rises slowly above a small patch is in front of it by less than what it rises to elsewhere.
-                let near = (BESIDE * size).powi(2) * normal.length_squared();
+                // An occluder that rises slowly lies nearer to a small patch than its greatest height tells.
+                let near = (NEAR_PLANE * size).powi(2) * normal.length_squared();
                 let all_but_touches = |t: &[DVec3; 3]| t.iter().all(|&p| normal.dot(p - a).powi(2) <= near);
-                if highest <= BESIDE * size
-                    || height(&emitter_plane).1 <= BESIDE * size
-                    || all_but_touches(&sighting.emitter)
-                    || all_but_touches(&sighting.receiver)
+                if highest <= NEAR_PLANE * size
+                    || height(&emitter_plane).1 <= NEAR_PLANE * size
+                    || all_but_touches(&pair.emitter)
+                    || all_but_touches(&pair.receiver)
                 {
-                    sighting.beside.push([a, b, c]);
+                    pair.near_plane.push([a, b, c]);
                 } else {
-                    if hides(walls.corners(wall), sighting) {
-                        sighting.hidden = true;
+                    if proves_occluded(regions.corners(region), pair) {
+                        pair.is_occluded = true;
                         self.occluders.truncate(start);
                         return;
                     }
@@ -487,73 +540,89 @@ impl Shaft {
                 }
             }
         }
-        // The largest first: they stop most rays, and then the rest need not be tried.
+        // The largest first: they stop most rays, and the rest need not be tested then.
         self.occluders[start..].sort_unstable_by(|p, q| q.size.total_cmp(&p.size).then(p.slot.cmp(&q.slot)));
-        sighting.between = start..self.occluders.len();
+        pair.occluders = start..self.occluders.len();
     }
 
-    /// The corners of what may come in between, relative to the sighting's origin, without what is in the receiver's
-    /// plane.
+    /// The corners of the occluders, relative to the pair's origin, without coplanar patches.
     pub(crate) fn triangles<'a>(
         &'a self,
-        walls: &'a CoplanarRegions,
-        sighting: &'a Sighting,
+        regions: &'a CoplanarRegions,
+        pair: &'a TrianglePair,
     ) -> impl Iterator<Item = [DVec3; 3]> + 'a {
-        let between = self.occluders[sighting.between.clone()].iter().map(move |occluder| {
+        let listed = self.occluders[pair.occluders.clone()].iter().map(move |occluder| {
             let slot = occluder.slot as usize;
-            walls.tree.blocks[slot / LANES]
+            regions.tree.blocks[slot / LANES]
                 .triangle(slot % LANES)
-                .map(|p| p - sighting.origin)
+                .map(|p| p - pair.origin)
         });
-        between.chain(sighting.beside.iter().copied())
+        listed.chain(pair.near_plane.iter().copied())
     }
 
-    /// Casts rays of a sequence until there are `wanted` (a multiple of 16): the same ones in both directions of a
-    /// pair. How many there are.
+    /// Casts rays of a sequence until they are worth `wanted` (a multiple of 16), the same in both directions of a pair;
+    /// returns what they are worth. Between near patches, [`Self::cast_directions`], otherwise
+    /// [`Self::cast_segments`].
     pub(crate) fn cast(
         &self,
         obstacles: Obstacles<'_>,
-        sighting: &Sighting,
+        pair: &TrianglePair,
         wanted: usize,
         seed: u64,
         cast: &mut Cast,
     ) -> usize {
-        let (small, large) = sighting.by_size();
-        let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+        if pair.is_near {
+            self.cast_directions(obstacles, pair, wanted, seed, cast)
+        } else {
+            self.cast_segments(obstacles, pair, wanted, seed, cast)
+        }
+    }
+
+    /// Casts segments between evenly drawn points of the two until there are `wanted`; returns their number.
+    pub(crate) fn cast_segments(
+        &self,
+        obstacles: Obstacles<'_>,
+        pair: &TrianglePair,
+        wanted: usize,
+        seed: u64,
+        cast: &mut Cast,
+    ) -> usize {
+        let (small, large) = pair.by_size();
+        let normal = geometry::cross;
         let span = |t: &[DVec3; 3]| [t[0], t[1] - t[0], t[2] - t[0]].map(|p| p.to_array());
-        let pair = Spans {
+        let sampler = SegmentSampler {
             from: span(small),
             to: span(large),
             normals: [normal(small), normal(large)].map(|p| p.to_array()),
             sequence: Sequence::new(seed),
         };
-        let mut group = Group::new();
-        let mut drawn = Drawn::new();
+        let mut batch = RayBatch::new();
+        let mut drawn = DrawnSegments::new();
         let mut stopped = [0; RAYS];
-        let mut segments = sighting.segments(obstacles);
-        let steps = self.steps_a_group(sighting);
+        let mut segments = pair.segments(obstacles);
+        let steps = self.steps_a_batch(pair);
         while cast.drawn < wanted {
             cast.steps += steps;
-            dispatch_draw_spans(InstructionSet::widest(), &pair, cast.drawn, &mut drawn, &mut group);
-            group.hit = [0; RAYS];
-            if sighting.crowded {
-                for l in (0..RAYS).filter(|&l| group.weight[l] > 0.0) {
+            draw_segments_by(InstructionSet::widest(), &sampler, cast.drawn, &mut drawn, &mut batch);
+            batch.hit = [0; RAYS];
+            if pair.is_crowded {
+                for l in (0..RAYS).filter(|&l| batch.weight[l] > 0.0) {
                     let (small, large) = drawn.segment(l);
-                    group.hit[l] = u32::from(sighting.is_stopped(&mut segments, small, large));
+                    batch.hit[l] = u32::from(pair.is_stopped(&mut segments, small, large));
                 }
             } else {
-                sighting.stopped(&drawn, &mut stopped);
-                group.stopped = stopped.map(|s| u32::from(s != 0));
-                self.hit(sighting, &mut group);
+                pair.mark_stopped(&drawn, &mut stopped);
+                batch.stopped = stopped.map(|s| u32::from(s != 0));
+                self.hit(pair, &mut batch);
             }
             let (mut seen, mut whole) = (0.0, 0.0);
             for l in 0..RAYS {
-                let weight = f64::from(group.weight[l]);
+                let weight = f64::from(batch.weight[l]);
                 whole += weight;
-                seen += if group.hit[l] == 0 { weight } else { 0.0 };
+                seen += if batch.hit[l] == 0 { weight } else { 0.0 };
             }
-            cast.sums.0 += seen;
-            cast.sums.1 += whole;
+            cast.sums.visible += seen;
+            cast.sums.all += whole;
             cast.drawn += RAYS;
         }
         cast.drawn
@@ -561,134 +630,127 @@ impl Shaft {
 }
 
 impl Shaft {
-    /// Casts rays between a pair so near that segments between evenly drawn points would hardly meet what carries the
-    /// weight: cosine-distributed directions from points of the smaller triangle (Malley's method), drawn from about
-    /// what the other one fills of the unit disc and weighted with how much that is; those that meet the other one
-    /// count. Stops when all so far are worth `wanted` equal ones, or at `most` directions. Returns what those that met
-    /// are worth.
-    pub(crate) fn cast_near(
+    /// Casts cosine-distributed directions from points of the smaller triangle (Malley's method), for pairs so near that
+    /// evenly drawn segments would hardly meet what carries the weight.
+    ///
+    /// Directions are drawn from bounds of the other triangle's image on the unit disc and weighted with the bounds'
+    /// area; those that meet the triangle count. Stops when they are worth `wanted` equal ones, (Σ w)² / Σ w², or at
+    /// [`MOST_DRAWN`] directions each; returns their worth.
+    fn cast_directions(
         &self,
         obstacles: Obstacles<'_>,
-        sighting: &Sighting,
+        pair: &TrianglePair,
         wanted: usize,
-        most: usize,
         seed: u64,
         cast: &mut Cast,
     ) -> usize {
-        let (small, large) = sighting.by_size();
-        let Some(fan) = Fan::between(small, large, seed) else {
+        let (small, large) = pair.by_size();
+        let Some(sampler) = DirectionSampler::between(small, large, seed) else {
             return 0;
         };
-        let mut group = Group::new();
-        let mut drawn = Drawn::new();
+        let mut batch = RayBatch::new();
+        let mut drawn = DrawnSegments::new();
         let mut stopped = [0; RAYS];
-        let mut aim = Aim::new();
+        let mut bounds = ProjectedBounds::new();
         let mut filled = 0;
-        let mut segments = sighting.segments(obstacles);
+        let mut segments = pair.segments(obstacles);
         loop {
             if cast.drawn.is_multiple_of(FROM_A_POINT * RAYS) {
-                dispatch_aim(
+                bound_projections_by(
                     InstructionSet::widest(),
-                    &fan,
+                    &sampler,
                     cast.drawn / FROM_A_POINT,
                     &mut drawn,
-                    &mut aim,
+                    &mut bounds,
                 );
             }
             cast.steps += STEPS_A_DRAW;
-            let mut mask = dispatch_shoot(
+            let mask = draw_directions_by(
                 InstructionSet::widest(),
-                &fan,
+                &sampler,
                 cast.drawn / RAYS % FROM_A_POINT,
-                &aim,
+                &bounds,
                 &mut drawn,
             );
             cast.drawn += RAYS;
-            if mask != 0 && !sighting.crowded {
-                sighting.stopped(&drawn, &mut stopped);
+            if mask != 0 && !pair.is_crowded {
+                pair.mark_stopped(&drawn, &mut stopped);
             }
-            while mask != 0 {
-                let l = mask.trailing_zeros() as usize;
-                mask &= mask - 1;
+            for l in lanes(mask) {
                 let (x, y) = drawn.segment(l);
                 let weight = drawn.weight[l];
-                if sighting.crowded {
+                if pair.is_crowded {
                     cast.steps += STEPS_A_SEGMENT;
-                    let is_stopped = sighting.is_stopped(&mut segments, x, y);
-                    cast.sums.0 += if is_stopped { 0.0 } else { weight };
-                    cast.sums.1 += weight;
-                    cast.weights.0 += weight;
-                    cast.weights.1 += weight * weight;
+                    let is_stopped = pair.is_stopped(&mut segments, x, y);
+                    cast.sums.add(weight, !is_stopped);
+                    cast.weight += weight;
+                    cast.squared_weight += weight * weight;
                     continue;
                 }
-                group.set(filled, x, y - x, stopped[l] != 0);
+                batch.set(filled, x, y - x, stopped[l] != 0);
                 #[allow(clippy::cast_possible_truncation, reason = "at most 4")]
                 let single = weight as f32;
-                group.weight[filled] = single;
-                cast.weights.0 += weight;
-                cast.weights.1 += weight * weight;
+                batch.weight[filled] = single;
+                cast.weight += weight;
+                cast.squared_weight += weight * weight;
                 filled += 1;
                 if filled == RAYS {
-                    cast.steps += self.steps_a_group(sighting);
-                    self.count(sighting, &mut group, filled, &mut cast.sums);
+                    cast.steps += self.steps_a_batch(pair);
+                    self.count(pair, &mut batch, filled, &mut cast.sums);
                     filled = 0;
                 }
             }
-            let (sum, squares) = cast.weights;
+            let (sum, squares) = (cast.weight, cast.squared_weight);
             let is_round = cast.drawn.is_multiple_of(FROM_A_POINT * RAYS);
-            if is_round && (cast.drawn >= most || sum * sum >= wanted as f64 * squares && squares > 0.0) {
+            if is_round && (cast.drawn >= MOST_DRAWN * wanted || sum * sum >= wanted as f64 * squares && squares > 0.0)
+            {
                 break;
             }
         }
         if filled > 0 {
-            self.count(sighting, &mut group, filled, &mut cast.sums);
+            self.count(pair, &mut batch, filled, &mut cast.sums);
         }
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "a number of rays"
         )]
-        let worth = if cast.weights.1 > 0.0 {
-            (cast.weights.0 * cast.weights.0 / cast.weights.1) as usize
+        let worth = if cast.squared_weight > 0.0 {
+            (cast.weight * cast.weight / cast.squared_weight) as usize
         } else {
             0
         };
         worth
     }
 
-    fn count(&self, sighting: &Sighting, group: &mut Group, filled: usize, sums: &mut (f64, f64)) {
-        group.hit = [0; RAYS];
-        self.hit(sighting, group);
+    /// Traces the filled rays of a batch and adds their weights.
+    fn count(&self, pair: &TrianglePair, batch: &mut RayBatch, filled: usize, sums: &mut Kernels) {
+        batch.hit = [0; RAYS];
+        self.hit(pair, batch);
         for l in 0..filled {
-            let weight = f64::from(group.weight[l]);
-            sums.0 += if group.hit[l] == 0 { weight } else { 0.0 };
-            sums.1 += weight;
+            sums.add(f64::from(batch.weight[l]), batch.hit[l] == 0);
         }
     }
 
-    /// What sixteen rays cost.
-    fn steps_a_group(&self, sighting: &Sighting) -> u64 {
-        if sighting.crowded {
+    /// Steps of sixteen rays.
+    fn steps_a_batch(&self, pair: &TrianglePair) -> u64 {
+        if pair.is_crowded {
             RAYS as u64 * STEPS_A_SEGMENT
         } else {
-            STEPS_A_GROUP + STEPS_A_TEST * (sighting.between.len() + 4 * sighting.beside.len()) as u64
+            STEPS_A_BATCH + STEPS_A_TEST * (pair.occluders.len() + 4 * pair.near_plane.len()) as u64
         }
     }
 
-    fn hit(&self, sighting: &Sighting, group: &mut Group) {
-        dispatch_hits(
-            InstructionSet::widest(),
-            &self.occluders[sighting.between.clone()],
-            group,
-        );
+    fn hit(&self, pair: &TrianglePair, batch: &mut RayBatch) {
+        hits_by(InstructionSet::widest(), &self.occluders[pair.occluders.clone()], batch);
     }
 }
 
-/// Whether all nine segments between corners pass through the inside of a convex polygon, whose corners are in the
-/// scene's coordinates: then so does every segment between the two, as where they pass its plane is the convex hull of
-/// where those do.
-fn hides(polygon: &[DVec3], sighting: &Sighting) -> bool {
-    let first = polygon[0] - sighting.origin;
+/// Returns whether all nine segments between corners pass through the inside of a convex polygon in the scene's
+/// coordinates. Then every segment between the two triangles does: they pass the polygon's plane within the convex hull
+/// of those nine points.
+fn proves_occluded(polygon: &[DVec3], pair: &TrianglePair) -> bool {
+    let first = polygon[0] - pair.origin;
     let normal = (polygon[1] - polygon[0]).cross(polygon[2] - polygon[0]);
     let heights = |t: &[DVec3; 3]| {
         [
@@ -697,15 +759,15 @@ fn hides(polygon: &[DVec3], sighting: &Sighting) -> bool {
             normal.dot(t[2] - first),
         ]
     };
-    let (of_emitter, of_receiver) = (heights(&sighting.emitter), heights(&sighting.receiver));
+    let (of_emitter, of_receiver) = (heights(&pair.emitter), heights(&pair.receiver));
     let side = of_emitter[0];
     if of_emitter.iter().any(|h| h * side <= 0.0) || of_receiver.iter().any(|h| h * side >= 0.0) {
         return false;
     }
     let is_inside = |at: DVec3| {
-        let mut before = polygon[polygon.len() - 1] - sighting.origin;
+        let mut before = polygon[polygon.len() - 1] - pair.origin;
         for corner in polygon {
-            let corner = *corner - sighting.origin;
+            let corner = *corner - pair.origin;
             if (corner - before).cross(at - before).dot(normal) <= 0.0 {
                 return false;
             }
@@ -713,9 +775,9 @@ fn hides(polygon: &[DVec3], sighting: &Sighting) -> bool {
         }
         true
     };
-    for (&p, hp) in sighting.emitter.iter().zip(of_emitter) {
-        for (&q, hq) in sighting.receiver.iter().zip(of_receiver) {
-            if !is_inside(p + (q - p) * (hp / (hp - hq))) {
+    for (&p, hp) in pair.emitter.iter().zip(of_emitter) {
+        for (&q, hq) in pair.receiver.iter().zip(of_receiver) {
+            if !is_inside(geometry::crossing(p, q, hp, hq)) {
                 return false;
             }
         }
@@ -723,26 +785,26 @@ fn hides(polygon: &[DVec3], sighting: &Sighting) -> bool {
     true
 }
 
-/// Sixteen rays from points of one triangle to points of the other; the other point at parameter 1.
+/// Sixteen rays from points of one triangle to points of the other, at parameter 1.
 #[repr(C, align(64))]
-struct Group {
+struct RayBatch {
     origin: [[f32; RAYS]; 3],
     direction: [[f32; RAYS]; 3],
     weight: [f32; RAYS],
-    /// Stopped by what is beside or over.
+    /// Not 0 if stopped by an occluder near a plane or a coplanar patch.
     stopped: [u32; RAYS],
     hit: [u32; RAYS],
 }
 
-/// What directions from points of one triangle to another are drawn from.
-struct Fan {
-    /// Of what sees the other one: a triangle, or two that share the first corner, and the first one's share of the
-    /// area.
+/// Draws directions from points of one triangle to another.
+struct DirectionSampler {
+    /// The part of the smaller triangle in front of the other: a triangle, or two with a common first corner.
     corners: [[f64; 3]; 4],
+    /// The first triangle's share of the area.
     share: f64,
     axes: [[f64; 3]; 3],
     other: [[f64; 3]; 3],
-    /// What of it is above the horizon: three corners or four.
+    /// The part of it above the horizon: three corners or four.
     above: [[f64; 3]; 4],
     above_count: usize,
     sides: [[f64; 3]; 3],
@@ -750,14 +812,14 @@ struct Fan {
     sequence: Sequence,
 }
 
-impl Fan {
-    /// Nothing where one of the two is behind the other one's plane, or has no area.
+impl DirectionSampler {
+    /// `None` if one of the two has no area or lies behind the other's plane.
     fn between(small: &[DVec3; 3], large: &[DVec3; 3], seed: u64) -> Option<Self> {
         let [tangent, bitangent, normal] = crate::frame::axes(*small, 0.0)?;
-        let across = (large[1] - large[0]).cross(large[2] - large[0]);
-        let above = crate::factor::contour::in_front(large, small[0], normal, 0.0)?;
-        // Points behind the other one see nothing of it.
-        let from = crate::factor::contour::in_front(small, large[0], across.normalize_or_zero(), 0.0)?;
+        let across = geometry::cross(large);
+        let above = in_front(large, small[0], normal, 0.0)?;
+        // Points behind the other see nothing of it.
+        let from = in_front(small, large[0], across.normalize_or_zero(), 0.0)?;
         let (above, from) = (above.corners(), from.corners());
         let corners: [DVec3; 4] = std::array::from_fn(|k| from[k.min(from.len() - 1)]);
         let half = |k: usize| (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]).length();
@@ -769,7 +831,7 @@ impl Fan {
             other: large.map(|p| p.to_array()),
             above: std::array::from_fn(|k| above[k.min(above.len() - 1)].to_array()),
             above_count: above.len().min(4),
-            // Towards the inside of the other one.
+            // Normals towards its inside.
             sides: [0, 1, 2].map(|e| across.cross(large[(e + 1) % 3] - large[e]).to_array()),
             across: across.to_array(),
             sequence: Sequence::new(seed),
@@ -777,22 +839,22 @@ impl Fan {
     }
 }
 
-/// Directions from each point, one in each quarter of what it sees: to bound that costs more than to draw a direction.
+/// Directions from each point, one in each quarter of the bounds: bounding costs more than drawing a direction.
 const FROM_A_POINT: usize = 4;
 
-/// What sixteen points see of the other triangle: between which p its image on the unit disc lies, and the planes
-/// through its edges, which bound q at each p.
+/// Bounds of the other triangle's image on the unit disc (p, q) from sixteen points: a range of p, and the planes through
+/// its edges, bounding q at each p.
 #[repr(C, align(64))]
-struct Aim {
+struct ProjectedBounds {
     low: [f64; RAYS],
     extent: [f64; RAYS],
     /// Normals in the frame, towards the inside.
     edges: [[[f64; RAYS]; 3]; 4],
-    /// Where in their quarters of the image directions are drawn.
+    /// Places of directions in their quarters of the image.
     within: [[f64; RAYS]; 2],
 }
 
-impl Aim {
+impl ProjectedBounds {
     const fn new() -> Self {
         Self {
             low: [0.0; RAYS],
@@ -803,9 +865,9 @@ impl Aim {
     }
 }
 
-/// What segments between evenly drawn points of two triangles are drawn from.
-struct Spans {
-    /// A corner and two edges of the smaller one and of the other.
+/// Draws segments between evenly distributed points of two triangles.
+struct SegmentSampler {
+    /// A corner and two edges of the smaller triangle, then of the other.
     from: [[f64; 3]; 3],
     to: [[f64; 3]; 3],
     normals: [[f64; 3]; 2],
@@ -814,13 +876,13 @@ struct Spans {
 
 /// Sixteen segments.
 #[repr(C, align(64))]
-struct Drawn {
+struct DrawnSegments {
     start: [[f64; RAYS]; 3],
     end: [[f64; RAYS]; 3],
     weight: [f64; RAYS],
 }
 
-impl Drawn {
+impl DrawnSegments {
     const fn new() -> Self {
         Self {
             start: [[0.0; RAYS]; 3],
@@ -835,33 +897,23 @@ impl Drawn {
     }
 }
 
-#[inline(always)]
-fn dot(p: [f64; 3], q: [f64; 3]) -> f64 {
-    p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
-}
-
-#[inline(always)]
-fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    [p[0] - q[0], p[1] - q[1], p[2] - q[2]]
-}
-
 /// Draws the segments `at..at + 16` of a sequence.
 #[inline(always)]
-fn draw_spans(pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group) {
-    let u = pair.sequence.points(at);
+fn draw_segments(sampler: &SegmentSampler, at: usize, drawn: &mut DrawnSegments, batch: &mut RayBatch) {
+    let u = sampler.sequence.points(at);
     for l in 0..RAYS {
         let ((s, t), (p, q)) = (fold(u[0][l], u[1][l]), fold(u[2][l], u[3][l]));
         let (mut x, mut d) = ([0.0; 3], [0.0; 3]);
         for a in 0..3 {
-            x[a] = pair.from[0][a] + pair.from[1][a] * s + pair.from[2][a] * t;
-            let y = pair.to[0][a] + pair.to[1][a] * p + pair.to[2][a] * q;
+            x[a] = sampler.from[0][a] + sampler.from[1][a] * s + sampler.from[2][a] * t;
+            let y = sampler.to[0][a] + sampler.to[1][a] * p + sampler.to[2][a] * q;
             d[a] = y - x[a];
             drawn.start[a][l] = x[a];
             drawn.end[a][l] = y;
         }
         let squared = dot(d, d);
-        let (leaving, arriving) = (dot(pair.normals[0], d), -dot(pair.normals[1], d));
-        // In front of both, or no weight.
+        let (leaving, arriving) = (dot(sampler.normals[0], d), -dot(sampler.normals[1], d));
+        // Only segments in front of both have weight.
         let faces = (leaving > 0.0) & (arriving > 0.0) & (squared > 0.0);
         let kernel = leaving * arriving / (squared * squared);
         #[allow(clippy::cast_possible_truncation, reason = "weights relative to the pair")]
@@ -870,44 +922,45 @@ fn draw_spans(pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group) {
         } else {
             0.0
         };
-        group.weight[l] = weight;
+        batch.weight[l] = weight;
         #[allow(clippy::cast_possible_truncation, reason = "rays relative to the pair")]
         for a in 0..3 {
-            group.origin[a][l] = x[a] as f32;
-            group.direction[a][l] = d[a] as f32;
+            batch.origin[a][l] = x[a] as f32;
+            batch.direction[a][l] = d[a] as f32;
         }
     }
 }
 
-/// Points of one triangle, and what bounds the image of the other one on the unit disc as each of them sees it.
+/// Draws sixteen points of one triangle and bounds the image of the other on the unit disc of each.
 #[inline(always)]
-fn aim(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &mut Aim) {
-    if fan.above_count == 3 {
-        aim_at::<3>(fan, at, drawn, aim);
+fn bound_projections(sampler: &DirectionSampler, at: usize, drawn: &mut DrawnSegments, bounds: &mut ProjectedBounds) {
+    if sampler.above_count == 3 {
+        bound_projections_of::<3>(sampler, at, drawn, bounds);
     } else {
-        aim_at::<4>(fan, at, drawn, aim);
+        bound_projections_of::<4>(sampler, at, drawn, bounds);
     }
 }
 
-/// Draws the points `at..at + 16` of a sequence, and looks from them at so many corners.
+/// [`bound_projections`] for an image of `CORNERS` corners: the points `at..at + 16` of the sequence.
 #[inline(always)]
-fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &mut Aim) {
-    let (least, most) = (
-        |p: f64, q: f64| if p < q { p } else { q },
-        |p: f64, q: f64| if p > q { p } else { q },
-    );
-    let u = fan.sequence.points(at);
-    (aim.within[0], aim.within[1]) = (u[2], u[3]);
-    let [first, second, third] = [1, 2, 3].map(|k| minus(fan.corners[k], fan.corners[0]));
-    let scales = [fan.share, 1.0 - fan.share].map(|share| 1.0 / most(share, f64::MIN_POSITIVE));
+fn bound_projections_of<const CORNERS: usize>(
+    sampler: &DirectionSampler,
+    at: usize,
+    drawn: &mut DrawnSegments,
+    bounds: &mut ProjectedBounds,
+) {
+    let u = sampler.sequence.points(at);
+    (bounds.within[0], bounds.within[1]) = (u[2], u[3]);
+    let [first, second, third] = [1, 2, 3].map(|k| minus(sampler.corners[k], sampler.corners[0]));
+    let scales = [sampler.share, 1.0 - sampler.share].map(|share| 1.0 / most(share, f64::MIN_POSITIVE));
     // The other triangle from each point.
     let mut towards = [[[0.0; RAYS]; 3]; CORNERS];
     for l in 0..RAYS {
-        let is_first = u[0][l] < fan.share;
+        let is_first = u[0][l] < sampler.share;
         let within = if is_first {
             u[0][l] * scales[0]
         } else {
-            (u[0][l] - fan.share) * scales[1]
+            (u[0][l] - sampler.share) * scales[1]
         };
         let (s, t) = fold(within, u[1][l]);
         let (mut e, mut f) = (first, second);
@@ -916,37 +969,33 @@ fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &m
             f[a] = if is_first { second[a] } else { third[a] };
         }
         let x = [
-            fan.corners[0][0] + e[0] * s + f[0] * t,
-            fan.corners[0][1] + e[1] * s + f[1] * t,
-            fan.corners[0][2] + e[2] * s + f[2] * t,
+            sampler.corners[0][0] + e[0] * s + f[0] * t,
+            sampler.corners[0][1] + e[1] * s + f[1] * t,
+            sampler.corners[0][2] + e[2] * s + f[2] * t,
         ];
         for a in 0..3 {
             drawn.start[a][l] = x[a];
         }
         for k in 0..CORNERS {
-            let v = minus(fan.above[k], x);
+            let v = minus(sampler.above[k], x);
             for a in 0..3 {
-                towards[k][a][l] = dot(fan.axes[a], v);
+                towards[k][a][l] = dot(sampler.axes[a], v);
             }
         }
     }
-    // How far its image reaches along p: its corners' do, and its edges' images, which are parts of ellipses whose
-    // extremes may lie between their ends.
+    // Range of the image along p: that of its corners, and of its edges' images, parts of ellipses with extremes that may
+    // lie between their ends.
     let mut low = [1.0f64; RAYS];
     let mut high = [-1.0f64; RAYS];
     for k in 0..CORNERS {
         let (v, w) = (&towards[k], &towards[(k + 1) % CORNERS]);
-        let normal = &mut aim.edges[k];
+        let normal = &mut bounds.edges[k];
         // Positive where the image rises to an extreme and falls again, negative the other way round.
         let mut turns = [0.0f64; RAYS];
         let mut any = 0u64;
         for l in 0..RAYS {
             let (v, w) = ([v[0][l], v[1][l], v[2][l]], [w[0][l], w[1][l], w[2][l]]);
-            let n = [
-                w[1] * v[2] - w[2] * v[1],
-                w[2] * v[0] - w[0] * v[2],
-                w[0] * v[1] - w[1] * v[0],
-            ];
+            let n = cross(w, v);
             for a in 0..3 {
                 normal[a][l] = n[a];
             }
@@ -972,30 +1021,31 @@ fn aim_at<const CORNERS: usize>(fan: &Fan, at: usize, drawn: &mut Drawn, aim: &m
     }
     for l in 0..RAYS {
         let (from, to) = (most(low[l] - MARGIN, -1.0), least(high[l] + MARGIN, 1.0));
-        aim.low[l] = from;
-        aim.extent[l] = to - from;
+        bounds.low[l] = from;
+        bounds.extent[l] = to - from;
     }
 }
 
-/// Draws a direction in a quarter of what each point sees; the mask says which meet the other triangle from its front.
+/// Draws a direction in a quarter of the bounds from each point; returns the mask of those that meet the other triangle
+/// from its front.
 ///
-/// Where p is known, a direction lies on the half circle q² + up² = 1 − p², and an edge's plane cuts it where a
-/// quadratic equation in q is 0: which root bounds q on which side follows from where the plane has the ends of the
-/// half circle.
+/// At a given p, directions lie on the half circle q² + up² = 1 − p². An edge's plane cuts it at the roots of a quadratic
+/// equation in q; the side of the plane that has the ends of the half circle tells which root bounds q from which side.
 #[inline(always)]
-fn shoot(fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
+fn draw_directions(
+    sampler: &DirectionSampler,
+    quarter: usize,
+    bounds: &ProjectedBounds,
+    drawn: &mut DrawnSegments,
+) -> u16 {
     let corner = [quarter % 2, quarter / 2].map(|q| q as f64);
-    let (least, most) = (
-        |p: f64, q: f64| if p < q { p } else { q },
-        |p: f64, q: f64| if p > q { p } else { q },
-    );
     let (mut ps, mut ends) = ([0.0f64; RAYS], [0.0f64; RAYS]);
     for l in 0..RAYS {
-        ps[l] = aim.low[l] + aim.extent[l] * (0.5 * (aim.within[0][l] + corner[0]));
+        ps[l] = bounds.low[l] + bounds.extent[l] * (0.5 * (bounds.within[0][l] + corner[0]));
         ends[l] = most(1.0 - ps[l] * ps[l], 0.0).sqrt();
     }
     let (mut lows, mut highs) = (ends.map(|end| -end), ends);
-    for edge in &aim.edges[..fan.above_count] {
+    for edge in &bounds.edges[..sampler.above_count] {
         for l in 0..RAYS {
             let (n, p, end) = ([edge[0][l], edge[1][l], edge[2][l]], ps[l], ends[l]);
             let (along, across) = (n[0] * p, n[1] * n[1] + n[2] * n[2]);
@@ -1011,21 +1061,21 @@ fn shoot(fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
         let (p, end) = (ps[l], ends[l]);
         let (low, high) = (most(lows[l] - MARGIN, -end), least(highs[l] + MARGIN, end));
         let extent = most(high - low, 0.0);
-        let q = low + extent * (0.5 * (aim.within[1][l] + corner[1]));
-        let weight = aim.extent[l] * extent;
+        let q = low + extent * (0.5 * (bounds.within[1][l] + corner[1]));
+        let weight = bounds.extent[l] * extent;
         let rest = 1.0 - (p * p + q * q);
         let up = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
-        let [tangent, bitangent, normal] = fan.axes;
+        let [tangent, bitangent, normal] = sampler.axes;
         let d = [
             tangent[0] * p + bitangent[0] * q + normal[0] * up,
             tangent[1] * p + bitangent[1] * q + normal[1] * up,
             tangent[2] * p + bitangent[2] * q + normal[2] * up,
         ];
         let x = [drawn.start[0][l], drawn.start[1][l], drawn.start[2][l]];
-        let slope = dot(fan.across, d);
-        let length = dot(fan.across, minus(fan.other[0], x)) / slope;
+        let slope = dot(sampler.across, d);
+        let length = dot(sampler.across, minus(sampler.other[0], x)) / slope;
         let y = [x[0] + d[0] * length, x[1] + d[1] * length, x[2] + d[2] * length];
-        let within = |k: usize| dot(fan.sides[k], minus(y, fan.other[k])) >= 0.0;
+        let within = |k: usize| dot(sampler.sides[k], minus(y, sampler.other[k])) >= 0.0;
         let meets = (rest > 0.0) & (slope < 0.0) & (length > 0.0) & (weight > 0.0) & within(0) & within(1) & within(2);
         met[l] = u64::from(meets);
         drawn.weight[l] = weight;
@@ -1033,17 +1083,13 @@ fn shoot(fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16 {
             drawn.end[a][l] = y[a];
         }
     }
-    let mut mask = 0;
-    for (l, &k) in met.iter().enumerate() {
-        mask |= u16::from(k != 0) << l;
-    }
-    mask
+    mask(&met)
 }
 
-/// What rounding may take from what bounds an image on the unit disc.
+/// Rounding of the bounds of an image on the unit disc.
 const MARGIN: f64 = 1e-9;
 
-impl Group {
+impl RayBatch {
     fn new() -> Self {
         Self {
             origin: [[0.0; RAYS]; 3],
@@ -1054,7 +1100,7 @@ impl Group {
         }
     }
 
-    /// Sets a ray.
+    /// Sets the ray of a lane.
     fn set(&mut self, lane: usize, from: DVec3, direction: DVec3, is_stopped: bool) {
         #[allow(clippy::cast_possible_truncation, reason = "rays relative to the pair")]
         for a in 0..3 {
@@ -1065,13 +1111,9 @@ impl Group {
     }
 }
 
-/// Finds which of the planes through an edge and an opposite corner bound the hull of two triangles of this extent.
+/// Finds the planes through an edge and an opposite corner that bound the hull of two triangles of extent `size`.
 #[inline(always)]
 fn find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeSides) {
-    let (lesser, greater) = (
-        |p: f64, q: f64| if p < q { p } else { q },
-        |p: f64, q: f64| if p > q { p } else { q },
-    );
     let mut from = [[0.0; EDGE_LANES]; 3];
     let (mut along, mut across) = (from, from);
     for (l, &[a, b, c]) in EDGE_CORNERS.iter().enumerate() {
@@ -1087,29 +1129,28 @@ fn find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeS
             [along[0][l], along[1][l], along[2][l]],
             [across[0][l], across[1][l], across[2][l]],
         );
-        let n = [
-            u[1] * v[2] - v[1] * u[2],
-            u[2] * v[0] - v[2] * u[0],
-            u[0] * v[1] - v[0] * u[1],
-        ];
+        let n = cross(u, v);
         let squared = dot(n, n);
         let inverse = 1.0 / squared.sqrt();
         let n = [n[0] * inverse, n[1] * inverse, n[2] * inverse];
         let d = dot(n, [from[0][l], from[1][l], from[2][l]]);
-        let (mut least, mut most, mut extents) = (0.0f64, 0.0f64, [0.0f64; 2]);
+        let (mut lowest, mut highest, mut extents) = (0.0f64, 0.0f64, [0.0f64; 2]);
         for (k, &p) in points.iter().enumerate() {
             let height = dot(n, p) - d;
-            least = lesser(least, height);
-            most = greater(most, height);
-            extents[k / 3] = greater(extents[k / 3], height.abs());
+            lowest = least(lowest, height);
+            highest = most(highest, height);
+            extents[k / 3] = most(extents[k / 3], height.abs());
         }
         // A plane that all but coincides with one of the triangles, as where they share a corner, must not count as
         // outside what lies a hair above that triangle and hides it.
-        let rises = lesser(extents[0], extents[1]);
-        let side = lesser(OUTSIDE_OF_RISE * rises, OUTSIDE * size);
+        let rises = least(extents[0], extents[1]);
+        let side = least(OUTSIDE_OF_RISE * rises, OUTSIDE * size);
         let flat = 0.5 * side;
         let is_plane = (squared > flattest) & (side > tolerance);
-        let (above, below) = ((least >= -flat) & (most > flat), (most <= flat) & (least < -flat));
+        let (above, below) = (
+            (lowest >= -flat) & (highest > flat),
+            (highest <= flat) & (lowest < -flat),
+        );
         out.is_side[l] = u64::from(is_plane & (above | below));
         let sign = if above { 1.0 } else { -1.0 };
         for x in 0..3 {
@@ -1119,10 +1160,16 @@ fn find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeS
     }
 }
 
-/// Lists the blocks that reach into a shaft, with those of their triangles that may. False where these are more than
-/// [`MOST_LISTED`], and the list is not finished.
+/// Lists the blocks that reach into a shaft, with the mask of triangles that may. Returns false, with the list
+/// unfinished, at more than [`MOST_LISTED`] triangles.
 #[inline(always)]
-fn reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, reached: &mut Vec<(u32, u16)>) -> bool {
+fn list_reached(
+    tree: &Tree,
+    sides: &Sides,
+    origin: DVec3,
+    pending: &mut Vec<u32>,
+    reached: &mut Vec<(u32, u16)>,
+) -> bool {
     pending.clear();
     reached.clear();
     pending.push(0);
@@ -1148,20 +1195,20 @@ fn reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, re
     true
 }
 
-/// Marks the segments that a triangle beside cuts, and those that end on a triangle over.
+/// Marks the segments that a triangle of `near_plane` cuts, and those that end on one of `coplanar`.
 #[inline(always)]
-fn stop(
-    beside: &[[DVec3; 3]],
-    over: &[[DVec3; 3]],
+fn mark_stopped(
+    near_plane: &[[DVec3; 3]],
+    coplanar: &[[DVec3; 3]],
     from: &[[f64; RAYS]; 3],
     to: &[[f64; RAYS]; 3],
     out: &mut [u64; RAYS],
 ) {
-    // Towards the inside of each side, and a point of it.
+    // For each side, the normal towards the inside, and a point on it.
     let sides =
         |t: &[DVec3; 3], n: DVec3| [0, 1, 2].map(|k| (n.cross(t[(k + 1) % 3] - t[k]).to_array(), t[k].to_array()));
-    let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
-    for t in over {
+    let normal = geometry::cross;
+    for t in coplanar {
         let sides = sides(t, normal(t));
         for l in 0..RAYS {
             let y = [to[0][l], to[1][l], to[2][l]];
@@ -1169,7 +1216,7 @@ fn stop(
             out[l] |= u64::from(within(sides[0]) & within(sides[1]) & within(sides[2]));
         }
     }
-    for t in beside {
+    for t in near_plane {
         let n = normal(t);
         let sides = sides(t, n);
         let (n, first) = (n.to_array(), t[0].to_array());
@@ -1184,7 +1231,7 @@ fn stop(
     }
 }
 
-/// Which of 16 triangles reach inside all planes, one bit each.
+/// Mask of 16 triangles that reach inside all planes.
 #[inline(always)]
 fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], sides: &Sides) -> u16 {
     let mut kept = [1u64; LANES];
@@ -1199,40 +1246,34 @@ fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], sides: &Sides) -> u16 {
                     + n[2] * (corners[3 * k + 2][l] - origin[2])
             };
             let (a, b, c) = (height(0), height(1), height(2));
-            let most = if a > b { a } else { b };
-            let most = if most > c { most } else { c };
-            kept[l] &= u64::from(most > least);
+            kept[l] &= u64::from(most(most(a, b), c) > least);
             any |= kept[l];
         }
         if any == 0 {
             return 0;
         }
     }
-    let mut mask = 0;
-    for (l, &k) in kept.iter().enumerate() {
-        mask |= u16::from(k != 0) << l;
-    }
-    mask
+    mask(&kept)
 }
 
-/// Marks the rays of a group that an occluder stops strictly between their ends (Möller & Trumbore 1997), and those
-/// that are stopped anyway.
+/// Marks the rays of a batch that an occluder stops strictly between their ends (Möller & Trumbore 1997), and those
+/// already marked as stopped.
 #[inline(always)]
-fn hits(occluders: &[Occluder], group: &mut Group) {
-    let mut hit = group.hit;
+fn hits(occluders: &[Occluder], batch: &mut RayBatch) {
+    let mut hit = batch.hit;
     for l in 0..RAYS {
-        hit[l] |= group.stopped[l];
+        hit[l] |= batch.stopped[l];
     }
     for (count, t) in occluders.iter().enumerate() {
         let ([e, f], n) = (t.edges, t.normal);
         for l in 0..RAYS {
-            let d = [group.direction[0][l], group.direction[1][l], group.direction[2][l]];
+            let d = [batch.direction[0][l], batch.direction[1][l], batch.direction[2][l]];
             let s = [
-                group.origin[0][l] - t.corner[0],
-                group.origin[1][l] - t.corner[1],
-                group.origin[2][l] - t.corner[2],
+                batch.origin[0][l] - t.corner[0],
+                batch.origin[1][l] - t.corner[1],
+                batch.origin[2][l] - t.corner[2],
             ];
-            // Everything in terms of the determinant, made positive: no division.
+            // All in terms of the determinant, made positive: no division.
             let determinant = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
             let (size, sign) = (determinant.abs(), 1.0f32.copysign(determinant));
             let at = (s[0] * n[0] + s[1] * n[1] + s[2] * n[2]) * sign;
@@ -1246,40 +1287,39 @@ fn hits(occluders: &[Occluder], group: &mut Group) {
             let is_between = (at > 1e-6 * size) & (at < (1.0 - 1e-6) * size);
             hit[l] |= u32::from(is_between & (u >= 0.0) & (v >= 0.0) & (u + v <= size));
         }
-        // When every ray is stopped, the rest cannot change anything.
+        // With every ray stopped, the rest change nothing.
         if count % 4 == 3 && hit.iter().all(|&h| h != 0) {
             break;
         }
     }
-    group.hit = hit;
+    batch.hit = hit;
 }
 
 dispatch! {
-    fn dispatch_reached = reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, out: &mut Vec<(u32, u16)>) -> bool
+    fn list_reached_by = list_reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, out: &mut Vec<(u32, u16)>) -> bool
 }
 dispatch! {
-    fn dispatch_find_sides = find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeSides)
+    fn find_sides_by = find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeSides)
 }
 dispatch! {
-    fn dispatch_draw_spans = draw_spans(pair: &Spans, at: usize, drawn: &mut Drawn, group: &mut Group)
+    fn draw_segments_by = draw_segments(sampler: &SegmentSampler, at: usize, drawn: &mut DrawnSegments, batch: &mut RayBatch)
 }
 dispatch! {
-    fn dispatch_stop = stop(beside: &[[DVec3; 3]], over: &[[DVec3; 3]], from: &[[f64; RAYS]; 3], to: &[[f64; RAYS]; 3], out: &mut [u64; RAYS])
+    fn mark_stopped_by = mark_stopped(near_plane: &[[DVec3; 3]], coplanar: &[[DVec3; 3]], from: &[[f64; RAYS]; 3], to: &[[f64; RAYS]; 3], out: &mut [u64; RAYS])
 }
 dispatch! {
-    fn dispatch_aim = aim(fan: &Fan, at: usize, drawn: &mut Drawn, out: &mut Aim)
+    fn bound_projections_by = bound_projections(sampler: &DirectionSampler, at: usize, drawn: &mut DrawnSegments, out: &mut ProjectedBounds)
 }
 dispatch! {
-    fn dispatch_shoot = shoot(fan: &Fan, quarter: usize, aim: &Aim, drawn: &mut Drawn) -> u16
+    fn draw_directions_by = draw_directions(sampler: &DirectionSampler, quarter: usize, bounds: &ProjectedBounds, drawn: &mut DrawnSegments) -> u16
 }
 dispatch! {
-    fn dispatch_hits = hits(occluders: &[Occluder], group: &mut Group)
+    fn hits_by = hits(occluders: &[Occluder], batch: &mut RayBatch)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accuracy::refine::MOST_DRAWN;
     use crate::geometry::area;
     use crate::sampling::splitmix;
     use crate::{HierarchyOptions, Model};
@@ -1327,11 +1367,8 @@ mod tests {
         Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
     }
 
-    fn obstacles<'a>(model: &'a Model, walls: &'a CoplanarRegions) -> Obstacles<'a> {
-        Obstacles {
-            surfaces: &model.geometry().surfaces,
-            walls,
-        }
+    fn obstacles<'a>(model: &'a Model, regions: &'a CoplanarRegions) -> Obstacles<'a> {
+        Obstacles::new(model, regions)
     }
 
     fn fraction(model: &Model, i: u32, j: u32, rays: usize) -> (usize, f64) {
@@ -1339,14 +1376,18 @@ mod tests {
         let mut shaft = Shaft::default();
         let walls = CoplanarRegions::of(model);
         let obstacles = obstacles(model, &walls);
-        let sighting = shaft.sight(obstacles, (i, &corners(i)), (j, &corners(j)));
-        if sighting.hidden {
+        let pair = shaft.pair(
+            obstacles,
+            PatchTriangle::new(i, &corners(i)),
+            PatchTriangle::new(j, &corners(j)),
+        );
+        if pair.is_occluded {
             return (1, 0.0);
         }
         let mut cast = Cast::default();
-        shaft.cast(obstacles, &sighting, rays, 1, &mut cast);
-        let count = sighting.between.len() + sighting.beside.len() + sighting.over.len();
-        (count, cast.sums.0 / cast.sums.1)
+        shaft.cast_segments(obstacles, &pair, rays, 1, &mut cast);
+        let count = pair.occluders.len() + pair.near_plane.len() + pair.coplanar.len();
+        (count, cast.sums.visible / cast.sums.all)
     }
 
     #[test]
@@ -1357,23 +1398,27 @@ mod tests {
         let count = u64::try_from(model.patches().len()).expect("a number");
         let (mut state, mut partly, mut fewer, mut hidden) = (1, 0, [0, 0], [0, 0]);
         for _ in 0..20_000 {
-            let pair = [0, 1].map(|_| u32::try_from(splitmix::next(&mut state) % count).expect("a patch"));
-            let [emitter, receiver] = pair.map(|patch| model.normalised_corners(patch));
+            let ids = [0, 1].map(|_| u32::try_from(splitmix::next(&mut state) % count).expect("a patch"));
+            let [emitter, receiver] = ids.map(|patch| model.normalised_corners(patch));
             let fractions = [&*walls, &pieces].map(|walls| {
                 let mut shaft = Shaft::default();
                 let obstacles = obstacles(&model, walls);
-                let sighting = shaft.sight(obstacles, (pair[0], &emitter), (pair[1], &receiver));
+                let pair = shaft.pair(
+                    obstacles,
+                    PatchTriangle::new(ids[0], &emitter),
+                    PatchTriangle::new(ids[1], &receiver),
+                );
                 let at = usize::from(!std::ptr::eq(walls, &pieces));
-                hidden[at] += usize::from(sighting.hidden);
-                fewer[at] += sighting.between.len();
+                hidden[at] += usize::from(pair.is_occluded);
+                fewer[at] += pair.occluders.len();
                 let mut cast = Cast::default();
-                shaft.cast(obstacles, &sighting, 256, 1, &mut cast);
-                if sighting.hidden { Some(0.0) } else { cast.fraction() }
+                shaft.cast_segments(obstacles, &pair, 256, 1, &mut cast);
+                if pair.is_occluded { Some(0.0) } else { cast.fraction() }
             });
             let [Some(by_walls), Some(by_pieces)] = fractions else {
                 continue;
             };
-            assert!((by_walls - by_pieces).abs() < 0.02, "{pair:?}: {by_walls} {by_pieces}");
+            assert!((by_walls - by_pieces).abs() < 0.02, "{ids:?}: {by_walls} {by_pieces}");
             partly += usize::from(by_walls > 0.0 && by_walls < 1.0);
         }
         assert!(partly > 200, "{partly} pairs partly visible");
@@ -1393,21 +1438,21 @@ mod tests {
         let count = u64::try_from(model.patches().len()).expect("a number");
         let (mut state, mut partly, mut near) = (3, 0, 0);
         for _ in 0..20_000 {
-            let pair = [0, 1].map(|_| u32::try_from(splitmix::next(&mut state) % count).expect("a patch"));
-            let [emitter, receiver] = pair.map(|patch| model.normalised_corners(patch));
+            let ids = [0, 1].map(|_| u32::try_from(splitmix::next(&mut state) % count).expect("a patch"));
+            let [emitter, receiver] = ids.map(|patch| model.normalised_corners(patch));
             let mut shaft = Shaft::default();
-            let mut sighting = shaft.sight(obstacles, (pair[0], &emitter), (pair[1], &receiver));
-            if sighting.hidden || sighting.is_open() || sighting.crowded {
+            let mut pair = shaft.pair(
+                obstacles,
+                PatchTriangle::new(ids[0], &emitter),
+                PatchTriangle::new(ids[1], &receiver),
+            );
+            if pair.is_occluded || pair.is_unoccluded() || pair.is_crowded {
                 continue;
             }
             let fractions = [false, true].map(|crowded| {
-                sighting.crowded = crowded;
+                pair.is_crowded = crowded;
                 let mut cast = Cast::default();
-                if sighting.near {
-                    shaft.cast_near(obstacles, &sighting, 256, MOST_DRAWN * 256, 1, &mut cast);
-                } else {
-                    shaft.cast(obstacles, &sighting, 256, 1, &mut cast);
-                }
+                shaft.cast(obstacles, &pair, 256, 1, &mut cast);
                 cast.fraction()
             });
             let [Some(by_list), Some(by_tree)] = fractions else {
@@ -1416,10 +1461,10 @@ mod tests {
             // Rays of a list are in f32: one may pass an edge on the other side.
             assert!(
                 (by_list - by_tree).abs() < 0.02,
-                "{pair:?}: {by_list} by list, {by_tree} by tree"
+                "{ids:?}: {by_list} by list, {by_tree} by tree"
             );
             partly += usize::from(by_list > 0.0 && by_list < 1.0);
-            near += usize::from(sighting.near);
+            near += usize::from(pair.is_near);
         }
         assert!(partly > 200 && near > 20, "{partly} pairs partly visible, {near} near");
     }
@@ -1478,16 +1523,16 @@ mod tests {
             let mut shaft = Shaft::default();
             let walls = CoplanarRegions::of(&model);
             let obstacles = obstacles(&model, &walls);
-            let sighting = shaft.sight(obstacles, (0, &small), (1, &large));
+            let pair = shaft.pair(obstacles, PatchTriangle::new(0, &small), PatchTriangle::new(1, &large));
             let mut cast = Cast::default();
-            shaft.cast_near(obstacles, &sighting, 1 << 13, 1 << 17, 5, &mut cast);
+            shaft.cast_directions(obstacles, &pair, 1 << 13, 5, &mut cast);
             let across = (large[1] - large[0]).cross(large[2] - large[0]).normalize();
-            let from = crate::factor::contour::in_front(&small, large[0], across, 0.0).expect("it sees something");
+            let from = in_front(&small, large[0], across, 0.0).expect("it sees something");
             let part: f64 = (1..from.corners().len() - 1)
                 .map(|k| area(&[from.corners()[0], from.corners()[k], from.corners()[k + 1]]))
                 .sum();
             cut += usize::from(part < 0.999 * area(&small));
-            let found = cast.sums.1 / (cast.drawn as f64 * std::f64::consts::PI) * part / area(&small);
+            let found = cast.sums.all / (cast.drawn as f64 * std::f64::consts::PI) * part / area(&small);
             assert!(
                 (found / factor - 1.0).abs() < 0.01,
                 "{found} for {factor} from {small:?} to {large:?}"
@@ -1521,17 +1566,17 @@ mod tests {
                     continue;
                 }
                 let mut shaft = Shaft::default();
-                let sighting = shaft.sight(obstacles, (i, &emitter), (j, &receiver));
-                if sighting.hidden || sighting.is_open() {
+                let pair = shaft.pair(
+                    obstacles,
+                    PatchTriangle::new(i, &emitter),
+                    PatchTriangle::new(j, &receiver),
+                );
+                if pair.is_occluded || pair.is_unoccluded() {
                     continue;
                 }
                 let cast = |rays: usize, seed: u64| {
                     let mut cast = Cast::default();
-                    let rays = if sighting.near {
-                        shaft.cast_near(obstacles, &sighting, rays, MOST_DRAWN * rays, seed, &mut cast)
-                    } else {
-                        shaft.cast(obstacles, &sighting, rays, seed, &mut cast)
-                    };
+                    let rays = shaft.cast(obstacles, &pair, rays, seed, &mut cast);
                     (rays, cast)
                 };
                 let exact: Option<f64> = (0..4).map(|k| cast(1 << 14, k).1.fraction()).sum();
@@ -1541,7 +1586,7 @@ mod tests {
                 if !(0.02..=0.98).contains(&exact) {
                     continue;
                 }
-                let near = usize::from(sighting.near);
+                let near = usize::from(pair.is_near);
                 pairs[near] += 1;
                 for (level, rays) in levels.into_iter().enumerate() {
                     for seed in 0..4 {
@@ -1550,7 +1595,7 @@ mod tests {
                         let sum = &mut sums[near][level];
                         sum.0 += (factor * (fraction - exact)).powi(2);
                         sum.1 += factor * factor * exact * (1.0 - exact) / rays as f64;
-                        if sighting.near {
+                        if pair.is_near {
                             (drawn, worth) = (drawn + cast.drawn, worth + rays);
                         }
                     }
@@ -1664,25 +1709,29 @@ mod tests {
         let corners = |k: u32| model.normalised_corners(k);
         let mut shaft = Shaft::default();
         let walls = CoplanarRegions::of(&model);
-        let sighting = shaft.sight(obstacles(&model, &walls), (0, &corners(0)), (2, &corners(2)));
-        assert_eq!(sighting.between.len(), 1);
-        let (small, large) = sighting.by_size();
-        let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+        let pair = shaft.pair(
+            obstacles(&model, &walls),
+            PatchTriangle::new(0, &corners(0)),
+            PatchTriangle::new(2, &corners(2)),
+        );
+        assert_eq!(pair.occluders.len(), 1);
+        let (small, large) = pair.by_size();
+        let normal = geometry::cross;
         let span = |t: &[DVec3; 3]| [t[0], t[1] - t[0], t[2] - t[0]].map(|p| p.to_array());
-        let spans = Spans {
+        let spans = SegmentSampler {
             from: span(small),
             to: span(large),
             normals: [normal(small), normal(large)].map(|p| p.to_array()),
             sequence: Sequence::new(7),
         };
         for at in (0..512).step_by(RAYS) {
-            let (mut a, mut b) = (Group::new(), Group::new());
-            let mut drawn = [Drawn::new(), Drawn::new()];
-            draw_spans(&spans, at, &mut drawn[0], &mut a);
-            dispatch_draw_spans(InstructionSet::widest(), &spans, at, &mut drawn[1], &mut b);
+            let (mut a, mut b) = (RayBatch::new(), RayBatch::new());
+            let mut drawn = [DrawnSegments::new(), DrawnSegments::new()];
+            draw_segments(&spans, at, &mut drawn[0], &mut a);
+            draw_segments_by(InstructionSet::widest(), &spans, at, &mut drawn[1], &mut b);
             assert_eq!((a.origin, a.direction, a.weight), (b.origin, b.direction, b.weight));
             hits(&shaft.occluders, &mut a);
-            dispatch_hits(InstructionSet::widest(), &shaft.occluders, &mut b);
+            hits_by(InstructionSet::widest(), &shaft.occluders, &mut b);
             assert_eq!(a.hit, b.hit);
         }
     }
@@ -1698,19 +1747,22 @@ mod tests {
             [p(0.6, 3.0, 2.0), p(0.6, -3.0, 2.0), p(0.7, -3.0, -1.0)],
         ];
         for large in large {
-            let fan = Fan::between(&small, &large, 7).expect("they see each other");
+            let sampler = DirectionSampler::between(&small, &large, 7).expect("they see each other");
             let mut met = 0;
             for at in (0..256).step_by(RAYS) {
-                let (mut aims, mut drawn) = ([Aim::new(), Aim::new()], [Drawn::new(), Drawn::new()]);
-                aim(&fan, at, &mut drawn[0], &mut aims[0]);
-                dispatch_aim(InstructionSet::widest(), &fan, at, &mut drawn[1], &mut aims[1]);
+                let (mut aims, mut drawn) = (
+                    [ProjectedBounds::new(), ProjectedBounds::new()],
+                    [DrawnSegments::new(), DrawnSegments::new()],
+                );
+                bound_projections(&sampler, at, &mut drawn[0], &mut aims[0]);
+                bound_projections_by(InstructionSet::widest(), &sampler, at, &mut drawn[1], &mut aims[1]);
                 for quarter in 0..FROM_A_POINT {
                     let masks = [
-                        shoot(&fan, quarter, &aims[0], &mut drawn[0]),
-                        dispatch_shoot(InstructionSet::widest(), &fan, quarter, &aims[1], &mut drawn[1]),
+                        draw_directions(&sampler, quarter, &aims[0], &mut drawn[0]),
+                        draw_directions_by(InstructionSet::widest(), &sampler, quarter, &aims[1], &mut drawn[1]),
                     ];
                     assert_eq!(masks[0], masks[1]);
-                    let bits = |of: &Drawn| {
+                    let bits = |of: &DrawnSegments| {
                         let all = of.start.iter().chain(&of.end).flatten().chain(&of.weight);
                         all.map(|x| x.to_bits()).collect::<Vec<_>>()
                     };

@@ -1,33 +1,72 @@
-//! `hemicube backends check`: the conformance suite on a backend, each case in a child process with a time limit, so
-//! that a crash or a hang is a result like any other.
+//! `hemicube backends check`: the conformance suite on a backend, each case in a child process with a time limit. A
+//! crash or a hang is a result like any other.
 
-use crate::args::BackendsCheck;
+use crate::args::Report as ReportArguments;
 use crate::exit::{Exit, hinted};
+use crate::outputs::Paths;
 use crate::prepare::{BUILT_IN, registry};
 use crate::report::{self, JsonReport, SCHEMA, counted};
 use crate::selection::matches_glob;
 use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
 use hemicube::backend::{BackendInfo, HemicubeBackend};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_conformance::{Case, Outcome, cases, run as run_case};
 use hemicube_host::Options;
 use serde::{Deserialize, Serialize};
 use std::io::Read;
+use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What a child's answer begins with; a plugin may write to standard output as well.
+/// Prefix of a child's answer; a plugin may write to standard output, too.
 const ANSWER: &str = "hemicube-case ";
 
-/// The case that only opens a session, before all others.
+/// The first case: only opens a session.
 const OPEN: &str = "open";
 
-/// Interval at which a child's end is looked for.
+/// Interval between looks at a child.
 const POLL: Duration = Duration::from_millis(5);
 
-/// Lines of a child's standard error that are shown when it ended without an answer.
+/// Lines shown of a child's standard error, if it ended without an answer.
 const LAST_LINES: usize = 3;
+
+/// `hemicube backends check`
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// The backend: a name, or the file of one
+    #[arg(value_name = "NAME|PATH")]
+    pub(crate) backend: String,
+    /// Look for backends in DIR first
+    #[arg(long, value_name = "DIR", env = "HEMICUBE_BACKEND_DIR", hide_env = true)]
+    pub(crate) backend_dir: Option<PathBuf>,
+    /// An option of the backend, such as `device=1` (repeatable)
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub(crate) backend_option: Vec<String>,
+    /// Only cases `scene/check` that match
+    #[arg(long, value_name = "GLOB", default_value = "*")]
+    pub(crate) only: String,
+    /// Seconds after which a case counts as hung
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value = "120",
+        value_parser = clap::value_parser!(u32).range(1..=86_400)
+    )]
+    pub(crate) time_limit: u32,
+    /// Run this case, in this process, and say on standard output what came of it
+    #[arg(long, value_name = "CASE", hide = true)]
+    pub(crate) case: Option<String>,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default().reports(&self.report)
+    }
+}
 
 #[derive(Serialize)]
 struct CheckReport {
@@ -48,7 +87,7 @@ struct CaseReport {
     seconds: Option<f64>,
 }
 
-/// What came of a case.
+/// Result of a case.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case", tag = "outcome", content = "detail")]
 enum Answer {
@@ -107,7 +146,7 @@ impl Answer {
     }
 }
 
-pub(super) fn run(arguments: &BackendsCheck) -> Result<Exit> {
+pub(super) fn run(arguments: &Arguments) -> Result<Exit> {
     if let Some(case) = &arguments.case {
         return answer(arguments, case);
     }
@@ -122,7 +161,7 @@ pub(super) fn run(arguments: &BackendsCheck) -> Result<Exit> {
         ));
     }
     let json = JsonReport::open(&arguments.report)?;
-    // The backend is never loaded into this process: what it does to its own is a result.
+    // The backend is never loaded into this process: its faults are results.
     let opened = match in_child(arguments, OPEN)?.0 {
         Answer::Opened(opened) => opened,
         Answer::Refused(message) => {
@@ -174,8 +213,8 @@ pub(super) fn run(arguments: &BackendsCheck) -> Result<Exit> {
     Ok(if broken == 0 { Exit::Done } else { Exit::NotHeld })
 }
 
-/// Runs one case in this process, and says what came of it.
-fn answer(arguments: &BackendsCheck, case: &str) -> Result<Exit> {
+/// Runs one case in this process, and prints its result.
+fn answer(arguments: &Arguments, case: &str) -> Result<Exit> {
     let options = Options::parse(&arguments.backend_option)?;
     let mut backend: Box<dyn HemicubeBackend> = if arguments.backend == BUILT_IN {
         Box::new(CpuBackend::new())
@@ -191,7 +230,7 @@ fn answer(arguments: &BackendsCheck, case: &str) -> Result<Exit> {
     }
     let case: Case = case.parse().map_err(|error: String| anyhow!(error))?;
     let outcome = run_case(case, backend.as_mut(), &mut CpuBackend::new());
-    // Closing is part of the case: the answer only counts if the process then ends as it should.
+    // Closing is part of the case: the answer counts only if the process then ends well.
     drop(backend);
     say(&outcome.into())
 }
@@ -202,7 +241,7 @@ fn say(answer: &Answer) -> Result<Exit> {
 }
 
 /// Runs a case in a process of its own, for no longer than the limit.
-fn in_child(arguments: &BackendsCheck, case: &str) -> Result<(Answer, f64)> {
+fn in_child(arguments: &Arguments, case: &str) -> Result<(Answer, f64)> {
     let program = std::env::current_exe().context("the program's own path cannot be found")?;
     let mut command = Command::new(program);
     command.args(["backends", "check", "--case", case]);
@@ -260,12 +299,12 @@ fn wait(child: &mut Child, limit: Duration) -> Result<Option<ExitStatus>> {
     }
 }
 
-/// Reads a pipe to its end, so that a child that says much is not held up.
+/// Reads a pipe to its end, to keep a talkative child running.
 fn reader(pipe: Option<impl Read + Send + 'static>) -> JoinHandle<Vec<u8>> {
     std::thread::spawn(move || {
         let mut bytes = Vec::new();
         if let Some(mut pipe) = pipe {
-            // What came before an error is what there is.
+            // After an error, the bytes read so far count.
             let _ = pipe.read_to_end(&mut bytes);
         }
         bytes

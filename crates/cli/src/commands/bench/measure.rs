@@ -1,13 +1,12 @@
 //! Measuring: ways in turns over the same rows, error against time, and whole runs from start to end.
 
-use crate::args::{Cli, Command, Talk};
+use crate::args::Talk;
 use crate::clock::{process_seconds, thread_seconds, wall_seconds};
 use crate::commands::bench::results::{Accuracy, Cell, Choice, Course, Point, Rate, Results};
 use crate::commands::bench::scenes::{Ready, StudyScene};
 use crate::commands::bench::ways::{Finding, ORIGINAL, OURS, Target, Way, engine_of, ways};
 use crate::commands::tradeoff;
 use anyhow::{Context, Result, anyhow, bail};
-use clap::Parser;
 use hemicube::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use hemicube::row::RowBlock;
 use hemicube::{InputPatch, Model};
@@ -17,54 +16,59 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Consecutive rows of the order of work that are measured together: what is shared between neighbours counts.
+/// Consecutive rows in the order of work, measured together: sharing between neighbours counts.
 const RUN: usize = 16;
-/// Sessions that are loaded side by side, of scenes up to [`MANY_PATCHES`] and of larger ones.
+/// Sessions loaded side by side, for scenes up to [`MANY_PATCHES`] and for larger ones.
 const TOGETHER: usize = 24;
 const TOGETHER_OF_MANY: usize = 3;
 const MANY_PATCHES: usize = 400_000;
 
-/// Hemicubes that a plugin which chooses for itself renders before it is measured: the choice falls after the first 32
-/// to 48, of the thousands that a run has.
+/// Hemicubes rendered before measuring a plugin with a choice of its own: it chooses after the first 32 to 48, of a
+/// run's thousands.
 const BEFORE: usize = 64;
 
-/// Of a table, so many of the fastest are measured anew beside what is found by itself, of large scenes fewer; none
-/// that took more than `IN_QUESTION` times as long as the fastest, which no drift of the machine explains.
+/// Number of a table's fastest ways measured anew beside a finding, and the number for large scenes; none slower than
+/// `IN_QUESTION` times the fastest, more than any drift of the machine.
 const FASTEST: usize = 4;
 const FASTEST_OF_MANY: usize = 2;
 const IN_QUESTION: f64 = 1.5;
-/// They have at least so many times the turns of a cell, which together take so many times what the slowest way of one
-/// may.
+/// Least turns, in turns of a cell, and the time of all ways together, in times of a cell's slowest.
 const TURNS_OF_CHOICE: u32 = 2;
 const TIME_OF_CHOICE: f64 = 4.0;
-/// Turns go on until so many of them have made no way's least time less by more than a hundredth, whoever is ahead: how
-/// threads meet on a core is luck, and as much as what is compared. But there are not more than so many times the
-/// least.
+/// Turns go on until this many have lowered no way's least time by more than a hundredth, whoever leads: how threads
+/// meet on a core is luck, as large as the differences compared. At most this many times the least turns.
 const QUIET_TURNS: u32 = 4;
 const MOST_TURNS: u32 = 5;
 const SETTLED: f64 = 0.99;
 /// A quick study has no time for more turns than the least, nor for long ones.
 const TIME_OF_QUICK_CHOICE: f64 = 1.0;
-/// Rows of a choice come from so many places, and are up to so many neighbours at each: a run goes from neighbour to
-/// neighbour, and an engine that finds its data in the cache there must find it here.
+/// Places of a choice's rows, and most neighbours at each: a run goes from neighbour to neighbour, and engines must
+/// find their data in the cache here as there.
 const PLACES: usize = 16;
 const NEIGHBOURS: usize = 256;
 
 /// A turn takes at least this long: a kernel may count processor time by ticks of 4 ms.
 const LEAST_SECONDS: f64 = 0.12;
 
+/// Ways that a finding competes with.
+pub(super) struct Rivals {
+    ways: Vec<Way>,
+    /// Time of a row by all of them and the finding.
+    milliseconds: f64,
+}
+
 /// Interrupted.
 #[derive(Debug)]
 pub(super) struct Stopped;
 
-/// What is measured with.
+/// Shared state of all measurements.
 pub(super) struct Bench<'a> {
     pub(super) results: Results,
     pub(super) backend_dir: Option<&'a Path>,
     pub(super) cancel: &'a AtomicBool,
 }
 
-/// A number in [0, 1): the `index`-th of a sequence of which any beginning is spread evenly.
+/// Number `index` in [0, 1) of a sequence with evenly spread beginnings.
 fn spread(index: usize) -> f64 {
     let mut index = index as u64;
     let (mut value, mut digit) = (0.0, 0.5);
@@ -96,7 +100,7 @@ pub(super) fn sample(model: &Model, rows: usize, run: usize) -> Vec<Hemicube> {
         .collect()
 }
 
-/// Number of rows of a choice that there is time for, and how many of them are neighbours.
+/// Affordable number of rows of a choice, and the number of neighbours among them.
 fn rows_of_choice(affordable: f64) -> (usize, usize) {
     #[allow(
         clippy::cast_possible_truncation,
@@ -148,7 +152,7 @@ struct Live {
 }
 
 impl Live {
-    /// Renders as many rows as a plugin's choice takes to fall.
+    /// Renders enough rows for a plugin's choice.
     fn decide(&mut self, hemicubes: &[Hemicube], block: &mut RowBlock) -> Result<(), BackendError> {
         let few = &hemicubes[..hemicubes.len().min(BEFORE)];
         for _ in 0..BEFORE.div_ceil(few.len().max(1)) {
@@ -158,7 +162,7 @@ impl Live {
         Ok(())
     }
 
-    /// Renders the rows, again and again until the clock can tell, and keeps the time of once if it is the best so far.
+    /// Renders the rows repeatedly, for a measurable time, and keeps the least time of one round.
     fn turn(&mut self, target: &Target, hemicubes: &[Hemicube], block: &mut RowBlock) -> Result<(), BackendError> {
         let processor = |target: &Target| {
             if target.is_built_in() {
@@ -224,11 +228,10 @@ impl Bench<'_> {
         })
     }
 
-    /// Measures those of `wanted` that are not there yet, in turns. The slowest of them, *original*, says how many
-    /// rows.
+    /// Measures the missing cells of `wanted`, in turns. The slowest, *original*, determines the number of rows.
     ///
     /// # Errors
-    /// When *original* fails, or what was measured cannot be kept. Other ways that fail are kept as failures.
+    /// When *original* fails, or results cannot be kept. Failures of other ways are kept as such.
     pub(super) fn rates(
         &mut self,
         scene: &StudyScene,
@@ -323,9 +326,9 @@ impl Bench<'_> {
         Ok(None)
     }
 
-    /// The fastest of what `finding` is held against, by their cells, and what a row took by all that is to be
-    /// measured; nothing where it was measured already, or its cells are not there.
-    pub(super) fn fastest(&self, scene: &StudyScene, target: &Target, finding: &Finding) -> Option<(Vec<Way>, f64)> {
+    /// The fastest ways that compete with `finding`, by their cells. `None` if it was measured already, or cells are
+    /// missing.
+    pub(super) fn fastest(&self, scene: &StudyScene, target: &Target, finding: &Finding) -> Option<Rivals> {
         if self.results.get(&[&scene.key, &target.name, finding.key]).is_some() {
             return None;
         }
@@ -344,21 +347,23 @@ impl Bench<'_> {
         } else {
             FASTEST
         });
-        let together = found.milliseconds + tried.iter().map(|(milliseconds, _)| milliseconds).sum::<f64>();
-        Some((tried.into_iter().map(|(_, way)| way.clone()).collect(), together))
+        Some(Rivals {
+            milliseconds: found.milliseconds + tried.iter().map(|(milliseconds, _)| milliseconds).sum::<f64>(),
+            ways: tried.into_iter().map(|(_, way)| way.clone()).collect(),
+        })
     }
 
-    /// Measures what is found by itself beside `others`, in the same turns over the same rows.
+    /// Measures a finding beside its rivals, in the same turns over the same rows.
     ///
     /// # Errors
-    /// When a way fails, or what was measured cannot be kept.
+    /// When a way fails, or results cannot be kept.
     pub(super) fn choice(
         &mut self,
         scene: &StudyScene,
         ready: &Ready,
         target: &Target,
         finding: &Finding,
-        (others, together): (Vec<Way>, f64),
+        rivals: &Rivals,
     ) -> Result<Option<Stopped>> {
         let settings = self.results.settings;
         let turns = TURNS_OF_CHOICE * settings.turns;
@@ -367,13 +372,13 @@ impl Bench<'_> {
         } else {
             (TIME_OF_CHOICE, MOST_TURNS * turns)
         };
-        let affordable = time * settings.seconds / (f64::from(turns) * 1e-3 * together.max(1e-6));
+        let affordable = time * settings.seconds / (f64::from(turns) * 1e-3 * rivals.milliseconds.max(1e-6));
         let (rows, neighbours) = rows_of_choice(affordable.min(ready.patches.len() as f64));
         let hemicubes = sample(&ready.model, rows, neighbours);
         let by = |way: &Way| format!("`{}` by {} of `{}`", scene.key, way.key(), target.name);
         let mut block = RowBlock::default();
         let mut live: Vec<Live> = Vec::new();
-        for way in std::iter::once(&finding.found).chain(&others) {
+        for way in std::iter::once(&finding.found).chain(&rivals.ways) {
             let mut one = self.live(target, way, ready).with_context(|| by(way))?;
             one.decide(&hemicubes, &mut block).with_context(|| by(way))?;
             live.push(one);
@@ -410,7 +415,7 @@ impl Bench<'_> {
         Ok(None)
     }
 
-    /// As many rows as *original* takes its time for, and not more than asked for; the same as an earlier run's.
+    /// Chooses the rows: as many as *original* has time for, at most the limit; an earlier run's, if there is one.
     fn choose(&self, scene: &StudyScene, ready: &Ready, target: &Target, original: &mut Live) -> Result<Vec<Hemicube>> {
         let settings = self.results.settings;
         if let Some(before) = self.results.rate(&scene.key, &target.name, ORIGINAL) {
@@ -420,7 +425,7 @@ impl Bench<'_> {
         if few.is_empty() {
             bail!("scene `{}` has no patch with an area", scene.key);
         }
-        // Drivers compile shaders at the first call: that one does not count.
+        // The first call, with the driver's compilation of shaders, does not count.
         original.turn(target, &few[..1], &mut RowBlock::default())?;
         original.seconds = f64::INFINITY;
         original.turn(target, &few, &mut RowBlock::default())?;
@@ -437,7 +442,7 @@ impl Bench<'_> {
         Ok(sample(&ready.model, rows, RUN))
     }
 
-    /// The same rows by the built-in backend, by depth.
+    /// Renders the rows by the built-in backend, by depth.
     fn by_built_in(&self, ready: &Ready, hemicubes: &[Hemicube]) -> Result<RowBlock> {
         let mut backend =
             hemicube_backend_cpu::CpuBackend::new().with_engine(hemicube_backend_cpu::EngineChoice::Depth);
@@ -452,7 +457,7 @@ impl Bench<'_> {
         Ok(block)
     }
 
-    /// Error against time by the built-in backend, as `tradeoff` measures it.
+    /// Measures error against time with the built-in backend, by `tradeoff`.
     ///
     /// # Errors
     /// When the scene cannot be written for it, or there is no reference.
@@ -462,9 +467,7 @@ impl Bench<'_> {
             return Ok(None);
         }
         let (path, split) = scene.file(&self.results.folder().join("scenes"))?;
-        let words = [
-            "hemicube".into(),
-            "tradeoff".into(),
+        let words = vec![
             path.into_os_string(),
             "--split".into(),
             split.to_string().into(),
@@ -473,10 +476,7 @@ impl Bench<'_> {
             "--backend".into(),
             "cpu".into(),
         ];
-        let Command::Tradeoff(arguments) = Cli::try_parse_from(words)?.command else {
-            bail!("these words are those of `tradeoff`");
-        };
-        let Some(measured) = tradeoff::measure_scene(&arguments, self.cancel, talk)? else {
+        let Some(measured) = tradeoff::measure_scene(words, self.cancel, talk)? else {
             return Ok(Some(Stopped));
         };
         let points = measured.trials.into_iter().map(|trial| Point {
@@ -568,12 +568,12 @@ impl Bench<'_> {
     }
 }
 
-/// A matrix that is there for a moment.
+/// A temporary matrix.
 struct Matrix(PathBuf);
 
 impl Matrix {
     fn remove(&self) {
-        // One that is not there is no matter, and one that cannot be removed is told by the program that meets it.
+        // A missing one is no matter; the program reports one that cannot be removed when it meets it.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 
@@ -592,12 +592,12 @@ impl Drop for Matrix {
     }
 }
 
-/// Interval at which a process is looked at.
+/// Interval between looks at a process.
 const MOMENT: Duration = Duration::from_millis(25);
 /// More moments than this are thinned out.
 const MOMENTS: usize = 400;
 
-/// Runs a process to its end; why it failed, or nothing where it was interrupted.
+/// Runs a process to its end; the reason of its failure, or `None` where interrupted.
 fn watch(mut process: Process, cancel: &AtomicBool) -> Result<Option<Result<Course, String>>> {
     let start = wall_seconds();
     let mut child = process.spawn().context("this program cannot be started once more")?;
@@ -652,7 +652,7 @@ fn resident_bytes(process: &Path) -> Option<u64> {
     Some(1024 * line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?)
 }
 
-/// Processor time of a process, in steps of a hundredth of a second: threads that have ended count too.
+/// Processor time of a process and its ended threads, in steps of 0.01 s.
 fn spent_seconds(process: &Path) -> Option<f64> {
     let stat = std::fs::read_to_string(process.join("stat")).ok()?;
     let fields: Vec<&str> = stat.rsplit(')').next()?.split_whitespace().collect();

@@ -1,14 +1,14 @@
 //! The study's pictures. Colours are backends, markers are ways, and every number has its unit on the picture.
 
 use crate::commands::bench::results::{Accuracy, Course};
-use crate::report::{count, figures};
-use crate::sheet::{
+use crate::picture::sheet::{
     Anchor, Area, Axis, BLACK, BOTTOM, Format, GREY, GRID, LEFT, Legend, Letters, Marker, RGBColor, RIGHT, Shape,
-    Sheet, TOP, WHITE, color, faded, free_place,
+    Sheet, Sign, TOP, WHITE, color, faded, free_place,
 };
+use crate::report::{count, figures};
 use anyhow::Result;
 
-/// What is drawn alike.
+/// Points drawn alike.
 #[derive(Clone, Debug)]
 pub(super) struct Series {
     pub(super) name: String,
@@ -16,7 +16,7 @@ pub(super) struct Series {
     pub(super) marker: Marker,
     /// True if its points are joined.
     pub(super) joined: bool,
-    /// x, y, and what stands beside it.
+    /// x, y, and the label.
     pub(super) points: Vec<(f64, f64, Option<String>)>,
 }
 
@@ -29,18 +29,18 @@ pub(super) struct Diagram {
     pub(super) x: &'static str,
     pub(super) y: &'static str,
     pub(super) unit: &'static str,
-    /// A level line, and what it says.
+    /// A level line with its label.
     pub(super) level: Option<(f64, String)>,
     pub(super) series: Vec<Series>,
 }
 
 const SMALL: f64 = 13.0;
 
-/// What the colours and markers mean (two lines fit).
+/// Draws the meaning of colours and markers (two lines fit).
 fn legend(sheet: &mut Sheet, entries: &[(&str, Marker, RGBColor)], letters: &Letters) {
     let mut legend = Legend::at(84.0);
     for &(name, marker, color) in entries {
-        legend.marker(sheet, name, (marker, color, false), letters);
+        legend.sign(sheet, name, Sign::filled(marker, color), letters);
     }
 }
 
@@ -71,7 +71,7 @@ impl Diagram {
         let mut taken: Vec<Area> = Vec::new();
         if let Some((level, says)) = &self.level {
             let height = y.place(*level);
-            sheet.dashes((LEFT, RIGHT), height, GREY, 1.2);
+            sheet.dashes(height, GREY, 1.2);
             taken.push(sheet.label_of_line(says.clone(), height - 6.0, GREY, letters));
             taken.push(Area::along(height));
         }
@@ -87,7 +87,7 @@ impl Diagram {
                 lines.extend(at.clone());
             }
             for at in at {
-                sheet.marker(series.marker, at, 6.0, series.color, false);
+                sheet.sign(Sign::filled(series.marker, series.color), at, 6.0);
                 taken.push(Area::about(at, 8.0));
             }
         }
@@ -111,7 +111,7 @@ impl Diagram {
     }
 }
 
-/// Error against time of a scene, by families of settings, with what others measured on the same scene.
+/// Error against time of a scene, by families of settings, with peers on the same scene.
 pub(super) fn error_against_time(
     title: String,
     subtitle: String,
@@ -132,7 +132,7 @@ pub(super) fn error_against_time(
             .filter(|p| p.family == family && p.error.is_finite() && p.milliseconds.is_finite())
             .collect();
         points.sort_by(|a, b| a.milliseconds.total_cmp(&b.milliseconds));
-        // A setting that a cheaper one of its family outdoes is left out: there are thirty.
+        // Settings outdone by a cheaper one of their family are left out: there are thirty.
         let mut least = f64::INFINITY;
         points.retain(|p| {
             let better = p.high < 0.97 * least;
@@ -189,7 +189,7 @@ pub(super) struct Panel {
     pub(super) least: Vec<u32>,
     /// By level, then by least patches.
     pub(super) milliseconds: Vec<Option<f64>>,
-    /// What the backend finds by itself: its time by that of the best, measured beside it.
+    /// Time of the backend's finding over the best one's, measured beside it.
     pub(super) found: Option<f64>,
 }
 
@@ -198,7 +198,7 @@ fn heat(share: f64) -> RGBColor {
     faded(RGBColor(0, 90, 150), 1.0 - 0.9 * share.clamp(0.0, 1.0))
 }
 
-/// What a line of heat maps takes beside its levels.
+/// Height of a line of heat maps besides its levels.
 const TITLES: f64 = 94.0;
 
 /// The octree's parameters as heat maps side by side: dark is fast, each panel on its own scale.
@@ -211,7 +211,7 @@ pub(super) fn heat_map(title: &str, subtitle: &str, panels: &[Panel], format: Fo
     sheet.heading(title, subtitle, &letters);
     let columns = panels.len().clamp(1, 3);
     let wide = (RIGHT - 24.0) / columns as f64;
-    // The rest of the sheet is for levels, as many as a line's panels have at most.
+    // Levels share the rest of the sheet, as many as a line's tallest panel has.
     let levels_of = |line: &[Panel]| line.iter().map(|panel| panel.levels.len()).max().unwrap_or(0).max(1) as f64;
     let lines = panels.chunks(columns);
     let all: f64 = lines.clone().map(levels_of).sum();
@@ -221,14 +221,30 @@ pub(super) fn heat_map(title: &str, subtitle: &str, panels: &[Panel], format: Fo
         let high = TITLES + level * levels_of(line);
         for (column, panel) in line.iter().enumerate() {
             let left = 24.0 + column as f64 * wide;
-            draw_panel(&mut sheet, panel, (left, top), (wide - 18.0, high - 16.0), &letters);
+            let frame = Frame {
+                left,
+                top,
+                wide: wide - 18.0,
+                high: high - 16.0,
+            };
+            draw_panel(&mut sheet, panel, frame, &letters);
         }
         top += high;
     }
     sheet.bytes(format, &letters)
 }
 
-fn draw_panel(sheet: &mut Sheet, panel: &Panel, (left, top): (f64, f64), (wide, high): (f64, f64), letters: &Letters) {
+/// The place of a panel on the sheet.
+#[derive(Clone, Copy)]
+struct Frame {
+    left: f64,
+    top: f64,
+    wide: f64,
+    high: f64,
+}
+
+fn draw_panel(sheet: &mut Sheet, panel: &Panel, frame: Frame, letters: &Letters) {
+    let Frame { left, top, wide, high } = frame;
     const GUTTER: f64 = 62.0;
     let size = 13.5_f64.min(13.5 * wide / letters.width(&panel.title, 13.5).max(1.0));
     sheet.write(&panel.title, (left, top + 14.0), size, BLACK, Anchor::Start);
@@ -291,7 +307,7 @@ fn draw_panel(sheet: &mut Sheet, panel: &Panel, (left, top): (f64, f64), (wide, 
     }
 }
 
-/// 1.234 as `1.23×`.
+/// Formats 1.234 as `1.23×`.
 pub(super) fn times(ratio: f64) -> String {
     if ratio.is_finite() {
         format!("{}×", figures(ratio))
@@ -352,7 +368,7 @@ pub(super) fn memory_over_time(
         let last = line.last().copied();
         sheet.shapes.push(Shape::Line(line, color(k), 2.2));
         if let Some(last) = last {
-            sheet.marker(Marker::Square, last, 5.0, color(k), false);
+            sheet.sign(Sign::filled(Marker::Square, color(k)), last, 5.0);
         }
     }
     sheet.bytes(format, &letters)

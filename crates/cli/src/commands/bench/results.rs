@@ -1,4 +1,4 @@
-//! What was measured, kept in the output folder cell by cell: a run that was interrupted goes on where it stopped.
+//! Results, kept in the output folder cell by cell: an interrupted run resumes.
 
 use crate::report::{PendingFile, SCHEMA};
 use anyhow::{Context, Result, bail};
@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The file with everything that was measured.
+/// The file with all results.
 const FILE: &str = "study.json";
 
-/// The machine that measured.
+/// The measuring machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Machine {
     pub(super) processor: String,
@@ -35,18 +35,18 @@ impl Machine {
     }
 }
 
-/// What decides what a cell holds, beside the scene, the backend and the way.
+/// Settings of a cell, besides scene, backend and way.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Settings {
-    /// Patches of the city, by which all generated scenes are sized.
+    /// Patches of the city; all generated scenes are sized by it.
     pub(super) city: u64,
     pub(super) resolution: u32,
     /// The most hemicubes of a cell.
     pub(super) rows: u32,
     pub(super) turns: u32,
-    /// Seconds that the slowest way of a cell may take.
+    /// Seconds allowed to the slowest way of a cell.
     pub(super) seconds: f64,
-    /// Rows whose error is measured.
+    /// Rows measured for their error.
     pub(super) sample_rows: u32,
 }
 
@@ -59,19 +59,19 @@ impl Settings {
     }
 }
 
-/// How fast a way is on a scene.
+/// Speed of a way on a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Rate {
     pub(super) patches: u64,
     /// Rows measured.
     pub(super) rows: u64,
-    /// Milliseconds of a row by the clock that counts: the processor's, or for a GPU the one on the wall.
+    /// Milliseconds a row: processor time, or wall-clock time for a GPU.
     pub(super) milliseconds: f64,
     pub(super) wall_milliseconds: f64,
     /// Processors kept busy.
     pub(super) processors: f64,
     pub(super) load_seconds: f64,
-    /// Patches that a hemicube sees.
+    /// Patches seen from a hemicube.
     pub(super) seen: f64,
     pub(super) nodes_tested: f64,
     pub(super) nodes_hidden: f64,
@@ -80,16 +80,16 @@ pub(super) struct Rate {
     pub(super) bytes_read_back: f64,
     /// ‖F − F of `original`‖ / ‖F of `original`‖ over these rows, by the same backend.
     pub(super) from_original: f64,
-    /// The same from the built-in backend.
+    /// Likewise against the rows of the built-in backend.
     pub(super) from_built_in: f64,
     pub(super) choices: Vec<String>,
 }
 
-/// What a backend finds by itself, measured anew beside the fastest of what was tried: all in the same turns over the
-/// same rows, so that a machine that slows down between two cells says nothing of the choice.
+/// A backend's finding, measured anew beside its fastest rivals: in the same turns over the same rows, so that a
+/// machine slowing down between two cells does not decide.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Choice {
-    /// What is found.
+    /// Name of the finding.
     pub(super) what: String,
     pub(super) patches: u64,
     pub(super) rows: u64,
@@ -98,7 +98,7 @@ pub(super) struct Choice {
     pub(super) found_milliseconds: f64,
     /// The fastest of the table, by their keys.
     pub(super) others: Vec<(String, f64)>,
-    /// What the backend said that it chose.
+    /// The backend's own words on its choices.
     pub(super) choices: Vec<String>,
 }
 
@@ -131,7 +131,7 @@ pub(super) struct Accuracy {
     pub(super) points: Vec<Point>,
 }
 
-/// What a whole run took, from its start to its end.
+/// Cost of a whole run, from start to end.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Course {
     pub(super) patches: u64,
@@ -161,26 +161,26 @@ pub(super) enum Cell {
 pub(super) struct Results {
     schema: u32,
     pub(super) program: String,
-    /// What the run was said to be of, a commit for example.
+    /// Label of the run, a commit for example.
     pub(super) label: Option<String>,
     pub(super) machine: Machine,
     pub(super) settings: Settings,
-    /// By version, machine, settings, scene, backend and way. Those of other settings stay.
+    /// By version, machine, settings, scene, backend and way. Cells of other settings stay.
     cells: BTreeMap<String, Cell>,
     #[serde(skip)]
     folder: PathBuf,
     #[serde(skip)]
     prefix: String,
-    /// Cells that this run measured.
+    /// Cells measured by this run.
     #[serde(skip)]
     pub(super) measured: usize,
 }
 
 impl Results {
-    /// Opens the folder, with what an earlier run left there.
+    /// Opens the folder with an earlier run's results.
     ///
     /// # Errors
-    /// When it cannot be made, or holds a file that is none of this program's.
+    /// When it cannot be made, or holds a file of another program.
     pub(super) fn open(folder: &Path, label: Option<String>, settings: Settings) -> Result<Self> {
         std::fs::create_dir_all(folder).with_context(|| format!("`{}` cannot be made", folder.display()))?;
         let machine = Machine::this();
@@ -233,7 +233,7 @@ impl Results {
         self.cells.get(&self.key(parts))
     }
 
-    /// What was measured of a way.
+    /// Speed of a way.
     pub(super) fn rate(&self, scene: &str, target: &str, way: &str) -> Option<&Rate> {
         match self.get(&[scene, target, way])? {
             Cell::Rate(rate) => Some(rate),
@@ -241,7 +241,7 @@ impl Results {
         }
     }
 
-    /// What was found by itself, beside the best of what was tried.
+    /// A finding beside its rivals.
     pub(super) fn choice(&self, scene: &str, target: &str, finding: &str) -> Option<&Choice> {
         match self.get(&[scene, target, finding])? {
             Cell::Choice(choice) => Some(choice),
@@ -268,7 +268,7 @@ impl Results {
     /// Writes a file beside it.
     ///
     /// # Errors
-    /// As [`Results::save`].
+    /// Like [`Results::save`].
     pub(super) fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         let path = self.folder.join(name);
         let mut file = PendingFile::create(&path)?;

@@ -1,6 +1,5 @@
-//! The scenes of the study: those of the thesis by their sizes, and what it left open.
+//! The scenes of the study: the thesis's by their sizes, and additional ones.
 
-use crate::commands::bench::Size;
 use crate::report::PendingFile;
 use anyhow::{Context, Result, bail};
 use hemicube::{HierarchyOptions, Model};
@@ -11,21 +10,28 @@ use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, load, write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// How large the thesis's city was, and its other scenes beside it.
+/// Extent of the study.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Size {
+    Quick,
+    Full,
+}
+
+/// Patches of the thesis's city; its other scenes are sized relative to it.
 pub(super) const CITY: u64 = 8_897;
 const ROOM: u64 = 10_240;
 const VENICE: u64 = 1_495_068;
-/// What `scripts/peers` computes: small enough for peers that take memory by the square of it.
+/// Patches of the scene for `scripts/peers`: small enough for peers with memory quadratic in it.
 const PEERS: u64 = 1_000;
-/// Edges of the larger city are cut into so many pieces: 16 patches for one.
+/// Pieces of each edge of the larger city: 16 patches for one.
 const SPLIT: u32 = 4;
 
-/// What a scene is there for.
+/// Purpose of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Role {
     /// Its octree's parameters are tried as in tables 4.3 and 4.4.
     City,
-    /// The same with those of table 4.5.
+    /// Its octree's parameters are tried as in table 4.5.
     Venice,
     /// Beside these.
     Other,
@@ -100,7 +106,8 @@ impl StudyScene {
         Ok(Ready { patches, model })
     }
 
-    /// The scene as a file in `folder`, for programs that read one, and into how many pieces its edges are then cut.
+    /// Writes the scene to a file in `folder`, for programs that read one; returns it with the number of pieces of each
+    /// edge.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -118,10 +125,10 @@ impl StudyScene {
     }
 }
 
-/// The scenes, smallest first. `city` is how large the city is; the others keep their sizes beside it.
+/// The scenes, smallest first. `city` is the number of the city's patches; the others keep their sizes relative to it.
 ///
 /// # Errors
-/// When a folder of scenes was named that has none of the study's.
+/// When a named folder of scenes has none of the study's.
 pub(super) fn scenes(size: Size, city: u64, folder: Option<&Path>) -> Result<Vec<StudyScene>> {
     let beside = |there: u64| (city * there).div_ceil(CITY).max(40);
     let mut scenes = vec![

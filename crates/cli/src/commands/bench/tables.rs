@@ -1,4 +1,4 @@
-//! The study as Markdown: the thesis's tables, each cell with the rows that it was measured on.
+//! The study as Markdown: the thesis's tables, each cell with its number of rows.
 
 use crate::commands::bench::plots::times;
 use crate::commands::bench::results::{Cell, Course, Rate, Results};
@@ -6,13 +6,13 @@ use crate::commands::bench::scenes::StudyScene;
 use crate::commands::bench::ways::{FLAT, FOUND_CULLING, FOUND_PARAMETERS, ORIGINAL, OURS, THESIS, Target, ways};
 use crate::report::{about, count, duration, figures, percent, size};
 
-/// Ways, found and best, and parameters that were tried.
+/// Octree levels and least patches tried.
 pub(super) struct Grid {
     pub(super) levels: Vec<u32>,
     pub(super) least: Vec<u32>,
 }
 
-/// What the tables are made from.
+/// Input of the tables.
 pub(super) struct Study<'a> {
     pub(super) results: &'a Results,
     pub(super) scenes: &'a [StudyScene],
@@ -53,7 +53,7 @@ impl<'a> Study<'a> {
         self.results.rate(&scene.key, &target.name, way)
     }
 
-    /// Every scene and backend that something was measured of.
+    /// Every scene and backend with results.
     fn pairs(&self) -> impl Iterator<Item = (&'a StudyScene, &'a Target, &'a Rate)> + '_ {
         let of_scene = move |scene: &'a StudyScene| {
             let rate = move |target: &'a Target| Some((scene, target, self.rate(scene, target, ORIGINAL)?));
@@ -62,7 +62,7 @@ impl<'a> Study<'a> {
         self.scenes.iter().flat_map(of_scene)
     }
 
-    /// The parameters that were tried of the thesis's way, with their times.
+    /// Parameters tried with the thesis's way, and their times.
     pub(super) fn tried(&self, scene: &StudyScene, target: &Target) -> Vec<(u32, u32, &'a Rate)> {
         let Some(grid) = (self.grid)(scene) else {
             return Vec::new();
@@ -76,7 +76,7 @@ impl<'a> Study<'a> {
             .collect()
     }
 
-    /// Table 4.6: what a newcomer looks at first.
+    /// Table 4.6, the first that a newcomer looks at.
     pub(super) fn algorithms(&self) -> String {
         let rows: Vec<Vec<String>> = self
             .pairs()
@@ -167,7 +167,7 @@ impl<'a> Study<'a> {
         text
     }
 
-    /// What each backend finds by itself, beside the best of everything that was tried.
+    /// Findings of each backend, beside the best way tried.
     pub(super) fn found(&self) -> String {
         let mut rows = Vec::new();
         for (scene, target, _) in self.pairs() {
@@ -206,7 +206,7 @@ impl<'a> Study<'a> {
         )
     }
 
-    /// Tables 4.7 and 4.8: without the octree, and what the octree gains.
+    /// Tables 4.7 and 4.8: without the octree, and its speedup.
     pub(super) fn octree(&self) -> String {
         let rows: Vec<Vec<String>> = self
             .pairs()
@@ -253,7 +253,7 @@ impl<'a> Study<'a> {
         table(&headings, &rows)
     }
 
-    /// Section 4.3.1: how busy processors are, and what goes over the bus.
+    /// Section 4.3.1: load of processors, and traffic over the bus.
     pub(super) fn processors(&self) -> String {
         let mut rows = Vec::new();
         for (scene, target, _) in self.pairs() {
@@ -292,7 +292,7 @@ impl<'a> Study<'a> {
         table(&headings, &rows)
     }
 
-    /// Whole runs that were watched.
+    /// Watched whole runs.
     pub(super) fn runs(&self) -> Vec<(String, &'a StudyScene, &'a Course)> {
         let mut runs = Vec::new();
         for scene in self.scenes {
@@ -336,7 +336,7 @@ impl<'a> Study<'a> {
         table(&headings, &rows)
     }
 
-    /// Table 4.9: distances, of which that from another algorithm of the same backend must be nothing.
+    /// Table 4.9: distances. Between two algorithms of one backend they must be 0.
     pub(super) fn distances(&self) -> String {
         let share = |value: f64| if value == 0.0 { "0".to_owned() } else { figures(value) };
         let mut rows = Vec::new();
@@ -365,7 +365,7 @@ impl<'a> Study<'a> {
         table(&headings, &rows)
     }
 
-    /// Error against rays: what hemicubes of the same kind, compared with each other, never show.
+    /// Error against rays: comparing hemicubes of one kind with each other never shows it.
     pub(super) fn errors(&self) -> String {
         let mut rows = Vec::new();
         for scene in self.scenes {
@@ -409,7 +409,7 @@ impl<'a> Study<'a> {
         table(&headings, &rows)
     }
 
-    /// Ways that did not work, and why.
+    /// Failed ways, and the reasons.
     pub(super) fn failures(&self) -> Vec<String> {
         let mut lines = Vec::new();
         for scene in self.scenes {

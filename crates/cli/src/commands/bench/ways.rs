@@ -1,4 +1,4 @@
-//! Backends, and the ways in which each is tried: *original*, *thesis* and *ours*, and what lies between.
+//! Backends, and the ways to try each: *original*, *thesis*, *ours*, and others between them.
 
 use crate::args::EngineSettings;
 use crate::prepare::{BUILT_IN, registry};
@@ -9,7 +9,7 @@ use hemicube_backend_cpu::{CpuBackend, EngineChoice, Hierarchy};
 use hemicube_host::{DeviceKind, Options};
 use std::path::Path;
 
-/// Backends that are looked for where none is named.
+/// Backends to look for if none is named.
 pub(super) const KNOWN: [&str; 4] = [BUILT_IN, "gl", "vulkan", "wgpu"];
 
 /// A backend that opens.
@@ -18,12 +18,12 @@ pub(super) struct Target {
     pub(super) name: String,
     pub(super) version: String,
     pub(super) device: String,
-    /// True if the work is the processor's: then its time counts, otherwise that of the clock on the wall.
+    /// True if the processor does the work: then processor time counts, otherwise wall-clock time.
     pub(super) on_processor: bool,
 }
 
 impl Target {
-    /// Looks what is behind a name.
+    /// Opens a backend by its name.
     ///
     /// # Errors
     /// When it does not open.
@@ -51,13 +51,13 @@ impl Target {
         self.name == BUILT_IN
     }
 
-    /// Returns whether it has the thesis's algorithm: an octree, and what is hidden asked or found node by node.
+    /// Returns whether it has the thesis's algorithm: an octree with occlusion found or queried node by node.
     pub(super) fn has_thesis(&self) -> bool {
         self.is_built_in() || self.name == "gl"
     }
 }
 
-/// How a backend is told to go about it.
+/// Instructions to a backend.
 #[derive(Clone, Debug, PartialEq)]
 enum How {
     /// The built-in one.
@@ -66,11 +66,11 @@ enum How {
     Options(Vec<String>, Culling),
 }
 
-/// A way of rendering that is measured.
+/// A way of rendering.
 #[derive(Clone, Debug)]
 pub(super) struct Way {
     pub(super) name: String,
-    /// Octree levels and the least patches of a query, where the way has them and they are not found by itself.
+    /// Octree levels and least patches of a query, for ways with fixed ones.
     pub(super) parameters: Option<(u32, u32)>,
     how: How,
 }
@@ -89,7 +89,7 @@ impl Way {
         }
     }
 
-    /// How the octree is cut that this way's session gets with the scene.
+    /// Subdivision of the octree given to this way's session.
     pub(super) fn hierarchy(&self) -> Option<HierarchyOptions> {
         match (&self.how, self.parameters) {
             (How::Cpu(..), Some((max_level, min_patches))) => Some(HierarchyOptions { max_level, min_patches }),
@@ -103,7 +103,7 @@ impl Way {
         }
     }
 
-    /// A session that goes about it this way.
+    /// Opens a session of this way.
     ///
     /// # Errors
     /// When the backend does not open.
@@ -116,7 +116,7 @@ impl Way {
         })
     }
 
-    /// The settings of `compute` that go about it this way; nothing where it has none.
+    /// Settings of `compute` for this way; `None` if it has none.
     pub(super) fn engine_words(&self, target: &Target) -> Option<Vec<String>> {
         let mut words = vec!["--backend".to_owned(), target.name.clone()];
         match &self.how {
@@ -130,7 +130,7 @@ impl Way {
     }
 }
 
-/// Every way that `target` is tried in, without parameters. `all`: also what the best is sought among.
+/// All ways to try on `target`, without parameters. `all` adds the competitors of the best.
 pub(super) fn ways(target: &Target, all: bool) -> Vec<Way> {
     use EngineChoice::{Auto, Depth, Order};
     let way = |name: &str, how| Way {
@@ -180,7 +180,7 @@ pub(super) fn ways(target: &Target, all: bool) -> Vec<Way> {
                 plugin("occlusion", &["cull=occlusion"]),
             ],
         ),
-        // One that is not ours: what the contract says, and no more.
+        // Another backend: only the contract's settings.
         _ => (
             vec![way(ORIGINAL, How::Options(Vec::new(), Culling::Off)), plugin(OURS, &[])],
             Vec::new(),
@@ -189,7 +189,7 @@ pub(super) fn ways(target: &Target, all: bool) -> Vec<Way> {
     main.into_iter().chain(more.into_iter().filter(|_| all)).collect()
 }
 
-/// The thesis's way with these parameters, where the target has it.
+/// The thesis's way with these parameters, if the target has it.
 pub(super) fn with_parameters(target: &Target, levels: u32, least: u32) -> Way {
     let how = if target.is_built_in() {
         How::Cpu(EngineChoice::Depth, Hierarchy::Octree, Culling::On)
@@ -208,23 +208,23 @@ pub(super) fn with_parameters(target: &Target, levels: u32, least: u32) -> Way {
     }
 }
 
-/// Something that a backend finds by itself, and what it is held against.
+/// A backend's own finding, and its competitors.
 #[derive(Clone, Debug)]
 pub(super) struct Finding {
     /// In keys.
     pub(super) key: &'static str,
     /// In tables.
     pub(super) what: &'static str,
-    /// The way that finds it.
+    /// The way with the finding.
     pub(super) found: Way,
-    /// The ways among which it could have been chosen by hand.
+    /// Ways to choose by hand instead.
     pub(super) others: Vec<Way>,
 }
 
 pub(super) const FOUND_PARAMETERS: &str = "found parameters";
 pub(super) const FOUND_CULLING: &str = "found culling";
 
-/// What `target` finds by itself. `parameters` are the thesis's way with those that are tried.
+/// Findings of `target`. `parameters` are the thesis's way with the parameters tried.
 pub(super) fn findings(target: &Target, parameters: Vec<Way>) -> Vec<Finding> {
     let by_name = |name: &str| ways(target, false).into_iter().find(|way| way.name == name);
     let mut findings = Vec::new();
@@ -239,7 +239,7 @@ pub(super) fn findings(target: &Target, parameters: Vec<Way>) -> Vec<Finding> {
     }
     let mut others = ways(target, true);
     others.retain(|way| way.name != OURS && (way.name != THESIS || target.is_built_in()));
-    // Two are no choice: *original*, and what the contract says.
+    // Two are no choice: *original*, and the contract's settings.
     if let Some(found) = by_name(OURS).filter(|_| others.len() > 2) {
         findings.push(Finding {
             key: FOUND_CULLING,
@@ -255,10 +255,10 @@ pub(super) fn findings(target: &Target, parameters: Vec<Way>) -> Vec<Finding> {
     findings
 }
 
-/// The backends to measure: those named, of which each must open, or those known that do, and why the others do not.
+/// The backends to measure: the named ones, or all known ones that open, and the reasons why others do not.
 ///
 /// # Errors
-/// When one that was named does not open.
+/// When a named one does not open.
 pub(super) fn targets(named: &[String], folder: Option<&Path>) -> Result<(Vec<Target>, Vec<String>)> {
     if !named.is_empty() {
         let targets = named
@@ -280,7 +280,7 @@ pub(super) fn targets(named: &[String], folder: Option<&Path>) -> Result<(Vec<Ta
     Ok((targets, without))
 }
 
-/// What the engine's settings are where only the backend is named.
+/// Settings of the engine with only the backend named.
 pub(super) fn engine_of(target: &Target, folder: Option<&Path>) -> EngineSettings {
     EngineSettings {
         backend: target.name.clone(),

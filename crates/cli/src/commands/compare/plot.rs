@@ -1,24 +1,24 @@
-//! The picture of a comparison: how many rows have which relative error, measured and as it was expected.
+//! The picture of a comparison: cumulative distribution of the rows' relative errors, measured and expected.
 
-use crate::sheet::{
+use crate::picture::sheet::{
     Anchor, Area, Axis, BLACK, BLUE, BOTTOM, Format, GREY, GRID, LEFT, Legend, Letters, Marker, RED, RIGHT, Shape,
-    Sheet, TOP, VERMILION, WHITE,
+    Sheet, Sign, TOP, VERMILION, WHITE,
 };
 use anyhow::Result;
 
 const SMALL: f64 = 13.0;
 
-/// What is drawn. Errors are relative, one a row, in any order.
+/// Content of the picture. Errors are relative, one a row, in any order.
 #[derive(Clone, Debug)]
 pub(super) struct Picture {
     pub(super) title: String,
     pub(super) subtitle: String,
     pub(super) measured: Vec<f64>,
-    /// None where the matrix has none.
+    /// Empty if the matrix has none.
     pub(super) expected: Vec<f64>,
-    /// Of the whole matrix.
+    /// Error of the whole matrix.
     pub(super) matrix: f64,
-    /// What it may be at most.
+    /// Its bound, if any.
     pub(super) bound: Option<f64>,
 }
 
@@ -48,7 +48,7 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
         ),
     ];
     let lines = picture.bound.iter().chain([&picture.matrix]);
-    // What is smaller or larger is at the edge: a few rows that hold next to nothing would take half of the sheet.
+    // Smaller and larger errors are put at the edge: a few nearly empty rows would take half of the sheet.
     let errors = curves.iter().flat_map(|curve| curve.3).chain(lines);
     let x = Axis::over(errors.map(|error| 100.0 * error.clamp(1e-5, 10.0)), LEFT, RIGHT);
     for (value, label) in x.ticks() {
@@ -75,7 +75,7 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
         if errors.is_empty() {
             continue;
         }
-        legend.marker(&mut sheet, name, (marker, color, false), letters);
+        legend.sign(&mut sheet, name, Sign::filled(marker, color), letters);
         let mut sorted = errors.clone();
         sorted.sort_unstable_by(f64::total_cmp);
         let curve = cumulative(&sorted);
@@ -87,12 +87,10 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
         for percent in [50, 90, 100] {
             let rank = (sorted.len() * percent).div_ceil(100).max(1) - 1;
             let share = (rank + 1) as f64 / sorted.len() as f64;
-            sheet.marker(
-                marker,
+            sheet.sign(
+                Sign::filled(marker, color),
                 (x.place(100.0 * sorted[rank]), height(share)),
                 5.5,
-                color,
-                false,
             );
         }
     }
@@ -112,7 +110,7 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
     }
     for (at, says, color, line) in uprights {
         let width = letters.width(says, SMALL);
-        // On the side that has room.
+        // On the side with room.
         let left = if at + 8.0 + width < RIGHT {
             at + 6.0
         } else {
@@ -130,7 +128,7 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
     sheet
 }
 
-/// Points of the curve from errors to the share of rows that have no more, as many as can be told apart.
+/// The curve from errors to the share of rows with at most that error, at as many points as can be told apart.
 fn cumulative(sorted: &[f64]) -> Vec<(f64, f64)> {
     const POINTS: usize = 800;
     let count = sorted.len();

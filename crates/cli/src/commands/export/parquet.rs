@@ -1,6 +1,7 @@
 //! The matrix as Parquet triplets.
 
-use crate::args::{Export as Arguments, Talk};
+use super::arguments::Arguments;
+use crate::args::Talk;
 use crate::exit::Exit;
 use crate::report::JsonReport;
 use anyhow::Result;

@@ -1,9 +1,10 @@
 //! What is known of each patch, on the model: for ParaView, viewers, mesh tools and tables.
 
-use crate::args::{EngineSettings, Export as Arguments, Talk};
-use crate::commands::view::canvas::{byte, scale_color, shown};
-use crate::commands::view::model::Tone;
+use super::arguments::Arguments;
+use crate::args::{EngineSettings, Talk};
 use crate::exit::{Exit, hinted};
+use crate::picture::canvas::{byte, scale_color, shown};
+use crate::picture::model::Tone;
 use crate::report::{self, JsonReport, SCHEMA, counted, figures, size};
 use crate::stored;
 use anyhow::{Result, anyhow};

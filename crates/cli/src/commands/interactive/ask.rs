@@ -1,5 +1,5 @@
-//! What the dialogue asks with. Two fronts do it: menus on a terminal that can move its cursor, and numbered lines
-//! anywhere.
+//! The dialogue's means of asking. Two fronts implement it: menus on a terminal with a movable cursor, and numbered
+//! lines anywhere.
 
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
@@ -14,14 +14,14 @@ pub(super) enum Left {
     Failed(anyhow::Error),
 }
 
-/// What a question came to. `None`: back to where it was asked from.
+/// Answer to a question. `None`: back to the previous one.
 pub(super) type Answer<T> = Result<Option<T>, Left>;
 
-/// What can be chosen.
+/// An item to choose.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Item {
     pub(super) name: String,
-    /// A few words about it; empty where the name says all.
+    /// A few words about it; empty if the name suffices.
     pub(super) note: String,
 }
 
@@ -34,42 +34,42 @@ impl Item {
     }
 }
 
-/// A question with a list of answers, of which the last goes back.
+/// A question with a list of answers; the last goes back.
 #[derive(Debug)]
 pub(super) struct Menu<'a> {
     pub(super) question: &'a str,
     pub(super) items: &'a [Item],
-    /// Which of them is highlighted at first.
+    /// Place of the item highlighted first.
     pub(super) start: usize,
 }
 
-/// A question that is answered by typing.
+/// A question answered by typing.
 pub(super) struct Text<'a> {
     pub(super) question: &'a str,
-    /// What an empty answer means.
+    /// Meaning of an empty answer.
     pub(super) default: Option<&'a str>,
-    /// One line about what can be typed.
+    /// One line about possible answers.
     pub(super) help: &'a str,
-    /// Says what is wrong with an answer.
+    /// Returns the error of an answer.
     pub(super) check: &'a dyn Fn(&str) -> Result<(), String>,
-    /// True if it is the path of a file, which can be completed.
+    /// True for the path of a file, to be completed.
     #[cfg_attr(not(feature = "menus"), allow(dead_code, reason = "lines complete nothing"))]
     pub(super) is_path: bool,
 }
 
 /// A front.
 pub(super) trait Ask {
-    /// Which of the items, by its place.
+    /// Returns the place of the chosen item.
     fn choose(&mut self, menu: &Menu<'_>) -> Answer<usize>;
-    /// What is typed.
+    /// Returns the typed text.
     fn text(&mut self, text: &Text<'_>) -> Answer<String>;
-    /// Says lines as they are.
+    /// Prints lines unchanged.
     fn tell(&mut self, text: &str);
-    /// Number of columns, where that is known.
+    /// Number of columns, if known.
     fn width(&self) -> Option<usize>;
 }
 
-/// The items of a menu as lines: numbered, notes beneath each other, cut where a line would not fit.
+/// Lines of a menu: items numbered, notes aligned, all cut to the width.
 pub(super) fn rows(items: &[Item], width: Option<usize>) -> Vec<String> {
     let noted = items.iter().filter(|item| !item.note.is_empty());
     let column = noted.map(|item| item.name.width()).max().unwrap_or(0);
@@ -83,13 +83,13 @@ pub(super) fn rows(items: &[Item], width: Option<usize>) -> Vec<String> {
     rows.collect()
 }
 
-/// A line, cut to so many columns.
+/// Cuts a line to `width` columns.
 pub(super) fn fitted(line: &str, width: usize) -> String {
     if line.width() <= width {
         return line.to_owned();
     }
     let mut cut = String::new();
-    // One column for the sign that something is left out.
+    // One column for the sign of omission.
     let mut left = width.saturating_sub(1);
     for c in line.chars() {
         let Some(rest) = left.checked_sub(c.width().unwrap_or(0)) else {
@@ -103,7 +103,7 @@ pub(super) fn fitted(line: &str, width: usize) -> String {
     cut
 }
 
-/// Words in lines of at most so many columns.
+/// Breaks words into lines of at most `width` columns.
 pub(super) fn wrapped(text: &str, width: usize) -> String {
     let mut lines = String::new();
     let mut filled = 0;
@@ -122,7 +122,7 @@ pub(super) fn wrapped(text: &str, width: usize) -> String {
     lines
 }
 
-/// Which item a typed answer means: its number, or the only one whose name begins with it, in any case.
+/// The item meant by a typed answer: its number, or an unambiguous beginning of its name, in any case.
 pub(super) fn meant(items: &[Item], typed: &str) -> Option<usize> {
     let typed = typed.trim();
     if let Ok(number) = typed.parse::<usize>()

@@ -1,4 +1,4 @@
-//! What is asked, in what order, and which command line comes of the answers. Nothing here knows a terminal.
+//! Questions, their order, and the command line of the answers. Nothing here knows a terminal.
 
 use super::ask::{Answer, Ask, Item, Left, Menu, Text, wrapped};
 use super::found::{self, Found, Place, SceneFile};
@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// How a command ended.
+/// End of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ended {
     /// By itself, with this exit status.
@@ -19,51 +19,51 @@ pub(super) enum Ended {
     Not,
 }
 
-/// Exit statuses that mean something to the dialogue.
+/// Exit statuses known to the dialogue.
 const DONE: i32 = 0;
 const NOT_HELD: i32 = 1;
 const INTERRUPTED: i32 = 130;
 
-/// What runs command lines.
+/// Runs command lines.
 pub(super) trait Run {
     /// Runs one on the terminal.
     fn run(&mut self, line: &Line) -> Result<Ended, Left>;
-    /// Runs one for what it writes to standard output.
+    /// Runs one and returns its standard output.
     ///
     /// # Errors
-    /// When it fails: what it says.
+    /// When it fails: its message.
     fn output(&mut self, line: &Line) -> Result<Vec<u8>, String>;
 }
 
-/// What an answer means that resets a setting.
+/// The answer that resets a setting.
 const DEFAULT: &str = "default";
 
-/// Columns of explanations where the terminal's are not known.
+/// Columns of explanations on terminals of unknown width.
 const COLUMNS: usize = 80;
 
-/// Number of patches that a generated room is to have: a moment's work.
+/// Patches of a generated room: a moment's work.
 const ROOM_PATCHES: &str = "1000";
 
 /// A dialogue.
 pub(super) struct Dialogue<'a> {
     pub(super) ask: &'a mut dyn Ask,
     pub(super) run: &'a mut dyn Run,
-    /// How the program is called in command lines.
+    /// Name of the program in command lines.
     pub(super) program: OsString,
-    /// Options that every command line has.
+    /// Options of every command line.
     pub(super) common: Vec<OsString>,
     pub(super) settings: Settings,
-    /// Where scenes and matrices are looked for, and matrices written to.
+    /// Folder of scenes and matrices, and of new matrices.
     pub(super) here: PathBuf,
-    /// Where scenes are looked for too.
+    /// Another folder of scenes.
     pub(super) scenes: Option<PathBuf>,
-    /// True if that was chosen in the dialogue.
+    /// True if the dialogue chose it.
     pub(super) scenes_are_chosen: bool,
-    /// Matrices that were computed in the dialogue, wherever they are, and their scenes.
+    /// Matrices computed in the dialogue, in whatever folder, and their scenes.
     pub(super) computed: Vec<(PathBuf, PathBuf)>,
 }
 
-/// What can be done with a matrix.
+/// Actions on a matrix.
 #[derive(Clone, Copy)]
 enum Look {
     Check,
@@ -73,7 +73,7 @@ enum Look {
     Picture,
 }
 
-/// What a path that is asked for must lead to.
+/// Required target of a path.
 #[derive(Clone, Copy)]
 enum Existing {
     File,
@@ -81,7 +81,7 @@ enum Existing {
     Any,
 }
 
-/// What can be done before a matrix is computed.
+/// Actions before computing a matrix.
 #[derive(Clone, Copy)]
 enum Before {
     Run,
@@ -97,7 +97,7 @@ impl Dialogue<'_> {
     /// Why it ended, if the exit was not chosen.
     pub(super) fn main(&mut self) -> Result<(), Left> {
         type Step = fn(&mut Dialogue<'_>) -> Result<(), Left>;
-        // The first three as in the thesis.
+        // The first three follow the thesis.
         let steps: [(&str, &str, Step); 5] = [
             ("Compute form factors", "of a scene", |dialogue| dialogue.compute()),
             ("Compare results", "how far one is from another", |dialogue| {
@@ -134,7 +134,7 @@ impl Dialogue<'_> {
         Ok(place.and_then(|place| options.get(place)).map(|(_, answer)| *answer))
     }
 
-    /// Says something of several words, after an empty line.
+    /// Prints a wrapped explanation, after an empty line.
     fn explain(&mut self, text: &str) {
         let width = self.ask.width().unwrap_or(COLUMNS);
         self.ask.tell(&format!("\n{}", wrapped(text, width)));
@@ -155,7 +155,7 @@ impl Dialogue<'_> {
         self.go_on(line)
     }
 
-    /// Runs a command line that is shown.
+    /// Runs a command line after showing it.
     fn go_on(&mut self, line: &Line) -> Result<Ended, Left> {
         let ended = self.run.run(line)?;
         match ended {
@@ -306,7 +306,7 @@ impl Dialogue<'_> {
                 None => return Ok(()),
             },
         };
-        // What is no store, a .npz file say, does not tell its scene.
+        // Files other than stores, such as .npz, do not name their scene.
         let scene = Found::at(&first).map(|found| found.scene_hash);
         let is_of_scene = |other: &Found| scene.as_ref().is_none_or(|scene| *scene == other.scene_hash);
         let fits = |other: &Found| other.path != first && is_of_scene(other);
@@ -370,7 +370,7 @@ impl Dialogue<'_> {
         scenes
     }
 
-    /// The scene that a matrix is of: as it was computed here, or found by its name, or asked for.
+    /// The scene of a matrix: as computed here, found by its name, or asked for.
     fn scene_of(&mut self, store: &Path) -> Answer<PathBuf> {
         if let Some((_, scene)) = self.computed.iter().find(|(path, _)| path == store) {
             return Ok(Some(scene.clone()));
@@ -386,7 +386,7 @@ impl Dialogue<'_> {
         }
     }
 
-    /// Asks for a matrix, of those that are found and fit.
+    /// Asks for one of the found and fitting matrices.
     fn result(&mut self, question: &str, fits: &dyn Fn(&Found) -> bool) -> Answer<PathBuf> {
         let mut results = match found::stores(&self.here) {
             Ok(results) => results,
@@ -417,7 +417,7 @@ impl Dialogue<'_> {
         }
     }
 
-    /// Asks for the path of something that is there.
+    /// Asks for the path of an existing file or folder.
     fn existing(&mut self, question: &str, kind: Existing) -> Answer<PathBuf> {
         let check = |typed: &str| {
             if typed.is_empty() {
@@ -441,7 +441,7 @@ impl Dialogue<'_> {
         Ok(typed.map(|typed| found::at_home(&typed)))
     }
 
-    /// Asks where something is to be written.
+    /// Asks for the place of a new matrix.
     fn place(&mut self, question: &str, suggested: &Path) -> Answer<PathBuf> {
         let suggested = suggested.to_string_lossy();
         let check = |typed: &str| match typed {
@@ -458,7 +458,7 @@ impl Dialogue<'_> {
         Ok(typed.map(|typed| found::at_home(&typed)))
     }
 
-    /// The file to write, and whether it replaces one that is there.
+    /// Asks for the file to write; returns whether it replaces an existing one.
     fn file(&mut self, suggested: &Path) -> Answer<(PathBuf, bool)> {
         let mut file = suggested.to_owned();
         while file.exists() {
@@ -546,7 +546,7 @@ impl Dialogue<'_> {
         }
     }
 
-    /// The value of a setting, marked where it was chosen here.
+    /// The value of a setting, marked if chosen here.
     fn value(&self, name: &str) -> String {
         let mark = if self.settings.is_chosen(name) { "*" } else { "" };
         format!("{}{mark}", self.settings.value(name).unwrap_or("not set"))
@@ -566,11 +566,11 @@ impl Dialogue<'_> {
             .origin(name)
             .map(|origin| format!(", from {origin}"))
             .unwrap_or_default();
-        let text = format!("{}. {cost} It is {value}{origin}.", Settings::help(name));
-        self.ask.tell(&format!("\n--{name} <{}>", Settings::form(name)));
+        let text = format!("{}. {cost} It is {value}{origin}.", self.settings.help(name));
+        self.ask.tell(&format!("\n--{name} <{}>", self.settings.form(name)));
         let width = self.ask.width().unwrap_or(COLUMNS);
         self.ask.tell(&wrapped(&text, width));
-        let chosen = match Settings::kind(name) {
+        let chosen = match self.settings.kind(name) {
             Kind::OneOf(values) => {
                 let options: Vec<(Item, usize)> = values
                     .iter()
@@ -596,7 +596,8 @@ impl Dialogue<'_> {
     }
 
     fn typed(&mut self, name: &str) -> Answer<String> {
-        let check = |typed: &str| match (typed, Settings::refusal(name, typed)) {
+        let settings = &self.settings;
+        let check = |typed: &str| match (typed, settings.refusal(name, typed)) {
             (DEFAULT, _) | (_, None) => Ok(()),
             (_, Some(reason)) => Err(reason),
         };
@@ -609,7 +610,7 @@ impl Dialogue<'_> {
         })
     }
 
-    /// Asks for one of the backends that open, as `hemicube backends list` finds them.
+    /// Asks for one of the backends that open, listed by `hemicube backends list`.
     fn backend(&mut self) -> Answer<String> {
         let mut line = Line::new("backends list").with("--json");
         if let Some(folder) = self.settings.value("backend-dir") {
@@ -666,7 +667,7 @@ impl Dialogue<'_> {
         }
     }
 
-    /// Shows what would be written, and writes it when that is wanted.
+    /// Shows the text to write, and writes it on request.
     fn write(&mut self, file: &Path) -> Result<(), Left> {
         let scenes = self.scenes.as_ref().filter(|_| self.scenes_are_chosen);
         let scenes = scenes.map(|path| path.to_string_lossy().into_owned());
@@ -693,13 +694,15 @@ impl Dialogue<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::command_line::Cli;
     use Say::{Esc, Pick, Type};
+    use clap::CommandFactory;
     use std::collections::VecDeque;
 
     /// An answer.
     #[derive(Clone, Copy)]
     enum Say {
-        /// The item whose name begins, or ends, so.
+        /// Picks the item by the beginning or end of its name.
         Pick(&'static str),
         Type(&'static str),
         Esc,
@@ -709,7 +712,7 @@ mod tests {
     #[derive(Default)]
     struct Script {
         answers: VecDeque<Say>,
-        /// Everything that was asked and said.
+        /// All questions and messages.
         seen: Vec<String>,
     }
 
@@ -763,7 +766,7 @@ mod tests {
         }
     }
 
-    /// Runs nothing, and keeps what it was to run.
+    /// Runs nothing, and records the command lines.
     struct Kept {
         lines: Vec<String>,
         ended: Ended,
@@ -782,10 +785,11 @@ mod tests {
     }
 
     const LISTED: &str = r#"{"backends": [
-        {"name": "cpu", "device": "this processor"}, {"name": "gl", "device": "a card"}, {"name": "gl", "device": "another"}],
+        {"name": "cpu", "device": "this processor"}, {"name": "gl", "device": "a card"},
+        {"name": "gl", "device": "another"}],
         "unusable": [{"name": "vulkan", "reason": "finds no device"}]}"#;
 
-    /// A dialogue in a folder: the lines that were run, and what was seen. It ends with the answers.
+    /// Holds a dialogue in a folder with all `answers`; returns the command lines, and the questions and messages.
     fn held(here: &Path, ended: Ended, answers: impl IntoIterator<Item = Say>) -> (Vec<String>, String) {
         let mut script = Script {
             answers: answers.into_iter().collect(),
@@ -800,7 +804,7 @@ mod tests {
             run: &mut kept,
             program: "hemicube".into(),
             common: Vec::new(),
-            settings: Settings::with(false).expect("settings"),
+            settings: Settings::with(Cli::command(), false).expect("settings"),
             here: here.to_owned(),
             scenes: None,
             scenes_are_chosen: false,
@@ -912,7 +916,7 @@ mod tests {
         let (lines, seen) = answered(vec![Pick("Another name"), Type(""), Pick("Back"), Pick("Exit")]);
         assert_eq!(lines, [""; 0]);
         assert!(seen.contains("$ hemicube compute high.ac -o high-2.hemicube"), "{seen}");
-        // Something that is no matrix is never written over.
+        // A file other than a matrix is never written over.
         std::fs::write(folder.path().join("cubitos.hemicube"), "").expect("a file");
         let (lines, seen) = held(
             folder.path(),
@@ -943,7 +947,7 @@ mod tests {
             assert_eq!(lines.len(), 2);
             assert_eq!(seen.matches(said).count(), 2, "{seen}");
         }
-        // One that found something to be wrong did its work.
+        // A check that found defects did its work.
         let (_, seen) = held(
             folder.path(),
             Ended::By(1),

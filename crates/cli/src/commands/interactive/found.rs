@@ -1,4 +1,4 @@
-//! What there is to choose from: scenes and matrices in a folder.
+//! Scenes and matrices in a folder, to choose from.
 
 use crate::report::{count, percent};
 use hemicube::store::{Form, Manifest, Store};
@@ -6,17 +6,17 @@ use hemicube_scene::Format;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// A file that a reader takes by its name.
+/// A file with a reader for its name.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct SceneFile {
     pub(super) path: PathBuf,
     pub(super) bytes: u64,
 }
 
-/// How much of a JSON file is looked at.
+/// Bytes inspected of a JSON file.
 const JSON_LOOKED_AT: u64 = 64 << 10;
 
-/// The scenes of a folder, by name. Those of the current folder, `.`, go by their bare names.
+/// The scenes of a folder, by name. In the current folder, `.`, names are bare.
 ///
 /// # Errors
 /// When the folder cannot be read.
@@ -25,7 +25,7 @@ pub(super) fn scenes(folder: &Path) -> std::io::Result<Vec<SceneFile>> {
     for entry in std::fs::read_dir(folder)? {
         let name = entry?.file_name();
         let path = in_folder(folder, Path::new(&name));
-        // Through links; one that leads nowhere is no scene.
+        // Follows links; a dangling one is no scene.
         let Ok(metadata) = std::fs::metadata(&path) else {
             continue;
         };
@@ -62,9 +62,9 @@ fn is_scene(path: &Path) -> bool {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Found {
     pub(super) path: PathBuf,
-    /// The file that it was computed from.
+    /// The file of its scene.
     pub(super) scene: String,
-    /// What says that two are of the same scene, cut alike.
+    /// Hash of the scene and its subdivision.
     pub(super) scene_hash: String,
     /// A few words about it.
     pub(super) about: String,
@@ -107,7 +107,7 @@ pub(super) fn in_folder(folder: &Path, name: &Path) -> PathBuf {
     }
 }
 
-/// A path as it was typed, which no shell has looked at.
+/// Expands `~` in a path that no shell has seen.
 pub(super) fn at_home(typed: &str) -> PathBuf {
     let home = std::env::var_os("HOME").filter(|home| !home.is_empty());
     match (typed.strip_prefix("~/"), home) {
@@ -120,7 +120,7 @@ pub(super) fn at_home(typed: &str) -> PathBuf {
 #[cfg(any(feature = "menus", test))]
 const SUGGESTED_MAX: usize = 100;
 
-/// What the beginning of a path may become: files and folders, which end in `/`.
+/// Completions of a path: files, and folders ending in `/`.
 #[cfg(any(feature = "menus", test))]
 pub(super) fn completions(typed: &str) -> Vec<String> {
     let (folder, begin) = typed.rfind('/').map_or(("", typed), |at| typed.split_at(at + 1));
@@ -136,7 +136,7 @@ pub(super) fn completions(typed: &str) -> Vec<String> {
         .flatten()
         .filter_map(|entry| {
             let name = entry.file_name().into_string().ok()?;
-            // Hidden ones are for who asks for them.
+            // Hidden files only on request.
             let fits = name.starts_with(begin) && (begin.starts_with('.') || !name.starts_with('.'));
             let end = if entry.path().is_dir() { "/" } else { "" };
             fits.then(|| format!("{folder}{name}{end}"))
@@ -147,7 +147,7 @@ pub(super) fn completions(typed: &str) -> Vec<String> {
     found
 }
 
-/// The longest beginning that some texts have in common.
+/// The longest common beginning of some texts.
 #[cfg(any(feature = "menus", test))]
 pub(super) fn common_beginning(texts: &[String]) -> Option<&str> {
     let (first, others) = texts.split_first()?;
@@ -159,7 +159,7 @@ pub(super) fn common_beginning(texts: &[String]) -> Option<&str> {
     first.get(..end)
 }
 
-/// What tells matrices of one scene apart.
+/// The differences between matrices of one scene.
 fn about(manifest: &Manifest) -> String {
     let settings = &manifest.settings;
     let mut words = Vec::new();
@@ -192,12 +192,12 @@ fn about(manifest: &Manifest) -> String {
     words.join(", ")
 }
 
-/// What lies where a matrix is to be written.
+/// Content of the place of a new matrix.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Place {
-    /// Nothing that would be in the way.
+    /// Nothing in the way.
     Free,
-    /// A matrix, or what a killed run left of one.
+    /// A matrix, or the remains of a killed run.
     Matrix(Option<Found>),
     /// Something else.
     Taken,
@@ -217,7 +217,7 @@ impl Place {
     }
 }
 
-/// `room.hemicube` where that is free, otherwise `room-2.hemicube` and so on.
+/// `room.hemicube` if that is free, otherwise `room-2.hemicube` and so on.
 pub(super) fn free_name(path: &Path) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default();
     let numbered = (2_u32..).map(|number| {

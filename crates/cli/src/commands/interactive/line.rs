@@ -1,5 +1,6 @@
-//! Command lines: as words to run, and as text to copy into a shell.
+//! Command lines: words to run, and text to copy into a shell.
 
+use crate::shell::quoted;
 use std::ffi::{OsStr, OsString};
 use std::path::Path;
 
@@ -27,7 +28,7 @@ impl Line {
         self
     }
 
-    /// A path as a word of its own, which must not look like an option.
+    /// Adds a path, with `./` before a name that looks like an option.
     pub(super) fn with_path(self, path: &Path) -> Self {
         if path.as_os_str().as_encoded_bytes().starts_with(b"-") {
             self.with(Path::new(".").join(path))
@@ -36,7 +37,7 @@ impl Line {
         }
     }
 
-    /// As it is typed into a POSIX shell.
+    /// The line for a POSIX shell.
     pub(super) fn shown(&self, program: &OsStr) -> String {
         let words = std::iter::once(program).chain(self.words.iter().map(OsString::as_os_str));
         let quoted: Vec<String> = words.map(quoted).collect();
@@ -44,64 +45,9 @@ impl Line {
     }
 }
 
-/// A word that a shell takes as it is.
-fn quoted(word: &OsStr) -> String {
-    let harmless = |c: char| c.is_ascii_alphanumeric() || "%+,-./:@_".contains(c);
-    match word.to_str() {
-        // An `=` at the beginning is zsh's.
-        Some(text)
-            if !text.is_empty()
-                && text
-                    .chars()
-                    .enumerate()
-                    .all(|(k, c)| harmless(c) || (k > 0 && c == '=')) =>
-        {
-            text.to_owned()
-        }
-        Some(text) if !text.chars().any(char::is_control) => format!("'{}'", text.replace('\'', r"'\''")),
-        // What would spoil the screen, or is no text.
-        _ => escaped(word.as_encoded_bytes()),
-    }
-}
-
-/// Bytes in the quotes `$'…'` of POSIX 2024.
-fn escaped(bytes: &[u8]) -> String {
-    let mut text = "$'".to_owned();
-    for &byte in bytes {
-        match byte {
-            b'\'' | b'\\' => text.extend(['\\', char::from(byte)]),
-            b' '..=b'~' => text.push(char::from(byte)),
-            // Octal: of hexadecimal digits bash takes as many as follow.
-            _ => text.push_str(&format!("\\{byte:03o}")),
-        }
-    }
-    text.push('\'');
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn words_are_quoted_where_a_shell_would_read_them() {
-        for (word, text) in [
-            ("room.obj", "room.obj"),
-            ("--tolerance", "--tolerance"),
-            ("1%", "1%"),
-            ("--json=a.json", "--json=a.json"),
-            ("", "''"),
-            ("=x", "'=x'"),
-            ("my room.obj", "'my room.obj'"),
-            ("it's", r"'it'\''s'"),
-            ("$HOME;rm *", "'$HOME;rm *'"),
-            ("~/a", "'~/a'"),
-            ("höhe.obj", "'höhe.obj'"),
-            ("a\nb'\\", r"$'a\012b\'\\'"),
-        ] {
-            assert_eq!(quoted(OsStr::new(word)), text);
-        }
-    }
 
     #[test]
     fn a_path_is_never_taken_for_an_option() {

@@ -1,11 +1,11 @@
-//! Questions as numbered lines, answered by lines: for terminals that cannot move their cursor, for screen readers, and
-//! for scripts.
+//! Questions and answers in numbered lines: for terminals without a movable cursor, for screen readers, and for
+//! scripts.
 
 use super::ask::{Answer, Ask, Left, Menu, Text, meant, rows};
 use anyhow::Context;
 use std::io::{BufRead, Write};
 
-/// What goes back, where nothing else can be chosen for it.
+/// The answer that goes back, if no item does.
 const BACK: &str = "-";
 
 /// Reads lines, and writes questions.
@@ -32,7 +32,7 @@ impl<R: BufRead, W: Write> Lines<R, W> {
         let read = self.input.read_line(&mut line);
         match read.context("answers cannot be read").map_err(Left::Failed)? {
             0 => {
-                // The prompt stands on a line that nobody ended.
+                // The prompt stands on an unfinished line.
                 self.say("\n")?;
                 Err(Left::Ended)
             }
@@ -87,7 +87,7 @@ impl<R: BufRead, W: Write> Ask for Lines<R, W> {
     }
 
     fn tell(&mut self, text: &str) {
-        // Where nothing can be said, the next question fails.
+        // If nothing can be printed, the next question fails.
         let _ = writeln!(self.output, "{text}");
     }
 

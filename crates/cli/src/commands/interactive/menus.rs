@@ -1,4 +1,4 @@
-//! Questions as menus: arrow keys, or numbers and parts of names typed.
+//! Questions as menus: by arrow keys, or by typed numbers and parts of names.
 
 use super::ask::{Answer, Ask, Left, Menu, Text, fitted, rows};
 use super::found::{common_beginning, completions};
@@ -10,22 +10,22 @@ use std::cmp::Reverse;
 use std::io::Write;
 use unicode_width::UnicodeWidthStr;
 
-/// Lines of a menu that are no items: the question, the keys, and one to end on.
+/// Lines of a menu besides its items: the question, the keys, and a last one.
 const OTHER_LINES: usize = 3;
-/// Items that are shown on the smallest screen.
+/// Items shown on the smallest screen.
 const ITEMS_MIN: usize = 3;
-/// Suggestions that are shown beneath a path.
+/// Suggestions shown beneath a path.
 const SUGGESTIONS: usize = 6;
-/// What stands before an item.
+/// Width of the cursor before an item.
 const CURSOR: usize = "> ".len();
 
 /// Menus on the terminal.
 #[derive(Debug)]
 pub(super) struct Menus;
 
-/// Leaves the terminal as a shell wants it, from whatever thread.
+/// Restores the terminal for the shell, from any thread.
 pub(super) fn restore() {
-    // Whoever asks for this is about to end the program, and has nobody left to tell.
+    // The program is about to end: errors have no reader left.
     let _ = crossterm::terminal::disable_raw_mode();
     let _ = crossterm::execute!(
         std::io::stderr(),
@@ -42,7 +42,7 @@ fn terminal_size() -> Option<(usize, usize)> {
 }
 
 fn look() -> RenderConfig<'static> {
-    // Without colours where `NO_COLOR` says so.
+    // Without colours under `NO_COLOR`.
     RenderConfig::default().with_canceled_prompt_indicator(Styled::new("(back)"))
 }
 
@@ -59,7 +59,7 @@ fn answer<T>(asked: Result<T, InquireError>) -> Answer<T> {
     }
 }
 
-/// A question with the sign that one ends in.
+/// The question with its closing sign.
 fn asked(question: &str) -> String {
     if question.ends_with('?') {
         question.to_owned()
@@ -68,7 +68,7 @@ fn asked(question: &str) -> String {
     }
 }
 
-/// How well an item fits what was typed: a number means the items of that number, anything else a part of a name.
+/// Rank of an item for typed text: a number selects items of that number, other text a part of the name.
 fn score(typed: &str, row: &str, place: usize, count: usize) -> Option<i64> {
     let typed = typed.trim();
     let number = (place + 1).to_string();
@@ -143,7 +143,7 @@ impl Ask for Menus {
     }
 
     fn tell(&mut self, text: &str) {
-        // Where nothing can be said, the next question fails.
+        // If nothing can be printed, the next question fails.
         let _ = writeln!(std::io::stderr(), "{text}");
     }
 
@@ -177,7 +177,7 @@ impl Autocomplete for Paths {
 mod tests {
     use super::*;
 
-    /// The places that are left, best first.
+    /// The remaining places, best first.
     fn fitting(typed: &str, rows: &[&str]) -> Vec<usize> {
         let scores = rows.iter().enumerate();
         let mut fitting: Vec<(usize, i64)> = scores

@@ -1,44 +1,44 @@
-//! The configuration of a dialogue: what was changed in it, above what the environment and files of settings say. The
-//! definition of the command line is the only rule of what a value may be.
+//! Settings of a dialogue: its choices above the environment and the files of settings. Only the definition of the
+//! command line decides on valid values.
 
-use crate::args::Cli;
 use crate::config::{self, Layers, Setting};
 use crate::report::PendingFile;
 use anyhow::{Context, Result};
-use clap::{Command, CommandFactory};
+use clap::Command;
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// A setting that the dialogue offers. What it means is said by the command line's definition.
+/// A setting offered by the dialogue. The command line's definition explains it.
 #[derive(Debug)]
 pub(super) struct Offered {
     pub(super) name: &'static str,
     /// A few words for the menu.
     pub(super) note: &'static str,
-    /// What it costs.
+    /// Its cost.
     pub(super) cost: &'static str,
 }
 
-/// In the order of the menu. Figures are those of `docs/accuracy.md` and `docs/store.md`.
+/// In the order of the menu. Figures are from `docs/accuracy.md` and `docs/store.md`.
 pub(super) const OFFERED: [Offered; 11] = [
     Offered {
         name: "tolerance",
         note: "the error to aim at: 1%, 0.3%",
-        cost: "What keeps it is found out on a sample of the rows. 1% took 1.6 to 2.9 times the time of the default, 0.3% 7 to 10 \
-               times.",
+        cost: "What keeps it is found out on a sample of the rows. 1% took 1.6 to 2.9 times the time of the default, \
+               0.3% 7 to 10 times.",
     },
     Offered {
         name: "correction",
         note: "what form factors are made of",
-        cost: "pixel is the plain hemicube, as in the thesis; area takes about the same time, with half the pixels along an \
-               edge, and was off by 4 to 35 times less.",
+        cost: "pixel is the plain hemicube, as in the thesis; area takes about the same time, with half the pixels \
+               along an edge, and was off by 4 to 35 times less.",
     },
     Offered {
         name: "resolution",
         note: "pixels along an edge",
-        cost: "More of them show small and distant patches, and take longer. auto: 256 for pixel, 128 for point and area.",
+        cost: "More of them show small and distant patches, and take longer. auto: 256 for pixel, 128 for point and \
+               area.",
     },
     Offered {
         name: "samples",
@@ -78,55 +78,64 @@ pub(super) const OFFERED: [Offered; 11] = [
     Offered {
         name: "store",
         note: "how the matrix is written",
-        cost: "compact takes a third to a quarter of the disk, and other programs need ten lines to read it. auto: from a million patches on.",
+        cost: "compact takes a third to a quarter of the disk, and other programs need ten lines to read it. auto: \
+               from a million patches on.",
     },
 ];
 
-/// How a value is asked for.
+/// Question for a value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// One of these.
     OneOf(Vec<String>),
-    /// Of this form, as the help of the command line has it.
+    /// Of this form, in the words of the command line's help.
     Typed(String),
 }
 
-/// The settings that hold.
+/// The settings in force.
 #[derive(Debug)]
 pub(super) struct Settings {
+    /// The definition of the command line.
+    definition: Command,
     /// True if files of settings hold.
     files: bool,
-    /// What was chosen, by long names.
+    /// Choices, by long names.
     chosen: BTreeMap<&'static str, String>,
-    /// What comes of it and of the layers below.
+    /// Values by choices and the layers below.
     present: Vec<Setting>,
 }
 
 impl Settings {
-    /// What holds where nothing was chosen yet.
+    /// Reads the layers below the dialogue.
     ///
     /// # Errors
     /// When a file of settings or a variable is wrong.
-    pub(super) fn read() -> Result<Self> {
-        Self::with(true)
+    pub(super) fn read(definition: Command) -> Result<Self> {
+        Self::with(definition, true)
     }
 
-    /// The same, with files of settings or without.
-    pub(super) fn with(files: bool) -> Result<Self> {
+    /// Reads the layers below the dialogue, with or without files of settings.
+    pub(super) fn with(definition: Command, files: bool) -> Result<Self> {
         let chosen = BTreeMap::new();
         Ok(Self {
             files,
-            present: present(&chosen, files)?,
+            present: present(&definition, &chosen, files)?,
+            definition,
             chosen,
         })
     }
 
-    /// The value of a setting; `None` where it is not set.
+    /// The definition of a subcommand.
+    fn command(&self, name: &str) -> Command {
+        self.definition.find_subcommand(name).cloned().unwrap_or_default()
+    }
+
+    /// The value of a setting; `None` if unset.
     pub(super) fn value(&self, name: &str) -> Option<&str> {
         self.setting(name)?.values.first().map(String::as_str)
     }
 
-    /// Where it came from, unless it is built in or was chosen here.
+    /// Its origin, unless built in or chosen here.
     pub(super) fn origin(&self, name: &str) -> Option<&str> {
         if self.is_chosen(name) {
             return None;
@@ -143,22 +152,22 @@ impl Settings {
         self.chosen.contains_key(name)
     }
 
-    /// What was chosen, with the values.
+    /// Choices and their values.
     pub(super) fn chosen(&self) -> impl Iterator<Item = (&str, &str)> {
         self.chosen.iter().map(|(name, value)| (*name, value.as_str()))
     }
 
-    /// What the parser of the command line says against a value.
-    pub(super) fn refusal(name: &str, value: &str) -> Option<String> {
-        config::refusal(&definition("compute"), name, &[value.to_owned()])
+    /// The parser's error about a value; `None` if it accepts it.
+    pub(super) fn refusal(&self, name: &str, value: &str) -> Option<String> {
+        config::refusal(&self.command("compute"), name, &[value.to_owned()])
     }
 
-    /// Chooses a value. What excludes it is no longer chosen, and what holds anyway needs no choice.
+    /// Chooses a value. Excluded choices are dropped, and so are choices without effect.
     ///
     /// # Errors
-    /// When the parser refuses it, or what is below has become wrong.
+    /// When the parser refuses it, or a layer below has become wrong.
     pub(super) fn choose(&mut self, name: &'static str, value: &str) -> Result<()> {
-        if let Some(reason) = Self::refusal(name, value) {
+        if let Some(reason) = self.refusal(name, value) {
             anyhow::bail!(reason);
         }
         let mut chosen = self.chosen.clone();
@@ -169,51 +178,51 @@ impl Settings {
         self.settle(chosen)
     }
 
-    /// Takes back what was chosen.
+    /// Takes a choice back.
     ///
     /// # Errors
-    /// When what is below has become wrong.
+    /// When a layer below has become wrong.
     pub(super) fn unset(&mut self, name: &str) -> Result<()> {
         let mut chosen = self.chosen.clone();
         chosen.remove(name);
         self.settle(chosen)
     }
 
-    /// Takes back everything.
+    /// Takes all choices back.
     ///
     /// # Errors
-    /// When what is below has become wrong.
+    /// When a layer below has become wrong.
     pub(super) fn clear(&mut self) -> Result<()> {
         self.settle(BTreeMap::new())
     }
 
-    /// Drops of the choices those without which all settings are the same.
+    /// Sets the choices, without those that change no setting.
     fn settle(&mut self, mut chosen: BTreeMap<&'static str, String>) -> Result<()> {
         let values = |settings: &[Setting]| -> Vec<Vec<String>> {
             settings.iter().map(|setting| setting.values.clone()).collect()
         };
-        let wanted = values(&present(&chosen, self.files)?);
+        let wanted = values(&present(&self.definition, &chosen, self.files)?);
         for name in chosen.keys().copied().collect::<Vec<_>>() {
             let mut without = chosen.clone();
             without.remove(name);
-            if values(&present(&without, self.files)?) == wanted {
+            if values(&present(&self.definition, &without, self.files)?) == wanted {
                 chosen = without;
             }
         }
-        self.present = present(&chosen, self.files)?;
+        self.present = present(&self.definition, &chosen, self.files)?;
         self.chosen = chosen;
         Ok(())
     }
 
-    /// The options that a subcommand needs for what was chosen, of those that it has.
+    /// Options of a subcommand for the choices that it knows.
     pub(super) fn words(&self, subcommand: &str) -> Vec<OsString> {
-        words(&self.chosen, &definition(subcommand))
+        words(&self.chosen, &self.command(subcommand))
     }
 
-    /// Writes what was chosen, and more, into a file of settings.
+    /// Writes the choices, and `more`, into a file of settings.
     ///
     /// # Errors
-    /// When it cannot be read or written, or would not be one that the program reads.
+    /// When it cannot be read or written, or the program would not read the result.
     pub(super) fn write(&mut self, path: &Path, more: &[(&str, &str)]) -> Result<()> {
         let text = match hemicube_scene::read_regular_text(path) {
             Ok(text) => text,
@@ -221,42 +230,42 @@ impl Settings {
             Err(error) => return Err(error).with_context(|| format!("`{}` cannot be read", path.display())),
         };
         let changes: Vec<(&str, &str)> = self.chosen().chain(more.iter().copied()).collect();
-        let text = config::changed(&text, path, &changes, &definition("compute"))?;
-        // A link stays one: what it leads to is replaced.
+        let text = config::changed(&text, path, &changes, &self.command("compute"))?;
+        // A link stays: its target is replaced.
         let path = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         let mut file = PendingFile::create(&path)?;
         file.write_all(text.as_bytes())
             .with_context(|| format!("`{}` cannot be written", path.display()))?;
         file.commit()?;
-        // What a variable says otherwise must still be said.
+        // Choices against a variable's value must stay.
         self.settle(self.chosen.clone())
     }
 
-    /// The file that [`Self::write`] is meant for.
+    /// The file for [`Self::write`].
     pub(super) fn file() -> PathBuf {
         config::file_to_write()
     }
 
-    /// What the command line's help says of a setting.
-    pub(super) fn help(name: &str) -> String {
-        let command = definition("compute");
+    /// Help on a setting, from the command line's definition.
+    pub(super) fn help(&self, name: &str) -> String {
+        let command = self.command("compute");
         let arg = command.get_arguments().find(|arg| arg.get_long() == Some(name));
         arg.and_then(clap::Arg::get_help)
             .map(ToString::to_string)
             .unwrap_or_default()
     }
 
-    /// The form of a value, as the command line's help has it.
-    pub(super) fn form(name: &str) -> String {
-        let command = definition("compute");
+    /// Form of a value, from the command line's definition.
+    pub(super) fn form(&self, name: &str) -> String {
+        let command = self.command("compute");
         let arg = command.get_arguments().find(|arg| arg.get_long() == Some(name));
         let form = arg.and_then(clap::Arg::get_value_names).and_then(|names| names.first());
         form.map(ToString::to_string).unwrap_or_default()
     }
 
-    /// How a value of a setting is asked for.
-    pub(super) fn kind(name: &str) -> Kind {
-        let form = Self::form(name);
+    /// Question for the value of a setting.
+    pub(super) fn kind(&self, name: &str) -> Kind {
+        let form = self.form(name);
         let words: Vec<String> = form.split('|').map(str::to_owned).collect();
         if words.len() > 1 && words.iter().all(|word| word.chars().all(|c| c.is_ascii_lowercase())) {
             Kind::OneOf(words)
@@ -264,10 +273,6 @@ impl Settings {
             Kind::Typed(form)
         }
     }
-}
-
-fn definition(subcommand: &str) -> Command {
-    Cli::command().find_subcommand(subcommand).cloned().unwrap_or_default()
 }
 
 fn words(chosen: &BTreeMap<&'static str, String>, command: &Command) -> Vec<OsString> {
@@ -286,8 +291,7 @@ fn words(chosen: &BTreeMap<&'static str, String>, command: &Command) -> Vec<OsSt
 }
 
 /// The settings of `compute` with these on its command line.
-fn present(chosen: &BTreeMap<&'static str, String>, files: bool) -> Result<Vec<Setting>> {
-    let definition = Cli::command();
+fn present(definition: &Command, chosen: &BTreeMap<&'static str, String>, files: bool) -> Result<Vec<Setting>> {
     let command = definition.find_subcommand("compute").cloned().unwrap_or_default();
     let mut line: Vec<OsString> = ["hemicube", "compute", "--print-config"].map(OsString::from).into();
     if !files {
@@ -299,7 +303,9 @@ fn present(chosen: &BTreeMap<&'static str, String>, files: bool) -> Result<Vec<S
         .subcommand_matches("compute")
         .context("`compute` is a subcommand")?;
     let layers = Layers::gather(&command, matches)?;
-    let second = layers.apply(definition, "compute").try_get_matches_from(&line)?;
+    let second = layers
+        .apply(definition.clone(), "compute")
+        .try_get_matches_from(&line)?;
     let matches = second
         .subcommand_matches("compute")
         .context("`compute` is a subcommand")?;
@@ -309,37 +315,43 @@ fn present(chosen: &BTreeMap<&'static str, String>, files: bool) -> Result<Vec<S
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::command_line::Cli;
+    use clap::CommandFactory;
+
+    fn settings() -> Settings {
+        Settings::with(Cli::command(), false).expect("settings")
+    }
 
     #[test]
     fn what_is_offered_is_a_setting_with_help_and_values_that_parse() {
         for Offered { name, .. } in &OFFERED {
-            assert!(!Settings::help(name).is_empty(), "{name}");
-            match Settings::kind(name) {
+            assert!(!settings().help(name).is_empty(), "{name}");
+            match settings().kind(name) {
                 Kind::OneOf(values) => {
                     for value in values {
-                        assert_eq!(Settings::refusal(name, &value), None, "{name} {value}");
+                        assert_eq!(settings().refusal(name, &value), None, "{name} {value}");
                     }
                 }
                 Kind::Typed(form) => assert!(!form.is_empty(), "{name}"),
             }
         }
         assert_eq!(
-            Settings::kind("correction"),
+            settings().kind("correction"),
             Kind::OneOf(vec!["pixel".into(), "point".into(), "area".into()])
         );
-        assert_eq!(Settings::kind("resolution"), Kind::Typed("auto|N".into()));
+        assert_eq!(settings().kind("resolution"), Kind::Typed("auto|N".into()));
     }
 
     #[test]
     fn a_wrong_value_is_refused_in_the_parsers_words() {
-        let reason = Settings::refusal("resolution", "100").expect("it is refused");
+        let reason = settings().refusal("resolution", "100").expect("it is refused");
         assert!(
             reason.starts_with("invalid value '100' for '--resolution <auto|N>'") && reason.contains("multiple of 16"),
             "{reason}"
         );
-        assert!(Settings::refusal("threads", "-1").is_some());
-        assert!(Settings::refusal("tolerance", "").is_some());
-        assert_eq!(Settings::refusal("tolerance", "0.3%"), None);
+        assert!(settings().refusal("threads", "-1").is_some());
+        assert!(settings().refusal("tolerance", "").is_some());
+        assert_eq!(settings().refusal("tolerance", "0.3%"), None);
     }
 
     fn line(settings: &Settings, subcommand: &str) -> String {
@@ -353,7 +365,7 @@ mod tests {
 
     #[test]
     fn only_what_differs_becomes_an_option() {
-        let mut settings = Settings::with(false).expect("settings");
+        let mut settings = settings();
         assert_eq!(settings.value("correction"), Some("area"));
         assert_eq!(settings.value("tolerance"), None);
         settings.choose("correction", "area").expect("it is a value");

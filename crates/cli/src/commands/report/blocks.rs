@@ -1,12 +1,13 @@
-//! Arrays within a page: little-endian, deflated, in base64, each in a `<script>` of its own that no browser runs.
+//! Arrays in a page: little-endian, deflated, in base64, each in a `<script>` that no browser runs.
 
-use crate::commands::view::canvas::base64;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
 use serde::Serialize;
 
-/// zlib's default: the levels above take several times as long for a per cent.
+/// zlib's default: higher levels take several times as long for a per cent.
 const LEVEL: u8 = 6;
 
-/// A number as it stands in a block.
+/// A number in a block.
 pub(super) trait Number: Copy {
     const NAME: &'static str;
     fn put(self, bytes: &mut Vec<u8>);
@@ -33,7 +34,7 @@ impl Number for f32 {
     }
 }
 
-/// What the page is told of an array that has a number a patch.
+/// The viewer's description of an array with a number a patch.
 #[derive(Debug, Serialize)]
 pub(super) struct Column {
     name: String,
@@ -46,7 +47,7 @@ pub(super) struct Column {
 pub(super) struct Blocks {
     /// Arrays with a number a patch.
     pub(super) columns: Vec<Column>,
-    /// The blocks as they stand in the page.
+    /// HTML of the blocks.
     pub(super) html: String,
 }
 
@@ -69,14 +70,32 @@ impl Blocks {
         self.bytes(name, &bytes);
     }
 
-    /// Adds bytes that are read in another way.
+    /// Adds bytes of another form.
     pub(super) fn bytes(&mut self, name: &str, bytes: &[u8]) {
-        let packed = base64(&miniz_oxide::deflate::compress_to_vec(bytes, LEVEL));
+        let packed = BASE64.encode(miniz_oxide::deflate::compress_to_vec(bytes, LEVEL));
         self.html
             .push_str("<script type=\"application/octet-stream\" id=\"block-");
         self.html.push_str(name);
         self.html.push_str("\">");
         self.html.push_str(&packed);
         self.html.push_str("</script>\n");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base_64_as_in_the_rfc() {
+        for (bytes, text) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foobar", "Zm9vYmFy"),
+        ] {
+            assert_eq!(BASE64.encode(bytes), text);
+        }
     }
 }

@@ -1,5 +1,4 @@
-//! The corners of the patches, as a page has them: on a grid of 2¹⁶ steps along each edge of the scene's box, each
-//! place once.
+//! Corners of the patches for a page: on a grid of 2¹⁶ steps along each edge of the scene's box, equal places shared.
 
 use super::blocks::Blocks;
 use crate::prepare::Prepared;
@@ -25,7 +24,7 @@ impl Bounds {
     fn grid(&self, corner: DVec3) -> [u16; 3] {
         let (place, extent) = ((corner - self.low).to_array(), (self.high - self.low).to_array());
         [0, 1, 2].map(|axis| {
-            // A scene that is flat along an axis has one place there.
+            // Along an axis, a flat scene has one place.
             if extent[axis] > 0.0 {
                 (place[axis] / extent[axis] * STEPS).round().clamp(0.0, STEPS) as u16
             } else {

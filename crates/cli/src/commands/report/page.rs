@@ -1,16 +1,21 @@
-//! The page: what stands in it, in which order. How it looks is in `page.css`, what moves in `viewer/`.
+//! The page: its sections and their order. Its style is in `page.css`, its viewer in `viewer/`.
+//!
+//! No template crate, because nearly all of the page is fixed text or the program's own, and [`html`] escapes the few
+//! names from files.
 
 use super::blocks::{Blocks, Column};
+use super::columns::{Columns, Field};
 use super::geometry::Bounds;
 use super::plot::histogram;
 use super::rows::Packed;
-use super::{Columns, Field, Worst};
+use super::worst::Worst;
 use crate::commands::check::{facts, name, verdicts};
-use crate::commands::view::canvas::base64;
-use crate::commands::view::matrix::Sparsity;
+use crate::picture::sparsity::Sparsity;
 use crate::prepare::axis_name;
 use crate::report::{count, counted, figures, percent};
 use anyhow::{Context, Result};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
 use hemicube::analysis::check::CheckReport;
 use hemicube::store::Store;
 use hemicube_scene::Axis;
@@ -24,10 +29,10 @@ const VIEWER: &str = include_str!("../../../viewer/viewer.js");
 const THIRD_PARTY: &str = include_str!("../../../viewer/THIRD_PARTY.txt");
 const STYLE: &str = include_str!("page.css");
 
-/// Nothing is loaded from anywhere, whatever stands in a name.
+/// Forbids loading anything, whatever a name contains.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
 
-/// What a page is made of.
+/// Content of a page.
 pub(super) struct Page<'a> {
     pub(super) store: &'a Store,
     pub(super) checked: &'a CheckReport,
@@ -39,7 +44,7 @@ pub(super) struct Page<'a> {
     pub(super) packed: Option<Packed>,
 }
 
-/// What the viewer is told.
+/// Description of the data, for the viewer.
 #[derive(Serialize)]
 struct Head<'a> {
     patches: u32,
@@ -53,7 +58,7 @@ struct Head<'a> {
     rows: Option<Packed>,
 }
 
-/// Text as it stands in HTML.
+/// Escapes text for HTML, attributes included.
 fn html(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
@@ -104,7 +109,8 @@ impl Page<'_> {
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
              <meta name=\"generator\" content=\"hemicube {}\">\n<title>{title}</title>\n\
              <link rel=\"icon\" href=\"data:,\">\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
-             <header><h1>{title}</h1><button type=\"button\" id=\"theme\" aria-label=\"light or dark page\">Dark</button></header>\n\
+             <header><h1>{title}</h1><button type=\"button\" id=\"theme\" aria-label=\"light or dark \
+             page\">Dark</button></header>\n\
              <main>\n",
             env!("CARGO_PKG_VERSION"),
         );
@@ -128,7 +134,7 @@ impl Page<'_> {
             fields: &self.columns.fields,
             rows: self.packed,
         };
-        // A name that holds the end of a script must not end this one.
+        // The end of a script in a name must not end this one.
         let head = serde_json::to_string(&head)
             .context("the page's head is no JSON")?
             .replace('<', "\\u003c");
@@ -162,7 +168,8 @@ impl Page<'_> {
             ("failed", format!("{} failed", counted(failed, "check")))
         };
         let mut text = format!(
-            "<section aria-label=\"Summary\" class=\"cards\">\n<div class=\"card {}\"><b>{}</b><span>the checks <a href=\"#checks\">below</a></span></div>\n",
+            "<section aria-label=\"Summary\" class=\"cards\">\n<div class=\"card {}\"><b>{}</b><span>the checks <a \
+             href=\"#checks\">below</a></span></div>\n",
             state.0, state.1
         );
         for (number, what) in cards {
@@ -175,52 +182,16 @@ impl Page<'_> {
     fn view(&self) -> String {
         let rows = match self.packed {
             Some(packed) => format!(
-                "Of each row the page has the largest {} and the sums to the {} objects that most of it goes to; the matrix has all.",
+                "Of each row the page has the largest {} and the sums to the {} objects that most of it goes to; the \
+                 matrix has all.",
                 counted(packed.entries as u64, "entry"),
                 packed.objects
             ),
             None => "The page was written without rows (<code>--entries N</code> adds them).".to_owned(),
         };
         format!(
-            r#"<section aria-labelledby="model-heading">
-<h2 id="model-heading">The model</h2>
-<div class="model">
-<div class="stage">
-<div class="tools">
-<label>Colour by <select id="field"></select></label>
-<label><input type="checkbox" id="log"> logarithmic</label>
-<label><input type="checkbox" id="shade" checked> shaded</label>
-<label><input type="checkbox" id="edges"> edges</label>
-<label><input type="checkbox" id="backs"> backs</label>
-<button type="button" id="fit">Fit</button>
-<button type="button" id="top">From above</button>
-</div>
-<div class="canvas"><canvas id="view" tabindex="0" aria-label="The model in three dimensions: drag to turn, right drag or arrow keys to move, wheel to come nearer, click a patch to see its row"></canvas>
-<p id="loading" class="over">Reading the model…</p>
-<p id="view-error" class="over" role="alert" hidden></p>
-</div>
-<div class="legend-line"><span id="legend"><span id="legend-low"></span><span id="legend-bar"></span><span id="legend-high"></span></span><span id="legend-what" aria-live="polite"></span></div>
-</div>
-<aside class="panel" aria-label="The selected patch">
-<div class="tools"><label>Patch <input type="number" id="patch-number" min="0" max="{last}" step="1" placeholder="number"></label></div>
-<p id="patch-none">Click a patch of the model, or type its number, to see what it sees. Drag to turn, right drag or arrow keys to move, wheel to come nearer.</p>
-<div id="patch" hidden aria-live="polite">
-<h3 id="patch-name"></h3>
-<dl id="patch-facts"></dl>
-<p id="row-none" hidden></p>
-<div id="row" hidden>
-<h3>Its row</h3>
-<p id="row-summary"></p>
-<div class="scroll"><table><thead><tr><th scope="col">patch</th><th scope="col">object</th><th scope="col">form factor</th></tr></thead><tbody id="row-entries"></tbody></table></div>
-<h3>By objects</h3>
-<div class="scroll"><table><thead><tr><th scope="col">object</th><th scope="col">sum of form factors</th></tr></thead><tbody id="row-objects"></tbody></table></div>
-</div>
-</div>
-</aside>
-</div>
-<p class="note">Rounded in this page: corners lie on a grid of 2<sup>16</sup> steps along each axis (here at most {step} of the scene's units off), form factors have 11 bits (0.05 %), other numbers are f32. {rows} Grey patches have no number, or are not among the entries shown; scales that are logarithmic show four decades.</p>
-</section>
-"#,
+            include_str!("view.html"),
+            rows = rows,
             last = self.store.patch_count().saturating_sub(1),
             step = figures(self.bounds.step() / 2.0),
         )
@@ -248,10 +219,11 @@ impl Page<'_> {
         }
         let mut text = format!(
             "<section aria-labelledby=\"checks\">\n<h2 id=\"checks\">Checks</h2>\n<div class=\"scroll\"><table>\n\
-             <thead><tr><th scope=\"col\">check</th><th scope=\"col\">state</th><th scope=\"col\">what holds, and its bound</th></tr></thead>\n\
+             <thead><tr><th scope=\"col\">check</th><th scope=\"col\">state</th><th scope=\"col\">what holds, and its \
+             bound</th></tr></thead>\n\
              <tbody>\n{rows}</tbody></table></div>\n"
         );
-        // Files by their names in the store: where that lies is nobody else's business.
+        // Files by their names in the store: the directory is nobody else's business.
         let directory = format!("{}{}", self.checked.store.display(), std::path::MAIN_SEPARATOR);
         for failure in &self.checked.failures {
             let _ = writeln!(
@@ -290,11 +262,12 @@ impl Page<'_> {
         let patches = f64::from(self.store.patch_count());
         let _ = write!(
             text,
-            "<figure>\n<figcaption><b>Where the matrix has entries</b><br>rows down, columns across, in the order of the work \
-             (neighbours side by side), {} patches a cell; from few (dark) to all (yellow)</figcaption>\n\
-             <img alt=\"The filled cells of the matrix\" src=\"data:image/png;base64,{}\">\n</figure>\n</div>\n</section>\n",
+            "<figure>\n<figcaption><b>Where the matrix has entries</b><br>rows down, columns across, in the order of \
+             the work (neighbours side by side), {} patches a cell; from few (dark) to all (yellow)</figcaption>\n
+             <img alt=\"The filled cells of the matrix\" \
+             src=\"data:image/png;base64,{}\">\n</figure>\n</div>\n</section>\n",
             figures(patches / self.sparsity.cells as f64),
-            base64(&picture.png(false)?)
+            BASE64.encode(picture.png(false)?)
         );
         Ok(text)
     }
@@ -347,7 +320,8 @@ impl Page<'_> {
             ("escaped", "what leaves the scene: it meets no surface"),
             (
                 "blocked",
-                "what ends on the back of a one-sided surface: a wrong winding, an open model, or a patch within a solid",
+                "what ends on the back of a one-sided surface: a wrong winding, an open model, or a patch within a \
+                 solid",
             ),
             (
                 "sky view factor",
@@ -355,8 +329,8 @@ impl Page<'_> {
             ),
             (
                 "closure error",
-                "how far a row's sum and losses are from 1: where form factors are sums of pixels it is rounding; where they \
-                 are closed forms it is a measure of their error",
+                "how far a row's sum and losses are from 1: where form factors are sums of pixels it is rounding; \
+                 where they are closed forms it is a measure of their error",
             ),
             (
                 "reciprocity",
@@ -365,8 +339,8 @@ impl Page<'_> {
             ),
             (
                 "expected error",
-                "the square root of the expected sum of squared errors of a row's form factors, by rays drawn while it was \
-                 computed",
+                "the square root of the expected sum of squared errors of a row's form factors, by rays drawn while \
+                 it was computed",
             ),
         ];
         format!(
@@ -387,7 +361,8 @@ impl Page<'_> {
         lines.push(("hash of the settings".to_owned(), manifest.settings_hash.clone()));
         lines.push(("hash of the scene".to_owned(), manifest.scene.blake3.clone()));
         format!(
-            "<section aria-labelledby=\"settings\">\n<h2 id=\"settings\">The matrix and how it was computed</h2>\n<div class=\"tables\">\n<div>{}</div>\n<div>{}</div>\n</div>\n</section>\n",
+            "<section aria-labelledby=\"settings\">\n<h2 id=\"settings\">The matrix and how it was \
+             computed</h2>\n<div class=\"tables\">\n<div>{}</div>\n<div>{}</div>\n</div>\n</section>\n",
             definitions(facts(self.checked, self.store, false).lines()),
             definitions(lines.iter().map(|(label, value)| (label.as_str(), value.as_str())))
         )
@@ -395,8 +370,8 @@ impl Page<'_> {
 
     fn about(&self) -> String {
         format!(
-            "<section aria-labelledby=\"about\">\n<h2 id=\"about\">This page</h2>\n<p>Written by <code>hemicube report</code> {}. \
-             Everything is in this one file; it loads nothing and sends nothing.</p>\n\
+            "<section aria-labelledby=\"about\">\n<h2 id=\"about\">This page</h2>\n<p>Written by <code>hemicube \
+             report</code> {}. Everything is in this one file; it loads nothing and sends nothing.</p>\n
              <details><summary>Licence of what it is shown with</summary><pre>{}</pre></details>\n</section>\n",
             env!("CARGO_PKG_VERSION"),
             html(THIRD_PARTY)

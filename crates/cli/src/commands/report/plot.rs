@@ -1,4 +1,4 @@
-//! Histograms as SVG whose colours are the page's, so that they follow its light and dark.
+//! Histograms as SVG in the page's colours, light and dark.
 
 use crate::report::{count, figures};
 use std::fmt::Write;
@@ -9,8 +9,8 @@ const HEIGHT: f64 = 170.0;
 const TOP: f64 = 18.0;
 const BOTTOM: f64 = 28.0;
 
-/// How many of `values` lie where. Those that are no numbers are left out, and on a logarithmic axis those that are not
-/// above 0, which are counted beside it. Nothing where none is left.
+/// Histogram of `values` without NaN. On a logarithmic axis, values up to 0 are counted beside it. `None` if no value
+/// is left.
 pub(super) fn histogram(values: &[f64], what: &str, logarithmic: bool) -> Option<String> {
     let known: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
     let shown: Vec<f64> = known

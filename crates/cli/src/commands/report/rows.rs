@@ -1,24 +1,24 @@
-//! Rows as a page has them: their largest entries, and where most of each goes by objects.
+//! Rows for a page: their largest entries, and the objects with the largest sums.
 //!
 //! ```text
 //! row       count + 1 (0: no row), gaps between the patches, ascending, 16 bits of each form factor;
 //!           count, numbers of the objects and 16 bits of the sum to each, largest first
 //! ```
 //!
-//! Counts, gaps and numbers have 7 bits a byte, the lowest first, the eighth for one that is followed. Form factors are
-//! those of the store's compact form: f32 without the last 13 bits of their mantissa.
+//! Counts, gaps and numbers have 7 bits a byte, lowest first; the eighth bit marks a continuation. Form factors have
+//! the store's compact form: f32 without the last 13 bits of the mantissa.
 
 use super::blocks::Blocks;
 use anyhow::{Result, bail};
 use hemicube::store::{Form, PatchTable};
 use serde::Serialize;
 
-/// Rows that are deflated together: one click unpacks so many.
+/// Rows deflated together: one click unpacks all of them.
 const PER_BLOCK: usize = 1024;
-/// Objects that are named of a row.
+/// Objects named for a row.
 const OBJECTS: usize = 8;
 
-/// What the page is told of its rows.
+/// Description of the rows, for the viewer.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(super) struct Packed {
     per_block: usize,
@@ -26,14 +26,14 @@ pub(super) struct Packed {
     pub(super) objects: usize,
 }
 
-/// Packs rows as they come, in any order.
+/// Packs rows, in any order.
 pub(super) struct RowPacker<'a> {
     table: &'a PatchTable,
     entries: usize,
-    /// Where the bytes of each patch's row are in `bytes`.
+    /// Range in `bytes` of each patch's row.
     places: Vec<(usize, usize)>,
     bytes: Vec<u8>,
-    /// Σ F by object of the row that is packed, and which objects have any.
+    /// Σ F by object of the current row, and the objects with any.
     sums: Vec<f64>,
     reached: Vec<u32>,
     largest: Vec<(u32, f32)>,
@@ -98,7 +98,7 @@ impl<'a> RowPacker<'a> {
                 *sum += f64::from(factor);
             }
         }
-        // The largest; of equal ones those that come first.
+        // The largest; of equal ones, the first.
         let order = |a: &(u32, f32), b: &(u32, f32)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
         if self.largest.len() > self.entries {
             self.largest.select_nth_unstable_by(self.entries - 1, order);
@@ -138,7 +138,7 @@ impl<'a> RowPacker<'a> {
         Ok(())
     }
 
-    /// Writes the rows in the order of the patches; nothing where none were wanted.
+    /// Writes the rows in the order of the patches; `None` if none were wanted.
     pub(super) fn finish(self, blocks: &mut Blocks) -> Option<Packed> {
         if self.entries == 0 {
             return None;

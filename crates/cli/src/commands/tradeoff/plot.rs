@@ -1,13 +1,13 @@
 //! The picture of a trade-off: error against time, both logarithmic.
 
 use crate::level::percentage;
-use crate::sheet::{
+use crate::picture::sheet::{
     Anchor, Area, Axis, BLACK, BLUE, BOTTOM, Format, GREEN, GREY, LEFT, Legend, Letters, Marker, PURPLE, RED, RGBColor,
-    RIGHT, Shape, Sheet, TOP, VERMILION, WHITE, faded, free_place,
+    RIGHT, Shape, Sheet, Sign, TOP, VERMILION, WHITE, faded, free_place,
 };
 use anyhow::Result;
 
-/// A rung of the ladder, which is a colour and a marker.
+/// A rung of the ladder, with its colour and marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Family {
     Pixel,
@@ -53,7 +53,7 @@ pub(super) struct Mark {
     pub(super) family: Family,
     pub(super) name: String,
     pub(super) milliseconds: f64,
-    /// The error, and where it lies for all that the reference's noise lets one say.
+    /// The error, and its interval by the reference's noise.
     pub(super) error: f64,
     pub(super) low: f64,
     pub(super) high: f64,
@@ -73,7 +73,7 @@ impl Mark {
     }
 }
 
-/// What is drawn.
+/// Content of the picture.
 #[derive(Clone, Debug)]
 pub(super) struct Picture {
     pub(super) title: String,
@@ -111,13 +111,13 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
     let mut labels = Vec::new();
     if picture.noise > 0.0 && (100.0 * picture.noise).log10() > y.low {
         let height = y.place(100.0 * picture.noise);
-        sheet.dashes((LEFT, RIGHT), height, GREY, 1.0);
+        sheet.dashes(height, GREY, 1.0);
         let text = format!("the reference's own noise, {}", short(picture.noise));
         labels.push(sheet.label_of_line(text, height + 15.0, GREY, letters));
         taken.push(Area::along(height));
     }
     let height = y.place(100.0 * picture.tolerance);
-    sheet.dashes((LEFT, RIGHT), height, RED, 1.6);
+    sheet.dashes(height, RED, 1.6);
     let text = format!("tolerance {}", percentage(picture.tolerance));
     labels.push(sheet.label_of_line(text, height - 6.0, RED, letters));
     taken.push(Area::along(height));
@@ -139,14 +139,13 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
     // The front over the rest.
     for (front, strength) in [(false, 0.42), (true, 1.0)] {
         for mark in marks.iter().filter(|mark| mark.front == front) {
-            let (at, color) = (place(mark), faded(mark.family.color(), strength));
-            sheet.marker(
-                mark.family.marker(),
-                at,
-                if front { 6.5 } else { 5.0 },
-                color,
-                mark.is_bound(),
-            );
+            let at = place(mark);
+            let sign = Sign {
+                marker: mark.family.marker(),
+                color: faded(mark.family.color(), strength),
+                hollow: mark.is_bound(),
+            };
+            sheet.sign(sign, at, if front { 6.5 } else { 5.0 });
             taken.push(Area::about(at, 8.0));
             if mark.recommended {
                 sheet.shapes.push(Shape::Ring(at, 12.5, BLACK, 1.8));
@@ -172,12 +171,13 @@ fn lay_out(picture: &Picture, letters: &Letters) -> Sheet {
     sheet
 }
 
-/// What the markers mean.
+/// Draws the meaning of the markers.
 fn legend(sheet: &mut Sheet, picture: &Picture, letters: &Letters) {
     let mut legend = Legend::large(92.0);
     for family in Family::ALL {
         if picture.marks.iter().any(|mark| mark.family == family) {
-            legend.marker(sheet, family.name(), (family.marker(), family.color(), false), letters);
+            let sign = Sign::filled(family.marker(), family.color());
+            legend.sign(sheet, family.name(), sign, letters);
         }
     }
     let (x, y) = legend.says(sheet, "no cheaper one is as good", letters);
@@ -189,7 +189,12 @@ fn legend(sheet: &mut Sheet, picture: &Picture, letters: &Letters) {
         sheet.shapes.push(Shape::Ring(at, 8.0, BLACK, 1.8));
     }
     if picture.marks.iter().any(Mark::is_bound) {
-        legend.marker(sheet, "hollow: at most", (Marker::Square, GREY, true), letters);
+        let sign = Sign {
+            marker: Marker::Square,
+            color: GREY,
+            hollow: true,
+        };
+        legend.sign(sheet, "hollow: at most", sign, letters);
     }
 }
 
@@ -200,7 +205,7 @@ fn short(share: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sheet::{HEIGHT, WIDTH};
+    use crate::picture::sheet::{HEIGHT, WIDTH};
 
     fn picture() -> Picture {
         let mark = |family, name: &str, milliseconds, error: f64, front| Mark {
@@ -267,7 +272,7 @@ mod tests {
                 assert_eq!(area.overlap(other), 0.0, "{text} is on {other_text}");
             }
         }
-        // What the check above would see.
+        // The check above can fail.
         assert!(areas[0].1.overlap(&areas[0].1) > 0.0);
     }
 

@@ -1,24 +1,23 @@
-//! The unfolded hemicube of a patch: what each pixel sees, how far it is, what it weighs, and how much lies behind it.
+//! The unfolded hemicube of a patch: item, depth, delta form factor or depth complexity of each pixel.
 
-use super::canvas::{Anchor, Canvas, NOTHING, WHITE, id_color, scale_color};
-use super::raster::Lens;
+use super::live::{self, Live};
+use super::unfolded::{BLOCKED, atlas_place, color_of};
 use crate::args::{EngineSettings, SceneSettings, Talk};
 use crate::exit::Exit;
-use crate::prepare::prepare;
-use crate::report::{count, figures};
+use crate::picture::canvas::{Anchor, Canvas, Format, NOTHING, Rect, WHITE, scale_color};
+use crate::picture::raster::Lens;
+use crate::prepare::{Prepared, prepare};
+use crate::report::{count, figures, percent};
 use crate::stored;
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use hemicube::InputPatch;
-use hemicube::backend::{Culling, Hemicube, RESOLUTIONS, RenderSettings};
+use hemicube::backend::{Culling, Hemicube, RESOLUTIONS, RenderSettings, WHOLE};
 use hemicube::delta::DeltaTable;
 use hemicube::face::{Face, Items};
 use hemicube::store::Store;
 use std::path::PathBuf;
-
-/// Pixels that a blocked view and an escaped one are shown in.
-pub(super) const BLOCKED: [u8; 3] = [40, 40, 40];
 
 /// `hemicube view hemicube`
 #[derive(Args, Debug)]
@@ -50,7 +49,11 @@ pub(crate) struct Arguments {
     )]
     pub(crate) show: Show,
     /// Cut the scene as this matrix's was
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"])]
+    #[arg(
+        long,
+        value_name = "DIR",
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"]
+    )]
     pub(crate) store: Option<PathBuf>,
     /// Pixels along an edge: a multiple of 16 up to 1024
     #[arg(long, value_name = "N", default_value = "256", value_parser = resolution)]
@@ -61,7 +64,7 @@ pub(crate) struct Arguments {
     pub(crate) engine: EngineSettings,
 }
 
-/// What pixels show.
+/// Quantity shown by pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Show {
     /// The patch seen.
@@ -81,45 +84,7 @@ fn resolution(text: &str) -> Result<u32, String> {
     }
 }
 
-/// The face and the place on it of a pixel of the unfolded hemicube, by its place in −2…2 both ways, to the right and
-/// up; `None` in the corners. The top is in the middle, a side's horizon at the outer edge.
-fn unfold(x: f64, y: f64) -> Option<(Face, f64, f64)> {
-    // A direction in the patch's frame: tangent right, bitangent up, normal towards who looks.
-    let direction = match (x.abs() < 1.0, y.abs() < 1.0) {
-        (true, true) => return Some((Face::Top, x, y)),
-        (false, true) => [x.signum(), y, 2.0 - x.abs()],
-        (true, false) => [x, y.signum(), 2.0 - y.abs()],
-        (false, false) => return None,
-    };
-    let face = match (x.abs() < 1.0, x > 0.0, y > 0.0) {
-        (false, true, _) => Face::PosX,
-        (false, false, _) => Face::NegX,
-        (true, _, true) => Face::PosY,
-        (true, _, false) => Face::NegY,
-    };
-    let ([u, v, _], [su, sv, _]) = face.axes();
-    Some((face, su * direction[u], sv * direction[v]))
-}
-
-/// The place in the atlas of a pixel of the unfolded picture of 2N × 2N.
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "places on a face lie in its pixels"
-)]
-pub(super) fn atlas_place(column: usize, row: usize, resolution: u32) -> Option<(Face, u32, u32)> {
-    let n = f64::from(resolution);
-    let (x, y) = (
-        2.0 * (column as f64 + 0.5) / n - 2.0,
-        2.0 - 2.0 * (row as f64 + 0.5) / n,
-    );
-    let (face, u, v) = unfold(x, y)?;
-    let low = if face.is_top() { -1.0 } else { 0.0 };
-    let at = |value: f64, low: f64, most: u32| (((value - low) * n / 2.0) as u32).min(most - 1);
-    Some((face, at(u, -1.0, resolution), at(v, low, face.rows(resolution))))
-}
-
-/// Distance of the nearest surface at each pixel, and the number of surfaces that it meets.
+/// Distance of the nearest surface at each pixel, and the number of surfaces on its ray.
 struct Layers {
     depth: Vec<f64>,
     count: Vec<u32>,
@@ -176,7 +141,7 @@ fn layers(
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     arguments.patches.require_one_cut()?;
     if let Some(output) = &arguments.output {
-        super::canvas::Format::of(output)?;
+        Format::of(output)?;
     }
     let prepared = match &arguments.store {
         Some(store) => stored::scene(
@@ -196,9 +161,40 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         );
     }
     let Some(output) = &arguments.output else {
-        return super::live::run(arguments, &prepared, talk);
+        let live = Live {
+            resolution: arguments.resolution,
+            first: arguments.patch,
+            count: arguments.count,
+            engine: &arguments.engine,
+        };
+        return live::run(live, &prepared, talk);
     };
-    // Not turned, so that the picture's edges are the patch's axes.
+    let found = render(arguments, &prepared, patch, talk)?;
+    let heading = format!(
+        "patch {}: {}, hemicube of {} pixels",
+        patch.0,
+        title_of(arguments.show),
+        arguments.resolution
+    );
+    picture(&found, &heading).save(output)?;
+    talk.say(&format!("`{}`: {heading}", output.display()));
+    Ok(Exit::Done)
+}
+
+/// A rendered hemicube, and the quantity of its picture.
+struct Rendered {
+    show: Show,
+    resolution: u32,
+    items: Items,
+    table: DeltaTable,
+    /// For depth and occlusion.
+    layers: Option<Layers>,
+    /// One unit of the scene in normalised coordinates.
+    unit: f64,
+}
+
+/// Renders the hemicube of a patch, unrotated: the picture's edges are the patch's axes.
+fn render(arguments: &Arguments, prepared: &Prepared, patch: InputPatch, talk: Talk) -> Result<Rendered> {
     let hemicubes = prepared.model.hemicubes(patch, 1, false);
     let hemicube = hemicubes
         .first()
@@ -215,8 +211,6 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         },
     )?;
     let items = backend.items(hemicube)?;
-    let table = DeltaTable::new(resolution);
-    let n = resolution as usize;
     let layers = match arguments.show {
         Show::Depth | Show::Occlusion => Some(layers(
             &geometry.surfaces,
@@ -227,27 +221,53 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         )),
         Show::Ids | Show::Delta => None,
     };
-    // One unit of the scene in normalised coordinates.
-    let unit = (prepared.model.normalise(DVec3::X) - prepared.model.normalise(DVec3::ZERO)).length();
-    let value = |face: Face, x: u32, y: u32| -> Option<f64> {
-        let place = (face.first_row(resolution) + y) as usize * n + x as usize;
-        match (arguments.show, &layers) {
-            (Show::Depth, Some(layers)) => Some(layers.depth[place] / unit).filter(|depth| depth.is_finite()),
+    Ok(Rendered {
+        show: arguments.show,
+        resolution,
+        items,
+        table: DeltaTable::new(resolution),
+        layers,
+        unit: (prepared.model.normalise(DVec3::X) - prepared.model.normalise(DVec3::ZERO)).length(),
+    })
+}
+
+impl Rendered {
+    /// The place of a pixel in the atlas.
+    fn place(&self, face: Face, x: u32, y: u32) -> usize {
+        (face.first_row(self.resolution) + y) as usize * self.resolution as usize + x as usize
+    }
+
+    /// The number at a pixel; `None` for an empty view.
+    fn value(&self, face: Face, x: u32, y: u32) -> Option<f64> {
+        let place = self.place(face, x, y);
+        match (self.show, &self.layers) {
+            (Show::Depth, Some(layers)) => Some(layers.depth[place] / self.unit).filter(|depth| depth.is_finite()),
             (Show::Occlusion, Some(layers)) => Some(f64::from(layers.count[place])),
-            _ => Some(f64::from(table.weight(face, x, y)) / f64::from(hemicube::backend::WHOLE)),
+            _ => Some(f64::from(self.table.weight(face, x, y)) / f64::from(WHOLE)),
         }
-    };
-    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    for face in Face::ALL {
-        for y in 0..face.rows(resolution) {
-            for x in 0..resolution {
-                if let Some(value) = value(face, x, y) {
-                    low = low.min(value);
-                    high = high.max(value);
+    }
+
+    /// The least and the greatest number shown.
+    fn range(&self) -> (f64, f64) {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for face in Face::ALL {
+            for y in 0..face.rows(self.resolution) {
+                for x in 0..self.resolution {
+                    if let Some(value) = self.value(face, x, y) {
+                        low = low.min(value);
+                        high = high.max(value);
+                    }
                 }
             }
         }
+        (low, high)
     }
+}
+
+/// Draws the unfolded hemicube with its heading, and below it the scale, or the shares of the view.
+fn picture(found: &Rendered, heading: &str) -> Canvas {
+    let n = found.resolution as usize;
+    let (low, high) = found.range();
     let enlarge = 512_usize.div_ceil(2 * n).max(1);
     let side = 2 * n * enlarge;
     // Headings are wider than small hemicubes.
@@ -255,62 +275,56 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let mut canvas = Canvas::new(side.max(600) + 40, side + 110, WHITE);
     for row in 0..side {
         for column in 0..side {
-            let Some((face, x, y)) = atlas_place(column / enlarge, row / enlarge, resolution) else {
+            let Some((face, x, y)) = atlas_place(column / enlarge, row / enlarge, found.resolution) else {
                 continue;
             };
-            let color = if arguments.show == Show::Ids {
-                match items.seen[(face.first_row(resolution) + y) as usize * n + x as usize] {
-                    Items::ESCAPED => NOTHING,
-                    Items::BLOCKED => BLOCKED,
-                    id => id_color(id),
-                }
+            let color = if found.show == Show::Ids {
+                color_of(found.items.seen[found.place(face, x, y)])
             } else {
-                value(face, x, y).map_or(NOTHING, |value| {
+                found.value(face, x, y).map_or(NOTHING, |value| {
                     scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE))
                 })
             };
             canvas.set(left + column, 44 + row, color);
         }
     }
-    let title = match arguments.show {
+    canvas.write(heading, (20.0, 28.0), 15.0, Anchor::Start);
+    let y = side + 62;
+    if found.show == Show::Ids {
+        write_shares(&mut canvas, found, side.max(600) + 20, y);
+    } else {
+        let labels = [figures(low), figures(high)];
+        canvas.scale(
+            (20, y - 8),
+            side.min(240),
+            [&labels[0], &labels[1]],
+            unit_of(found.show),
+        );
+    }
+    canvas
+}
+
+/// Writes the escaped and blocked shares, and the number of patches in sight.
+fn write_shares(canvas: &mut Canvas, found: &Rendered, right: usize, y: usize) {
+    let (visible, escaped, blocked) = found.items.reduce(&found.table);
+    let shares = [("escaped", escaped, NOTHING), ("blocked by backs", blocked, BLOCKED)];
+    for (line, (name, weight, color)) in shares.into_iter().enumerate() {
+        let y = y + 22 * line;
+        canvas.fill(Rect::square(20, y - 10, 12), color);
+        let share = percent(f64::from(weight) / f64::from(WHOLE));
+        canvas.write(&format!("{name} {share}"), (38.0, y as f64), 13.0, Anchor::Start);
+    }
+    let seen = format!("{} patches in sight", count(visible.len() as u64));
+    canvas.write(&seen, (right as f64, y as f64), 13.0, Anchor::End);
+}
+
+fn title_of(show: Show) -> &'static str {
+    match show {
         Show::Ids => "what each pixel sees",
         Show::Depth => "distance to what each pixel sees",
         Show::Delta => "delta form factors",
         Show::Occlusion => "surfaces that each pixel's ray meets",
-    };
-    let heading = format!("patch {}: {title}, hemicube of {n} pixels", patch.0);
-    canvas.write(&heading, (20.0, 28.0), 15.0, Anchor::Start);
-    let y = side + 62;
-    if arguments.show == Show::Ids {
-        let (visible, escaped, blocked) = items.reduce(&table);
-        let share = |weight: u32| crate::report::percent(f64::from(weight) / f64::from(hemicube::backend::WHOLE));
-        canvas.fill((20, y - 10), (12, 12), NOTHING);
-        canvas.fill((20, y + 12), (12, 12), BLOCKED);
-        canvas.write(
-            &format!("escaped {}", share(escaped)),
-            (38.0, y as f64),
-            13.0,
-            Anchor::Start,
-        );
-        canvas.write(
-            &format!("blocked by backs {}", share(blocked)),
-            (38.0, y as f64 + 22.0),
-            13.0,
-            Anchor::Start,
-        );
-        let seen = format!("{} patches in sight", count(visible.len() as u64));
-        canvas.write(&seen, ((side.max(600) + 20) as f64, y as f64), 13.0, Anchor::End);
-    } else {
-        canvas.scale(
-            (20, y - 8),
-            side.min(240),
-            [&figures(low), &figures(high)],
-            unit_of(arguments.show),
-        );
     }
-    canvas.save(output)?;
-    talk.say(&format!("`{}`: {heading}", output.display()));
-    Ok(Exit::Done)
 }
 
 fn unit_of(show: Show) -> &'static str {
@@ -319,42 +333,5 @@ fn unit_of(show: Show) -> &'static str {
         Show::Depth => "in the scene's unit",
         Show::Delta => "of the hemisphere, a pixel",
         Show::Occlusion => "surfaces in line",
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_pixel_of_the_atlas_is_shown_once() {
-        let resolution = 16;
-        let mut seen = vec![0; 3 * 16 * 16];
-        for row in 0..32 {
-            for column in 0..32 {
-                if let Some((face, x, y)) = atlas_place(column, row, resolution) {
-                    seen[((face.first_row(resolution) + y) * resolution + x) as usize] += 1;
-                }
-            }
-        }
-        assert!(seen.iter().all(|&times| times == 1));
-    }
-
-    #[test]
-    fn sides_join_the_top_at_their_upper_edge() {
-        // Just beyond the top's right edge is the side's highest row, at the same height of the picture.
-        assert_eq!(
-            atlas_place(24, 20, 16).map(|(face, _, y)| (face, y)),
-            Some((Face::PosX, 7))
-        );
-        assert_eq!(
-            atlas_place(31, 20, 16).map(|(face, _, y)| (face, y)),
-            Some((Face::PosX, 0))
-        );
-        assert_eq!(
-            atlas_place(20, 0, 16).map(|(face, _, y)| (face, y)),
-            Some((Face::PosY, 0))
-        );
-        assert_eq!(atlas_place(0, 0, 16), None);
     }
 }

@@ -1,14 +1,25 @@
-//! Hemicubes in a window, as they are computed.
+//! Hemicubes in a window, during their computation.
 
-use super::hemicube::Arguments;
-use crate::args::Talk;
+use crate::args::{EngineSettings, Talk};
 use crate::exit::Exit;
 use crate::prepare::Prepared;
 use anyhow::Result;
 
+/// A run in a window.
+#[derive(Clone, Copy)]
+#[cfg_attr(not(feature = "live"), allow(dead_code, reason = "read by the window only"))]
+pub(super) struct Live<'a> {
+    pub(super) resolution: u32,
+    /// The first patch; otherwise the order of work begins.
+    pub(super) first: Option<u32>,
+    /// Hemicubes until the window closes; otherwise the last stays in view.
+    pub(super) count: Option<u64>,
+    pub(super) engine: &'a EngineSettings,
+}
+
 /// Without windows there is nothing to show them in.
 #[cfg(not(feature = "live"))]
-pub(super) fn run(_: &Arguments, _: &Prepared, _: Talk) -> Result<Exit> {
+pub(super) fn run(_: Live<'_>, _: &Prepared, _: Talk) -> Result<Exit> {
     Err(crate::exit::hinted(
         anyhow::anyhow!("this hemicube was built without windows"),
         "build it with the feature `live`, or write a picture: `--patch I -o FILE`",
@@ -16,22 +27,21 @@ pub(super) fn run(_: &Arguments, _: &Prepared, _: Talk) -> Result<Exit> {
 }
 
 #[cfg(feature = "live")]
-pub(super) fn run(arguments: &Arguments, prepared: &Prepared, talk: Talk) -> Result<Exit> {
-    window::run(arguments, prepared, talk)
+pub(super) fn run(live: Live<'_>, prepared: &Prepared, talk: Talk) -> Result<Exit> {
+    window::run(live, prepared, talk)
 }
 
 #[cfg(feature = "live")]
 mod window {
-    use super::{Arguments, Exit, Prepared, Result, Talk};
-    use crate::commands::view::canvas::{Color, NOTHING, WHITE, id_color};
-    use crate::commands::view::hemicube::{BLOCKED, atlas_place};
+    use super::{Exit, Live, Prepared, Result, Talk};
+    use crate::commands::view::unfolded::{atlas_place, color_of};
     use crate::exit::{self, hinted};
+    use crate::picture::canvas::{Color, WHITE};
     use crate::report::{count, counted, percent};
     use anyhow::{Context, anyhow};
     use hemicube::InputPatch;
     use hemicube::backend::{Culling, RenderSettings};
     use hemicube::delta::DeltaTable;
-    use hemicube::face::Items;
     use minifb::{Error, Key, KeyRepeat, Window, WindowOptions};
     use std::sync::atomic::Ordering;
     use std::time::Duration;
@@ -54,12 +64,13 @@ mod window {
         };
         Err(hinted(
             anyhow!("no window can be opened: {reason}"),
-            "`--live` needs a display (on Linux an X server, by DISPLAY, and libX11); `--patch I -o FILE` writes a picture",
+            "`--live` needs a display (on Linux an X server, by DISPLAY, and libX11); `--patch I -o FILE` writes a \
+             picture",
         ))
     }
 
-    pub(super) fn run(arguments: &Arguments, prepared: &Prepared, talk: Talk) -> Result<Exit> {
-        let resolution = arguments.resolution;
+    pub(super) fn run(live: Live<'_>, prepared: &Prepared, talk: Talk) -> Result<Exit> {
+        let resolution = live.resolution;
         let n = resolution as usize;
         let side = 2 * n * SIDE.div_ceil(2 * n).max(1);
         let enlarge = side / (2 * n);
@@ -67,7 +78,7 @@ mod window {
         let mut window = open(side)?;
         window.set_target_fps(RATE);
         let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
-        let mut backend = arguments.engine.open_backend(talk)?;
+        let mut backend = live.engine.open_backend(talk)?;
         backend.load(
             prepared.model.geometry(),
             RenderSettings {
@@ -77,7 +88,7 @@ mod window {
             },
         )?;
         let table = DeltaTable::new(resolution);
-        // Where in the atlas each pixel of the window is.
+        // Place in the atlas of each pixel of the window.
         let places: Vec<Option<usize>> = (0..side * side)
             .map(|pixel| {
                 let place = atlas_place(pixel % side / enlarge, pixel / side / enlarge, resolution);
@@ -85,25 +96,20 @@ mod window {
             })
             .collect();
         let mut order: Vec<InputPatch> = prepared.model.order().collect();
-        if let Some(first) = arguments.patch {
+        if let Some(first) = live.first {
             let place = order.iter().position(|patch| patch.0 == first).unwrap_or(0);
             order.rotate_left(place);
         }
-        let wanted = usize::try_from(arguments.count.unwrap_or(u64::MAX)).unwrap_or(usize::MAX);
+        let wanted = usize::try_from(live.count.unwrap_or(u64::MAX)).unwrap_or(usize::MAX);
         let mut pixels = vec![word(WHITE); side * side];
         let mut shown = 0u64;
         for &patch in order.iter().take(wanted) {
-            // What has no area has no hemicube.
+            // Without an area there is no hemicube.
             let hemicubes = prepared.model.hemicubes(patch, 1, false);
             let Some(hemicube) = hemicubes.first() else { continue };
             let items = backend.items(hemicube)?;
             for (pixel, place) in pixels.iter_mut().zip(&places) {
-                *pixel = word(match place.map(|place| items.seen[place]) {
-                    None => WHITE,
-                    Some(Items::ESCAPED) => NOTHING,
-                    Some(Items::BLOCKED) => BLOCKED,
-                    Some(id) => id_color(id),
-                });
+                *pixel = word(place.map_or(WHITE, |place| color_of(items.seen[place])));
             }
             shown += 1;
             let (visible, escaped, _) = items.reduce(&table);
@@ -137,7 +143,7 @@ mod window {
             }
         }
         // The last stays in view, unless it was said how many are wanted.
-        while arguments.count.is_none() && window.is_open() && !window.is_key_down(Key::Escape) {
+        while live.count.is_none() && window.is_open() && !window.is_key_down(Key::Escape) {
             if cancel.load(Ordering::SeqCst) {
                 return Ok(Exit::Interrupted);
             }

@@ -1,63 +1,58 @@
 //! Rows of large patches, on which much stands ([`crate::accuracy::grain`]).
 //!
-//! What stands nearer to such a patch than its hemicubes are to each other is seen by none of them, or from afar only:
-//! their fractions, and the prior variances that other rows have, say nothing of it. Most of the row is of that kind.
-//! So every pair whose form factor could matter to the row is measured, with a few rays first; a tolerance then spends
-//! what is left of the row's budget on all of them in proportion to their part in the error.
+//! Most of such a row is nearer to the patch than its hemicubes are to each other: none of them sees it, or from afar
+//! only. Their fractions, and prior variances of other rows, say nothing of it. So every pair whose form factor could
+//! matter to the row is measured, with a few rays first; a tolerance then spends the rest of the row's steps on all of
+//! them in proportion to their part in the error.
 //!
-//! To the matrix such a row hardly matters: its form factors are small, the larger ones of the pairs are in the other
-//! rows, and are measured there. So rays are allotted by the row's own form factors.
+//! To the matrix such a row hardly matters: its form factors are small, and the larger one of each pair is measured in
+//! the other row. So rays are allotted by the row's own form factors.
 
-use super::{CROWDED_RAY, LEAST_SPREAD, NEAR_RAY, Refined, Refiner, SHARE, STEPS_A_PAIR, rays_for};
-use crate::Model;
+use super::{Refined, Refiner, STEPS_A_PAIR};
+use crate::accuracy::error_model::{FRACTIONS_SHARE, LEAST_SPREAD, NEAR_RAY, TREE_RAY, rays_for, variance_of_rays};
+use crate::accuracy::row::Emitter;
 use crate::visibility::shaft::RAYS;
-use glam::DVec3;
-use hemicube_scene::InputPatch;
 
-/// Pairs whose open form factor is less than this share of Σ F² / Σ F over the pairs that hemicubes saw are left as
-/// these have them.
+/// Share of Σ F² / Σ F over the seen pairs' unoccluded form factors, below which pairs keep their hemicubes' fraction.
+/// A choice.
 const LEAST_SHARE: f64 = 0.1;
-/// The mean squared error of a fraction that was to be measured and is not.
+/// Mean squared error of a fraction that the bound of steps left unmeasured. A choice.
 const UNMEASURED: f64 = 0.1;
-/// Steps that one ray down the tree takes, about.
+/// Steps of one ray down the tree, about.
 const STEPS_A_RAY: f64 = 600.0;
 
-/// From which open form factor on pairs of such a row matter to it, by those of the pairs that were seen.
-pub(super) fn least_factor(open: impl Iterator<Item = f64>) -> f64 {
-    let (sum, squares) = open.fold((0.0, 0.0), |(sum, squares), open| (sum + open, squares + open * open));
+/// The unoccluded form factor from which on pairs matter to the row, by those of the seen pairs.
+pub(super) fn least_factor(unoccluded: impl Iterator<Item = f64>) -> f64 {
+    let (sum, squares) = unoccluded.fold((0.0, 0.0), |(sum, squares), factor| {
+        (sum + factor, squares + factor * factor)
+    });
     if sum > 0.0 { LEAST_SHARE * squares / sum } else { 0.0 }
 }
 
 impl Refiner<'_> {
-    /// Measures the row's pairs, those with the largest open form factors first, until `most_steps` are taken: all with
-    /// a few rays, then as many rays as leave Σ (F − true F)² ≤ `(tolerance)²` Σ F², where a tolerance is given.
-    pub(super) fn measure_all(
-        &mut self,
-        model: &Model,
-        emitter: (InputPatch, &[DVec3; 3]),
-        tolerance: Option<f64>,
-        most_steps: u64,
-    ) -> Refined {
+    /// Measures the row's pairs within `most_steps`, those with the largest unoccluded form factors first: all with a
+    /// few rays, then, with a tolerance, with as many as leave Σ (F − true F)² ≤ `tolerance`² Σ F².
+    pub(super) fn measure_all(&mut self, emitter: &Emitter<'_>, tolerance: Option<f64>, most_steps: u64) -> Refined {
         let mut refined = Refined::default();
         for pair in &mut self.pairs {
-            pair.stake = 1.0 / self.own_area;
+            pair.per_area = 1.0 / emitter.area;
         }
         let mut places: Vec<usize> = (0..self.pairs.len())
-            .filter(|&place| self.pairs[place].open > 0.0)
+            .filter(|&place| self.pairs[place].unoccluded > 0.0)
             .collect();
-        places.sort_by(|&p, &q| self.pairs[q].open.total_cmp(&self.pairs[p].open).then(p.cmp(&q)));
-        let mut errors: Vec<f64> = self
-            .pairs
-            .iter()
-            .map(|pair| UNMEASURED * pair.open * pair.open)
-            .collect();
-        let mut measure = |refiner: &mut Self, place: usize, price: f64, refined: &mut Refined| {
+        places.sort_by(|&p, &q| {
+            let (first, second) = (self.pairs[p].unoccluded, self.pairs[q].unoccluded);
+            second.total_cmp(&first).then(p.cmp(&q))
+        });
+        let unmeasured = self.pairs.iter().map(|p| UNMEASURED * p.unoccluded * p.unoccluded);
+        let mut errors: Vec<f64> = unmeasured.collect();
+        let mut measure = |refiner: &mut Self, place: usize, multiplier: f64, refined: &mut Refined| {
             if refined.steps >= most_steps || refiner.is_cancelled() {
                 refined.cut_short = true;
                 return false;
             }
             let mut cost = Refined::default();
-            refiner.measure_anew(model, emitter, place, price, &mut cost);
+            refiner.measure_anew(emitter, place, multiplier, &mut cost);
             errors[place] = std::mem::take(&mut cost.squared_error);
             refined.add(cost);
             true
@@ -67,17 +62,14 @@ impl Refiner<'_> {
             done += 1;
         }
         if let (Some(tolerance), false) = (tolerance, refined.cut_short) {
-            let budget = SHARE * tolerance * tolerance * self.squared_norm();
-            let (price, fits) = self.price_within(budget, most_steps.saturating_sub(refined.steps));
+            let budget = FRACTIONS_SHARE * tolerance * tolerance * self.squared_norm();
+            let (multiplier, fits) = self.multiplier_within(budget, most_steps.saturating_sub(refined.steps));
             refined.cut_short = !fits;
             for &place in &places {
-                if self.first_spread(place) > 0.0
-                    && rays_for(
-                        (self.first_spread(place) * self.pairs[place].open).powi(2) * price,
-                        NEAR_RAY,
-                    ) > RAYS as f64
-                    && !measure(self, place, price, &mut refined)
-                {
+                let spread = self.first_spread(place);
+                let value = (spread * self.pairs[place].unoccluded).powi(2) * multiplier;
+                let needs_more = spread > 0.0 && rays_for(value, NEAR_RAY) > RAYS as f64;
+                if needs_more && !measure(self, place, multiplier, &mut refined) {
                     break;
                 }
             }
@@ -86,7 +78,7 @@ impl Refiner<'_> {
         refined
     }
 
-    /// The spread of a pair's rays as the first of them leave it; 0 where all, or nothing, was proved visible.
+    /// The spread of a pair's rays by the first of them; 0 if all, or nothing, was proved visible.
     fn first_spread(&self, place: usize) -> f64 {
         let fraction = self.pairs[place].fraction;
         if fraction <= 0.0 || fraction >= 1.0 {
@@ -96,22 +88,22 @@ impl Refiner<'_> {
         }
     }
 
-    /// The price at which the row's pairs leave `budget` of squared error, or the most that so many steps pay for; and
-    /// whether they do.
-    fn price_within(&self, budget: f64, steps: u64) -> (f64, bool) {
-        let at = |price: f64| {
+    /// The multiplier at which the row's pairs leave `budget` of squared error, or the largest that `steps` pay for; and
+    /// whether it leaves no more than `budget`.
+    fn multiplier_within(&self, budget: f64, steps: u64) -> (f64, bool) {
+        let at = |multiplier: f64| {
             let (mut left, mut cost) = (0.0, 0.0);
             for (place, pair) in self.pairs.iter().enumerate() {
-                let own = (self.first_spread(place) * pair.open).powi(2);
+                let own = (self.first_spread(place) * pair.unoccluded).powi(2);
                 if own > 0.0 {
-                    let rays = rays_for(own * price, CROWDED_RAY).max(2.0 * RAYS as f64);
-                    left += own * super::left_by(rays);
+                    let rays = rays_for(own * multiplier, TREE_RAY).max(2.0 * RAYS as f64);
+                    left += own * variance_of_rays(rays);
                     cost += rays * STEPS_A_RAY + STEPS_A_PAIR as f64 / 10.0;
                 }
             }
             (left, cost)
         };
-        // By halves of the logarithm; a root has the same bits everywhere.
+        // Bisect the logarithm by square roots, the same bits everywhere.
         let (mut low, mut high) = (1e-10f64, 1e40f64);
         let mut fits = true;
         while high > 1.09 * low {

@@ -1,62 +1,69 @@
-//! Rows that do not add up, though what they lose is known.
+//! Rows whose sum is off, though their non-visible share is known.
 //!
 //! Pairs may be missing: each too small to be looked for by itself, as between the far ends of a flat space, and
 //! together a good part of the row. They are looked for by falling bounds, the largest first, until the row has what it
-//! lacks. And fractions that one point has may all be off to one side. They are moved together, in proportion to their
-//! standard errors σ: F + λσ for all pairs of the row, with one λ of at most three, and what was measured exactly
-//! stays.
+//! lacks. And fractions of one point may all be off to one side. They are moved together, in proportion to their
+//! standard errors σ: F + λσ for all pairs of the row, with one λ of at most three. Exact measurements stay.
 
-use super::{Kind, Mended, Pair, Refined, Refiner};
-use crate::Model;
+use super::{Pair, Refined, Refiner};
+use crate::accuracy::error_model::{PriorCell, class_of, nearness_of};
+use crate::accuracy::row::{Emitter, Entry, UnfinishedRow};
 use crate::bvh::Tree;
-use crate::geometry::area;
 use crate::visibility::candidates::Least;
-use glam::DVec3;
-use hemicube_scene::InputPatch;
 
-/// The first bound on the form factor of a missing pair, in what the row lacks, and the next one's share of each bound.
+/// First bound on the form factor of a missing pair, in parts of what the row lacks, and each bound's part of the one
+/// before. Choices.
 const FIRST: f64 = 1.0 / 16.0;
 const NEXT: f64 = 1.0 / 8.0;
-/// Number of bounds that are tried.
+/// Number of bounds tried. A choice.
 const ROUNDS: usize = 7;
-/// What is left to look for in the end, in what the row lacked.
+/// Rest at which the search ends, in parts of what the row lacked. A choice.
 const ENOUGH: f64 = 0.05;
-/// Steps that looking for a row's missing pairs may take at 1 % and above; at finer tolerances, more in proportion, up
-/// to a hundred times as many.
+/// Bound of the steps of the search at tolerances of 1 % and above; at finer ones, more in proportion, up to a hundred
+/// times. A choice.
 const STEPS: f64 = 4e6;
-/// Steps that it takes to list a candidate, and to find its open form factor, about.
+/// Steps of listing a candidate and of its unoccluded form factor, about.
 const STEPS_A_CANDIDATE: u64 = 300;
-/// So many pairs, one after the other, must bring this part of what the row lacks, or no more are looked at: it lacks
-/// something else.
+/// Each batch of so many pairs must bring this part of what the row lacks, or the search ends: the row lacks something
+/// else. Choices.
 const BATCH: usize = 64;
-const WORTH: f64 = 0.02;
-/// Number of standard errors that a form factor is moved at most.
+const LEAST_GAIN: f64 = 0.02;
+/// Number of standard errors that a form factor is moved at most. A choice.
 const ERRORS: f64 = 3.0;
 
-/// A form factor that may be off.
+/// Difference of a row's sum from what it is known to be.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Uncertain {
-    pub(crate) factor: f64,
-    /// What it is if all is visible.
-    pub(crate) open: f64,
-    /// Its standard error.
+pub(crate) struct Lacking {
+    /// Negative if the row has too much.
+    pub(crate) sum: f64,
+    /// Standard error of `sum`.
     pub(crate) error: f64,
 }
 
+/// A form factor that may be off.
+#[derive(Clone, Copy, Debug)]
+struct Uncertain {
+    factor: f64,
+    unoccluded: f64,
+    /// Standard error of `factor`.
+    error: f64,
+}
+
 impl Uncertain {
+    /// The form factor moved by a number of its standard errors, from 0 to the unoccluded one.
     fn moved(self, errors: f64) -> f64 {
-        (self.factor + errors * self.error).clamp(0.0, self.open.max(self.factor))
+        (self.factor + errors * self.error).clamp(0.0, self.unoccluded.max(self.factor))
     }
 }
 
-/// Moves form factors that sum to `lacking` too little, a number that has a standard error of its own: all by the same
-/// number of their standard errors. As if these were one error, so much is due to them: S² / (S² + e²), S = Σ σ.
-pub(crate) fn move_all(factors: &mut [Uncertain], (lacking, error): (f64, f64)) {
+/// Moves all form factors by the same number of their standard errors, so that their sum changes by its expectation
+/// `lacking.sum` · S² / (S² + e²): S = Σ σ, as if these were one error, and e = `lacking.error`.
+fn move_all(factors: &mut [Uncertain], lacking: Lacking) {
     let own: f64 = factors.iter().map(|factor| factor.error).sum();
     if own <= 0.0 {
         return;
     }
-    let wanted = lacking * (own * own) / (own * own + error * error);
+    let wanted = lacking.sum * (own * own) / (own * own + lacking.error * lacking.error);
     let gained = |errors: f64| -> f64 { factors.iter().map(|factor| factor.moved(errors) - factor.factor).sum() };
     let (mut low, mut high) = (-ERRORS, ERRORS);
     for _ in 0..40 {
@@ -74,28 +81,25 @@ pub(crate) fn move_all(factors: &mut [Uncertain], (lacking, error): (f64, f64)) 
 }
 
 impl Refiner<'_> {
-    /// Looks for pairs that a row lacks, which sums to `lacking` too little; `is_known` says which patches are in it.
-    /// They are in `unseen` afterwards, ascending.
+    /// Looks for pairs of a row whose sum lacks `lacking`; `is_known` tells the patches in it. Afterwards they are in
+    /// `self.unseen`, ascending.
     pub(crate) fn find_unseen(
         &mut self,
-        model: &Model,
-        emitter: InputPatch,
+        emitter: &Emitter<'_>,
         lacking: f64,
         is_known: impl Fn(u32) -> bool,
     ) -> Refined {
-        let own = model.normalised_corners(emitter.0);
-        let tree = Tree::of(model.geometry());
+        let tree = Tree::of(emitter.model.geometry());
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 4 · 10⁸")]
         let most_steps = (STEPS * (0.01 / self.refinement.tolerance).clamp(1.0, 100.0)) as u64;
         let mut refined = Refined::default();
         let row = std::mem::take(&mut self.pairs);
         self.unseen.clear();
-        self.exchanges.begin(&own);
-        self.own_area = area(&own);
+        self.exchanges.begin(&emitter.corners);
         self.sort_measured();
         let (mut left, mut least) = (lacking, FIRST * lacking);
         let (mut looked_at, mut left_before) = (0, lacking);
-        // What was listed, and what of it is too small by now.
+        // Candidates so far, and those of them that are too small by now.
         let mut listed: Vec<u32> = Vec::new();
         let mut smaller: Vec<Pair> = Vec::new();
         'rounds: for _ in 0..ROUNDS {
@@ -103,7 +107,7 @@ impl Refiner<'_> {
                 near: least,
                 far: least,
             };
-            self.candidates.find(&tree, emitter.0, &own, from);
+            self.candidates.find(&tree, emitter.patch.0, &emitter.corners, from);
             refined.steps += STEPS_A_CANDIDATE * self.candidates.patches.len() as u64;
             if refined.steps >= most_steps {
                 break;
@@ -119,31 +123,33 @@ impl Refiner<'_> {
             self.pairs.clear();
             let new = self.candidates.patches.iter().copied().filter(is_new).map(Pair::unseen);
             self.pairs.extend(new);
-            self.close(model, &own, 0);
+            self.evaluate_from(emitter, 0);
             listed.clone_from(&self.candidates.patches);
             self.pairs.append(&mut smaller);
-            let is_small = |pair: &mut Pair| pair.open < least * NEXT;
+            let is_small = |pair: &mut Pair| pair.unoccluded < least * NEXT;
             smaller.extend(self.pairs.extract_if(.., is_small));
-            self.pairs
-                .sort_unstable_by(|p, q| q.open.total_cmp(&p.open).then(p.patch.cmp(&q.patch)));
+            self.pairs.sort_unstable_by(|p, q| {
+                let by_factor = q.unoccluded.total_cmp(&p.unoccluded);
+                by_factor.then(p.patch.cmp(&q.patch))
+            });
             for place in 0..self.pairs.len() {
                 if refined.steps >= most_steps || self.is_cancelled() {
                     break 'rounds;
                 }
                 let mut cost = Refined::default();
-                self.measure_anew(model, (emitter, &own), place, 0.0, &mut cost);
+                self.measure_anew(emitter, place, 0.0, &mut cost);
                 refined.add(cost);
                 looked_at += 1;
                 let pair = self.pairs[place];
                 if pair.fraction > 0.0 {
                     self.unseen.push(pair);
-                    left -= pair.open * pair.fraction;
+                    left -= pair.unoccluded * pair.fraction;
                     if left <= ENOUGH * lacking {
                         break 'rounds;
                     }
                 }
                 if looked_at % BATCH == 0 {
-                    if left_before - left < WORTH * lacking {
+                    if left_before - left < LEAST_GAIN * lacking {
                         break 'rounds;
                     }
                     left_before = left;
@@ -153,26 +159,19 @@ impl Refiner<'_> {
         }
         self.pairs = row;
         self.unseen.sort_unstable_by_key(|pair| pair.patch);
-        // A row that looks for pairs in vain is not cut short: nobody knows that there are any.
+        // A search in vain does not cut the row short: nobody knows that there are pairs to find.
         refined.cut_short = false;
         refined
     }
 
-    /// Puts the pairs of `unseen` into the row.
-    pub(crate) fn take_unseen(&mut self) {
-        let listed = self.pairs.len();
-        for pair in &self.unseen {
-            match self.pairs[..listed].binary_search_by_key(&pair.patch, |pair| pair.patch) {
-                Ok(place) => self.pairs[place] = *pair,
-                Err(_) => self.pairs.push(*pair),
-            }
-        }
-        self.pairs.sort_unstable_by_key(|pair| pair.patch);
-    }
-
-    /// The standard error of the form factor of a pair whose open form factor and fraction are these; 0 of one that
-    /// nobody saw, as nothing says where it is.
-    fn error_of(&self, model: &Model, own: &[DVec3; 3], patch: u32, open: f64, fraction: f64) -> f64 {
+    /// The standard error of an entry's form factor by one hemicube; 0 for one that nobody saw, as nothing says where it
+    /// is.
+    fn error_of(&self, emitter: &Emitter<'_>, entry: Entry) -> f64 {
+        let Entry {
+            patch,
+            unoccluded,
+            fraction,
+        } = entry;
         if fraction <= 0.0 {
             return 0.0;
         }
@@ -182,56 +181,29 @@ impl Refiner<'_> {
         if self.unseen.binary_search_by_key(&patch, |pair| pair.patch).is_ok() {
             return 0.0;
         }
-        let kind = Kind {
-            class: Kind::class(fraction),
-            nearness: Kind::nearness(own, &model.normalised_corners(patch)),
+        let cell = PriorCell {
+            class: class_of(fraction),
+            nearness: nearness_of(&emitter.corners, &emitter.model.normalised_corners(patch)),
         };
-        open * self.refinement.priors.of(kind).sqrt()
+        unoccluded * self.refinement.priors.of(cell).sqrt()
     }
 
-    /// Moves the pairs of a row that lacks so much, known with this standard error.
-    pub(crate) fn move_pairs(&mut self, model: &Model, emitter: InputPatch, lacking: (f64, f64)) {
+    /// Moves the fractions of a row within their standard errors towards its known sum.
+    pub(crate) fn move_fractions(&mut self, emitter: &Emitter<'_>, row: &mut impl UnfinishedRow, lacking: Lacking) {
         self.sort_measured();
-        let own = model.normalised_corners(emitter.0);
-        let mut factors: Vec<Uncertain> = self
-            .pairs
-            .iter()
-            .map(|pair| Uncertain {
-                factor: pair.open * pair.fraction,
-                open: pair.open,
-                error: self.error_of(model, &own, pair.patch, pair.open, pair.fraction),
+        let independent = (row.samples() as f64).sqrt().recip();
+        let mut factors: Vec<Uncertain> = row
+            .entries()
+            .map(|entry| Uncertain {
+                factor: entry.unoccluded * entry.fraction,
+                unoccluded: entry.unoccluded,
+                error: independent * self.error_of(emitter, entry),
             })
             .collect();
         move_all(&mut factors, lacking);
-        for (pair, factor) in self.pairs.iter_mut().zip(factors) {
-            if pair.open > 0.0 {
-                pair.fraction = factor.factor / pair.open;
-            }
-        }
-    }
-
-    /// Moves a row that stands in three lists: patches, ascending, their fractions, and A_i F_ij if all were visible; seen by
-    /// so many hemicubes.
-    pub(crate) fn move_fractions(&mut self, model: &Model, emitter: InputPatch, row: Mended<'_>, lacking: (f64, f64)) {
-        self.sort_measured();
-        let own = model.normalised_corners(emitter.0);
-        let per_area = 1.0 / area(&own);
-        let independent = (row.samples.max(1) as f64).sqrt().recip();
-        let entries = row.patches.iter().zip(&*row.fractions).zip(&*row.exchanges);
-        let mut factors: Vec<Uncertain> = entries
-            .map(|((&patch, &fraction), &exchange)| {
-                let open = exchange * per_area;
-                Uncertain {
-                    factor: open * fraction,
-                    open,
-                    error: independent * self.error_of(model, &own, patch, open, fraction),
-                }
-            })
-            .collect();
-        move_all(&mut factors, lacking);
-        for (fraction, factor) in row.fractions.iter_mut().zip(factors) {
-            if factor.open > 0.0 {
-                *fraction = factor.factor / factor.open;
+        for (fraction, factor) in row.fractions().zip(factors) {
+            if factor.unoccluded > 0.0 {
+                *fraction = factor.factor / factor.unoccluded;
             }
         }
     }
@@ -243,8 +215,16 @@ mod tests {
 
     fn factors(of: &[(f64, f64, f64)]) -> Vec<Uncertain> {
         of.iter()
-            .map(|&(factor, open, error)| Uncertain { factor, open, error })
+            .map(|&(factor, unoccluded, error)| Uncertain {
+                factor,
+                unoccluded,
+                error,
+            })
             .collect()
+    }
+
+    fn lacking(sum: f64, error: f64) -> Lacking {
+        Lacking { sum, error }
     }
 
     fn sum(of: &[Uncertain]) -> f64 {
@@ -254,7 +234,7 @@ mod tests {
     #[test]
     fn what_is_uncertain_takes_the_difference_and_what_is_exact_stays() {
         let mut row = factors(&[(0.5, 0.5, 0.0), (0.2, 0.3, 0.02), (0.1, 0.3, 0.01)]);
-        move_all(&mut row, (0.03, 0.0));
+        move_all(&mut row, lacking(0.03, 0.0));
         assert_eq!(row[0].factor, 0.5);
         assert!(
             (row[1].factor - 0.22).abs() < 1e-9 && (row[2].factor - 0.11).abs() < 1e-9,
@@ -262,19 +242,19 @@ mod tests {
         );
         // As uncertain as they are together, a known sum is believed half.
         let mut row = factors(&[(0.2, 0.3, 0.02), (0.1, 0.3, 0.01)]);
-        move_all(&mut row, (-0.03, 0.03));
+        move_all(&mut row, lacking(-0.03, 0.03));
         assert!((sum(&row) - 0.285).abs() < 1e-9, "{row:?}");
     }
 
     #[test]
     fn none_moves_by_more_than_three_errors_or_beyond_what_it_can_be() {
         let mut row = factors(&[(0.2, 0.3, 0.01), (0.299, 0.3, 0.01), (0.001, 0.3, 0.01)]);
-        move_all(&mut row, (0.5, 0.0));
+        move_all(&mut row, lacking(0.5, 0.0));
         assert!((row[0].factor - 0.23).abs() < 1e-9 && row[1].factor == 0.3, "{row:?}");
-        move_all(&mut row, (-5.0, 0.0));
+        move_all(&mut row, lacking(-5.0, 0.0));
         assert!(row.iter().all(|factor| factor.factor >= 0.0), "{row:?}");
         let mut exact = factors(&[(0.2, 0.3, 0.0)]);
-        move_all(&mut exact, (0.1, 0.0));
+        move_all(&mut exact, lacking(0.1, 0.0));
         assert_eq!(exact[0].factor, 0.2);
     }
 }

@@ -1,11 +1,11 @@
-//! Entries dealt out by column: for each part a run of the entries in other rows whose columns are its rows.
+//! Entries sorted by column: for each part a run of the entries in other rows with columns among its rows.
 //!
 //! ```text
-//! record  u32 row of the part that is the entry's column   u32 input patch of the entry's row   f32 form factor    12 bytes
+//! record  u32 row of the part (the entry's column)   u32 input patch of the entry's row   f32 form factor    12 bytes
 //! ```
 //!
-//! The runs lie one behind the other in one file, as long as a first pass has counted, and are filled through small
-//! buffers: a file for each run would be more than a system allows to be open.
+//! The runs lie one behind the other in one file, with lengths counted by a first pass, and are filled through small
+//! buffers: a file for each run would exceed the number of open files.
 
 use super::require_part;
 use crate::store::{Error, Result, Store};
@@ -16,10 +16,10 @@ use std::path::{Path, PathBuf};
 /// Bytes of a record.
 pub(crate) const RECORD: usize = 12;
 
-/// Bytes that all buffers take together, as far as each has room for some records.
+/// Bytes of all buffers together, as far as each has room for some records.
 const BUFFERS: usize = 64 << 20;
 
-/// An entry, as the row of its column needs it.
+/// An entry, for the row of its column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Record {
     /// Place in the part of the row that is the entry's column.
@@ -30,25 +30,25 @@ pub(crate) struct Record {
     pub(crate) factor: f32,
 }
 
-/// The records of a part's row, and those after it. They are sorted.
+/// The records of a part's row, and the rest. Records are sorted.
 pub(crate) fn split_row(records: &[Record], row: usize) -> (&[Record], &[Record]) {
     records.split_at(records.partition_point(|record| record.row as usize <= row))
 }
 
-/// What one pass over a store finds out.
+/// Findings of one pass over a store.
 #[derive(Debug)]
 pub(crate) struct Survey {
     /// The input patch of each row, in the processing order.
     pub(crate) order: Vec<u32>,
-    /// The place of each input patch in that order; none that large where there is no row.
+    /// The place of each input patch in that order; out of range for one without a row.
     position: Vec<u32>,
-    /// Entries whose columns are rows of each part.
+    /// Number of entries with columns among the rows of each part.
     counts: Vec<u64>,
     rows_per_part: u32,
 }
 
 impl Survey {
-    /// Reads every part, holds it against its checksum, and refuses what is no form factor.
+    /// Reads every part, verifies its checksum, and refuses invalid form factors.
     pub(crate) fn new(store: &Store) -> Result<Self> {
         let manifest = store.manifest();
         let order: Vec<u32> = store.processing_order()?.iter().map(|patch| patch.0).collect();
@@ -99,18 +99,18 @@ impl Survey {
         Ok(survey)
     }
 
-    /// The part that has the row of a patch, and the row's place in it.
+    /// The part with the row of a patch, and the row's place in it.
     pub(crate) fn position_of(&self, patch: u32) -> Option<(usize, u32)> {
         let position = *self.position.get(patch as usize)?;
         (position != u32::MAX).then(|| ((position / self.rows_per_part) as usize, position % self.rows_per_part))
     }
 }
 
-/// The entries of a store by the part that has their column's row.
+/// The entries of a store by the part of their column's row.
 #[derive(Debug)]
 pub(crate) struct Exchange {
     file: Scratch,
-    /// Record at which each part's run begins, and where the last one ends.
+    /// First record of each part's run, and the end of the last one's.
     starts: Vec<u64>,
 }
 
@@ -146,7 +146,7 @@ impl Exchange {
         for (buffer, next) in buffers.iter_mut().zip(&mut next) {
             file.write_run(buffer, next)?;
         }
-        // The source is read twice; one that changed meanwhile would leave runs that are too short or overlap.
+        // The source is read twice: one that changed meanwhile would leave runs too short or overlapping.
         if next
             .iter()
             .zip(starts.iter().skip(1))
@@ -181,8 +181,8 @@ impl Exchange {
     }
 }
 
-/// A file for what does not fit in memory. Gone when it is dropped; where the system allows it, also when the program
-/// is killed. Errors call it by a name, which it does not have in the directory.
+/// A file for data larger than memory. It is removed when dropped; where the system allows it, also when the program is
+/// killed. Errors call it by a name that it does not have in the directory.
 #[derive(Debug)]
 pub(crate) struct Scratch {
     path: PathBuf,
@@ -190,10 +190,10 @@ pub(crate) struct Scratch {
 }
 
 impl Scratch {
-    /// Creates it in a store's directory, under a name that the store's writer knows to be nothing of worth.
+    /// Creates it in a store's directory, under a name that the store's writer takes for remains.
     pub(crate) fn create(directory: &Path, name: &str) -> Result<Self> {
         let path = directory.join(name);
-        // Without a name where the system allows it, otherwise under one that is removed at once, or with the file.
+        // Nameless where the system allows it, otherwise under a name that is removed at once, or with the file.
         let file = tempfile::tempfile_in(directory).map_err(|error| Error::io(&path, "created", error))?;
         Ok(Self { path, file })
     }

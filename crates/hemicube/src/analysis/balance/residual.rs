@@ -1,11 +1,11 @@
-//! How far a matrix is from closure and reciprocity.
+//! Distance of a matrix from closure and reciprocity.
 //!
 //! ```text
 //! closure      |Σⱼ Fᵢⱼ + escapedᵢ + blockedᵢ + unselectedᵢ − 1|                 largest and root mean square
 //! reciprocity  ‖A F − (A F)ᵀ‖ / ‖A F‖, Frobenius, A diagonal; and the largest |Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ| / min(Aᵢ, Aⱼ)
 //! ```
 //!
-//! `check` measures reciprocity over the entries of each row; here a pair that one row lacks counts in both.
+//! `check` measures reciprocity over the entries of each row; here a pair missing in one row counts in both.
 
 use super::Areas;
 use super::exchange::Record;
@@ -13,7 +13,7 @@ use crate::store::Part;
 use crate::store::Residuals;
 use crate::store::closure::{ClosureTally, share_of, target_of};
 
-/// The sums that residuals are made of.
+/// Sums of the residuals.
 #[derive(Debug, Default)]
 pub(crate) struct Tally {
     closure: ClosureTally,
@@ -23,7 +23,7 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
-    /// Adds a row of a part to the closure error, which is returned.
+    /// Adds a row of a part to the closure error. Returns the row's.
     pub(crate) fn row(&mut self, part: &Part, row: usize) -> f64 {
         let Some(target) = target_of(part, row) else { return 0.0 };
         let sum: f64 = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();

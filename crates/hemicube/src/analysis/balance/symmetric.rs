@@ -17,10 +17,10 @@ use std::path::Path;
 pub(crate) const RECORD: usize = 8;
 
 /// Every step goes further than to the minimum along its coordinate (successive over-relaxation, Young 1954): rows that
-/// face each other across a street settle in a third of the sweeps, and 2 would be the end of convergence.
+/// face each other across a street converge in a third of the sweeps. At 2 nothing converges any more.
 const RELAXATION: f64 = 1.6;
 
-/// Bytes that are gathered before they are written.
+/// Bytes gathered before they are written.
 const BUFFER: usize = 1 << 20;
 
 /// A symmetric matrix on disk.
@@ -65,16 +65,16 @@ fn decode([a, b, c, d, e, f, g, h]: [u8; RECORD]) -> (u32, f32) {
     (u32::from_le_bytes([a, b, c, d]), f32::from_le_bytes([e, f, g, h]))
 }
 
-/// What leaving out small entries did.
+/// Effect of leaving out small entries.
 #[derive(Debug)]
 pub(crate) struct Dropped {
     /// Entries left out.
     pub(crate) entries: u64,
-    /// What they carried, as a share of what all did.
+    /// Share of Σ Aᵢ Fᵢⱼ of the entries left out.
     pub(crate) share: f64,
-    /// Rows that kept what they should not have, because it is all that they have.
+    /// Rows that kept small entries, having no others.
     pub(crate) rows_kept: u64,
-    /// What each row summed to before, by input patch.
+    /// Sum of each row before, by input patch.
     pub(crate) sums: Vec<f64>,
 }
 
@@ -95,7 +95,7 @@ pub(crate) struct Scaling {
 impl Scaling {
     /// F\[i, j\] of a symmetric entry.
     pub(crate) fn factor(&self, areas: &Areas, i: u32, j: u32, value: f32) -> f32 {
-        // The product of the weights does not depend on their order, so that both rows have the same exchange.
+        // The product of the weights does not depend on their order: both rows have the same exchange area.
         let exchange = f64::from(value) * (at(&self.weights, i) * at(&self.weights, j));
         narrow(exchange / at(&areas.share, i))
     }
@@ -134,7 +134,7 @@ impl<'a> Symmetric<'a> {
         })
     }
 
-    /// Adds an entry to the row that is being written.
+    /// Adds an entry to the row under way.
     pub(crate) fn push(&mut self, column: u32, value: f32) {
         self.buffer.extend_from_slice(&column.to_le_bytes());
         self.buffer.extend_from_slice(&value.to_le_bytes());
@@ -150,7 +150,7 @@ impl<'a> Symmetric<'a> {
         Ok(())
     }
 
-    /// Writes what is not written yet.
+    /// Writes buffered bytes.
     pub(crate) fn finish(&mut self) -> Result<()> {
         self.file.write(self.written, &self.buffer)?;
         self.written += self.buffer.len() as u64;
@@ -202,8 +202,8 @@ impl<'a> Symmetric<'a> {
         Ok(())
     }
 
-    /// Leaves out the pairs of which both form factors are below `least`. A pair that is the largest of one of its rows
-    /// stays: without it the row would have nothing that could take what it loses.
+    /// Leaves out the pairs with both form factors below `least`. The largest pair of a row stays: without it no entry
+    /// could take the row's loss.
     pub(crate) fn keep_from(&mut self, areas: &Areas, least: f64) -> Result<Dropped> {
         let mut largest = vec![0.0f64; areas.share.len()];
         let mut sums = vec![0.0f64; areas.share.len()];
@@ -254,7 +254,7 @@ impl<'a> Symmetric<'a> {
                 dropped.rows_kept += u64::from(large == 0 && only_as_largest > 0);
                 lengths.push(u32::try_from((kept.len() - before) / RECORD).unwrap_or(u32::MAX));
             }
-            // What is kept never reaches what is still to be read.
+            // The end of the kept entries never reaches those still to be read.
             self.file.write(written, &kept)?;
             read += size;
             written += kept.len() as u64;
@@ -268,7 +268,7 @@ impl<'a> Symmetric<'a> {
         Ok(dropped)
     }
 
-    /// Scales rows and columns until every row sums to its target, by input patch; rows without one stay as they are.
+    /// Scales rows and columns until every row sums to its target, by input patch; rows without one stay unchanged.
     pub(crate) fn scale(
         &mut self,
         areas: &Areas,

@@ -1,46 +1,47 @@
-//! What a patch loses, by rays: to the outside, to backs of one-sided patches, to patches without a column.
+//! Non-visible shares of a patch's view by rays: to the outside, to backs of one-sided patches, and to patches without
+//! a column.
 //!
-//! Hemicubes know it from a point. Where a patch reaches out of a solid, or is large, no point stands for it, and form
-//! factors of the whole patch do not say which of the three their sum lacks. Rays from all over the patch do: n of
-//! them, cosine distributed (Malley's method) at points of a scrambled Sobol sequence, leave X (1 − X) n^(−5/4) of a
-//! share X's variance.
+//! Hemicubes measure them from points. No point stands for a patch that reaches out of a solid or is large, and form
+//! factors of the whole patch do not say which of the three shares their sum lacks. Rays from all over the patch do: n
+//! of them, cosine distributed (Malley's method) at points of a scrambled Sobol sequence, leave the variance
+//! X (1 − X) n^(−5/4) of a share X.
 
-use crate::Model;
+use crate::accuracy::row::Emitter;
 use crate::bvh::{Block, LANES, Tree, UNUSED};
+use crate::geometry::{self, Plane};
 use crate::sampling::sobol::{BATCH, Sequence, fold};
 use crate::sampling::splitmix;
-use crate::simd::{InstructionSet, dispatch};
+use crate::simd::{InstructionSet, dispatch, dot, minus, most};
 use crate::store::shares::RowShares;
-use crate::visibility::segments::{Segment, crossing, dot, minus, next_block};
+use crate::visibility::segments::{Segment, crossing, next_block};
 use glam::DVec3;
-use hemicube_scene::InputPatch;
 
-/// Rays from a patch, at least and at most.
+/// Number of rays from a patch, at least and at most. Choices.
 const LEAST: usize = 256;
 const MOST: usize = 1 << 14;
-/// The part of a permitted error that rays may leave.
+/// Part of a permitted error that rays may leave. A choice.
 const PART: f64 = 0.8;
-/// Longer than any way through the scene, which fits a cube of side 2.
+/// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
 const FAR: f64 = 4.0;
 
-/// The standard error of a share from so many rays, where `variance` is share · (1 − share).
+/// The standard error of a share X from so many rays, where `variance` is X (1 − X).
 pub(crate) fn error(variance: f64, count: usize) -> f64 {
-    // n^(5/8), in roots: these have the same bits everywhere.
+    // n^(5/8), by roots: they have the same bits everywhere.
     let root = (count as f64).sqrt();
     let eighth = root.sqrt().sqrt();
     // A few rays that agree do not prove that all would.
     variance.max(0.25 / count as f64).sqrt() / (root * eighth)
 }
 
-/// Shares that rays found.
+/// Shares measured by rays.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Lost {
+pub(crate) struct RayShares {
     pub(crate) shares: RowShares,
     /// Number of rays.
     pub(crate) rays: usize,
 }
 
-impl Lost {
+impl RayShares {
     /// The standard errors of the shares.
     pub(crate) fn errors(&self) -> [f64; 3] {
         self.shares
@@ -48,27 +49,25 @@ impl Lost {
             .map(|share| error(share * (1.0 - share), self.rays))
     }
 
-    /// The standard error of all three together.
+    /// The standard error of the sum of all three.
     pub(crate) fn error(&self) -> f64 {
-        let lost = self.shares.lost().min(1.0);
-        error(lost * (1.0 - lost), self.rays)
+        let sum = self.shares.lost().min(1.0);
+        error(sum * (1.0 - sum), self.rays)
     }
 }
 
-/// Measures what a patch loses: by 256 rays, and by twice as many until no share has a standard error much above
-/// `permitted`, or 16,384 were cast. `receives` says whether a patch has a column. Nothing for a patch without area.
-pub(crate) fn measure(
-    model: &Model,
-    emitter: InputPatch,
-    permitted: f64,
-    receives: impl Fn(u32) -> bool,
-) -> Option<Lost> {
-    let tree = Tree::of(model.geometry());
-    let [a, b, c] = model.normalised_corners(emitter.0);
-    let normal = (b - a).cross(c - a).try_normalize()?;
+/// Measures the non-visible shares of a patch by 256 rays, and by twice as many until no share has a standard error much
+/// above `permitted`, or 16,384 were cast. `receives` tells the patches with a column. `None` for a patch without area.
+pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
+    let tree = Tree::of(emitter.model.geometry());
+    let [a, b, c] = emitter.corners;
+    let normal = geometry::cross(&emitter.corners).try_normalize()?;
     let (x, y) = normal.any_orthonormal_pair();
-    let plane = (normal.to_array(), normal.dot(a));
-    let sequence = Sequence::new(u64::from(emitter.0).wrapping_mul(splitmix::STEP));
+    let horizon = Plane {
+        normal,
+        offset: normal.dot(a),
+    };
+    let sequence = Sequence::new(u64::from(emitter.patch.0).wrapping_mul(splitmix::STEP));
     let (mut escaped, mut blocked, mut unselected) = (0u32, 0u32, 0u32);
     let mut pending = Vec::new();
     let mut count = 0;
@@ -82,7 +81,7 @@ pub(crate) fn measure(
                 let (sin, cos) = (std::f64::consts::TAU * u[3][l]).sin_cos();
                 let radius = u[2][l].sqrt();
                 let towards = (x * cos + y * sin) * radius + normal * (1.0 - u[2][l]).sqrt();
-                match first_met(&tree, from, from + towards * FAR, plane, &mut pending) {
+                match first_met(&tree, from, from + towards * FAR, &horizon, &mut pending) {
                     None => escaped += 1,
                     Some(id) if id >= tree.patch_count => blocked += 1,
                     Some(id) => unselected += u32::from(!receives(id)),
@@ -91,7 +90,7 @@ pub(crate) fn measure(
         }
         count = wanted;
         let share = |met: u32| f64::from(met) / count as f64;
-        let found = Lost {
+        let found = RayShares {
             shares: RowShares {
                 escaped: share(escaped),
                 blocked: share(blocked),
@@ -105,36 +104,29 @@ pub(crate) fn measure(
     }
 }
 
-/// What a segment meets.
+/// A triangle on a segment.
 #[derive(Clone, Copy)]
 struct Met {
-    /// As a share of the segment.
+    /// Place along the segment, 0 to 1.
     place: f64,
     id: u32,
     corners: [DVec3; 3],
 }
 
-/// The id seen where a segment first meets a triangle that rises above the plane n · p = d; of triangles that lie in
-/// one plane at one place, as the walls of neighbouring buildings do, the smallest: ids of patches are smaller than
-/// that of backs.
-fn first_met(tree: &Tree, start: DVec3, end: DVec3, plane: ([f64; 3], f64), pending: &mut Vec<u32>) -> Option<u32> {
+/// The id seen where a segment first meets a triangle that rises above `horizon`. Of triangles in one plane at one
+/// place, as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs.
+fn first_met(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<u32> {
     let along = end - start;
     let mut segment = Segment::new(start, end, tree.plane_tolerance);
     let mut first: Option<Met> = None;
     pending.clear();
     pending.push(0);
+    let ends = [start.to_array(), end.to_array()];
     while let Some(leaf) = next_block(tree, &segment, pending) {
         let block = &tree.blocks[leaf as usize];
         let mut places = [f64::INFINITY; LANES];
-        let ends = (start.to_array(), end.to_array());
-        dispatch_places(
-            InstructionSet::widest(),
-            block,
-            ends,
-            plane,
-            tree.plane_tolerance,
-            &mut places,
-        );
+        let tolerance = tree.plane_tolerance;
+        places_by(InstructionSet::widest(), block, &ends, horizon, tolerance, &mut places);
         for (l, &place) in places.iter().enumerate() {
             if place.abs() > 1.0 || block.negative[l] == UNUSED {
                 continue;
@@ -159,7 +151,7 @@ fn first_met(tree: &Tree, start: DVec3, end: DVec3, plane: ([f64; 3], f64), pend
             });
             if wins {
                 first = Some(found);
-                // What lies at the same place is still looked at.
+                // Triangles at the same place are still looked at.
                 let place = (found.place + tie).min(1.0);
                 segment = Segment::new(start, start + along * place, tree.plane_tolerance);
             }
@@ -169,15 +161,14 @@ fn first_met(tree: &Tree, start: DVec3, end: DVec3, plane: ([f64; 3], f64), pend
 }
 
 impl Met {
-    /// Distance along the segment, as a share of it, within which surfaces of one plane may appear.
+    /// Distance along the segment, in parts of it, within which surfaces of one plane may appear.
     fn tie(&self, along: DVec3, tolerance: f64) -> f64 {
         let across = self.normal().dot(along).abs();
         4.0 * tolerance / across.max(1e-4 * along.length())
     }
 
     fn normal(&self) -> DVec3 {
-        let [a, b, c] = self.corners;
-        (b - a).cross(c - a).normalize_or_zero()
+        geometry::cross(&self.corners).normalize_or_zero()
     }
 
     /// Returns whether one of two triangles lies in the plane of the other.
@@ -192,17 +183,12 @@ impl Met {
     }
 }
 
-/// Where the segment crosses each of 16 triangles, as a share of its length: negative where it comes from the side on
-/// which determinants are positive; infinite where it does not.
+/// Places along a segment where it crosses each of 16 triangles, in parts of its length: negative if it comes from the
+/// side on which determinants are positive, infinite if it does not cross or the triangle lies below `horizon`.
 #[inline(always)]
-fn places(
-    block: &Block,
-    (x, y): ([f64; 3], [f64; 3]),
-    (normal, offset): ([f64; 3], f64),
-    tolerance: f64,
-    out: &mut [f64; LANES],
-) {
-    let most = |p: f64, q: f64| if p > q { p } else { q };
+fn places(block: &Block, ends: &[[f64; 3]; 2], horizon: &Plane, tolerance: f64, out: &mut [f64; LANES]) {
+    let [x, y] = *ends;
+    let (normal, offset) = (horizon.normal.to_array(), horizon.offset);
     let d = minus(y, x);
     for l in 0..LANES {
         let [a, b, c] = block.corners_of(l);
@@ -218,13 +204,14 @@ fn places(
 }
 
 dispatch! {
-    fn dispatch_places = places(block: &Block, segment: ([f64; 3], [f64; 3]), plane: ([f64; 3], f64), tolerance: f64, out: &mut [f64; LANES])
+    fn places_by = places(block: &Block, ends: &[[f64; 3]; 2], horizon: &Plane, tolerance: f64, out: &mut [f64; LANES])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::HierarchyOptions;
+    use crate::{HierarchyOptions, Model};
+    use hemicube_scene::InputPatch;
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
     const PERMITTED: f64 = 0.01;
@@ -265,7 +252,7 @@ mod tests {
     /// Both halves of the lower square together.
     fn of_lower(model: &Model, receives: impl Fn(u32) -> bool + Copy) -> RowShares {
         let [a, b] = [0, 1].map(|patch| {
-            measure(model, InputPatch(patch), PERMITTED, receives)
+            measure(&Emitter::new(model, InputPatch(patch)), PERMITTED, receives)
                 .expect("it has area")
                 .shares
                 .to_array()
@@ -315,12 +302,12 @@ mod tests {
         };
         let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
         let seen = model(&[small, wide(1.0, true), wide(2.0, false)]);
-        let shares = measure(&seen, InputPatch(0), PERMITTED, |_| true)
+        let shares = measure(&Emitter::new(&seen, InputPatch(0)), PERMITTED, |_| true)
             .expect("it has area")
             .shares;
         assert!(shares.lost() < 0.01, "{shares:?}");
         let hidden = model(&[small, wide(2.0, true), wide(1.0, false)]);
-        let shares = measure(&hidden, InputPatch(0), PERMITTED, |_| true)
+        let shares = measure(&Emitter::new(&hidden, InputPatch(0)), PERMITTED, |_| true)
             .expect("it has area")
             .shares;
         assert!(shares.blocked > 0.99, "{shares:?}");
@@ -330,7 +317,7 @@ mod tests {
     fn finer_errors_take_more_rays_and_certainty_takes_few() {
         let model = plates([true, true], false);
         let rays = |permitted| {
-            measure(&model, InputPatch(0), permitted, |_| true)
+            measure(&Emitter::new(&model, InputPatch(0)), permitted, |_| true)
                 .expect("it has area")
                 .rays
         };
@@ -340,12 +327,16 @@ mod tests {
         let p = DVec3::new;
         let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
         let wide = ([p(-999., -999., 1.), p(0., 1500., 1.), p(999., -999., 1.)], false);
-        let found = measure(&self::model(&[small, wide]), InputPatch(0), 0.001, |_| true).expect("it has area");
+        let found = measure(
+            &Emitter::new(&self::model(&[small, wide]), InputPatch(0)),
+            0.001,
+            |_| true,
+        )
+        .expect("it has area");
         assert!(found.rays <= 1024, "{found:?}");
     }
 
-    /// CoplanarRegions of neighbouring buildings, a rounding apart: each is seen from its own side, whichever is the
-    /// nearer by rounding.
+    /// Walls of neighbouring buildings, a rounding apart: each is seen from its own side, whichever is nearer by rounding.
     #[test]
     fn of_coincident_walls_the_front_is_seen() {
         let p = DVec3::new;
@@ -354,7 +345,7 @@ mod tests {
             let [a, b, c] = wall(1.0 + gap);
             let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
             let seen = model(&[small, (wall(1.0), false), ([a, c, b], false)]);
-            let shares = measure(&seen, InputPatch(0), PERMITTED, |_| true)
+            let shares = measure(&Emitter::new(&seen, InputPatch(0)), PERMITTED, |_| true)
                 .expect("it has area")
                 .shares;
             assert!(shares.lost() < 0.01, "{gap}: {shares:?}");

@@ -1,23 +1,22 @@
-//! From what is asked for to a rung of the accuracy ladder: what form factors are made of, from how many pixels and
-//! hemicubes.
+//! From the accuracy asked for to an accuracy level: a correction with its pixels and hemicubes.
 
 use crate::Model;
-use crate::accuracy::calibrate::{Calibration, calibrate};
 use crate::accuracy::correct::Correction;
 use crate::backend::HemicubeBackend;
+use crate::driver::calibrate::{Calibration, calibrate};
 use crate::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
 use crate::store::Form;
 
-/// What is asked for.
+/// The accuracy asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(
     clippy::large_enum_variant,
     reason = "there is one of it in a run, and it stays `Copy` as what it holds"
 )]
 pub enum Asked {
-    /// A rung by its settings.
+    /// An accuracy level by its settings.
     Settings {
-        /// What form factors are made of.
+        /// The correction of weights into form factors.
         correction: Correction,
         /// Pixels along an edge of the hemicube.
         resolution: u32,
@@ -28,11 +27,21 @@ pub enum Asked {
     Tolerance(f64),
 }
 
-/// An accuracy level, with everything resolved that its rows depend on.
+impl Asked {
+    /// The tolerance, if one is asked for.
+    pub fn tolerance(&self) -> Option<f64> {
+        match *self {
+            Self::Tolerance(tolerance) => Some(tolerance),
+            Self::Settings { .. } => None,
+        }
+    }
+}
+
+/// An accuracy level. It holds everything that rows depend on.
 ///
 /// ```
 /// use hemicube::driver::compute::{Execution, Selection};
-/// use hemicube::accuracy::level::{Asked, Level, LevelError};
+/// use hemicube::driver::level::{Asked, Level, LevelError};
 /// use hemicube::store::Form;
 /// use hemicube_backend_cpu::CpuBackend;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
@@ -46,46 +55,46 @@ pub enum Asked {
 /// assert_eq!((level.correction.name(), level.resolution), ("tolerance", 128));
 /// assert!(level.reason.is_some_and(|reason| reason.starts_with("tolerance 0.1%: every pair")));
 ///
-/// // What a store rounds must leave something of the tolerance.
+/// // The store's rounding must leave something of the tolerance.
 /// let refused = resolve(Asked::Tolerance(0.0005), Form::Compact);
 /// assert!(matches!(refused, Err(LevelError::Rounding { .. })));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Level {
-    /// What form factors are made of.
+    /// The correction of weights into form factors.
     pub correction: Correction,
     /// Pixels along an edge of the hemicube.
     pub resolution: u32,
-    /// n of the n² hemicubes of a patch, on rungs that let one choose.
+    /// n of the n² hemicubes of a patch; 1 with a tolerance.
     pub samples_per_edge: u32,
-    /// Why this one, where a tolerance chose it.
+    /// Reason of the level, where a tolerance chose it.
     pub reason: Option<String>,
 }
 
-/// Why there is no rung.
+/// Why there is no accuracy level.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LevelError {
-    /// What a store rounds leaves too little of the tolerance.
+    /// The store's rounding leaves too little of the tolerance.
     #[error(
-        "the compact form rounds form factors by up to {}, which leaves too little of a tolerance of {}; the plain form \
-         rounds nothing",
+        "the compact form rounds form factors by up to {}, which leaves too little of a tolerance of {}; the plain \
+         form rounds nothing",
         percentage(*rounding),
         percentage(*tolerance)
     )]
     Rounding {
-        /// By how much form factors are rounded.
+        /// Relative rounding error of a form factor.
         rounding: f64,
         /// The tolerance.
         tolerance: f64,
     },
-    /// What keeps the tolerance was not found.
+    /// Calibration failed.
     #[error(transparent)]
     Compute(#[from] ComputeError),
 }
 
-/// What keeps a tolerance in a scene, whichever of the selection's rows are then computed.
+/// Calibrates a tolerance on a scene, over all rows of the selection, whichever of them are computed later.
 ///
 /// # Errors
 /// As [`calibrate`].
@@ -105,8 +114,7 @@ pub fn within(
     calibrate(model, &emitters, &receives, rotate, tolerance, backend, execution)
 }
 
-/// What of a tolerance is left for the rows when the store rounds them: the two errors have nothing to do with each
-/// other, so their squares add.
+/// The rows' share of a tolerance T with the store's rounding error r: √(T² − r²), the two being independent.
 fn left_by(form: Form, tolerance: f64) -> Result<f64, LevelError> {
     let rounding = form.value_error();
     if rounding == 0.0 {
@@ -119,7 +127,7 @@ fn left_by(form: Form, tolerance: f64) -> Result<f64, LevelError> {
 }
 
 impl Level {
-    /// Settles what is asked for in a scene.
+    /// Resolves the accuracy asked for in a scene; calibrates a tolerance.
     ///
     /// # Errors
     /// When the store's form leaves too little of the tolerance, or as [`calibrate`].
@@ -148,12 +156,12 @@ impl Level {
             Asked::Tolerance(tolerance) => tolerance,
         };
         let left = left_by(form, tolerance)?;
-        let settled = within(model, selection, rotate, left, backend, execution)?;
+        let calibration = within(model, selection, rotate, left, backend, execution)?;
         Ok(Self {
-            correction: Correction::Tolerance(settled.refinement),
-            resolution: settled.resolution,
+            correction: Correction::Tolerance(calibration.refinement),
+            resolution: calibration.resolution,
             samples_per_edge: 1,
-            reason: Some(format!("tolerance {}: {}", percentage(tolerance), settled.reason)),
+            reason: Some(format!("tolerance {}: {}", percentage(tolerance), calibration.reason)),
         })
     }
 }
@@ -161,7 +169,7 @@ impl Level {
 /// 0.003 as `0.3%`, as a person types it.
 ///
 /// ```
-/// assert_eq!(hemicube::accuracy::level::percentage(0.003), "0.3%");
+/// assert_eq!(hemicube::driver::level::percentage(0.003), "0.3%");
 /// ```
 pub fn percentage(share: f64) -> String {
     // Nine digits: enough for what anybody types, and few enough to hide the rounding of the multiplication.

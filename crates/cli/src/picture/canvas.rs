@@ -1,17 +1,19 @@
-//! Pixels, letters and scales of colour; a picture as PNG, or as SVG with its letters as text.
+//! Pixels, letters and scales of colour: a picture as PNG, or as SVG with text.
 
 use crate::report::PendingFile;
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
 use anyhow::{Context, Result, anyhow, bail};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
 use std::io::Write;
 use std::path::Path;
 
-/// A colour, as it is shown (sRGB).
+/// An sRGB colour.
 pub(crate) type Color = [u8; 3];
 
 pub(crate) const WHITE: Color = [255; 3];
 pub(crate) const INK: Color = [34; 3];
-/// Where there is nothing to see.
+/// Colour of an empty view.
 pub(crate) const NOTHING: Color = [245, 245, 242];
 
 /// Viridis (Smith & van der Walt 2015) at equal steps: from dark to light, and told apart by any colour vision.
@@ -41,7 +43,7 @@ pub(crate) fn scale_color(value: f64) -> Color {
     color
 }
 
-/// A colour for an id, such that neighbours differ.
+/// A colour for an id; neighbouring ids differ.
 pub(crate) fn id_color(id: u32) -> Color {
     let mut z = u64::from(id).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -61,7 +63,7 @@ pub(crate) fn byte(value: f64) -> u8 {
     value.round() as u8
 }
 
-/// Linear light from 0 to 1 as it is shown (IEC 61966-2-1).
+/// sRGB, from 0 to 255, of linear light from 0 to 1 (IEC 61966-2-1).
 pub(crate) fn shown(linear: f64) -> f64 {
     let linear = linear.clamp(0.0, 1.0);
     255.0
@@ -82,7 +84,7 @@ pub(crate) fn linear(shown: u8) -> f64 {
     }
 }
 
-/// How a text stands at its place.
+/// The end of a text that stands at its place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Anchor {
     Start,
@@ -94,6 +96,28 @@ struct Writing {
     at: (f64, f64),
     size: f64,
     anchor: Anchor,
+}
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rect {
+    /// Column of the upper left corner.
+    pub(crate) x: usize,
+    /// Row of the upper left corner.
+    pub(crate) y: usize,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+}
+
+impl Rect {
+    pub(crate) fn square(x: usize, y: usize, side: usize) -> Self {
+        Self {
+            x,
+            y,
+            width: side,
+            height: side,
+        }
+    }
 }
 
 /// A picture.
@@ -120,16 +144,17 @@ impl Canvas {
         }
     }
 
-    pub(crate) fn fill(&mut self, (x, y): (usize, usize), (width, height): (usize, usize), color: Color) {
-        for row in y..y + height {
-            for column in x..x + width {
+    pub(crate) fn fill(&mut self, area: Rect, color: Color) {
+        for row in area.y..area.y + area.height {
+            for column in area.x..area.x + area.width {
                 self.set(column, row, color);
             }
         }
     }
 
-    /// Puts another picture on this one.
-    pub(crate) fn put(&mut self, (x, y): (usize, usize), other: &Self) {
+    /// Copies another picture onto this one, its upper left corner to `at`.
+    pub(crate) fn put(&mut self, at: (usize, usize), other: &Self) {
+        let (x, y) = at;
         for row in 0..other.height {
             for column in 0..other.width {
                 self.set(x + column, y + row, other.pixels[row * other.width + column]);
@@ -147,12 +172,19 @@ impl Canvas {
         });
     }
 
-    /// A scale of colour with what its ends stand for.
-    pub(crate) fn scale(&mut self, (x, y): (usize, usize), width: usize, labels: [&str; 2], title: &str) {
+    /// Draws a scale of colour from its upper left corner `at`, with the values of its ends and a title.
+    pub(crate) fn scale(&mut self, at: (usize, usize), width: usize, labels: [&str; 2], title: &str) {
         const HEIGHT: usize = 12;
+        let (x, y) = at;
         for column in 0..width {
             let color = scale_color((column as f64 + 0.5) / width as f64);
-            self.fill((x + column, y), (1, HEIGHT), color);
+            let column = Rect {
+                x: x + column,
+                y,
+                width: 1,
+                height: HEIGHT,
+            };
+            self.fill(column, color);
         }
         let below = (y + HEIGHT) as f64 + 16.0;
         self.write(labels[0], (x as f64, below), 13.0, Anchor::Start);
@@ -160,7 +192,7 @@ impl Canvas {
         self.write(title, ((x + width) as f64 + 16.0, y as f64 + 11.0), 13.0, Anchor::Start);
     }
 
-    /// Writes the picture in the format that the name asks for.
+    /// Writes the picture in the format of the name's extension.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -175,7 +207,7 @@ impl Canvas {
         file.commit()
     }
 
-    /// The picture as PNG, with or without what was written on it.
+    /// The picture as PNG, with or without its letters.
     pub(crate) fn png(&self, letters: bool) -> Result<Vec<u8>> {
         let mut pixels = self.pixels.clone();
         if letters {
@@ -183,7 +215,7 @@ impl Canvas {
                 anyhow!("the built-in font cannot be read; this is a defect of hemicube, please report it")
             })?;
             for writing in &self.writings {
-                set_text(&font, writing, &mut pixels, (self.width, self.height));
+                set_text(&font, writing, &mut pixels, self.width);
             }
         }
         let mut bytes = Vec::new();
@@ -201,9 +233,10 @@ impl Canvas {
     fn svg(&self) -> Result<String> {
         let (width, height) = (self.width, self.height);
         let mut text = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\">\n\
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} \
+             {height}\">\n
              <image width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{}\"/>\n",
-            base64(&self.png(false)?)
+            BASE64.encode(self.png(false)?)
         );
         for writing in &self.writings {
             let anchor = match writing.anchor {
@@ -230,10 +263,10 @@ pub(crate) enum Format {
 }
 
 impl Format {
-    /// The format that a file's name asks for.
+    /// The format of a file, by its extension.
     ///
     /// # Errors
-    /// When it asks for another.
+    /// When it is neither .png nor .svg.
     pub(crate) fn of(path: &Path) -> Result<Self> {
         match path.extension().map(std::ffi::OsStr::to_ascii_lowercase) {
             Some(extension) if extension == "png" => Ok(Self::Png),
@@ -243,32 +276,14 @@ impl Format {
     }
 }
 
-/// RFC 4648.
-pub(crate) fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let of = |place: usize| u32::from(chunk.get(place).copied().unwrap_or(0));
-        let bits = of(0) << 16 | of(1) << 8 | of(2);
-        for place in 0..4 {
-            if place <= chunk.len() {
-                let letter = (bits >> (18 - 6 * place)) & 63;
-                text.push(char::from(LETTERS[letter as usize]));
-            } else {
-                text.push('=');
-            }
-        }
-    }
-    text
-}
-
 /// Sets a line of text, glyph by glyph, with the font's own bearings.
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
     reason = "pixels of a picture"
 )]
-fn set_text(font: &FontRef<'_>, writing: &Writing, pixels: &mut [Color], (width, height): (usize, usize)) {
+fn set_text(font: &FontRef<'_>, writing: &Writing, pixels: &mut [Color], width: usize) {
+    let height = pixels.len() / width;
     let units = font.units_per_em().unwrap_or(2048.0);
     let scale = PxScale::from(writing.size as f32 * font.height_unscaled() / units);
     let scaled = font.as_scaled(scale);
@@ -303,19 +318,6 @@ fn set_text(font: &FontRef<'_>, writing: &Writing, pixels: &mut [Color], (width,
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn base_64_as_in_the_rfc() {
-        for (bytes, text) in [
-            ("", ""),
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foobar", "Zm9vYmFy"),
-        ] {
-            assert_eq!(base64(bytes.as_bytes()), text);
-        }
-    }
 
     #[test]
     fn colours_run_from_dark_to_light() {

@@ -1,9 +1,8 @@
-//! A sheet that a diagram is laid out on, as SVG or PNG: axes, markers, letters. The pictures of `tradeoff`, `compare`
-//! and `bench`.
+//! A sheet for a diagram, as SVG or PNG: axes, markers, letters. `tradeoff`, `compare` and `bench` draw on it.
 //!
-//! Everything is laid out once, in units of which the sheet is [`WIDTH`] × [`HEIGHT`]; plotters draws the shapes of
-//! either format. Letters are text in the SVG. In the PNG they are set from a built-in font (DejaVu Sans) glyph by
-//! glyph, because plotters places glyphs at whole pixels and without their bearings.
+//! Everything is laid out once, in units of [`WIDTH`] × [`HEIGHT`] a sheet; plotters draws the shapes of either format.
+//! Letters are text in the SVG. In the PNG they are set from a built-in font (DejaVu Sans) glyph by glyph, because
+//! plotters places glyphs at whole pixels and without their bearings.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
 use anyhow::{Result, anyhow, bail};
@@ -37,7 +36,7 @@ pub(crate) const GRID_FINE: RGBColor = RGBColor(243, 243, 243);
 pub(crate) const RED: RGBColor = RGBColor(190, 30, 45);
 pub(crate) const WHITE: RGBColor = RGBColor(255, 255, 255);
 
-/// Colours that people with any colour vision tell apart (Okabe & Ito 2008).
+/// Colours told apart by people with any colour vision (Okabe & Ito 2008).
 pub(crate) const BLUE: RGBColor = RGBColor(0, 114, 178);
 pub(crate) const VERMILION: RGBColor = RGBColor(213, 94, 0);
 pub(crate) const GREEN: RGBColor = RGBColor(0, 158, 115);
@@ -45,7 +44,7 @@ pub(crate) const PURPLE: RGBColor = RGBColor(204, 121, 167);
 const ORANGE: RGBColor = RGBColor(230, 159, 0);
 const SKY: RGBColor = RGBColor(86, 180, 233);
 
-/// The colour of the `place`-th of several: theirs, a grey, and two for what comes eighth and ninth.
+/// Colour of the `place`-th series: Okabe & Ito's, a grey, and two for the eighth and ninth.
 pub(crate) fn color(place: usize) -> RGBColor {
     const COLORS: [RGBColor; 9] = [
         BLUE,
@@ -69,10 +68,10 @@ pub(crate) enum Format {
 }
 
 impl Format {
-    /// The format that a file's name asks for.
+    /// The format of a file, by its extension.
     ///
     /// # Errors
-    /// When it asks for another.
+    /// When it is neither .svg nor .png.
     pub(crate) fn of(path: &Path) -> Result<Self> {
         match path.extension().map(|extension| extension.to_ascii_lowercase()) {
             Some(extension) if extension == "svg" => Ok(Self::Svg),
@@ -85,7 +84,7 @@ impl Format {
     }
 }
 
-/// What a point is drawn as.
+/// Shape of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Marker {
     Disc,
@@ -109,6 +108,24 @@ impl Marker {
     }
 }
 
+/// A marker in its colour.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sign {
+    pub(crate) marker: Marker,
+    pub(crate) color: RGBColor,
+    pub(crate) hollow: bool,
+}
+
+impl Sign {
+    pub(crate) fn filled(marker: Marker, color: RGBColor) -> Self {
+        Self {
+            marker,
+            color,
+            hollow: false,
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Anchor {
     Start,
@@ -124,7 +141,7 @@ pub(crate) enum Shape {
     Ring((f64, f64), f64, RGBColor, f64),
 }
 
-/// A line of text; `y` is that of the line on which it stands.
+/// A line of text; `y` is its base line.
 #[derive(Debug)]
 pub(crate) struct Writing {
     pub(crate) text: String,
@@ -135,7 +152,7 @@ pub(crate) struct Writing {
     pub(crate) anchor: Anchor,
 }
 
-/// What is drawn where, in units.
+/// Shapes and letters, in units of the sheet.
 #[derive(Debug, Default)]
 pub(crate) struct Sheet {
     pub(crate) shapes: Vec<Shape>,
@@ -179,7 +196,7 @@ pub(crate) struct Axis {
     /// Decimal logarithms of the ends.
     pub(crate) low: f64,
     pub(crate) high: f64,
-    /// Where the ends are on the sheet.
+    /// Places of the ends on the sheet.
     pub(crate) from: f64,
     pub(crate) to: f64,
 }
@@ -188,7 +205,7 @@ pub(crate) struct Axis {
 const NOTHING: f64 = 1e-7;
 
 impl Axis {
-    /// An axis that holds `values` with some room, and at least two thirds of a decade.
+    /// An axis over `values` with a margin, at least two thirds of a decade long.
     pub(crate) fn over(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for value in values.filter(|value| value.is_finite()) {
@@ -212,7 +229,7 @@ impl Axis {
         self.from + share.clamp(0.0, 1.0) * (self.to - self.from)
     }
 
-    /// Values with grid lines, and the label of those that have one.
+    /// Values of the grid lines, with the labels of some.
     pub(crate) fn ticks(&self) -> Vec<(f64, Option<String>)> {
         let labelled: &[u32] = match self.high - self.low {
             span if span <= 1.2 => &[1, 2, 3, 5, 7],
@@ -237,7 +254,7 @@ impl Axis {
 
 impl Sheet {
     pub(crate) fn write(&mut self, text: &str, at: (f64, f64), size: f64, color: RGBColor, anchor: Anchor) {
-        // What a file's name may hold, but neither XML nor a line of text.
+        // A file's name may hold characters that are allowed neither in XML nor in a line of text.
         let text = text.chars().map(|c| if c.is_control() { '?' } else { c }).collect();
         let (x, y) = at;
         self.writings.push(Writing {
@@ -250,7 +267,7 @@ impl Sheet {
         });
     }
 
-    /// What the picture is of, in letters that fit.
+    /// Writes title and subtitle, shrunk to the sheet's width.
     pub(crate) fn heading(&mut self, title: &str, subtitle: &str, letters: &Letters) {
         let room = RIGHT - 24.0;
         let fitting = |text: &str, size: f64| {
@@ -261,8 +278,7 @@ impl Sheet {
         self.write(subtitle, (24.0, 60.0), fitting(subtitle, 13.5), GREY, Anchor::Start);
     }
 
-    /// Two logarithmic axes: what stands beneath the one and over the other, and the unit behind the numbers of that
-    /// one.
+    /// Draws two logarithmic axes: `beneath` names the one, `over` the other, and `unit` follows the other's numbers.
     pub(crate) fn axes(&mut self, x: Axis, y: Axis, beneath: &str, over: &str, unit: &str) {
         const SIZE: f64 = 13.0;
         for (value, label) in x.ticks() {
@@ -285,7 +301,7 @@ impl Sheet {
         self.frame(beneath, over);
     }
 
-    /// The lines of the axes, and what stands beneath the one and over the other.
+    /// Draws the lines of the axes with their names.
     pub(crate) fn frame(&mut self, beneath: &str, over: &str) {
         let frame = vec![(LEFT, TOP), (LEFT, BOTTOM), (RIGHT, BOTTOM)];
         self.shapes.push(Shape::Line(frame, BLACK, 1.2));
@@ -294,17 +310,18 @@ impl Sheet {
         self.write(beneath, (middle, BOTTOM + 48.0), 13.5, BLACK, Anchor::Middle);
     }
 
-    pub(crate) fn dashes(&mut self, (from, to): (f64, f64), y: f64, color: RGBColor, width: f64) {
+    /// Draws a level line of dashes, from end to end.
+    pub(crate) fn dashes(&mut self, y: f64, color: RGBColor, width: f64) {
         const DASH: f64 = 7.0;
-        let mut x = from;
-        while x < to {
-            let line = vec![(x, y), ((x + DASH).min(to), y)];
+        let mut x = LEFT;
+        while x < RIGHT {
+            let line = vec![(x, y), ((x + DASH).min(RIGHT), y)];
             self.shapes.push(Shape::Line(line, color, width));
             x += 2.0 * DASH;
         }
     }
 
-    /// Writes at the right end of a level line, and says what place it took.
+    /// Writes at the right end of a level line, and returns the place taken.
     pub(crate) fn label_of_line(&mut self, text: String, y: f64, color: RGBColor, letters: &Letters) -> Area {
         const SIZE: f64 = 13.0;
         let width = letters.width(&text, SIZE);
@@ -317,9 +334,11 @@ impl Sheet {
         }
     }
 
-    pub(crate) fn marker(&mut self, marker: Marker, (x, y): (f64, f64), radius: f64, color: RGBColor, hollow: bool) {
+    /// Draws a sign about `at`.
+    pub(crate) fn sign(&mut self, sign: Sign, at: (f64, f64), radius: f64) {
+        let (x, y) = at;
         let outline = |radius: f64| -> Option<Vec<(f64, f64)>> {
-            let points = marker.outline(radius)?;
+            let points = sign.marker.outline(radius)?;
             Some(points.into_iter().map(|(dx, dy)| (x + dx, y + dy)).collect())
         };
         let mut filled = |radius: f64, color: RGBColor| {
@@ -328,16 +347,16 @@ impl Sheet {
                 None => Shape::Disc((x, y), radius, color),
             });
         };
-        // A rim of paper, so that markers on each other can be counted.
+        // A rim of paper, for markers on each other to be counted.
         filled(radius + 1.4, WHITE);
-        filled(radius, color);
-        if hollow {
+        filled(radius, sign.color);
+        if sign.hollow {
             filled(radius - 2.2, WHITE);
         }
     }
 }
 
-/// What colours and markers mean, from left to right, in as many lines as it takes.
+/// A legend from left to right, in as many lines as needed.
 #[derive(Debug)]
 pub(crate) struct Legend {
     size: f64,
@@ -346,14 +365,14 @@ pub(crate) struct Legend {
     before: f64,
     after: f64,
     x: f64,
-    /// The line on which it stands.
+    /// Base line of the text.
     line: f64,
 }
 
 impl Legend {
     const LEFT: f64 = 32.0;
 
-    /// One whose first line is at `line`.
+    /// A legend with its first line at `line`.
     pub(crate) fn at(line: f64) -> Self {
         Self {
             size: 13.0,
@@ -365,7 +384,7 @@ impl Legend {
         }
     }
 
-    /// The same with larger letters and markers.
+    /// A legend with larger letters and markers.
     pub(crate) fn large(line: f64) -> Self {
         Self {
             size: 13.5,
@@ -376,7 +395,7 @@ impl Legend {
         }
     }
 
-    /// Writes what the next sign means, and says where the sign goes.
+    /// Writes the meaning of the next sign, and returns the sign's place.
     pub(crate) fn says(&mut self, sheet: &mut Sheet, text: &str, letters: &Letters) -> (f64, f64) {
         let width = letters.width(text, self.size);
         if self.x + 14.0 + width > RIGHT {
@@ -388,16 +407,10 @@ impl Legend {
         at
     }
 
-    /// What a marker means.
-    pub(crate) fn marker(
-        &mut self,
-        sheet: &mut Sheet,
-        text: &str,
-        (marker, color, hollow): (Marker, RGBColor, bool),
-        letters: &Letters,
-    ) {
+    /// Draws a sign with its meaning.
+    pub(crate) fn sign(&mut self, sheet: &mut Sheet, text: &str, sign: Sign, letters: &Letters) {
         let at = self.says(sheet, text, letters);
-        sheet.marker(marker, at, self.radius, color, hollow);
+        sheet.sign(sign, at, self.radius);
     }
 }
 
@@ -422,7 +435,9 @@ pub(crate) struct Area {
 }
 
 impl Area {
-    pub(crate) fn about((x, y): (f64, f64), half: f64) -> Self {
+    /// The square about a point, of edges 2 × `half`.
+    pub(crate) fn about(at: (f64, f64), half: f64) -> Self {
+        let (x, y) = at;
         Self {
             left: x - half,
             right: x + half,
@@ -456,13 +471,15 @@ impl Area {
         across.max(0.0) * down.max(0.0)
     }
 
-    pub(crate) fn contains(&self, (x, y): (f64, f64)) -> bool {
+    pub(crate) fn contains(&self, point: (f64, f64)) -> bool {
+        let (x, y) = point;
         (self.left..=self.right).contains(&x) && (self.top..=self.bottom).contains(&y)
     }
 }
 
-/// Where a label disturbs least: near its mark, off other labels and marks, and off the line of the front.
-pub(crate) fn free_place((x, y): (f64, f64), width: f64, size: f64, taken: &[Area], line: &[(f64, f64)]) -> Area {
+/// The best place for a label: near its mark, off other labels and marks, and off the line of the front.
+pub(crate) fn free_place(at: (f64, f64), width: f64, size: f64, taken: &[Area], line: &[(f64, f64)]) -> Area {
+    let (x, y) = at;
     let height = 1.15 * size;
     let mut best: Option<(f64, Area)> = None;
     for (ring, gap) in [12.0, 22.0, 36.0, 54.0].into_iter().enumerate() {
@@ -498,10 +515,10 @@ pub(crate) fn free_place((x, y): (f64, f64), width: f64, size: f64, taken: &[Are
             }
         }
     }
-    best.map_or(Area::about((x, y), height), |(_, area)| area)
+    best.map_or(Area::about(at, height), |(_, area)| area)
 }
 
-/// Number of points of a line, taken densely, that are in an area.
+/// Number of points in an area, along a densely sampled line.
 fn crossings(area: &Area, line: &[(f64, f64)]) -> usize {
     const STEPS: u32 = 60;
     let within = |a: (f64, f64), b: (f64, f64)| {
@@ -518,7 +535,7 @@ fn crossings(area: &Area, line: &[(f64, f64)]) -> usize {
         .sum()
 }
 
-/// A place on the grid of a drawing of so many steps a unit.
+/// Rounds a place to a grid of `steps` a unit.
 fn step(steps: u32) -> impl Fn(f64) -> i32 + Copy {
     #[allow(clippy::cast_possible_truncation, reason = "on the sheet")]
     move |value: f64| (value * f64::from(steps)).round() as i32
@@ -564,7 +581,7 @@ fn svg(sheet: &Sheet) -> Result<Vec<u8>> {
         let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
         paint(&area, &sheet.shapes, SVG_STEPS)?;
         for writing in &sheet.writings {
-            // The backend takes a size that it divides by 1.24, and puts the line half an x-height above the place.
+            // The backend divides the size by 1.24, and puts the line half an x-height above the place.
             let size = 1.24 * writing.size * f64::from(SVG_STEPS);
             let family = FontFamily::Name("DejaVu Sans, Verdana, Helvetica, Arial, sans-serif");
             let font = FontDesc::new(family, size, FontStyle::Normal);
@@ -605,7 +622,7 @@ fn png(sheet: &Sheet, letters: &Letters) -> Result<Vec<u8>> {
     let (width, height) = (fine.0 / OVERSAMPLING, fine.1 / OVERSAMPLING);
     let mut pixels = shrink(&samples, fine.0 as usize, OVERSAMPLING as usize);
     for writing in &sheet.writings {
-        set(&mut pixels, (width, height), writing, letters);
+        set(&mut pixels, width, writing, letters);
     }
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
@@ -641,7 +658,8 @@ fn shrink(samples: &[u8], width: usize, by: usize) -> Vec<u8> {
     clippy::cast_possible_wrap,
     reason = "places on the sheet, held against its edges"
 )]
-fn set(pixels: &mut [u8], (width, height): (u32, u32), writing: &Writing, letters: &Letters) {
+fn set(pixels: &mut [u8], width: u32, writing: &Writing, letters: &Letters) {
+    let height = pixels.len() / (3 * width as usize);
     let pixel = f64::from(PIXELS);
     let font = letters.0.as_scaled(letters.scale(writing.size * pixel));
     let length = letters.width(&writing.text, writing.size);
@@ -666,7 +684,7 @@ fn set(pixels: &mut [u8], (width, height): (u32, u32), writing: &Writing, letter
         let (left, top) = (outlined.px_bounds().min.x as i64, outlined.px_bounds().min.y as i64);
         outlined.draw(|dx, dy, coverage| {
             let (column, line) = (left + i64::from(dx), top + i64::from(dy));
-            if !(0..i64::from(width)).contains(&column) || !(0..i64::from(height)).contains(&line) {
+            if !(0..i64::from(width)).contains(&column) || !(0..height as i64).contains(&line) {
                 return;
             }
             let place = 3 * (line as usize * width as usize + column as usize);

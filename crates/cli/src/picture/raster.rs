@@ -1,12 +1,12 @@
-//! Triangles onto a picture plane, by a z-buffer in f64.
+//! Triangles on a picture plane, by a z-buffer in f64.
 //!
 //! A pixel's ray is (u, v, 1) in the lens's frame. With the corners there as columns of a matrix, the ray's barycentric
-//! coordinates over its depth are the products of the ray with (b × c, c × a, a × b) / det (Olano & Greer 1997): no
-//! clipping is needed, whatever lies behind the lens.
+//! coordinates over its depth are the products of the ray with (b × c, c × a, a × b) / det (Olano & Greer 1997).
+//! Triangles that reach behind the lens need no clipping.
 
 use glam::DVec3;
 
-/// A picture plane: where it is seen from, and which rays its pixels are.
+/// A picture plane: its centre of projection and its pixels' rays.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lens {
     pub(crate) origin: DVec3,
@@ -17,18 +17,18 @@ pub(crate) struct Lens {
     /// u and v of the left and upper edge of the picture.
     pub(crate) left: f64,
     pub(crate) top: f64,
-    /// u from pixel to pixel; v falls by as much.
+    /// Step of u from pixel to pixel; v falls by the same.
     pub(crate) step: f64,
 }
 
-/// A pixel that a triangle covers.
+/// A covered pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fragment {
     /// Row by row from the upper left.
     pub(crate) pixel: usize,
     /// Along the lens's axis, in the scene's unit.
     pub(crate) depth: f64,
-    /// Of the corners.
+    /// Weights of the corners.
     pub(crate) barycentric: [f64; 3],
     /// True if the front is seen.
     pub(crate) front: bool,
@@ -53,7 +53,7 @@ impl Lens {
         start.min(end)..end
     }
 
-    /// Calls `cover` for every pixel whose centre a triangle covers.
+    /// Calls `cover` for every pixel with a covered centre.
     pub(crate) fn draw(&self, corners: &[DVec3; 3], mut cover: impl FnMut(Fragment)) {
         let [a, b, c] = corners.map(|corner| self.local(corner));
         if a.z <= 0.0 && b.z <= 0.0 && c.z <= 0.0 {
@@ -85,7 +85,7 @@ impl Lens {
                         pixel: y * self.width + x,
                         depth: 1.0 / sum,
                         barycentric: parts.map(|part| part / sum),
-                        // Counter-clockwise on the picture, whose right, up and forward are a left-handed frame.
+                        // Counter-clockwise on the picture: right, up and forward are a left-handed frame.
                         front: volume > 0.0,
                     });
                 }
@@ -98,7 +98,7 @@ impl Lens {
 mod tests {
     use super::*;
 
-    /// Right x, up y, forward −z: as one looks at a page.
+    /// Right x, up y, forward −z, like a page.
     fn lens() -> Lens {
         Lens {
             origin: DVec3::ZERO,

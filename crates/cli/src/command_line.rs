@@ -1,0 +1,168 @@
+//! The command line: the one definition from which help, settings files, environment variables, man pages and
+//! completions are made. Arguments stand beside their command, in `commands`.
+
+use crate::args::Talk;
+use crate::commands;
+use crate::help::examples;
+use crate::outputs::Paths;
+use clap::{Parser, Subcommand};
+use std::ffi::{OsStr, OsString};
+use std::path::PathBuf;
+
+/// Form-factor (view-factor) matrices of triangle scenes by the hemicube method.
+#[derive(Debug, Parser)]
+#[command(
+    name = "hemicube",
+    version,
+    max_term_width = 100,
+    color = clap::ColorChoice::Never,
+    subcommand_required = true,
+    arg_required_else_help = true,
+    disable_help_subcommand = true,
+    after_long_help = examples(
+        "  hemicube generate room --patches 10240 -o room.obj
+  hemicube compute room.obj -o room.hemicube
+  hemicube check room.hemicube
+  hemicube export room.hemicube room.npz",
+        false,
+    )
+)]
+pub(crate) struct Cli {
+    /// What to do
+    #[command(subcommand)]
+    pub(crate) command: Command,
+    #[command(flatten)]
+    pub(crate) talk: Talk,
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    Compute(Box<commands::compute::Arguments>),
+    Inspect(Box<commands::inspect::Arguments>),
+    Tradeoff(Box<commands::tradeoff::Arguments>),
+    Bench(commands::bench::Arguments),
+    Check(commands::check::Arguments),
+    Merge(commands::merge::Arguments),
+    Balance(commands::balance::Arguments),
+    Compare(commands::compare::Arguments),
+    Export(Box<commands::export::Arguments>),
+    Solve(Box<commands::solve::Arguments>),
+    Sky(Box<commands::sky::Arguments>),
+    /// Draw pictures: the hemicube of a patch, the model in the colours of a result, the matrix
+    View {
+        /// What to draw.
+        #[command(subcommand)]
+        command: commands::view::View,
+    },
+    Report(Box<commands::report::Arguments>),
+    Interactive(commands::interactive::Arguments),
+    Generate(commands::generate::Arguments),
+    Manual(commands::manual::Arguments),
+    Completions(commands::manual::Completions),
+    /// The engines that render hemicubes
+    Backends {
+        /// What to do.
+        #[command(subcommand)]
+        command: commands::backends::Backends,
+    },
+}
+
+impl Command {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        match self {
+            Self::Compute(arguments) => arguments.paths(),
+            Self::Inspect(arguments) => arguments.paths(),
+            Self::Tradeoff(arguments) => arguments.paths(),
+            Self::Check(arguments) => arguments.paths(),
+            Self::Merge(arguments) => arguments.paths(),
+            Self::Balance(arguments) => arguments.paths(),
+            Self::Compare(arguments) => arguments.paths(),
+            Self::Export(arguments) => arguments.paths(),
+            Self::Solve(arguments) => arguments.paths(),
+            Self::Sky(arguments) => arguments.paths(),
+            Self::View { command } => command.paths(),
+            Self::Report(arguments) => arguments.paths(),
+            Self::Generate(arguments) => arguments.paths(),
+            Self::Backends { command } => command.paths(),
+            // They write into folders of their own, by their own rules.
+            Self::Bench(_) | Self::Interactive(_) | Self::Manual(_) | Self::Completions(_) => Paths::default(),
+        }
+    }
+}
+
+/// Joins `--json` with a following file name into one word. The value is optional, so `--json scene.obj` would
+/// otherwise be ambiguous, and the report would overwrite the scene: only `-` and names ending in `.json` are joined.
+pub(crate) fn join_json(arguments: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
+    let mut joined: Vec<OsString> = Vec::new();
+    let mut literal = false;
+    for argument in arguments {
+        let is_report = argument == OsStr::new("-")
+            || PathBuf::from(&argument)
+                .extension()
+                .is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
+                && !argument.as_encoded_bytes().starts_with(b"-");
+        match joined.last_mut() {
+            Some(last) if !literal && is_report && last == "--json" => {
+                last.push("=");
+                last.push(argument);
+            }
+            _ => {
+                literal |= argument == "--";
+                joined.push(argument);
+            }
+        }
+    }
+    joined
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definition_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn the_resolution_settles_by_the_correction() {
+        let settled = |words: &[&str]| {
+            let words = ["hemicube", "compute", "a", "-o", "b"].iter().chain(words);
+            let Command::Compute(mut compute) = Cli::try_parse_from(words).expect("good words").command else {
+                panic!("`compute` is `compute`");
+            };
+            compute.render.settle();
+            compute.render.resolution
+        };
+        assert_eq!(settled(&[]), 128);
+        assert_eq!(settled(&["--correction", "pixel"]), 256);
+        assert_eq!(settled(&["--correction", "point"]), 128);
+        assert_eq!(settled(&["--tolerance", "1%"]), 128);
+        assert_eq!(settled(&["--correction=pixel", "--resolution", "64"]), 64);
+    }
+
+    #[test]
+    fn a_scene_is_never_taken_for_the_report() {
+        let join = |words: &[&str]| join_json(words.iter().map(OsString::from));
+        let words = |words: &[&str]| words.iter().map(OsString::from).collect::<Vec<_>>();
+        assert_eq!(
+            join(&["inspect", "--json", "a.obj"]),
+            words(&["inspect", "--json", "a.obj"])
+        );
+        assert_eq!(
+            join(&["inspect", "--json", "-", "a.obj"]),
+            words(&["inspect", "--json=-", "a.obj"])
+        );
+        assert_eq!(
+            join(&["check", "--json", "r.json", "d"]),
+            words(&["check", "--json=r.json", "d"])
+        );
+        assert_eq!(
+            join(&["check", "--", "--json", "r.json"]),
+            words(&["check", "--", "--json", "r.json"])
+        );
+    }
+}

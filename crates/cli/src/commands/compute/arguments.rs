@@ -1,0 +1,192 @@
+//! Arguments of `hemicube compute`.
+
+use crate::args::{
+    AutoSwitch, ConfigFiles, RenderSettings, Report, SceneSettings, SelectionSettings, ShardChoice, number, share,
+};
+use crate::help::{examples, scene_help};
+use crate::outputs::Paths;
+use clap::{Args, ValueEnum};
+use hemicube::store::Form;
+use std::path::PathBuf;
+
+/// Compute the form-factor matrix of a scene, or go on where a run stopped
+#[derive(Args, Debug)]
+#[command(override_usage = "hemicube compute [OPTIONS] SCENE -o DIR", after_long_help = examples(
+    "  hemicube compute room.obj -o room.hemicube
+  hemicube compute room.obj -o room.hemicube --tolerance 0.5% --verify 32
+  hemicube compute city.obj -o city.hemicube --sample-rows 1% --seed 7
+  hemicube compute city.obj -o city.hemicube --shard 3/16    then: hemicube merge city.hemicube
+  hemicube compute city.glb -o facades.hemicube --emitters 'facade*' --occluders 'tree*'
+  hemicube compute room.obj -o fine.hemicube --subdivide 4 --resolution 512 --json=fine.json",
+    true,
+))]
+pub(crate) struct Arguments {
+    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
+    pub(crate) scene: Option<PathBuf>,
+    /// The directory to write the matrix to
+    #[arg(short, long, value_name = "DIR", required_unless_present = "print_config")]
+    pub(crate) output: Option<PathBuf>,
+    /// Replace a matrix that is there, instead of going on with it
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    #[command(flatten)]
+    pub(crate) patches: SceneSettings,
+    #[command(flatten)]
+    pub(crate) render: RenderSettings,
+    #[command(flatten)]
+    pub(crate) process: ProcessSettings,
+    /// Measure the error of ROWS of the rows against rays; exit 1 when it is above the tolerance
+    #[arg(
+        long,
+        value_name = "ROWS",
+        value_parser = clap::value_parser!(u32).range(1..),
+        help_heading = "Rows and columns"
+    )]
+    pub(crate) verify: Option<u32>,
+    /// Skip what cannot be seen; the matrix is the same
+    #[arg(
+        long,
+        value_name = "auto|on|off",
+        default_value = "auto",
+        hide_possible_values = true,
+        help_heading = "Hemicubes"
+    )]
+    pub(crate) culling: AutoSwitch,
+    /// Hemicubes a call of the backend; 0: what it likes best
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "0",
+        value_parser = clap::value_parser!(u32).range(0..=1 << 20),
+        hide = true
+    )]
+    pub(crate) batch: u32,
+    #[command(flatten)]
+    pub(crate) selection: SelectionSettings,
+    /// plain: f32, opens in SciPy; compact: a third to a quarter of that, F within 0.05 % of itself; auto: by size
+    #[arg(
+        long,
+        value_name = "auto|plain|compact",
+        default_value = "auto",
+        hide_possible_values = true,
+        help_heading = "What is kept"
+    )]
+    pub(crate) store: StoreForm,
+    /// Leave out form factors below F, 1e-7 from a million patches on; the others of a row share what they carried
+    #[arg(
+        long,
+        value_name = "F",
+        value_parser = share_or_none,
+        allow_negative_numbers = true,
+        help_heading = "What is kept"
+    )]
+    pub(crate) min_factor: Option<f64>,
+    #[command(flatten)]
+    pub(crate) config: ConfigFiles,
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .reads(&self.scene)
+            .reads(&self.config.config)
+            .makes(&self.output)
+            .tells("--progress-file", &self.process.progress_file)
+            .reports(&self.report)
+    }
+}
+
+/// Distribution, limits and progress of a long run. They do not change the matrix.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Long runs")]
+pub(crate) struct ProcessSettings {
+    /// Compute share I of N; auto: as Slurm, MPI or Kubernetes says
+    #[arg(long, value_name = "I/N|auto", conflicts_with_all = ["overwrite", "verify"])]
+    pub(crate) shard: Option<ShardChoice>,
+    /// Take no more than SIZE of memory: 800M, 4G. With fewer threads, if need be
+    #[arg(long, value_name = "SIZE", value_parser = bytes, hide_short_help = true)]
+    pub(crate) memory: Option<u64>,
+    /// Write how far it has come to FILE (JSON), once a second
+    #[arg(long, value_name = "FILE", hide_short_help = true)]
+    pub(crate) progress_file: Option<PathBuf>,
+}
+
+/// The form of a store's parts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum StoreForm {
+    /// Compact from a million patches on.
+    Auto,
+    /// As SciPy reads it.
+    Plain,
+    /// Smaller.
+    Compact,
+}
+
+impl StoreForm {
+    /// The form, if one was asked for.
+    pub(crate) fn form(self) -> Option<Form> {
+        match self {
+            Self::Auto => None,
+            Self::Plain => Some(Form::Plain),
+            Self::Compact => Some(Form::Compact),
+        }
+    }
+}
+
+/// A share, or 0 for nothing.
+fn share_or_none(text: &str) -> Result<f64, String> {
+    if number(text)? == 0.0 { Ok(0.0) } else { share(text) }
+}
+
+/// `800M`, `4G`, `1.5 GiB` or a number of bytes.
+fn bytes(text: &str) -> Result<u64, String> {
+    let needed = || "a size such as `800M` or `4G` is needed".to_owned();
+    let text = text.trim();
+    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit: f64 = match text[digits.len()..].to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kb" => 1e3,
+        "m" | "mb" => 1e6,
+        "g" | "gb" => 1e9,
+        "t" | "tb" => 1e12,
+        "kib" => 1024.0,
+        "mib" => 1_048_576.0,
+        "gib" => 1_073_741_824.0,
+        "tib" => 1_099_511_627_776.0,
+        _ => return Err(needed()),
+    };
+    let number: f64 = digits.trim().parse().map_err(|_| needed())?;
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "held against its range"
+    )]
+    if (1e6..1e18).contains(&(number * unit)) {
+        Ok((number * unit) as u64)
+    } else {
+        Err(needed())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_have_units() {
+        assert_eq!(bytes("800M"), Ok(800_000_000));
+        assert_eq!(bytes("1.5 GiB"), Ok(3 << 29));
+        assert_eq!(bytes("4g"), Ok(4_000_000_000));
+        for wrong in ["", "4", "M", "4X", "-4G", "nan", "1e30"] {
+            assert!(bytes(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_least_factor_may_be_none() {
+        assert_eq!((share_or_none("0"), share_or_none("1e-5")), (Ok(0.0), Ok(1e-5)));
+        assert!(share("0").is_err() && share_or_none("-1e-5").is_err() && share_or_none("1").is_err());
+    }
+}

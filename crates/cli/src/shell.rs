@@ -1,0 +1,78 @@
+//! Words of a shell: quoting for command lines that the program prints.
+//!
+//! No shlex, because it prints control characters of a file's name as they are, to a terminal; here they are escaped.
+
+use std::ffi::OsStr;
+use std::path::Path;
+
+/// Quotes a path, if needed.
+pub(crate) fn word(path: &Path) -> String {
+    quoted(path.as_os_str())
+}
+
+/// Quotes a word for a POSIX shell, if needed.
+pub(crate) fn quoted(word: &OsStr) -> String {
+    let harmless = |c: char| c.is_ascii_alphanumeric() || "%+,-./:@_".contains(c);
+    match word.to_str() {
+        // An `=` at the beginning is zsh's.
+        Some(text)
+            if !text.is_empty()
+                && text
+                    .chars()
+                    .enumerate()
+                    .all(|(k, c)| harmless(c) || (k > 0 && c == '=')) =>
+        {
+            text.to_owned()
+        }
+        Some(text) if !text.chars().any(char::is_control) => format!("'{}'", text.replace('\'', r"'\''")),
+        // Control characters would spoil the screen; other bytes are no text.
+        _ => escaped(word.as_encoded_bytes()),
+    }
+}
+
+/// Bytes in the quotes `$'…'` of POSIX 2024.
+fn escaped(bytes: &[u8]) -> String {
+    let mut text = "$'".to_owned();
+    for &byte in bytes {
+        match byte {
+            b'\'' | b'\\' => text.extend(['\\', char::from(byte)]),
+            b' '..=b'~' => text.push(char::from(byte)),
+            // Octal: of hexadecimal digits bash takes as many as follow.
+            _ => text.push_str(&format!("\\{byte:03o}")),
+        }
+    }
+    text.push('\'');
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_become_words() {
+        assert_eq!(word("a/b-1.x".as_ref()), "a/b-1.x");
+        assert_eq!(word("a b".as_ref()), "'a b'");
+        assert_eq!(word("it's".as_ref()), r"'it'\''s'");
+    }
+
+    #[test]
+    fn words_are_quoted_where_a_shell_would_read_them() {
+        for (word, text) in [
+            ("room.obj", "room.obj"),
+            ("--tolerance", "--tolerance"),
+            ("1%", "1%"),
+            ("--json=a.json", "--json=a.json"),
+            ("", "''"),
+            ("=x", "'=x'"),
+            ("my room.obj", "'my room.obj'"),
+            ("it's", r"'it'\''s'"),
+            ("$HOME;rm *", "'$HOME;rm *'"),
+            ("~/a", "'~/a'"),
+            ("höhe.obj", "'höhe.obj'"),
+            ("a\nb'\\", r"$'a\012b\'\\'"),
+        ] {
+            assert_eq!(quoted(OsStr::new(word)), text);
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! The error model of visible fractions: prior variances, the variance that rays leave, and the multiplier λ between
+//! squared error and rays.
+//!
+//! Errors of different pairs are independent, so squared errors add up. Let λ be the number of rays that a unit of
+//! squared error is worth. A pair whose fraction stays as the hemicube has it contributes z² d, with
+//! z² = (F_ij² + F_ji²) / 2 of its unoccluded form factors and the prior variance d of its cell in [`PriorVariances`].
+//! Measured by n rays of spread s it contributes z² s² n^(−5/4), so that n = (5/4 λ z² s²)^(4/9) is the cheapest
+//! number ([`rays_for`]). It is measured where λ z² d exceeds the cost of a shaft and its rays.
+//!
+//! `scripts/fit-error-model` measures the tables and the exponent anew and prints how far the committed ones are off.
+
+use crate::geometry::sphere;
+use crate::visibility::shaft::RAYS;
+use glam::DVec3;
+
+/// Classes of visible fractions by a hemicube: partly visible, all visible, not visible, nearly all, hardly at all.
+pub(crate) const CLASSES: usize = 5;
+/// The class of patches that no hemicube sees.
+pub(crate) const UNSEEN: usize = 2;
+/// Fraction from which a patch counts as nearly all visible; below 1 − 0.85, as hardly visible. A choice.
+const NEARLY: f64 = 0.85;
+/// Steps of nearness, by factors of 2 in the distance of centroids in √(r_i² + r_j²): below 2, 2 to 4, … 128 and more.
+pub(crate) const NEARNESSES: usize = 8;
+/// Groups of pairs whose errors have one cause in a row, see [`PriorCell::group`].
+pub(crate) const GROUPS: usize = CLASSES + 2;
+
+/// Mean squared errors of visible fractions from one hemicube at the centroid, by the fraction it found (five classes)
+/// and by the distance of the two patches (eight steps).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PriorVariances([[f32; NEARNESSES]; CLASSES]);
+
+impl Default for PriorVariances {
+    /// For scenes of which nothing is measured: a choice on the large side of rooms, cities and machines. A pair that
+    /// the sample of rows did not meet is rare, and not known to be harmless.
+    fn default() -> Self {
+        Self([
+            [0.08, 0.06, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05],
+            [0.02, 0.01, 0.005, 0.003, 0.002, 0.002, 0.002, 0.002],
+            [0.1, 0.05, 0.02, 0.01, 0.01, 0.01, 0.01, 0.01],
+            [0.04, 0.03, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02],
+            [0.08, 0.05, 0.03, 0.02, 0.02, 0.02, 0.02, 0.02],
+        ])
+    }
+}
+
+impl PriorVariances {
+    /// Measured, weighted by F² and rounded, over rows of a block city and of a real tile, each uncut and cut
+    /// (`scripts/fit-error-model`). For rows of which no sample is compared with rays.
+    pub(crate) fn measured() -> Self {
+        Self([
+            [0.01, 0.008, 0.006, 0.005, 0.004, 0.004, 0.004, 0.004],
+            [0.0003, 0.0001, 0.00005, 0.00005, 0.00005, 0.00005, 0.00005, 0.00005],
+            [0.1, 0.0004, 0.0003, 0.0003, 0.0003, 0.0003, 0.0003, 0.0003],
+            [0.003, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002],
+            [0.02, 0.005, 0.004, 0.003, 0.003, 0.003, 0.003, 0.003],
+        ])
+    }
+
+    /// The variance 1 in every cell: pairs are told apart by their form factors alone.
+    pub(crate) fn ones() -> Self {
+        Self([[1.0; NEARNESSES]; CLASSES])
+    }
+
+    /// The variances by class and nearness.
+    pub fn table(&self) -> &[[f32; NEARNESSES]; CLASSES] {
+        &self.0
+    }
+
+    /// Divides the variances of patches that are seen by the number of hemicubes: points err independently.
+    pub(crate) fn divide_by(&mut self, samples: usize) {
+        let share = (samples as f32).recip();
+        for (class, of) in self.0.iter_mut().enumerate() {
+            if class != UNSEEN {
+                of.iter_mut().for_each(|prior| *prior *= share);
+            }
+        }
+    }
+
+    pub(crate) fn of(&self, cell: PriorCell) -> f64 {
+        f64::from(self.0[cell.class as usize][cell.nearness as usize])
+    }
+
+    /// The largest standard deviation of each class.
+    pub(crate) fn largest_deviations(&self) -> [f64; CLASSES] {
+        self.0.map(|of| f64::from(of.into_iter().fold(0.0, f32::max)).sqrt())
+    }
+}
+
+/// A pair's cell in the table of prior variances.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct PriorCell {
+    pub(crate) class: u8,
+    pub(crate) nearness: u8,
+}
+
+impl PriorCell {
+    /// A patch that no hemicube sees.
+    pub(crate) fn unseen(nearness: u8) -> Self {
+        Self {
+            class: class_of(0.0),
+            nearness,
+        }
+    }
+
+    /// Pairs whose errors have one cause where a point stands badly for a patch: those of a class; unseen ones, from
+    /// near neighbours to a whole street, also by nearness.
+    pub(crate) fn group(self) -> usize {
+        match (usize::from(self.class), self.nearness) {
+            (UNSEEN, 0) => CLASSES,
+            (UNSEEN, 1 | 2) => CLASSES + 1,
+            (class, _) => class,
+        }
+    }
+}
+
+/// The class of a visible fraction.
+pub(crate) fn class_of(fraction: f64) -> u8 {
+    if fraction >= 1.0 {
+        1
+    } else if fraction <= 0.0 {
+        2
+    } else if fraction >= NEARLY {
+        3
+    } else if fraction <= 1.0 - NEARLY {
+        4
+    } else {
+        0
+    }
+}
+
+/// The step of nearness of two triangles, 0 for the nearest.
+pub(crate) fn nearness_of(i: &[DVec3; 3], j: &[DVec3; 3]) -> u8 {
+    let ((c0, r0), (c1, r1)) = (sphere(i), sphere(j));
+    let radii = c0.distance_squared(c1) / (r0 + r1);
+    // The exponent of a power of 4.
+    let exponent = (radii.to_bits() >> 52) as i64 - 1023;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+    let step = exponent.div_euclid(2).clamp(0, NEARNESSES as i64 - 1) as u8;
+    step
+}
+
+/// One cell of [`PriorSums`].
+#[derive(Clone, Copy, Debug, Default)]
+struct PriorSum {
+    /// Σ w (error)², with w = F² over the chance of being drawn.
+    squared_error: f64,
+    /// Σ w.
+    weight: f64,
+    /// Number of pairs.
+    count: f64,
+}
+
+/// Sums from which prior variances are estimated, over pairs drawn from a scene's rows and measured by rays.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PriorSums([[PriorSum; NEARNESSES]; CLASSES]);
+
+/// Number of pairs with which the default prior variance is averaged into a measured one. A choice.
+const DEFAULT_PAIRS: f64 = 5.0;
+
+impl PriorSums {
+    /// Adds a pair: the squared error of its fraction, and its weight.
+    pub(crate) fn add(&mut self, cell: PriorCell, squared_error: f64, weight: f64) {
+        let sum = &mut self.0[usize::from(cell.class)][usize::from(cell.nearness)];
+        sum.squared_error += weight * squared_error;
+        sum.weight += weight;
+        sum.count += 1.0;
+    }
+
+    /// Measured variances, averaged with the default ones as if these came from [`DEFAULT_PAIRS`] pairs more.
+    pub(crate) fn priors(&self) -> PriorVariances {
+        let mut priors = PriorVariances::default();
+        for (prior, sum) in priors.0.iter_mut().flatten().zip(self.0.iter().flatten()) {
+            if sum.count > 0.0 {
+                let usual = DEFAULT_PAIRS * sum.weight / sum.count;
+                #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
+                let found = ((sum.squared_error + usual * f64::from(*prior)) / (sum.weight + usual)) as f32;
+                *prior = found;
+            }
+        }
+        priors
+    }
+
+    /// By class and nearness: the measured variance, NaN where no pair was drawn, and the number of pairs.
+    pub fn measured(&self) -> [[(f64, f64); NEARNESSES]; CLASSES] {
+        self.0
+            .map(|of| of.map(|sum| (sum.squared_error / sum.weight, sum.count)))
+    }
+}
+
+/// Expected error of a pair that stays as the hemicube has it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ErrorContribution {
+    /// z √d.
+    pub(crate) both: f64,
+    /// F √d.
+    pub(crate) own: f64,
+    pub(crate) is_near: bool,
+}
+
+impl ErrorContribution {
+    /// The expected squared error in the own row with multiplier λ, where pairs of z √d √λ ≤ `threshold` are not
+    /// measured.
+    pub(crate) fn left(&self, multiplier: f64, threshold: f64) -> f64 {
+        let (own, both) = (self.own * self.own, self.both * self.both * multiplier);
+        if both <= threshold * threshold {
+            return own;
+        }
+        let ray = if self.is_near { NEAR_RAY } else { 1.0 };
+        own * variance_of_rays(rays_for(both, ray).max(RAYS as f64))
+    }
+}
+
+/// The multiplier λ at which pairs leave about `budget` of squared error, within 9 %; the least positive number if they
+/// leave no more at λ = 0.
+pub(crate) fn multiplier_for<'a>(
+    contributions: impl Iterator<Item = &'a ErrorContribution> + Clone,
+    budget: f64,
+    threshold: f64,
+) -> f64 {
+    let error = |multiplier: f64| {
+        contributions
+            .clone()
+            .map(|pair| pair.left(multiplier, threshold))
+            .sum::<f64>()
+    };
+    if budget.is_infinite() || error(0.0) <= budget {
+        return f64::MIN_POSITIVE;
+    }
+    // Bisect the logarithm by square roots: they have the same bits everywhere, unlike powers.
+    let (mut low, mut high) = (1e-10f64, 1e40f64);
+    while high > 1.09 * low {
+        let middle = (low * high).sqrt();
+        if error(middle) <= budget {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    high
+}
+
+/// Variance of the mean of n rays of a Sobol sequence relative to that of one ray: n^(−5/4), where independent rays
+/// have 1/n. Measured between pairs that matter to their rows, near and far (`rays_leave_less_than_independent_ones`).
+pub(crate) fn variance_of_rays(rays: f64) -> f64 {
+    1.0 / (rays * rays.sqrt().sqrt())
+}
+
+/// Number of rays n that minimises `ray` · n + `value` · n^(−5/4): `value` is the squared error of one ray in terms of
+/// usual rays, λ z² s², and `ray` the cost of a ray relative to a usual one.
+pub(crate) fn rays_for(value: f64, ray: f64) -> f64 {
+    // To the power of 7/16, for 4/9: roots have the same bits everywhere.
+    let fourth = (1.25 * value / ray).sqrt().sqrt();
+    let eighth = fourth.sqrt();
+    fourth * eighth * eighth.sqrt()
+}
+
+/// z √d √λ from which a pair is measured: with √d for the spread, a shaft, as dear as 800 rays, and the rays then cost
+/// what they save.
+pub(crate) const MEASURED_FROM: f64 = 30.0;
+/// Share of the squared error aimed at that visible fractions may leave; the rest is for closed forms. A choice.
+pub(crate) const FRACTIONS_SHARE: f64 = 0.8;
+/// Share of a row's squared error aimed at that pairs left as the hemicube has them may have. A choice: prior variances
+/// are what is usual, and where one point stands badly for a patch, all of its pairs err at once.
+pub(crate) const UNMEASURED_SHARE: f64 = 0.5;
+/// Standard error of a row's sum in tolerances, at most: three of them stay within the tolerance.
+pub(crate) const ROW_SUM: f64 = 0.33;
+/// Least spread (standard deviation of one ray) of a pair where the sum of its row depends on it. A choice: a few rays
+/// that agree by chance say 0.
+pub(crate) const LEAST_SPREAD: f64 = 0.25;
+/// Ratio of the variance of independent rays to that of a sequence, as taken for sums of rows. On the low side of 256
+/// rays and more (`rays_leave_less_than_independent_ones`).
+pub(crate) const SUM_GAIN: f64 = 4.0;
+/// √ of the number of pairs that have a part in the error of a row's sum, with a margin: some 36. A choice.
+pub(crate) const PAIRS_OF_A_SUM: f64 = 6.0;
+/// Share of a row's permitted error from which on unseen pairs are looked for. A choice.
+pub(crate) const REACH: f64 = 0.3;
+/// Cost of a ray between near patches relative to others: about two directions are drawn for each that meets
+/// (`rays_leave_less_than_independent_ones`).
+pub(crate) const NEAR_RAY: f64 = 2.0;
+/// Cost of a ray down the tree relative to one against a list, from `STEPS_A_SEGMENT` and the lists' usual lengths.
+pub(crate) const TREE_RAY: f64 = 10.0;
+
+/// Share of a row's √Σ F² from which on the expected error of a pair is worth a shaft where no tolerance is asked for.
+/// A choice between time and error.
+pub(crate) const SELECTED: f64 = 0.0016;
+/// λ there: so many rays are worth the square of that error. A choice.
+pub(crate) const SELECTED_RAYS: f64 = 60.0;
+/// Number of hemicubes beyond which that share falls no further. A choice.
+pub(crate) const MOST_SELECTED_SAMPLES: usize = 4;
+/// Factor by which the prior variances of a row may prove larger than usual there. A choice.
+pub(crate) const INFLATION: f64 = 4.0;
+/// Form factor that the pairs of a row are taken to have if no hemicube saw any.
+pub(crate) const USUAL_FACTOR: f64 = 0.01;

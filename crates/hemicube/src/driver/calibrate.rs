@@ -1,0 +1,420 @@
+//! Calibration of a tolerance on a scene: effort and resolution, from a seeded sample of its rows.
+//!
+//! 256 rows, from one hemicube each, tell the norm that the tolerance is relative to. 64 of them, compared with rays,
+//! tell the error of visible fractions from one hemicube in this scene: the prior variances
+//! ([`crate::accuracy::correct::PriorVariances`]). Efforts are then tried on these rows, from the cheapest on, against
+//! the same rows with a quarter of the tolerance. The first that keeps the tolerance with a margin is taken.
+//! Everything depends on the scene, the settings and the seed, never on a clock.
+//!
+//! No calibration in the store, because calibrating again from its seed gives the same and takes seconds; a stored one
+//! would be a second truth.
+
+use crate::Model;
+use crate::accuracy::correct::fraction;
+use crate::accuracy::error_model::PriorSums;
+use crate::accuracy::refine::{Pair, Refinement, Refiner};
+use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
+use crate::driver::compute::{ComputeError, Execution, render, sample};
+use crate::factor::FactorRule;
+use crate::row::{RowBlock, RowView};
+use hemicube_scene::InputPatch;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// An effort and a resolution for a tolerance, with the errors found for them.
+///
+/// ```
+/// use hemicube::InputPatch;
+/// use hemicube::driver::compute::Execution;
+/// use hemicube::driver::calibrate::calibrate;
+/// use hemicube_backend_cpu::CpuBackend;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+///
+/// // Over all rows and columns of the room.
+/// let emitters: Vec<InputPatch> = model.order().collect();
+/// let mut backend = CpuBackend::new();
+/// let found = calibrate(&model, &emitters, &|_| true, true, 0.01, &mut backend, Execution::default())?;
+/// assert!(found.keeps(0.01) && !found.keeps(0.001), "enough for what was asked, and no more");
+/// assert!(found.rows > 0 && found.expected <= found.at_most, "{}", found.reason);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// Refinement of the rows, with the scene's norm and prior variances.
+    pub refinement: Refinement,
+    /// Pixels along an edge of the hemicube.
+    pub resolution: u32,
+    /// Relative Frobenius error of the rows tried; 0 where none was tried.
+    pub expected: f64,
+    /// `expected` with 1.5 standard errors added, for the rows not tried.
+    pub at_most: f64,
+    /// Number of rows tried.
+    pub rows: usize,
+    /// Effort, resolution and errors in words.
+    pub reason: String,
+}
+
+impl Calibration {
+    /// Returns whether the tolerance is expected to be kept.
+    pub fn keeps(&self, tolerance: f64) -> bool {
+        self.at_most <= tolerance
+    }
+}
+
+/// Rows that the norm is estimated from.
+const NORM_ROWS: usize = 256;
+/// Rows of them that efforts are tried on.
+const TRIED_ROWS: usize = 64;
+/// Standard errors added to the error of the rows tried.
+const SURE: f64 = 1.5;
+/// Patches of a scene, and the tolerance, up to which every pair is measured by itself.
+const SMALL: usize = 400;
+const FINE: f64 = 2e-3;
+/// Share of the tolerance that the rows tried may have, for the sake of the others.
+const MARGIN: f64 = 0.82;
+/// Slack in the rule that an error falls in proportion to the effort at most.
+const SLACK: f64 = 1.15;
+/// Bounds of the ratio of a found to an expected squared error: rows tried are too few to believe more.
+const LEAST_ESTIMATE: f64 = 0.05;
+const MOST_ESTIMATE: f64 = 4.0;
+/// Seed of the sample.
+const SEED: u64 = 0x7E57_0F70;
+
+/// Efforts, from the cheapest to the dearest. Even the cheapest looks for pairs missed by its hemicube: few rows of a
+/// scene have any, and a sample may have none of these.
+const EFFORTS: [f64; 24] = [
+    8.0, 4.0, 2.5, 1.8, 1.6, 1.4, 1.2, 1.1, 1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.62, 0.55, 0.48, 0.42, 0.36, 0.3,
+    0.25, 0.21, 0.18,
+];
+/// Pixels along an edge for efforts above [`COARSE_EFFORT`], and for the others.
+const COARSE: u32 = 64;
+const FINEST: u32 = 128;
+const COARSE_EFFORT: f64 = 2.0;
+
+fn resolution_of(effort: f64) -> u32 {
+    if effort > COARSE_EFFORT { COARSE } else { FINEST }
+}
+
+/// Columns and form factors of a row at some effort.
+type Row = Vec<(u32, f64)>;
+
+/// Finds the effort and resolution that keep `tolerance` over the rows of `emitters`. Threads do not change them.
+///
+/// # Errors
+/// When the backend fails or breaks the contract, and [`ComputeError::Cancelled`] when it is cancelled: half a sample
+/// is no answer.
+pub fn calibrate(
+    model: &Model,
+    emitters: &[InputPatch],
+    receives: &(dyn Fn(u32) -> bool + Sync),
+    rotate: bool,
+    tolerance: f64,
+    backend: &mut dyn HemicubeBackend,
+    execution: Execution<'_>,
+) -> Result<Calibration, ComputeError> {
+    if model.patches().len() <= SMALL && tolerance <= FINE {
+        return Ok(each_pair(model, tolerance));
+    }
+    // A patch without area has no hemicube.
+    let mut rows = sample(emitters, NORM_ROWS, SEED);
+    rows.retain(|&row| !model.hemicubes(row, 1, rotate).is_empty());
+    let stride = rows.len().div_ceil(TRIED_ROWS).max(1);
+    let sample = Sample {
+        tried: (0..rows.len()).step_by(stride).collect(),
+        coarse: hemicubes(model, &rows, rotate, COARSE, backend)?,
+        fine: hemicubes(model, &rows, rotate, FINEST, backend)?,
+        rows,
+        model,
+        receives,
+        tolerance,
+        execution,
+    };
+    let known = sample.learn()?;
+    let exact = sample.exact(known)?;
+    let mut calibration = sample.search(known, &exact)?;
+    let percent = |x: f64| format!("{:.3} %", 100.0 * x);
+    let verdict = if calibration.keeps(tolerance) {
+        ""
+    } else {
+        "; more than was asked for, and the most that is tried"
+    };
+    calibration.reason = format!(
+        "visible fractions refined with effort {}, N = {}: {} off on {} rows tried, at most about {}{verdict}",
+        calibration.refinement.effort,
+        calibration.resolution,
+        percent(calibration.expected),
+        calibration.rows,
+        percent(calibration.at_most),
+    );
+    Ok(calibration)
+}
+
+/// Every pair measured to the tolerance by itself: for scenes with few pairs, and a tolerance that wants each right.
+fn each_pair(model: &Model, tolerance: f64) -> Calibration {
+    Calibration {
+        refinement: Refinement {
+            each: true,
+            rule: FactorRule::for_tolerance(tolerance * 0.1),
+            ..Refinement::for_tolerance(tolerance)
+        },
+        resolution: FINEST,
+        expected: 0.0,
+        at_most: 0.0,
+        rows: 0,
+        reason: format!(
+            "every pair measured to the tolerance by itself, as there are only {} patches",
+            model.patches().len()
+        ),
+    }
+}
+
+/// A sample of a scene's rows, one hemicube each at both resolutions.
+struct Sample<'a> {
+    model: &'a Model,
+    receives: &'a (dyn Fn(u32) -> bool + Sync),
+    tolerance: f64,
+    execution: Execution<'a>,
+    rows: Vec<InputPatch>,
+    /// Places in `rows` of the rows that efforts are tried on.
+    tried: Vec<usize>,
+    coarse: RowBlock,
+    fine: RowBlock,
+}
+
+impl Sample<'_> {
+    fn go_on(&self) -> Result<(), ComputeError> {
+        if self.execution.is_cancelled() {
+            Err(ComputeError::Cancelled)
+        } else {
+            Ok(())
+        }
+    }
+
+    fn refiner(&self, refinement: Refinement) -> Refiner<'_> {
+        Refiner::new(refinement, self.execution.cancel)
+    }
+
+    /// A refinement that knows the scene's norm, whether it is open, and its prior variances.
+    fn learn(&self) -> Result<Refinement, ComputeError> {
+        let Self { model, receives, .. } = self;
+        let (count, patch_count) = (self.rows.len(), model.patches().len());
+        let plain = Refinement {
+            effort: f64::INFINITY,
+            ..Refinement::for_tolerance(self.tolerance)
+        };
+        let mut refiner = self.refiner(plain);
+        let mut norm = 0.0;
+        for (k, &row) in self.rows.iter().enumerate() {
+            self.go_on()?;
+            norm += refiner
+                .row(model, row, seen(self.fine.row(k)), false, receives)
+                .squared_norm;
+        }
+        let escaped: u64 = (0..count).map(|k| u64::from(self.fine.row(k).escaped)).sum();
+        let known = Refinement {
+            mean_squared_norm: norm / count.max(1) as f64,
+            is_open: escaped as f64 > self.tolerance * f64::from(WHOLE) * count as f64,
+            all: patch_count <= SMALL,
+            ..Refinement::for_tolerance(self.tolerance)
+        };
+        let mut sums = PriorSums::default();
+        let mut refiner = self.refiner(known);
+        for &k in &self.tried {
+            self.go_on()?;
+            refiner.measure_priors(model, self.rows[k], seen(self.fine.row(k)), receives, &mut sums);
+        }
+        Ok(Refinement {
+            priors: sums.priors(),
+            ..known
+        })
+    }
+
+    /// `known` at an effort, with its Lagrange multiplier.
+    fn at_effort(&self, known: Refinement, effort: f64) -> Result<Refinement, ComputeError> {
+        let refinement = Refinement { effort, ..known };
+        let mut refiner = self.refiner(refinement);
+        let asked = if refinement.all {
+            (0..self.rows.len()).collect()
+        } else {
+            self.tried.clone()
+        };
+        let mut expected_errors = Vec::with_capacity(asked.len());
+        for k in asked {
+            self.go_on()?;
+            let seen = seen(self.fine.row(k));
+            expected_errors.push(refiner.expected_errors(self.model, self.rows[k], seen, self.receives));
+        }
+        Ok(refinement.with_multiplier_of(&expected_errors))
+    }
+
+    /// The k-th row refined, and its expected squared error.
+    fn refined(&self, refiner: &mut Refiner<'_>, block: &RowBlock, k: usize) -> (Row, f64) {
+        let refined = refiner.row(self.model, self.rows[k], seen(block.row(k)), false, self.receives);
+        (values(&refiner.pairs), refined.squared_error)
+    }
+
+    /// The rows tried, with a quarter of the tolerance.
+    fn exact(&self, known: Refinement) -> Result<Vec<Row>, ComputeError> {
+        let finest = Refinement {
+            rule: FactorRule::for_tolerance(self.tolerance * 0.1),
+            ..self.at_effort(known, 0.25)?
+        };
+        let exact = side_by_side(self.execution, finest, &self.tried, |refiner, k| {
+            self.refined(refiner, &self.fine, k).0
+        });
+        self.go_on()?;
+        Ok(exact)
+    }
+
+    /// Tries an effort: the error of the rows tried, relative to the norm of all.
+    fn try_effort(&self, known: Refinement, exact: &[Row], effort: f64) -> Result<Calibration, ComputeError> {
+        let refinement = self.at_effort(known, effort)?;
+        // Where all pairs are measured, hemicubes only tell escaped and blocked shares: coarse ones would save nothing.
+        let resolution = if known.all { FINEST } else { resolution_of(effort) };
+        let block = if resolution == COARSE { &self.coarse } else { &self.fine };
+        let numbered: Vec<usize> = (0..self.tried.len()).collect();
+        let found: Vec<(f64, f64)> = side_by_side(self.execution, refinement, &numbered, |refiner, n| {
+            let (row, expected) = self.refined(refiner, block, self.tried[n]);
+            (squared_difference(&row, &exact[n]), expected)
+        });
+        self.go_on()?;
+        let (errors, expected): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
+        let (squared, expected): (f64, f64) = (errors.iter().sum(), expected.iter().sum());
+        #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
+        let estimate = if expected > 0.0 {
+            (squared / expected).clamp(LEAST_ESTIMATE, MOST_ESTIMATE) as f32
+        } else {
+            1.0
+        };
+        let norm = known.mean_squared_norm.max(f64::MIN_POSITIVE);
+        let count = errors.len().max(1) as f64;
+        let mean = errors.iter().sum::<f64>() / count;
+        let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
+        Ok(Calibration {
+            refinement: Refinement { estimate, ..refinement },
+            resolution,
+            expected: (mean / norm).sqrt(),
+            at_most: ((mean + SURE * variance.sqrt()) / norm).sqrt(),
+            rows: errors.len(),
+            reason: String::new(),
+        })
+    }
+
+    /// The cheapest effort that keeps the tolerance with a margin, otherwise the dearest.
+    fn search(&self, known: Refinement, exact: &[Row]) -> Result<Calibration, ComputeError> {
+        let [cheapest, dearer @ ..] = EFFORTS;
+        let [.., dearest] = EFFORTS;
+        let most = MARGIN * self.tolerance;
+        let mut found = self.try_effort(known, exact, cheapest)?;
+        for effort in dearer {
+            if found.at_most <= most {
+                break;
+            }
+            // An error falls with the effort at most: an effort that cannot do is not tried.
+            let hope = effort / found.refinement.effort * found.at_most;
+            if hope <= SLACK * MARGIN * self.tolerance || effort == dearest || resolution_of(effort) != found.resolution
+            {
+                found = self.try_effort(known, exact, effort)?;
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// `of` each of `items`, in order, on several threads with a refiner each; of some only, where it is cancelled.
+fn side_by_side<T: Send>(
+    execution: Execution<'_>,
+    refinement: Refinement,
+    items: &[usize],
+    of: impl Fn(&mut Refiner<'_>, usize) -> T + Sync,
+) -> Vec<T> {
+    let threads = match execution.threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        threads => threads,
+    }
+    .clamp(1, items.len().max(1));
+    let next = AtomicUsize::new(0);
+    let mut done: Vec<(usize, T)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads)
+            .map(|_| {
+                scope.spawn(|| {
+                    let mut refiner = Refiner::new(refinement, execution.cancel);
+                    let mut own = Vec::new();
+                    while !execution.is_cancelled() {
+                        let place = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(&item) = items.get(place) else { return own };
+                        own.push((place, of(&mut refiner, item)));
+                    }
+                    own
+                })
+            })
+            .collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, Vec<(usize, T)>>| match worker.join() {
+            Ok(own) => own,
+            Err(panic) => std::panic::resume_unwind(panic),
+        };
+        workers.into_iter().flat_map(join).collect()
+    });
+    done.sort_by_key(|&(place, _)| place);
+    done.into_iter().map(|(_, value)| value).collect()
+}
+
+fn values(pairs: &[Pair]) -> Row {
+    pairs
+        .iter()
+        .filter(|pair| pair.factor() > 0.0)
+        .map(|pair| (pair.patch, pair.factor()))
+        .collect()
+}
+
+/// Σ (a − b)² of two rows with ascending patches.
+fn squared_difference(a: &Row, b: &Row) -> f64 {
+    let (mut at, mut sum) = (0, 0.0);
+    for &(patch, value) in a {
+        while at < b.len() && b[at].0 < patch {
+            sum += b[at].1.powi(2);
+            at += 1;
+        }
+        if at < b.len() && b[at].0 == patch {
+            sum += (value - b[at].1).powi(2);
+            at += 1;
+        } else {
+            sum += value * value;
+        }
+    }
+    sum + b[at..].iter().map(|e| e.1.powi(2)).sum::<f64>()
+}
+
+fn seen(row: RowView<'_>) -> impl Iterator<Item = (u32, f64)> + '_ {
+    row.patches
+        .iter()
+        .zip(row.visible)
+        .zip(row.covered)
+        .map(|((&patch, &visible), &covered)| (patch, fraction(visible, covered)))
+}
+
+/// One hemicube for each row.
+fn hemicubes(
+    model: &Model,
+    rows: &[InputPatch],
+    rotate: bool,
+    resolution: u32,
+    backend: &mut dyn HemicubeBackend,
+) -> Result<RowBlock, ComputeError> {
+    let settings = RenderSettings {
+        resolution,
+        culling: Culling::On,
+        covered: true,
+    };
+    backend
+        .load_for_fractions(model.geometry(), settings)
+        .map_err(|source| ComputeError::Backend {
+            backend: backend.info().name.clone(),
+            source,
+        })?;
+    let mut block = RowBlock::default();
+    let asked: Vec<_> = rows.iter().flat_map(|&row| model.hemicubes(row, 1, rotate)).collect();
+    let first = rows.first().copied().unwrap_or(InputPatch(0));
+    render(model, settings, backend, first, &asked, &mut block)?;
+    Ok(block)
+}

@@ -1,0 +1,628 @@
+//! The conductor of a run, used by the program, by Python and by embedders.
+//!
+//! ```text
+//! Job::prepare        selection ▶ storage policy ▶ accuracy level ▶ plan ▶ culling ▶ backend loaded    Run
+//! Run::compute        rows ▶ parts ▶ a sink of the caller                                              Summary
+//! Run::open           store made, or resumed with the parts that it has                                StoreRun
+//! StoreRun::compute   missing rows ▶ parts ▶ store ▶ manifest                                          Finished
+//! ```
+//!
+//! Whoever opens a store decides between the steps: how many threads the memory allows, whether the disk has room.
+//! [`Job::rows`] and [`Job::store`] take all steps at once.
+
+use crate::Model;
+use crate::accuracy::correct::Correction;
+use crate::backend::{Culling, HemicubeBackend, RenderSettings};
+use crate::driver::compute::{
+    self, ComputeError, Execution, PartSink, Plan, Progress, RowChoice, Selection, Summary, compute as compute_rows,
+};
+use crate::driver::input::SceneInput;
+use crate::driver::level::{Asked, Level, LevelError};
+use crate::driver::probe::Probe;
+use crate::driver::selection::{Names, NoMatch};
+use crate::driver::settings::RowSettings;
+use crate::driver::storage_policy::StoragePolicy;
+use crate::store::{Error as StoreError, Form, Manifest, Part, PatchTable, Resumed, Shard, Store, StoreWriter};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+/// A request for rows of a scene's matrix. The default asks for all rows by the area correction.
+///
+/// ```
+/// use hemicube::driver::input::SceneInput;
+/// use hemicube::driver::job::{Job, Sessions};
+/// use hemicube_backend_cpu::CpuBackend;
+/// use hemicube_scene::{Subdivision, generate};
+///
+/// let scene = SceneInput::new(generate::cornell_box(), "room.obj", Subdivision::Split(2).into())?;
+/// let model = scene.model(Default::default())?;
+/// let job = Job { emitters: vec!["light".to_owned()], ..Job::default() };
+/// let parts = job.rows(&scene, &model, Sessions::new(CpuBackend::new))?;
+/// assert_eq!(parts.iter().map(|part| part.rows.len()).sum::<usize>(), 8);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Job {
+    /// The accuracy level, by its settings or by a tolerance.
+    pub accuracy: Asked,
+    /// True to turn each hemicube about its normal.
+    pub rotate: bool,
+    /// Rows to compute, among the emitting patches'.
+    pub rows: RowChoice,
+    /// Globs for patches with rows; empty: all.
+    pub emitters: Vec<String>,
+    /// Globs for patches with columns; empty: all.
+    pub receivers: Vec<String>,
+    /// Globs for patches with neither, which only occlude.
+    pub occluders: Vec<String>,
+    /// The store's form; `None`: by the scene's size.
+    pub form: Option<Form>,
+    /// Smaller form factors are left out, from 0 up to 1; `None`: by the scene's size.
+    pub min_factor: Option<f64>,
+    /// Culling; `None`: on if it pays in a few trial hemicubes. Changes no bit of a row.
+    pub culling: Option<Culling>,
+    /// True to render trial hemicubes even if `culling` is given, for [`Run::probe`].
+    pub forecasts: bool,
+    /// Worker threads; 0: one a core.
+    pub threads: usize,
+    /// Hemicubes a call of the backend; 0: its preference.
+    pub batch: usize,
+}
+
+impl Default for Job {
+    fn default() -> Self {
+        Self {
+            accuracy: Asked::Settings {
+                correction: Correction::area(),
+                resolution: 128,
+                samples_per_edge: 1,
+            },
+            rotate: true,
+            rows: RowChoice::All,
+            emitters: Vec::new(),
+            receivers: Vec::new(),
+            occluders: Vec::new(),
+            form: None,
+            min_factor: None,
+            culling: None,
+            forecasts: false,
+            threads: 0,
+            batch: 0,
+        }
+    }
+}
+
+/// Two sessions of one backend without a shared scene.
+pub struct Sessions {
+    /// Renders the rows.
+    pub rows: Box<dyn HemicubeBackend>,
+    /// Renders the sample for the calibration of a tolerance.
+    pub calibration: Box<dyn HemicubeBackend>,
+}
+
+impl Sessions {
+    /// Two sessions by `open`.
+    pub fn new<B: HemicubeBackend + 'static>(mut open: impl FnMut() -> B) -> Self {
+        Self {
+            rows: Box::new(open()),
+            calibration: Box::new(open()),
+        }
+    }
+}
+
+impl std::fmt::Debug for Sessions {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Sessions").field("backend", self.rows.info()).finish()
+    }
+}
+
+/// A stage of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Stage {
+    /// The accuracy level is chosen; a tolerance is calibrated.
+    Calibrate,
+    /// Rows are planned, trial hemicubes rendered, the scene loaded into the backend.
+    Build,
+    /// The store is made or resumed.
+    Store,
+    /// Rows are computed.
+    Rows {
+        /// Rows in all, resumed ones included.
+        row_count: u64,
+        /// Rows resumed from the store.
+        resumed: u64,
+    },
+    /// The manifest is written.
+    Finish,
+}
+
+/// A choice made by a run, for its log.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum Note<'a> {
+    /// The reason of the accuracy level.
+    Level(&'a str),
+    /// The reason of the storage policy.
+    Storage(&'a str),
+    /// The trial hemicubes behind the choice of culling.
+    Culling(&'a Probe),
+}
+
+/// Follows a run, on the thread that called. Every method does nothing by default; `()` follows nothing.
+pub trait Observer {
+    /// A stage begins.
+    fn begin(&self, stage: Stage) {
+        let _ = stage;
+    }
+
+    /// A stage is over, or has failed.
+    fn end(&self, stage: Stage) {
+        let _ = stage;
+    }
+
+    /// A choice was made.
+    fn note(&self, note: Note<'_>) {
+        let _ = note;
+    }
+
+    /// Rows were computed, resumed ones not counted. Called some times a second in [`Stage::Rows`].
+    fn progress(&self, progress: Progress) {
+        let _ = progress;
+    }
+
+    /// Ends the run when it becomes true; see [`Execution::cancel`].
+    fn cancel(&self) -> Option<&AtomicBool> {
+        None
+    }
+}
+
+impl Observer for () {}
+
+/// Ends its stage when it is dropped.
+struct InStage<'a>(&'a dyn Observer, Stage);
+
+impl<'a> InStage<'a> {
+    fn begin(observer: &'a dyn Observer, stage: Stage) -> Self {
+        observer.begin(stage);
+        Self(observer, stage)
+    }
+}
+
+impl Drop for InStage<'_> {
+    fn drop(&mut self) {
+        self.0.end(self.1);
+    }
+}
+
+/// Why a run failed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum JobError {
+    /// A glob matches no patch.
+    #[error(transparent)]
+    NoMatch(#[from] NoMatch),
+    /// No accuracy level keeps the tolerance, or calibration failed.
+    #[error(transparent)]
+    Level(#[from] LevelError),
+    /// The selection leaves no row.
+    #[error("no row is left to compute: the rows, emitters and occluders asked for exclude every patch")]
+    NoRows,
+    /// The backend failed before the first row, or rows without a store failed.
+    #[error(transparent)]
+    Compute(#[from] ComputeError),
+    /// Rows of a store failed.
+    #[error(transparent)]
+    Rows(#[from] Box<RowsFailed>),
+    /// The store cannot be made, resumed, finished or read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+/// Rows failed, and the store has the parts before them.
+#[derive(Debug, thiserror::Error)]
+#[error("rows failed when `{}` had {parts} of {part_count} parts", directory.display())]
+pub struct RowsFailed {
+    /// The failure.
+    pub source: ComputeError,
+    /// The store.
+    pub directory: PathBuf,
+    /// Parts in the store.
+    pub parts: u64,
+    /// Parts of the run.
+    pub part_count: u64,
+    /// True if the manifest names the parts. They are resumed even if it does not.
+    pub are_named: bool,
+}
+
+/// The place of a store.
+#[derive(Clone, Copy, Debug)]
+pub struct StorePlace<'a> {
+    /// The store's directory; made if it is missing.
+    pub directory: &'a Path,
+    /// True to replace a store that is there, false to resume it.
+    pub overwrite: bool,
+    /// The share of the parts to compute; `None`: all.
+    pub shard: Option<Shard>,
+}
+
+impl<'a> From<&'a Path> for StorePlace<'a> {
+    fn from(directory: &'a Path) -> Self {
+        Self {
+            directory,
+            overwrite: false,
+            shard: None,
+        }
+    }
+}
+
+/// Receives the parts of a store, resumed ones first, on the thread that writes them.
+pub type PartListener<'a> = &'a mut (dyn FnMut(&Part) + Send);
+
+impl Job {
+    /// Asks for a relative Frobenius error in place of an accuracy level's settings.
+    #[must_use]
+    pub fn with_tolerance(mut self, tolerance: f64) -> Self {
+        self.accuracy = Asked::Tolerance(tolerance);
+        self
+    }
+
+    /// Makes every choice that rows depend on, and loads the scene into the backend.
+    ///
+    /// # Errors
+    /// When a glob matches no patch, no row is left, a tolerance cannot be kept, or the backend fails.
+    pub fn prepare<'m>(
+        &self,
+        scene: &SceneInput,
+        model: &'m Model,
+        sessions: Sessions,
+        observer: &dyn Observer,
+    ) -> Result<Run<'m>, JobError> {
+        let names = Names {
+            emitters: &self.emitters,
+            receivers: &self.receivers,
+            occluders: &self.occluders,
+        };
+        let selection = Selection::by_name(scene, model.patches(), names)?;
+        let tolerance = self.accuracy.tolerance();
+        let patch_count = model.geometry().patch_count;
+        let policy = StoragePolicy::choose(self.form, self.min_factor, patch_count, tolerance);
+        let stage = InStage::begin(observer, Stage::Calibrate);
+        let Sessions {
+            rows: mut backend,
+            mut calibration,
+        } = sessions;
+        let threads = match self.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        };
+        let execution = Execution {
+            threads,
+            batch: self.batch,
+            cancel: observer.cancel(),
+        };
+        let level = Level::resolve(
+            self.accuracy,
+            model,
+            &selection,
+            self.rotate,
+            policy.form,
+            calibration.as_mut(),
+            execution,
+        )?;
+        drop(calibration);
+        drop(stage);
+
+        let _stage = InStage::begin(observer, Stage::Build);
+        let plan = Plan::new(model, self.rows, selection, level.samples_per_edge, self.rotate)
+            .with_correction(level.correction)
+            .with_min_factor(policy.min_factor)
+            .with_form(policy.form);
+        if plan.rows.is_empty() {
+            return Err(JobError::NoRows);
+        }
+        if let Some(reason) = &level.reason {
+            observer.note(Note::Level(reason));
+        }
+        if let Some(reason) = &policy.reason {
+            observer.note(Note::Storage(reason));
+        }
+        let mut render = RenderSettings {
+            resolution: level.resolution,
+            culling: self.culling.unwrap_or(Culling::On),
+            covered: false,
+        };
+        let mut probe = None;
+        if self.forecasts || self.culling.is_none() {
+            let found = Probe::render(model, &plan, render, backend.as_mut())?;
+            if self.culling.is_none() {
+                render.culling = found.culling();
+                observer.note(Note::Culling(&found));
+            }
+            probe = Some(found);
+        }
+        // Choices of a backend by the scene are part of the store's header.
+        compute::load(model, &plan.correction, render, backend.as_mut())?;
+        // Rows would build it, and memory is asked for before them.
+        plan.correction.prepare(model);
+        Ok(Run {
+            settings: self.row_settings(scene, &plan, &level),
+            threads,
+            batch: self.batch,
+            plan,
+            render,
+            probe,
+            model,
+            backend,
+        })
+    }
+
+    /// Settings of the rows, for the store's header and for reports.
+    fn row_settings(&self, scene: &SceneInput, plan: &Plan, level: &Level) -> RowSettings {
+        let given = &scene.settings;
+        RowSettings {
+            resolution: level.resolution,
+            samples: u32::try_from(plan.hemicubes_per_row()).unwrap_or(u32::MAX),
+            correction: level.correction.name(),
+            tolerance: self.accuracy.tolerance(),
+            reason: level.reason.clone(),
+            rotation: self.rotate,
+            subdivision: given.subdivision.into(),
+            two_sided: given.two_sided_name(),
+            flip: given.flip.clone(),
+            keep_duplicates: given.keep_duplicates,
+            scale: given.scale,
+            up: scene.up_name(),
+            rows: self.rows.into(),
+            emitters: self.emitters.clone(),
+            receivers: self.receivers.clone(),
+            occluders: self.occluders.clone(),
+            min_factor: (plan.min_factor > 0.0).then_some(plan.min_factor),
+        }
+    }
+
+    /// Computes the rows into memory.
+    ///
+    /// # Errors
+    /// Those of [`Self::prepare`], and a failing row.
+    pub fn rows(&self, scene: &SceneInput, model: &Model, sessions: Sessions) -> Result<Vec<Part>, JobError> {
+        let mut parts = Vec::new();
+        self.prepare(scene, model, sessions, &())?.compute(&mut parts, &())?;
+        Ok(parts)
+    }
+
+    /// Computes the rows into a store, or the missing ones of an existing store, and opens it.
+    ///
+    /// # Errors
+    /// Those of [`Self::prepare`], [`Run::open`] and [`StoreRun::compute`].
+    pub fn store(
+        &self,
+        scene: &SceneInput,
+        model: &Model,
+        sessions: Sessions,
+        directory: &Path,
+    ) -> Result<Store, JobError> {
+        let listener: PartListener<'_> = &mut |_| {};
+        let run = self.prepare(scene, model, sessions, &())?;
+        run.open(scene, directory.into(), listener, &())?
+            .compute(listener, &())?;
+        Ok(Store::open(directory)?)
+    }
+}
+
+/// A prepared run: every choice is made, and the scene is loaded into the backend.
+pub struct Run<'m> {
+    /// Settings of the rows.
+    pub settings: RowSettings,
+    /// The rows to compute.
+    pub plan: Plan,
+    /// Settings loaded into the backend.
+    pub render: RenderSettings,
+    /// Findings of the trial hemicubes, if any were rendered.
+    pub probe: Option<Probe>,
+    /// Worker threads, 1 or more; may be lowered before rows are computed.
+    pub threads: usize,
+    batch: usize,
+    model: &'m Model,
+    backend: Box<dyn HemicubeBackend>,
+}
+
+impl std::fmt::Debug for Run<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut shown = f.debug_struct("Run");
+        shown.field("settings", &self.settings).field("render", &self.render);
+        shown.field("threads", &self.threads).finish_non_exhaustive()
+    }
+}
+
+impl<'m> Run<'m> {
+    /// The backend, with the scene loaded.
+    pub fn backend(&self) -> &dyn HemicubeBackend {
+        self.backend.as_ref()
+    }
+
+    /// Computes the rows of the plan and hands their parts to `sink`.
+    ///
+    /// # Errors
+    /// Those of [`compute`](compute_rows).
+    pub fn compute(self, sink: &mut dyn PartSink, observer: &dyn Observer) -> Result<Summary, ComputeError> {
+        let stage = Stage::Rows {
+            row_count: self.plan.wanted_rows(),
+            resumed: 0,
+        };
+        self.compute_after(stage, sink, observer).1
+    }
+
+    /// Computes the rows of the plan in `stage`. Returns the plan as well.
+    fn compute_after(
+        self,
+        stage: Stage,
+        sink: &mut dyn PartSink,
+        observer: &dyn Observer,
+    ) -> (Plan, Result<Summary, ComputeError>) {
+        let _stage = InStage::begin(observer, stage);
+        let execution = Execution {
+            threads: self.threads,
+            batch: self.batch,
+            cancel: observer.cancel(),
+        };
+        let progress = &mut |progress| observer.progress(progress);
+        let (plan, render) = (self.plan, self.render);
+        let computed = compute_rows(self.model, &plan, render, self.backend, execution, sink, progress);
+        (plan, computed)
+    }
+
+    /// Makes a store for the rows, or resumes the one at `place`: its parts go to `listener`, and are not computed
+    /// again.
+    ///
+    /// # Errors
+    /// Those of [`StoreWriter::create`] and [`StoreWriter::resume`].
+    pub fn open(
+        self,
+        scene: &SceneInput,
+        place: StorePlace<'_>,
+        listener: PartListener<'_>,
+        observer: &dyn Observer,
+    ) -> Result<StoreRun<'m>, StoreError> {
+        let _stage = InStage::begin(observer, Stage::Store);
+        let StorePlace {
+            directory,
+            overwrite,
+            shard,
+        } = place;
+        let patches = self.model.patches();
+        let header = self
+            .settings
+            .header(scene, patches, &scene.file, &self.plan, self.backend.info())?;
+        let table = PatchTable::new(scene, patches);
+        let (writer, resumed) = if overwrite {
+            (
+                StoreWriter::create(directory, header, &table, true)?,
+                Resumed::default(),
+            )
+        } else {
+            StoreWriter::resume(directory, header, &table, shard, self.threads, listener)?
+        };
+        Ok(StoreRun {
+            missing: writer.missing_parts(),
+            run: self,
+            writer,
+            resumed,
+        })
+    }
+}
+
+/// A run with an open store.
+#[derive(Debug)]
+pub struct StoreRun<'m> {
+    run: Run<'m>,
+    writer: StoreWriter,
+    resumed: Resumed,
+    missing: Vec<u32>,
+}
+
+impl StoreRun<'_> {
+    /// The store's writer.
+    pub fn writer(&self) -> &StoreWriter {
+        &self.writer
+    }
+
+    /// The plan of all rows, resumed ones included.
+    pub fn plan(&self) -> &Plan {
+        &self.run.plan
+    }
+
+    /// Parts of an earlier run.
+    pub fn resumed(&self) -> &Resumed {
+        &self.resumed
+    }
+
+    /// Number of rows still to be computed.
+    pub fn missing_rows(&self) -> u64 {
+        let rows = |&part: &u32| u64::from(self.writer.manifest().rows_of_part(part));
+        self.missing.iter().map(rows).sum()
+    }
+
+    /// Computes the missing rows, writes their parts, hands each to `listener`, and finishes the store. A cancelled run
+    /// leaves a manifest that names the parts present.
+    ///
+    /// # Errors
+    /// [`JobError::Rows`] when rows fail or a part cannot be written; [`JobError::Store`] when the manifest cannot.
+    pub fn compute(self, listener: PartListener<'_>, observer: &dyn Observer) -> Result<Finished, JobError> {
+        let stage = Stage::Rows {
+            row_count: self.missing_rows() + self.resumed.rows,
+            resumed: self.resumed.rows,
+        };
+        let Self {
+            mut run,
+            writer,
+            resumed,
+            missing,
+        } = self;
+        run.plan = run.plan.with_parts(|part| missing.binary_search(&part).is_ok());
+        let mut sink = Written { writer, listener };
+        let (plan, computed) = run.compute_after(stage, &mut sink, observer);
+        let writer = sink.writer;
+        let summary = match computed {
+            Ok(summary) => summary,
+            Err(source) => return Err(Box::new(RowsFailed::new(source, writer)).into()),
+        };
+        let directory = writer.directory().to_owned();
+        let _stage = InStage::begin(observer, Stage::Finish);
+        let manifest = if summary.cancelled {
+            writer.interrupt()?
+        } else {
+            writer.finish()?
+        };
+        Ok(Finished {
+            plan,
+            summary,
+            manifest,
+            directory,
+            resumed,
+        })
+    }
+}
+
+impl RowsFailed {
+    /// Names the parts present in the manifest.
+    fn new(source: ComputeError, writer: StoreWriter) -> Self {
+        let parts = writer.manifest().parts.len() as u64;
+        Self {
+            source,
+            directory: writer.directory().to_owned(),
+            parts,
+            part_count: parts + writer.missing_parts().len() as u64,
+            are_named: parts > 0 && writer.interrupt().is_ok(),
+        }
+    }
+}
+
+/// Writes parts to a store and hands them to a listener.
+struct Written<'a> {
+    writer: StoreWriter,
+    listener: PartListener<'a>,
+}
+
+impl PartSink for Written<'_> {
+    fn take(&mut self, part: Part) -> Result<(), StoreError> {
+        self.writer.write_part(&part)?;
+        (self.listener)(&part);
+        Ok(())
+    }
+}
+
+/// A run with a finished or interrupted store.
+#[derive(Debug)]
+pub struct Finished {
+    /// The rows computed.
+    pub plan: Plan,
+    /// Figures of the rows computed; [`Summary::cancelled`] where the run was interrupted.
+    pub summary: Summary,
+    /// The store's manifest as written.
+    pub manifest: Manifest,
+    /// The store.
+    pub directory: PathBuf,
+    /// Parts of an earlier run.
+    pub resumed: Resumed,
+}

@@ -1,0 +1,210 @@
+//! Plans: the rows to compute, in the order of work, and the parts that they are written in.
+
+use crate::Model;
+use crate::accuracy::correct::Correction;
+use crate::accuracy::grain::Grain;
+use crate::sampling::splitmix;
+use crate::store::Form;
+use hemicube_scene::InputPatch;
+
+/// Patches that have rows and columns. All patches occlude, selected or not.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Selection {
+    /// True for each patch that has a row; `None`: all have.
+    pub emitters: Option<Vec<bool>>,
+    /// True for each patch that has a column; `None`: all have. The share of the others is *unselected*.
+    pub receivers: Option<Vec<bool>>,
+}
+
+impl Selection {
+    fn emits(&self, patch: InputPatch) -> bool {
+        self.emitters.as_ref().is_none_or(|e| e[patch.0 as usize])
+    }
+
+    pub(super) fn receives(&self, patch: u32) -> bool {
+        self.receivers.as_ref().is_none_or(|r| r[patch as usize])
+    }
+}
+
+/// Rows of the matrix to compute.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RowChoice {
+    /// The rows of all emitting patches.
+    All,
+    /// The rows of the input patches `start..end`.
+    Range {
+        /// The first input patch.
+        start: u32,
+        /// One past the last.
+        end: u32,
+    },
+    /// A random sample, drawn without repetition.
+    Sample {
+        /// Number of rows; all rows if there are fewer.
+        count: u32,
+        /// Seed of the draw.
+        seed: u64,
+    },
+}
+
+/// Rows to compute, in the order of work, cut into parts.
+///
+/// ```
+/// use hemicube::driver::compute::{Plan, RowChoice, Selection};
+/// use hemicube::accuracy::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+///
+/// // All rows of the room's 160 patches, four hemicubes each, corrected for area.
+/// let plan = Plan::new(&model, RowChoice::All, Selection::default(), 2, true).with_correction(Correction::area());
+/// assert_eq!((plan.rows.len(), plan.hemicubes_per_row(), plan.part_count()), (160, 4, 3));
+///
+/// // Ten rows of them: the same ten whenever the seed is the same.
+/// let ten = |seed| Plan::new(&model, RowChoice::Sample { count: 10, seed }, Selection::default(), 1, true).rows;
+/// assert_eq!(ten(1).len(), 10);
+/// assert!(ten(1) == ten(1) && ten(1) != ten(2));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// The emitting patch of each row, in the order of work.
+    pub rows: Vec<InputPatch>,
+    /// Rows of a part, at most 1024; the last part may have fewer.
+    pub rows_per_part: u32,
+    /// n of the n² hemicubes of a row.
+    pub samples_per_edge: u32,
+    /// True if each hemicube is turned about its normal.
+    pub rotate: bool,
+    /// Patches that have rows and columns.
+    pub selection: Selection,
+    /// The correction of weights into form factors.
+    pub correction: Correction,
+    /// Form factors below this are left out, and their sum is shared by the others of the row; 0: none is.
+    pub min_factor: f64,
+    /// The store's form, to which form factors are rounded.
+    pub form: Form,
+    /// The parts to compute, ascending; `None`: all. Parts do not depend on each other: leaving some out changes
+    /// nothing in the others.
+    pub parts: Option<Vec<u32>>,
+}
+
+impl Plan {
+    /// Plans the rows of `choice`, by the scene and the settings only.
+    pub fn new(model: &Model, choice: RowChoice, selection: Selection, samples_per_edge: u32, rotate: bool) -> Self {
+        let mut rows: Vec<InputPatch> = model.order().filter(|&p| selection.emits(p)).collect();
+        match choice {
+            RowChoice::All => {}
+            RowChoice::Range { start, end } => rows.retain(|p| (start..end).contains(&p.0)),
+            RowChoice::Sample { count, seed } => rows = sample(&rows, count as usize, seed),
+        }
+        Self {
+            rows_per_part: Self::rows_per_part_of(rows.len()),
+            rows,
+            samples_per_edge,
+            rotate,
+            selection,
+            correction: Correction::Pixel,
+            min_factor: 0.0,
+            form: Form::Plain,
+            parts: None,
+        }
+    }
+
+    /// Rows of a part in a plan of `rows` rows: rows / 64 as a power of two, from 64 to 1024.
+    #[allow(clippy::cast_possible_truncation, reason = "clamped to 1024")]
+    pub fn rows_per_part_of(rows: usize) -> u32 {
+        // A killed run loses a part, and a job of a cluster computes some: at most a few seconds and megabytes, and
+        // some dozens of them even in a small scene.
+        (rows / 64).next_power_of_two().clamp(64, 1024) as u32
+    }
+
+    /// The plan for the parts that `wanted` is true of: the missing parts of a store, or a shard.
+    #[must_use]
+    pub fn with_parts(mut self, wanted: impl Fn(u32) -> bool) -> Self {
+        let count = u32::try_from(self.part_count()).unwrap_or(u32::MAX);
+        self.parts = Some((0..count).filter(|&part| wanted(part)).collect());
+        self
+    }
+
+    /// The plan with another correction. A tolerance takes one hemicube a row.
+    #[must_use]
+    pub fn with_correction(mut self, correction: Correction) -> Self {
+        if let Correction::Tolerance(_) = correction {
+            self.samples_per_edge = 1;
+        }
+        self.correction = correction;
+        self
+    }
+
+    /// The plan without form factors below `min_factor`, from 0 up to 1. The others of their row share their sum in
+    /// proportion, as by [`balance`](crate::analysis::balance::balance) afterwards; the effect is in
+    /// [`Summary::thinning`](super::compute::Summary::thinning).
+    #[must_use]
+    pub fn with_min_factor(mut self, min_factor: f64) -> Self {
+        self.min_factor = min_factor;
+        self
+    }
+
+    /// The plan for a store of another form, whose rounding rows then have.
+    #[must_use]
+    pub fn with_form(mut self, form: Form) -> Self {
+        self.form = form;
+        self
+    }
+
+    /// n of the n² hemicubes of a patch: as planned, or more for a patch much larger than the surfaces on it. Pixel
+    /// sums are the method as published, and keep to the plan.
+    pub(super) fn per_edge(&self, model: &Model, patch: InputPatch) -> u32 {
+        match self.correction {
+            Correction::Pixel => self.samples_per_edge,
+            _ => Grain::of(model.geometry())
+                .per_edge(model, patch)
+                .max(self.samples_per_edge),
+        }
+    }
+
+    /// Hemicubes of a row, n²; a patch much larger than the surfaces on it has more.
+    pub fn hemicubes_per_row(&self) -> usize {
+        self.samples_per_edge as usize * self.samples_per_edge as usize
+    }
+
+    /// Number of parts.
+    pub fn part_count(&self) -> usize {
+        self.rows.len().div_ceil(self.rows_per_part as usize)
+    }
+
+    /// Places of a part's rows in [`Self::rows`]; empty beyond the last part.
+    pub(super) fn rows_of_part(&self, part: u32) -> std::ops::Range<usize> {
+        let start = (part as usize * self.rows_per_part as usize).min(self.rows.len());
+        start..(start + self.rows_per_part as usize).min(self.rows.len())
+    }
+
+    /// Number of rows of the parts to compute.
+    pub fn wanted_rows(&self) -> u64 {
+        let rows = |&part: &u32| self.rows_of_part(part).len() as u64;
+        self.wanted().iter().map(rows).sum()
+    }
+
+    /// The parts to compute, ascending.
+    pub fn wanted(&self) -> Vec<u32> {
+        let count = u32::try_from(self.part_count()).unwrap_or(u32::MAX);
+        match &self.parts {
+            Some(parts) => parts.iter().copied().filter(|&part| part < count).collect(),
+            None => (0..count).collect(),
+        }
+    }
+}
+
+/// Draws `count` of `rows`, keeping their order (Knuth 1969, algorithm 3.4.2 S).
+pub(crate) fn sample(rows: &[InputPatch], count: usize, seed: u64) -> Vec<InputPatch> {
+    let mut state = seed;
+    let mut chosen = Vec::with_capacity(count.min(rows.len()));
+    for (i, &row) in rows.iter().enumerate() {
+        let z = splitmix::next(&mut state);
+        let (left, wanted) = ((rows.len() - i) as u128, count.saturating_sub(chosen.len()) as u128);
+        if (u128::from(z) * left) >> 64 < wanted {
+            chosen.push(row);
+        }
+    }
+    chosen
+}
