@@ -36,12 +36,16 @@
 
 pub mod chunks;
 pub mod limits;
+pub mod options;
 pub mod output;
+pub mod recording;
+pub mod session;
 pub mod stage;
 pub mod upload;
 pub mod view;
 
 pub use chunks::Chunk;
 pub use limits::{Edges, Limits, Plan};
+pub use recording::{Action, Cull, Goal, Phase, Recording, Step};
 pub use upload::Upload;
 pub use view::{View, views};

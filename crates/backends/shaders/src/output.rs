@@ -6,7 +6,10 @@
 
 use crate::limits::Plan;
 use hemicube_contract::InputPatch;
+use crate::upload::Upload;
+use crate::view::FACES;
 use hemicube_contract::backend::{BackendError, Counters};
+use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
 
 /// Words of a header: entries, escaped, blocked, chunks tested on faces, outside, hidden, triangles drawn for ids,
@@ -69,4 +72,22 @@ pub fn append_rows(headers: &[u32], entries: &[u32], slots: u32, covered: bool, 
         };
     }
     counters
+}
+
+/// Triangles of hemicubes that cull nothing, counted once a face. No stage of such a submission counts them.
+pub fn unculled_triangles(upload: &Upload, hemicubes: u64) -> u64 {
+    hemicubes * u64::from(FACES) * upload.triangle_count() as u64
+}
+
+/// An item buffer of the device's ids, 3 N² of them.
+pub fn items(ids: impl IntoIterator<Item = u32>, patch_count: u32, resolution: u32) -> Items {
+    let seen = ids.into_iter().map(|id| match id {
+        id if id < patch_count => id,
+        id if id == patch_count + 1 => Items::ESCAPED,
+        _ => Items::BLOCKED,
+    });
+    Items {
+        resolution,
+        seen: seen.collect(),
+    }
 }

@@ -26,6 +26,10 @@ pub struct Stage {
     pub spirv: &'static [u8],
     /// GLSL 4.50 core. Bindings of uniform and storage blocks and of textures are the numbers of [`binding`].
     pub glsl: &'static str,
+    /// Bindings of group 1 that the entry point only reads.
+    pub reads: &'static [u32],
+    /// Bindings of group 1 that the entry point may write.
+    pub writes: &'static [u32],
 }
 
 impl Stage {
@@ -37,7 +41,11 @@ impl Stage {
 }
 
 macro_rules! stages {
-    ($($(#[$doc:meta])* $name:ident: $file:literal $entry:literal $kind:ident;)*) => {
+    ($(
+        $(#[$doc:meta])*
+        $name:ident: $file:literal $entry:literal $kind:ident
+            reads [$($read:ident)*] writes [$($write:ident)*];
+    )*) => {
         $(
             $(#[$doc])*
             pub const $name: Stage = Stage {
@@ -51,6 +59,8 @@ macro_rules! stages {
                 kind: Kind::$kind,
                 spirv: include_bytes!(concat!("../generated/", $entry, ".spv")),
                 glsl: include_str!(concat!("../generated/", $entry, ".glsl")),
+                reads: &[$(binding::$read),*],
+                writes: &[$(binding::$write),*],
             };
         )*
         /// All of them.
@@ -60,49 +70,71 @@ macro_rules! stages {
 
 stages! {
     /// Corners to a face: attributes 0 (high), 1 (low), 2 (patches) of [`crate::upload::VERTEX_BYTES`].
-    RENDER: "render" "render" Vertex;
+    RENDER: "render" "render" Vertex
+        reads [] writes [];
     /// The id of the side that faces the eye.
-    IDENTIFY: "render" "identify" Fragment;
+    IDENTIFY: "render" "identify" Fragment
+        reads [SETTINGS] writes [];
     /// As [`IDENTIFY`], without the emitter: see [`crate::view::stands_on_emitter`].
-    IDENTIFY_OTHERS: "render" "identify_others" Fragment;
+    IDENTIFY_OTHERS: "render" "identify_others" Fragment
+        reads [SETTINGS] writes [];
     /// As [`IDENTIFY`], with backs that block told apart: for [`crate::Edges::Exact`].
-    IDENTIFY_SIDES: "render" "identify_sides" Fragment;
+    IDENTIFY_SIDES: "render" "identify_sides" Fragment
+        reads [SETTINGS] writes [];
     /// As [`IDENTIFY_SIDES`], without the emitter.
-    IDENTIFY_OTHER_SIDES: "render" "identify_other_sides" Fragment;
+    IDENTIFY_OTHER_SIDES: "render" "identify_other_sides" Fragment
+        reads [SETTINGS] writes [];
     /// For depths alone, without the emitter.
-    OCCLUDE_OTHERS: "render" "occlude_others" Fragment;
+    OCCLUDE_OTHERS: "render" "occlude_others" Fragment
+        reads [] writes [];
     /// Groups: resolution / 16, 3 × resolution / 16, layers.
-    PYRAMID_OF: "pyramid" "pyramid_of" Compute;
+    PYRAMID_OF: "pyramid" "pyramid_of" Compute
+        reads [SETTINGS DEPTHS] writes [PYRAMID];
     /// The same from [`binding::DEPTH_COPY`], into which the depths were copied.
-    PYRAMID_OF_COPY: "pyramid" "pyramid_of_copy" Compute;
+    PYRAMID_OF_COPY: "pyramid" "pyramid_of_copy" Compute
+        reads [SETTINGS DEPTH_COPY] writes [PYRAMID];
     /// Groups: 5, layers.
-    CULL_SEEN: "cull" "cull_seen" Compute;
+    CULL_SEEN: "cull" "cull_seen" Compute
+        reads [SETTINGS VIEWS CHUNKS PYRAMID SEEN] writes [DRAWS DRAW_COUNTS DRAWN TALLIES];
     /// Groups: 5, layers.
-    CULL_HIDDEN: "cull" "cull_hidden" Compute;
+    CULL_HIDDEN: "cull" "cull_hidden" Compute
+        reads [SETTINGS VIEWS CHUNKS PYRAMID SEEN] writes [DRAWS DRAW_COUNTS DRAWN TALLIES];
     /// Groups: 5, layers.
-    CULL_OUTSIDE: "cull" "cull_outside" Compute;
+    CULL_OUTSIDE: "cull" "cull_outside" Compute
+        reads [SETTINGS VIEWS CHUNKS PYRAMID SEEN] writes [DRAWS DRAW_COUNTS DRAWN TALLIES];
     /// Groups: [`crate::Plan::reduce_groups`], layers.
-    REDUCE: "reduce" "reduce" Compute;
+    REDUCE: "reduce" "reduce" Compute
+        reads [SETTINGS ITEMS WEIGHTS] writes [VISIBLE TOUCHED];
     /// Groups: [`crate::Plan::tiny_groups`] in x and z, layers in y.
-    TINY: "tiny" "tiny" Compute;
+    TINY: "tiny" "tiny" Compute
+        reads [SETTINGS VIEWS CHUNKS DEPTHS DRAWN ITEMS VERTICES INDICES TRIANGLE_OF_PATCH CENTROIDS] writes [TOUCHED];
     /// Groups: layers.
-    COMPACT: "compact" "compact" Compute;
+    COMPACT: "compact" "compact" Compute
+        reads [SETTINGS CHUNK_OF_PATCH] writes [SEEN VISIBLE TOUCHED ENTRIES COVER_DRAWS TOTALS HIDDEN];
     /// Three corners an entry.
-    COVER: "cover" "cover" Vertex;
+    COVER: "cover" "cover" Vertex
+        reads [SETTINGS VERTICES INDICES TRIANGLE_OF_PATCH ENTRIES] writes [];
     /// Adds what is hidden.
-    ADD_HIDDEN: "cover" "add_hidden" Fragment;
+    ADD_HIDDEN: "cover" "add_hidden" Fragment
+        reads [SETTINGS ITEMS WEIGHTS] writes [HIDDEN];
     /// Groups: any number (for bandwidth), layers.
-    PACK: "pack" "pack" Compute;
+    PACK: "pack" "pack" Compute
+        reads [SETTINGS ENTRIES TOTALS HIDDEN] writes [TALLIES OUTPUT];
     /// In place of [`REDUCE`] where edges are exact, in as many groups.
-    REDUCE_SIDES: "settle" "reduce_sides" Compute;
+    REDUCE_SIDES: "settle" "reduce_sides" Compute
+        reads [SETTINGS ITEMS WEIGHTS] writes [NEAR LISTED SIDES];
     /// Groups: [`crate::limits::SETTLE_GROUPS`], layers.
-    NEAR_EDGES: "settle" "near_edges" Compute;
+    NEAR_EDGES: "settle" "near_edges" Compute
+        reads [SETTINGS VIEWS VERTICES INDICES TRIANGLE_OF_PATCH] writes [VISIBLE TOUCHED NEAR LISTED SIDES];
     /// Groups: [`crate::limits::SETTLE_GROUPS`], layers.
-    SETTLE: "settle" "settle" Compute;
+    SETTLE: "settle" "settle" Compute
+        reads [SETTINGS VIEWS ITEMS WEIGHTS VERTICES INDICES TRIANGLE_OF_PATCH] writes [VISIBLE TOUCHED NEAR LISTED];
     /// Groups: [`crate::limits::SETTLE_GROUPS`], layers.
-    PUT_SETTLED: "settle" "put_settled" Compute;
+    PUT_SETTLED: "settle" "put_settled" Compute
+        reads [SETTINGS] writes [VISIBLE TOUCHED NEAR LISTED SETTLED_ITEMS];
     /// After [`COVER`], where edges are exact. Groups: [`crate::limits::SETTLE_GROUPS`], layers.
-    TAKE_BACK: "settle" "take_back" Compute;
+    TAKE_BACK: "settle" "take_back" Compute
+        reads [SETTINGS WEIGHTS ENTRIES TOTALS] writes [HIDDEN NEAR LISTED];
 }
 
 /// Binding numbers. [`VIEW`](binding::VIEW) is in group 0, with a dynamic offset; all others are in group 1.

@@ -6,9 +6,15 @@
 //! rasteriser is slow at.
 
 use crate::chunks::{self, Bounds, Chunk, MOST_TRIANGLES};
+use crate::limits::Plan;
+use crate::stage::binding;
+use crate::view::settings_words;
 use glam::DVec3;
 use hemicube_contract::backend::{BackendError, Geometry, Surface};
+use hemicube_contract::delta::DeltaTable;
+use std::borrow::Cow;
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Words of a vertex: high x y z, low x y z, front patch, back patch.
 pub const VERTEX_WORDS: usize = 8;
@@ -36,6 +42,9 @@ pub struct Upload {
     pub merged: usize,
 }
 
+/// The scene as prepared once for all sessions on it, or the reason why it cannot be.
+struct Prepared(Result<Arc<Upload>, String>);
+
 /// A triangle to be drawn, with what is seen on either side.
 struct Drawn {
     corners: [DVec3; 3],
@@ -52,6 +61,15 @@ impl Upload {
     /// [`BackendError::Unsupported`] for more triangles than 32-bit indices can number.
     pub fn new(geometry: &Geometry) -> Result<Self, BackendError> {
         Self::with_chunks_of(geometry, MOST_TRIANGLES)
+    }
+
+    /// The scene as prepared once for all sessions on it.
+    ///
+    /// # Errors
+    /// As [`Upload::new`].
+    pub fn of(geometry: &Geometry) -> Result<Arc<Self>, BackendError> {
+        let prepared = geometry.kept(|geometry| Prepared(Self::new(geometry).map(Arc::new).map_err(|e| e.to_string())));
+        prepared.0.clone().map_err(BackendError::Unsupported)
     }
 
     /// The same with at most `most` triangles a chunk. For measurements.
@@ -152,6 +170,23 @@ impl Upload {
     pub fn chunk_words(&self) -> Vec<u32> {
         self.chunks.iter().flat_map(Chunk::words).collect()
     }
+}
+
+/// The words that the host writes once, by binding. All other buffers begin at 0.
+pub fn contents<'a>(upload: &'a Upload, geometry: &Geometry, plan: &Plan) -> Vec<(u32, Cow<'a, [u32]>)> {
+    let mut contents: Vec<(u32, Cow<'a, [u32]>)> = vec![
+        (binding::SETTINGS, settings_words(plan, upload).to_vec().into()),
+        (binding::CHUNKS, upload.chunk_words().into()),
+        (binding::VERTICES, upload.vertices.as_flattened().into()),
+        (binding::INDICES, upload.indices.as_slice().into()),
+        (binding::TRIANGLE_OF_PATCH, upload.triangle_of_patch.as_slice().into()),
+        (binding::CHUNK_OF_PATCH, upload.chunk_of_patch.as_slice().into()),
+        (binding::WEIGHTS, DeltaTable::new(plan.resolution).weights().into()),
+    ];
+    if plan.covered {
+        contents.push((binding::CENTROIDS, upload.centroids(geometry).into()));
+    }
+    contents
 }
 
 /// Surfaces that are the same triangle are drawn as the first of them: of the patches on one side, the smallest id is

@@ -66,6 +66,26 @@ pub fn views(geometry: &Geometry, hemicube: &Hemicube, resolution: u32, at: View
     })
 }
 
+/// The views of a submission, five a slot. The groups' stamps begin at `first_stamp`.
+pub fn submission_views(
+    geometry: &Geometry,
+    plan: &Plan,
+    hemicubes: &[Hemicube],
+    first_stamp: u32,
+) -> Vec<[u32; VIEW_WORDS]> {
+    let slots = (0u32..).zip(hemicubes);
+    slots
+        .flat_map(|(slot, hemicube)| {
+            let at = View {
+                slot,
+                layer: slot % plan.group,
+                stamp: first_stamp.wrapping_add(slot / plan.group),
+            };
+            views(geometry, hemicube, plan.resolution, at)
+        })
+        .collect()
+}
+
 /// Whether a hemicube stands in its emitter's plane, so that the shaders put the emitter on the horizon and need not
 /// leave it out by its id. False only for origins or axes that were moved off the patch.
 pub fn stands_on_emitter(geometry: &Geometry, upload: &Upload, hemicube: &Hemicube) -> bool {

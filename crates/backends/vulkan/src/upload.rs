@@ -1,21 +1,17 @@
 //! A scene on the device: its buffers and images, and the descriptor sets that name them.
 
 use crate::conv;
-use crate::cull::Mode;
 use crate::device::{Buffer, Gpu, Image, Place};
 use ash::vk;
 use hemicube_contract::backend::{BackendError, Geometry, RenderSettings};
-use hemicube_contract::delta::DeltaTable;
 use hemicube_shaders::stage::binding;
-use hemicube_shaders::view::{VIEW_BYTES, settings_words};
-use hemicube_shaders::{Edges, Limits, Plan, Upload};
+use hemicube_shaders::upload::contents;
+use hemicube_shaders::view::VIEW_BYTES;
+use hemicube_shaders::{Cull, Edges, Limits, Plan, Upload};
 use std::sync::Arc;
 
 /// Submissions under way at once.
 pub(crate) const FRAMES: usize = 2;
-
-/// The scene as it is uploaded, made once for all sessions.
-pub(crate) struct Prepared(pub(crate) Result<Arc<Upload>, String>);
 
 /// A scene on the device.
 #[derive(Debug)]
@@ -62,8 +58,7 @@ impl Scene {
         settings: RenderSettings,
         limits: Limits,
     ) -> Result<Self, BackendError> {
-        let prepared = geometry.kept(|g| Prepared(Upload::new(g).map(Arc::new).map_err(|e| e.to_string())));
-        let upload = Arc::clone(prepared.0.as_ref().map_err(|e| BackendError::Unsupported(e.clone()))?);
+        let upload = Upload::of(geometry)?;
         let plan = Plan::new(&upload, settings, limits)?;
         let storage = |name: &str, bytes, binding| Buffer::new(gpu, name, bytes, Place::Device, usage(binding));
         let mut buffers: Vec<Option<Buffer>> = (0..binding::COUNT).map(|_| None).collect();
@@ -72,27 +67,13 @@ impl Scene {
                 buffers[size.binding as usize] = Some(storage(size.name, size.bytes, size.binding)?);
             }
         }
-        let words = settings_words(&plan, &upload);
-        buffers[binding::SETTINGS as usize] = Some(storage("settings", 4 * words.len() as u64, binding::SETTINGS)?);
-        for (at, words) in [
-            (binding::SETTINGS, words.as_slice()),
-            (binding::CHUNKS, &upload.chunk_words()),
-            (binding::VERTICES, upload.vertices.as_flattened()),
-            (binding::INDICES, &upload.indices),
-            (binding::TRIANGLE_OF_PATCH, &upload.triangle_of_patch),
-            (binding::CHUNK_OF_PATCH, &upload.chunk_of_patch),
-            (binding::WEIGHTS, &DeltaTable::new(settings.resolution).weights()),
-            (
-                binding::CENTROIDS,
-                &if settings.covered {
-                    upload.centroids(geometry)
-                } else {
-                    Vec::new()
-                },
-            ),
-        ] {
-            if let Some(buffer) = &buffers[at as usize] {
-                buffer.write(0, words)?;
+        for (at, words) in contents(&upload, geometry, &plan) {
+            let buffer = &mut buffers[at as usize];
+            if at == binding::SETTINGS {
+                *buffer = Some(storage("settings", 4 * words.len() as u64, at)?);
+            }
+            if let Some(buffer) = buffer {
+                buffer.write(0, &words)?;
             }
         }
         let extent = vk::Extent2D {
@@ -276,9 +257,9 @@ impl Scene {
     }
 
     /// Brings the images into the layout they keep, and sets what must be 0.
-    pub(crate) fn clear(&self, mode: Mode) -> Result<(), BackendError> {
+    pub(crate) fn clear(&self, cull: Cull) -> Result<(), BackendError> {
         // Where nothing is culled, all chunks are drawn.
-        let drawn = u32::from(mode == Mode::Off);
+        let drawn = u32::from(cull == Cull::Off);
         self.gpu.run_once(|commands| {
             let images = [&self.items, &self.depths].map(|image| {
                 vk::ImageMemoryBarrier2::default()

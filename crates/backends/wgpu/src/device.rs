@@ -3,10 +3,11 @@
 //! wgpu reports errors to a callback, not to the call that caused them; on the APIs it is built with here, the callback
 //! has run when the call returns. So [`Device::check`] after some calls finds what went wrong in them.
 
-use crate::conv::{self, Uses};
+use crate::conv;
+use crate::options::Options;
 use hemicube_contract::backend::{BackendError, RESOLUTIONS};
 use hemicube_shaders::stage::Stage;
-use hemicube_shaders::{Edges, Limits};
+use hemicube_shaders::{Limits, session};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use wgpu::{
@@ -43,25 +44,6 @@ pub(crate) struct Device {
     faults: Arc<Faults>,
 }
 
-/// What a device is opened with.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Wanted {
-    /// Hemicubes of a submission, where the user says so.
-    pub(crate) batch: Option<u32>,
-    /// Hemicubes side by side, likewise.
-    pub(crate) group: Option<u32>,
-    /// Bytes that may be taken, likewise.
-    pub(crate) memory: Option<u64>,
-    /// Who says where edges pass.
-    pub(crate) edges: Edges,
-    /// Timestamps.
-    pub(crate) timing: bool,
-    /// The driver's own validation, where it is installed.
-    pub(crate) validation: bool,
-    /// True to do without draw counts from a buffer even where the device has them, as it must on Metal.
-    pub(crate) fixed_draws: bool,
-}
-
 /// The adapters there are, what is fastest first.
 pub(crate) fn adapters(validation: bool) -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
@@ -93,7 +75,7 @@ pub(crate) fn describe(info: &wgpu::AdapterInfo) -> String {
 pub(crate) fn sizes(adapter: &wgpu::Adapter) -> (u32, usize) {
     let edge = adapter.limits().max_texture_dimension_2d;
     let (_, batch) = group_and_batch(adapter.get_info().device_type);
-    (RESOLUTIONS.end().min(&(edge / 3)) / 16 * 16, 4 * batch as usize)
+    (RESOLUTIONS.end().min(&(edge / 3)) / 16 * 16, session::preferred_rows(batch))
 }
 
 fn group_and_batch(kind: DeviceType) -> (u32, u32) {
@@ -101,7 +83,7 @@ fn group_and_batch(kind: DeviceType) -> (u32, u32) {
 }
 
 impl Device {
-    pub(crate) fn open(adapter: &wgpu::Adapter, wanted: Wanted) -> Result<Self, BackendError> {
+    pub(crate) fn open(adapter: &wgpu::Adapter, options: Options) -> Result<Self, BackendError> {
         let info = adapter.get_info();
         let missing = |what: &str| {
             BackendError::Unsupported(format!(
@@ -119,10 +101,10 @@ impl Device {
             return Err(missing(&format!("{lacks:?}")));
         }
         let has = adapter.features();
-        let counts_draws = !wanted.fixed_draws && has.contains(Features::MULTI_DRAW_INDIRECT_COUNT);
+        let counts_draws = !options.fixed_draws && has.contains(Features::MULTI_DRAW_INDIRECT_COUNT);
         let mut features = Features::empty();
         features.set(Features::MULTI_DRAW_INDIRECT_COUNT, counts_draws);
-        features.set(Features::TIMESTAMP_QUERY, wanted.timing);
+        features.set(Features::TIMESTAMP_QUERY, options.timing);
         if !has.contains(features) {
             return Err(missing("timestamps, which `timing=on` takes"));
         }
@@ -147,19 +129,19 @@ impl Device {
         });
         let is_software = info.device_type == DeviceType::Cpu;
         let (group, batch) = group_and_batch(info.device_type);
-        let batch = wanted.batch.unwrap_or(batch);
+        let batch = options.batch.unwrap_or(batch);
         let memory = if is_software { SOFTWARE_MEMORY } else { u64::MAX };
         Ok(Self {
             raw,
             queue,
             limits: Limits {
                 storage_range: allowed.max_storage_buffer_binding_size.min(allowed.max_buffer_size),
-                memory: wanted.memory.unwrap_or(memory),
+                memory: options.memory.unwrap_or(memory),
                 layers: allowed.max_texture_array_layers,
                 image_edge: allowed.max_texture_dimension_2d,
                 copies_depths: is_software,
-                edges: wanted.edges,
-                group: wanted.group.unwrap_or(group).min(batch),
+                edges: options.edges,
+                group: options.group.unwrap_or(group).min(batch),
                 batch,
             },
             is_software,
@@ -170,7 +152,7 @@ impl Device {
 
     /// Number of hemicubes that a call should bring so that submissions follow one another.
     pub(crate) fn preferred_rows(&self) -> usize {
-        4 * self.limits.batch as usize
+        session::preferred_rows(self.limits.batch)
     }
 
     /// What it allows at a resolution.
@@ -236,34 +218,35 @@ impl<'a> Compiler<'a> {
     }
 
     /// The layout of group 1 of stages that use the same.
-    pub(crate) fn layout(&self, uses: &Uses, is_drawn: bool) -> BindGroupLayout {
+    pub(crate) fn layout(&self, stages: &[&Stage]) -> BindGroupLayout {
         self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: None,
-            entries: &uses.layout(is_drawn),
+            entries: &conv::layout(stages),
         })
     }
 
-    /// The layout of a pipeline that binds the view, and that group 1 if it binds one.
-    pub(crate) fn pipeline_layout(&self, group: Option<&BindGroupLayout>) -> PipelineLayout {
-        let groups = [Some(self.view_layout), group];
+    /// The layout of a pipeline that binds the view, and that group 1.
+    pub(crate) fn pipeline_layout(&self, group: &BindGroupLayout) -> PipelineLayout {
         self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: None,
-            bind_group_layouts: &groups[..1 + usize::from(group.is_some())],
+            bind_group_layouts: &[Some(self.view_layout), Some(group)],
             immediate_size: 0,
         })
     }
 
-    /// A compute pipeline.
-    pub(crate) fn compute(&mut self, stage: &Stage, group: &BindGroupLayout) -> ComputePipeline {
+    /// A compute pipeline, and the layout of its group 1.
+    pub(crate) fn compute(&mut self, stage: &Stage) -> (BindGroupLayout, ComputePipeline) {
         let module = self.module(stage);
-        self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        let group = self.layout(&[stage]);
+        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(stage.entry),
-            layout: Some(&self.pipeline_layout(Some(group))),
+            layout: Some(&self.pipeline_layout(&group)),
             module: &module,
             entry_point: Some(stage.entry),
             compilation_options: compilation(),
             cache: None,
-        })
+        });
+        (group, pipeline)
     }
 
     /// A pipeline that draws.

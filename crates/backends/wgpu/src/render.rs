@@ -1,16 +1,17 @@
-//! Draws ids and depths, and records what goes before and after into a submission, with the time that each stretch
+//! Draws ids and depths, and records what goes before and after into a submission, with the time that each phase
 //! takes.
 
-use crate::conv::{self, uses};
-use crate::cull::{self, Cull, Culling, SceneGroups};
+use crate::conv;
 use crate::device::{Compiler, Device, compilation};
+use crate::reduce::{Groups, Stages};
 use crate::upload::Store;
 use hemicube_contract::backend::{Geometry, Hemicube, StageTimes};
 use hemicube_contract::face::Face;
+use hemicube_shaders::recording::identify;
 use hemicube_shaders::stage::{self, Stage, binding as b};
 use hemicube_shaders::upload::VERTEX_BYTES;
 use hemicube_shaders::view::{FACES, VIEW_BYTES, VIEW_WORDS, stands_on_emitter};
-use hemicube_shaders::{Edges, Plan, Upload, View, views};
+use hemicube_shaders::{Edges, Phase, Plan, Upload};
 use std::num::NonZeroU64;
 use wgpu::{
     BindGroup, BindGroupLayout, Buffer, CommandEncoder, ComputePass, LoadOp, Operations, QuerySet, RenderPass,
@@ -19,24 +20,9 @@ use wgpu::{
 
 /// Bytes of an indirect draw of indexed corners, and of plain ones.
 const DRAW_BYTES: u64 = 20;
-pub(crate) const COVER_DRAW_BYTES: u64 = 16;
+const COVER_DRAW_BYTES: u64 = 16;
 /// The most timestamps of a submission: two a pass.
 pub(crate) const MOST_STAMPS: u32 = wgpu::QUERY_SET_MAX_QUERIES;
-
-/// What part of the work a pass belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Stretch {
-    /// Finding what can be seen.
-    Cull,
-    /// Drawing depths and ids.
-    Render,
-    /// Drawing visible patches alone.
-    Cover,
-    /// Adding up weights and picking entries.
-    Reduce,
-    /// Putting rows where they are read.
-    ReadBack,
-}
 
 /// Timestamps of a submission.
 pub(crate) struct Clock {
@@ -44,7 +30,7 @@ pub(crate) struct Clock {
     pub(crate) resolved: Buffer,
     /// Nanoseconds a tick.
     period: f64,
-    passes: Vec<Stretch>,
+    passes: Vec<Phase>,
 }
 
 impl Clock {
@@ -67,12 +53,12 @@ impl Clock {
     }
 
     /// The places of the next pass's two timestamps; none when all are taken.
-    fn next(&mut self, stretch: Stretch) -> Option<(&QuerySet, u32, u32)> {
+    fn next(&mut self, phase: Phase) -> Option<(&QuerySet, u32, u32)> {
         let first = 2 * u32::try_from(self.passes.len()).ok()?;
         if first + 2 > MOST_STAMPS {
             return None;
         }
-        self.passes.push(stretch);
+        self.passes.push(phase);
         Some((&self.stamps, first, first + 1))
     }
 
@@ -83,7 +69,7 @@ impl Clock {
 
     /// Adds what the timestamps say, and begins anew.
     pub(crate) fn add_to(&mut self, times: &mut StageTimes, stamps: &[u64]) {
-        for (stretch, pair) in self.passes.drain(..).zip(stamps.chunks_exact(2)) {
+        for (phase, pair) in self.passes.drain(..).zip(stamps.chunks_exact(2)) {
             #[allow(
                 clippy::cast_possible_truncation,
                 clippy::cast_precision_loss,
@@ -91,13 +77,7 @@ impl Clock {
                 reason = "a time"
             )]
             let taken = (pair[1].saturating_sub(pair[0]) as f64 * self.period) as u64;
-            *match stretch {
-                Stretch::Cull => &mut times.cull,
-                Stretch::Render => &mut times.render,
-                Stretch::Cover => &mut times.cover,
-                Stretch::Reduce => &mut times.reduce,
-                Stretch::ReadBack => &mut times.read_back,
-            } += taken;
+            *phase.time(times) += taken;
         }
     }
 }
@@ -113,8 +93,8 @@ pub(crate) struct Recorder<'a> {
 
 impl Recorder<'_> {
     /// A pass that computes; the view of the group's first hemicube is bound.
-    pub(crate) fn compute(&mut self, stretch: Stretch, write: impl FnOnce(&mut ComputePass<'_>)) {
-        let stamps = self.clock.as_mut().and_then(|clock| clock.next(stretch));
+    pub(crate) fn compute(&mut self, phase: Phase, write: impl FnOnce(&mut ComputePass<'_>)) {
+        let stamps = self.clock.as_mut().and_then(|clock| clock.next(phase));
         let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: None,
             timestamp_writes: stamps.map(|(query_set, first, last)| wgpu::ComputePassTimestampWrites {
@@ -131,13 +111,13 @@ impl Recorder<'_> {
     /// set.
     pub(crate) fn draw(
         &mut self,
-        stretch: Stretch,
+        phase: Phase,
         resolution: u32,
         layer: u32,
         attachments: Attachments<'_>,
         mut write: impl FnMut(&mut RenderPass<'_>, Option<Face>),
     ) {
-        let stamps = self.clock.as_mut().and_then(|clock| clock.next(stretch));
+        let stamps = self.clock.as_mut().and_then(|clock| clock.next(phase));
         let color = attachments.items.map(|(view, clear)| wgpu::RenderPassColorAttachment {
             view,
             depth_slice: None,
@@ -194,30 +174,67 @@ fn view_offset(slot: u32, face: u32) -> u32 {
     (slot * FACES + face) * VIEW_BYTES
 }
 
-/// Pipelines that draw, each for hemicubes that stand on their emitters and for others.
+/// Pipelines that draw. Those of the scene are two each: for hemicubes that stand on their emitters and for others.
 pub(crate) struct Rendering {
     depths: [RenderPipeline; 2],
     ids: [RenderPipeline; 2],
-    /// Of group 1.
+    cover: RenderPipeline,
+    /// Group 1 of what draws the scene.
     pub(crate) layout: BindGroupLayout,
+    pub(crate) cover_layout: BindGroupLayout,
+}
+
+/// The stages that draw patches alone.
+pub(crate) const COVER: [&Stage; 2] = [&stage::COVER, &stage::ADD_HIDDEN];
+
+/// The stages that draw the scene.
+pub(crate) fn scene_stages(edges: Edges) -> [&'static Stage; 4] {
+    let [ids, ids_of_others] = identify(edges);
+    [&stage::RENDER, ids, ids_of_others, &stage::OCCLUDE_OTHERS]
 }
 
 impl Rendering {
     pub(crate) fn new(compiler: &mut Compiler<'_>, edges: Edges) -> Self {
-        let layout = compiler.layout(&uses::RENDER, true);
-        let ids = match edges {
-            Edges::Driver => [&stage::IDENTIFY, &stage::IDENTIFY_OTHERS],
-            Edges::Exact => [&stage::IDENTIFY_SIDES, &stage::IDENTIFY_OTHER_SIDES],
-        };
+        let layout = compiler.layout(&scene_stages(edges));
+        let cover_layout = compiler.layout(&COVER);
         Self {
             depths: [None, Some((&stage::OCCLUDE_OTHERS, &[][..]))]
                 .map(|fragment| Self::pipeline(compiler, &layout, fragment)),
-            ids: ids.map(|fragment| {
+            ids: identify(edges).map(|fragment| {
                 let target = Some(TextureFormat::R32Uint.into());
                 Self::pipeline(compiler, &layout, Some((fragment, &[target])))
             }),
+            cover: Self::cover(compiler, &cover_layout),
             layout,
+            cover_layout,
         }
+    }
+
+    fn cover(compiler: &mut Compiler<'_>, group: &BindGroupLayout) -> RenderPipeline {
+        let module = compiler.module(&stage::COVER);
+        let layout = compiler.pipeline_layout(group);
+        compiler.draw(&wgpu::RenderPipelineDescriptor {
+            label: Some("cover"),
+            layout: Some(&layout),
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some(stage::COVER.entry),
+                compilation_options: compilation(),
+                buffers: &[],
+            },
+            primitive: wgpu::PrimitiveState::default(),
+            // wgpu wants something to draw to: the depths, which are neither tested nor written.
+            depth_stencil: Some(depth_test(wgpu::CompareFunction::Always)),
+            multisample: wgpu::MultisampleState::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some(stage::ADD_HIDDEN.entry),
+                compilation_options: compilation(),
+                targets: &[],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
     }
 
     fn pipeline(
@@ -226,7 +243,7 @@ impl Rendering {
         fragment: Option<(&Stage, &[Option<wgpu::ColorTargetState>])>,
     ) -> RenderPipeline {
         let module = compiler.module(&stage::RENDER);
-        let layout = compiler.pipeline_layout(Some(group));
+        let layout = compiler.pipeline_layout(group);
         let attribute = |format, offset, shader_location| wgpu::VertexAttribute {
             format,
             offset,
@@ -266,7 +283,7 @@ impl Rendering {
 }
 
 /// Depths are written where the test can fail.
-pub(crate) fn depth_test(compare: wgpu::CompareFunction) -> wgpu::DepthStencilState {
+fn depth_test(compare: wgpu::CompareFunction) -> wgpu::DepthStencilState {
     wgpu::DepthStencilState {
         format: TextureFormat::Depth32Float,
         depth_write_enabled: Some(compare != wgpu::CompareFunction::Always),
@@ -285,43 +302,21 @@ pub(crate) struct Group {
     pub(crate) others: bool,
 }
 
-/// The views of a group of hemicubes: as the shaders that compute read them, and as those that draw do.
-pub(crate) struct Views {
-    pub(crate) stored: Vec<u8>,
-    pub(crate) drawn: Vec<u8>,
+impl Group {
+    /// A group of these hemicubes.
+    pub(crate) fn of(geometry: &Geometry, upload: &Upload, hemicubes: &[Hemicube]) -> Self {
+        Self {
+            layers: u32::try_from(hemicubes.len()).unwrap_or(u32::MAX),
+            others: !hemicubes.iter().all(|h| stands_on_emitter(geometry, upload, h)),
+        }
+    }
 }
 
-impl Views {
-    pub(crate) fn with_room_for(slots: usize) -> Self {
-        let bytes = slots * (FACES * VIEW_BYTES) as usize;
-        Self {
-            stored: Vec::with_capacity(bytes),
-            drawn: Vec::with_capacity(bytes),
-        }
-    }
-
-    /// Adds a group, whose first slot is `first_slot`.
-    pub(crate) fn add(
-        &mut self,
-        geometry: &Geometry,
-        upload: &Upload,
-        resolution: u32,
-        group: &[Hemicube],
-        first_slot: u32,
-        stamp: u32,
-    ) -> Group {
-        for (layer, hemicube) in (0..).zip(group) {
-            let slot = first_slot + layer;
-            for view in views(geometry, hemicube, resolution, View { slot, layer, stamp }) {
-                self.stored.extend(conv::to_bytes(view));
-                self.drawn.extend(conv::to_bytes(upside_down(view)));
-            }
-        }
-        Group {
-            layers: u32::try_from(group.len()).unwrap_or(u32::MAX),
-            others: !group.iter().all(|h| stands_on_emitter(geometry, upload, h)),
-        }
-    }
+/// The views of a submission: as the shaders that compute read them, and as those that draw do.
+pub(crate) fn view_bytes(views: &[[u32; VIEW_WORDS]]) -> (Vec<u8>, Vec<u8>) {
+    let stored = conv::to_bytes(views.as_flattened().iter().copied());
+    let drawn = conv::to_bytes(views.iter().flat_map(|&view| upside_down(view)));
+    (stored, drawn)
 }
 
 /// The first of the words of `clip_y`.
@@ -335,75 +330,84 @@ fn upside_down(mut view: [u32; VIEW_WORDS]) -> [u32; VIEW_WORDS] {
     view
 }
 
-/// What drawing takes of a session.
+/// A scene on a device.
+#[derive(Clone, Copy)]
 pub(crate) struct Scene<'a> {
     pub(crate) device: &'a Device,
-    pub(crate) culling: &'a Culling,
-    pub(crate) rendering: &'a Rendering,
+    pub(crate) stages: &'a Stages,
     pub(crate) store: &'a Store,
     pub(crate) plan: &'a Plan,
     pub(crate) upload: &'a Upload,
 }
 
 impl Scene<'_> {
-    /// Draws the ids of a group.
-    pub(crate) fn render(&self, recorder: &mut Recorder<'_>, groups: &SceneGroups, group: Group, cull: Cull) {
-        let variant = usize::from(group.others);
-        match cull {
-            Cull::Nothing => {}
-            Cull::Outside => {
-                cull::clear_lists(self.device, recorder, self.store);
-                self.culling.list_outside(recorder, groups, group.layers);
-            }
-            Cull::Occlusion => {
-                cull::clear_lists(self.device, recorder, self.store);
-                self.culling.list_seen(recorder, groups, group.layers);
-                for layer in 0..group.layers {
-                    let attachments = Attachments {
-                        depths: &self.store.depths.layers[layer as usize],
-                        is_depth_written: true,
-                        items: None,
-                    };
-                    let pipeline = &self.rendering.depths[variant];
-                    self.draw_layer(recorder, groups, pipeline, attachments, layer, cull);
-                }
-                // The first list is drawn; where its end is not counted, it must not show in the second.
-                cull::clear_lists(self.device, recorder, self.store);
-                self.culling
-                    .list_not_hidden(recorder, groups, self.store, self.plan, group.layers);
-            }
+    /// Draws depths of a group.
+    pub(crate) fn draw_depths(&self, recorder: &mut Recorder<'_>, groups: &Groups, group: Group) {
+        let pipeline = &self.stages.rendering.depths[usize::from(group.others)];
+        for layer in 0..group.layers {
+            let attachments = Attachments {
+                depths: &self.store.depths.layers[layer as usize],
+                is_depth_written: true,
+                items: None,
+            };
+            self.draw_layer(recorder, &groups.scene, pipeline, attachments, layer, true);
         }
+    }
+
+    /// Draws ids of a group: of the listed chunks, or of all.
+    pub(crate) fn draw_items(&self, recorder: &mut Recorder<'_>, groups: &Groups, group: Group, is_listed: bool) {
+        let pipeline = &self.stages.rendering.ids[usize::from(group.others)];
         for layer in 0..group.layers {
             let attachments = Attachments {
                 depths: &self.store.depths.layers[layer as usize],
                 is_depth_written: true,
                 items: Some((&self.store.items.layers[layer as usize], self.upload.patch_count + 1)),
             };
-            self.draw_layer(recorder, groups, &self.rendering.ids[variant], attachments, layer, cull);
+            self.draw_layer(recorder, &groups.scene, pipeline, attachments, layer, is_listed);
+        }
+    }
+
+    /// Draws the entries of a group's rows, each alone.
+    pub(crate) fn draw_cover(&self, recorder: &mut Recorder<'_>, groups: &Groups, layers: u32) {
+        for layer in 0..layers {
+            let attachments = Attachments {
+                depths: &self.store.depths.layers[layer as usize],
+                is_depth_written: false,
+                items: None,
+            };
+            recorder.draw(Phase::Cover, self.plan.resolution, layer, attachments, |pass, face| {
+                if face.is_some() {
+                    let draws = self.store.buffer(b::COVER_DRAWS);
+                    pass.draw_indirect(draws, u64::from(layer) * COVER_DRAW_BYTES);
+                } else {
+                    pass.set_pipeline(&self.stages.rendering.cover);
+                    pass.set_bind_group(1, &groups.cover, &[]);
+                }
+            });
         }
     }
 
     fn draw_layer(
         &self,
         recorder: &mut Recorder<'_>,
-        groups: &SceneGroups,
+        bound: &BindGroup,
         pipeline: &RenderPipeline,
         attachments: Attachments<'_>,
         layer: u32,
-        cull: Cull,
+        is_listed: bool,
     ) {
         let chunks = u32::try_from(self.upload.chunks.len()).unwrap_or(u32::MAX);
         let indices = u32::try_from(self.upload.indices.len()).unwrap_or(u32::MAX);
         let draws = self.store.buffer(b::DRAWS);
         recorder.draw(
-            Stretch::Render,
+            Phase::Render,
             self.plan.resolution,
             layer,
             attachments,
             |pass, face| {
                 let Some(face) = face else {
                     pass.set_pipeline(pipeline);
-                    pass.set_bind_group(1, &groups.render, &[]);
+                    pass.set_bind_group(1, bound, &[]);
                     pass.set_vertex_buffer(0, self.store.buffer(b::VERTICES).slice(..));
                     let range = self.store.buffer(b::INDICES).slice(..);
                     pass.set_index_buffer(range, wgpu::IndexFormat::Uint32);
@@ -413,7 +417,7 @@ impl Scene<'_> {
                 let first = place * u64::from(chunks) * DRAW_BYTES;
                 if chunks == 0 {
                     // An empty scene.
-                } else if cull == Cull::Nothing {
+                } else if !is_listed {
                     pass.draw_indexed(0..indices, 0, 0..1);
                 } else if self.device.counts_draws {
                     let counts = self.store.buffer(b::DRAW_COUNTS);

@@ -3,21 +3,11 @@
 use crate::conv;
 use crate::device::Device;
 use hemicube_contract::backend::{BackendError, Geometry};
-use hemicube_contract::delta::DeltaTable;
 use hemicube_shaders::stage::binding as b;
-use hemicube_shaders::{Edges, Plan, Upload, view};
-use std::sync::Arc;
+use hemicube_shaders::upload::contents;
+use hemicube_shaders::{Edges, Plan, Upload};
 use wgpu::util::DeviceExt;
 use wgpu::{Buffer, BufferUsages, TextureFormat, TextureUsages, TextureView};
-
-/// The upload form of a scene, made once for all sessions on it.
-struct Kept(Result<Arc<Upload>, String>);
-
-/// The upload form of a scene.
-pub(crate) fn prepare(geometry: &Geometry) -> Result<Arc<Upload>, BackendError> {
-    let kept = geometry.kept(|geometry| Kept(Upload::new(geometry).map(Arc::new).map_err(|error| error.to_string())));
-    kept.0.clone().map_err(BackendError::Unsupported)
-}
 
 /// An image of layers: a view of all, and one of each.
 pub(crate) struct Image {
@@ -101,42 +91,30 @@ impl Store {
                 error => error,
             })?;
         }
-        let settings = view::settings_words(plan, upload);
-        buffers[b::SETTINGS as usize] = Some(device.raw.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("settings"),
-            contents: &conv::to_bytes(settings),
-            usage: BufferUsages::UNIFORM,
-        }));
         let written = match plan.edges {
             Edges::Driver => TextureUsages::empty(),
             Edges::Exact => TextureUsages::STORAGE_BINDING,
         };
         let nothing = TextureUsages::empty();
+        for (binding, words) in contents(upload, geometry, plan) {
+            let bytes = conv::to_bytes(words.iter().copied());
+            match &mut buffers[binding as usize] {
+                Some(buffer) => device.queue.write_buffer(buffer, 0, &bytes),
+                settings => {
+                    *settings = Some(device.raw.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                        label: Some("settings"),
+                        contents: &bytes,
+                        usage: BufferUsages::UNIFORM,
+                    }));
+                }
+            }
+        }
         let store = Self {
             buffers,
             depths: Image::new(device, "depths", TextureFormat::Depth32Float, plan, nothing),
             items: Image::new(device, "items", TextureFormat::R32Uint, plan, written),
         };
         device.check()?;
-        let write = |binding, bytes: &[u8]| device.queue.write_buffer(store.buffer(binding), 0, bytes);
-        write(b::CHUNKS, &conv::to_bytes(upload.chunk_words()));
-        write(b::WEIGHTS, &conv::to_bytes(DeltaTable::new(plan.resolution).weights()));
-        write(
-            b::VERTICES,
-            &conv::to_bytes(upload.vertices.as_flattened().iter().copied()),
-        );
-        write(b::INDICES, &conv::to_bytes(upload.indices.iter().copied()));
-        write(
-            b::TRIANGLE_OF_PATCH,
-            &conv::to_bytes(upload.triangle_of_patch.iter().copied()),
-        );
-        write(
-            b::CHUNK_OF_PATCH,
-            &conv::to_bytes(upload.chunk_of_patch.iter().copied()),
-        );
-        if plan.covered {
-            write(b::CENTROIDS, &conv::to_bytes(upload.centroids(geometry)));
-        }
         // The copies on their way take as much memory again until they are done.
         let done = device.queue.submit([]);
         device.wait(done)?;
