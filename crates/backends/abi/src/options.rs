@@ -2,7 +2,7 @@
 
 use hemicube_contract::backend::BackendError;
 
-/// Options that a session takes one by one. [`finish`](Self::finish) refuses the rest.
+/// Options taken by a session one by one. [`finish`](Self::finish) refuses the rest.
 ///
 /// ```
 /// use hemicube_abi::Options;
@@ -14,9 +14,9 @@ use hemicube_contract::backend::BackendError;
 /// ```
 #[derive(Clone, Debug)]
 pub struct Options<'a> {
-    /// Keys and values that are not taken yet.
+    /// Keys and values not taken yet.
     rest: Vec<(&'a str, &'a str)>,
-    /// Keys asked for, in their order: the options that there are.
+    /// Keys asked for, in order: the known options.
     known: Vec<String>,
 }
 
@@ -65,9 +65,11 @@ impl<'a> Options<'a> {
     /// Ends the reading.
     ///
     /// # Errors
-    /// When an option was not taken; the message lists the keys that were asked for.
+    /// When an option was not taken; the message lists the known ones.
     pub fn finish(self) -> Result<(), BackendError> {
-        let Some((key, _)) = self.rest.first() else { return Ok(()) };
+        let Some((key, _)) = self.rest.first() else {
+            return Ok(());
+        };
         let mut message = format!("there is no option `{key}`");
         if let Some((last, others)) = self.known.split_last() {
             message += &match others {

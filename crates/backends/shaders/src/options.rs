@@ -1,4 +1,4 @@
-//! The options that the GPU backends have in common.
+//! Options common to the GPU backends.
 
 use crate::limits::Edges;
 use hemicube_abi::Options;
@@ -14,7 +14,7 @@ pub struct Common {
     pub edges: Option<Edges>,
     /// Hemicubes of a submission.
     pub batch: Option<u32>,
-    /// Hemicubes that go through the stages side by side.
+    /// Hemicubes side by side in the stages.
     pub group: Option<u32>,
     /// True if times are measured; slows down.
     pub timing: bool,
@@ -24,7 +24,7 @@ impl Common {
     /// Takes the common options. `most` bounds `batch` and `group`.
     ///
     /// # Errors
-    /// [`BackendError::InvalidArgument`] for a value that is not allowed.
+    /// [`BackendError::InvalidArgument`] for a value out of range.
     pub fn take(options: &mut Options<'_>, most: u32) -> Result<Self, BackendError> {
         let edges = match options.take("edges") {
             None => None,
@@ -44,7 +44,9 @@ impl Common {
 /// # Errors
 /// [`BackendError::InvalidArgument`] for anything else.
 pub fn number(options: &mut Options<'_>, key: &str, least: u32, most: u32) -> Result<Option<u32>, BackendError> {
-    let Some(value) = options.take(key) else { return Ok(None) };
+    let Some(value) = options.take(key) else {
+        return Ok(None);
+    };
     match value.parse() {
         Ok(number) if (least..=most).contains(&number) => Ok(Some(number)),
         _ if most == u32::MAX => Err(wrong(key, value, &format!("a number from {least}"))),
@@ -57,14 +59,18 @@ pub fn number(options: &mut Options<'_>, key: &str, least: u32, most: u32) -> Re
 /// # Errors
 /// [`BackendError::InvalidArgument`] for any other.
 pub fn choice<T: Copy>(options: &mut Options<'_>, key: &str, words: &[(&str, T)]) -> Result<Option<T>, BackendError> {
-    let Some(value) = options.take(key) else { return Ok(None) };
+    let Some(value) = options.take(key) else {
+        return Ok(None);
+    };
     match words.iter().find(|(word, _)| *word == value) {
         Some(&(_, chosen)) => Ok(Some(chosen)),
         None => {
             let words: Vec<String> = words.iter().map(|(word, _)| format!("`{word}`")).collect();
-            let (last, others) = words.split_last().map_or((String::new(), String::new()), |(last, others)| {
-                (last.clone(), others.join(", "))
-            });
+            let (last, others) = words
+                .split_last()
+                .map_or((String::new(), String::new()), |(last, others)| {
+                    (last.clone(), others.join(", "))
+                });
             Err(wrong(key, value, &format!("{others} or {last}")))
         }
     }
@@ -75,8 +81,13 @@ pub fn choice<T: Copy>(options: &mut Options<'_>, key: &str, words: &[(&str, T)]
 /// # Errors
 /// [`BackendError::InvalidArgument`] for anything else.
 pub fn bytes(options: &mut Options<'_>, key: &str) -> Result<Option<u64>, BackendError> {
-    let Some(value) = options.take(key) else { return Ok(None) };
-    value.parse().map(Some).map_err(|_| wrong(key, value, "a number of bytes"))
+    let Some(value) = options.take(key) else {
+        return Ok(None);
+    };
+    value
+        .parse()
+        .map(Some)
+        .map_err(|_| wrong(key, value, "a number of bytes"))
 }
 
 fn wrong(key: &str, value: &str, allowed: &str) -> BackendError {
@@ -90,12 +101,19 @@ mod tests {
     #[test]
     fn a_wrong_value_is_named_with_those_allowed() {
         let mut options = Options::parse("edges=sharp").expect("key=value");
-        let error = Common::take(&mut options, MOST_BATCH).expect_err("not an edge").to_string();
-        assert!(error.contains("`sharp`") && error.contains("`driver` or `exact`"), "{error}");
+        let error = Common::take(&mut options, MOST_BATCH)
+            .expect_err("not an edge")
+            .to_string();
+        assert!(
+            error.contains("`sharp`") && error.contains("`driver` or `exact`"),
+            "{error}"
+        );
         let mut options = Options::parse("cull=perhaps,batch=1025").expect("key=value");
         let error = choice(&mut options, "cull", &[("auto", 0), ("off", 1), ("frustum", 2)]).expect_err("no word");
         assert!(error.to_string().contains("`auto`, `off` or `frustum`"), "{error}");
-        let error = Common::take(&mut options, MOST_BATCH).expect_err("too many").to_string();
+        let error = Common::take(&mut options, MOST_BATCH)
+            .expect_err("too many")
+            .to_string();
         assert!(error.contains("a number from 1 to 1024"), "{error}");
     }
 }

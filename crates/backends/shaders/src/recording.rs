@@ -1,13 +1,13 @@
-//! The steps of a group of hemicubes, as data: one list for all APIs, and an interpreter in each backend.
+//! The steps of a group of hemicubes, as data: one list for all APIs, one interpreter in each backend.
 //!
-//! A step names the compute stage to run and its work groups, or the draw to make. A stage names the buffers that it
-//! reads and writes ([`Stage::reads`], [`Stage::writes`]). Barriers, passes, bind groups and timestamps are made by the
-//! interpreter from these (`reduce.rs` of each backend).
+//! A step is a compute stage with its work groups, or a draw. A stage names the buffers it reads and writes
+//! ([`Stage::reads`], [`Stage::writes`]). From these, the interpreter (`reduce.rs` of each backend) makes barriers,
+//! passes, bind groups and timestamps.
 //!
 //! Two things are not data. *Barriers*, because each API has its own kind: wgpu sets them itself, OpenGL has one call
-//! after each dispatch, Vulkan has pairs of pipeline stages. *Culling by the host* of the GL backend (`cull=view`,
-//! `marks`, `queries`), because its draws depend on answers read back within a hemicube; its recordings are those of
-//! [`Cull::Off`], whose [`Action::DrawItems`] it makes from lists of its own.
+//! after each dispatch, Vulkan pairs of pipeline stages. *Culling by the host* in the GL backend (`cull=view`, `marks`,
+//! `queries`), because its draws depend on answers read back within a hemicube. It records [`Cull::Off`] and carries
+//! out [`Action::DrawItems`] by lists of its own.
 
 use crate::limits::{Edges, Plan, SETTLE_GROUPS};
 use crate::stage::{self, Kind, Stage};
@@ -15,24 +15,24 @@ use crate::upload::Upload;
 use crate::view::FACES;
 use hemicube_contract::backend::StageTimes;
 
-/// Work groups that pack one row: enough for the bandwidth of a few thousand entries.
+/// Work groups to pack one row: enough for the bandwidth of a few thousand entries.
 const PACK_GROUPS: u32 = 4;
 
-/// The culling that the device does. Rows are the same bits with each.
+/// Culling by the device. Rows are equal to the bit with each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cull {
     /// Every chunk is drawn on every face.
     Off,
     /// Chunks outside a face's frustum are left out.
     Frustum,
-    /// So are chunks behind the depths of what the hemicubes before saw.
+    /// Chunks behind the depths of chunks seen by earlier hemicubes are left out, too.
     Occlusion,
 }
 
-/// The last result that a recording makes.
+/// The last result of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Goal {
-    /// Item buffers. With [`Edges::Exact`] ids are settled on the way to a row, so that uncovered rows are made.
+    /// Item buffers. With [`Edges::Exact`] ids are settled on the way to a row: uncovered rows are made.
     Items,
     /// Visible weights of all patches, in [`stage::binding::VISIBLE`].
     Weights,
@@ -40,7 +40,7 @@ pub enum Goal {
     Rows,
 }
 
-/// The part of the work that a step's time is counted as.
+/// The part of the work to which a step's time counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// Choosing the chunks to draw.
@@ -88,7 +88,7 @@ pub enum Action {
     DrawCover,
 }
 
-/// An action and the phase that it belongs to.
+/// An action and its phase.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
     /// The phase.
@@ -198,7 +198,7 @@ fn weights_of(edges: Edges) -> &'static Stage {
     }
 }
 
-/// The fragment stages that write ids: of all patches, and of all but the emitter.
+/// The fragment stages for ids: of all patches, and of all but the emitter.
 pub fn identify(edges: Edges) -> [&'static Stage; 2] {
     match edges {
         Edges::Driver => [&stage::IDENTIFY, &stage::IDENTIFY_OTHERS],
@@ -206,8 +206,8 @@ pub fn identify(edges: Edges) -> [&'static Stage; 2] {
     }
 }
 
-/// The compute stages that recordings with these edges dispatch. `copies_depths`: the values of
-/// [`Plan::copies_depths`] that occur.
+/// The compute stages of recordings with these edges. `copies_depths` lists the possible values of
+/// [`Plan::copies_depths`].
 pub fn compute_stages(edges: Edges, copies_depths: &[bool]) -> Vec<&'static Stage> {
     let pyramids: Vec<_> = copies_depths.iter().map(|&copies| pyramid_of(copies).entry).collect();
     stage::ALL

@@ -1,4 +1,4 @@
-//! The parts of a session that no graphics API touches: names, capabilities, checks.
+//! The parts of a session free of any graphics API: names, capabilities, checks.
 
 use crate::limits::Edges;
 use hemicube_contract::backend::{BackendError, Capabilities, Geometry, Hemicube};
@@ -7,10 +7,10 @@ use std::ffi::CStr;
 /// The version of the arithmetic with [`Edges::Driver`]: raised when any row could change by a bit on the same driver.
 pub const VERSION: &CStr = c"gpu-1";
 
-/// The version with [`Edges::Exact`], whose rows differ.
+/// The version with [`Edges::Exact`]: its rows differ.
 const EXACT_VERSION: &CStr = c"gpu-1-exact";
 
-/// The version that a session reports.
+/// The version reported by a session.
 pub fn version(edges: Edges) -> String {
     let version = match edges {
         Edges::Driver => VERSION,
@@ -19,7 +19,7 @@ pub fn version(edges: Edges) -> String {
     version.to_string_lossy().into_owned()
 }
 
-/// Covered weights, sub-pixel patches, item buffers, and culling that no row shows.
+/// Covered weights, sub-pixel patches, item buffers, and culling invisible in rows.
 pub const CAPABILITIES: Capabilities = Capabilities {
     covered: true,
     tiny_patches: true,
@@ -27,8 +27,8 @@ pub const CAPABILITIES: Capabilities = Capabilities {
     lossless_culling: true,
 };
 
-/// Hemicubes of a call for submissions of `batch`: four submissions, so that one is read back while the next is under
-/// way and the device seldom runs dry.
+/// Hemicubes of a call, for submissions of `batch`: four submissions. One is read back while the next is under way, and
+/// the device seldom runs dry.
 pub fn preferred_rows(batch: u32) -> usize {
     4 * batch as usize
 }
@@ -41,7 +41,7 @@ pub fn not_loaded() -> BackendError {
 /// Checks the hemicubes of a call.
 ///
 /// # Errors
-/// [`BackendError::InvalidArgument`] for the first that cannot be rendered.
+/// [`BackendError::InvalidArgument`] for the first illegal one.
 pub fn check(geometry: &Geometry, hemicubes: &[Hemicube]) -> Result<(), BackendError> {
     hemicubes
         .iter()

@@ -1,4 +1,4 @@
-//! How much is culled, and when culling is not worth it.
+//! The choice of culling, and its trial.
 
 use hemicube_contract::backend::{Counters, Culling};
 use hemicube_shaders::Cull;
@@ -6,13 +6,13 @@ use hemicube_shaders::chunks::{FEWEST_FOR_OCCLUSION, MOST_TRIANGLES};
 
 /// With no more triangles than a chunk has there is nothing to choose.
 const FEWEST_FOR_FRUSTUM: usize = MOST_TRIANGLES as usize + 1;
-/// After how many hemicubes it is looked at whether culling what is hidden pays.
+/// Number of hemicubes on trial.
 const TRIAL: u64 = 32;
-/// What it costs to hold a chunk against the pyramid of a face, in triangles; measured on Mesa's software driver with a
-/// city of 1.5 million patches, where that was four fifths of the price.
+/// The cost of testing a chunk against the pyramid of a face, in triangles; measured on Mesa's software driver with a
+/// city of 1.5 million patches, with four fifths of the time in these tests.
 const TRIANGLES_A_TEST: f64 = 1.5;
 
-/// The way in use and what it has brought so far.
+/// The culling in use, and its effect so far.
 #[derive(Clone, Debug)]
 pub(crate) struct Judge {
     pub(crate) cull: Cull,
@@ -49,7 +49,7 @@ impl Judge {
         }
     }
 
-    /// Takes note of what a submission did.
+    /// Adds a submission's counters, and ends the trial after its last hemicube.
     pub(crate) fn note(&mut self, done: Counters) {
         let Some(mut sum) = self.trial else { return };
         sum += done;
@@ -61,7 +61,7 @@ impl Judge {
         let count = sum.hemicubes as f64;
         let each = self.triangles as f64 / self.chunks.max(1) as f64;
         let saved = sum.nodes_hidden as f64 * each / count;
-        // What depths were drawn for alone, the tests, and the pyramid: a pixel costs about a tenth of a triangle.
+        // Triangles drawn for depths alone, the tests, and the pyramid: a pixel costs about a tenth of a triangle.
         let spent = (sum.triangles_transformed - sum.triangles_drawn) as f64 / count
             + TRIANGLES_A_TEST * sum.nodes_tested as f64 / count
             + 0.1 * self.pixels as f64;
@@ -108,7 +108,7 @@ mod tests {
         let mut idle = judge();
         idle.note(done(20, 10_000));
         assert_eq!(idle.cull, Cull::Frustum);
-        // 78 of 48,730 tested: what is hidden is worth more than the pyramid, and less than the tests.
+        // 78 of 48,730 tested: the hidden chunks are worth more than the pyramid, and less than the tests.
         let mut vast = Judge::new(None, Culling::On, 1_495_068, 9_746, 49_152);
         vast.note(Counters {
             nodes_tested: 48_730 * TRIAL,

@@ -1,19 +1,19 @@
 //! A hemicube backend on Vulkan: culling, rendering and reduction on the GPU, several hemicubes a submission, two
 //! submissions under way, nothing but rows read back.
 //!
-//! Vulkan is loaded when a session is opened; any device of version 1.3 that draws and computes will do, software
+//! Opening a session loads Vulkan. Any device of version 1.3 with a queue for drawing and computing will do, software
 //! included.
 //!
 //! Options, `key=value,key=value`:
 //!
 //! ```text
 //! cull        auto | off | frustum | occlusion     rows are the same with each
-//! edges       exact | driver                       who says on which side of an edge a pixel lies: docs/gpu.md
+//! edges       exact | driver                       the judge of pixels near edges: docs/gpu.md
 //! timing      on | off                             fills `stage_times`, and slows down
-//! validation  on | off                             with Vulkan's validation layer; whatever it says is an error
+//! validation  on | off                             with Vulkan's validation layer; its messages are errors
 //! batch       hemicubes of a submission
-//! group       hemicubes that go through the stages side by side
-//! memory      bytes of the device that may be used
+//! group       hemicubes side by side in the stages
+//! memory      bytes to take on the device
 //! ```
 
 mod conv;
@@ -59,10 +59,10 @@ impl Plugin for Session {
     }
 }
 
-/// The devices that can be used, GPUs first.
+/// Lists the usable devices, GPUs first.
 ///
 /// # Errors
-/// [`BackendError::Unsupported`] where there is no Vulkan.
+/// [`BackendError::Unsupported`] without Vulkan.
 pub fn devices() -> Result<Vec<Device>, BackendError> {
     let found = device::devices()?.into_iter();
     Ok(found
@@ -79,8 +79,8 @@ pub fn devices() -> Result<Vec<Device>, BackendError> {
 /// Opens a session on a device by its number in [`devices`].
 ///
 /// # Errors
-/// [`BackendError::InvalidArgument`] for an option that is not known, [`BackendError::Unsupported`] where the device is
-/// missing or lacks what is needed.
+/// [`BackendError::InvalidArgument`] for an unknown option, [`BackendError::Unsupported`] for a missing or insufficient
+/// device.
 pub fn open(device: u32, options: &str) -> Result<Session, BackendError> {
     Session::new(device, Options::parse(options)?)
 }
@@ -97,7 +97,7 @@ pub struct Session {
     gpu: Arc<Gpu>,
 }
 
-/// A scene that is loaded, and the submissions under way.
+/// A loaded scene, and its submissions under way.
 #[derive(Debug)]
 struct Loaded {
     geometry: Arc<Geometry>,
@@ -112,7 +112,7 @@ struct Loaded {
     gpu: Arc<Gpu>,
 }
 
-/// A submission that has not been read back.
+/// A submission not yet read back.
 #[derive(Clone, Debug)]
 struct UnderWay {
     slots: u32,
@@ -121,7 +121,7 @@ struct UnderWay {
     phases: Vec<Vec<Phase>>,
 }
 
-/// What submissions are recorded in and waited for with.
+/// Command buffers, fences and timestamps, one of each a frame.
 #[derive(Debug)]
 struct Sync {
     gpu: Arc<Gpu>,
@@ -219,7 +219,7 @@ impl Session {
         })
     }
 
-    /// Keeps note of an error that ends the session, and lets the validation layer have its say.
+    /// Remembers a fatal error, and adds the validation layer's messages.
     fn settle<T>(&mut self, result: Result<T, BackendError>) -> Result<T, BackendError> {
         let result = result.and_then(|value| self.gpu.validated().map(|()| value));
         if let Err(error) = &result {
@@ -250,13 +250,12 @@ impl Session {
     }
 }
 
-/// How many hemicubes go side by side, and how many into a submission. On software nothing is gained by hemicubes side
-/// by side, and caches are lost.
+/// Hemicubes side by side, and of a submission. On software more side by side gain nothing and lose caches.
 fn batch_of(is_software: bool) -> (u32, u32) {
     if is_software { (1, 8) } else { (16, 64) }
 }
 
-/// What of the device is used.
+/// The limits to plan by.
 fn limits(gpu: &Gpu, options: Options) -> Limits {
     let (group, batch) = batch_of(gpu.is_software);
     let group = options.group.unwrap_or(group);
@@ -307,7 +306,7 @@ impl Loaded {
         })
     }
 
-    /// Forgets what is under way, after an error.
+    /// Forgets the submissions under way, after an error.
     fn give_up(&mut self) {
         // SAFETY: the device is alive or lost; neither is hurt by waiting.
         let _ = unsafe { self.gpu.raw.device_wait_idle() };
@@ -329,7 +328,7 @@ impl Loaded {
         Ok(counters)
     }
 
-    /// Submits hemicubes, whose frame must be free.
+    /// Submits hemicubes on a free frame.
     fn submit(&mut self, at: usize, hemicubes: &[Hemicube]) -> Result<(), BackendError> {
         let group = self.scene.plan.group;
         let views = submission_views(&self.geometry, &self.scene.plan, hemicubes, self.stamp);
@@ -412,7 +411,9 @@ impl Loaded {
         let (period, bits) = self.gpu.clock;
         let mask = if bits >= 64 { u64::MAX } else { (1 << bits) - 1 };
         let mut ticks = vec![0u64; phases.len() * MARKS as usize];
-        let groups = (0u32..).step_by(MARKS as usize).zip(ticks.chunks_exact_mut(MARKS as usize));
+        let groups = (0u32..)
+            .step_by(MARKS as usize)
+            .zip(ticks.chunks_exact_mut(MARKS as usize));
         for ((first, ticks), phases) in groups.zip(phases) {
             let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
             let ticks = &mut ticks[..=phases.len()];
@@ -502,7 +503,7 @@ impl HemicubeBackend for Session {
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
         self.alive()?;
         settings.check()?;
-        // What was loaded before makes room first.
+        // The scene before makes room first.
         self.loaded = None;
         let loaded = Loaded::new(&self.gpu, self.options, geometry, settings);
         let loaded = self.settle(loaded)?;

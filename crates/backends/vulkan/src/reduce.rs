@@ -1,8 +1,8 @@
 //! Records the steps of a submission, and makes the compute pipelines.
 //!
-//! [`Stages::record`] is the interpreter of [`hemicube_shaders::recording`] on Vulkan. It puts a memory barrier between
-//! two steps: from what the step before used to what the next one uses. A draw clears images that earlier steps of the
-//! group drew and copied, so that its barrier begins at all of these.
+//! [`Stages::record`] is the interpreter of [`hemicube_shaders::recording`] on Vulkan. Between two steps it puts a
+//! memory barrier, from the uses of the one to the uses of the next. A draw clears images drawn and copied by earlier
+//! steps of the group, so that its barrier begins at the uses of them all.
 
 use crate::device::Gpu;
 use crate::render::{Layer, Pipeline, Render, Target, bind, compute};
@@ -36,7 +36,7 @@ pub(crate) struct Work {
     pub(crate) cull: Cull,
     /// True if some hemicube does not stand on its emitter.
     pub(crate) without_emitter: bool,
-    /// The pool of timestamps, where time is measured.
+    /// The pool of timestamps, if time is measured.
     pub(crate) marks: Option<vk::QueryPool>,
 }
 
@@ -56,9 +56,7 @@ const SHADER_USES: A =
     A::from_raw(A::SHADER_STORAGE_READ.as_raw() | A::SHADER_STORAGE_WRITE.as_raw() | A::SHADER_SAMPLED_READ.as_raw());
 const COMPUTES: Use = Use(P::COMPUTE_SHADER, SHADER_USES);
 const DRAWS_DEPTHS: Use = Use(
-    P::from_raw(
-        P::EARLY_FRAGMENT_TESTS.as_raw() | P::LATE_FRAGMENT_TESTS.as_raw() | P::DRAW_INDIRECT.as_raw(),
-    ),
+    P::from_raw(P::EARLY_FRAGMENT_TESTS.as_raw() | P::LATE_FRAGMENT_TESTS.as_raw() | P::DRAW_INDIRECT.as_raw()),
     A::from_raw(
         A::DEPTH_STENCIL_ATTACHMENT_READ.as_raw()
             | A::DEPTH_STENCIL_ATTACHMENT_WRITE.as_raw()
@@ -138,7 +136,7 @@ impl Stages {
                 first_slot,
                 layers: scene.plan.group.min(work.slots - first_slot),
             };
-            // The group before, and the submission before, use all that is not the frame's own.
+            // The group before and the submission before share everything but the frame's own buffers.
             let all = COMPUTES.and(DRAWS_ITEMS).and(DRAWS_COVER).and(COPIES);
             self.barrier(commands, all, all);
             phases.push(self.record_group(scene, frame, commands, work, group));
@@ -166,7 +164,11 @@ impl Stages {
             if let Some(pool) = work.marks {
                 let number = group.number * MARKS + u32::try_from(number).unwrap_or(u32::MAX);
                 // SAFETY: the pool has room for the marks of all groups of a submission.
-                unsafe { self.gpu.raw.cmd_write_timestamp2(commands, P::ALL_COMMANDS, pool, number) };
+                unsafe {
+                    self.gpu
+                        .raw
+                        .cmd_write_timestamp2(commands, P::ALL_COMMANDS, pool, number)
+                };
             }
         };
         let mut phases: Vec<Phase> = Vec::new();
@@ -211,7 +213,10 @@ impl Stages {
         };
         let without_emitter = work.without_emitter;
         match *action {
-            Action::Dispatch { stage, groups: [x, y, z] } => {
+            Action::Dispatch {
+                stage,
+                groups: [x, y, z],
+            } => {
                 let (point, view) = (vk::PipelineBindPoint::COMPUTE, group.first_slot * FACES);
                 // SAFETY: commands of this device that are being recorded; the group's first view is in the views.
                 unsafe {

@@ -1,4 +1,4 @@
-//! Drawing: depths of what is in front, ids, and what patches would cover alone.
+//! Drawing: depths of occluders, ids, and patches alone.
 
 use crate::conv;
 use crate::device::Gpu;
@@ -27,7 +27,7 @@ impl Drop for Pipeline {
     }
 }
 
-/// A shader module that lives as long as pipelines are made of it.
+/// A shader module, needed while pipelines are made.
 struct Module<'a> {
     gpu: &'a Gpu,
     raw: vk::ShaderModule,
@@ -77,7 +77,7 @@ pub(crate) fn compute(gpu: &Arc<Gpu>, layout: vk::PipelineLayout, stage: &Stage)
     })
 }
 
-/// The images that a graphics pipeline writes.
+/// The images written by a graphics pipeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Images {
     IdsAndDepths,
@@ -117,7 +117,7 @@ fn graphics(
         offset,
     });
     let mut input = vk::PipelineVertexInputStateCreateInfo::default();
-    // What covers alone pulls its corners itself.
+    // The cover stage pulls its corners itself.
     if images != Images::None {
         input = input
             .vertex_binding_descriptions(&bindings)
@@ -130,7 +130,7 @@ fn graphics(
     let rasterization = vk::PipelineRasterizationStateCreateInfo::default()
         .polygon_mode(vk::PolygonMode::FILL)
         .cull_mode(vk::CullModeFlags::NONE)
-        // v goes up in memory, which Vulkan calls down: the eye is in front of what it sees turn this way.
+        // v goes up in memory, down in Vulkan's words: fronts are counter-clockwise then.
         .front_face(vk::FrontFace::COUNTER_CLOCKWISE)
         .line_width(1.0);
     let samples = vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);

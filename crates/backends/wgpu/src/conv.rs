@@ -6,7 +6,7 @@ use hemicube_shaders::stage::{Kind, Stage, binding as b};
 use std::collections::BTreeSet;
 use wgpu::{BindGroupLayoutEntry, BindingType, BufferBindingType, BufferUsages, DeviceType, ShaderStages};
 
-/// What kind of device it is.
+/// Translates the kind of a device.
 pub(crate) fn device_kind(kind: DeviceType) -> DeviceKind {
     match kind {
         DeviceType::Cpu => DeviceKind::Software,
@@ -17,7 +17,7 @@ pub(crate) fn device_kind(kind: DeviceType) -> DeviceKind {
     }
 }
 
-/// Devices of each kind are listed together, what is fastest first.
+/// Orders kinds of devices, the fastest first.
 pub(crate) fn rank(kind: DeviceType) -> u32 {
     match kind {
         DeviceType::DiscreteGpu => 0,
@@ -28,7 +28,7 @@ pub(crate) fn rank(kind: DeviceType) -> u32 {
     }
 }
 
-/// What an error that wgpu reports means for a session.
+/// Translates an error reported by wgpu.
 pub(crate) fn error(error: &wgpu::Error) -> BackendError {
     match error {
         wgpu::Error::OutOfMemory { source } => BackendError::OutOfMemory(format!(
@@ -39,13 +39,13 @@ pub(crate) fn error(error: &wgpu::Error) -> BackendError {
     }
 }
 
-/// The bindings of group 1 of stages that run together, ascending.
+/// Lists the bindings of group 1 of stages run together, ascending.
 pub(crate) fn bindings(stages: &[&Stage]) -> BTreeSet<u32> {
     let all = stages.iter().flat_map(|stage| stage.reads.iter().chain(stage.writes));
     all.copied().collect()
 }
 
-/// The layout of group 1 of stages that run together: a compute stage, or those that draw. Only fragments write.
+/// Makes the layout of group 1 of stages run together: a compute stage, or those of a draw. Only fragments write.
 pub(crate) fn layout(stages: &[&Stage]) -> Vec<BindGroupLayoutEntry> {
     let is_drawn = stages.iter().any(|stage| stage.kind != Kind::Compute);
     let entry = |binding| {
@@ -83,7 +83,7 @@ fn binding_type(binding: u32, read_only: bool) -> BindingType {
     }
 }
 
-/// The layout of group 0: the view, at an offset that each draw chooses.
+/// Makes the layout of group 0: the view, at an offset chosen by each draw.
 pub(crate) fn view_layout() -> BindGroupLayoutEntry {
     BindGroupLayoutEntry {
         binding: b::VIEW,
@@ -102,7 +102,7 @@ fn buffer(ty: BufferBindingType, has_dynamic_offset: bool) -> BindingType {
     }
 }
 
-/// How the buffer of a binding is used.
+/// Returns the usages of a binding's buffer.
 pub(crate) fn usage(binding: u32) -> BufferUsages {
     let besides = match binding {
         b::DRAWS | b::DRAW_COUNTS | b::COVER_DRAWS => BufferUsages::INDIRECT,
@@ -114,12 +114,12 @@ pub(crate) fn usage(binding: u32) -> BufferUsages {
     BufferUsages::STORAGE | BufferUsages::COPY_DST | besides
 }
 
-/// Words as wgpu is given them.
+/// Converts words for wgpu.
 pub(crate) fn to_bytes(words: impl IntoIterator<Item = u32>) -> Vec<u8> {
     words.into_iter().flat_map(u32::to_ne_bytes).collect()
 }
 
-/// Words as wgpu hands them back.
+/// Converts bytes from wgpu.
 pub(crate) fn to_words(bytes: &[u8]) -> Vec<u32> {
     let (words, _) = bytes.as_chunks::<4>();
     words.iter().map(|&word| u32::from_ne_bytes(word)).collect()

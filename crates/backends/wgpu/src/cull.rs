@@ -1,4 +1,4 @@
-//! What of a scene is drawn: everything, what is in view, or what is in view and not hidden; and which of them pays.
+//! The choice of culling, and its trials.
 
 use crate::render::Recorder;
 use crate::upload::Store;
@@ -6,36 +6,35 @@ use hemicube_contract::backend::Counters;
 use hemicube_shaders::stage::binding as b;
 use hemicube_shaders::{Cull, Plan, Upload, chunks};
 
-/// Triangles above which chunks are tried at all: with fewer there is one.
+/// Fewer triangles are drawn without culling: they are one chunk.
 const FEWEST_TRIANGLES: usize = 257;
-/// Hemicubes after which it is decided whether what is hidden is left out.
+/// Number of hemicubes on trial with occlusion culling.
 const TRIED: u64 = 96;
-/// Hemicubes after which it is tried again: other parts of a scene may hide more.
+/// Number of hemicubes until another trial: other parts of a scene may hide more.
 const AGAIN: u64 = 512;
-/// What finding the hidden costs besides drawing, in triangles a pixel of the top face: the depths of what was seen are
-/// drawn and gone through for the pyramid. Measured on Mesa's software driver.
+/// The fixed cost of occlusion culling, in triangles a pixel of the top face: drawing depths, and making the pyramid.
+/// Measured on Mesa's software driver.
 const TRIANGLES_A_PIXEL: f64 = 0.3;
-/// And in triangles a chunk that is held against the pyramid of a face: there are more of these than pixels in vast
-/// scenes.
+/// The cost of testing a chunk against the pyramid of a face, in triangles. Vast scenes have more chunks than pixels.
 const TRIANGLES_A_TEST: f64 = 1.5;
-/// The part of a scene's triangles that is in view of a hemicube's faces, until it is known: more is seldom hidden.
+/// The part of a scene's triangles in view of a hemicube's faces, until it is known: seldom is more hidden.
 const IN_VIEW: f64 = 0.25;
 
-/// Decides what is left out.
+/// Chooses the culling of each submission.
 #[derive(Clone, Debug)]
 pub(crate) struct Policy {
     fixed: Option<Cull>,
     now: Cull,
-    /// True if finding what is hidden is worth a trial.
+    /// True if occlusion culling is worth a trial.
     may_pay: bool,
     triangles: f64,
     overhead: f64,
-    /// What was done since it was last decided.
+    /// Counters since the last decision.
     since: Counters,
 }
 
 impl Policy {
-    /// `fixed` where the user has decided.
+    /// Begins with `fixed`, the user's decision, or with the scene's size.
     pub(crate) fn new(fixed: Option<Cull>, upload: &Upload, plan: &Plan) -> Self {
         let triangles = upload.triangle_count();
         let pixels = f64::from(plan.resolution) * f64::from(plan.resolution);
@@ -58,12 +57,12 @@ impl Policy {
         }
     }
 
-    /// What the next submission leaves out.
+    /// Returns the culling of the next submission.
     pub(crate) fn now(&self) -> Cull {
         self.now
     }
 
-    /// Takes note of what a submission under `cull` did.
+    /// Adds a submission's counters under `cull`, and decides after enough hemicubes.
     pub(crate) fn learn(&mut self, cull: Cull, done: Counters) {
         if self.fixed.is_some() || cull != self.now {
             return;
@@ -99,7 +98,7 @@ impl Policy {
         each(triangles_transformed) + price < inside * self.triangles
     }
 
-    /// What was decided, and why.
+    /// Describes the decision and its reason.
     pub(crate) fn choice(&self) -> String {
         let why = match (self.fixed, self.now) {
             (Some(_), _) => "as asked for",
@@ -117,7 +116,7 @@ impl Policy {
     }
 }
 
-/// Copies the depths of a group to where software reads them faster.
+/// Copies a group's depths to a buffer, for software.
 pub(crate) fn copy_depths(recorder: &mut Recorder<'_>, store: &Store, resolution: u32, layers: u32) {
     recorder.encoder.copy_texture_to_buffer(
         wgpu::TexelCopyTextureInfo {
@@ -140,8 +139,7 @@ pub(crate) fn copy_depths(recorder: &mut Recorder<'_>, store: &Store, resolution
     );
 }
 
-/// Clears the lists of draws before a stage writes them, where their number cannot come from the device and all are
-/// gone through.
+/// Clears the lists of draws before a stage writes them, on devices without draw counts: they go through whole lists.
 pub(crate) fn clear_lists(recorder: &mut Recorder<'_>, store: &Store) {
     recorder.encoder.clear_buffer(store.buffer(b::DRAWS), 0, None);
 }

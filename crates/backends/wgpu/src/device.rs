@@ -1,7 +1,7 @@
-//! Adapters, a device with its queue, and what goes wrong on it.
+//! Adapters, a device with its queue, and its errors.
 //!
-//! wgpu reports errors to a callback, not to the call that caused them; on the APIs it is built with here, the callback
-//! has run when the call returns. So [`Device::check`] after some calls finds what went wrong in them.
+//! wgpu reports errors to a callback, not to the call at fault. On the APIs in use here, the callback has run when the
+//! call returns: [`Device::check`] after some calls finds their errors.
 
 use crate::conv;
 use crate::options::Options;
@@ -15,16 +15,16 @@ use wgpu::{
     PipelineLayout, RenderPipeline, ShaderModule,
 };
 
-/// Hemicubes that go through the stages side by side, and of a submission: on a processor nothing is gained by more,
-/// and caches are lost; a GPU wants its units filled.
+/// Hemicubes side by side in the stages, and of a submission. On a processor more gain nothing and lose caches; a GPU
+/// wants its units filled.
 const ON_SOFTWARE: (u32, u32) = (1, 16);
 const ON_GPU: (u32, u32) = (16, 64);
 
-/// The memory that is taken of a driver that runs on the processor: Mesa's has a heap of 2 GiB. wgpu does not tell how
-/// much a GPU has; there, an allocation that fails is reported.
+/// Memory to take on a driver running on the processor: Mesa's has a heap of 2 GiB. wgpu does not tell a GPU's memory;
+/// there, a failing allocation is reported.
 const SOFTWARE_MEMORY: u64 = 7 << 28;
 
-/// What went wrong on a device, noted by wgpu's callbacks.
+/// Errors of a device, noted by wgpu's callbacks.
 #[derive(Debug, Default)]
 struct Faults {
     first: Mutex<Option<BackendError>>,
@@ -44,13 +44,12 @@ pub(crate) struct Device {
     faults: Arc<Faults>,
 }
 
-/// The adapters there are, what is fastest first.
+/// Lists the adapters, the fastest first.
 pub(crate) fn adapters(validation: bool) -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = Backends::VULKAN | Backends::METAL | Backends::DX12;
-    // Without `VALIDATION_INDIRECT_CALL`: our own shaders write the draws, and checking each costs more than culling
-    // saves. Direct3D needs it for the number of a vertex, which the cover stage's indirect draws leave at their first
-    // of 0.
+    // No `VALIDATION_INDIRECT_CALL`, because our own shaders write the draws, and checking each costs more than culling
+    // saves. Direct3D needs it for the first vertex number; the cover stage's indirect draws leave that 0.
     descriptor.flags = if validation {
         InstanceFlags::VALIDATION
     } else {
@@ -71,11 +70,14 @@ pub(crate) fn describe(info: &wgpu::AdapterInfo) -> String {
     }
 }
 
-/// The largest resolution, and how many hemicubes a call should bring so that submissions follow one another.
+/// Returns the largest resolution, and the hemicubes of a call that keep submissions following one another.
 pub(crate) fn sizes(adapter: &wgpu::Adapter) -> (u32, usize) {
     let edge = adapter.limits().max_texture_dimension_2d;
     let (_, batch) = group_and_batch(adapter.get_info().device_type);
-    (RESOLUTIONS.end().min(&(edge / 3)) / 16 * 16, session::preferred_rows(batch))
+    (
+        RESOLUTIONS.end().min(&(edge / 3)) / 16 * 16,
+        session::preferred_rows(batch),
+    )
 }
 
 fn group_and_batch(kind: DeviceType) -> (u32, u32) {
@@ -150,12 +152,12 @@ impl Device {
         })
     }
 
-    /// Number of hemicubes that a call should bring so that submissions follow one another.
+    /// Returns the hemicubes of a call that keep submissions following one another.
     pub(crate) fn preferred_rows(&self) -> usize {
         session::preferred_rows(self.limits.batch)
     }
 
-    /// What it allows at a resolution.
+    /// Returns the limits at a resolution.
     pub(crate) fn limits_for(&self, resolution: u32) -> Limits {
         // wgpu copies rows of multiples of 256 bytes only; the copy has no gaps between rows.
         let whole_rows = (4 * resolution).is_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
@@ -165,7 +167,7 @@ impl Device {
         }
     }
 
-    /// What went wrong since it was last asked.
+    /// Fails for errors since the last call.
     pub(crate) fn check(&self) -> Result<(), BackendError> {
         if let Some(reason) = self.faults.lost.get() {
             return Err(BackendError::DeviceLost(format!(
@@ -217,7 +219,7 @@ impl<'a> Compiler<'a> {
         self.modules.entry(stage.file).or_insert_with(compile).clone()
     }
 
-    /// The layout of group 1 of stages that use the same.
+    /// Makes the layout of group 1 of stages run together.
     pub(crate) fn layout(&self, stages: &[&Stage]) -> BindGroupLayout {
         self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: None,
@@ -225,7 +227,7 @@ impl<'a> Compiler<'a> {
         })
     }
 
-    /// The layout of a pipeline that binds the view, and that group 1.
+    /// Makes the layout of a pipeline with the view and that group 1.
     pub(crate) fn pipeline_layout(&self, group: &BindGroupLayout) -> PipelineLayout {
         self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: None,
@@ -249,13 +251,13 @@ impl<'a> Compiler<'a> {
         (group, pipeline)
     }
 
-    /// A pipeline that draws.
+    /// Makes a drawing pipeline.
     pub(crate) fn draw(&self, descriptor: &wgpu::RenderPipelineDescriptor<'_>) -> RenderPipeline {
         self.device.create_render_pipeline(descriptor)
     }
 }
 
-/// The stages set what they share before they read it.
+/// Stages set their workgroup memory before reading it.
 pub(crate) fn compilation() -> PipelineCompilationOptions<'static> {
     PipelineCompilationOptions {
         zero_initialize_workgroup_memory: false,

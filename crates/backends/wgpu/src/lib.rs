@@ -1,23 +1,24 @@
 //! Hemicubes rendered and reduced through wgpu: Vulkan, Metal or Direct3D 12, with one source and no `unsafe`.
 //!
-//! The stages are those of [`hemicube_shaders`], given to wgpu as WGSL. What the GL and Vulkan backends do by hand,
-//! wgpu does here: barriers between stages, memory, and checks of all that a shader reads or writes. It has no
-//! conditional drawing and hands out results of occlusion queries only through a buffer, which would take a round trip
-//! to the host for each hemicube: 18 ms of processor time on Mesa's software driver for a city of 144 000 triangles at
-//! N = 256, where finding what is hidden on the device, against a pyramid of depths, takes 10. So that is what is done.
+//! The stages are those of [`hemicube_shaders`], in WGSL. wgpu does by itself what the GL and Vulkan backends do by
+//! hand: barriers between stages, memory, and checks of all reads and writes of a shader.
+//!
+//! No occlusion queries, because wgpu has no conditional drawing and hands out results only through a buffer: a round
+//! trip to the host for each hemicube. That takes 18 ms of processor time on Mesa's software driver for a city of 144
+//! 000 triangles at N = 256. Finding hidden chunks on the device, against a pyramid of depths, takes 10 ms.
 //!
 //! Options, `key=value,key=value`:
 //!
 //! | key | value |
 //! |---|---|
-//! | `cull` | `auto` (default), `off`, `frustum` or `occlusion`: what is not drawn because it cannot be seen |
-//! | `edges` | `exact` (default) or `driver`: who says on which side of an edge a pixel lies, see docs/gpu.md |
+//! | `cull` | `auto` (default), `off`, `frustum` or `occlusion`; rows are the same with each |
+//! | `edges` | `exact` (default) or `driver`: the judge of pixels near edges, see docs/gpu.md |
 //! | `batch` | hemicubes of a submission |
-//! | `group` | hemicubes that go through the stages side by side |
-//! | `memory` | MiB that may be taken on the device |
-//! | `timing` | `on`: measure where the time goes |
+//! | `group` | hemicubes side by side in the stages |
+//! | `memory` | MiB to take on the device |
+//! | `timing` | `on`: measure the time of each stage |
 //! | `counts` | `off`: do without draw counts from the device, as on Metal |
-//! | `validation` | `on`: the driver's validation layer, where it is installed |
+//! | `validation` | `on`: the driver's validation layer, if it is installed |
 
 #![forbid(unsafe_code)]
 
@@ -51,7 +52,7 @@ use upload::Store;
 use wgpu::{Adapter, BindGroupLayout};
 
 const NAME: &str = "wgpu";
-/// This backend as a plugin.
+/// The backend's plugin.
 #[derive(Debug)]
 pub struct Wgpu;
 
@@ -90,7 +91,7 @@ pub fn devices() -> Result<Vec<hemicube_abi::Device>, BackendError> {
     Ok(device::adapters(false).iter().map(describe).collect())
 }
 
-/// Opens a session on the device with that place in [`devices`].
+/// Opens a session on a device by its number in [`devices`].
 ///
 /// # Errors
 /// When there is no such device or option, or the device does not open.
@@ -129,7 +130,7 @@ struct Loaded {
     policy: Policy,
     /// The number of the last group of hemicubes.
     stamp: u32,
-    /// True if the device's marks say that every chunk is drawn.
+    /// True if the device's marks of drawn chunks are all 1.
     all_marked: bool,
     times: StageTimes,
 }
@@ -175,11 +176,10 @@ impl Session {
         })
     }
 
-    /// Ends the device as a driver's reset would: every call after it says that the device is lost. For tests of what
-    /// goes on after that.
+    /// Ends the device like a driver's reset: every later call reports a lost device. For tests.
     pub fn lose_device(&self) {
         self.device.raw.destroy();
-        // The callback that notes it runs while the device is asked.
+        // The callback noting it runs while the device is polled.
         let _ = self.device.raw.poll(wgpu::PollType::Poll);
     }
 
@@ -194,8 +194,8 @@ impl Session {
         Side::new(&scene, &self.view_layout, self.options.timing)
     }
 
-    /// After a call that failed: what was on its way is not waited for, and the buffers that it may still hold are
-    /// given up for others. Where there are no others, the scene is no longer loaded.
+    /// Recovers from a failed call without waiting for its submissions. Their buffers are replaced; if that fails, too,
+    /// the scene is no longer loaded.
     fn give_up(&mut self) {
         let Some(mut loaded) = self.loaded.take() else { return };
         let side = || self.side(&loaded.store, &loaded.plan, &loaded.upload);
@@ -252,7 +252,7 @@ impl Loaded {
             recorder.first_slot += group.layers;
         }
         let (encoder, slots) = (recorder.encoder, recorder.first_slot);
-        // Written before the commands of the next submission, which is this one, and after those before it.
+        // Written after the commands of earlier submissions and before those of the next one, which is this.
         let (stored, drawn) = view_bytes(&views);
         device.queue.write_buffer(&side.stored_views, 0, &stored);
         device.queue.write_buffer(&side.drawn_views, 0, &drawn);
@@ -303,7 +303,7 @@ impl Loaded {
     fn items(&mut self, device: &Device, stages: &Stages, hemicube: &Hemicube) -> Result<Items, BackendError> {
         let n = self.plan.resolution;
         let (mut encoder, _, _) = self.record(device, stages, 0, std::slice::from_ref(hemicube), Goal::Items);
-        // Nobody asks what this one counted, nor how long it took.
+        // The counters and times of this submission are dropped.
         encoder.clear_buffer(self.store.buffer(b::TALLIES), 0, None);
         if let Some(clock) = &mut self.sides[0].clock {
             clock.add_to(&mut StageTimes::default(), &[]);
@@ -348,7 +348,7 @@ impl HemicubeBackend for Session {
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
         self.device.check()?;
         settings.check()?;
-        // What was loaded may take the room that this needs.
+        // The scene before makes room first.
         self.loaded = None;
         let upload = Upload::of(geometry)?;
         let plan = Plan::new(&upload, settings, self.device.limits_for(settings.resolution))?;
@@ -393,7 +393,7 @@ impl HemicubeBackend for Session {
 
     fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
         let loaded = self.loaded.as_ref().ok_or_else(not_loaded)?;
-        // Devices of one instance of lavapipe draw by turns: what rasterises is one of the instance.
+        // Devices of one instance of lavapipe take turns drawing: they share its rasteriser.
         let mut session = if self.device.is_software {
             Self::open(self.number, self.options)?
         } else {

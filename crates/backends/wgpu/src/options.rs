@@ -14,13 +14,13 @@ pub(crate) struct Options {
     pub(crate) batch: Option<u32>,
     /// Hemicubes side by side.
     pub(crate) group: Option<u32>,
-    /// Bytes that may be taken.
+    /// Bytes to take on the device.
     pub(crate) memory: Option<u64>,
     /// Timestamps.
     pub(crate) timing: bool,
-    /// The driver's validation layer, where it is installed.
+    /// The driver's validation layer, if it is installed.
     pub(crate) validation: bool,
-    /// True to do without draw counts from a buffer even where the device has them, as it must on Metal.
+    /// True to do without draw counts from a buffer on every device: Metal has none.
     pub(crate) fixed_draws: bool,
 }
 

@@ -1,4 +1,7 @@
-//! Makes rows of items and brings them back: first how many entries there are, then those.
+//! Records the steps of a submission, and reads its rows back: first the numbers of entries, then the entries.
+//!
+//! [`Stages::record`] is the interpreter of [`hemicube_shaders::recording`] on wgpu. Dispatches of a phase share a
+//! pass; wgpu puts the barriers.
 
 use crate::conv;
 use crate::cull;
@@ -77,7 +80,11 @@ impl Stages {
 
     fn dispatch(&self, pass: &mut ComputePass<'_>, groups: &Groups, steps: &[Step]) {
         for step in steps {
-            if let Action::Dispatch { stage, groups: [x, y, z] } = step.action {
+            if let Action::Dispatch {
+                stage,
+                groups: [x, y, z],
+            } = step.action
+            {
                 pass.set_pipeline(&self.compute[stage.entry].2);
                 pass.set_bind_group(1, &groups.compute[stage.entry], &[]);
                 pass.dispatch_workgroups(x, y, z);
@@ -94,17 +101,17 @@ pub(crate) struct Groups {
     pub(crate) cover: BindGroup,
 }
 
-/// One of the two that take turns: while one's rows are brought back, the other's are made.
+/// One of two sets of buffers: the rows of one are read back while those of the other are made.
 pub(crate) struct Side {
-    /// The views that are drawn, and those that are computed with.
+    /// The views for drawing, and those for computing.
     pub(crate) drawn_views: Buffer,
     pub(crate) stored_views: Buffer,
     pub(crate) view_group: BindGroup,
     pub(crate) groups: Groups,
     output: Buffer,
-    /// Where the host reads headers, and timestamps after them.
+    /// Headers for the host, and timestamps after them.
     headers: Buffer,
-    /// Where it reads entries; longer when there are more.
+    /// Entries for the host; grows.
     entries: Option<Buffer>,
     pub(crate) clock: Option<Clock>,
 }
@@ -115,14 +122,14 @@ struct Mapping {
     mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
 }
 
-/// A submission whose headers are on their way.
+/// A submission with its headers on their way.
 pub(crate) struct Counted {
     slots: u32,
     stamp_bytes: u64,
     mapping: Mapping,
 }
 
-/// A submission whose entries are on their way.
+/// A submission with its entries on their way.
 pub(crate) struct Arriving {
     headers: Vec<u32>,
     slots: u32,
@@ -131,11 +138,7 @@ pub(crate) struct Arriving {
 }
 
 impl Side {
-    pub(crate) fn new(
-        scene: &Scene<'_>,
-        view_layout: &BindGroupLayout,
-        timing: bool,
-    ) -> Result<Self, BackendError> {
+    pub(crate) fn new(scene: &Scene<'_>, view_layout: &BindGroupLayout, timing: bool) -> Result<Self, BackendError> {
         let Scene {
             device,
             stages,
@@ -237,7 +240,7 @@ impl Side {
         }
     }
 
-    /// Waits for a submission's headers, and asks for as many entries as they say there are.
+    /// Waits for a submission's headers, and asks for the entries counted there.
     pub(crate) fn ask_for_entries(
         &mut self,
         device: &Device,
@@ -289,7 +292,7 @@ impl Side {
         }
         let entries = device.raw.create_buffer(&wgpu::BufferDescriptor {
             label: Some("entries"),
-            // Half as much again, so that a little longer rows do not ask for another.
+            // Half as much again, so that slightly longer rows still fit.
             size: (bytes + bytes / 2).next_multiple_of(4096),
             usage: BufferUsages::MAP_READ | BufferUsages::COPY_DST,
             mapped_at_creation: false,
@@ -322,7 +325,7 @@ impl Side {
 }
 
 impl Mapping {
-    /// Asks for the first bytes of a buffer that a submission writes.
+    /// Asks for the first bytes of a buffer written by a submission.
     fn begin(buffer: &Buffer, bytes: u64, submission: SubmissionIndex) -> Self {
         let (sender, mapped) = channel();
         buffer.map_async(MapMode::Read, 0..bytes, move |result| {

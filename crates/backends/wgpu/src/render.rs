@@ -1,5 +1,4 @@
-//! Draws ids and depths, and records what goes before and after into a submission, with the time that each phase
-//! takes.
+//! Drawing of ids, depths and patches alone, and the passes of a submission with their timestamps.
 
 use crate::conv;
 use crate::device::{Compiler, Device, compilation};
@@ -67,7 +66,7 @@ impl Clock {
         16 * self.passes.len() as u64
     }
 
-    /// Adds what the timestamps say, and begins anew.
+    /// Adds the times between timestamps, and begins anew.
     pub(crate) fn add_to(&mut self, times: &mut StageTimes, stamps: &[u64]) {
         for (phase, pair) in self.passes.drain(..).zip(stamps.chunks_exact(2)) {
             #[allow(
@@ -86,13 +85,13 @@ impl Clock {
 pub(crate) struct Recorder<'a> {
     pub(crate) encoder: CommandEncoder,
     pub(crate) view_group: &'a BindGroup,
-    /// The first slot of the group of hemicubes that is being written.
+    /// The first slot of the group being recorded.
     pub(crate) first_slot: u32,
     pub(crate) clock: Option<&'a mut Clock>,
 }
 
 impl Recorder<'_> {
-    /// A pass that computes; the view of the group's first hemicube is bound.
+    /// Records a compute pass with the view of the group's first hemicube bound.
     pub(crate) fn compute(&mut self, phase: Phase, write: impl FnOnce(&mut ComputePass<'_>)) {
         let stamps = self.clock.as_mut().and_then(|clock| clock.next(phase));
         let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -107,8 +106,8 @@ impl Recorder<'_> {
         write(&mut pass);
     }
 
-    /// A pass that draws a layer, face by face: `write` is called with each, its view bound and its rows of the image
-    /// set.
+    /// Records a pass drawing a layer face by face. `write` is called once before, with `None`, and then with each
+    /// face, its view and its rows of the image set.
     pub(crate) fn draw(
         &mut self,
         phase: Phase,
@@ -161,12 +160,12 @@ impl Recorder<'_> {
     }
 }
 
-/// What a pass draws to.
+/// The images of a drawing pass.
 pub(crate) struct Attachments<'a> {
     pub(crate) depths: &'a wgpu::TextureView,
     /// Cleared and written, or only there.
     pub(crate) is_depth_written: bool,
-    /// And what it is cleared to.
+    /// The ids, and their cleared value.
     pub(crate) items: Option<(&'a wgpu::TextureView, u32)>,
 }
 
@@ -174,20 +173,20 @@ fn view_offset(slot: u32, face: u32) -> u32 {
     (slot * FACES + face) * VIEW_BYTES
 }
 
-/// Pipelines that draw. Those of the scene are two each: for hemicubes that stand on their emitters and for others.
+/// Drawing pipelines. Depths and ids have two each: for hemicubes on their emitters, and for others.
 pub(crate) struct Rendering {
     depths: [RenderPipeline; 2],
     ids: [RenderPipeline; 2],
     cover: RenderPipeline,
-    /// Group 1 of what draws the scene.
+    /// Group 1 of the scene's draws.
     pub(crate) layout: BindGroupLayout,
     pub(crate) cover_layout: BindGroupLayout,
 }
 
-/// The stages that draw patches alone.
+/// The stages drawing patches alone.
 pub(crate) const COVER: [&Stage; 2] = [&stage::COVER, &stage::ADD_HIDDEN];
 
-/// The stages that draw the scene.
+/// The stages drawing the scene.
 pub(crate) fn scene_stages(edges: Edges) -> [&'static Stage; 4] {
     let [ids, ids_of_others] = identify(edges);
     [&stage::RENDER, ids, ids_of_others, &stage::OCCLUDE_OTHERS]
@@ -223,7 +222,7 @@ impl Rendering {
                 buffers: &[],
             },
             primitive: wgpu::PrimitiveState::default(),
-            // wgpu wants something to draw to: the depths, which are neither tested nor written.
+            // wgpu requires an attachment: depths, neither tested nor written.
             depth_stencil: Some(depth_test(wgpu::CompareFunction::Always)),
             multisample: wgpu::MultisampleState::default(),
             fragment: Some(wgpu::FragmentState {
@@ -282,7 +281,7 @@ impl Rendering {
     }
 }
 
-/// Depths are written where the test can fail.
+/// Makes the state of depths; they are written if the test can fail.
 fn depth_test(compare: wgpu::CompareFunction) -> wgpu::DepthStencilState {
     wgpu::DepthStencilState {
         format: TextureFormat::Depth32Float,
@@ -296,7 +295,7 @@ fn depth_test(compare: wgpu::CompareFunction) -> wgpu::DepthStencilState {
 /// Hemicubes side by side, each in its layer.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Group {
-    /// How many.
+    /// Number of hemicubes.
     pub(crate) layers: u32,
     /// True if one does not stand on its emitter.
     pub(crate) others: bool,
@@ -312,7 +311,7 @@ impl Group {
     }
 }
 
-/// The views of a submission: as the shaders that compute read them, and as those that draw do.
+/// Converts the views of a submission, for computing and for drawing.
 pub(crate) fn view_bytes(views: &[[u32; VIEW_WORDS]]) -> (Vec<u8>, Vec<u8>) {
     let stored = conv::to_bytes(views.as_flattened().iter().copied());
     let drawn = conv::to_bytes(views.iter().flat_map(|&view| upside_down(view)));
@@ -399,34 +398,28 @@ impl Scene<'_> {
         let chunks = u32::try_from(self.upload.chunks.len()).unwrap_or(u32::MAX);
         let indices = u32::try_from(self.upload.indices.len()).unwrap_or(u32::MAX);
         let draws = self.store.buffer(b::DRAWS);
-        recorder.draw(
-            Phase::Render,
-            self.plan.resolution,
-            layer,
-            attachments,
-            |pass, face| {
-                let Some(face) = face else {
-                    pass.set_pipeline(pipeline);
-                    pass.set_bind_group(1, bound, &[]);
-                    pass.set_vertex_buffer(0, self.store.buffer(b::VERTICES).slice(..));
-                    let range = self.store.buffer(b::INDICES).slice(..);
-                    pass.set_index_buffer(range, wgpu::IndexFormat::Uint32);
-                    return;
-                };
-                let place = u64::from(layer * FACES + face as u32);
-                let first = place * u64::from(chunks) * DRAW_BYTES;
-                if chunks == 0 {
-                    // An empty scene.
-                } else if !is_listed {
-                    pass.draw_indexed(0..indices, 0, 0..1);
-                } else if self.device.counts_draws {
-                    let counts = self.store.buffer(b::DRAW_COUNTS);
-                    pass.multi_draw_indexed_indirect_count(draws, first, counts, place * 4, chunks);
-                } else {
-                    pass.multi_draw_indexed_indirect(draws, first, chunks);
-                }
-            },
-        );
+        recorder.draw(Phase::Render, self.plan.resolution, layer, attachments, |pass, face| {
+            let Some(face) = face else {
+                pass.set_pipeline(pipeline);
+                pass.set_bind_group(1, bound, &[]);
+                pass.set_vertex_buffer(0, self.store.buffer(b::VERTICES).slice(..));
+                let range = self.store.buffer(b::INDICES).slice(..);
+                pass.set_index_buffer(range, wgpu::IndexFormat::Uint32);
+                return;
+            };
+            let place = u64::from(layer * FACES + face as u32);
+            let first = place * u64::from(chunks) * DRAW_BYTES;
+            if chunks == 0 {
+                // An empty scene.
+            } else if !is_listed {
+                pass.draw_indexed(0..indices, 0, 0..1);
+            } else if self.device.counts_draws {
+                let counts = self.store.buffer(b::DRAW_COUNTS);
+                pass.multi_draw_indexed_indirect_count(draws, first, counts, place * 4, chunks);
+            } else {
+                pass.multi_draw_indexed_indirect(draws, first, chunks);
+            }
+        });
     }
 }
 

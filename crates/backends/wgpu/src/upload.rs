@@ -1,4 +1,4 @@
-//! The scene and everything else that a device is given before it draws.
+//! A scene on the device: its buffers and images.
 
 use crate::conv;
 use crate::device::Device;
@@ -53,15 +53,15 @@ impl Image {
     }
 }
 
-/// What is on the device for a scene and a resolution.
+/// A scene on the device at a resolution.
 pub(crate) struct Store {
-    /// By binding; those of which each side of the pipeline has its own are not here.
+    /// By binding, without [`TWICE`].
     buffers: Vec<Option<Buffer>>,
     pub(crate) depths: Image,
     pub(crate) items: Image,
 }
 
-/// The buffers of which there are two, so that one is read while the other is written.
+/// Bindings with a buffer in each of the two sets: one is read while the other is written.
 pub(crate) const TWICE: [u32; 2] = [b::VIEWS, b::OUTPUT];
 
 impl Store {
@@ -76,7 +76,7 @@ impl Store {
             if TWICE.contains(&size.binding) {
                 continue;
             }
-            // wgpu clears what it allocates, as the marks, sums and counters need it.
+            // wgpu clears new buffers; marks, sums and counters need it.
             buffers[size.binding as usize] = Some(device.raw.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(size.name),
                 size: size.bytes.next_multiple_of(16),
@@ -115,23 +115,23 @@ impl Store {
             items: Image::new(device, "items", TextureFormat::R32Uint, plan, written),
         };
         device.check()?;
-        // The copies on their way take as much memory again until they are done.
+        // Pending copies take as much memory again until they are done.
         let done = device.queue.submit([]);
         device.wait(done)?;
         Ok(store)
     }
 
-    /// The buffer of a binding.
+    /// Returns the buffer of a binding.
     ///
     /// # Panics
-    /// For a binding that is a texture, or of which each side has its own.
+    /// For a texture, and for the bindings of [`TWICE`].
     pub(crate) fn buffer(&self, binding: u32) -> &Buffer {
         self.buffers[binding as usize]
             .as_ref()
             .unwrap_or_else(|| unreachable!("binding {binding} has no buffer of its own"))
     }
 
-    /// Marks all chunks as drawn, for submissions that cull nothing.
+    /// Marks all chunks drawn, for submissions without culling.
     pub(crate) fn mark_all_drawn(&self, device: &Device) {
         let drawn = self.buffer(b::DRAWN);
         let words = drawn.size() / 4;
