@@ -325,7 +325,8 @@ unsafe fn render_settings(settings: &HcSettings) -> Result<RenderSettings, Backe
     // The plugin's arithmetic is compiled into it. Should the host's ever differ, rows would be subtly wrong: refuse.
     if weights != DeltaTable::new(resolution).weights().as_slice() {
         return Err(BackendError::Unsupported(format!(
-            "the host's weights at resolution {resolution} are not this plugin's; build both from the same version of hemicube"
+            "the host's weights at resolution {resolution} are not this plugin's; \
+             build both from the same version of hemicube"
         )));
     }
     Ok(wanted)

@@ -358,7 +358,8 @@ pub(crate) fn no_device() -> BackendError {
         Ok(system) => system.reasons.join("; "),
     };
     BackendError::Unsupported(format!(
-        "no device with OpenGL 4.5: {reasons}; install a driver (on Debian `libegl1 libgl1-mesa-dri` for the software one)"
+        "no device with OpenGL 4.5: {reasons}; \
+         install a driver (on Debian `libegl1 libgl1-mesa-dri` for the software one)"
     ))
 }
 

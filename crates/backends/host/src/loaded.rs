@@ -482,7 +482,8 @@ impl Outputs {
             let end = usize::try_from(end).unwrap_or(usize::MAX);
             if end < start || end > capacity {
                 return Err(format!(
-                    "row {row} of {row_count} ends at entry {end}; it begins at {start}, and there is room for {capacity}"
+                    "row {row} of {row_count} ends at entry {end}; \
+                     it begins at {start}, and there is room for {capacity}"
                 ));
             }
             block.row_end.push(end);

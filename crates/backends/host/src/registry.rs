@@ -44,7 +44,10 @@ pub enum OpenError {
         reason: LoadError,
     },
     /// With raised privileges, files are not the user's to choose.
-    #[error("backend `{}`: with raised privileges, none is loaded from a place that the command line names", path.display())]
+    #[error(
+        "backend `{}`: with raised privileges, none is loaded from a place that the command line names",
+        path.display()
+    )]
     Raised {
         /// The file.
         path: PathBuf,

@@ -141,12 +141,14 @@ impl Plan {
                 plan.batch = plan.group;
             } else if let Some(Size { name, bytes, .. }) = too_long {
                 return Err(BackendError::Unsupported(format!(
-                    "{name} of {} patches at resolution {resolution} need {bytes} bytes in one piece; the device allows {}; take a coarser scene, a lower resolution or the CPU",
+                    "{name} of {} patches at resolution {resolution} need {bytes} bytes in one piece; \
+                     the device allows {}; take a coarser scene, a lower resolution or the CPU",
                     upload.patch_count, limits.storage_range
                 )));
             } else {
                 return Err(BackendError::OutOfMemory(format!(
-                    "{} patches at resolution {resolution} need {bytes} bytes on the device, of which {} may be used; take a coarser scene, a lower resolution or the CPU",
+                    "{} patches at resolution {resolution} need {bytes} bytes on the device, \
+                     of which {} may be used; take a coarser scene, a lower resolution or the CPU",
                     upload.patch_count, limits.memory
                 )));
             }

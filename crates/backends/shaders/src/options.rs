@@ -1,6 +1,7 @@
 //! Options common to the GPU backends.
 
 use crate::limits::Edges;
+use crate::recording::Cull;
 use hemicube_abi::Options;
 use hemicube_contract::backend::BackendError;
 
@@ -74,6 +75,20 @@ pub fn choice<T: Copy>(options: &mut Options<'_>, key: &str, words: &[(&str, T)]
             Err(wrong(key, value, &format!("{others} or {last}")))
         }
     }
+}
+
+/// Takes `cull` of a backend that culls on the device only. `None`: chosen by scene.
+///
+/// # Errors
+/// [`BackendError::InvalidArgument`] for any other word.
+pub fn device_cull(options: &mut Options<'_>) -> Result<Option<Cull>, BackendError> {
+    let words = [
+        ("auto", None),
+        ("off", Some(Cull::Off)),
+        ("frustum", Some(Cull::Frustum)),
+        ("occlusion", Some(Cull::Occlusion)),
+    ];
+    Ok(choice(options, "cull", &words)?.flatten())
 }
 
 /// Takes a number of bytes.

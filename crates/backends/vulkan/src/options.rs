@@ -1,7 +1,7 @@
 //! The options of a session.
 
 use hemicube_contract::backend::BackendError;
-use hemicube_shaders::options::{Common, MOST_BATCH, bytes, choice};
+use hemicube_shaders::options::{Common, MOST_BATCH, bytes, device_cull};
 use hemicube_shaders::{Cull, Edges};
 
 /// The options of a session.
@@ -21,19 +21,10 @@ impl Options {
     /// Reads `key=value,key=value`.
     pub(crate) fn parse(text: &str) -> Result<Self, BackendError> {
         let mut given = hemicube_abi::Options::parse(text)?;
-        let cull = choice(
-            &mut given,
-            "cull",
-            &[
-                ("auto", None),
-                ("off", Some(Cull::Off)),
-                ("frustum", Some(Cull::Frustum)),
-                ("occlusion", Some(Cull::Occlusion)),
-            ],
-        )?;
+        let cull = device_cull(&mut given)?;
         let common = Common::take(&mut given, MOST_BATCH)?;
         let options = Self {
-            cull: cull.flatten(),
+            cull,
             edges: common.edges.unwrap_or_default(),
             timing: common.timing,
             validation: given.take_switch("validation")?.unwrap_or(false),

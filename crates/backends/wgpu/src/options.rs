@@ -1,7 +1,7 @@
 //! The options of a session.
 
 use hemicube_contract::backend::BackendError;
-use hemicube_shaders::options::{Common, MOST_BATCH, choice, number};
+use hemicube_shaders::options::{Common, MOST_BATCH, device_cull, number};
 use hemicube_shaders::{Cull, Edges};
 
 /// The options of a session.
@@ -28,20 +28,11 @@ impl Options {
     /// Reads `key=value,key=value`.
     pub(crate) fn parse(text: &str) -> Result<Self, BackendError> {
         let mut given = hemicube_abi::Options::parse(text)?;
-        let cull = choice(
-            &mut given,
-            "cull",
-            &[
-                ("auto", None),
-                ("off", Some(Cull::Off)),
-                ("frustum", Some(Cull::Frustum)),
-                ("occlusion", Some(Cull::Occlusion)),
-            ],
-        )?;
+        let cull = device_cull(&mut given)?;
         let common = Common::take(&mut given, MOST_BATCH)?;
         let memory = number(&mut given, "memory", 1, u32::MAX)?.map(|mib| u64::from(mib) << 20);
         let options = Self {
-            cull: cull.flatten(),
+            cull,
             edges: common.edges.unwrap_or_default(),
             batch: common.batch,
             group: common.group,

@@ -85,7 +85,8 @@ impl Store {
             }));
             device.check().map_err(|error| match error {
                 BackendError::OutOfMemory(_) => BackendError::OutOfMemory(format!(
-                    "{} need {} bytes, which the device does not have left; take a coarser scene, a lower resolution or fewer sessions",
+                    "{} need {} bytes, which the device does not have left; \
+                     take a coarser scene, a lower resolution or fewer sessions",
                     size.name, size.bytes
                 )),
                 error => error,
