@@ -382,10 +382,10 @@ impl Loaded {
             return Ok(Counters::default());
         };
         let began = std::time::Instant::now();
-        let read = &self.scene.frames[at].output;
-        let headers = read.read(0, (slots * HEADER_WORDS) as usize)?;
+        let buffer = &self.scene.frames[at].output;
+        let headers = buffer.read(0, (slots * HEADER_WORDS) as usize)?;
         let words = entry_words(&self.scene.plan, headers, slots)?;
-        let entries = read.read(self.scene.plan.output_entries() as usize, words)?;
+        let entries = buffer.read(self.scene.plan.output_entries() as usize, words)?;
         let mut counters = append_rows(headers, entries, slots, self.settings.covered, out);
         if cull == Cull::Off {
             let all = unculled_triangles(&self.scene.upload, u64::from(slots));
