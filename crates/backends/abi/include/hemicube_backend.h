@@ -1,4 +1,4 @@
-/* The ABI of hemicube backends that are loaded at run time.
+/* The ABI of hemicube backends loaded at run time.
  * Generated from crates/backends/abi/src/types.rs: do not edit.
  */
 
@@ -25,13 +25,13 @@ typedef struct HcSession HcSession;
 #define HC_ABI_VERSION 1
 
 /*
- Weight of a whole hemicube: a form factor is a weight divided by this. The weights of the visible patches of a
- hemicube, what escaped and what was blocked sum to exactly this.
+ Weight of a whole hemicube: a form factor is a weight divided by this. The weights of a hemicube's visible patches
+ and its escaped and blocked weight sum to exactly this.
  */
 #define HC_WHOLE 2147483648
 
 /*
- Where a patch number may be missing: the emitter of a free point, the back of a one-sided surface.
+ In place of a missing patch number: the emitter of a free point, the back of a one-sided surface.
  */
 #define HC_NO_PATCH 4294967295
 
@@ -56,12 +56,12 @@ typedef struct HcSession HcSession;
 #define HC_OK 0
 
 /*
- A request that the contract does not allow. The session stays usable.
+ A request against the contract. The session stays usable.
  */
 #define HC_ERROR_INVALID_ARGUMENT 1
 
 /*
- A legal request that this backend cannot serve. The session stays usable.
+ A legal request beyond this backend. The session stays usable.
  */
 #define HC_ERROR_UNSUPPORTED 2
 
@@ -76,12 +76,12 @@ typedef struct HcSession HcSession;
 #define HC_ERROR_DEVICE_LOST 4
 
 /*
- A defect of the backend, as is every number that is not in this list. Only `close` may follow.
+ A defect of the backend, like every number not in this list. Only `close` may follow.
  */
 #define HC_ERROR_INTERNAL 5
 
 /*
- A panic, or an exception, that was caught at the boundary. Only `close` may follow.
+ A panic or an exception, caught at the boundary. Only `close` may follow.
  */
 #define HC_ERROR_PANIC 6
 
@@ -91,7 +91,7 @@ typedef struct HcSession HcSession;
 #define HC_CAN_COVERED 1
 
 /*
- Reports patches that cover no pixel centre but are nearest at their centroid, when covered weights are asked for.
+ Reports patches without a pixel centre but nearest at their centroid, if covered weights are asked for.
  */
 #define HC_CAN_TINY_PATCHES 2
 
@@ -111,12 +111,12 @@ typedef struct HcSession HcSession;
 #define HC_DEVICE_OTHER 0
 
 /*
- A processor, or a graphics driver that runs on one. `--backend auto` prefers the built-in backend to it.
+ A processor, or a graphics driver running on one. `--backend auto` prefers the built-in backend to it.
  */
 #define HC_DEVICE_SOFTWARE 1
 
 /*
- A GPU that shares the processor's memory.
+ A GPU sharing the processor's memory.
  */
 #define HC_DEVICE_INTEGRATED_GPU 2
 
@@ -136,17 +136,17 @@ typedef struct HcSession HcSession;
 #define HC_LOG_ERROR 1
 
 /*
- Something that a user should know of.
+ News that a user should know.
  */
 #define HC_LOG_WARN 2
 
 /*
- Something that a user may want to know.
+ News that a user may want to know.
  */
 #define HC_LOG_INFO 3
 
 /*
- For who looks for a defect.
+ Details for finding a defect.
  */
 #define HC_LOG_DEBUG 4
 
@@ -156,7 +156,7 @@ typedef struct HcSession HcSession;
 typedef int32_t HcStatus;
 
 /*
- A device that sessions can be opened on. Stands in arrays, so it does not grow.
+ A device for sessions. Stands in arrays, so it does not grow.
  */
 typedef struct HcDevice {
   /*
@@ -172,11 +172,11 @@ typedef struct HcDevice {
    */
   uint32_t kind;
   /*
-   Largest resolution that it takes: a multiple of 16 from 16 to 1024.
+   Its largest resolution: a multiple of 16 from 16 to 1024.
    */
   uint32_t max_resolution;
   /*
-   How many hemicubes a call it likes best; 0 is taken as 1.
+   Preferred number of hemicubes a call; 0 counts for 1.
    */
   uint32_t preferred_rows;
   /*
@@ -196,7 +196,7 @@ typedef struct HcError {
 } HcError;
 
 /*
- What the host offers. The struct is valid until `open` returns; `context` and `log` as long as the process.
+ The host's services. The struct is valid until `open` returns; `context` and `log` live for the whole process.
  */
 typedef struct HcHost {
   /*
@@ -218,7 +218,7 @@ typedef struct HcHost {
 } HcHost;
 
 /*
- What a session is, when that says more than the device's entry: filled by `info`.
+ Details of a session beyond its device's entry: filled by `info`.
  */
 typedef struct HcSessionInfo {
   /*
@@ -226,11 +226,11 @@ typedef struct HcSessionInfo {
    */
   uint32_t struct_size;
   /*
-   As in `HcDevice`, of this session.
+   See `HcDevice`; for this session.
    */
   uint32_t preferred_rows;
   /*
-   As in `HcDevice`, of this session.
+   See `HcDevice`; for this session.
    */
   uint64_t capabilities;
   /*
@@ -242,7 +242,7 @@ typedef struct HcSessionInfo {
    */
   char version[64];
   /*
-   What was chosen for the loaded scene and why, a line each. May be empty.
+   Choices made for the loaded scene and their reasons, a line each. May be empty.
    */
   char choices[1024];
 } HcSessionInfo;
@@ -262,7 +262,7 @@ typedef struct HcNode {
    */
   double max[3];
   /*
-   Smallest box over the node's own surfaces; `own_min` above `own_max` where there are none.
+   Smallest box over the node's own surfaces; `own_min` above `own_max` if there are none.
    */
   double own_min[3];
   /*
@@ -286,11 +286,11 @@ typedef struct HcNode {
    */
   uint32_t first_child;
   /*
-   How many children there are; 0 for a leaf.
+   Number of children; 0 for a leaf.
    */
   uint32_t child_count;
   /*
-   The node whose child this is; `HC_NO_NODE` for the root, which is the first node.
+   The node's parent; `HC_NO_NODE` for the root, the first node.
    */
   uint32_t parent;
   /*
@@ -313,20 +313,20 @@ typedef struct HcScene {
    */
   uint32_t struct_size;
   /*
-   How many patches there are: numbers run from 0 to one below.
+   Number of patches, numbered from 0.
    */
   uint32_t patch_count;
   /*
-   Not 0: another call of `load` with this number brings the same scene, bit for bit, so that sessions can share
-   what is made of it. 0: nothing is known.
+   Not 0: another call of `load` with this number brings the same scene, bit for bit; sessions can share everything
+   derived from it. 0: nothing is known.
    */
   uint64_t identity;
   /*
-   A corner nearer than this to the emitter's plane counts as lying in it.
+   A corner nearer than this to the emitter's plane counts for lying in it.
    */
   double plane_tolerance;
   /*
-   How many surfaces there are.
+   Number of surfaces.
    */
   uint64_t surface_count;
   /*
@@ -338,11 +338,11 @@ typedef struct HcScene {
    */
   const uint32_t *front;
   /*
-   Patch on the back of each surface; `HC_NO_PATCH` for a one-sided one, whose back blocks.
+   Patch on the back of each surface; `HC_NO_PATCH` for a one-sided one: its back blocks.
    */
   const uint32_t *back;
   /*
-   How many nodes the octree has.
+   Number of nodes of the octree.
    */
   uint64_t node_count;
   /*
@@ -358,7 +358,7 @@ typedef struct HcScene {
    */
   double cube_half_edge;
   /*
-   Deepest level that the octree may have.
+   Deepest level allowed for the octree.
    */
   uint32_t octree_levels;
   /*
@@ -366,7 +366,7 @@ typedef struct HcScene {
    */
   uint32_t octree_min_items;
   /*
-   1: a surface is in the cell that its middle is in and that it is no larger than; 0: in one that holds it all.
+   1: a surface is in the cell of its middle, of an edge no smaller than the surface; 0: in a cell holding it all.
    */
   uint32_t octree_loose;
   /*
@@ -376,10 +376,10 @@ typedef struct HcScene {
 } HcScene;
 
 /*
- How hemicubes are rendered, from `load` on.
+ Settings of hemicubes, from `load` on.
 
- A hemicube has an atlas of 3 N² pixels, N wide: N rows of the top face, then N/2 rows of each side, +x, −x, +y, −y (of
- the emitter's axes: tangent, bitangent, normal). A direction (x, y, z) in those axes meets a face at (u/w, v/w):
+ A hemicube has an atlas of 3 N² pixels, N wide: N rows of the top face, then N/2 rows of each side, +x, −x, +y, −y
+ (of the emitter's axes: tangent, bitangent, normal). A direction (x, y, z) in those axes meets a face at (u/w, v/w):
 
  ```text
  top  u =  x  v = y  w =  z      pixel column from u/w in -1…1, row from v/w in -1…1
@@ -399,7 +399,7 @@ typedef struct HcSettings {
    */
   uint32_t resolution;
   /*
-   1: skip what cannot be seen; 0: rasterise every surface. The rows are the same.
+   1: skip invisible surfaces; 0: rasterise every surface. The rows are the same.
    */
   uint32_t culling;
   /*
@@ -407,17 +407,17 @@ typedef struct HcSettings {
    */
   uint32_t covered;
   /*
-   Weight of each pixel of the atlas, 3 N² of them, which sum to `HC_WHOLE`.
+   Weight of each pixel of the atlas, 3 N² of them, with the sum `HC_WHOLE`.
    */
   const uint32_t *weights;
 } HcSettings;
 
 /*
- Where a hemicube stands and how it is turned. Stands in arrays, so it does not grow.
+ Position and axes of a hemicube. Stands in arrays, so it does not grow.
  */
 typedef struct HcHemicube {
   /*
-   The patch it belongs to, whose surface is not seen; `HC_NO_PATCH` for a free point.
+   Its own patch, never seen; `HC_NO_PATCH` for a free point.
    */
   uint32_t emitter;
   /*
@@ -435,7 +435,7 @@ typedef struct HcHemicube {
 } HcHemicube;
 
 /*
- What was done for the rows of a call. Zeroed by the host; what is left 0 counts as none.
+ Counters of a call. Zeroed by the host; a 0 counts for none.
  */
 typedef struct HcCounters {
   /*
@@ -443,7 +443,7 @@ typedef struct HcCounters {
    */
   uint64_t hemicubes;
   /*
-   Nodes of the hierarchy that were tested.
+   Nodes of the hierarchy tested.
    */
   uint64_t nodes_tested;
   /*
@@ -451,7 +451,7 @@ typedef struct HcCounters {
    */
   uint64_t nodes_outside;
   /*
-   Nodes found hidden behind what was drawn before.
+   Nodes found hidden behind earlier surfaces.
    */
   uint64_t nodes_hidden;
   /*
@@ -477,11 +477,11 @@ typedef struct HcCounters {
 } HcCounters;
 
 /*
- Where the time of a call went, in nanoseconds. Zeroed by the host; what is left 0 was not measured.
+ Times of a call, in nanoseconds. Zeroed by the host; a 0 was not measured.
  */
 typedef struct HcStageTimes {
   /*
-   Finding what can be seen.
+   Choosing the surfaces to draw.
    */
   uint64_t cull;
   /*
@@ -493,7 +493,7 @@ typedef struct HcStageTimes {
    */
   uint64_t cover;
   /*
-   Adding up weights and picking the entries that are not zero.
+   Adding up weights and picking nonzero entries.
    */
   uint64_t reduce;
   /*
@@ -507,10 +507,10 @@ typedef struct HcStageTimes {
 } HcStageTimes;
 
 /*
- Hemicubes in, rows out. All arrays are the host's, and are large enough for any row.
+ Hemicubes in, rows out. All arrays are the host's, large enough for any row.
 
- Row k is the entries from `row_end[k - 1]` (0 for the first) to `row_end[k]`. A row depends on the scene, the settings
- and its own hemicube only: not on its place in a call, nor on what was rendered before.
+ Row k is the entries from `row_end[k - 1]` (0 for the first) to `row_end[k]`. A row depends on the scene, the
+ settings and its own hemicube only: not on its place in a call, nor on earlier calls.
  */
 typedef struct HcRows {
   /*
@@ -518,11 +518,11 @@ typedef struct HcRows {
    */
   uint32_t struct_size;
   /*
-   How many hemicubes there are.
+   Number of hemicubes.
    */
   uint32_t row_count;
   /*
-   How many entries there is room for: as many a row as the scene has patches.
+   Room for entries: the number of patches, for each row.
    */
   uint64_t capacity;
   /*
@@ -538,39 +538,39 @@ typedef struct HcRows {
    */
   uint32_t *patches;
   /*
-   Out: weight of the pixels that show the patch.
+   Out: weight of the patch's visible pixels.
    */
   uint32_t *visible;
   /*
-   Out: weight of the pixels that the patch would cover alone, by the same rasteriser, so at least `visible`; both 0
-   for a tiny patch. NULL unless covered weights were asked for.
+   Out: weight of the pixels covered by the patch alone, by the same rasteriser, so at least `visible`; both 0 for
+   a sub-pixel patch. NULL unless covered weights were asked for.
    */
   uint32_t *covered;
   /*
-   Out: weight that hit nothing, for each row.
+   Out: escaped weight of each row.
    */
   uint32_t *escaped;
   /*
-   Out: weight that hit the back of a one-sided surface, for each row.
+   Out: weight blocked by backs of one-sided surfaces, for each row.
    */
   uint32_t *blocked;
   /*
-   Out: what was done.
+   Out: counters.
    */
   struct HcCounters counters;
   /*
-   Out: where the time went.
+   Out: times.
    */
   struct HcStageTimes stage_times;
 } HcRows;
 
 /*
- The table: the one thing that a plugin exports, under the name `hemicube_backend`.
+ The table: the one export of a plugin, under the name `hemicube_backend`.
 
- [any-thread]: may be called at any time from any thread, also at once. [session-thread]: never two calls at once with
- one session, but the next may come from another thread; different sessions may be called at once. So what is bound to
- a thread, such as a GL context, is made current when a call begins and released when it ends. The host holds no lock
- during a call. Nothing may unwind out of a function. The image is never unloaded.
+ [any-thread]: may be called at any time from any thread, also at once. [session-thread]: never two calls at once
+ with one session, but the next may come from another thread; different sessions may be called at once. State bound
+ to a thread, such as a GL context, is therefore made current when a call begins and released when it ends. The host
+ holds no lock during a call. Nothing may unwind out of a function. The image is never unloaded.
  */
 typedef struct HcBackend {
   /*
@@ -582,8 +582,8 @@ typedef struct HcBackend {
    */
   uint32_t struct_size;
   /*
-   Name, `[a-z0-9-]{1,32}`. The file is called `hemicube_backend_NAME`, with `_` for `-`, and what the platform puts
-   before and after the name of a shared library.
+   Name, `[a-z0-9-]{1,32}`. The file is called `hemicube_backend_NAME`, with `_` for `-`, between the platform's
+   prefix and suffix of shared libraries.
    */
   const char *name;
   /*
@@ -595,8 +595,8 @@ typedef struct HcBackend {
    */
   HcStatus (*devices)(struct HcDevice *out, uint32_t capacity, uint32_t *count, struct HcError *error);
   /*
-   Opens a session on the device with that place in the list. `options` is `key=value,key=value`, UTF-8, or NULL; a
-   key that is not known is an error. [any-thread]
+   Opens a session on a device by its place in the list. `options` is `key=value,key=value`, UTF-8, or NULL; an
+   unknown key is an error. [any-thread]
    */
   HcStatus (*open)(const struct HcHost *host,
                    uint32_t device,
@@ -604,12 +604,12 @@ typedef struct HcBackend {
                    HcSession **session,
                    struct HcError *error);
   /*
-   Says what the session is, from `open` on, and again from `load` on. NULL: what `devices` and `version` say.
-   [session-thread]
+   Describes the session, from `open` on, and again from `load` on. NULL: it is described by `devices` and
+   `version`. [session-thread]
    */
   HcStatus (*info)(HcSession *session, struct HcSessionInfo *info, struct HcError *error);
   /*
-   Takes a scene, and how to render it, in place of what was loaded before. [session-thread]
+   Takes a scene and its settings, in place of the one before. [session-thread]
    */
   HcStatus (*load)(HcSession *session,
                    const struct HcScene *scene,
@@ -620,8 +620,8 @@ typedef struct HcBackend {
    */
   HcStatus (*rows)(HcSession *session, struct HcRows *rows, struct HcError *error);
   /*
-   The patch that each of the 3 N² pixels of a hemicube shows, or `HC_BLOCKED` or `HC_ESCAPED`. NULL where
-   `HC_CAN_ITEMS` is missing. [session-thread]
+   Writes the visible patch of each of the 3 N² pixels of a hemicube, or `HC_BLOCKED` or `HC_ESCAPED`. NULL without
+   `HC_CAN_ITEMS`. [session-thread]
    */
   HcStatus (*items)(HcSession *session,
                     const struct HcHemicube *hemicube,
@@ -639,7 +639,7 @@ typedef struct HcBackend {
 extern "C" {
 #endif
 
-/* What a plugin defines, in the one image that it is. */
+/* Defined by the plugin, once in its image. */
 extern HC_EXPORT const HcBackend hemicube_backend;
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-//! From a [`Plugin`] to the table: pointers become slices, panics statuses, and a scene the contract's [`Geometry`] again.
+//! From a [`Plugin`] to the table: pointers become slices, panics become statuses, scenes become a [`Geometry`].
 
 use crate::panics::guarded;
 use crate::plugin::{Device, Log, Plugin, capabilities_to_raw};
@@ -20,16 +20,16 @@ use hemicube_spatial::morton::Cube;
 use hemicube_spatial::{Aabb, Fit, Node, Octree, OctreeOptions};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// Bytes that a session's choices may take, the NUL included; what is longer is cut.
+/// Bytes for a session's choices, the NUL included; longer ones are cut.
 pub const CHOICES_SIZE: usize = 1024;
 
-/// What stands behind an [`HcSession`] of a plugin in Rust.
+/// The contents of an [`HcSession`] of a plugin in Rust.
 struct Open<S> {
     session: S,
     loaded: Option<Loaded>,
     rows: RowBlock,
     times: StageTimes,
-    /// A call has panicked, or said that the session is not usable any more.
+    /// A call panicked, or ended the session by a fatal error.
     dead: bool,
 }
 
@@ -38,7 +38,7 @@ struct Loaded {
     settings: RenderSettings,
 }
 
-/// The table of a plugin. [`export_backend!`](crate::export_backend) exports it; tests may take it as it is.
+/// The table of a plugin, exported by [`export_backend!`](crate::export_backend).
 pub const fn table<P: Plugin>() -> HcBackend {
     #[allow(clippy::cast_possible_truncation, reason = "some dozens of bytes")]
     let struct_size = size_of::<HcBackend>() as u32;
@@ -61,7 +61,7 @@ fn invalid<T>(message: impl Into<String>) -> Result<T, BackendError> {
     Err(BackendError::InvalidArgument(message.into()))
 }
 
-/// Writes `text` as a C string, cut at a character so that it and its NUL fit.
+/// Writes `text` and a NUL, cut at a character if it is too long.
 pub(crate) fn put(out: &mut [c_char], text: &str) {
     let Some(room) = out.len().checked_sub(1) else { return };
     let mut end = text.len().min(room);
@@ -75,7 +75,7 @@ pub(crate) fn put(out: &mut [c_char], text: &str) {
     out[end] = 0;
 }
 
-/// Runs a call of the host, and turns what comes of it into a status.
+/// Runs a call of the host, and returns its outcome as a status.
 ///
 /// # Safety
 /// `error` is NULL or valid for writes.
@@ -99,10 +99,11 @@ unsafe fn answer(error: *mut HcError, call: impl FnOnce() -> Result<(), BackendE
     status
 }
 
-/// As [`answer`], for a call on a session, which a panic or a fatal error ends.
+/// Runs a call on a session. A panic or a fatal error ends the session.
 ///
 /// # Safety
-/// `session` is NULL or what `open` of the same plugin gave, and nobody else uses it meanwhile; `error` as in [`answer`].
+/// `session` is NULL or given by `open` of the same plugin, and nobody else uses it meanwhile; `error` is NULL or valid
+/// for writes.
 unsafe fn answer_session<P: Plugin>(
     session: *mut HcSession,
     error: *mut HcError,
@@ -129,7 +130,7 @@ unsafe fn answer_session<P: Plugin>(
     status
 }
 
-/// A slice from a pointer and a length; from C, one of no length may come as NULL.
+/// Makes a slice of a pointer and a length. C may pass NULL for an empty one.
 ///
 /// # Safety
 /// Valid for reads of `length` values for `'a`, unless the length is 0.
@@ -144,7 +145,7 @@ unsafe fn slice<'a, T>(pointer: *const T, length: usize) -> Result<&'a [T], Back
     Ok(unsafe { std::slice::from_raw_parts(pointer, length) })
 }
 
-/// As [`slice`], to write to.
+/// Makes a mutable slice of a pointer and a length.
 ///
 /// # Safety
 /// Valid for reads and writes of `length` values for `'a`, by nobody else, unless the length is 0.
@@ -159,10 +160,10 @@ unsafe fn slice_mut<'a, T>(pointer: *mut T, length: usize) -> Result<&'a mut [T]
     Ok(unsafe { std::slice::from_raw_parts_mut(pointer, length) })
 }
 
-/// A struct of the host that begins with its size.
+/// Borrows a struct of the host; its first field is its size.
 ///
 /// # Safety
-/// NULL, or valid for reads of a `u32`, and of a `T` for `'a` if that says so.
+/// NULL, or valid for reads of a `u32`, and of a `T` for `'a` if its size says so.
 unsafe fn sized<'a, T>(pointer: *const T, what: &str) -> Result<&'a T, BackendError> {
     if pointer.is_null() || !pointer.is_aligned() {
         return invalid(format!("{what} is NULL or not aligned"));
@@ -223,7 +224,8 @@ unsafe extern "C" fn open<P: Plugin>(
     session: *mut *mut HcSession,
     error: *mut HcError,
 ) -> HcStatus {
-    // SAFETY: the host's pointers, by the ABI: a host or NULL, a C string or NULL, a place for the session, an error or NULL.
+    // SAFETY: the host's pointers, by the ABI: a host or NULL, a C string or NULL, room for the session, an error or
+    // NULL.
     unsafe {
         answer(error, || {
             if session.is_null() {
@@ -281,8 +283,8 @@ unsafe extern "C" fn load<P: Plugin>(
     settings: *const HcSettings,
     error: *mut HcError,
 ) -> HcStatus {
-    // SAFETY: the host's pointers, by the ABI: a session of this plugin, a scene and settings whose arrays are as long as
-    // they say, an error or NULL.
+    // SAFETY: the host's pointers, by the ABI: a session of this plugin, a scene and settings with arrays of the
+    // lengths given there, an error or NULL.
     unsafe {
         answer_session::<P>(session, error, |open| {
             let (scene, settings) = (sized(scene, "the scene")?, sized(settings, "the settings")?);
@@ -299,10 +301,10 @@ unsafe extern "C" fn load<P: Plugin>(
     }
 }
 
-/// The settings, once the host's weights are known to be those that the contract's own table gives.
+/// Reads the settings, and refuses weights other than the contract's own table.
 ///
 /// # Safety
-/// `weights` is as long as the resolution makes it.
+/// `weights` has 3 N² values at resolution N.
 unsafe fn render_settings(settings: &HcSettings) -> Result<RenderSettings, BackendError> {
     let resolution = settings.resolution;
     let wanted = RenderSettings {
@@ -323,25 +325,26 @@ unsafe fn render_settings(settings: &HcSettings) -> Result<RenderSettings, Backe
     // The plugin's arithmetic is compiled into it. Should the host's ever differ, rows would be subtly wrong: refuse.
     if weights != DeltaTable::new(resolution).weights().as_slice() {
         return Err(BackendError::Unsupported(format!(
-            "the host's weights at resolution {resolution} are not this plugin's; build both from the same version of hemicube"
+            "the host's weights at resolution {resolution} are not this plugin's; \
+             build both from the same version of hemicube"
         )));
     }
     Ok(wanted)
 }
 
-/// Scenes that sessions of this plugin hold, so that those over one scene share what they make of it.
+/// Scenes held by sessions of this plugin. Sessions over one scene share everything derived from it.
 static SCENES: Mutex<Vec<(u64, Weak<Geometry>)>> = Mutex::new(Vec::new());
 
-/// The scene, rebuilt, or the one that another session has if it is the same.
+/// Rebuilds the scene, or finds it with another session.
 ///
 /// # Safety
-/// Its arrays are as long as it says.
+/// Its arrays have the lengths given in it.
 unsafe fn geometry(scene: &HcScene) -> Result<Arc<Geometry>, BackendError> {
     if scene.identity == 0 {
         // SAFETY: by this function's contract.
         return unsafe { rebuild(scene) }.map(Arc::new);
     }
-    // Held while it is rebuilt: another session that waits for the same scene would only do the same work.
+    // Held during the rebuild: another session waiting for the same scene would only repeat it.
     let mut scenes = SCENES.lock().unwrap_or_else(PoisonError::into_inner);
     scenes.retain(|(_, geometry)| geometry.strong_count() > 0);
     let known = scenes.iter().find(|&&(identity, _)| identity == scene.identity);
@@ -358,7 +361,7 @@ unsafe fn geometry(scene: &HcScene) -> Result<Arc<Geometry>, BackendError> {
 }
 
 /// # Safety
-/// As [`geometry`].
+/// See [`geometry`].
 unsafe fn rebuild(scene: &HcScene) -> Result<Geometry, BackendError> {
     let surface_count = count(scene.surface_count)?;
     // SAFETY: by this function's contract; an array of nine f64 is aligned as one.
@@ -453,8 +456,8 @@ fn not_loaded<T>() -> Result<T, BackendError> {
 }
 
 unsafe extern "C" fn rows<P: Plugin>(session: *mut HcSession, rows: *mut HcRows, error: *mut HcError) -> HcStatus {
-    // SAFETY: the host's pointers, by the ABI: a session of this plugin, rows whose arrays are as long as they say, an
-    // error or NULL.
+    // SAFETY: the host's pointers, by the ABI: a session of this plugin, rows with arrays of the lengths given there,
+    // an error or NULL.
     unsafe {
         answer_session::<P>(session, error, |open| {
             sized(rows, "the rows")?;
@@ -496,10 +499,10 @@ unsafe extern "C" fn rows<P: Plugin>(session: *mut HcSession, rows: *mut HcRows,
     }
 }
 
-/// Copies rows to the host's arrays, if they fit. What is in them is the host's to judge.
+/// Copies rows to the host's arrays, if they fit. The host judges their contents.
 ///
 /// # Safety
-/// The arrays of `raw` are as long as it says.
+/// The arrays of `raw` have the lengths given in it.
 unsafe fn copy_rows(rows: &RowBlock, raw: &HcRows, covered: bool) -> Result<(), BackendError> {
     let (row_count, capacity) = (raw.row_count as usize, count(raw.capacity)?);
     let entries = rows.patches.len();
@@ -541,7 +544,8 @@ unsafe extern "C" fn items<P: Plugin>(
     out: *mut u32,
     error: *mut HcError,
 ) -> HcStatus {
-    // SAFETY: the host's pointers, by the ABI: a session of this plugin, a hemicube, an atlas to fill, an error or NULL.
+    // SAFETY: the host's pointers, by the ABI: a session of this plugin, a hemicube, room for an atlas, an error or
+    // NULL.
     unsafe {
         answer_session::<P>(session, error, |open| {
             let Some(loaded) = &open.loaded else {

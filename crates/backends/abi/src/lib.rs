@@ -1,9 +1,9 @@
-//! The C ABI of hemicube backends that are loaded at run time, and the safe side of it for authors in Rust.
+//! The C ABI of hemicube backends loaded at run time, and its safe side for authors in Rust.
 //!
-//! A plugin is a shared library that exports one table, [`HcBackend`]. In C that is written against
-//! `include/hemicube_backend.h`, which is generated from [`types`]. In Rust it is made by [`export_backend!`] from a
-//! [`Plugin`], whose sessions are the same [`HemicubeBackend`](contract::backend::HemicubeBackend) that the built-in backend
-//! is; the author's crate can forbid `unsafe`:
+//! A plugin is a shared library with one exported table, [`HcBackend`]. In C it is written against
+//! `include/hemicube_backend.h`, generated from [`types`]. In Rust, [`export_backend!`] makes it of a [`Plugin`]. The
+//! plugin's sessions implement [`HemicubeBackend`](contract::backend::HemicubeBackend), like the built-in backend; the
+//! author's crate can forbid `unsafe`:
 //!
 //! ```
 //! #![forbid(unsafe_code)]
@@ -11,7 +11,7 @@
 //! use hemicube_abi::{Device, DeviceKind, Log, Options, Plugin, export_backend};
 //! use std::{ffi::CStr, sync::Arc};
 //!
-//! /// Sees nothing, whatever the scene.
+//! /// Sees nothing in any scene.
 //! struct Blind(BackendInfo);
 //!
 //! impl Plugin for Blind {
@@ -21,7 +21,8 @@
 //!
 //!     fn devices() -> Result<Vec<Device>, BackendError> {
 //!         let (name, kind) = ("nothing at all".to_owned(), DeviceKind::Software);
-//!         Ok(vec![Device { name, kind, capabilities: Capabilities::default(), max_resolution: 1024, preferred_rows: 1 }])
+//!         let capabilities = Capabilities::default();
+//!         Ok(vec![Device { name, kind, capabilities, max_resolution: 1024, preferred_rows: 1 }])
 //!     }
 //!
 //!     fn open(device: u32, options: &str, _log: Log) -> Result<Self, BackendError> {
@@ -54,11 +55,11 @@
 //! # fn main() { assert_eq!(hemicube_backend.abi_version, hemicube_abi::types::HC_ABI_VERSION) }
 //! ```
 //!
-//! The package is a `cdylib`, its library is called `hemicube_backend_NAME` (`_` for `-`), and it is built with
-//! `panic = "unwind"`, which the macro insists on.
+//! The package is a `cdylib` called `hemicube_backend_NAME` (`_` for `-`), built with `panic = "unwind"`; the macro
+//! insists on that.
 //!
 //! No allocation across the boundary and no callback but the log, because nothing can then be freed by the wrong side,
-//! nor called in a state that nobody thought of.
+//! nor called in an unforeseen state.
 
 mod adapter;
 mod options;
@@ -72,17 +73,17 @@ pub use options::Options;
 pub use plugin::{Device, DeviceKind, Log, Plugin, capabilities_from_raw, capabilities_to_raw};
 pub use types::HcBackend;
 
-/// Exports the table of a [`Plugin`] as `hemicube_backend`, the symbol that hosts look for.
+/// Exports the table of a [`Plugin`] under the name `hemicube_backend`.
 ///
-/// Once in a linked image: two would be one symbol twice. So a crate that is also linked as an `rlib`, for its tests, must
-/// not be linked together with another one; tests of several plugins at once load them, as the program does.
+/// Use it once in a linked image: two would be one symbol twice. A crate linked as an `rlib`, too, for its tests, must
+/// not be linked together with another such crate; tests of several plugins at once load them, like the program.
 #[macro_export]
 macro_rules! export_backend {
     ($plugin:ty) => {
         #[cfg(not(panic = "unwind"))]
         compile_error!("a hemicube backend must be built with `panic = \"unwind\"`: the host must survive its panics");
 
-        /// The table that the host looks for.
+        /// The table for the host.
         #[allow(non_upper_case_globals, reason = "the name is part of the ABI")]
         #[unsafe(no_mangle)]
         pub static hemicube_backend: $crate::HcBackend = $crate::table::<$plugin>();

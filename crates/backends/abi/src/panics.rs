@@ -1,8 +1,9 @@
-//! Panics end here: nothing unwinds into the host.
+//! The barrier for panics: nothing unwinds into the host.
 //!
-//! A cdylib has a copy of the standard library of its own, so the host's panic hook never hears of a plugin's panic, and
-//! the default one would print a trace into the middle of the host's output. So one hook is put before it, which during a
-//! guarded call keeps message and place for the host, and prints nothing; elsewhere (a plugin's own threads) it steps aside.
+//! A cdylib has its own copy of the standard library: the host's panic hook never hears of a plugin's panic, and the
+//! default hook would print a trace into the middle of the host's output. A hook of ours stands before it. During a
+//! guarded call it keeps message and place for the host and prints nothing; elsewhere (a plugin's own threads) it steps
+//! aside.
 
 use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
@@ -39,7 +40,7 @@ fn keep(info: &PanicHookInfo<'_>) {
         Some(place) => format!("{text} ({}:{})", place.file(), place.line()),
         None => text.to_owned(),
     };
-    // The slot is only ever borrowed for a moment; should a panic have come in that moment, one message is lost.
+    // The slot is borrowed for a moment only; a panic in that moment would lose one message.
     let _ = CAUGHT.try_with(|caught| {
         if let Ok(mut caught) = caught.try_borrow_mut() {
             *caught = text;
@@ -47,11 +48,11 @@ fn keep(info: &PanicHookInfo<'_>) {
     });
 }
 
-/// What `call` gives, or where it panicked and with what message.
+/// Runs `call`. Returns its result, or the place and message of its panic.
 pub(crate) fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     install_hook();
     let outer = GUARDED.replace(true);
-    // What a panic leaves half done is never used again: the session only takes `close` from then on.
+    // State left half done by a panic is never used again: the session takes only `close` from then on.
     let result = catch_unwind(AssertUnwindSafe(call));
     GUARDED.set(outer);
     result.map_err(|payload| {

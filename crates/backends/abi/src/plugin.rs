@@ -1,4 +1,4 @@
-//! The author's side: what a backend in Rust implements.
+//! The author's side: the trait of a backend in Rust.
 
 use crate::types::{
     HC_CAN_COVERED, HC_CAN_ITEMS, HC_CAN_LOSSLESS_CULLING, HC_CAN_TINY_PATCHES, HC_DEVICE_DISCRETE_GPU,
@@ -10,9 +10,9 @@ use hemicube_contract::backend::{BackendError, BackendInfo, Capabilities, Hemicu
 use std::ffi::CString;
 use std::fmt;
 
-/// A backend that is loaded at run time: [`export_backend!`](crate::export_backend) makes the exported table of it.
+/// A backend loaded at run time: [`export_backend!`](crate::export_backend) makes its table.
 pub trait Plugin: 'static {
-    /// The name that `--backend` takes, `[a-z0-9-]{1,32}`.
+    /// The name for `--backend`, `[a-z0-9-]{1,32}`.
     const NAME: &'static CStr;
     /// Version of the arithmetic; a session's [`info`](HemicubeBackend::info) may be more precise.
     const VERSION: &'static CStr;
@@ -25,23 +25,23 @@ pub trait Plugin: 'static {
     /// When they cannot be asked for: no driver, say.
     fn devices() -> Result<Vec<Device>, BackendError>;
 
-    /// Opens a session on the device with that place in [`devices`](Self::devices). `options` is `key=value,key=value`,
-    /// see [`Options`](crate::Options); a key that is not known must be an error.
+    /// Opens a session on a device by its place in [`devices`](Self::devices). `options` is `key=value,key=value`, see
+    /// [`Options`](crate::Options); an unknown key must be an error.
     ///
     /// # Errors
     /// When there is no such device or option, or the device does not open.
     fn open(device: u32, options: &str, log: Log) -> Result<Self::Session, BackendError>;
 }
 
-/// What a device is.
+/// The kind of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceKind {
     /// None of the others.
     #[default]
     Other,
-    /// A processor, or a graphics driver that runs on one.
+    /// A processor, or a graphics driver running on one.
     Software,
-    /// A GPU that shares the processor's memory.
+    /// A GPU sharing the processor's memory.
     IntegratedGpu,
     /// A GPU with memory of its own.
     DiscreteGpu,
@@ -50,7 +50,7 @@ pub enum DeviceKind {
 }
 
 impl DeviceKind {
-    /// As the table has it.
+    /// Returns the table's number.
     pub fn to_raw(self) -> u32 {
         match self {
             Self::Other => HC_DEVICE_OTHER,
@@ -84,7 +84,7 @@ impl DeviceKind {
     }
 }
 
-/// Capabilities as the bits of the table.
+/// Returns the table's bits of capabilities.
 pub fn capabilities_to_raw(can: Capabilities) -> u64 {
     [
         (can.covered, HC_CAN_COVERED),
@@ -106,23 +106,23 @@ pub fn capabilities_from_raw(bits: u64) -> Capabilities {
     }
 }
 
-/// A device that sessions can be opened on.
+/// A device for sessions.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Device {
     /// Name and driver, in words; cut after 127 bytes.
     pub name: String,
-    /// What it is.
+    /// Its kind.
     pub kind: DeviceKind,
-    /// What a session on it can do.
+    /// The capabilities of a session on it.
     pub capabilities: Capabilities,
-    /// Largest resolution that it takes.
+    /// Its largest resolution.
     pub max_resolution: u32,
-    /// How many hemicubes a call it likes best.
+    /// The preferred number of hemicubes a call.
     pub preferred_rows: usize,
 }
 
 impl Device {
-    /// What a session of the plugin `P` on this device is, as far as that follows from the device.
+    /// Describes a session of the plugin `P` on this device, by the device's entry.
     pub fn info<P: Plugin>(&self) -> BackendInfo {
         BackendInfo {
             name: P::NAME.to_string_lossy().into_owned(),
@@ -153,7 +153,7 @@ impl fmt::Debug for Log {
 }
 
 impl Log {
-    /// A log that nobody reads: for a backend's own tests.
+    /// A log without a reader: for a backend's own tests.
     pub fn silent() -> Self {
         Self {
             write: None,
@@ -168,22 +168,22 @@ impl Log {
         })
     }
 
-    /// An error that no call reports.
+    /// An error not reported by any call.
     pub fn error(&self, message: &str) {
         self.write(HC_LOG_ERROR, message);
     }
 
-    /// Something that a user should know of.
+    /// News that a user should know.
     pub fn warn(&self, message: &str) {
         self.write(HC_LOG_WARN, message);
     }
 
-    /// Something that a user may want to know.
+    /// News that a user may want to know.
     pub fn info(&self, message: &str) {
         self.write(HC_LOG_INFO, message);
     }
 
-    /// For who looks for a defect.
+    /// Details for finding a defect.
     pub fn debug(&self, message: &str) {
         self.write(HC_LOG_DEBUG, message);
     }

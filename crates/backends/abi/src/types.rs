@@ -1,11 +1,10 @@
-//! What crosses the boundary: one table of functions, a few structs that the caller allocates, and integers.
+//! The types across the boundary: one table of functions, a few structs allocated by the caller, and integers.
 //!
-//! `include/hemicube_backend.h` is generated from this file (`tests/header.rs` compares; `BLESS=1` writes), so comments
-//! here are the C author's manual. Rules that hold everywhere:
+//! `include/hemicube_backend.h` is generated from this file (`tests/header.rs` compares; `BLESS=1` writes): comments
+//! here are the C author's manual. General rules:
 //!
-//! - Whoever calls allocates, and nothing is ever freed by the other side. Pointers given to a call are valid until it
-//!   returns.
-//! - Structs that begin with `struct_size` may grow at the end; those that stand in arrays never do within an ABI version.
+//! - The caller allocates; the other side never frees anything. Pointers given to a call are valid until it returns.
+//! - Structs beginning with `struct_size` may grow at the end; structs in arrays never do within an ABI version.
 //! - Nothing unwinds out of a function, in either direction.
 
 use core::ffi::{c_char, c_void};
@@ -13,10 +12,10 @@ use core::marker::{PhantomData, PhantomPinned};
 
 /// Version of the ABI. A host loads a plugin only when the two are equal; within a version things are only appended.
 pub const HC_ABI_VERSION: u32 = 1;
-/// Weight of a whole hemicube: a form factor is a weight divided by this. The weights of the visible patches of a
-/// hemicube, what escaped and what was blocked sum to exactly this.
+/// Weight of a whole hemicube: a form factor is a weight divided by this. The weights of a hemicube's visible patches
+/// and its escaped and blocked weight sum to exactly this.
 pub const HC_WHOLE: u32 = 0x8000_0000;
-/// Where a patch number may be missing: the emitter of a free point, the back of a one-sided surface.
+/// In place of a missing patch number: the emitter of a free point, the back of a one-sided surface.
 pub const HC_NO_PATCH: u32 = 0xFFFF_FFFF;
 /// In an item buffer: the pixel hit nothing.
 pub const HC_ESCAPED: u32 = 0xFFFF_FFFF;
@@ -27,22 +26,22 @@ pub const HC_NO_NODE: u32 = 0xFFFF_FFFF;
 
 /// Done.
 pub const HC_OK: i32 = 0;
-/// A request that the contract does not allow. The session stays usable.
+/// A request against the contract. The session stays usable.
 pub const HC_ERROR_INVALID_ARGUMENT: i32 = 1;
-/// A legal request that this backend cannot serve. The session stays usable.
+/// A legal request beyond this backend. The session stays usable.
 pub const HC_ERROR_UNSUPPORTED: i32 = 2;
 /// Host or device memory ran out. The session stays usable.
 pub const HC_ERROR_OUT_OF_MEMORY: i32 = 3;
 /// The device is gone. Only `close` may follow.
 pub const HC_ERROR_DEVICE_LOST: i32 = 4;
-/// A defect of the backend, as is every number that is not in this list. Only `close` may follow.
+/// A defect of the backend, like every number not in this list. Only `close` may follow.
 pub const HC_ERROR_INTERNAL: i32 = 5;
-/// A panic, or an exception, that was caught at the boundary. Only `close` may follow.
+/// A panic or an exception, caught at the boundary. Only `close` may follow.
 pub const HC_ERROR_PANIC: i32 = 6;
 
 /// Fills in covered weights when asked.
 pub const HC_CAN_COVERED: u64 = 1;
-/// Reports patches that cover no pixel centre but are nearest at their centroid, when covered weights are asked for.
+/// Reports patches without a pixel centre but nearest at their centroid, if covered weights are asked for.
 pub const HC_CAN_TINY_PATCHES: u64 = 2;
 /// `items` works.
 pub const HC_CAN_ITEMS: u64 = 4;
@@ -51,9 +50,9 @@ pub const HC_CAN_LOSSLESS_CULLING: u64 = 8;
 
 /// A device of none of the kinds below.
 pub const HC_DEVICE_OTHER: u32 = 0;
-/// A processor, or a graphics driver that runs on one. `--backend auto` prefers the built-in backend to it.
+/// A processor, or a graphics driver running on one. `--backend auto` prefers the built-in backend to it.
 pub const HC_DEVICE_SOFTWARE: u32 = 1;
-/// A GPU that shares the processor's memory.
+/// A GPU sharing the processor's memory.
 pub const HC_DEVICE_INTEGRATED_GPU: u32 = 2;
 /// A GPU with memory of its own.
 pub const HC_DEVICE_DISCRETE_GPU: u32 = 3;
@@ -62,11 +61,11 @@ pub const HC_DEVICE_VIRTUAL_GPU: u32 = 4;
 
 /// An error of the program or the plugin.
 pub const HC_LOG_ERROR: i32 = 1;
-/// Something that a user should know of.
+/// News that a user should know.
 pub const HC_LOG_WARN: i32 = 2;
-/// Something that a user may want to know.
+/// News that a user may want to know.
 pub const HC_LOG_INFO: i32 = 3;
-/// For who looks for a defect.
+/// Details for finding a defect.
 pub const HC_LOG_DEBUG: i32 = 4;
 
 /// `HC_OK` or an `HC_ERROR_…`. An integer, not an enum: any number may come from foreign code.
@@ -80,14 +79,14 @@ pub struct HcError {
     pub message: [c_char; 512],
 }
 
-/// An open device with a scene, as the plugin pleases: the host only hands it back.
+/// An open device with a scene. Its contents are the plugin's: the host only hands it back.
 #[repr(C)]
 pub struct HcSession {
     _opaque: [u8; 0],
     _marker: PhantomData<(*mut u8, PhantomPinned)>,
 }
 
-/// A device that sessions can be opened on. Stands in arrays, so it does not grow.
+/// A device for sessions. Stands in arrays, so it does not grow.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HcDevice {
@@ -97,15 +96,15 @@ pub struct HcDevice {
     pub capabilities: u64,
     /// `HC_DEVICE_…`.
     pub kind: u32,
-    /// Largest resolution that it takes: a multiple of 16 from 16 to 1024.
+    /// Its largest resolution: a multiple of 16 from 16 to 1024.
     pub max_resolution: u32,
-    /// How many hemicubes a call it likes best; 0 is taken as 1.
+    /// Preferred number of hemicubes a call; 0 counts for 1.
     pub preferred_rows: u32,
     /// Zero.
     pub reserved: [u32; 9],
 }
 
-/// What the host offers. The struct is valid until `open` returns; `context` and `log` as long as the process.
+/// The host's services. The struct is valid until `open` returns; `context` and `log` live for the whole process.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HcHost {
@@ -119,21 +118,21 @@ pub struct HcHost {
     pub log: Option<unsafe extern "C" fn(context: *mut c_void, level: i32, message: *const c_char)>,
 }
 
-/// What a session is, when that says more than the device's entry: filled by `info`.
+/// Details of a session beyond its device's entry: filled by `info`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HcSessionInfo {
     /// Bytes of this struct.
     pub struct_size: u32,
-    /// As in `HcDevice`, of this session.
+    /// See `HcDevice`; for this session.
     pub preferred_rows: u32,
-    /// As in `HcDevice`, of this session.
+    /// See `HcDevice`; for this session.
     pub capabilities: u64,
     /// The device, in words.
     pub device: [c_char; 128],
     /// Version of the arithmetic: matrices of different versions are not mixed. May depend on the loaded scene.
     pub version: [c_char; 64],
-    /// What was chosen for the loaded scene and why, a line each. May be empty.
+    /// Choices made for the loaded scene and their reasons, a line each. May be empty.
     pub choices: [c_char; 1024],
 }
 
@@ -147,7 +146,7 @@ pub struct HcNode {
     pub min: [f64; 3],
     /// Its other corner.
     pub max: [f64; 3],
-    /// Smallest box over the node's own surfaces; `own_min` above `own_max` where there are none.
+    /// Smallest box over the node's own surfaces; `own_min` above `own_max` if there are none.
     pub own_min: [f64; 3],
     /// Its other corner.
     pub own_max: [f64; 3],
@@ -159,9 +158,9 @@ pub struct HcNode {
     pub surface_end: u32,
     /// First child, a node number; children are beside each other.
     pub first_child: u32,
-    /// How many children there are; 0 for a leaf.
+    /// Number of children; 0 for a leaf.
     pub child_count: u32,
-    /// The node whose child this is; `HC_NO_NODE` for the root, which is the first node.
+    /// The node's parent; `HC_NO_NODE` for the root, the first node.
     pub parent: u32,
     /// The node's cell, counted from the cube's origin in cells of its level.
     pub cell: [u32; 3],
@@ -176,22 +175,22 @@ pub struct HcNode {
 pub struct HcScene {
     /// Bytes of this struct.
     pub struct_size: u32,
-    /// How many patches there are: numbers run from 0 to one below.
+    /// Number of patches, numbered from 0.
     pub patch_count: u32,
-    /// Not 0: another call of `load` with this number brings the same scene, bit for bit, so that sessions can share
-    /// what is made of it. 0: nothing is known.
+    /// Not 0: another call of `load` with this number brings the same scene, bit for bit; sessions can share everything
+    /// derived from it. 0: nothing is known.
     pub identity: u64,
-    /// A corner nearer than this to the emitter's plane counts as lying in it.
+    /// A corner nearer than this to the emitter's plane counts for lying in it.
     pub plane_tolerance: f64,
-    /// How many surfaces there are.
+    /// Number of surfaces.
     pub surface_count: u64,
     /// Nine numbers a surface: three corners, counter-clockwise seen from the front. In the octree's order.
     pub corners: *const f64,
     /// Patch on the front of each surface.
     pub front: *const u32,
-    /// Patch on the back of each surface; `HC_NO_PATCH` for a one-sided one, whose back blocks.
+    /// Patch on the back of each surface; `HC_NO_PATCH` for a one-sided one: its back blocks.
     pub back: *const u32,
-    /// How many nodes the octree has.
+    /// Number of nodes of the octree.
     pub node_count: u64,
     /// The octree, breadth first. Need not be used.
     pub nodes: *const HcNode,
@@ -199,20 +198,20 @@ pub struct HcScene {
     pub cube_origin: [f64; 3],
     /// Half the edge of that cube.
     pub cube_half_edge: f64,
-    /// Deepest level that the octree may have.
+    /// Deepest level allowed for the octree.
     pub octree_levels: u32,
     /// A node with no more surfaces than this is not divided.
     pub octree_min_items: u32,
-    /// 1: a surface is in the cell that its middle is in and that it is no larger than; 0: in one that holds it all.
+    /// 1: a surface is in the cell of its middle, of an edge no smaller than the surface; 0: in a cell holding it all.
     pub octree_loose: u32,
     /// Zero.
     pub reserved: u32,
 }
 
-/// How hemicubes are rendered, from `load` on.
+/// Settings of hemicubes, from `load` on.
 ///
-/// A hemicube has an atlas of 3 N² pixels, N wide: N rows of the top face, then N/2 rows of each side, +x, −x, +y, −y (of
-/// the emitter's axes: tangent, bitangent, normal). A direction (x, y, z) in those axes meets a face at (u/w, v/w):
+/// A hemicube has an atlas of 3 N² pixels, N wide: N rows of the top face, then N/2 rows of each side, +x, −x, +y, −y
+/// (of the emitter's axes: tangent, bitangent, normal). A direction (x, y, z) in those axes meets a face at (u/w, v/w):
 ///
 /// ```text
 /// top  u =  x  v = y  w =  z      pixel column from u/w in -1…1, row from v/w in -1…1
@@ -228,19 +227,19 @@ pub struct HcSettings {
     pub struct_size: u32,
     /// N: a multiple of 16 from 16 to 1024.
     pub resolution: u32,
-    /// 1: skip what cannot be seen; 0: rasterise every surface. The rows are the same.
+    /// 1: skip invisible surfaces; 0: rasterise every surface. The rows are the same.
     pub culling: u32,
     /// 1: rows carry covered weights and tiny patches.
     pub covered: u32,
-    /// Weight of each pixel of the atlas, 3 N² of them, which sum to `HC_WHOLE`.
+    /// Weight of each pixel of the atlas, 3 N² of them, with the sum `HC_WHOLE`.
     pub weights: *const u32,
 }
 
-/// Where a hemicube stands and how it is turned. Stands in arrays, so it does not grow.
+/// Position and axes of a hemicube. Stands in arrays, so it does not grow.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HcHemicube {
-    /// The patch it belongs to, whose surface is not seen; `HC_NO_PATCH` for a free point.
+    /// Its own patch, never seen; `HC_NO_PATCH` for a free point.
     pub emitter: u32,
     /// Zero.
     pub reserved: u32,
@@ -250,17 +249,17 @@ pub struct HcHemicube {
     pub axes: [f64; 9],
 }
 
-/// What was done for the rows of a call. Zeroed by the host; what is left 0 counts as none.
+/// Counters of a call. Zeroed by the host; a 0 counts for none.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HcCounters {
     /// Hemicubes rendered.
     pub hemicubes: u64,
-    /// Nodes of the hierarchy that were tested.
+    /// Nodes of the hierarchy tested.
     pub nodes_tested: u64,
     /// Nodes found outside every face.
     pub nodes_outside: u64,
-    /// Nodes found hidden behind what was drawn before.
+    /// Nodes found hidden behind earlier surfaces.
     pub nodes_hidden: u64,
     /// Triangles transformed into a hemicube's frame.
     pub triangles_transformed: u64,
@@ -274,17 +273,17 @@ pub struct HcCounters {
     pub reserved: [u64; 8],
 }
 
-/// Where the time of a call went, in nanoseconds. Zeroed by the host; what is left 0 was not measured.
+/// Times of a call, in nanoseconds. Zeroed by the host; a 0 was not measured.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HcStageTimes {
-    /// Finding what can be seen.
+    /// Choosing the surfaces to draw.
     pub cull: u64,
     /// Drawing depths and ids.
     pub render: u64,
     /// Drawing visible patches alone, for covered weights.
     pub cover: u64,
-    /// Adding up weights and picking the entries that are not zero.
+    /// Adding up weights and picking nonzero entries.
     pub reduce: u64,
     /// Bringing rows back.
     pub read_back: u64,
@@ -292,18 +291,18 @@ pub struct HcStageTimes {
     pub reserved: [u64; 3],
 }
 
-/// Hemicubes in, rows out. All arrays are the host's, and are large enough for any row.
+/// Hemicubes in, rows out. All arrays are the host's, large enough for any row.
 ///
-/// Row k is the entries from `row_end[k - 1]` (0 for the first) to `row_end[k]`. A row depends on the scene, the settings
-/// and its own hemicube only: not on its place in a call, nor on what was rendered before.
+/// Row k is the entries from `row_end[k - 1]` (0 for the first) to `row_end[k]`. A row depends on the scene, the
+/// settings and its own hemicube only: not on its place in a call, nor on earlier calls.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HcRows {
     /// Bytes of this struct.
     pub struct_size: u32,
-    /// How many hemicubes there are.
+    /// Number of hemicubes.
     pub row_count: u32,
-    /// How many entries there is room for: as many a row as the scene has patches.
+    /// Room for entries: the number of patches, for each row.
     pub capacity: u64,
     /// In: `row_count` hemicubes.
     pub hemicubes: *const HcHemicube,
@@ -311,27 +310,27 @@ pub struct HcRows {
     pub row_end: *mut u64,
     /// Out: the patch of each entry, strictly ascending within a row.
     pub patches: *mut u32,
-    /// Out: weight of the pixels that show the patch.
+    /// Out: weight of the patch's visible pixels.
     pub visible: *mut u32,
-    /// Out: weight of the pixels that the patch would cover alone, by the same rasteriser, so at least `visible`; both 0
-    /// for a tiny patch. NULL unless covered weights were asked for.
+    /// Out: weight of the pixels covered by the patch alone, by the same rasteriser, so at least `visible`; both 0 for
+    /// a sub-pixel patch. NULL unless covered weights were asked for.
     pub covered: *mut u32,
-    /// Out: weight that hit nothing, for each row.
+    /// Out: escaped weight of each row.
     pub escaped: *mut u32,
-    /// Out: weight that hit the back of a one-sided surface, for each row.
+    /// Out: weight blocked by backs of one-sided surfaces, for each row.
     pub blocked: *mut u32,
-    /// Out: what was done.
+    /// Out: counters.
     pub counters: HcCounters,
-    /// Out: where the time went.
+    /// Out: times.
     pub stage_times: HcStageTimes,
 }
 
-/// The table: the one thing that a plugin exports, under the name `hemicube_backend`.
+/// The table: the one export of a plugin, under the name `hemicube_backend`.
 ///
-/// [any-thread]: may be called at any time from any thread, also at once. [session-thread]: never two calls at once with
-/// one session, but the next may come from another thread; different sessions may be called at once. So what is bound to
-/// a thread, such as a GL context, is made current when a call begins and released when it ends. The host holds no lock
-/// during a call. Nothing may unwind out of a function. The image is never unloaded.
+/// [any-thread]: may be called at any time from any thread, also at once. [session-thread]: never two calls at once
+/// with one session, but the next may come from another thread; different sessions may be called at once. State bound
+/// to a thread, such as a GL context, is therefore made current when a call begins and released when it ends. The host
+/// holds no lock during a call. Nothing may unwind out of a function. The image is never unloaded.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HcBackend {
@@ -339,8 +338,8 @@ pub struct HcBackend {
     pub abi_version: u32,
     /// `sizeof(HcBackend)` in the plugin.
     pub struct_size: u32,
-    /// Name, `[a-z0-9-]{1,32}`. The file is called `hemicube_backend_NAME`, with `_` for `-`, and what the platform puts
-    /// before and after the name of a shared library.
+    /// Name, `[a-z0-9-]{1,32}`. The file is called `hemicube_backend_NAME`, with `_` for `-`, between the platform's
+    /// prefix and suffix of shared libraries.
     pub name: *const c_char,
     /// Version of the arithmetic: matrices of different versions are not mixed. UTF-8, not empty.
     pub version: *const c_char,
@@ -348,8 +347,8 @@ pub struct HcBackend {
     pub devices: Option<
         unsafe extern "C" fn(out: *mut HcDevice, capacity: u32, count: *mut u32, error: *mut HcError) -> HcStatus,
     >,
-    /// Opens a session on the device with that place in the list. `options` is `key=value,key=value`, UTF-8, or NULL; a
-    /// key that is not known is an error. [any-thread]
+    /// Opens a session on a device by its place in the list. `options` is `key=value,key=value`, UTF-8, or NULL; an
+    /// unknown key is an error. [any-thread]
     pub open: Option<
         unsafe extern "C" fn(
             host: *const HcHost,
@@ -359,12 +358,12 @@ pub struct HcBackend {
             error: *mut HcError,
         ) -> HcStatus,
     >,
-    /// Says what the session is, from `open` on, and again from `load` on. NULL: what `devices` and `version` say.
-    /// [session-thread]
+    /// Describes the session, from `open` on, and again from `load` on. NULL: it is described by `devices` and
+    /// `version`. [session-thread]
     pub info: Option<
         unsafe extern "C" fn(session: *mut HcSession, info: *mut HcSessionInfo, error: *mut HcError) -> HcStatus,
     >,
-    /// Takes a scene, and how to render it, in place of what was loaded before. [session-thread]
+    /// Takes a scene and its settings, in place of the one before. [session-thread]
     pub load: Option<
         unsafe extern "C" fn(
             session: *mut HcSession,
@@ -375,8 +374,8 @@ pub struct HcBackend {
     >,
     /// Renders hemicubes and reduces them to rows. [session-thread]
     pub rows: Option<unsafe extern "C" fn(session: *mut HcSession, rows: *mut HcRows, error: *mut HcError) -> HcStatus>,
-    /// The patch that each of the 3 N² pixels of a hemicube shows, or `HC_BLOCKED` or `HC_ESCAPED`. NULL where
-    /// `HC_CAN_ITEMS` is missing. [session-thread]
+    /// Writes the visible patch of each of the 3 N² pixels of a hemicube, or `HC_BLOCKED` or `HC_ESCAPED`. NULL without
+    /// `HC_CAN_ITEMS`. [session-thread]
     pub items: Option<
         unsafe extern "C" fn(
             session: *mut HcSession,
@@ -394,10 +393,10 @@ unsafe impl Sync for HcBackend {}
 // SAFETY: as above.
 unsafe impl Send for HcBackend {}
 
-/// The name that the table is exported under, NUL-terminated as loaders want it.
+/// The exported name of the table, NUL-terminated for loaders.
 pub const SYMBOL: &core::ffi::CStr = c"hemicube_backend";
 
-// The same numbers stand in the C test that `tests/header.rs` compiles; a field that moves is an ABI that broke.
+// The C test compiled by `tests/header.rs` has the same numbers; a moved field breaks the ABI.
 #[cfg(target_pointer_width = "64")]
 const _: () = {
     assert!(size_of::<HcError>() == 512);

@@ -1,4 +1,4 @@
-//! The C header: generated from the types, committed, and compiled as C and C++ with the layout that Rust has.
+//! The C header: generated from the types, committed, and compiled by C and C++ with Rust's layout.
 //!
 //! `BLESS=1 cargo test -p hemicube-abi --test header` writes it anew. Needs `cc` and `c++`.
 
@@ -19,7 +19,7 @@ fn generate() -> String {
         language: cbindgen::Language::C,
         include_guard: Some("HEMICUBE_BACKEND_H".to_owned()),
         header: Some(
-            "/* The ABI of hemicube backends that are loaded at run time.\n \
+            "/* The ABI of hemicube backends loaded at run time.\n \
              * Generated from crates/backends/abi/src/types.rs: do not edit.\n */"
                 .to_owned(),
         ),
@@ -39,7 +39,7 @@ fn generate() -> String {
         ),
         trailer: Some(
             "#ifdef __cplusplus\nextern \"C\" {\n#endif\n\n\
-             /* What a plugin defines, in the one image that it is. */\n\
+             /* Defined by the plugin, once in its image. */\n\
              extern HC_EXPORT const HcBackend hemicube_backend;\n\n\
              #ifdef __cplusplus\n}\n#endif"
                 .to_owned(),

@@ -13,24 +13,24 @@ use hemicube_scene::InputPatch;
 use std::fmt;
 use std::str::FromStr;
 
-/// Pixels along an edge, where nothing is compared with a reference.
+/// Pixels along an edge, for cases without a reference.
 const RESOLUTION: u32 = 64;
-/// Where something is.
+/// Pixels along an edge, for cases with one.
 const REFERENCE_RESOLUTION: u32 = 256;
-/// A resolution at which many patches are tiny.
+/// A resolution with many sub-pixel patches.
 const COARSE: u32 = 16;
 /// Share of the pixels that may differ from the reference. Drivers snap corners to 1/256 of a pixel, so that pixels on
-/// edges differ: 2.3 · 10⁻⁴ of them where small triangles fill the view (docs/gpu.md, which has a setting for less).
+/// edges differ: 2.3 · 10⁻⁴ of them if small triangles fill the view (docs/gpu.md has a setting for less).
 const PIXELS: f64 = 3e-4;
-/// Distance that a row may have from the reference's, in L1.
+/// Largest distance of a row from the reference's, in L1.
 const ROW: f64 = 5e-3;
 /// Fewer tiny patches than this of the reference say nothing.
 const TINY_ENOUGH: usize = 20;
 
-/// What is looked at.
+/// The subject of a case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Check {
-    /// Rows keep the contract, with covered weights where they are claimed, and no patch sees itself.
+    /// Rows keep the contract, with covered weights if they are claimed, and no patch sees itself.
     Contract,
     /// Rows are the same bits in batches of any size and in any order.
     Batches,
@@ -44,13 +44,13 @@ pub enum Check {
     Reduction,
     /// Little more is read back than the entries.
     Bytes,
-    /// Where nothing is hidden, every patch shows all that it covers.
+    /// Without occluders, every patch shows all that it covers.
     Unoccluded,
     /// Patches too small for a pixel are reported.
     Tiny,
-    /// Rows and pixels are near those of the reference.
+    /// Rows and pixels are near the reference's.
     Reference,
-    /// What the contract does not allow is refused, and the session stays usable.
+    /// Requests against the contract are refused, and the session stays usable.
     Refusals,
 }
 
@@ -85,7 +85,7 @@ impl Check {
         }
     }
 
-    /// Returns whether it says something about that scene.
+    /// Returns true if it applies to that scene.
     fn suits(self, scene: TestScene) -> bool {
         match self {
             Self::Culls => matches!(scene, TestScene::Maze | TestScene::Towers),
@@ -131,18 +131,18 @@ pub fn cases() -> Vec<Case> {
     TestScene::ALL.into_iter().flat_map(of_scene).collect()
 }
 
-/// What a case came to.
+/// The outcome of a case.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// It held; what was seen.
+    /// It held, with a summary.
     Held(String),
-    /// The backend does not claim what it is about.
+    /// The backend does not claim its subject.
     NotClaimed(String),
-    /// It did not hold; what is wrong.
+    /// It did not hold, with the reason.
     Broken(String),
 }
 
-/// Runs a case. `reference` is only asked where the case needs one.
+/// Runs a case. `reference` is asked only if the case needs one.
 pub fn run(case: Case, backend: &mut dyn HemicubeBackend, reference: &mut dyn HemicubeBackend) -> Outcome {
     let model = case.scene.model();
     let hemicubes = case.scene.hemicubes(&model);
@@ -157,7 +157,7 @@ pub fn run(case: Case, backend: &mut dyn HemicubeBackend, reference: &mut dyn He
     }
 }
 
-/// A session and what it renders.
+/// A session and its scene.
 struct Subject<'a> {
     backend: &'a mut dyn HemicubeBackend,
     model: &'a Model,
@@ -189,7 +189,7 @@ impl Subject<'_> {
         self.backend.load(self.model.geometry(), settings).map_err(said("load"))
     }
 
-    /// Rows of hemicubes, in calls of so many, that keep the contract.
+    /// Renders hemicubes, so many a call, and checks their rows.
     fn rows(&mut self, hemicubes: &[Hemicube], at_once: usize, covered: bool) -> Result<(RowBlock, Counters), String> {
         let mut rows = RowBlock::default();
         let mut counters = Counters::default();
@@ -278,7 +278,7 @@ impl Subject<'_> {
         }
     }
 
-    /// The same scene in another session.
+    /// Opens another session on the scene.
     fn with<'b>(&'b self, backend: &'b mut dyn HemicubeBackend) -> Subject<'b> {
         Subject {
             backend,

@@ -1,4 +1,4 @@
-//! Comparators: what was found against what is due. Each says what it saw when content, and what is wrong when not.
+//! Comparators: found against due. Each returns a summary if content, and the defect if not.
 
 use hemicube::backend::{Counters, WHOLE};
 use hemicube::delta::DeltaTable;
@@ -6,18 +6,18 @@ use hemicube::face::Items;
 use hemicube::row::{RowBlock, RowView};
 use std::collections::BTreeMap;
 
-/// What a comparator says: content, or what is wrong.
+/// A comparator's summary, or the defect.
 pub type Verdict = Result<String, String>;
 
-/// Bytes that a call may read back beyond those of the entries.
+/// Bytes that a call may read back besides entries.
 const BYTES_PER_CALL: u64 = 64 << 10;
-/// Bytes that an entry may take: patch, visible and covered weight, and room for one more number.
+/// Bytes of an entry at most: patch, visible and covered weight, and room for one more number.
 const BYTES_PER_ENTRY: u64 = 16;
 
-/// The same rows to the bit. The rows of `found` are those of `wanted` at the places `places`.
+/// Compares rows to the bit: those of `found` with those of `wanted` at `places`.
 ///
 /// # Errors
-/// The first row and entry that differ.
+/// The first different row and entry.
 ///
 /// ```
 /// use hemicube::InputPatch;
@@ -74,11 +74,11 @@ fn same_row(found: RowView<'_>, wanted: RowView<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// A row's visible weights are the sums of the weights of the pixels that show each patch. Tiny patches, which no pixel
-/// shows, are passed over.
+/// Compares a row's visible weights with the sums of its pixels' weights. Sub-pixel patches, without a pixel, are
+/// passed over.
 ///
 /// # Errors
-/// What differs from [`Items::reduce`].
+/// The difference from [`Items::reduce`].
 pub fn same_reduction(row: RowView<'_>, items: &Items, table: &DeltaTable) -> Verdict {
     let (entries, escaped, blocked) = items.reduce(table);
     if (row.escaped, row.blocked) != (escaped, blocked) {
@@ -94,17 +94,17 @@ pub fn same_reduction(row: RowView<'_>, items: &Items, table: &DeltaTable) -> Ve
             return Err(format!("patch {patch} has weight {visible}; its pixels have {due}"));
         }
     }
-    // A pixel near the horizon may weigh nothing, and a patch that only such ones show may be left out.
+    // A pixel near the horizon may weigh nothing, and a patch visible only there may be left out.
     match wanted.into_iter().find(|&(_, weight)| weight > 0) {
         Some((patch, weight)) => Err(format!("patch {patch} is missing; its pixels have weight {weight}")),
         None => Ok(format!("{} entries are their pixels' sums", row.patches.len())),
     }
 }
 
-/// As many hemicubes were counted as rendered.
+/// Compares the number of hemicubes counted with the number rendered.
 ///
 /// # Errors
-/// When another number was.
+/// When they differ.
 pub fn counted(counters: &Counters, hemicubes: usize) -> Verdict {
     if counters.hemicubes == hemicubes as u64 {
         Ok(format!("{hemicubes} hemicubes counted"))
@@ -148,10 +148,10 @@ pub fn bytes_bounded(counters: &Counters, entries: usize, calls: u64) -> Verdict
     }
 }
 
-/// Where nothing is hidden, every patch shows all that it covers.
+/// Compares covered with visible weights, in scenes without occluders.
 ///
 /// # Errors
-/// The first entry that does not.
+/// The first different entry.
 pub fn unoccluded(rows: &RowBlock) -> Verdict {
     for row in 0..rows.len() {
         let view = rows.row(row);
@@ -165,10 +165,10 @@ pub fn unoccluded(rows: &RowBlock) -> Verdict {
     Ok(format!("{} entries show all that they cover", rows.patches.len()))
 }
 
-/// No row has an entry for its own emitter.
+/// Looks for entries of a row's own emitter.
 ///
 /// # Errors
-/// The first that has.
+/// The first such entry.
 pub fn emitter_unseen(rows: &RowBlock, emitters: &[Option<u32>]) -> Verdict {
     for (row, emitter) in emitters.iter().enumerate() {
         if let Some(emitter) = emitter
@@ -202,7 +202,7 @@ pub fn pixels_near(found: &[Items], wanted: &[Items], bound: f64) -> Verdict {
     }
 }
 
-/// The L1 distance of two rows' visible weights, escaped and blocked included, as a share of a hemicube.
+/// The L1 distance of two rows' visible, escaped and blocked weights, relative to a hemicube.
 pub fn row_distance(found: RowView<'_>, wanted: RowView<'_>) -> f64 {
     let mut sums: BTreeMap<u32, [u32; 2]> = BTreeMap::new();
     for (side, row) in [found, wanted].into_iter().enumerate() {
@@ -241,7 +241,7 @@ pub fn rows_near(found: &RowBlock, wanted: &RowBlock, bound: f64) -> Verdict {
     }
 }
 
-/// Entries of no weight that cover nothing: tiny patches, by row.
+/// Lists by row the entries without any weight: sub-pixel patches.
 fn tiny(rows: &RowBlock) -> Vec<(usize, u32)> {
     let of_row = |row| {
         let view = rows.row(row);
@@ -253,16 +253,16 @@ fn tiny(rows: &RowBlock) -> Vec<(usize, u32)> {
     (0..rows.len()).flat_map(of_row).collect()
 }
 
-/// Number of tiny patches that a block of rows reports.
+/// Counts the sub-pixel patches reported in a block of rows.
 pub fn tiny_count(rows: &RowBlock) -> usize {
     tiny(rows).len()
 }
 
-/// Most tiny patches that the reference reports are found, as tiny ones or by a pixel of their own. What is nearest at
-/// a centroid depends on how depth is held there: the two engines of the CPU backend agree on six of seven.
+/// Looks for the reference's sub-pixel patches, reported likewise or with a pixel of their own. The nearest patch at a
+/// centroid depends on the arithmetic of depths: the two engines of the CPU backend agree on six of seven.
 ///
 /// # Errors
-/// When fewer than half are.
+/// When fewer than half are found.
 pub fn tiny_found(found: &RowBlock, wanted: &RowBlock) -> Verdict {
     let due = tiny(wanted);
     let there = due

@@ -1,8 +1,8 @@
-//! What every backend must show, over any session of it: the rules of the [contract](hemicube::backend), the same rows
-//! whatever the batches, culling on and off, and nearness to a reference.
+//! The conformance of backends, over any session: the rules of the [contract](hemicube::backend), equal rows in any
+//! batches, with culling on and off, and nearness to a reference.
 //!
-//! A [`Case`] is a check on a scene. What a backend does not claim is reported as [`Outcome::NotClaimed`], never as
-//! held. Every comparator of [`compare`] is shown refusing doctored input by a test.
+//! A [`Case`] is a check on a scene. A capability not claimed by the backend is reported [`Outcome::NotClaimed`], never
+//! held. A test shows every comparator of [`compare`] refusing doctored input.
 //!
 //! ```
 //! use hemicube_backend_cpu::CpuBackend;

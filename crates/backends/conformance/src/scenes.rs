@@ -1,4 +1,4 @@
-//! The scenes: made by rule, and turned and moved by irrational amounts, so that no edge passes through a pixel's
+//! The scenes, made by rule. They are turned and moved by irrational amounts, so that no edge passes through a pixel's
 //! centre by construction.
 
 use glam::{DQuat, DVec3};
@@ -21,15 +21,15 @@ use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 pub enum TestScene {
     /// The closed Cornell box.
     Room,
-    /// A closed convex box: every patch sees all of every other that it faces.
+    /// A closed convex box: every patch sees all of every other facing it.
     EmptyRoom,
     /// Rooms with doorways: nearly everything is hidden.
     Maze,
     /// Round things in a room.
     Spheres,
-    /// Triangles that cut one another.
+    /// Triangles cutting one another.
     Soup,
-    /// Plates that emit on both sides, some of which cross.
+    /// Plates emitting on both sides, some of them crossing.
     Plates,
     /// Streets of separate buildings.
     City,
@@ -92,7 +92,7 @@ impl TestScene {
         Model::new(patches.into(), HierarchyOptions::default()).expect("a scene with an extent")
     }
 
-    /// Number of its hemicubes that are rendered.
+    /// Number of its hemicubes to render.
     pub fn hemicube_count(self) -> usize {
         if self == Self::Towers { 10 } else { 20 }
     }
@@ -107,7 +107,7 @@ impl TestScene {
     }
 }
 
-/// Turned and moved, so that nothing is aligned with anything.
+/// Turns and moves a scene, so that nothing is aligned.
 fn moved(mut scene: Scene) -> Scene {
     let turn = DQuat::from_axis_angle(DVec3::new(1.0, std::f64::consts::SQRT_2, 0.3).normalize(), 0.7);
     let offset = DVec3::new(std::f64::consts::E, -std::f64::consts::PI, std::f64::consts::SQRT_2);
@@ -161,7 +161,7 @@ fn convex_box() -> Scene {
     of_triangles(triangles)
 }
 
-/// Four plates above each other, and two that cross them.
+/// Four plates above each other, and two crossing them.
 fn plates() -> Scene {
     let mut triangles = Vec::new();
     let mut plate = |origin: DVec3, u: DVec3, v: DVec3| {

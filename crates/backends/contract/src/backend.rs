@@ -1,17 +1,16 @@
-//! The contract between the driver and what renders: hemicubes in, rows of integer weights out.
+//! The contract between the driver and a backend: hemicubes in, rows of integer weights out.
 //!
-//! Rules a backend keeps, and that the driver checks on every row, in release builds too (see [`crate::row`]):
+//! Rules of a backend, checked by the driver on every row, in release builds, too (see [`crate::row`]):
 //!
 //! 1. `visible` weights, `escaped` and `blocked` of a hemicube sum to exactly [`WHOLE`].
 //! 2. Patches of a row are strictly ascending and below the scene's patch count.
-//! 3. A row depends on the scene, the settings and its own hemicube: not on its place in a batch, on what was rendered
-//!    before, on culling, or on the number of sessions.
-//! 4. Where two surfaces are at the same depth, the smaller patch id wins; the back of a one-sided patch loses to any
+//! 3. A row depends on the scene, the settings and its own hemicube: not on its place in a batch, on earlier calls,
+//!    on culling, or on the number of sessions.
+//! 4. Of two surfaces at the same depth, the smaller patch id wins; the back of a one-sided patch loses to any
 //!    patch.
-//! 5. The emitter's own surface is never seen, whichever side emits.
+//! 5. The emitter's own surface is never seen, from either side.
 //!
-//! All that a backend must do, for a scene in which there is nothing to render: two patches that see nothing but each
-//! other.
+//! A complete backend, for scenes without anything to render: two patches seeing nothing but each other.
 //!
 //! ```
 //! use hemicube_contract::InputPatch;
@@ -82,17 +81,17 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 /// The weight of a whole hemicube: form factor 1 in fixed point.
 pub const WHOLE: u32 = 1 << 31;
 
-/// Resolutions that backends must render: multiples of 16 in this range.
+/// Resolutions rendered by every backend: multiples of 16 in this range.
 pub const RESOLUTIONS: std::ops::RangeInclusive<u32> = 16..=1024;
 
-/// A triangle that occludes, with the patch on either side of it.
+/// An occluding triangle, with the patch on either side of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Corners in normalised coordinates, counter-clockwise seen from the front.
     pub corners: [DVec3; 3],
     /// The patch on the front.
     pub front: InputPatch,
-    /// The patch on the back; `None` for a one-sided surface, whose back blocks.
+    /// The patch on the back; `None` for a one-sided surface: its back blocks.
     pub back: Option<InputPatch>,
 }
 
@@ -167,10 +166,10 @@ impl Geometry {
     }
 }
 
-/// A hemicube to render: where it stands and how it is turned. Normalised coordinates.
+/// A hemicube to render: its position and axes. Normalised coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hemicube {
-    /// The patch it belongs to, whose surface is not seen; `None` for a free sensor point.
+    /// Its own patch, never seen; `None` for a free sensor point.
     pub emitter: Option<InputPatch>,
     /// The centre.
     pub origin: DVec3,
@@ -179,11 +178,11 @@ pub struct Hemicube {
 }
 
 impl Hemicube {
-    /// Refuses a patch that a scene of `patch_count` patches has not, and a frame that is not finite. Every backend
-    /// asks this before it renders.
+    /// Refuses a patch beyond a scene of `patch_count` patches, and a frame that is not finite. Every backend asks this
+    /// before it renders.
     ///
     /// # Errors
-    /// [`BackendError::InvalidArgument`], which names the patch.
+    /// [`BackendError::InvalidArgument`], naming the patch.
     pub fn check(&self, patch_count: u32) -> Result<(), BackendError> {
         if let Some(patch) = self.emitter
             && patch.0 >= patch_count
@@ -203,7 +202,7 @@ impl Hemicube {
     }
 }
 
-/// True if subtrees that cannot be seen are skipped. Rows are the same bits either way.
+/// The choice to skip invisible subtrees. Rows are equal to the bit either way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Culling {
     /// Frustum and occlusion culling.
@@ -212,22 +211,22 @@ pub enum Culling {
     Off,
 }
 
-/// How hemicubes are rendered.
+/// The settings of hemicubes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RenderSettings {
     /// Pixels along the edge of the top face: a multiple of 16 in [`RESOLUTIONS`].
     pub resolution: u32,
-    /// True if subtrees that cannot be seen are skipped.
+    /// The choice to skip invisible subtrees.
     pub culling: Culling,
     /// True if rows carry covered weights and tiny patches (see [`RowBlock`]).
     pub covered: bool,
 }
 
 impl RenderSettings {
-    /// Refuses a resolution that no backend renders. Every backend asks this when it loads a scene.
+    /// Refuses a resolution beyond every backend. Every backend asks this when it loads a scene.
     ///
     /// # Errors
-    /// [`BackendError::InvalidArgument`], which names the resolution.
+    /// [`BackendError::InvalidArgument`], naming the resolution.
     pub fn check(&self) -> Result<(), BackendError> {
         if is_resolution(self.resolution) {
             Ok(())
@@ -242,12 +241,12 @@ impl RenderSettings {
     }
 }
 
-/// What a backend can do.
+/// The capabilities of a backend.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Capabilities {
-    /// Fills in covered weights when asked. For a plugin that does not, the host counts them ([`crate::outline`]).
+    /// Fills in covered weights when asked. For a plugin without this, the host counts them ([`crate::outline`]).
     pub covered: bool,
-    /// Reports patches that cover no pixel centre but are nearest at their centroid.
+    /// Reports patches without a pixel centre but nearest at their centroid.
     pub tiny_patches: bool,
     /// [`HemicubeBackend::items`] works.
     pub items: bool,
@@ -255,42 +254,41 @@ pub struct Capabilities {
     pub lossless_culling: bool,
 }
 
-/// What a backend is.
+/// The identity of a backend.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BackendInfo {
     /// Name, `[a-z0-9-]{1,32}`.
     pub name: String,
-    /// Version of the arithmetic: stores of different versions are not mixed. Of a backend that chooses between several
-    /// by the scene, that of the one chosen, from `load` on.
+    /// Version of the arithmetic: stores of different versions are not mixed. A backend choosing an engine by the scene
+    /// reports the chosen one's version, from `load` on.
     pub version: String,
     /// The device, in words (an instruction set, a GPU and its driver).
     pub device: String,
-    /// What it can do.
+    /// Its capabilities.
     pub capabilities: Capabilities,
-    /// Number of hemicubes that it likes to be given at once.
+    /// Its preferred number of hemicubes a call.
     pub preferred_rows: usize,
 }
 
-/// What was done for some rows. Sums; the same for the same rows, whatever the batches and threads, but for a backend
-/// that begins with what the hemicube before saw: of that one, nodes, triangles and queries depend on the order of
-/// hemicubes.
+/// Counters of some rows. Sums; equal for equal rows in any batches and threads, but for backends that begin with the
+/// chunks seen by the hemicube before: their nodes, triangles and queries depend on the order of hemicubes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Counters {
     /// Hemicubes rendered.
     pub hemicubes: u64,
-    /// Nodes of the hierarchy that were tested.
+    /// Nodes of the hierarchy tested.
     pub nodes_tested: u64,
     /// Nodes found outside every face.
     pub nodes_outside: u64,
-    /// Nodes found hidden behind what was drawn before.
+    /// Nodes found hidden behind earlier surfaces.
     pub nodes_hidden: u64,
     /// Triangles transformed into a hemicube's frame.
     pub triangles_transformed: u64,
     /// Triangles rasterised, counted once a face.
     pub triangles_drawn: u64,
-    /// Hardware occlusion queries issued (0 where there are none).
+    /// Hardware occlusion queries issued; 0 without such.
     pub queries: u64,
-    /// Bytes read back from a device (0 where there is none).
+    /// Bytes read back from a device; 0 without one.
     pub bytes_read_back: u64,
 }
 
@@ -307,29 +305,29 @@ impl std::ops::AddAssign for Counters {
     }
 }
 
-/// Where a device's time went, in nanoseconds, summed since [`HemicubeBackend::load`]. All 0 where it was not measured.
+/// Times of a device, in nanoseconds, summed since [`HemicubeBackend::load`]. All 0 if not measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct StageTimes {
-    /// Finding what can be seen.
+    /// Choosing the surfaces to draw.
     pub cull: u64,
     /// Drawing depths and ids.
     pub render: u64,
     /// Drawing visible patches alone, for covered weights.
     pub cover: u64,
-    /// Adding up weights and picking the entries that are not zero.
+    /// Adding up weights and picking nonzero entries.
     pub reduce: u64,
     /// Bringing rows back.
     pub read_back: u64,
 }
 
-/// Why a backend could not do what it was asked.
+/// A backend's refusal or failure.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BackendError {
-    /// A request that the contract does not allow; the session stays usable.
+    /// A request against the contract; the session stays usable.
     #[error("{0}")]
     InvalidArgument(String),
-    /// A legal request that this backend cannot serve; the session stays usable.
+    /// A legal request beyond this backend; the session stays usable.
     #[error("{0}")]
     Unsupported(String),
     /// Host or device memory ran out; the session stays usable.
@@ -345,37 +343,37 @@ pub enum BackendError {
 
 /// A session of a backend: renders hemicubes of one scene, one call at a time.
 pub trait HemicubeBackend: Send {
-    /// What this backend is and can do.
+    /// Identifies this backend.
     fn info(&self) -> &BackendInfo;
 
-    /// Takes a scene and how to render it. Replaces what was loaded before.
+    /// Takes a scene and its settings, in place of the one before.
     ///
     /// # Errors
     /// When the settings are out of range or unsupported, or memory runs out.
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError>;
 
-    /// Takes a scene as [`Self::load`] does, with covered weights, for a caller that makes nothing of the rows but
-    /// visible fractions, and the sums of weights. A patch that shows all that it covers may then have any two weights
-    /// that are the same, 0 too, beside others of the same triangle of the scene, as long as their sum is what they
-    /// show together. For a backend that gains nothing by it, the same as `load`.
+    /// Takes a scene like [`Self::load`], with covered weights, for a caller that needs visible fractions and the sums
+    /// of weights only. A wholly visible patch may then have any two equal weights, 0 too, if it shares its parent
+    /// triangle with other patches and their weights keep their sum. For a backend without gain from this, it is
+    /// `load`.
     ///
     /// # Errors
-    /// Those of [`Self::load`].
+    /// See [`Self::load`].
     fn load_for_fractions(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
         self.load(geometry, settings)
     }
 
-    /// What was chosen for the loaded scene, and why: a line each, for the log.
+    /// Describes the choices made for the loaded scene and their reasons: a line each, for the log.
     fn choices(&self) -> Vec<String> {
         Vec::new()
     }
 
-    /// Where the time went, if this backend was asked to measure it.
+    /// Returns the times, if this backend was asked to measure them.
     fn stage_times(&self) -> StageTimes {
         StageTimes::default()
     }
 
-    /// Another session over the same loaded scene, for another thread; shares what can be shared.
+    /// Opens another session over the loaded scene, for another thread; they share the scene.
     ///
     /// # Errors
     /// When nothing is loaded, or the device takes no further session.
@@ -384,14 +382,14 @@ pub trait HemicubeBackend: Send {
     /// Renders and reduces `hemicubes` and appends one row each to `out`.
     ///
     /// # Errors
-    /// When nothing is loaded, a hemicube names a patch that does not exist, or the device fails.
+    /// When nothing is loaded, a hemicube names a missing patch, or the device fails.
     fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError>;
 
-    /// The item buffer of one hemicube: for each pixel of the atlas ([`crate::face`]) the patch seen, or
+    /// Renders the item buffer of one hemicube: for each pixel of the atlas ([`crate::face`]) the visible patch, or
     /// [`Items::BLOCKED`](crate::face::Items::BLOCKED) or [`Items::ESCAPED`](crate::face::Items::ESCAPED).
     ///
     /// # Errors
-    /// As for [`HemicubeBackend::rows`]; [`BackendError::Unsupported`] where the capability is missing.
+    /// See [`HemicubeBackend::rows`]; [`BackendError::Unsupported`] without the capability.
     fn items(&mut self, hemicube: &Hemicube) -> Result<crate::face::Items, BackendError> {
         let _ = hemicube;
         Err(BackendError::Unsupported(format!(

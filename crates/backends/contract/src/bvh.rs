@@ -1,20 +1,19 @@
-//! Surfaces in blocks of 16, one a SIMD lane, under a binary tree of boxes in f64: what the CPU backend walks, and what
-//! shafts between two patches are tested against.
+//! Surfaces in blocks of 16, one a SIMD lane, under a binary tree of boxes in f64. The CPU backend walks it, and shafts
+//! between two patches are tested against it.
 //!
 //! The tree is cut by the surface area heuristic (MacDonald & Booth 1990, "Heuristics for ray tracing using space
-//! subdivision", with Wald's binning of 2007). The octree that comes with a scene can be packed into blocks instead;
-//! bench `engine` of the CPU backend compares the two. The heuristic's tight boxes make blocks fuller and let more of
-//! them be skipped than the cells of an octree do.
+//! subdivision", with Wald's binning of 2007). The scene's octree can be packed into blocks instead; bench `engine` of
+//! the CPU backend compares the two. The heuristic's tight boxes make fuller blocks, and more of them are skipped than
+//! cells of an octree.
 //!
 //! No octree in the CPU backend, because a tree cut by the surface area heuristic is as fast or faster on every scene
-//! of `docs/performance.md`, which compares them. The octree comes with every scene for backends that draw ranges of
-//! it.
+//! of `docs/performance.md`, with the comparison. The octree comes with every scene for backends drawing ranges of it.
 
 use crate::backend::{Geometry, Surface};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// How blocks are formed and put under a tree. Rows are the same bits with either.
+/// The way of forming blocks under a tree. Rows are equal to the bit with either.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Hierarchy {
     /// A binary tree cut by the surface area heuristic.
@@ -27,22 +26,21 @@ pub enum Hierarchy {
 /// Triangles a block holds, one a SIMD lane.
 pub const LANES: usize = 16;
 
-/// A patch id in a lane that stands for "no patch": unused lane. Real ids, and the id for blocked, are smaller.
+/// The patch id of an unused lane. Real ids, and the id for blocked, are smaller.
 pub const UNUSED: u32 = u32::MAX;
 
-/// Up to 16 triangles as a structure of arrays, ready for SIMD.
+/// Up to 16 triangles in a structure of arrays, ready for SIMD.
 ///
-/// Corners are sorted by coordinates, so that a triangle given twice, in any vertex order or winding, has the same
-/// arithmetic and thus the same depth to the bit; the winding is kept in which of `negative` and `positive` is the
-/// front.
+/// Corners are sorted by coordinates: a triangle given twice, in any vertex order or winding, has the same arithmetic
+/// and thus the same depth to the bit. `negative` and `positive` keep the winding: one is the front.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Block {
     /// x, y, z of corner 0, then of 1, then of 2.
     pub corners: [[f64; LANES]; 9],
-    /// The id seen where det(v0, v1, v2) < 0, with the eye as origin.
+    /// The id seen if det(v0, v1, v2) < 0, with the eye as origin.
     pub negative: [u32; LANES],
-    /// The id seen where det > 0.
+    /// The id seen if det > 0.
     pub positive: [u32; LANES],
 }
 
@@ -56,8 +54,8 @@ impl Block {
         }
     }
 
-    /// Packs up to 16 of some surfaces. The back of a one-sided one shows `blocked`: an id above all patches, so that
-    /// any patch at the same depth wins.
+    /// Packs up to 16 surfaces. The back of a one-sided one shows `blocked`: an id above all patches, so that any patch
+    /// at the same depth wins.
     ///
     /// # Panics
     /// When `lanes` is empty.
@@ -78,7 +76,7 @@ impl Block {
                 continue;
             }
             let back = surface.back.map_or(blocked, |p| p.0);
-            // The eye is on the front of counter-clockwise corners where their determinant is negative.
+            // The determinant is negative for an eye on the front of counter-clockwise corners.
             let (negative, positive) = if flipped {
                 (back, surface.front.0)
             } else {
@@ -109,9 +107,9 @@ impl Block {
 pub struct Node {
     /// The middle of its box.
     pub center: DVec3,
-    /// Half the sides of its box, a hair wider than what lies in it.
+    /// Half the sides of its box, a hair wider than its contents.
     pub half: DVec3,
-    /// Index of the first of two children, which are neighbours; meaningless in a leaf.
+    /// Index of the first of two neighbouring children; meaningless in a leaf.
     pub child: u32,
     /// Index of the leaf's block, or [`INNER`].
     pub block: u32,
@@ -119,7 +117,7 @@ pub struct Node {
     pub largest: f32,
 }
 
-/// What stands for "no block" in a node that has children.
+/// The block of a node with children: none.
 pub const INNER: u32 = u32::MAX;
 
 /// A scene's surfaces in blocks under a tree; node 0 is the root.
@@ -153,7 +151,7 @@ pub struct Tree {
     pub blocks: Vec<Block>,
     /// block × 16 + lane of each patch's surface.
     pub slot_of_patch: Vec<u32>,
-    /// Number of patches, which is also the id that stands for blocked.
+    /// Number of patches, also the id for blocked.
     pub patch_count: u32,
     /// See [`Geometry::plane_tolerance`].
     pub plane_tolerance: f64,
@@ -197,7 +195,7 @@ impl Bounds {
     fn node(self, child: u32, block: u32) -> Node {
         Node {
             center: (self.low + self.high) * 0.5,
-            // A hair wider than the corners, as the middle and the half side are rounded.
+            // A hair wider than the corners, because the middle and the half side are rounded.
             half: (self.high - self.low) * (0.5 * (1.0 + 1e-12)) + DVec3::splat(1e-15),
             child,
             block,
@@ -244,7 +242,7 @@ impl Tree {
 
     /// Notes in each node the largest area below it.
     fn measure(&mut self) {
-        // Every node after its children: the reverse of an order in which each comes before them.
+        // Every node after its children: the reverse of an order with each before them.
         let mut order = vec![0u32];
         let mut at = 0;
         while at < order.len() {
@@ -320,7 +318,7 @@ impl Tree {
         tree
     }
 
-    /// Room for a tree of so many surfaces, with a root that has nothing.
+    /// Makes room for a tree of so many surfaces, with an empty root.
     pub fn empty(count: usize, patch_count: u32, plane_tolerance: f64) -> Self {
         let mut tree = Self {
             nodes: Vec::with_capacity(count / 6 + 1),
@@ -344,10 +342,10 @@ impl Tree {
         #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
         let mut order: Vec<u32> = (0..count as u32).collect();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        // By patch, not as the octree has them, so that the tree is the same whatever the octree.
+        // By patch, not in the octree's order, so that every octree leads to the same tree.
         order.sort_unstable_by_key(|&s| surfaces[s as usize].front);
         let boxes: Vec<Bounds> = surfaces.iter().map(Bounds::of).collect();
-        // Twice as many pieces as threads, as the halves of a scene are not equally dear.
+        // Twice the number of threads, because the halves of a scene are not equally expensive.
         let id = |s: u32| surfaces[s as usize].front.0;
         let whole = cut(&boxes, &id, &mut order, 2 * threads.next_power_of_two());
         self.nodes = whole.nodes;
@@ -376,7 +374,7 @@ impl Tree {
     }
 }
 
-/// Whether two triangles in one plane, whose normal is given, overlap by more than `touch`: no edge of either parts
+/// Returns true if two triangles in one plane of that normal overlap by more than `touch`: no edge of either separates
 /// them.
 pub fn overlap(p: &[DVec3; 3], q: &[DVec3; 3], normal: DVec3, touch: f64) -> bool {
     let apart = |of: &[DVec3; 3], other: &[DVec3; 3]| {
@@ -395,12 +393,12 @@ pub fn overlap(p: &[DVec3; 3], q: &[DVec3; 3], normal: DVec3, touch: f64) -> boo
 /// A part of the tree by itself: its root first, children and blocks counted from its own first.
 struct Piece {
     nodes: Vec<Node>,
-    /// Number of surfaces that each leaf has, in the order of the surfaces.
+    /// Number of surfaces of each leaf, in the order of the surfaces.
     leaves: Vec<usize>,
 }
 
 impl Node {
-    /// The same node in a tree that has so many nodes and blocks more before its children.
+    /// Returns the node for a tree with so many more nodes and blocks before its children.
     fn moved(mut self, nodes: usize, blocks: usize) -> Self {
         #[allow(clippy::cast_possible_truncation, reason = "fewer nodes and blocks than surfaces")]
         if self.block == INNER {
@@ -415,7 +413,7 @@ impl Node {
 /// Fewer surfaces are cut sooner than a thread is started.
 const PARALLEL_FROM: usize = 1 << 13;
 
-/// The box of some surfaces, and that of twice their middles.
+/// The box of some surfaces, and the box of their doubled middles.
 fn bounds_of(boxes: &[Bounds], range: &[u32]) -> (Bounds, Bounds) {
     range
         .iter()
@@ -445,7 +443,7 @@ fn cut(boxes: &[Bounds], id: &(impl Fn(u32) -> u32 + Sync), range: &mut [u32], p
             second.unwrap_or_else(|payload| std::panic::resume_unwind(payload)),
         )
     });
-    // The pair of children, what is below the first, what is below the second.
+    // The pair of children, then the nodes below the first, then those below the second.
     let (below, leaves) = (first.nodes.len(), first.leaves.len());
     let mut nodes = Vec::with_capacity(1 + below + second.nodes.len());
     nodes.push(bounds.node(1, INNER));
@@ -458,7 +456,7 @@ fn cut(boxes: &[Bounds], id: &(impl Fn(u32) -> u32 + Sync), range: &mut [u32], p
     Piece { nodes, leaves: all }
 }
 
-/// The same on this thread, without recursion: a scene can make the tree as deep as it has leaves.
+/// Cuts on this thread, without recursion: a scene can make the tree as deep as its number of leaves.
 fn cut_alone(boxes: &[Bounds], id: &impl Fn(u32) -> u32, range: &mut [u32]) -> Piece {
     let empty = Bounds::EMPTY.node(0, INNER);
     let mut piece = Piece {
@@ -489,7 +487,7 @@ fn cut_alone(boxes: &[Bounds], id: &impl Fn(u32) -> u32, range: &mut [u32]) -> P
     piece
 }
 
-/// Corners in ascending order of (x, y, z), and whether that turned the winding around.
+/// Sorts corners by (x, y, z). Returns true, too, if the winding turned around.
 pub fn sorted_corners(mut corners: [DVec3; 3]) -> ([DVec3; 3], bool) {
     // −0 and 0 are one position: adding 0 makes them the same bits.
     corners = corners.map(|p| p + DVec3::ZERO);
@@ -515,7 +513,7 @@ fn split(surfaces: &[Bounds], range: &mut [u32], centers: Bounds) -> usize {
     let bin_of: [_; 3] = std::array::from_fn(|axis| binning(centers.low[axis], extent[axis]));
     let mut boxes = [[Bounds::EMPTY; BINS]; 3];
     let mut counts = [[0usize; BINS]; 3];
-    // One pass for the three axes: what costs is fetching the boxes.
+    // One pass for the three axes, because fetching the boxes is the cost.
     for &s in range.iter() {
         let b = surfaces[s as usize];
         for axis in 0..3 {
@@ -545,7 +543,7 @@ fn split(surfaces: &[Bounds], range: &mut [u32], centers: Bounds) -> usize {
             if left_count == 0 || count == 0 {
                 continue;
             }
-            // Blocks, not triangles, are what a leaf costs.
+            // The cost of a leaf is its blocks, not its triangles.
             let blocks = |n: usize| n.div_ceil(LANES) as f64;
             let cost = left_area * blocks(left_count) + bounds.half_area() * blocks(count);
             if best.is_none_or(|(c, _, _)| cost < c) {

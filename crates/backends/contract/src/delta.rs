@@ -1,20 +1,20 @@
-//! Delta form factors: what each pixel of a hemicube contributes, integrated over the pixel in closed form and held as
+//! Delta form factors: the contribution of each pixel of a hemicube, integrated over the pixel in closed form, in
 //! integers.
 //!
 //! A pixel of the top face covers ∬ dx dy / (π (x²+y²+1)²), one of a side face ∬ z dy dz / (π (y²+z²+1)²) (Cohen &
-//! Greenberg 1985, eq. 6 and 7, before they take the midpoint). Over the rectangle from the axis to (a, b) these are
+//! Greenberg 1985, eq. 6 and 7, before their midpoint rule). Over the rectangle from the axis to (a, b) these are
 //!
 //! ```text
 //! top:  (1/2π) [ a/√(1+a²) atan(b/√(1+a²)) + b/√(1+b²) atan(a/√(1+b²)) ]
 //! side: (1/2π) [ atan a − 1/√(1+b²) atan(a/√(1+b²)) ]
 //! ```
 //!
-//! (Howell's catalogue, B-3 and B-4), so a pixel is a difference of four values. Weights are differences of the rounded
-//! running sum over a face, so that rounding cannot pile up along a span and the whole is exact: the top and four equal
-//! sides sum to 2³¹.
+//! (Howell's catalogue, B-3 and B-4): a pixel is a difference of four values. Weights are differences of the rounded
+//! running sum over a face. Rounding cannot pile up along a span, and the total is exact: the top and four equal sides
+//! sum to 2³¹.
 //!
-//! No one running sum over the whole atlas, because with one sum a face the four sides share a table, which is half as
-//! large. The whole stays exactly 2³¹.
+//! No running sum over the whole atlas, because with one sum a face the four sides share a table of half the size. The
+//! total stays exactly 2³¹.
 
 use crate::backend::{RESOLUTIONS, WHOLE};
 use crate::face::Face;
@@ -80,7 +80,7 @@ impl DeltaTable {
         if face.is_top() { &self.top } else { &self.side }
     }
 
-    /// The weight of every pixel of the atlas, row by row: 3N², as devices want them.
+    /// Lists the weight of every pixel of the atlas, row by row: 3N², for devices.
     pub fn weights(&self) -> Vec<u32> {
         let of_face = |face| self.running(face).windows(2).map(|sums| sums[1] - sums[0]);
         Face::ALL.into_iter().flat_map(of_face).collect()
@@ -142,8 +142,8 @@ fn side_corner(a: f64, b: f64) -> f64 {
     (atan(a) - atan(a / q) / q) / std::f64::consts::TAU
 }
 
-/// Arc tangent by + − × ÷ √ only, so that tables are the same bits on every platform: three half-angle steps
-/// (tan(θ/2) = t / (1 + √(1+t²))), then the Taylor series. Error below 4e-16.
+/// Arc tangent by + − × ÷ √ only, so that tables are the same bits on every platform: three half-angle steps (tan(θ/2)
+/// = t / (1 + √(1+t²))), then the Taylor series. Error below 4e-16.
 fn atan(t: f64) -> f64 {
     let mut x = t;
     for _ in 0..3 {

@@ -1,14 +1,14 @@
-//! The five faces of a hemicube and the atlas that holds them.
+//! The five faces of a hemicube and their atlas.
 //!
-//! The top face has N × N pixels, each side N × N/2: its upper half, as nothing below the emitter's plane counts. The
-//! atlas is N wide and 3N tall: N rows of the top, then N/2 rows of each side.
-//! Source: Cohen & Greenberg 1985, "The hemi-cube: a radiosity solution for complex environments".
+//! The top face has N × N pixels, each side N × N/2: its upper half, because nothing below the emitter's plane counts.
+//! The atlas is N wide and 3N tall: N rows of the top, then N/2 rows of each side. Source: Cohen & Greenberg 1985, "The
+//! hemi-cube: a radiosity solution for complex environments".
 
 use crate::backend::WHOLE;
 use crate::delta::DeltaTable;
 use hemicube_scene::InputPatch;
 
-/// A face of a hemicube, named by the axis of the patch frame (x tangent, y bitangent, z normal) that it looks along.
+/// A face of a hemicube, named by its axis in the patch frame (x tangent, y bitangent, z normal).
 ///
 /// ```
 /// use hemicube_contract::face::{Face, pixel_count};
@@ -41,10 +41,10 @@ impl Face {
     /// All faces, in atlas order.
     pub const ALL: [Self; 5] = [Self::Top, Self::PosX, Self::NegX, Self::PosY, Self::NegY];
 
-    /// Which component of the patch frame each face axis (u to the right, v up, w forward) is, and its sign.
+    /// Returns the component of the patch frame for each face axis (u to the right, v up, w forward), and its sign.
     ///
     /// A direction (x, y, z) of the frame meets the face at u/w, v/w: in −1…1 on the top, and in −1…1 by 0…1 on a side,
-    /// whose v is the normal.
+    /// with v along the normal.
     pub const fn axes(self) -> ([usize; 3], [f64; 3]) {
         match self {
             Self::Top => ([0, 1, 2], [1.0, 1.0, 1.0]),
@@ -65,7 +65,7 @@ impl Face {
         if self.is_top() { resolution } else { resolution / 2 }
     }
 
-    /// The atlas row at which this face begins.
+    /// The first atlas row of this face.
     pub const fn first_row(self, resolution: u32) -> u32 {
         match self {
             Self::Top => 0,
@@ -77,12 +77,12 @@ impl Face {
     }
 }
 
-/// Number of pixels that a hemicube has: 3N².
+/// Number of pixels of a hemicube: 3N².
 pub const fn pixel_count(resolution: u32) -> usize {
     3 * resolution as usize * resolution as usize
 }
 
-/// The item buffer of a hemicube: what each pixel of the atlas sees, row by row.
+/// The item buffer of a hemicube: the visible patch of each pixel of the atlas, row by row.
 ///
 /// ```
 /// use hemicube_contract::InputPatch;

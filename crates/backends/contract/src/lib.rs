@@ -1,4 +1,4 @@
-//! The contract between the driver and what renders: hemicubes in, rows of integer weights out.
+//! The contract between the driver and a backend: hemicubes in, rows of integer weights out.
 //!
 //! A crate of its own, so that a backend compiles without the driver, the store and the closed forms. The driver's
 //! crate, `hemicube`, has all of it under the same names.

@@ -1,12 +1,12 @@
-//! What patches would cover alone, counted on the processor: for backends that supply no covered weights.
+//! Covered weights counted on the processor, for backends without them.
 //!
-//! A pixel whose centre lies within a patch's outline is the patch's, but drivers snap corners to a grid: what they
-//! draw along an edge is theirs to choose. A patch of which every pixel is seen that lies certainly within its outline
-//! is therefore seen whole, and its covered weight is what was seen; only of others the outline is counted. So where
-//! nothing is hidden, every visible fraction is exactly 1, whoever draws.
+//! A pixel with its centre inside a patch's outline is the patch's, but drivers snap corners to a grid and choose
+//! pixels along an edge freely. A patch showing every pixel certainly inside its outline is therefore wholly visible,
+//! and its covered weight is its visible weight; the outlines of others are counted. Without occluders, every visible
+//! fraction is then exactly 1 on any driver.
 //!
-//! No visible fraction from two rasterisers to the pixel, because along edges they do not agree: where the host counts
-//! what a plugin does not, a patch is hidden only if a pixel is that lies certainly within its outline.
+//! No visible fraction from two rasterisers to the pixel, because they do not agree along edges: a patch counts as
+//! hidden only if a pixel certainly inside its outline is hidden.
 
 use crate::backend::{Geometry, Hemicube};
 use crate::delta::DeltaTable;
@@ -15,15 +15,14 @@ use crate::row::RowBlock;
 use glam::DVec3;
 use std::sync::Arc;
 
-/// How far from an edge of the outline a pixel's centre may be drawn as if it were on the other side, in pixels.
-/// Drivers keep at least four bits of a pixel (Vulkan 1.3, `subPixelPrecisionBits`), which is half of this at each
-/// corner.
+/// The distance of a pixel's centre from an edge of the outline, in pixels, at which it may be drawn on the wrong side.
+/// Drivers keep at least four bits of a pixel (Vulkan 1.3, `subPixelPrecisionBits`): half of this at each corner.
 const SNAPPED: f64 = 1.0 / 16.0;
 
 /// The corners of every patch of a scene; `None` for a patch without a surface.
 struct PatchCorners(Vec<Option<[DVec3; 3]>>);
 
-/// Counts what patches cover.
+/// Counts covered weights.
 ///
 /// ```
 /// use hemicube_contract::InputPatch;
@@ -79,11 +78,11 @@ impl Outlines {
         }
     }
 
-    /// Gives the rows of these hemicubes, which are sums of pixels, their covered weights. Entries of which nothing is
-    /// visible go: with covered weights they would be tiny patches.
+    /// Adds covered weights to the rows of these hemicubes, which are sums of pixels. Drops entries without visible
+    /// weight: with covered weights they would be sub-pixel patches.
     ///
     /// # Panics
-    /// When there are not as many rows as hemicubes, or a row names a patch that the scene has not.
+    /// When the numbers of rows and hemicubes differ, or a row names a patch beyond the scene.
     pub fn complete(&self, hemicubes: &[Hemicube], rows: &RowBlock) -> RowBlock {
         assert_eq!(hemicubes.len(), rows.len(), "a row of each hemicube");
         let mut complete = RowBlock::default();
@@ -101,7 +100,7 @@ impl Outlines {
         complete
     }
 
-    /// The covered weight of a patch of which so much is visible: at least that.
+    /// The covered weight of a patch with so much visible weight: at least that.
     fn covered(&self, hemicube: &Hemicube, corners: [DVec3; 3], visible: u32) -> u32 {
         let corners = corners.map(|corner| {
             let from = corner - hemicube.origin;
@@ -120,11 +119,11 @@ impl Outlines {
         }
     }
 
-    /// The weight of the pixels of a face whose centres lie certainly within the outline of a triangle, and of those
-    /// that lie within it. Corners are in the patch frame.
+    /// Returns the weight of a face's pixels certainly inside the outline of a triangle, and of those inside. Corners
+    /// are in the patch frame.
     ///
-    /// A ray through a pixel meets the triangle where it is on the inner side of the three planes through the eye and
-    /// an edge, which holds of triangles that reach behind the eye, too.
+    /// A ray through a pixel meets the triangle if it is on the inner side of the three planes through the eye and an
+    /// edge; this holds for triangles reaching behind the eye, too.
     fn on_face(&self, face: Face, corners: &[[f64; 3]; 3]) -> (u32, u32) {
         let (from, sign) = face.axes();
         let [a, b, c] = corners.map(|corner| {

@@ -1,14 +1,14 @@
-//! Rows as backends return them, and the check that every one of them passes before it is used.
+//! Rows from backends, and the check of every one before its use.
 
 use crate::backend::WHOLE;
 use hemicube_scene::InputPatch;
 
-/// Rows of weights, one after the other, in the order their hemicubes were asked for.
+/// Rows of weights, one after the other, in the order of their hemicubes.
 ///
-/// Each entry is (patch, visible weight, covered weight). *Covered* is what the patch would cover alone, by the same
-/// rasteriser, and is at least *visible*; it is 0 throughout when covered weights were not asked for. With covered
-/// weights asked for, an entry whose two weights are both 0 and whose pixel count is 0 is a *tiny* patch: its whole
-/// triangle covers no pixel centre, but it is nearest at its centroid.
+/// Each entry is (patch, visible weight, covered weight). *Covered* is the weight of the patch alone, by the same
+/// rasteriser, and is at least *visible*; it is 0 throughout unless covered weights were asked for. Among covered rows,
+/// an entry of two weights 0 and a pixel count of 0 is a *sub-pixel* patch: its whole triangle covers no pixel centre,
+/// but it is nearest at its centroid.
 ///
 /// ```
 /// use hemicube_contract::InputPatch;
@@ -37,9 +37,9 @@ pub struct RowBlock {
     pub visible: Vec<u32>,
     /// The covered weight of each entry.
     pub covered: Vec<u32>,
-    /// Weight that hit nothing, for each row.
+    /// Escaped weight of each row.
     pub escaped: Vec<u32>,
-    /// Weight that hit the back of a one-sided patch, for each row.
+    /// Weight blocked by backs of one-sided patches, for each row.
     pub blocked: Vec<u32>,
 }
 
@@ -52,24 +52,24 @@ pub struct RowView<'a> {
     pub visible: &'a [u32],
     /// The covered weight of each entry.
     pub covered: &'a [u32],
-    /// Weight that hit nothing.
+    /// Escaped weight.
     pub escaped: u32,
-    /// Weight that hit the back of a one-sided patch.
+    /// Weight blocked by backs of one-sided patches.
     pub blocked: u32,
 }
 
-/// What is wrong with a row.
+/// A defect of a row.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RowError {
     /// The arrays of a block do not fit together.
     #[error("{what} of a block of rows: {found} entries where {wanted} were due")]
     Shape {
-        /// Which array.
+        /// The array.
         what: &'static str,
         /// Its length.
         found: usize,
-        /// What it should be.
+        /// Its proper length.
         wanted: usize,
     },
     /// A patch id beyond the scene's patches.
@@ -89,10 +89,10 @@ pub enum RowError {
         row: usize,
         /// The earlier id.
         first: u32,
-        /// The id that follows it.
+        /// The id after it.
         second: u32,
     },
-    /// A patch that covers less than it shows.
+    /// A patch covering less than it shows.
     #[error("row {row}: patch {patch} shows weight {visible} but covers only {covered}")]
     CoveredBelowVisible {
         /// Row within the block.
@@ -109,7 +109,7 @@ pub enum RowError {
     Sum {
         /// Row within the block.
         row: usize,
-        /// What the weights sum to.
+        /// The sum of the weights.
         found: u64,
     },
 }
@@ -125,7 +125,7 @@ impl RowBlock {
         self.blocked.clear();
     }
 
-    /// Number of rows that it holds.
+    /// Number of rows.
     pub fn len(&self) -> usize {
         self.row_end.len()
     }
@@ -166,11 +166,11 @@ impl RowBlock {
         }
     }
 
-    /// Checks that the block holds `row_count` rows that keep the contract of [`crate::backend`]. One pass over data
-    /// that is in cache; it stays on in release builds because a wrong matrix is worse than a slow one.
+    /// Checks that the block holds `row_count` rows under the contract of [`crate::backend`]. One pass over data in
+    /// cache; it stays on in release builds because a wrong matrix is worse than a slow one.
     ///
     /// # Errors
-    /// What is wrong with the first row that breaks the contract.
+    /// The defect of the first bad row.
     pub fn check(&self, row_count: usize, patch_count: u32, with_covered: bool) -> Result<(), RowError> {
         let entries = self.row_end.last().copied().unwrap_or(0);
         for (what, found, wanted) in [

@@ -1,234 +1,58 @@
-//! Between the contract and the device: sessions, their loading, and batches in flight.
+//! Between OpenGL's words and ours.
 
-use crate::device::{self, Device};
-use crate::options::Options;
-use crate::render::{Programs, Scene};
-use hemicube_abi::{DeviceKind, Log, Plugin};
-use hemicube_contract::backend::{
-    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes,
-};
-use hemicube_contract::face::Items;
-use hemicube_contract::row::RowBlock;
-use hemicube_shaders::Edges;
-use std::ffi::CStr;
-use std::fmt;
-use std::sync::Arc;
+use hemicube_abi::DeviceKind;
+use hemicube_contract::backend::BackendError;
 
-/// The backend as a plugin.
-#[derive(Clone, Copy, Debug)]
-pub struct Gl;
+/// `GL_CONTEXT_LOST`.
+const CONTEXT_LOST: u32 = 0x0507;
 
-/// Rows of the same version are the same on the same device.
-const VERSION: &CStr = c"gpu-1";
-/// The same with `edges=exact`, by which rows are others.
-const EXACT_VERSION: &CStr = c"gpu-1-exact";
-
-impl Plugin for Gl {
-    const NAME: &'static CStr = c"gl";
-    const VERSION: &'static CStr = VERSION;
-    type Session = Session;
-
-    fn devices() -> Result<Vec<hemicube_abi::Device>, BackendError> {
-        let devices = device::devices();
-        if devices.is_empty() {
-            return Err(device::no_device());
-        }
-        let device = |d: device::DeviceInfo| hemicube_abi::Device {
-            name: d.name,
-            kind: if d.software {
-                DeviceKind::Software
-            } else {
-                DeviceKind::Other
-            },
-            capabilities: capabilities(false),
-            max_resolution: d.max_resolution,
-            preferred_rows: PREFERRED_ROWS,
-        };
-        Ok(devices.into_iter().map(device).collect())
-    }
-
-    fn open(device: u32, options: &str, _log: Log) -> Result<Session, BackendError> {
-        Session::open(device, options)
+/// The kind of a device. OpenGL does not tell GPUs apart.
+pub(crate) fn device_kind(is_software: bool) -> DeviceKind {
+    if is_software {
+        DeviceKind::Software
+    } else {
+        DeviceKind::Other
     }
 }
 
-/// Some submissions, so that one is read back while the next is rendered.
-const PREFERRED_ROWS: usize = 256;
-
-fn capabilities(dense: bool) -> Capabilities {
-    Capabilities {
-        covered: !dense,
-        tiny_patches: !dense,
-        items: true,
-        lossless_culling: true,
+/// The error behind `glGetGraphicsResetStatus` and `glGetError` while `doing`; `messages` are the debug context's.
+pub(crate) fn error(
+    doing: &str,
+    device: &str,
+    reset: u32,
+    error: u32,
+    messages: &[String],
+) -> Result<(), BackendError> {
+    if reset != 0 {
+        return Err(BackendError::DeviceLost(format!(
+            "{doing}: `{device}` was reset ({reset:#x})"
+        )));
+    }
+    match error {
+        glow::NO_ERROR if messages.is_empty() => Ok(()),
+        glow::OUT_OF_MEMORY => Err(BackendError::OutOfMemory(format!(
+            "{doing}: the driver of `{device}` has no more memory"
+        ))),
+        CONTEXT_LOST => Err(BackendError::DeviceLost(format!(
+            "{doing}: the context of `{device}` is lost"
+        ))),
+        _ => Err(BackendError::Internal(format!(
+            "{doing}: OpenGL error {error:#x}: {}",
+            messages.join("; ")
+        ))),
     }
 }
 
-/// A session: a context of its own on a device.
-pub struct Session {
-    // Before the device, whose context it needs to be given back in. The context takes all with it.
-    scene: Option<Scene>,
-    programs: Programs,
-    device: Device,
-    options: Options,
-    info: BackendInfo,
-    failed: bool,
+/// Narrows a number of bytes to the type of OpenGL's bindings.
+pub(crate) fn size(bytes: u64) -> Result<i32, BackendError> {
+    i32::try_from(bytes).map_err(|_| {
+        BackendError::Unsupported(format!(
+            "{bytes} bytes in one buffer: OpenGL's bindings take 2 GiB; use a smaller scene"
+        ))
+    })
 }
 
-impl fmt::Debug for Session {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Session")
-            .field("info", &self.info)
-            .field("options", &self.options)
-            .finish_non_exhaustive()
-    }
-}
-
-impl Session {
-    /// Opens a session on the device of that number. `options` as the crate says.
-    ///
-    /// # Errors
-    /// When there is no such device or option, or the device does not open.
-    pub fn open(device: u32, options: &str) -> Result<Self, BackendError> {
-        Self::open_with(device, Options::parse(options)?)
-    }
-
-    fn open_with(device: u32, options: Options) -> Result<Self, BackendError> {
-        let device = Device::open(device, options.debug)?;
-        let programs = {
-            let entered = device.enter()?;
-            let programs = Programs::new(&entered, options.edges)?;
-            entered.check("compiling shaders")?;
-            programs
-        };
-        let info = BackendInfo {
-            name: "gl".to_owned(),
-            version: match options.edges {
-                Edges::Driver => VERSION,
-                Edges::Exact => EXACT_VERSION,
-            }
-            .to_string_lossy()
-            .into_owned(),
-            device: device.name.clone(),
-            capabilities: capabilities(options.dense()),
-            preferred_rows: PREFERRED_ROWS,
-        };
-        Ok(Self {
-            scene: None,
-            programs,
-            device,
-            options,
-            info,
-            failed: false,
-        })
-    }
-
-    /// Remembers a failure after which the device's state is not known.
-    fn note<T>(&mut self, result: Result<T, BackendError>) -> Result<T, BackendError> {
-        self.failed |= matches!(result, Err(BackendError::DeviceLost(_) | BackendError::Internal(_)));
-        result
-    }
-
-    fn usable(&self) -> Result<(), BackendError> {
-        if self.failed {
-            return Err(BackendError::DeviceLost(format!(
-                "an earlier call on `{}` failed; open another session and resume",
-                self.info.device
-            )));
-        }
-        Ok(())
-    }
-
-    fn check(&self, hemicubes: &[Hemicube]) -> Result<(), BackendError> {
-        let Some(scene) = &self.scene else {
-            return Err(BackendError::InvalidArgument("no scene is loaded".to_owned()));
-        };
-        let count = scene.geometry.patch_count;
-        hemicubes.iter().try_for_each(|hemicube| hemicube.check(count))
-    }
-
-    fn render(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
-        let Some(scene) = &mut self.scene else {
-            return Ok(Counters::default());
-        };
-        let entered = self.device.enter()?;
-        let mut counters = Counters::default();
-        let mut before = None;
-        for (number, batch) in hemicubes.chunks(scene.plan.batch as usize).enumerate() {
-            let submission = scene.submit(&entered, &self.programs, batch, number % 2)?;
-            if scene.one_by_one() {
-                counters += scene.finish(&entered, submission, out)?;
-            } else if let Some(before) = before.replace(submission) {
-                counters += scene.finish(&entered, before, out)?;
-            }
-        }
-        if let Some(last) = before {
-            counters += scene.finish(&entered, last, out)?;
-        }
-        entered.check("rendering")?;
-        Ok(counters)
-    }
-}
-
-impl HemicubeBackend for Session {
-    fn info(&self) -> &BackendInfo {
-        &self.info
-    }
-
-    fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
-        self.usable()?;
-        settings.check()?;
-        if settings.covered && !self.info.capabilities.covered {
-            return Err(BackendError::Unsupported(
-                "the baselines have pixel sums only: leave out covered weights, or the option `baseline`".to_owned(),
-            ));
-        }
-        let result = self.device.enter().and_then(|entered| {
-            if let Some(old) = self.scene.take() {
-                old.delete(&entered);
-            }
-            Scene::new(&self.device, &entered, geometry, settings, self.options)
-        });
-        self.scene = Some(self.note(result)?);
-        Ok(())
-    }
-
-    fn choices(&self) -> Vec<String> {
-        self.scene.as_ref().map_or_else(Vec::new, Scene::choices)
-    }
-
-    fn stage_times(&self) -> StageTimes {
-        self.scene
-            .as_ref()
-            .map_or_else(StageTimes::default, |scene| scene.times)
-    }
-
-    fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
-        let Some(scene) = &self.scene else {
-            return Err(BackendError::InvalidArgument("no scene is loaded".to_owned()));
-        };
-        let mut other = Self::open_with(self.device.number, self.options)?;
-        other.load(&scene.geometry, scene.settings)?;
-        Ok(Box::new(other))
-    }
-
-    fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
-        self.usable()?;
-        self.check(hemicubes)?;
-        let result = self.render(hemicubes, out);
-        self.note(result)
-    }
-
-    fn items(&mut self, hemicube: &Hemicube) -> Result<Items, BackendError> {
-        self.usable()?;
-        self.check(std::slice::from_ref(hemicube))?;
-        let Some(scene) = &mut self.scene else {
-            return Err(BackendError::InvalidArgument("no scene is loaded".to_owned()));
-        };
-        let result = self
-            .device
-            .enter()
-            .and_then(|entered| scene.items(&entered, &self.programs, hemicube));
-        self.note(result)
-    }
+/// Returns the bytes of words in the device's order.
+pub(crate) fn bytes_of(words: &[u32]) -> Vec<u8> {
+    words.iter().flat_map(|w| w.to_ne_bytes()).collect()
 }

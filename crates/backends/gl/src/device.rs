@@ -1,19 +1,20 @@
-//! Devices and contexts: EGL without a window, and the functions of OpenGL that glow lacks.
+//! Devices and contexts: EGL without a window, and the functions of OpenGL missing in glow.
 //!
-//! Displays are opened by the device platform (`EGL_EXT_platform_device`); by Mesa's surfaceless one only where that
-//! gives none, or for a second session at once (below): a display of the latter kind is one for the whole process, and
-//! whoever else terminates it takes our contexts with it. For the same reason displays are never terminated here; they
-//! live as long as the process.
+//! Displays are opened by the device platform (`EGL_EXT_platform_device`). Mesa's surfaceless platform is used only if
+//! that gives none, or for a second session at once (below): its display is one for the whole process, and anybody
+//! terminating it takes our contexts with it. For the same reason we never terminate displays; they live as long as the
+//! process.
 //!
-//! A context is made current when a call of the backend begins and released when it ends, so that the next call may
-//! come from any thread.
+//! A call of the backend makes its context current when it begins and releases it when it ends, so that the next call
+//! may come from any thread.
 //!
-//! Contexts of one display of Mesa's llvmpipe share what it rasterises with, and not soundly (22.3.6: about one run in
-//! thirty of two sessions at once ended in a segmentation fault inside the driver). So where a device is a program on
-//! the processor, contexts of a display take turns. Another display has a rasteriser of its own: a software device's
-//! contexts are spread over its display and the surfaceless one, where that leads to the same driver, so that two go on
-//! at once. There is no third: a platform gives the same display whenever it is asked.
+//! Contexts of one display of Mesa's llvmpipe share their rasteriser, and not soundly: with 22.3.6, about one run in
+//! thirty of two sessions at once ended in a segmentation fault inside the driver. On software devices, contexts of a
+//! display therefore take turns. Another display has its own rasteriser. A software device's contexts are spread over
+//! its display and the surfaceless one, if both lead to the same driver, so that two go on at once. There is no third:
+//! a platform always gives the same display.
 
+use crate::conv;
 use glow::HasContext;
 use hemicube_contract::backend::BackendError;
 use std::ffi::{CStr, c_char, c_void};
@@ -22,7 +23,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 type Pointer = *mut c_void;
 
-/// What is used of EGL 1.5, by its own names.
+/// The functions of EGL 1.5 in use, by their own names.
 struct Egl {
     get_proc_address: unsafe extern "system" fn(*const c_char) -> Pointer,
     get_error: unsafe extern "system" fn() -> i32,
@@ -114,7 +115,7 @@ impl Egl {
         unsafe { text((self.query_string)(display, EGL_EXTENSIONS)) }
     }
 
-    /// Every display that can be opened, hardware first, and why others cannot.
+    /// Opens every display, hardware first. Returns the reasons of failures, too.
     fn displays(&self) -> (Vec<Display>, Vec<String>) {
         let (mut found, mut reasons) = (Vec::new(), Vec::new());
         if let (Some(query), Some(describe)) = (self.query_devices, self.query_device_string) {
@@ -172,7 +173,7 @@ impl Egl {
         Ok(handle)
     }
 
-    /// A context of OpenGL 4.5; one that tells of its loss where the driver has such.
+    /// Makes a context of OpenGL 4.5; one that reports its loss, if the driver has such.
     fn create_context(&self, display: Pointer, debug: bool) -> Result<Pointer, String> {
         // SAFETY: binding an interface has no preconditions.
         if unsafe { (self.bind_api)(EGL_OPENGL_API) } == 0 {
@@ -209,15 +210,15 @@ impl Egl {
     }
 }
 
-/// The text of a C string that outlives the call; empty for none.
+/// Copies a C string; empty for null.
 ///
 /// # Safety
-/// `string` is null or points at a string that ends in a zero byte.
+/// `string` is null or points at a string ending in a zero byte.
 unsafe fn text(string: *const c_char) -> String {
     if string.is_null() {
         return String::new();
     }
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller's promise.
     unsafe { CStr::from_ptr(string) }.to_string_lossy().into_owned()
 }
 
@@ -225,11 +226,11 @@ unsafe fn text(string: *const c_char) -> String {
 struct Display {
     handle: Pointer,
     software: bool,
-    /// Name of the GPU and its driver, once asked for; `None` where that did not open.
+    /// Name of the GPU and its driver, once asked for; `None` if that did not open.
     driver: OnceLock<Option<String>>,
-    /// Number of contexts that it has.
+    /// Number of its contexts.
     contexts: AtomicUsize,
-    /// Held while a context of it is in use, where it is a software device's, and while one is made.
+    /// Held while a context is made, and on a software device while one is in use.
     turn: Mutex<()>,
 }
 
@@ -244,25 +245,25 @@ impl Display {
         }
     }
 
-    /// The right to use a context of it, until what is returned is dropped.
+    /// Waits for the right to use one of its contexts, until the guard is dropped.
     fn turn(&self) -> MutexGuard<'_, ()> {
         // The lock guards no data, so none can be left half changed.
         self.turn.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// EGL as loaded, with the displays that were found; one for the process.
+/// EGL and its displays; one for the process.
 struct System {
     egl: Egl,
     displays: Vec<Display>,
     reasons: Vec<String>,
-    /// Another display of the software device, opened when first wanted; `None` where there is none.
+    /// Another display of the software device, opened when first wanted; `None` if there is none.
     another: OnceLock<Option<Display>>,
     choosing: Mutex<()>,
 }
 
 impl System {
-    /// The display that a context is to be of: `display`, or the other one of the same driver where that has fewer.
+    /// Chooses the display of a new context: `display`, or another of the same driver with fewer contexts.
     fn place(&'static self, display: &'static Display) -> Place {
         // Whoever comes next has to find this one counted.
         let _choosing = self.choosing.lock().unwrap_or_else(PoisonError::into_inner);
@@ -275,7 +276,7 @@ impl System {
         )
     }
 
-    /// Another display of the driver that a software device's display leads to.
+    /// Finds another display leading to the driver of a software device's display.
     fn another(&'static self, display: &'static Display) -> Option<&'static Display> {
         if !display.software {
             return None;
@@ -286,7 +287,7 @@ impl System {
             let is_new = self.displays.iter().all(|known| known.handle != handle);
             is_new.then(|| Display::new(handle, true))
         });
-        // Where there is a GPU, it may lead to that.
+        // On a machine with a GPU, it may lead there.
         let driver = |display: &'static Display| {
             let driver = || {
                 Device::open_on(self, Place::on(display), 0, false)
@@ -339,12 +340,12 @@ fn system() -> Result<&'static System, String> {
     system.as_ref().map_err(Clone::clone)
 }
 
-/// A device that sessions can be opened on.
+/// A device for sessions.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct DeviceInfo {
     /// The GPU and its driver, in the driver's words.
     pub(crate) name: String,
-    /// True if it is a program on the CPU that stands in for a GPU.
+    /// True for a program on the CPU in place of a GPU.
     pub(crate) software: bool,
     /// The largest resolution.
     pub(crate) max_resolution: u32,
@@ -357,11 +358,12 @@ pub(crate) fn no_device() -> BackendError {
         Ok(system) => system.reasons.join("; "),
     };
     BackendError::Unsupported(format!(
-        "no device with OpenGL 4.5: {reasons}; install a driver (on Debian `libegl1 libgl1-mesa-dri` for the software one)"
+        "no device with OpenGL 4.5: {reasons}; \
+         install a driver (on Debian `libegl1 libgl1-mesa-dri` for the software one)"
     ))
 }
 
-/// The devices of this machine, hardware first; empty where there is none.
+/// Lists the devices of this machine, hardware first; empty without any.
 pub(crate) fn devices() -> Vec<DeviceInfo> {
     let count = system().map_or(0, |system| system.displays.len());
     let opened = (0..count).map(|number| Device::open(u32::try_from(number).unwrap_or(u32::MAX), false));
@@ -375,10 +377,10 @@ pub(crate) fn devices() -> Vec<DeviceInfo> {
         .collect()
 }
 
-/// Binding points of storage buffers that the shaders number.
+/// Number of storage bindings in the shaders.
 pub(crate) const STORAGE_BINDINGS: i32 = 32;
 
-/// What a driver allows.
+/// The limits of a driver.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
     /// Bytes of a shader storage block.
@@ -389,12 +391,12 @@ pub(crate) struct Limits {
     pub(crate) layers: u32,
 }
 
-/// Functions of OpenGL 4.5 that glow has not.
+/// Functions of OpenGL 4.5 missing in glow.
 pub(crate) struct More {
     clip_control: unsafe extern "system" fn(u32, u32),
     provoking_vertex: unsafe extern "system" fn(u32),
     multi_draw_elements: unsafe extern "system" fn(u32, *const i32, u32, *const *const c_void, i32),
-    /// `None` where the driver lacks ARB_indirect_parameters.
+    /// `None` without ARB_indirect_parameters.
     multi_draw_elements_indirect_count: Option<unsafe extern "system" fn(u32, u32, *const c_void, isize, i32, i32)>,
     clear_named_buffer_sub_data: unsafe extern "system" fn(u32, u32, isize, isize, u32, u32, *const c_void),
     get_graphics_reset_status: unsafe extern "system" fn() -> u32,
@@ -418,11 +420,11 @@ pub(crate) struct Device {
 // drop of what that returns, which borrows the device and cannot leave the thread.
 unsafe impl Send for Device {}
 
-/// A device whose context is current in this thread, until this is dropped.
+/// A device with its context current in this thread, until this is dropped.
 pub(crate) struct Entered<'a> {
     device: &'a Device,
     pub(crate) gl: &'a glow::Context,
-    /// Given up after the context is released: fields are dropped after what `Drop` does.
+    /// Given up after the context is released: `Drop` runs before fields are dropped.
     _turn: Option<MutexGuard<'static, ()>>,
     /// A context is current in one thread, so this stays in it.
     _thread: std::marker::PhantomData<*const ()>,
@@ -446,9 +448,56 @@ impl Drop for Device {
     }
 }
 
+/// Loads the functions of a context.
+///
+/// # Safety
+/// A context of OpenGL 4.5 is current in this thread, and lives while the functions are called.
+unsafe fn functions(egl: &Egl) -> Result<(glow::Context, More), String> {
+    let load = |name: &CStr| -> Pointer {
+        // SAFETY: the name ends in a zero byte.
+        unsafe { (egl.get_proc_address)(name.as_ptr()) }
+    };
+    // SAFETY: a context is current by the caller's promise; each function is given the type that OpenGL 4.5 declares.
+    unsafe {
+        let gl = glow::Context::from_loader_function_cstr(|name| load(name).cast_const());
+        macro_rules! function {
+            ($name:literal) => {{
+                let pointer = load($name);
+                if pointer.is_null() {
+                    return Err(format!("the driver lacks `{}`", $name.to_string_lossy()));
+                }
+                std::mem::transmute(pointer)
+            }};
+        }
+        let extensions = gl.supported_extensions();
+        let version = gl.version();
+        let indirect_count = if (version.major, version.minor) >= (4, 6) {
+            load(c"glMultiDrawElementsIndirectCount")
+        } else if extensions.contains("GL_ARB_indirect_parameters") {
+            load(c"glMultiDrawElementsIndirectCountARB")
+        } else {
+            std::ptr::null_mut()
+        };
+        let indirect_count = std::mem::transmute::<
+            Pointer,
+            Option<unsafe extern "system" fn(u32, u32, *const c_void, isize, i32, i32)>,
+        >(indirect_count);
+        #[allow(clippy::missing_transmute_annotations, reason = "the fields' types say it")]
+        let more = More {
+            clip_control: function!(c"glClipControl"),
+            provoking_vertex: function!(c"glProvokingVertex"),
+            multi_draw_elements: function!(c"glMultiDrawElements"),
+            multi_draw_elements_indirect_count: indirect_count,
+            clear_named_buffer_sub_data: function!(c"glClearNamedBufferSubData"),
+            get_graphics_reset_status: function!(c"glGetGraphicsResetStatus"),
+        };
+        Ok((gl, more))
+    }
+}
+
 impl Device {
-    /// Opens the device with a context of its own. With `debug`, the driver checks what it is asked to do and its
-    /// messages become errors (see [`Entered::check`]).
+    /// Opens the device with a context of its own. With `debug`, the driver checks each call, and its messages become
+    /// errors (see [`Entered::check`]).
     pub(crate) fn open(number: u32, debug: bool) -> Result<Self, BackendError> {
         let system = system().map_err(|_| no_device())?;
         let Some(display) = system.displays.get(number as usize) else {
@@ -465,7 +514,7 @@ impl Device {
     fn open_on(system: &'static System, place: Place, number: u32, debug: bool) -> Result<Self, BackendError> {
         let unusable = |reason: String| BackendError::Unsupported(format!("device {number}: {reason}"));
         let (egl, display) = (&system.egl, place.0);
-        // Whether it is a software device is known only at the end.
+        // The name tells a software device only at the end.
         let _turn = display.turn();
         let context = egl.create_context(display.handle, debug).map_err(unusable)?;
         // From here on the context is destroyed with `Owned` on every way out.
@@ -486,50 +535,8 @@ impl Device {
         if unsafe { (egl.make_current)(display.handle, none, none, context) } == 0 {
             return Err(unusable(format!("its context cannot be made current: {}", egl.error())));
         }
-        let load = |name: &CStr| -> Pointer {
-            // SAFETY: the name ends in a zero byte.
-            unsafe { (egl.get_proc_address)(name.as_ptr()) }
-        };
-        // SAFETY: a context is current, and what is loaded are its own functions, each given the type that OpenGL 4.5
-        // declares for it.
-        let (mut gl, more) = unsafe {
-            let gl = glow::Context::from_loader_function_cstr(|name| load(name).cast_const());
-            macro_rules! function {
-                ($name:literal) => {{
-                    let pointer = load($name);
-                    if pointer.is_null() {
-                        return Err(unusable(format!(
-                            "the driver lacks `{}`",
-                            $name.to_string_lossy()
-                        )));
-                    }
-                    std::mem::transmute(pointer)
-                }};
-            }
-            let extensions = gl.supported_extensions();
-            let version = gl.version();
-            let indirect_count = if (version.major, version.minor) >= (4, 6) {
-                load(c"glMultiDrawElementsIndirectCount")
-            } else if extensions.contains("GL_ARB_indirect_parameters") {
-                load(c"glMultiDrawElementsIndirectCountARB")
-            } else {
-                std::ptr::null_mut()
-            };
-            let indirect_count = std::mem::transmute::<
-                Pointer,
-                Option<unsafe extern "system" fn(u32, u32, *const c_void, isize, i32, i32)>,
-            >(indirect_count);
-            #[allow(clippy::missing_transmute_annotations, reason = "the fields' types say it")]
-            let more = More {
-                clip_control: function!(c"glClipControl"),
-                provoking_vertex: function!(c"glProvokingVertex"),
-                multi_draw_elements: function!(c"glMultiDrawElements"),
-                multi_draw_elements_indirect_count: indirect_count,
-                clear_named_buffer_sub_data: function!(c"glClearNamedBufferSubData"),
-                get_graphics_reset_status: function!(c"glGetGraphicsResetStatus"),
-            };
-            (gl, more)
-        };
+        // SAFETY: the context just made is current, and is destroyed with what is loaded.
+        let (mut gl, more) = unsafe { functions(egl) }.map_err(unusable)?;
         let messages = Arc::new(Mutex::new(Vec::new()));
         // SAFETY: the context is current; what is asked for exists in OpenGL 4.5.
         let (name, limits) = unsafe {
@@ -589,7 +596,7 @@ impl Device {
         self.more.multi_draw_elements_indirect_count.is_some()
     }
 
-    /// Makes the context current in this thread until what is returned is dropped.
+    /// Makes the context current in this thread until the guard is dropped.
     pub(crate) fn enter(&self) -> Result<Entered<'_>, BackendError> {
         let egl = &self.system.egl;
         let display = self.place.0;
@@ -617,8 +624,8 @@ impl Device {
 }
 
 impl Entered<'_> {
-    /// Sets what the shaders are written for and OpenGL does otherwise: depth from 0 to 1, rows upwards, and flat
-    /// values from a triangle's first corner.
+    /// Sets the shaders' conventions: depth from 0 to 1, rows upwards, and flat values from a triangle's first corner.
+    /// OpenGL's defaults differ.
     pub(crate) fn set_conventions(&self) {
         // SAFETY: the context is current.
         unsafe {
@@ -627,10 +634,10 @@ impl Entered<'_> {
         }
     }
 
-    /// Draws several runs of the bound indices: `first[k]` is a place in bytes, `counts[k]` how many.
+    /// Draws several runs of the bound indices: `firsts[k]` is a place in bytes, `counts[k]` a number of indices.
     ///
     /// # Safety
-    /// As `glMultiDrawElements`: the bound vertex array has the corners, and its indices reach as far.
+    /// See `glMultiDrawElements`: the runs are within the bound indices, and these within the bound vertices.
     pub(crate) unsafe fn draw_runs(&self, firsts: &[usize], counts: &[i32]) {
         assert_eq!(firsts.len(), counts.len(), "one count for each run");
         let runs = i32::try_from(firsts.len()).unwrap_or(i32::MAX);
@@ -647,11 +654,11 @@ impl Entered<'_> {
         }
     }
 
-    /// Draws as the bound indirect buffer says from byte `first`, as often as the parameter buffer says at byte
-    /// `count`. Only where the device [`can_count_draws`](Device::can_count_draws).
+    /// Draws by the bound indirect buffer from byte `first`, with the number of draws at byte `count` of the parameter
+    /// buffer. Needs [`can_count_draws`](Device::can_count_draws).
     ///
     /// # Safety
-    /// As `glMultiDrawElementsIndirectCount`.
+    /// See `glMultiDrawElementsIndirectCount`.
     pub(crate) unsafe fn draw_indirect(&self, first: usize, count: usize, at_most: u32) {
         let Some(draw) = self.device.more.multi_draw_elements_indirect_count else {
             return;
@@ -691,32 +698,12 @@ impl Entered<'_> {
         }
     }
 
-    /// What went wrong since the last time: a lost device, memory that ran out, or a mistake of ours.
+    /// Fails for errors since the last call: a lost device, want of memory, or a mistake of ours.
     pub(crate) fn check(&self, doing: &str) -> Result<(), BackendError> {
         // SAFETY: the context is current.
-        let (lost, error) = unsafe { ((self.device.more.get_graphics_reset_status)(), self.gl.get_error()) };
-        if lost != 0 {
-            return Err(BackendError::DeviceLost(format!(
-                "{doing}: `{}` was reset ({lost:#x})",
-                self.device.name
-            )));
-        }
+        let (reset, error) = unsafe { ((self.device.more.get_graphics_reset_status)(), self.gl.get_error()) };
         let messages = std::mem::take(&mut *self.device.messages.lock().unwrap_or_else(PoisonError::into_inner));
-        match error {
-            glow::NO_ERROR if messages.is_empty() => Ok(()),
-            glow::OUT_OF_MEMORY => Err(BackendError::OutOfMemory(format!(
-                "{doing}: the driver of `{}` has no more memory",
-                self.device.name
-            ))),
-            0x0507 => Err(BackendError::DeviceLost(format!(
-                "{doing}: the context of `{}` is lost",
-                self.device.name
-            ))),
-            _ => Err(BackendError::Internal(format!(
-                "{doing}: OpenGL error {error:#x}: {}",
-                messages.join("; ")
-            ))),
-        }
+        conv::error(doing, &self.device.name, reset, error, &messages)
     }
 }
 
@@ -764,7 +751,7 @@ mod tests {
         entered.check("after it").expect("a mistake is told once");
     }
 
-    /// Returns whether a thread can use a context, given up after that, while another thread uses `used`.
+    /// Returns true if a thread can use and give up `other`, while another thread uses `used`.
     fn can_be_used_beside(used: &Device, other: Device) -> bool {
         let entered = used.enter().expect("a context of our own");
         let (sender, receiver) = std::sync::mpsc::channel();

@@ -1,31 +1,241 @@
 //! A hemicube backend on OpenGL 4.5, without a window.
 //!
-//! Shaders, and the form in which a scene is uploaded, are those of the other GPU backends (`hemicube-shaders`); here
-//! are EGL, the culling that OpenGL alone has, by hardware occlusion queries, and two baselines as settings:
-//! *original*, without culling, one hemicube a call and whole rows read back, and *thesis*, the octree with occlusion
-//! queries and coherence of Vázquez and Guartes 2017.
+//! Shaders, uploads and the steps of a hemicube are shared with the other GPU backends (`hemicube-shaders`). Here are
+//! EGL, culling by hardware occlusion queries, and two baselines to measure against: *original*, without culling, one
+//! hemicube a call and whole rows read back, and *thesis*, the octree with occlusion queries and coherence of Vázquez
+//! and Guartes 2017.
 //!
 //! Options: `baseline=best|original|thesis`, `cull=auto|off|view|frustum|queries|marks|depth`, `edges=exact|driver`
-//! (who says on which side of an edge a pixel lies: docs/gpu.md), `max_level=N` and `min_patches=N` of the octree for
-//! queries and marks, `batch=N`, `group=N`, `memory=BYTES`, `timing=on`, `debug=on`.
+//! (the judge of pixels near edges: docs/gpu.md), `max_level=N` and `min_patches=N` of the octree for queries and
+//! marks, `batch=N`, `group=N`, `memory=BYTES`, `timing=on`, `debug=on`.
 
 mod ask;
 mod conv;
 mod cull;
 mod device;
-mod objects;
+mod hierarchy;
 mod options;
+mod reduce;
 mod render;
+mod upload;
 
-pub use conv::Gl;
-pub use conv::Session;
+use device::Device;
+use hemicube_abi::{Log, Plugin};
+use hemicube_contract::backend::{
+    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes,
+};
+use hemicube_contract::face::Items;
+use hemicube_contract::row::RowBlock;
+use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded};
+use options::Options;
+use render::{Programs, Scene};
+use std::ffi::CStr;
+use std::fmt;
+use std::sync::Arc;
 
 hemicube_abi::export_backend!(Gl);
 
-/// Says past the capture of test output that a test is skipped for want of a device.
+/// The backend's plugin.
+#[derive(Clone, Copy, Debug)]
+pub struct Gl;
+
+impl Plugin for Gl {
+    const NAME: &'static CStr = c"gl";
+    const VERSION: &'static CStr = VERSION;
+    type Session = Session;
+
+    fn devices() -> Result<Vec<hemicube_abi::Device>, BackendError> {
+        let devices = device::devices();
+        if devices.is_empty() {
+            return Err(device::no_device());
+        }
+        let device = |d: device::DeviceInfo| hemicube_abi::Device {
+            name: d.name,
+            kind: conv::device_kind(d.software),
+            capabilities: capabilities(false),
+            max_resolution: d.max_resolution,
+            preferred_rows: PREFERRED_ROWS,
+        };
+        Ok(devices.into_iter().map(device).collect())
+    }
+
+    fn open(device: u32, options: &str, _log: Log) -> Result<Session, BackendError> {
+        Session::open(device, options)
+    }
+}
+
+/// Several submissions: one is read back while the next is rendered.
+const PREFERRED_ROWS: usize = 256;
+
+fn capabilities(dense: bool) -> Capabilities {
+    Capabilities {
+        covered: !dense,
+        tiny_patches: !dense,
+        ..CAPABILITIES
+    }
+}
+
+/// A session: a context of its own on a device.
+pub struct Session {
+    // Before the device, because it is dropped first and needs the context. The context takes all with it.
+    scene: Option<Scene>,
+    programs: Programs,
+    device: Device,
+    options: Options,
+    info: BackendInfo,
+    failed: bool,
+}
+
+impl fmt::Debug for Session {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Session")
+            .field("info", &self.info)
+            .field("options", &self.options)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Session {
+    /// Opens a session on a device by its number. The options are those of the crate.
+    ///
+    /// # Errors
+    /// When there is no such device or option, or the device does not open.
+    pub fn open(device: u32, options: &str) -> Result<Self, BackendError> {
+        Self::open_with(device, Options::parse(options)?)
+    }
+
+    fn open_with(device: u32, options: Options) -> Result<Self, BackendError> {
+        let device = Device::open(device, options.debug)?;
+        let programs = {
+            let entered = device.enter()?;
+            let programs = Programs::new(&entered, options.edges)?;
+            entered.check("compiling shaders")?;
+            programs
+        };
+        let info = BackendInfo {
+            name: "gl".to_owned(),
+            version: session::version(options.edges),
+            device: device.name.clone(),
+            capabilities: capabilities(options.dense()),
+            preferred_rows: PREFERRED_ROWS,
+        };
+        Ok(Self {
+            scene: None,
+            programs,
+            device,
+            options,
+            info,
+            failed: false,
+        })
+    }
+
+    /// Remembers a failure that leaves the device in an unknown state.
+    fn note<T>(&mut self, result: Result<T, BackendError>) -> Result<T, BackendError> {
+        self.failed |= matches!(result, Err(BackendError::DeviceLost(_) | BackendError::Internal(_)));
+        result
+    }
+
+    fn usable(&self) -> Result<(), BackendError> {
+        if self.failed {
+            return Err(BackendError::DeviceLost(format!(
+                "an earlier call on `{}` failed; open another session and resume",
+                self.info.device
+            )));
+        }
+        Ok(())
+    }
+
+    fn check(&self, hemicubes: &[Hemicube]) -> Result<(), BackendError> {
+        let scene = self.scene.as_ref().ok_or_else(not_loaded)?;
+        session::check(&scene.geometry, hemicubes)
+    }
+
+    fn render(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
+        let Some(scene) = &mut self.scene else {
+            return Ok(Counters::default());
+        };
+        let entered = self.device.enter()?;
+        let mut counters = Counters::default();
+        let mut before = None;
+        for (number, batch) in hemicubes.chunks(scene.plan.batch as usize).enumerate() {
+            let submission = scene.submit(&entered, &self.programs, batch, number % 2)?;
+            if scene.one_by_one() {
+                counters += scene.finish(&entered, submission, out)?;
+            } else if let Some(before) = before.replace(submission) {
+                counters += scene.finish(&entered, before, out)?;
+            }
+        }
+        if let Some(last) = before {
+            counters += scene.finish(&entered, last, out)?;
+        }
+        entered.check("rendering")?;
+        Ok(counters)
+    }
+}
+
+impl HemicubeBackend for Session {
+    fn info(&self) -> &BackendInfo {
+        &self.info
+    }
+
+    fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
+        self.usable()?;
+        settings.check()?;
+        if settings.covered && !self.info.capabilities.covered {
+            return Err(BackendError::Unsupported(
+                "the baselines have pixel sums only: leave out covered weights, or the option `baseline`".to_owned(),
+            ));
+        }
+        let result = self.device.enter().and_then(|entered| {
+            if let Some(old) = self.scene.take() {
+                old.delete(&entered);
+            }
+            Scene::new(&self.device, &entered, geometry, settings, self.options)
+        });
+        self.scene = Some(self.note(result)?);
+        Ok(())
+    }
+
+    fn choices(&self) -> Vec<String> {
+        self.scene.as_ref().map_or_else(Vec::new, Scene::choices)
+    }
+
+    fn stage_times(&self) -> StageTimes {
+        self.scene
+            .as_ref()
+            .map_or_else(StageTimes::default, |scene| scene.times)
+    }
+
+    fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
+        let scene = self.scene.as_ref().ok_or_else(not_loaded)?;
+        let mut other = Self::open_with(self.device.number, self.options)?;
+        other.load(&scene.geometry, scene.settings)?;
+        Ok(Box::new(other))
+    }
+
+    fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
+        self.usable()?;
+        self.check(hemicubes)?;
+        let result = self.render(hemicubes, out);
+        self.note(result)
+    }
+
+    fn items(&mut self, hemicube: &Hemicube) -> Result<Items, BackendError> {
+        self.usable()?;
+        self.check(std::slice::from_ref(hemicube))?;
+        let scene = self.scene.as_mut().ok_or_else(not_loaded)?;
+        let result = self
+            .device
+            .enter()
+            .and_then(|entered| scene.items(&entered, &self.programs, hemicube));
+        self.note(result)
+    }
+}
+
+/// Reports a test skipped for want of a device, past the capture of test output.
 ///
 /// # Panics
-/// Where `HEMICUBE_REQUIRE_BACKENDS` names this backend: there a skip is a failure.
+/// If `HEMICUBE_REQUIRE_BACKENDS` names this backend: a skip is then a failure.
 #[cfg(test)]
 fn skip(reason: &hemicube_contract::backend::BackendError) {
     use std::io::Write;

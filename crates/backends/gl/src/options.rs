@@ -1,40 +1,12 @@
-//! What `--backend-option` may say.
+//! The options of a session: `--backend-option`.
 
+use crate::cull::Cull;
 use hemicube_contract::backend::BackendError;
 use hemicube_shaders::Edges;
+use hemicube_shaders::chunks::FEWEST_FOR_OCCLUSION;
+use hemicube_shaders::options::{Common, bytes, choice, number};
 
-/// How hidden chunks are found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Cull {
-    /// Everything is drawn.
-    Off,
-    /// What is in no face's view is left out.
-    Frustum,
-    /// The same, found by the host.
-    View,
-    /// Also what hardware occlusion queries find hidden, asked from the host.
-    Queries,
-    /// The same by marks that boxes leave where they are in front, many boxes a draw.
-    Marks,
-    /// Also what a pyramid of depths hides, all on the device.
-    Depth,
-}
-
-impl Cull {
-    /// In words.
-    pub(crate) fn words(self) -> &'static str {
-        match self {
-            Self::Off => "none",
-            Self::Frustum => "frustum, on the device",
-            Self::View => "frustum",
-            Self::Queries => "frustum, occlusion queries with coherence",
-            Self::Marks => "frustum, marks of boxes with coherence",
-            Self::Depth => "frustum, depth pyramid with coherence",
-        }
-    }
-}
-
-/// What is measured against.
+/// A method to measure against.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Baseline {
     /// No culling, one hemicube a call, whole rows read back.
@@ -50,7 +22,7 @@ pub(crate) struct Options {
     baseline: Baseline,
     /// `None` for the choice by scene.
     cull: Option<Cull>,
-    /// Who says on which side of an edge a pixel lies.
+    /// The judge of pixels near edges.
     pub(crate) edges: Edges,
     /// Nodes of the octree at this level are not divided.
     pub(crate) max_level: u32,
@@ -58,9 +30,9 @@ pub(crate) struct Options {
     pub(crate) min_patches: Option<u32>,
     /// Hemicubes of a submission.
     pub(crate) batch: Option<u32>,
-    /// Hemicubes that go through the stages side by side.
+    /// Hemicubes side by side in the stages.
     pub(crate) group: Option<u32>,
-    /// Bytes that may be taken on the device.
+    /// Bytes to take on the device.
     pub(crate) memory: Option<u64>,
     pub(crate) timing: bool,
     pub(crate) debug: bool,
@@ -70,57 +42,44 @@ impl Options {
     /// Reads `key=value,key=value`.
     pub(crate) fn parse(text: &str) -> Result<Self, BackendError> {
         let mut given = hemicube_abi::Options::parse(text)?;
-        let wrong = |key: &str, value: &str, allowed: &str| {
-            BackendError::InvalidArgument(format!("option `{key}` is `{value}`; it is {allowed}"))
-        };
-        let baseline = match given.take("baseline") {
-            None | Some("best") => Baseline::Best,
-            Some("original") => Baseline::Original,
-            Some("thesis") => Baseline::Thesis,
-            Some(other) => return Err(wrong("baseline", other, "`best`, `original` or `thesis`")),
-        };
-        let cull = match given.take("cull") {
-            None | Some("auto") => None,
-            Some("off") => Some(Cull::Off),
-            Some("frustum") => Some(Cull::Frustum),
-            Some("view") => Some(Cull::View),
-            Some("queries") => Some(Cull::Queries),
-            Some("marks") => Some(Cull::Marks),
-            Some("depth") => Some(Cull::Depth),
-            Some(other) => {
-                return Err(wrong(
-                    "cull",
-                    other,
-                    "`auto`, `off`, `view`, `frustum`, `queries`, `marks` or `depth`",
-                ));
-            }
-        };
-        let edges = match given.take("edges") {
-            None if baseline != Baseline::Best => Edges::Driver,
-            None => Edges::default(),
-            Some(value) => Edges::parse(value).ok_or_else(|| wrong("edges", value, "`driver` or `exact`"))?,
-        };
-        let memory = match given.take("memory") {
-            None => None,
-            Some(value) => Some(value.parse().map_err(|_| wrong("memory", value, "a number of bytes"))?),
-        };
-        let mut number = |key: &str, smallest: u32| match given.take(key) {
-            None => Ok(None),
-            Some(value) => match value.parse() {
-                Ok(number) if number >= smallest => Ok(Some(number)),
-                _ => Err(wrong(key, value, &format!("a number from {smallest}"))),
-            },
+        let baseline = choice(
+            &mut given,
+            "baseline",
+            &[
+                ("best", Baseline::Best),
+                ("original", Baseline::Original),
+                ("thesis", Baseline::Thesis),
+            ],
+        )?;
+        let baseline = baseline.unwrap_or(Baseline::Best);
+        let cull = choice(
+            &mut given,
+            "cull",
+            &[
+                ("auto", None),
+                ("off", Some(Cull::Off)),
+                ("view", Some(Cull::View)),
+                ("frustum", Some(Cull::Frustum)),
+                ("queries", Some(Cull::Queries)),
+                ("marks", Some(Cull::Marks)),
+                ("depth", Some(Cull::Depth)),
+            ],
+        )?;
+        let common = Common::take(&mut given, u32::MAX)?;
+        let edges = match baseline {
+            Baseline::Best => Edges::default(),
+            Baseline::Original | Baseline::Thesis => Edges::Driver,
         };
         let options = Self {
             baseline,
-            cull,
-            edges,
-            max_level: number("max_level", 0)?.unwrap_or(16),
-            min_patches: number("min_patches", 0)?,
-            batch: number("batch", 1)?,
-            group: number("group", 1)?,
-            memory,
-            timing: given.take_switch("timing")?.unwrap_or(false),
+            cull: cull.flatten(),
+            edges: common.edges.unwrap_or(edges),
+            max_level: number(&mut given, "max_level", 0, u32::MAX)?.unwrap_or(16),
+            min_patches: number(&mut given, "min_patches", 0, u32::MAX)?,
+            batch: common.batch,
+            group: common.group,
+            memory: bytes(&mut given, "memory")?,
+            timing: common.timing,
             debug: given.take_switch("debug")?.unwrap_or(false),
         };
         given.finish()?;
@@ -145,7 +104,7 @@ impl Options {
     /// The culling of a scene.
     pub(crate) fn cull_for(&self, culling: bool, software: bool, can_count_draws: bool, triangles: usize) -> Cull {
         // With more triangles, a trial tells whether it pays (`Scene::judge`).
-        let few = triangles < hemicube_shaders::chunks::FEWEST_FOR_OCCLUSION;
+        let few = triangles < FEWEST_FOR_OCCLUSION;
         match (self.baseline, culling) {
             (Baseline::Original, _) | (_, false) => Cull::Off,
             (Baseline::Thesis, true) => Cull::Queries,
@@ -153,8 +112,8 @@ impl Options {
                 Some(Cull::Frustum) if !can_count_draws => Cull::View,
                 Some(Cull::Depth) if !can_count_draws => Cull::Marks,
                 Some(cull) => cull,
-                // Software takes as long for a stage on the device as for drawing what it would leave out, and answers
-                // the host at once; a GPU the other way round.
+                // On software, a stage on the device costs no less than drawing the chunks it would leave out, and the
+                // host is answered at once; on a GPU the other way round.
                 None => match (software || !can_count_draws, few) {
                     (true, true) => Cull::View,
                     (true, false) => Cull::Marks,
@@ -165,7 +124,7 @@ impl Options {
         }
     }
 
-    /// Returns whether occlusion culling may be given up where it does not pay.
+    /// Returns true if occlusion culling may be given up.
     pub(crate) fn may_switch_off(&self) -> bool {
         self.cull.is_none() && self.baseline == Baseline::Best
     }

@@ -1,20 +1,22 @@
-//! Where backends are looked for, in which order.
+//! The folders searched for backends, in order.
 //!
 //! `--backend-dir`, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, `../lib/hemicube/backends`
-//! from there, the user's data folder, the system's. Not recursive, and no manifest: the file's name says it all. With
-//! raised privileges, what whoever started the program may choose is left out.
+//! from there, the user's data folder, the system's. Not recursive.
+//!
+//! No manifest, because the file's name says it all. With raised privileges, folders chosen by the program's caller are
+//! left out.
 
 use std::env::consts::{DLL_PREFIX, DLL_SUFFIX};
 use std::ffi::OsString;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// The variable with further folders, separated as in `PATH`.
+/// The variable with further folders, separated like those of `PATH`.
 pub const PATH_VARIABLE: &str = "HEMICUBE_BACKEND_PATH";
 
 const FILE_STEM: &str = "hemicube_backend_";
 
-/// The file that holds the backend of a name, on this platform.
+/// Returns the file name of a backend on this platform.
 ///
 /// ```
 /// use hemicube_host::{file_name, name_of_file};
@@ -27,14 +29,14 @@ pub fn file_name(name: &str) -> String {
     format!("{DLL_PREFIX}{FILE_STEM}{}{DLL_SUFFIX}", name.replace('-', "_"))
 }
 
-/// The name of the backend that a file of this name should hold, if it should hold one.
+/// Returns the name of the backend expected in a file of this name, if any.
 pub fn name_of_file(file: &str) -> Option<String> {
     let stem = file.strip_prefix(DLL_PREFIX)?.strip_suffix(DLL_SUFFIX)?;
     let name = stem.strip_prefix(FILE_STEM)?;
     (!name.is_empty()).then(|| name.replace('_', "-"))
 }
 
-/// Who named a folder.
+/// The source of a folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
     /// `--backend-dir`.
@@ -61,32 +63,32 @@ impl fmt::Display for Origin {
     }
 }
 
-/// A folder that is looked into.
+/// A folder to search.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Folder {
-    /// Where it is.
+    /// Its path.
     pub path: PathBuf,
-    /// Who named it.
+    /// Its source.
     pub origin: Origin,
 }
 
-/// What the search depends on, so that tests can choose it.
+/// The inputs of the search, so that tests can choose them.
 #[derive(Clone, Debug, Default)]
 pub struct Environment {
     /// The running program.
     pub program: Option<PathBuf>,
-    /// What [`PATH_VARIABLE`] holds.
+    /// The value of [`PATH_VARIABLE`].
     pub path_variable: Option<OsString>,
     /// The folder of the user's data.
     pub user_data: Option<PathBuf>,
     /// Folders of libraries.
     pub system: Vec<PathBuf>,
-    /// True if the program has privileges that whoever started it has not.
+    /// True if the program has privileges beyond its caller's.
     pub raised: bool,
 }
 
 impl Environment {
-    /// That of this process.
+    /// Reads the environment of this process.
     pub fn of_process() -> Self {
         let folder = |variable: &str| {
             std::env::var_os(variable)
@@ -113,12 +115,12 @@ impl Environment {
     }
 }
 
-/// Returns whether the process runs with rights that whoever started it has not (set-user-id, file capabilities).
+/// Returns true if the process has rights beyond its caller's (set-user-id, file capabilities).
 #[cfg(unix)]
 fn is_raised() -> bool {
     #[cfg(any(target_os = "linux", target_os = "android"))]
     {
-        // SAFETY: reads a number that the kernel gave the process.
+        // SAFETY: reads a number given to the process by the kernel.
         if unsafe { libc::getauxval(libc::AT_SECURE) } != 0 {
             return true;
         }
@@ -132,7 +134,7 @@ fn is_raised() -> bool {
     false
 }
 
-/// The folders that backends are looked for in.
+/// The folders searched for backends.
 ///
 /// ```
 /// use hemicube_host::{Environment, Origin, Search};
@@ -145,7 +147,7 @@ fn is_raised() -> bool {
 /// };
 /// assert_eq!(origins(&environment), [Origin::Flag, Origin::Program, Origin::Program]);
 ///
-/// // Whoever has raised privileges loads nothing that another may have put there.
+/// // A program with raised privileges loads nothing put there by others.
 /// let raised = Environment { raised: true, ..environment.clone() };
 /// assert_eq!(origins(&raised), [Origin::Program, Origin::Program]);
 /// ```
@@ -156,7 +158,7 @@ pub struct Search {
 }
 
 impl Search {
-    /// The folders of an environment, after those of `--backend-dir`.
+    /// Lists the folders of an environment, after those of `--backend-dir`.
     pub fn new(given: &[PathBuf], environment: &Environment) -> Self {
         let mut folders: Vec<Folder> = Vec::new();
         let mut add = |path: PathBuf, origin| {
@@ -170,7 +172,7 @@ impl Search {
                 add(path.clone(), Origin::Flag);
             }
             for path in environment.path_variable.iter().flat_map(std::env::split_paths) {
-                // An empty entry would be the working directory, which nobody means.
+                // An empty entry would be the working directory, never intended.
                 if !path.as_os_str().is_empty() {
                     add(path, Origin::Variable);
                 }
@@ -196,12 +198,12 @@ impl Search {
         }
     }
 
-    /// The folders, in the order in which they are looked into.
+    /// The folders in order of search.
     pub fn folders(&self) -> &[Folder] {
         &self.folders
     }
 
-    /// Returns whether the process has raised privileges, so that only fixed folders are looked into.
+    /// Returns true if the process has raised privileges, so that only fixed folders are searched.
     pub fn is_raised(&self) -> bool {
         self.raised
     }

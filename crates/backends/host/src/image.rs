@@ -1,7 +1,7 @@
-//! What a shared library's headers say, before the system's loader maps it. The loader trusts them: of a file that was
-//! cut short it maps pages that are not there, and the program dies of a SIGBUS.
+//! The headers of a shared library, judged before the system's loader maps it. The loader trusts them: of a truncated
+//! file it maps missing pages, and the program dies of a SIGBUS.
 //!
-//! Only ELF is judged, as on Linux and the BSDs; other formats are their loaders' to refuse.
+//! Only ELF is judged, for Linux and the BSDs; other formats are left to their loaders.
 
 use crate::load::LoadError;
 use object::elf;
@@ -16,10 +16,10 @@ type Header = elf::FileHeader64<Endianness>;
 #[cfg(not(target_pointer_width = "64"))]
 type Header = elf::FileHeader32<Endianness>;
 
-/// Bytes of `e_ident` and the two numbers behind it: what the file is, and for which machine.
+/// Bytes of `e_ident` and the two numbers behind it: the file's type, and its machine.
 const IDENTITY: u64 = 20;
 
-/// Machines by the names that Rust has for them.
+/// Machines by their names in Rust.
 const MACHINES: [(u16, &str); 9] = [
     (elf::EM_X86_64, "x86_64"),
     (elf::EM_386, "x86"),
@@ -32,7 +32,7 @@ const MACHINES: [(u16, &str); 9] = [
     (elf::EM_MIPS, "mips"),
 ];
 
-/// Refuses an ELF file of another machine, and one of which not all is there that its headers name.
+/// Refuses an ELF file of another machine, and one shorter than its headers say.
 pub(crate) fn judge(path: &Path) -> Result<(), LoadError> {
     let refused = |error: std::io::Error| LoadError::Refused(error.to_string());
     let file = File::open(path).map_err(refused)?;
@@ -71,8 +71,8 @@ pub(crate) fn judge(path: &Path) -> Result<(), LoadError> {
     Ok(())
 }
 
-/// The end of what the headers name of a file of `size` bytes: its tables first, and if those are there, all that they
-/// name.
+/// Returns the end named by the headers of a file of `size` bytes: that of its tables, and if these are complete, of
+/// all their contents.
 fn named_by_headers<'a>(data: &'a ReadCache<File>, size: u64) -> object::Result<u64> {
     let header = size_of::<Header>() as u64;
     if size < header {
@@ -97,7 +97,7 @@ fn named_by_headers<'a>(data: &'a ReadCache<File>, size: u64) -> object::Result<
     let segments = header.program_headers(endian, data)?.iter();
     let segments = segments.map(|segment| segment.file_range(endian));
     let sections = header.section_headers(endian, data)?.iter();
-    // Those without bytes in the file have no range.
+    // Segments without bytes in the file have no range.
     let sections = sections.filter_map(|section| section.file_range(endian));
     let ends = segments
         .chain(sections)

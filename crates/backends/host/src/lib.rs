@@ -1,14 +1,11 @@
-//! Backends that are shared libraries: where they are looked for, what is demanded of them, and sessions on them.
+//! Backends in shared libraries: finding, loading and judging them, and sessions on them.
 //!
-//! A [`LoadedBackend`] is the same [`HemicubeBackend`](hemicube_contract::backend::HemicubeBackend) that the built-in
-//! one is. What it returns was checked row by row, also in release builds; a session that failed for good is closed at
-//! once and never called again; and a plugin that writes past the end of an array ends the process before anything
-//! wrong is kept. What cannot be caught in one process (a crash, a hang) is what `hemicube backends check` runs child
-//! processes for.
+//! A [`LoadedBackend`] implements [`HemicubeBackend`](hemicube_contract::backend::HemicubeBackend), like the built-in
+//! one. The host checks every returned row, also in release builds. It closes a session at once after a fatal failure
+//! and never calls it again. A plugin writing past the end of an array ends the process before anything wrong is
+//! stored. Crashes and hangs cannot be caught in one process: `hemicube backends check` runs child processes for these.
 //!
-//! Libraries are never unloaded: drivers leave threads and thread-local destructors behind.
-//!
-//! A program asks for a backend by name, by path, or for the best that there is, and is told why where there is none:
+//! A program asks for a backend by name, by path, or for the best one. A failure names the reason for each place:
 //!
 //! ```
 //! use hemicube_host::{Environment, OpenError, Options, Registry, Search};
@@ -16,7 +13,7 @@
 //! # let given = folder.path().join("backends");
 //! # std::fs::create_dir(&given)?;
 //!
-//! // `Environment::of_process()` in a program; an empty one here, so that nothing but the folder given is looked into.
+//! // `Environment::of_process()` in a program; an empty one here, to search the given folder only.
 //! let search = Search::new(&[given.clone()], &Environment::default());
 //! let registry = Registry::new(search, &["cpu"]);
 //! let options = Options::parse(&["device=0"])?;
@@ -26,7 +23,7 @@
 //! assert_eq!((&*name, tried.len(), &*tried[0].reason), ("vulkan", 1, "no such file"));
 //! assert!(tried[0].path.starts_with(&given));
 //!
-//! // `auto` goes on without: what is built in is what is left.
+//! // `auto` goes on without a plugin: the built-in backend is left.
 //! let auto = registry.auto(&options);
 //! assert!(auto.taken.is_none());
 //! assert!(auto.passed_over.iter().all(|over| !over.installed && over.reason == "not installed"));

@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 const NAME_MAX: usize = 32;
 /// Bytes of the longest version.
 const VERSION_MAX: usize = 63;
-/// No machine has more devices than this that anyone would choose from.
+/// More devices than any machine offers.
 const DEVICES_MAX: usize = 64;
 
-/// Why a file is no backend that can be used.
+/// A reason against a file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LoadError {
@@ -27,13 +27,13 @@ pub enum LoadError {
     CutShort {
         /// Its size in bytes.
         size: u64,
-        /// Bytes that its headers name.
+        /// Bytes named by its headers.
         named: u64,
     },
     /// It was built for another machine.
     #[error("built for {found}, this program for {}", std::env::consts::ARCH)]
     Machine {
-        /// What it was built for.
+        /// Its machine.
         found: String,
     },
     /// The system's loader refused it.
@@ -51,13 +51,13 @@ pub enum LoadError {
     /// Its table is smaller than any of this version is.
     #[error("truncated table: it says {found} bytes, ABI {HC_ABI_VERSION} has at least {}", size_of::<HcBackend>())]
     Truncated {
-        /// What it says.
+        /// Its message.
         found: u32,
     },
-    /// A function that must be there is NULL.
+    /// A required function is NULL.
     #[error("its table has no `{0}`")]
     NoFunction(&'static str),
-    /// Its name or version is not as it should be.
+    /// Its name or version is malformed.
     #[error("its {what} {defect}")]
     Text {
         /// Name or version.
@@ -75,7 +75,7 @@ pub enum LoadError {
     },
 }
 
-/// A library with a table that was found good. Stays loaded until the process ends.
+/// A library with a valid table. Stays loaded until the process ends.
 ///
 /// ```
 /// use hemicube_host::{Library, LoadError, file_name};
@@ -84,7 +84,7 @@ pub enum LoadError {
 ///
 /// assert_eq!(Library::load(&path).err(), Some(LoadError::Missing));
 ///
-/// // A file of the right name is not yet a library; what is no library of this system is for its loader to say.
+/// // A file of the right name is not yet a library: the system's loader refuses it.
 /// std::fs::write(&path, "not a library")?;
 /// assert!(matches!(Library::load(&path), Err(LoadError::Refused(_))));
 /// # Ok::<(), std::io::Error>(())
@@ -95,7 +95,7 @@ pub struct Library {
     path: PathBuf,
     name: String,
     version: String,
-    /// What the plugin's log is called with. Leaked: the plugin may keep it as long as it likes.
+    /// The context of the plugin's log. Leaked: the plugin may keep it forever.
     log: &'static LogContext,
 }
 
@@ -108,7 +108,7 @@ impl Library {
     /// Opens a library and judges its table. Runs its initialisers, if it has any.
     ///
     /// # Errors
-    /// [`LoadError`], with the loader's own words where it was that which refused.
+    /// [`LoadError`], with the loader's own words if the loader refused.
     pub fn load(path: &Path) -> Result<Self, LoadError> {
         let path = std::path::absolute(path).map_err(|error| LoadError::Refused(error.to_string()))?;
         if !path.is_file() {
@@ -120,8 +120,8 @@ impl Library {
         if address.is_null() || !address.is_aligned() {
             return Err(LoadError::NoTable);
         }
-        // SAFETY: the library exports the symbol, and stays loaded. What it is, nobody can prove; two numbers are read
-        // first, which any table of any version begins with.
+        // SAFETY: the library exports the symbol, and stays loaded. Nobody can prove its type; two numbers are read
+        // first, and tables of all versions begin with these.
         let (abi_version, struct_size) = unsafe { (address.cast::<u32>().read(), address.cast::<u32>().add(1).read()) };
         if abi_version != HC_ABI_VERSION {
             return Err(LoadError::Abi { found: abi_version });
@@ -165,10 +165,10 @@ impl Library {
         })
     }
 
-    /// The same, if it has that name.
+    /// Opens a library of that name, and judges its table.
     ///
     /// # Errors
-    /// [`LoadError::Misnamed`] if it has another.
+    /// [`LoadError`]; [`LoadError::Misnamed`] if it has another name.
     pub fn named(self, wanted: &str) -> Result<Self, LoadError> {
         if self.name == wanted {
             return Ok(self);
@@ -208,10 +208,10 @@ impl Library {
         }
     }
 
-    /// The devices that it offers, best first.
+    /// Lists its devices, best first.
     ///
     /// # Errors
-    /// What it says when it cannot tell.
+    /// The plugin's message, if it cannot tell.
     pub fn devices(&self) -> Result<Vec<Device>, BackendError> {
         let Some(devices) = self.table.devices else {
             unreachable!("judged when it was loaded")
@@ -255,7 +255,7 @@ impl Library {
     }
 }
 
-/// The text of an array up to its NUL, or all of it; what is not UTF-8 is marked.
+/// Reads the text of an array up to its NUL, or all of it; marks invalid UTF-8.
 pub(crate) fn until_nul(text: &[c_char]) -> String {
     let bytes: Vec<u8> = text
         .iter()
@@ -307,7 +307,7 @@ unsafe fn text(what: &'static str, pointer: *const c_char, max: usize) -> Result
     String::from_utf8(bytes).map_err(|_| bad("is not UTF-8".to_owned()))
 }
 
-/// What a plugin logs goes where the program's own log goes.
+/// Passes a plugin's log on to the program's log.
 unsafe extern "C" fn log(context: *mut c_void, level: i32, message: *const c_char) {
     if context.is_null() || message.is_null() {
         return;
@@ -326,7 +326,7 @@ unsafe extern "C" fn log(context: *mut c_void, level: i32, message: *const c_cha
 #[cfg(unix)]
 fn open(path: &Path) -> Result<*const HcBackend, LoadError> {
     use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
-    // SAFETY: initialisers of the library run: whoever names a backend trusts it as much as the program itself.
+    // SAFETY: initialisers of the library run: the user naming a backend trusts it like the program itself.
     let library = unsafe { Library::open(Some(path), RTLD_NOW | RTLD_LOCAL) }.map_err(|error| refused(path, &error))?;
     // Never unloaded, whatever comes: its initialisers may have started threads.
     let library = std::mem::ManuallyDrop::new(library);
@@ -341,7 +341,7 @@ fn open(path: &Path) -> Result<*const HcBackend, LoadError> {
 fn open(path: &Path) -> Result<*const HcBackend, LoadError> {
     use libloading::os::windows::{LOAD_LIBRARY_SEARCH_DEFAULT_DIRS, LOAD_LIBRARY_SEARCH_DLL_LOAD_DIR, Library};
     let flags = LOAD_LIBRARY_SEARCH_DEFAULT_DIRS | LOAD_LIBRARY_SEARCH_DLL_LOAD_DIR;
-    // SAFETY: initialisers of the library run: whoever names a backend trusts it as much as the program itself.
+    // SAFETY: initialisers of the library run: the user naming a backend trusts it like the program itself.
     let library = unsafe { Library::load_with_flags(path, flags) }.map_err(|error| refused(path, &error))?;
     // Never unloaded, whatever comes: its initialisers may have started threads.
     let library = std::mem::ManuallyDrop::new(library);
@@ -352,7 +352,7 @@ fn open(path: &Path) -> Result<*const HcBackend, LoadError> {
         .map_err(|_| LoadError::NoTable)
 }
 
-/// The loader's own words, without the path that it begins with: whoever reads this has been told.
+/// Returns the loader's own words without the leading path: the caller names it.
 fn refused(path: &Path, error: &libloading::Error) -> LoadError {
     let text = std::error::Error::source(error).map_or_else(|| error.to_string(), ToString::to_string);
     let prefix = format!("{}: ", path.display());

@@ -1,4 +1,5 @@
-//! A session of a plugin as the contract's trait: structs become pointers, statuses errors, and every row is judged.
+//! A session of a plugin under the contract's trait: structs become pointers, statuses become errors, and every row is
+//! judged.
 
 use crate::load::{Library, until_nul};
 use hemicube_abi::types::{
@@ -20,21 +21,21 @@ use std::io::Write;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
-/// Entries that a call has room for at most, so that what is reserved stays below a gigabyte whatever the scene. Pages
-/// that no row reaches are never touched.
+/// Largest room for entries of a call: reserved memory stays below a gigabyte for any scene. Pages beyond the rows are
+/// never touched.
 const CAPACITY_MAX: usize = 1 << 26;
 
-/// Entries that are filled with ones before every call, beside all that a plugin wrote in the one before.
+/// Entries refilled before every call, besides those written in the call before.
 const FILLED: usize = 1 << 12;
 
 /// Words of a guard.
 const GUARD: usize = 16;
-/// What stands in them. No weight, no patch, and nothing that fills memory by habit.
+/// The pattern in the guard. No weight, no patch, and no common filler of memory.
 const GUARD_WORD: u32 = 0x48C3_9E5B;
-/// What outputs hold before a call: no row and no weight.
+/// The contents of outputs before a call: no row and no weight.
 const NOTHING: u32 = u32::MAX;
 
-/// Ends the process: someone wrote where it must not, and nothing in memory can be relied on.
+/// Ends the process after a write past an array's end: nothing in memory can be relied on.
 fn overrun(library: &Library, array: &str, call: &str) -> ! {
     let text = format!(
         "error: backend `{}` (`{}`) wrote past the end of `{array}` in `{call}`\n\
@@ -62,13 +63,13 @@ impl<T: Copy> Guarded<T> {
         }
     }
 
-    /// The value for a plugin, whose pointer may reach over the guard as well.
+    /// Returns the value for a plugin; the pointer covers the guard, too.
     pub(crate) fn as_mut_ptr(&mut self) -> *mut T {
         std::ptr::from_mut(self).cast()
     }
 
     pub(crate) fn check(&self, library: &Library, call: &'static str) {
-        // Read anew: a plugin's writing is not something that the compiler knows of.
+        // Read anew: the compiler does not know of a plugin's writes.
         if std::hint::black_box(&self.guard).iter().any(|&word| word != GUARD_WORD) {
             overrun(library, "a struct", call);
         }
@@ -79,7 +80,7 @@ impl<T: Copy> Guarded<T> {
     }
 }
 
-/// What a call said.
+/// The answer of a call.
 pub(crate) struct Answer(Guarded<HcError>);
 
 impl Answer {
@@ -115,14 +116,14 @@ impl Answer {
 /// An array for a plugin to write to, with a guard behind it.
 #[derive(Debug, Default)]
 struct Array<T> {
-    /// Longer than what the plugin is given by at least the guard.
+    /// Longer than the plugin's part by at least the guard.
     all: Vec<T>,
     length: usize,
-    /// How much of it a plugin has said that it wrote.
+    /// The part written, by the plugin's own account.
     used: usize,
 }
 
-/// What arrays are made of.
+/// An element of the arrays.
 trait Word: Copy + PartialEq {
     const GUARD: Self;
     const NOTHING: Self;
@@ -142,10 +143,10 @@ impl Word for u64 {
 }
 
 impl<T: Word> Array<T> {
-    /// Makes room for `length` values that say nothing.
+    /// Makes room for `length` values, filled with the pattern.
     fn prepare(&mut self, length: usize) -> *mut T {
         if self.all.len() < length + GUARD {
-            // Zeroes straight from the system: memory of what is never written is never touched.
+            // Zeroes straight from the system: unwritten memory is never touched.
             self.all = vec![T::ZERO; length + GUARD];
         } else {
             let dirty = self.used.max(FILLED).min(self.all.len());
@@ -159,7 +160,7 @@ impl<T: Word> Array<T> {
         self.all.as_mut_ptr()
     }
 
-    /// What the plugin wrote, of which it says to have written `used`.
+    /// Returns the first `used` values, written by the plugin on its own account.
     fn written(&mut self, used: usize) -> &[T] {
         self.used = used;
         &self.all[..used]
@@ -193,7 +194,7 @@ struct Loaded {
     settings: RenderSettings,
     /// Weight of each pixel of the atlas.
     weights: Arc<[u32]>,
-    /// What patches cover, where it is asked for and the plugin does not count it.
+    /// Covered weights, if they are asked for and the plugin does not count them.
     outlines: Option<Arc<Outlines>>,
 }
 
@@ -219,15 +220,14 @@ pub struct LoadedBackend {
 // SAFETY: the ABI lets a session be used from one thread after another; `&mut self` and `Drop` keep calls apart.
 unsafe impl Send for LoadedBackend {}
 
-/// What a session is called with; see [`Answer::read`] for what comes of it.
+/// The data of a session's calls; [`Answer::read`] handles their outcome.
 type Call<'a> = dyn FnOnce(*mut HcSession, *mut HcError) -> HcStatus + 'a;
 
 impl LoadedBackend {
-    /// Opens a session on a device, `device_number` being its place in [`Library::devices`]. `options` is
-    /// `key=value,key=value`.
+    /// Opens a session on a device by its place in [`Library::devices`]. `options` is `key=value,key=value`.
     ///
     /// # Errors
-    /// What the plugin says.
+    /// The plugin's message.
     pub fn open(
         library: Arc<Library>,
         device_number: u32,
@@ -283,12 +283,12 @@ impl LoadedBackend {
         Ok(opened)
     }
 
-    /// The library that it is a session of.
+    /// Its library.
     pub fn library(&self) -> &Arc<Library> {
         &self.library
     }
 
-    /// The device that it was opened on.
+    /// Its device.
     pub fn device(&self) -> &Device {
         &self.device
     }
@@ -309,7 +309,7 @@ impl LoadedBackend {
         result
     }
 
-    /// Closes the session if that error is one after which only `close` may follow.
+    /// Closes the session after an error that allows only `close`.
     fn judge(&mut self, error: &BackendError) {
         let usable = matches!(
             error,
@@ -321,7 +321,7 @@ impl LoadedBackend {
         }
     }
 
-    /// A defect that the host has found: the session is closed.
+    /// Closes the session for a defect found by the host.
     fn defect(&mut self, what: String) -> BackendError {
         let error = BackendError::Internal(what);
         self.judge(&error);
@@ -333,12 +333,12 @@ impl LoadedBackend {
         if let Some(close) = self.library.table().close
             && !session.is_null()
         {
-            // SAFETY: a session that `open` gave, closed once, and never used again.
+            // SAFETY: a session given by `open`, closed once, and never used again.
             unsafe { close(session) }
         }
     }
 
-    /// Asks what the session is, where the plugin can tell.
+    /// Asks for the session's details, if the plugin can tell.
     fn ask_info(&mut self) -> Result<(), BackendError> {
         if let Some(info) = self.library.table().info {
             #[allow(clippy::cast_possible_truncation, reason = "some hundreds of bytes")]
@@ -408,7 +408,7 @@ impl LoadedBackend {
             .ok_or_else(|| BackendError::InvalidArgument("no scene is loaded; call `load` first".to_owned()))
     }
 
-    /// Rows of so many hemicubes that a call has room for them.
+    /// Returns the number of rows that a call has room for.
     fn rows_of(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
         let loaded = self.loaded()?;
         let (patch_count, covered) = (loaded.geometry.patch_count, loaded.settings.covered);
@@ -473,7 +473,7 @@ impl LoadedBackend {
 }
 
 impl Outputs {
-    /// Takes the rows out of the arrays, if these say of a place for each of them where it is.
+    /// Takes the rows out of the arrays, if the ends of rows are plausible.
     fn collect(&mut self, row_count: usize, capacity: usize, covered: bool) -> Result<(), String> {
         let block = &mut self.block;
         block.clear();
@@ -482,7 +482,8 @@ impl Outputs {
             let end = usize::try_from(end).unwrap_or(usize::MAX);
             if end < start || end > capacity {
                 return Err(format!(
-                    "row {row} of {row_count} ends at entry {end}; it begins at {start}, and there is room for {capacity}"
+                    "row {row} of {row_count} ends at entry {end}; \
+                     it begins at {start}, and there is room for {capacity}"
                 ));
             }
             block.row_end.push(end);
@@ -606,7 +607,7 @@ impl HemicubeBackend for LoadedBackend {
     }
 }
 
-/// Refuses what the contract does not allow before a plugin sees it.
+/// Refuses requests against the contract before a plugin sees them.
 fn check_hemicubes(hemicubes: &[Hemicube], patch_count: u32) -> Result<(), BackendError> {
     hemicubes.iter().try_for_each(|hemicube| hemicube.check(patch_count))
 }
@@ -647,7 +648,7 @@ fn counters(raw: &HcCounters) -> Counters {
     }
 }
 
-/// Sums may come from a plugin that writes what it likes.
+/// Sums of a plugin's arbitrary numbers must not overflow.
 fn add_times(sum: &mut StageTimes, raw: &HcStageTimes) {
     for (sum, time) in [
         (&mut sum.cull, raw.cull),
@@ -660,7 +661,7 @@ fn add_times(sum: &mut StageTimes, raw: &HcStageTimes) {
     }
 }
 
-/// A number that no other scene of this process, or of another host in it, has.
+/// A scene's number, unique in this process, over all hosts in it.
 struct Identity(u64);
 
 impl Identity {
@@ -676,7 +677,7 @@ impl Identity {
     }
 }
 
-/// A scene's arrays, as the table has them.
+/// A scene's arrays in the table's layout.
 struct Scene {
     corners: Vec<f64>,
     front: Vec<u32>,

@@ -1,4 +1,4 @@
-//! From what a user asks for to a session: by path, by name, or `auto`.
+//! From a user's request to a session: by path, by name, or `auto`.
 
 use crate::discover::{Origin, Search, file_name, name_of_file};
 use crate::load::{Library, LoadError};
@@ -11,13 +11,13 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The backends that `auto` tries, in this order.
+/// The backends tried by `auto`, in order.
 const AUTO: [&str; 3] = ["vulkan", "wgpu", "gl"];
 
-/// A place that was looked at, and why nothing came of it.
+/// A place searched, and the reason of its failure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Tried {
-    /// The file, or the folder where there is no such file.
+    /// The file, or the folder if it has no such file.
     pub path: PathBuf,
     /// Why not.
     pub reason: String,
@@ -27,12 +27,12 @@ pub struct Tried {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum OpenError {
-    /// No file of that name could be used.
+    /// No usable file of that name.
     #[error("no backend named `{name}`{}", list(tried))]
     NotFound {
         /// The name asked for.
         name: String,
-        /// Everything that was looked at.
+        /// All places searched.
         tried: Vec<Tried>,
     },
     /// The file named cannot be used.
@@ -44,7 +44,10 @@ pub enum OpenError {
         reason: LoadError,
     },
     /// With raised privileges, files are not the user's to choose.
-    #[error("backend `{}`: with raised privileges, none is loaded from a place that the command line names", path.display())]
+    #[error(
+        "backend `{}`: with raised privileges, none is loaded from a place that the command line names",
+        path.display()
+    )]
     Raised {
         /// The file.
         path: PathBuf,
@@ -62,7 +65,7 @@ pub enum OpenError {
         name: String,
         /// The device asked for.
         wanted: String,
-        /// Those that it has.
+        /// Its devices.
         there: Vec<Device>,
     },
     /// The backend is there, and fails.
@@ -70,10 +73,10 @@ pub enum OpenError {
     Backend {
         /// Its name.
         name: String,
-        /// What it says.
+        /// Its message.
         source: BackendError,
     },
-    /// An option that cannot be handed on.
+    /// An option that cannot be passed on.
     #[error("backend option `{0}`: a key and a value without `,` are needed, `key=value`, and each key once")]
     Option(String),
 }
@@ -111,7 +114,7 @@ impl Options {
     /// Reads options, each `key=value`.
     ///
     /// # Errors
-    /// [`OpenError::Option`] for one that is not of that form, or is there twice.
+    /// [`OpenError::Option`] for another form, or a repeated key.
     ///
     /// ```
     /// use hemicube_host::Options;
@@ -145,7 +148,7 @@ impl Options {
         self.0.get("device").map(String::as_str)
     }
 
-    /// All but the host's own, as the table has them.
+    /// Returns all but the host's own, in the table's form.
     fn for_plugin(&self) -> String {
         let pairs = self.0.iter().filter(|(key, _)| *key != "device");
         let pairs: Vec<String> = pairs.map(|(key, value)| format!("{key}={value}")).collect();
@@ -153,47 +156,47 @@ impl Options {
     }
 }
 
-/// What a file in one of the folders is.
+/// The state of a file in one of the folders.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum State {
-    /// A backend, and the devices that it offers.
+    /// A backend, and its devices.
     Usable {
         /// The version of its arithmetic.
         version: String,
         /// Its devices; none is none.
         devices: Vec<Device>,
     },
-    /// A backend that cannot tell its devices.
+    /// A backend without a list of devices.
     Failing {
         /// The version of its arithmetic.
         version: String,
-        /// What it says.
+        /// Its message.
         error: BackendError,
     },
-    /// Another file, or what is built in, has the same name and comes first.
+    /// Another file or the built-in backend has the same name and comes first.
     Shadowed {
-        /// That file; `None`: what is built in.
+        /// That file; `None`: the built-in backend.
         by: Option<PathBuf>,
     },
     /// It cannot be used.
     Unusable(LoadError),
 }
 
-/// A file that looks like a backend.
+/// A file named like a backend.
 #[derive(Debug)]
 pub struct Listed {
-    /// The name that it is asked for by.
+    /// The name to ask for.
     pub name: String,
     /// The file.
     pub path: PathBuf,
-    /// Who named its folder.
+    /// The source of its folder.
     pub origin: Origin,
-    /// What it is.
+    /// Its state.
     pub state: State,
 }
 
-/// A backend that `auto` did not take.
+/// A backend passed over by `auto`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PassedOver {
     /// Its name.
@@ -204,12 +207,12 @@ pub struct PassedOver {
     pub installed: bool,
 }
 
-/// What `auto` came to.
+/// The outcome of `auto`.
 #[derive(Debug)]
 pub struct Auto {
-    /// The session; `None`: what is built in is the best there is.
+    /// The session; `None`: the built-in backend is the best.
     pub taken: Option<LoadedBackend>,
-    /// What was looked at before, and why it was passed over.
+    /// The backends passed over, with reasons.
     pub passed_over: Vec<PassedOver>,
 }
 
@@ -217,12 +220,12 @@ pub struct Auto {
 #[derive(Clone, Debug)]
 pub struct Registry {
     search: Search,
-    /// Names that are not looked for, as the program has them built in.
+    /// Names never searched for: the program has them built in.
     built_in: Vec<String>,
 }
 
 impl Registry {
-    /// Over some folders. `built_in` are names that the program has itself.
+    /// Makes a registry over some folders. `built_in` are the program's own backends.
     pub fn new(search: Search, built_in: &[&str]) -> Self {
         Self {
             search,
@@ -230,20 +233,20 @@ impl Registry {
         }
     }
 
-    /// Where it looks.
+    /// The folders.
     pub fn search(&self) -> &Search {
         &self.search
     }
 
-    /// Returns whether what a user asks for is a file rather than a name.
+    /// Returns true if a request is a file rather than a name.
     pub fn is_path(asked: &str) -> bool {
         asked.contains(std::path::is_separator) || asked.ends_with(DLL_SUFFIX)
     }
 
-    /// The library of that file or name. A name never becomes another.
+    /// Loads the library of a file or name. A name never becomes another.
     ///
     /// # Errors
-    /// [`OpenError`], with everything that was tried.
+    /// [`OpenError`], with all places tried.
     pub fn find(&self, asked: &str) -> Result<Library, OpenError> {
         if Self::is_path(asked) {
             let path = PathBuf::from(asked);
@@ -276,7 +279,7 @@ impl Registry {
         })
     }
 
-    /// A session of the backend that is asked for by path or name.
+    /// Opens a session of a backend by path or name.
     ///
     /// # Errors
     /// [`OpenError`].
@@ -290,11 +293,11 @@ impl Registry {
         open_on(library, devices, options)
     }
 
-    /// The best backend: the first of Vulkan, wgpu and GL that is installed, has a GPU and gives all that the ladder of
-    /// accuracy needs; otherwise none, which stands for the one built in. A driver that runs on the processor is not
-    /// taken: what is built in is faster.
+    /// Opens the best backend: the first of Vulkan, wgpu and GL that is installed, has a GPU and has all capabilities
+    /// for every accuracy level; otherwise none, for the built-in one. A driver running on the processor is not taken:
+    /// the built-in backend is faster.
     ///
-    /// A backend that fails is passed over, and the reason kept.
+    /// A failing backend is passed over, and the reason kept.
     pub fn auto(&self, options: &Options) -> Auto {
         let mut passed_over = Vec::new();
         for name in AUTO {
@@ -318,7 +321,7 @@ impl Registry {
         }
     }
 
-    /// A session of that backend, if it is one that `auto` takes; otherwise why not, and whether it is installed.
+    /// Opens a session of that backend, if `auto` takes it. Otherwise returns the reason, and true if it is installed.
     fn suitable(&self, name: &str, options: &Options) -> Result<LoadedBackend, (String, bool)> {
         let library = match self.find(name) {
             Ok(library) => library,
@@ -350,8 +353,8 @@ impl Registry {
         open_on(Arc::new(library), devices, options).map_err(|error| no(error.to_string()))
     }
 
-    /// All files in the folders that look like backends, in the order in which they would be found. Nothing is opened
-    /// but the libraries, and nothing asked of them but their devices.
+    /// Lists all files in the folders named like backends, in order of search. Opens only the libraries, and asks only
+    /// for their devices.
     ///
     /// ```
     /// use hemicube_host::{Environment, LoadError, Registry, Search, State, file_name};
@@ -406,7 +409,7 @@ fn state_of(path: &Path, name: &str) -> State {
     }
 }
 
-/// Files of a folder that look like backends, by name; a folder that cannot be read has none.
+/// Lists files of a folder named like backends, by name; an unreadable folder has none.
 fn backends_in(folder: &Path) -> Vec<(String, PathBuf)> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut found: Vec<(String, PathBuf)> = entries

@@ -1,4 +1,4 @@
-//! Runs of triangles that are culled and drawn as one, each with a box.
+//! Chunks: runs of triangles culled and drawn together, each with a box.
 
 use crate::upload::split;
 use glam::DVec3;
@@ -10,11 +10,10 @@ use std::ops::Range;
 /// (`docs/gpu.md`).
 pub const MOST_TRIANGLES: u32 = 256;
 
-/// With fewer triangles in a scene, drawing what is hidden costs less on a software driver than finding it out
-/// (`docs/gpu.md`).
+/// Below this number of triangles, a software driver draws hidden ones sooner than it finds them (`docs/gpu.md`).
 pub const FEWEST_FOR_OCCLUSION: usize = 20_000;
 
-/// A run of triangles in the order in which they are drawn, and its box. `Chunk` of `wgsl/shared.wgsl`.
+/// A run of triangles in drawing order, and its box. `Chunk` of `wgsl/shared.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chunk {
     /// Its first index in [`crate::Upload::indices`].
@@ -31,10 +30,10 @@ pub struct Chunk {
 pub const CHUNK_WORDS: usize = 12;
 
 impl Chunk {
-    /// As the shaders read it.
+    /// Returns the chunk in the shaders' layout.
     pub fn words(&self) -> [u32; CHUNK_WORDS] {
         let (high, low) = split(self.center);
-        // The widest rounding is that of the half sides to f32; the middle is exact to 2⁻⁴⁸.
+        // Rounding the half sides to f32 is the largest error; the middle is exact to 2⁻⁴⁸.
         #[allow(clippy::cast_possible_truncation, reason = "made wider than the rounding")]
         let half = self.half_sides.to_array().map(|h| (h * (1.0 + 1e-6) + 1e-9) as f32);
         let [hx, hy, hz] = high.map(f32::to_bits);
@@ -57,8 +56,8 @@ impl Chunk {
     }
 }
 
-/// Runs of surfaces of at most `most`, in the octree's order: nodes that are small enough with all beneath them, and
-/// the own surfaces of the others. Small neighbours are joined where that does not make a much larger box.
+/// Cuts surfaces into runs of at most `most`, in the octree's order: whole nodes, if they are small enough, and else
+/// the node's own surfaces apart from its children. Joins small neighbours unless their common box is much larger.
 pub fn runs(octree: &Octree, surfaces: &[Surface], most: u32) -> Vec<Range<u32>> {
     let nodes = octree.nodes();
     let mut found: Vec<Range<u32>> = Vec::new();
@@ -93,7 +92,7 @@ pub fn runs(octree: &Octree, surfaces: &[Surface], most: u32) -> Vec<Range<u32>>
     join(found, surfaces, most)
 }
 
-/// The largest half area of a joined box, beside that of its two parts together.
+/// The largest half area of a joined box, relative to its two parts together.
 const JOINED: f64 = 1.25;
 
 fn join(runs: Vec<Range<u32>>, surfaces: &[Surface], most: u32) -> Vec<Range<u32>> {
@@ -118,7 +117,7 @@ fn join(runs: Vec<Range<u32>>, surfaces: &[Surface], most: u32) -> Vec<Range<u32
     joined.into_iter().map(|(run, _)| run).collect()
 }
 
-/// A box that grows.
+/// A growing box.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
     pub(crate) low: DVec3,

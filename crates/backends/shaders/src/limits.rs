@@ -1,4 +1,4 @@
-//! How many hemicubes go into a submission, and whether a scene fits a device at all.
+//! Sizes of submissions, and the check of a scene against a device's limits.
 
 use crate::chunks::CHUNK_WORDS;
 use crate::output::{ENTRY_WORDS, HEADER_WORDS};
@@ -7,13 +7,13 @@ use crate::view::{FACES, VIEW_BYTES};
 use hemicube_contract::backend::{BackendError, RenderSettings};
 use hemicube_contract::face::pixel_count;
 
-/// Groups of 64 threads that go through the lists of a layer: a thousand pixels and ten thousand edges at N = 256.
+/// Work groups of 64 threads for the lists of a layer: a thousand pixels and ten thousand edges at N = 256.
 pub const SETTLE_GROUPS: u32 = 16;
 
-/// Who says on which side of an edge a pixel's centre lies: the option `edges`.
+/// The judge of pixel centres near edges: the option `edges`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Edges {
-    /// The driver, which snaps corners to some fraction of a pixel, mostly 1/256.
+    /// The driver. It snaps corners to a fraction of a pixel, mostly 1/256.
     Driver,
     /// The corners themselves, by a stage more (`wgsl/settle.wgsl`).
     #[default]
@@ -21,7 +21,7 @@ pub enum Edges {
 }
 
 impl Edges {
-    /// What the option's value means; `None` for what it cannot be.
+    /// Reads the option's value; `None` for any other word.
     pub fn parse(value: &str) -> Option<Self> {
         match value {
             "driver" => Some(Self::Driver),
@@ -31,35 +31,35 @@ impl Edges {
     }
 }
 
-/// What a device allows.
+/// The limits of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// The longest range of a storage buffer, in bytes.
     pub storage_range: u64,
-    /// How much memory may be taken, in bytes.
+    /// Memory to take at most, in bytes.
     pub memory: u64,
     /// Layers of an image.
     pub layers: u32,
     /// The longest edge of an image.
     pub image_edge: u32,
-    /// Hemicubes that go through the stages side by side: 1 on software, where nothing is gained by more and caches are
-    /// lost; more where there are units to fill.
+    /// Hemicubes side by side in the stages: 1 on software, because more gain nothing and lose caches; more on GPUs, to
+    /// fill their units.
     pub group: u32,
     /// Hemicubes of a submission.
     pub batch: u32,
-    /// Whether depths are copied to a buffer for the pyramid ([`crate::stage::PYRAMID_OF_COPY`]): for software, which
-    /// reads buffers faster than textures.
+    /// True to copy depths to a buffer for the pyramid ([`crate::stage::PYRAMID_OF_COPY`]). Software reads buffers
+    /// faster than textures.
     pub copies_depths: bool,
-    /// Who says where edges pass.
+    /// The judge of pixels near edges.
     pub edges: Edges,
 }
 
-/// How the device is used for a scene.
+/// The use of a device for a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
     /// Pixels along the edge of the top face.
     pub resolution: u32,
-    /// Hemicubes that go through the stages side by side, each in its layer.
+    /// Hemicubes side by side in the stages, each in its layer.
     pub group: u32,
     /// Hemicubes of a submission: a multiple of `group`.
     pub batch: u32,
@@ -67,18 +67,18 @@ pub struct Plan {
     pub capacity: u32,
     /// Words of a bit a patch.
     pub word_count: u32,
-    /// True if rows are covered, so that tiny patches are looked for.
+    /// True for covered rows: sub-pixel patches are then looked for.
     pub covered: bool,
     /// True if depths are copied to a buffer before they are read: [`Limits::copies_depths`].
     pub copies_depths: bool,
-    /// Who says where edges pass: [`Limits::edges`].
+    /// The judge of pixels near edges: [`Limits::edges`].
     pub edges: Edges,
 }
 
-/// A buffer whose size depends on the scene or the plan.
+/// A buffer sized by the scene or the plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
-    /// What it is for, as it is named in messages.
+    /// Its name in messages.
     pub name: &'static str,
     /// Its binding.
     pub binding: u32,
@@ -87,11 +87,11 @@ pub struct Size {
 }
 
 impl Plan {
-    /// Chooses the largest group and batch that fit.
+    /// Chooses the largest group and batch within the limits.
     ///
     /// # Errors
-    /// [`BackendError::Unsupported`] where a single buffer is beyond the device's limits, [`BackendError::OutOfMemory`]
-    /// where all together are.
+    /// [`BackendError::Unsupported`] if a single buffer is beyond them, [`BackendError::OutOfMemory`] if all together
+    /// are.
     pub fn new(upload: &Upload, settings: RenderSettings, limits: Limits) -> Result<Self, BackendError> {
         let resolution = settings.resolution;
         let pixels = u32::try_from(pixel_count(resolution)).unwrap_or(u32::MAX);
@@ -112,7 +112,7 @@ impl Plan {
             resolution,
             group: limits.group.min(limits.layers).max(1),
             batch: 0,
-            // Any number of tiny patches may be in a row besides those that pixels show.
+            // A row may hold any number of sub-pixel patches besides those of its pixels.
             capacity: if settings.covered {
                 upload.patch_count
             } else {
@@ -141,19 +141,21 @@ impl Plan {
                 plan.batch = plan.group;
             } else if let Some(Size { name, bytes, .. }) = too_long {
                 return Err(BackendError::Unsupported(format!(
-                    "{name} of {} patches at resolution {resolution} need {bytes} bytes in one piece; the device allows {}; take a coarser scene, a lower resolution or the CPU",
+                    "{name} of {} patches at resolution {resolution} need {bytes} bytes in one piece; \
+                     the device allows {}; take a coarser scene, a lower resolution or the CPU",
                     upload.patch_count, limits.storage_range
                 )));
             } else {
                 return Err(BackendError::OutOfMemory(format!(
-                    "{} patches at resolution {resolution} need {bytes} bytes on the device, of which {} may be used; take a coarser scene, a lower resolution or the CPU",
+                    "{} patches at resolution {resolution} need {bytes} bytes on the device, \
+                     of which {} may be used; take a coarser scene, a lower resolution or the CPU",
                     upload.patch_count, limits.memory
                 )));
             }
         }
     }
 
-    /// The buffers whose size depends on the scene or the plan.
+    /// Lists the buffers sized by the scene or the plan.
     pub fn sizes(&self, upload: &Upload) -> Vec<Size> {
         use crate::stage::binding as b;
         let (group, batch) = (u64::from(self.group), u64::from(self.batch));
@@ -220,7 +222,7 @@ impl Plan {
         ]
     }
 
-    /// All that is taken on the device: the buffers, views and output twice, and the images.
+    /// Counts all bytes on the device: buffers, with views and output twice, and images.
     pub fn bytes(&self, upload: &Upload) -> u64 {
         use crate::stage::binding as b;
         let buffers: u64 = self
@@ -240,7 +242,7 @@ impl Plan {
         3 * across * across + 3 * (across / 4) * (across / 4)
     }
 
-    /// The word of the output at which entries begin.
+    /// The first word of the entries in the output.
     pub fn output_entries(&self) -> u32 {
         self.batch * HEADER_WORDS
     }
@@ -256,7 +258,7 @@ impl Plan {
         (3 * self.resolution * self.resolution).div_ceil(64 * 32)
     }
 
-    /// Workgroups in x and in z that look for tiny patches.
+    /// Work groups of the search for sub-pixel patches, in x and in z.
     pub fn tiny_groups(&self, upload: &Upload) -> (u32, u32) {
         let chunks = u32::try_from(upload.chunks.len()).unwrap_or(u32::MAX);
         (chunks.min(32768), chunks.div_ceil(32768))

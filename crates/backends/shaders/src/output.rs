@@ -1,12 +1,15 @@
-//! What a submission brings back, and rows made of it.
+//! The output of a submission, and its rows.
 //!
 //! ```text
 //! header of slot 0 │ header of slot 1 │ … │ entries of slot 0 │ entries of slot 1 │ …
 //! ```
 
 use crate::limits::Plan;
+use crate::upload::Upload;
+use crate::view::FACES;
 use hemicube_contract::InputPatch;
 use hemicube_contract::backend::{BackendError, Counters};
+use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
 
 /// Words of a header: entries, escaped, blocked, chunks tested on faces, outside, hidden, triangles drawn for ids,
@@ -39,7 +42,7 @@ pub fn entry_words(plan: &Plan, headers: &[u32], slots: u32) -> Result<usize, Ba
 
 /// Appends the rows of a submission.
 ///
-/// `headers` are those of `slots` slots, `entries` as many words as [`entry_words`] said.
+/// `headers` holds those of `slots` slots, `entries` the words counted by [`entry_words`].
 pub fn append_rows(headers: &[u32], entries: &[u32], slots: u32, covered: bool, out: &mut RowBlock) -> Counters {
     let mut counters = Counters::default();
     let mut entries = entries.chunks_exact(ENTRY_WORDS as usize);
@@ -47,7 +50,7 @@ pub fn append_rows(headers: &[u32], entries: &[u32], slots: u32, covered: bool, 
         for entry in entries.by_ref().take(header[0] as usize) {
             let (patch, visible, hidden) = (entry[0], entry[1], entry[2]);
             if covered {
-                // A tiny patch that covers a pixel centre after all, where something else is seen.
+                // A sub-pixel patch covering a pixel centre after all, hidden there by another.
                 if visible == 0 && hidden > 0 {
                     continue;
                 }
@@ -69,4 +72,22 @@ pub fn append_rows(headers: &[u32], entries: &[u32], slots: u32, covered: bool, 
         };
     }
     counters
+}
+
+/// Counts the triangles of hemicubes without culling, once a face. No stage of such a submission counts them.
+pub fn unculled_triangles(upload: &Upload, hemicubes: u64) -> u64 {
+    hemicubes * u64::from(FACES) * upload.triangle_count() as u64
+}
+
+/// An item buffer of the device's ids, 3 N² of them.
+pub fn items(ids: impl IntoIterator<Item = u32>, patch_count: u32, resolution: u32) -> Items {
+    let seen = ids.into_iter().map(|id| match id {
+        id if id < patch_count => id,
+        id if id == patch_count + 1 => Items::ESCAPED,
+        _ => Items::BLOCKED,
+    });
+    Items {
+        resolution,
+        seen: seen.collect(),
+    }
 }

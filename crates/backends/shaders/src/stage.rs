@@ -1,6 +1,6 @@
-//! The shaders' entry points as WGSL, SPIR-V and GLSL, and the numbers of what they bind.
+//! The shaders' entry points in WGSL, SPIR-V and GLSL, and the numbers of their bindings.
 
-/// Which kind of shader an entry point is.
+/// The kind of an entry point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A vertex shader.
@@ -16,7 +16,7 @@ pub enum Kind {
 pub struct Stage {
     /// The WGSL file without its ending.
     pub file: &'static str,
-    /// The source of that file with what all stages share, for APIs that take WGSL.
+    /// The source of that file after the shared part, for APIs taking WGSL.
     pub wgsl: &'static str,
     /// The entry point's name, in SPIR-V too; in GLSL it is `main`.
     pub entry: &'static str,
@@ -26,10 +26,14 @@ pub struct Stage {
     pub spirv: &'static [u8],
     /// GLSL 4.50 core. Bindings of uniform and storage blocks and of textures are the numbers of [`binding`].
     pub glsl: &'static str,
+    /// Bindings of group 1 that are only read.
+    pub reads: &'static [u32],
+    /// Bindings of group 1 that may be written.
+    pub writes: &'static [u32],
 }
 
 impl Stage {
-    /// The SPIR-V as words.
+    /// Returns the words of the SPIR-V.
     pub fn words(&self) -> Vec<u32> {
         let (words, _) = self.spirv.as_chunks::<4>();
         words.iter().map(|&bytes| u32::from_le_bytes(bytes)).collect()
@@ -37,7 +41,11 @@ impl Stage {
 }
 
 macro_rules! stages {
-    ($($(#[$doc:meta])* $name:ident: $file:literal $entry:literal $kind:ident;)*) => {
+    ($(
+        $(#[$doc:meta])*
+        $name:ident: $file:literal $entry:literal $kind:ident
+            reads [$($read:ident)*] writes [$($write:ident)*];
+    )*) => {
         $(
             $(#[$doc])*
             pub const $name: Stage = Stage {
@@ -51,6 +59,8 @@ macro_rules! stages {
                 kind: Kind::$kind,
                 spirv: include_bytes!(concat!("../generated/", $entry, ".spv")),
                 glsl: include_str!(concat!("../generated/", $entry, ".glsl")),
+                reads: &[$(binding::$read),*],
+                writes: &[$(binding::$write),*],
             };
         )*
         /// All of them.
@@ -60,54 +70,76 @@ macro_rules! stages {
 
 stages! {
     /// Corners to a face: attributes 0 (high), 1 (low), 2 (patches) of [`crate::upload::VERTEX_BYTES`].
-    RENDER: "render" "render" Vertex;
-    /// The id of the side that faces the eye.
-    IDENTIFY: "render" "identify" Fragment;
-    /// As [`IDENTIFY`], without the emitter: see [`crate::view::stands_on_emitter`].
-    IDENTIFY_OTHERS: "render" "identify_others" Fragment;
-    /// As [`IDENTIFY`], with backs that block told apart: for [`crate::Edges::Exact`].
-    IDENTIFY_SIDES: "render" "identify_sides" Fragment;
-    /// As [`IDENTIFY_SIDES`], without the emitter.
-    IDENTIFY_OTHER_SIDES: "render" "identify_other_sides" Fragment;
+    RENDER: "render" "render" Vertex
+        reads [] writes [];
+    /// The id of the side facing the eye.
+    IDENTIFY: "render" "identify" Fragment
+        reads [SETTINGS] writes [];
+    /// [`IDENTIFY`] without the emitter: see [`crate::view::stands_on_emitter`].
+    IDENTIFY_OTHERS: "render" "identify_others" Fragment
+        reads [SETTINGS] writes [];
+    /// [`IDENTIFY`] with blocking backs told apart: for [`crate::Edges::Exact`].
+    IDENTIFY_SIDES: "render" "identify_sides" Fragment
+        reads [SETTINGS] writes [];
+    /// [`IDENTIFY_SIDES`] without the emitter.
+    IDENTIFY_OTHER_SIDES: "render" "identify_other_sides" Fragment
+        reads [SETTINGS] writes [];
     /// For depths alone, without the emitter.
-    OCCLUDE_OTHERS: "render" "occlude_others" Fragment;
+    OCCLUDE_OTHERS: "render" "occlude_others" Fragment
+        reads [] writes [];
     /// Groups: resolution / 16, 3 × resolution / 16, layers.
-    PYRAMID_OF: "pyramid" "pyramid_of" Compute;
-    /// The same from [`binding::DEPTH_COPY`], into which the depths were copied.
-    PYRAMID_OF_COPY: "pyramid" "pyramid_of_copy" Compute;
+    PYRAMID_OF: "pyramid" "pyramid_of" Compute
+        reads [SETTINGS DEPTHS] writes [PYRAMID];
+    /// [`PYRAMID_OF`] from the copied depths in [`binding::DEPTH_COPY`].
+    PYRAMID_OF_COPY: "pyramid" "pyramid_of_copy" Compute
+        reads [SETTINGS DEPTH_COPY] writes [PYRAMID];
     /// Groups: 5, layers.
-    CULL_SEEN: "cull" "cull_seen" Compute;
+    CULL_SEEN: "cull" "cull_seen" Compute
+        reads [SETTINGS VIEWS CHUNKS PYRAMID SEEN] writes [DRAWS DRAW_COUNTS DRAWN TALLIES];
     /// Groups: 5, layers.
-    CULL_HIDDEN: "cull" "cull_hidden" Compute;
+    CULL_HIDDEN: "cull" "cull_hidden" Compute
+        reads [SETTINGS VIEWS CHUNKS PYRAMID SEEN] writes [DRAWS DRAW_COUNTS DRAWN TALLIES];
     /// Groups: 5, layers.
-    CULL_OUTSIDE: "cull" "cull_outside" Compute;
+    CULL_OUTSIDE: "cull" "cull_outside" Compute
+        reads [SETTINGS VIEWS CHUNKS PYRAMID SEEN] writes [DRAWS DRAW_COUNTS DRAWN TALLIES];
     /// Groups: [`crate::Plan::reduce_groups`], layers.
-    REDUCE: "reduce" "reduce" Compute;
+    REDUCE: "reduce" "reduce" Compute
+        reads [SETTINGS ITEMS WEIGHTS] writes [VISIBLE TOUCHED];
     /// Groups: [`crate::Plan::tiny_groups`] in x and z, layers in y.
-    TINY: "tiny" "tiny" Compute;
+    TINY: "tiny" "tiny" Compute
+        reads [SETTINGS VIEWS CHUNKS DEPTHS DRAWN ITEMS VERTICES INDICES TRIANGLE_OF_PATCH CENTROIDS] writes [TOUCHED];
     /// Groups: layers.
-    COMPACT: "compact" "compact" Compute;
+    COMPACT: "compact" "compact" Compute
+        reads [SETTINGS CHUNK_OF_PATCH] writes [SEEN VISIBLE TOUCHED ENTRIES COVER_DRAWS TOTALS HIDDEN];
     /// Three corners an entry.
-    COVER: "cover" "cover" Vertex;
-    /// Adds what is hidden.
-    ADD_HIDDEN: "cover" "add_hidden" Fragment;
+    COVER: "cover" "cover" Vertex
+        reads [SETTINGS VERTICES INDICES TRIANGLE_OF_PATCH ENTRIES] writes [];
+    /// Adds hidden weight.
+    ADD_HIDDEN: "cover" "add_hidden" Fragment
+        reads [SETTINGS ITEMS WEIGHTS] writes [HIDDEN];
     /// Groups: any number (for bandwidth), layers.
-    PACK: "pack" "pack" Compute;
-    /// In place of [`REDUCE`] where edges are exact, in as many groups.
-    REDUCE_SIDES: "settle" "reduce_sides" Compute;
+    PACK: "pack" "pack" Compute
+        reads [SETTINGS ENTRIES TOTALS HIDDEN] writes [TALLIES OUTPUT];
+    /// Replaces [`REDUCE`] with exact edges. Groups: likewise.
+    REDUCE_SIDES: "settle" "reduce_sides" Compute
+        reads [SETTINGS ITEMS WEIGHTS] writes [NEAR LISTED SIDES];
     /// Groups: [`crate::limits::SETTLE_GROUPS`], layers.
-    NEAR_EDGES: "settle" "near_edges" Compute;
+    NEAR_EDGES: "settle" "near_edges" Compute
+        reads [SETTINGS VIEWS VERTICES INDICES TRIANGLE_OF_PATCH] writes [VISIBLE TOUCHED NEAR LISTED SIDES];
     /// Groups: [`crate::limits::SETTLE_GROUPS`], layers.
-    SETTLE: "settle" "settle" Compute;
+    SETTLE: "settle" "settle" Compute
+        reads [SETTINGS VIEWS ITEMS WEIGHTS VERTICES INDICES TRIANGLE_OF_PATCH] writes [VISIBLE TOUCHED NEAR LISTED];
     /// Groups: [`crate::limits::SETTLE_GROUPS`], layers.
-    PUT_SETTLED: "settle" "put_settled" Compute;
-    /// After [`COVER`], where edges are exact. Groups: [`crate::limits::SETTLE_GROUPS`], layers.
-    TAKE_BACK: "settle" "take_back" Compute;
+    PUT_SETTLED: "settle" "put_settled" Compute
+        reads [SETTINGS] writes [VISIBLE TOUCHED NEAR LISTED SETTLED_ITEMS];
+    /// Follows [`COVER`] with exact edges. Groups: [`crate::limits::SETTLE_GROUPS`], layers.
+    TAKE_BACK: "settle" "take_back" Compute
+        reads [SETTINGS WEIGHTS ENTRIES TOTALS] writes [HIDDEN NEAR LISTED];
 }
 
 /// Binding numbers. [`VIEW`](binding::VIEW) is in group 0, with a dynamic offset; all others are in group 1.
 pub mod binding {
-    /// Uniform: the [`View`](crate::View) that is drawn, or that of face 0 of the first slot of a group.
+    /// Uniform: the [`View`](crate::View) of a draw; for compute stages, face 0 of a group's first slot.
     pub const VIEW: u32 = 0;
     /// Uniform: [`crate::view::settings_words`].
     pub const SETTINGS: u32 = 1;
@@ -125,7 +157,7 @@ pub mod binding {
     pub const DRAW_COUNTS: u32 = 7;
     /// Storage: when a chunk was last seen. Zeroed once.
     pub const SEEN: u32 = 8;
-    /// Storage: whether a chunk was drawn, `[layer][face][chunk]`. Where nothing is culled the host sets it to 1.
+    /// Storage: 1 for a drawn chunk, `[layer][face][chunk]`. Without culling, the host sets all to 1.
     pub const DRAWN: u32 = 9;
     /// Storage: counters, eight words a layer. Zeroed once.
     pub const TALLIES: u32 = 10;
@@ -153,19 +185,19 @@ pub mod binding {
     pub const TOTALS: u32 = 21;
     /// Storage: hidden weight, `[layer][capacity]`.
     pub const HIDDEN: u32 = 22;
-    /// Storage: what the host reads, see [`crate::output`].
+    /// Storage: read by the host, see [`crate::output`].
     pub const OUTPUT: u32 = 23;
-    /// Storage: [`crate::Upload::centroids`]; one triangle's where rows are not covered.
+    /// Storage: [`crate::Upload::centroids`]; one triangle's for uncovered rows.
     pub const CENTROIDS: u32 = 24;
     /// Storage: depths, `[layer][pixel]`, for [`PYRAMID_OF_COPY`](super::PYRAMID_OF_COPY).
     pub const DEPTH_COPY: u32 = 25;
-    /// Storage: a bit for each pixel that an edge passes near, and two counts, `[layer][pixels / 32 + 2]`. Zeroed once.
+    /// Storage: a bit for each pixel near an edge, and two counts, `[layer][pixels / 32 + 2]`. Zeroed once.
     pub const NEAR: u32 = 26;
-    /// Storage: those pixels, three words each, and what is shown, a word each: `[layer][4 × pixels]`.
+    /// Storage: pixels near edges, three words each, and visible ids, a word each: `[layer][4 × pixels]`.
     pub const LISTED: u32 = 27;
-    /// Storage: the weight that each id shows, `[layer][2 × patch_count + 2]`. Zeroed once.
+    /// Storage: the visible weight of each id, `[layer][2 × patch_count + 2]`. Zeroed once.
     pub const SIDES: u32 = 28;
-    /// Image that is written: the item buffer again. In GLSL image unit 0, as there are fewer of these.
+    /// Written image: the item buffer again. In GLSL image unit 0, because image units are few.
     pub const SETTLED_ITEMS: u32 = 29;
     /// One past the last.
     pub const COUNT: u32 = 30;

@@ -1,28 +1,34 @@
-//! A scene as the device is given it.
+//! A scene in the device's layout.
 //!
-//! Coordinates are pairs of f32 whose sum has 48 bits, so that what is near the eye keeps its precision when the eye is
-//! subtracted. Each triangle owns its first corner, which carries its patches; the others may be any triangle's of the
-//! same chunk. That makes about one vertex a triangle instead of three, and it is the vertices that a software
-//! rasteriser is slow at.
+//! Coordinates are pairs of f32, 48 bits together: a point near the eye keeps its precision when the eye is subtracted.
+//! Each triangle owns its first corner, which carries its patches, and shares its others with any triangles of its
+//! chunk. That makes about one vertex a triangle instead of three, and vertices are the slow part of a software
+//! rasteriser.
 
 use crate::chunks::{self, Bounds, Chunk, MOST_TRIANGLES};
+use crate::limits::Plan;
+use crate::stage::binding;
+use crate::view::settings_words;
 use glam::DVec3;
 use hemicube_contract::backend::{BackendError, Geometry, Surface};
+use hemicube_contract::delta::DeltaTable;
+use std::borrow::Cow;
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Words of a vertex: high x y z, low x y z, front patch, back patch.
 pub const VERTEX_WORDS: usize = 8;
 /// Bytes of a vertex: attribute 0 at 0 (three f32), 1 at 12 (three f32), 2 at 24 (two u32).
 pub const VERTEX_BYTES: u32 = 32;
 
-/// A scene as the device is given it.
+/// A scene in the device's layout.
 #[derive(Debug)]
 pub struct Upload {
     /// Corners. See [`VERTEX_WORDS`].
     pub vertices: Vec<[u32; VERTEX_WORDS]>,
     /// Three vertices a triangle, counter-clockwise seen from the front. The first is its own.
     pub indices: Vec<u32>,
-    /// What is drawn, in this order.
+    /// Chunks in drawing order.
     pub chunks: Vec<Chunk>,
     /// The triangle of each patch: a third of the place of its first index.
     pub triangle_of_patch: Vec<u32>,
@@ -30,13 +36,16 @@ pub struct Upload {
     pub chunk_of_patch: Vec<u32>,
     /// The surface of each patch in [`Geometry::surfaces`]. Not for the device.
     pub surface_of_patch: Vec<u32>,
-    /// Number of patches, which is also the id for blocked; one more is the id for escaped.
+    /// Number of patches. It is also the id for blocked; one more is the id for escaped.
     pub patch_count: u32,
-    /// Surfaces that were exactly another's and are drawn with it.
+    /// Number of surfaces merged into exactly equal ones.
     pub merged: usize,
 }
 
-/// A triangle to be drawn, with what is seen on either side.
+/// The upload shared by all sessions on a scene, or the reason against it.
+struct Prepared(Result<Arc<Upload>, String>);
+
+/// A triangle to draw, with the patch visible on either side.
 struct Drawn {
     corners: [DVec3; 3],
     front: u32,
@@ -54,10 +63,19 @@ impl Upload {
         Self::with_chunks_of(geometry, MOST_TRIANGLES)
     }
 
-    /// The same with at most `most` triangles a chunk. For measurements.
+    /// Returns the upload of a scene, made once for all sessions on it.
     ///
     /// # Errors
-    /// As [`Upload::new`].
+    /// See [`Upload::new`].
+    pub fn of(geometry: &Geometry) -> Result<Arc<Self>, BackendError> {
+        let prepared = geometry.kept(|geometry| Prepared(Self::new(geometry).map(Arc::new).map_err(|e| e.to_string())));
+        prepared.0.clone().map_err(BackendError::Unsupported)
+    }
+
+    /// Prepares a scene with at most `most` triangles a chunk. For measurements.
+    ///
+    /// # Errors
+    /// See [`Upload::new`].
     ///
     /// # Panics
     /// When `most` is 0.
@@ -87,7 +105,7 @@ impl Upload {
         let mut chunk_of_surface = vec![0; surfaces.len()];
         for run in chunks::runs(&geometry.octree, surfaces, most) {
             let mut order: Vec<u32> = run.filter(|&s| drawn[s as usize].is_some()).collect();
-            // Where depths tie, the first drawn stays: let it be the smaller id.
+            // Of equal depths the first drawn stays: let it be the smaller id.
             order.sort_by_key(|&s| drawn[s as usize].as_ref().map(|d| (d.front.min(d.back), s)));
             if order.is_empty() {
                 continue;
@@ -126,17 +144,17 @@ impl Upload {
         Ok(upload)
     }
 
-    /// Number of triangles that are drawn.
+    /// Number of triangles drawn.
     pub fn triangle_count(&self) -> usize {
         self.indices.len() / 3
     }
 
-    /// The middle of each triangle as pairs of f32, six words each. Made when asked for: only covered rows need it.
+    /// Computes the middle of each triangle, pairs of f32, six words each. Only covered rows need it.
     pub fn centroids(&self, geometry: &Geometry) -> Vec<u32> {
         let mut words = vec![0; 6 * self.triangle_count().max(1)];
         for (surface, s) in geometry.surfaces.iter().enumerate() {
             let patch = s.front.0 as usize;
-            // A merged surface's triangle is another's, whose middle is the same.
+            // A merged surface's triangle is another's, with an equal middle.
             if self.surface_of_patch[patch] as usize != surface {
                 continue;
             }
@@ -154,8 +172,25 @@ impl Upload {
     }
 }
 
-/// Surfaces that are the same triangle are drawn as the first of them: of the patches on one side, the smallest id is
-/// seen. Returns what is drawn for each surface, and for each surface which one is drawn for it.
+/// Lists the words written once by the host, by binding. All other buffers begin at 0.
+pub fn contents<'a>(upload: &'a Upload, geometry: &Geometry, plan: &Plan) -> Vec<(u32, Cow<'a, [u32]>)> {
+    let mut contents: Vec<(u32, Cow<'a, [u32]>)> = vec![
+        (binding::SETTINGS, settings_words(plan, upload).to_vec().into()),
+        (binding::CHUNKS, upload.chunk_words().into()),
+        (binding::VERTICES, upload.vertices.as_flattened().into()),
+        (binding::INDICES, upload.indices.as_slice().into()),
+        (binding::TRIANGLE_OF_PATCH, upload.triangle_of_patch.as_slice().into()),
+        (binding::CHUNK_OF_PATCH, upload.chunk_of_patch.as_slice().into()),
+        (binding::WEIGHTS, DeltaTable::new(plan.resolution).weights().into()),
+    ];
+    if plan.covered {
+        contents.push((binding::CENTROIDS, upload.centroids(geometry).into()));
+    }
+    contents
+}
+
+/// Merges equal triangles into the first of them; of the patches on one side, the smallest id is seen. Returns the
+/// triangle drawn for each surface, if any, and the surface drawn in its place.
 fn merge(surfaces: &[Surface], blocked: u32) -> (Vec<Option<Drawn>>, Vec<u32>) {
     let mut first: HashMap<[u64; 9], u32> = HashMap::with_capacity(surfaces.len());
     let mut drawn: Vec<Option<Drawn>> = Vec::with_capacity(surfaces.len());
@@ -186,7 +221,7 @@ fn merge(surfaces: &[Surface], blocked: u32) -> (Vec<Option<Drawn>>, Vec<u32>) {
     (drawn, drawn_of)
 }
 
-/// A triangle's corners in ascending order, and whether that is an odd permutation.
+/// Returns a triangle's corners in ascending order, and true for an odd permutation.
 fn key(corners: [DVec3; 3]) -> ([u64; 9], bool) {
     // −0 is 0.
     let mut sorted = corners.map(|p| (p + DVec3::ZERO).to_array());
@@ -211,14 +246,14 @@ struct Corners {
     indices: Vec<u32>,
     /// True if a vertex is some triangle's first corner.
     owned: Vec<bool>,
-    /// By position: any vertex there, and one that nobody owns, if there is one.
+    /// By position: any vertex there, and an unowned one, if any.
     at: HashMap<[u64; 3], (u32, Option<u32>)>,
 }
 
 impl Corners {
     fn add(&mut self, triangle: &Drawn) {
         let keys = triangle.corners.map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
-        // The first corner: one whose vertex is still free, else one that has none yet, else a further vertex.
+        // Prefer for the first corner an unowned vertex, then a position without a vertex, then a further vertex.
         let free = (0..3).find(|&k| self.at.get(&keys[k]).is_some_and(|(_, free)| free.is_some()));
         let first = free
             .or_else(|| (0..3).find(|&k| !self.at.contains_key(&keys[k])))
@@ -254,7 +289,7 @@ impl Corners {
     }
 }
 
-/// A point as the nearest f32s and what they leave: their sum has 48 bits.
+/// Splits a point into the nearest f32s and their remainders: 48 bits together.
 pub fn split(p: DVec3) -> ([f32; 3], [f32; 3]) {
     #[allow(clippy::cast_possible_truncation, reason = "the rest is kept")]
     let high = p.to_array().map(|x| x as f32);

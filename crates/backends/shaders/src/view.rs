@@ -1,34 +1,33 @@
-//! One face of one hemicube as the shaders are given it.
+//! One face of one hemicube in the shaders' layout.
 
 use crate::limits::Plan;
 use crate::upload::{Upload, split};
 use hemicube_contract::backend::{Geometry, Hemicube};
 use hemicube_contract::face::Face;
 
-/// Words of a view: 256 bytes, the largest alignment that a device may ask of a dynamic offset.
+/// Words of a view: 256 bytes, the largest alignment of a dynamic offset that a device may ask.
 pub const VIEW_WORDS: usize = 64;
 /// Bytes of a view.
 pub const VIEW_BYTES: u32 = 256;
 /// Faces of a hemicube, and views of a slot.
 pub const FACES: u32 = 5;
 
-/// Where a hemicube is drawn.
+/// The place of a hemicube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
     /// Its place in the submission.
     pub slot: u32,
     /// Its layer of the images.
     pub layer: u32,
-    /// The number of its group, from [`FIRST_STAMP`] and always rising: what groups shortly before saw is taken to be
-    /// in front.
+    /// The number of its group, rising from [`FIRST_STAMP`]. Chunks seen by the groups shortly before are drawn first.
     pub stamp: u32,
 }
 
-/// What was seen from one of so many hemicubes before is drawn first. Neighbours are turned and see past different
+/// The number of earlier hemicubes whose visible chunks are drawn first. Neighbours are turned and see past different
 /// edges: with one, a fifth more triangles are left to draw in `denhaag-8897` ×16.
 const HEMICUBES_BACK: u32 = 8;
 
-/// The first [`View::stamp`]: a chunk that nobody saw has 0, which must lie further back than the shaders look.
+/// The first [`View::stamp`]. An unseen chunk has stamp 0, further back than the shaders look.
 pub const FIRST_STAMP: u32 = HEMICUBES_BACK + 1;
 
 /// The five views of a hemicube, in the order of [`Face::ALL`].
@@ -66,8 +65,28 @@ pub fn views(geometry: &Geometry, hemicube: &Hemicube, resolution: u32, at: View
     })
 }
 
-/// Whether a hemicube stands in its emitter's plane, so that the shaders put the emitter on the horizon and need not
-/// leave it out by its id. False only for origins or axes that were moved off the patch.
+/// The views of a submission, five a slot. The groups' stamps begin at `first_stamp`.
+pub fn submission_views(
+    geometry: &Geometry,
+    plan: &Plan,
+    hemicubes: &[Hemicube],
+    first_stamp: u32,
+) -> Vec<[u32; VIEW_WORDS]> {
+    let slots = (0u32..).zip(hemicubes);
+    slots
+        .flat_map(|(slot, hemicube)| {
+            let at = View {
+                slot,
+                layer: slot % plan.group,
+                stamp: first_stamp.wrapping_add(slot / plan.group),
+            };
+            views(geometry, hemicube, plan.resolution, at)
+        })
+        .collect()
+}
+
+/// Returns true for a hemicube in its emitter's plane: the shaders then put the emitter on the horizon and need not
+/// leave it out by its id. False only for origins or axes moved off the patch.
 pub fn stands_on_emitter(geometry: &Geometry, upload: &Upload, hemicube: &Hemicube) -> bool {
     let Some(emitter) = hemicube.emitter else {
         return true;
@@ -76,7 +95,7 @@ pub fn stands_on_emitter(geometry: &Geometry, upload: &Upload, hemicube: &Hemicu
     surface.corners.iter().all(|&corner| {
         let r = corner - hemicube.origin;
         let [x, y, z] = hemicube.axes.map(|axis| axis.dot(r).abs());
-        // A quarter of what the shaders snap (`in_frame`): the rest is for their rounding.
+        // A quarter of the shaders' snapping distance (`in_frame`): the rest is for their rounding.
         z <= 0.25 * (geometry.plane_tolerance + (x + y) * 2f64.powi(-20))
     })
 }
@@ -86,7 +105,7 @@ pub fn settings_words(plan: &Plan, upload: &Upload) -> [u32; 12] {
     let n = plan.resolution;
     #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
     let tiny_slack = 16.0 / n as f32;
-    // A 512th is far above what rounding does to depths. Tiny patches may be seen although they are a little behind.
+    // A 512th is far above the rounding of depths. Sub-pixel patches may be seen although they are a little behind.
     let slack = (1.0 + if plan.covered { tiny_slack } else { 0.0 }) * (1.0 + 1.0 / 512.0);
     let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
     [

@@ -3,7 +3,7 @@
 use hemicube_shaders::stage::{self, Kind, Stage, binding};
 use naga::back::{glsl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
-use naga::{Module, ShaderStage};
+use naga::{AddressSpace, Module, ShaderStage, StorageAccess};
 use std::path::{Path, PathBuf};
 
 fn folder() -> PathBuf {
@@ -144,5 +144,39 @@ fn bindings_are_below_their_count_and_only_the_view_is_in_group_0() {
             assert!(at.binding < binding::COUNT);
             assert_eq!(at.group == 0, at.binding == binding::VIEW, "{}", stage.file);
         }
+    }
+}
+
+#[test]
+fn stages_read_and_write_what_their_entry_points_use() {
+    for stage in stage::ALL {
+        let (module, info) = module(stage.file);
+        let entry = module.entry_points.iter().position(|entry| entry.name == stage.entry);
+        let uses = info.get_entry_point(entry.expect("an entry point of its file"));
+        let (mut reads, mut writes) = (Vec::new(), Vec::new());
+        for (handle, variable) in module.global_variables.iter() {
+            let Some(at) = variable.binding else { continue };
+            if at.binding == binding::VIEW || uses[handle].is_empty() {
+                continue;
+            }
+            let is_written = match variable.space {
+                AddressSpace::Storage { access } => access.contains(StorageAccess::STORE),
+                _ => at.binding == binding::SETTLED_ITEMS,
+            };
+            if is_written { &mut writes } else { &mut reads }.push(at.binding);
+        }
+        reads.sort_unstable();
+        writes.sort_unstable();
+        let sorted = |bindings: &[u32]| {
+            let mut bindings = bindings.to_vec();
+            bindings.sort_unstable();
+            bindings
+        };
+        assert_eq!(
+            (sorted(stage.reads), sorted(stage.writes)),
+            (reads, writes),
+            "{}",
+            stage.entry
+        );
     }
 }

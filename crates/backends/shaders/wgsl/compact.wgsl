@@ -1,5 +1,4 @@
-// Lists what is in each row, ascending, and clears what it read, so that the dense arrays are 0 again. One workgroup a
-// hemicube.
+// Lists the entries of each row, ascending, and clears the dense arrays it read to 0. One workgroup a hemicube.
 
 @group(1) @binding(8) var<storage, read_write> seen: array<u32>;
 @group(1) @binding(13) var<storage, read_write> visible: array<u32>;
@@ -11,7 +10,7 @@
 @group(1) @binding(20) var<storage, read_write> cover_draws: array<u32>;
 // Four words a slot: entries, escaped, blocked, 0.
 @group(1) @binding(21) var<storage, read_write> totals: array<u32>;
-// The weight that an entry would show besides, were it alone. [layer][capacity].
+// The weight of an entry's hidden pixels. [layer][capacity].
 @group(1) @binding(22) var<storage, read_write> hidden: array<u32>;
 
 const GROUP: u32 = 256u;
@@ -32,7 +31,7 @@ fn compact(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) g
     }
     counts[local] = count;
     workgroupBarrier();
-    // Sixteen threads add up sixteen counts each, then everyone adds what is before it.
+    // Sixteen threads add up sixteen counts each, then every thread adds the sum before it.
     var before = 0u;
     for (var i = local & ~15u; i < local; i++) {
         before += counts[i];

@@ -1,5 +1,5 @@
-// Draws the triangles of a row's entries alone and adds the weight of those of their pixels that show something else: with
-// what is visible, that is what they would cover alone. The positions are those of the render stage, to the bit.
+// Draws the triangles of a row's entries alone, and adds the weight of those pixels that show something else. With the
+// visible weight, that is the covered weight. The positions are those of the render stage, to the bit.
 
 @group(1) @binding(11) var items: texture_2d_array<u32>;
 @group(1) @binding(12) var<storage, read> weights: array<u32>;

@@ -1,20 +1,20 @@
-// Which chunks are drawn on a face, as indirect draws in the chunks' order whatever the scheduling. One workgroup a face
-// and hemicube.
+// Lists the chunks to draw on a face: indirect draws in the chunks' order, for any scheduling. One workgroup a face and
+// hemicube.
 
 @group(1) @binding(3) var<storage, read> chunks: array<Chunk>;
 @group(1) @binding(5) var<storage, read> pyramid: array<f32>;
 // Five words a draw: index count, instance count, first index, base vertex, first instance.
 @group(1) @binding(6) var<storage, read_write> draws: array<u32>;
 @group(1) @binding(7) var<storage, read_write> draw_counts: array<u32>;
-// In which group of hemicubes something of a chunk was last seen.
+// The stamp of the last group of hemicubes that saw a chunk.
 @group(1) @binding(8) var<storage, read> seen: array<u32>;
-// Whether a chunk was drawn: [layer][face][chunk].
+// 1 for a drawn chunk: [layer][face][chunk].
 @group(1) @binding(9) var<storage, read_write> drawn: array<u32>;
 // Eight words a layer, see `Tally` of src/output.rs.
 @group(1) @binding(10) var<storage, read_write> tallies: array<atomic<u32>>;
 
-// Depths are interpolated: over a triangle they are off by some 2⁻²⁰ of its nearest one, however far away the pixel. This is
-// 2⁻¹⁸ of NEAR.
+// Depths are interpolated: over a triangle their error is some 2⁻²⁰ of the nearest one, at any distance of the pixel.
+// This is 2⁻¹⁸ of NEAR.
 const FAR_ERROR: f32 = 3.552713678800501e-15;
 const GROUP: u32 = 128u;
 const WORDS: u32 = GROUP / 32u;
@@ -25,8 +25,8 @@ const VISIBLE: u32 = 2u;
 var<workgroup> chosen: array<atomic<u32>, WORDS>;
 var<workgroup> sums: array<atomic<u32>, 4>;
 
-// A chunk's box on a face: its middle, and from there to its sides, with w last. All bounds are widened by `margin`, which is
-// more than the rounding of the corners' positions.
+// A chunk's box on a face: its middle, and the vectors to its sides, with w last. All bounds are widened by `margin`,
+// which is more than the rounding of the corners' positions.
 struct Projected {
     outside: bool,
     margin: f32,
@@ -35,11 +35,11 @@ struct Projected {
     // From the eye to its middle, and half its sides, along the axes of the scene.
     offset: vec3<f32>,
     half: vec3<f32>,
-    // Not more than w of its nearest point; below 0 where the box comes too close to the eye to be projected.
+    // At most w of its nearest point; below 0 if the box is too close to the eye for projection.
     nearest: f32,
 }
 
-// How far a box with these sides reaches along a direction of a face.
+// The half extent of a box with these sides along a direction of a face.
 fn reach(sides: mat3x3<f32>, along: vec3<f32>) -> f32 {
     return dot(abs(along * sides), vec3<f32>(1.0));
 }
@@ -54,7 +54,7 @@ fn project(v: View, chunk: Chunk) -> Projected {
     );
     let center = vec3<f32>(dot(v.tangent, r), dot(v.bitangent, r), dot(v.normal, r));
     let extent = abs(columns[0]) + abs(columns[1]) + abs(columns[2]);
-    // What is snapped to the emitter's plane moves by a part in a million: within the margin.
+    // Points snapped to the emitter's plane move by a part in a million: within the margin.
     let far = abs(center) + extent;
     let margin = v.tolerance + (far.x + far.y + far.z) * 7.62939453125e-6;
     let c = on_face(v, center);
@@ -71,8 +71,8 @@ fn project(v: View, chunk: Chunk) -> Projected {
     return Projected(outside, margin, c, sides, r, h + margin, select(-1.0, nearest, nearest > 16.0 * margin));
 }
 
-// A ray of a face at (x, y) of its square of ±1 has w = 1 in front of the eye after one step; of that step, how far it goes
-// along each axis of the scene is affine in x and y.
+// A ray of a face at (x, y) of its square of ±1 has w = 1 in front of the eye after one step; along each axis of the
+// scene, that step is affine in x and y.
 struct Steps {
     by_x: vec3<f32>,
     by_y: vec3<f32>,
@@ -93,8 +93,8 @@ fn steps(v: View) -> Steps {
     return Steps(x, y, w, (abs(x) + abs(y) + abs(w)) * 1.9073486328125e-6);
 }
 
-// A depth in front of all of a box that is seen through a square of pixels, rounding included; less than any where the box is
-// not seen there at all. The pixels are first to last, and as much more as snapped corners reach.
+// A bound on the depths of a box seen through a square of pixels, rounding included; less than any depth if the box is
+// not seen there. The pixels are first to last, widened by the reach of snapped corners.
 fn bound_through(s: Steps, p: Projected, size: vec2<f32>, first: vec2<u32>, last: vec2<u32>) -> f32 {
     let low = (vec2<f32>(first) - 0.05) / size * 2.0 - 1.0;
     let high = (vec2<f32>(last) + 1.05) / size * 2.0 - 1.0;
@@ -106,7 +106,7 @@ fn bound_through(s: Steps, p: Projected, size: vec2<f32>, first: vec2<u32>, last
     let reach = half.x * abs(s.by_x) + half.y * abs(s.by_y) + s.margin;
     let longest = step + reach;
     let shortest = step - reach;
-    // Where the box begins and ends along the axis.
+    // The ends of the box along the axis.
     let begin = abs(p.offset) - p.half;
     let end = abs(p.offset) + p.half;
     var enter = p.nearest;
@@ -149,7 +149,7 @@ fn is_hidden(v: View, p: Projected) -> bool {
             high = max(high, b / select(vec2<f32>(w_low), vec2<f32>(w_high), b < vec2<f32>(0.0)));
         }
     }
-    // Pixels that the box touches, and a little more: corners are snapped to a fraction of a pixel.
+    // Pixels touched by the box, and a little more: corners are snapped to a fraction of a pixel.
     let first = vec2<u32>(clamp((low * 0.5 + 0.5) * size - 0.05, vec2<f32>(0.0), size - 1.0));
     let last = vec2<u32>(clamp((high * 0.5 + 0.5) * size + 0.05, vec2<f32>(0.0), size - 1.0));
     let s = steps(v);
@@ -157,7 +157,7 @@ fn is_hidden(v: View, p: Projected) -> bool {
     let across = settings.resolution / 4u;
     let fine = v.layer * settings.pyramid_stride;
     let coarse = fine + 3u * across * across;
-    // Faces begin at multiples of 8 rows: squares are those of the atlas, and reach into the next face where they have to.
+    // Faces begin at multiples of 8 rows: squares are the atlas's, and may reach into the next face.
     let row = vec2<u32>(0u, v.first_row);
     let from_first = first + row;
     let to_last = last + row;
@@ -208,7 +208,7 @@ fn is_chosen(place: u32) -> bool {
     return ((atomicLoad(&chosen[place / 32u]) >> (place % 32u)) & 1u) != 0u;
 }
 
-// One past the last chunk of a run of chosen ones that begins at a place, within the workgroup's.
+// One past the last of a run of chosen chunks beginning at a place, within the workgroup's.
 fn end_of_run(place: u32) -> u32 {
     var first = place % 32u;
     for (var w = place / 32u; w < WORDS; w++) {
@@ -221,7 +221,7 @@ fn end_of_run(place: u32) -> u32 {
     return GROUP;
 }
 
-// With `only_seen`, only chunks of which one of the groups of hemicubes before saw something are asked.
+// With `only_seen`, asks only for chunks seen lately by a group of hemicubes.
 fn list(local: u32, v: View, only_seen: bool, against_depths: bool) {
     let face = v.layer * 5u + v.face;
     var count = 0u;
@@ -252,7 +252,7 @@ fn list(local: u32, v: View, only_seen: bool, against_depths: bool) {
             }
         }
         workgroupBarrier();
-        // Chunks that follow one another are one draw. A draw begins at every chunk before which there is none.
+        // Consecutive chunks are one draw. A draw begins at every chunk without a chosen one before it.
         var before = count;
         var carry = 0u;
         for (var w = 0u; w < WORDS; w++) {
@@ -296,19 +296,19 @@ fn list(local: u32, v: View, only_seen: bool, against_depths: bool) {
     }
 }
 
-// What is drawn first, as depths only.
+// Lists the chunks drawn first, for depths only.
 @compute @workgroup_size(GROUP)
 fn cull_seen(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
     list(local, views[(view.slot + group.y) * 5u + group.x], true, false);
 }
 
-// What is not behind that.
+// Lists the chunks not behind these depths.
 @compute @workgroup_size(GROUP)
 fn cull_hidden(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
     list(local, views[(view.slot + group.y) * 5u + group.x], false, true);
 }
 
-// What is in view at all.
+// Lists all chunks in view.
 @compute @workgroup_size(GROUP)
 fn cull_outside(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
     list(local, views[(view.slot + group.y) * 5u + group.x], false, false);

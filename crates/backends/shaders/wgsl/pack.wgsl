@@ -1,5 +1,5 @@
-// Puts the rows of a submission one after the other where the host reads them: a header of eight words a slot, then all
-// entries of three words: patch, visible weight, weight hidden behind others. One workgroup column a hemicube.
+// Packs the rows of a submission for the host: a header of eight words a slot, then all entries of three words: patch,
+// visible weight, weight hidden behind others. One workgroup column a hemicube.
 
 @group(1) @binding(10) var<storage, read_write> tallies: array<u32>;
 @group(1) @binding(18) var<storage, read> entries: array<u32>;

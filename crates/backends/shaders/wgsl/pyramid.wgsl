@@ -1,8 +1,9 @@
-// The farthest depths of 4 × 4 and of 16 × 16 pixels of a hemicube's atlas, in that order. One workgroup for 16 × 16 pixels.
+// The farthest depths of 4 × 4 and of 16 × 16 pixels of a hemicube's atlas, in that order. One workgroup for 16 × 16
+// pixels.
 
 @group(1) @binding(4) var depths: texture_2d_array<f32>;
 @group(1) @binding(5) var<storage, read_write> pyramid: array<f32>;
-// Depths copied to a buffer: [layer][pixel]. Software reads it five times as fast as a texture.
+// Depths copied to a buffer: [layer][pixel]. Software reads it five times faster than a texture.
 @group(1) @binding(25) var<storage, read> depth_copy: array<f32>;
 
 var<workgroup> tiles: array<f32, 16>;

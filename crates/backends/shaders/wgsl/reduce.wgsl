@@ -1,10 +1,10 @@
-// Adds up the weight that each patch shows. Runs of pixels that show the same are added in one go: atomics are dear.
+// Adds up the visible weight of each patch. Runs of pixels of one id are added at once: atomics are expensive.
 
 @group(1) @binding(11) var items: texture_2d_array<u32>;
 @group(1) @binding(12) var<storage, read> weights: array<u32>;
 // Patches, then blocked, then escaped: [layer][patch_count + 2].
 @group(1) @binding(13) var<storage, read_write> visible: array<atomic<u32>>;
-// A bit for each patch that is in the row: [layer][word_count].
+// A bit for each patch in the row: [layer][word_count].
 @group(1) @binding(14) var<storage, read_write> touched: array<atomic<u32>>;
 
 const RUN: u32 = 32u;

@@ -1,4 +1,4 @@
-// Draws the ids of what is nearest into the item buffer, and depths. Also depths alone, of what is thought to be in front.
+// Draws the ids of nearest patches into the item buffer, and depths. Also depths alone, of likely occluders.
 
 struct Corner {
     @builtin(position) @invariant position: vec4<f32>,
@@ -19,8 +19,8 @@ struct Seen {
     @builtin(frag_depth) depth: f32,
 }
 
-// By how much the depth of a blocking back is lowered, 2⁻¹⁹: above the rounding of two depths, so that at the same place any
-// patch is in front of it, as where two houses share a wall. More would let patches through that are a hair behind.
+// A blocking back's depth is lowered by this factor, 2⁻¹⁹. It is above the rounding of two depths, so that any patch at
+// the same place is in front of it: two houses may share a wall. More would let patches through that are a hair behind.
 const BACK: f32 = 0.9999980926513672;
 
 fn seen(front: bool, patches: vec2<u32>, depth: f32) -> Seen {
@@ -37,7 +37,7 @@ fn identify(
     return seen(front, patches, position.z);
 }
 
-// For hemicubes that do not stand in the plane of their emitter, which then must be left out by its id.
+// For hemicubes outside the plane of their emitter: it must be left out by its id.
 @fragment
 fn identify_others(
     @builtin(position) position: vec4<f32>,
@@ -50,8 +50,8 @@ fn identify_others(
     return seen(front, patches, position.z);
 }
 
-// For `edges=exact`: a back that blocks is told by the patch at its front, whose triangle the settle stage then knows. Until
-// rows are summed up, ids are patches, `patch_count + 1` for escaped, and `patch_count + 2` and more for backs.
+// For `edges=exact`: a blocking back is named by the patch at its front, so that the settle stage knows its triangle.
+// Until rows are summed up, ids are patches, `patch_count + 1` for escaped, and `patch_count + 2` and more for backs.
 fn seen_side(front: bool, patches: vec2<u32>, depth: f32) -> Seen {
     let shown = seen(front, patches, depth);
     let side = settings.patch_count + 2u + patches.x;

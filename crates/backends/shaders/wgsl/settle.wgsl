@@ -1,14 +1,14 @@
-// For `edges=exact`. Drivers snap corners to a fraction of a pixel before they rasterise, so that pixels whose centre an edge
-// all but passes through may show the wrong side of it. Here the edges of all that is shown are walked, pixels are listed
-// whose centre one passes, and each of these is given to the triangle that its centre lies in.
+// For `edges=exact`. Drivers snap corners to a fraction of a pixel before they rasterise: a pixel centre very near an
+// edge may show the wrong side of it. Here the edges of all visible triangles are walked, pixels with an edge near
+// their centre are listed, and each of these is given to the triangle containing its centre.
 //
 //   reduce_sides ▶ near_edges ▶ settle ▶ put_settled ▶ … ▶ cover ▶ take_back
 //
-// What is decided of a pixel depends on the ids that were drawn and on nothing else: ids are read from the images, listed, and
-// only then put back. Sums are moved from one patch to another as integers. So the order, which differs, does not matter.
+// The decision on a pixel depends on the drawn ids only: ids are read from the images, listed, and only then put back.
+// Sums move from one patch to another in integers. The order, which differs, therefore does not matter.
 //
-// Software runs the longer branch for all where one thread takes it, and every loop once: hence lists, and loops that look for
-// what is rare before it is dealt with.
+// Software runs the longer branch for all threads if one takes it, and every loop once: hence lists, and loops that
+// look for rare cases before these are dealt with.
 
 @group(1) @binding(11) var items: texture_2d_array<u32>;
 @group(1) @binding(12) var<storage, read> weights: array<u32>;
@@ -20,61 +20,62 @@
 @group(1) @binding(18) var<storage, read> entries: array<u32>;
 @group(1) @binding(21) var<storage, read> totals: array<u32>;
 @group(1) @binding(22) var<storage, read_write> hidden: array<atomic<u32>>;
-// A bit for each pixel that an edge passes near, how many these are, and how many ids are shown: [layer][3 N² / 32 + 2].
+// A bit for each pixel near an edge, the number of these, and the number of visible ids: [layer][3 N² / 32 + 2].
 @group(1) @binding(26) var<storage, read_write> near: array<atomic<u32>>;
-// Those pixels in any order, three words each: the pixel, what it is given, what it showed. Then the ids shown, in any order.
-// [layer][4 · 3 N²].
+// Those pixels in any order, three words each: the pixel, its settled id, its drawn id. Then the visible ids, in any
+// order. [layer][4 · 3 N²].
 @group(1) @binding(27) var<storage, read_write> listed: array<u32>;
-// The weight that each id shows: [layer][2 patch_count + 2].
+// The visible weight of each id: [layer][2 patch_count + 2].
 @group(1) @binding(28) var<storage, read_write> sides: array<atomic<u32>>;
 @group(1) @binding(29) var settled_items: texture_storage_2d_array<r32uint, write>;
 
 const RUN: u32 = 32u;
 const GROUP: u32 = 64u;
-// How near to a pixel's centre an edge is looked at, in pixels along its shorter axis. Corners are off by half of 1/256 in x and in
-// y, edges by no more than 1/256 along that axis; the rest is for drivers that cut off, and for rounding.
+// The distance from a pixel's centre within which an edge is looked at, in pixels along its shorter axis. The error of
+// corners is half of 1/256 in x and in y, that of edges at most 1/256 along that axis; the rest is for drivers that
+// truncate, and for rounding.
 const NEAR_CENTRE: f32 = 0.0078125;
-// By how much a neighbour must be nearer to hide what its pixel shows, as a part of 1 / distance: above the rounding of two depths.
+// A neighbour hides a pixel's id if it is nearer by this part of 1 / distance: above the rounding of two depths.
 const IN_FRONT: f32 = 1.00001;
-// With a listed pixel: it is not in the triangle that it showed.
+// Flag of a listed pixel outside the triangle of its drawn id.
 const OUTSIDE: u32 = 0x80000000u;
 
 fn pixel_count() -> u32 {
     return 3u * settings.resolution * settings.resolution;
 }
 
-// Where the bits of a layer begin in `near`.
+// The place of a layer's bits in `near`.
 fn near_base(layer: u32) -> u32 {
     return layer * (pixel_count() / RUN + 2u);
 }
 
-// Where in `near` the pixels of a layer are counted.
+// The place in `near` of the number of a layer's pixels.
 fn near_count(layer: u32) -> u32 {
     return near_base(layer) + pixel_count() / RUN;
 }
 
-// Where in `near` the ids that a layer shows are counted.
+// The place in `near` of the number of a layer's visible ids.
 fn shown_count(layer: u32) -> u32 {
     return near_count(layer) + 1u;
 }
 
-// Where the pixels of a layer begin in `listed`.
+// The place of a layer's pixels in `listed`.
 fn listed_base(layer: u32) -> u32 {
     return layer * 4u * pixel_count();
 }
 
-// Where the ids that a layer shows begin in `listed`.
+// The place of a layer's visible ids in `listed`.
 fn shown_base(layer: u32) -> u32 {
     return listed_base(layer) + 3u * pixel_count();
 }
 
-// Where the weight of what is shown is added up in `visible`: backs are all blocked.
+// The place of an id's weight in `visible`: backs are all blocked.
 fn visible_at(layer: u32, id: u32) -> u32 {
     let place = select(id, settings.patch_count, id > settings.patch_count + 1u);
     return layer * (settings.patch_count + 2u) + place;
 }
 
-// Notes that a patch is in the row; ids that are none are left out.
+// Marks a patch in the row; other ids are left out.
 fn touch(layer: u32, id: u32) {
     if (id < settings.patch_count) {
         atomicOr(&touched[layer * settings.word_count + id / 32u], 1u << (id % 32u));
@@ -83,13 +84,13 @@ fn touch(layer: u32, id: u32) {
 
 fn add_side(layer: u32, id: u32, weight: u32) {
     let before = atomicAdd(&sides[layer * (2u * settings.patch_count + 2u) + id], weight);
-    // Once for each id. What shows nothing but pixels without weight does not count.
+    // Once for each id. Ids visible in weightless pixels only do not count.
     if (before == 0u && weight > 0u) {
         listed[shown_base(layer) + atomicAdd(&near[shown_count(layer)], 1u)] = id;
     }
 }
 
-// As `reduce`, but with backs apart from one another, and with a list of what is shown.
+// The reduction with backs told apart, and with a list of visible ids.
 @compute @workgroup_size(GROUP)
 fn reduce_sides(@builtin(global_invocation_id) run: vec3<u32>) {
     let n = settings.resolution;
@@ -122,8 +123,8 @@ fn reduce_sides(@builtin(global_invocation_id) run: vec3<u32>) {
     add_side(layer, current, sum);
 }
 
-// The sum of three products. As fused as the device has it, but wherever it is written: what compilers fuse at their liking may not change
-// sign exactly where it must.
+// The sum of three products, with explicit fused multiply-adds: a compiler's own fusing could lose the exact change of
+// sign.
 fn dot_fused(a: vec3<f32>, b: vec3<f32>) -> f32 {
     return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z));
 }
@@ -149,18 +150,18 @@ fn low_of(c: Vertex) -> vec3<f32> {
     return vec3<f32>(c.low_x, c.low_y, c.low_z);
 }
 
-// A corner in the hemicube's frame, as `in_frame` has it.
+// A corner in the hemicube's frame, computed by `in_frame`.
 fn placed(v: View, c: Vertex) -> vec3<f32> {
     let p = turned(v, (high_of(c) - v.eye_high) + (low_of(c) - v.eye_low));
     let snap = fma(abs(p.x) + abs(p.y), 9.5367431640625e-7, v.tolerance);
     return vec3<f32>(p.xy, select(p.z, 0.0, abs(p.z) <= snap));
 }
 
-// From one corner to another. The difference is taken before the eye is subtracted, so that short edges keep their digits, and
-// turns over exactly with its ends.
+// The vector from one corner to another. The difference is taken before the eye is subtracted, so that short edges keep
+// their digits, and it changes sign exactly with its ends.
 fn between(v: View, from_corner: Vertex, to_corner: Vertex, from_place: vec3<f32>, to_place: vec3<f32>) -> vec3<f32> {
     let d = turned(v, (high_of(to_corner) - high_of(from_corner)) + (low_of(to_corner) - low_of(from_corner)));
-    // Where the emitter's plane has one of them, that decides.
+    // With one end in the emitter's plane, that end decides.
     return vec3<f32>(d.xy, select(d.z, to_place.z - from_place.z, from_place.z == 0.0 || to_place.z == 0.0));
 }
 
@@ -203,7 +204,7 @@ fn face_of_row(row: u32) -> u32 {
     return select(0u, 1u + (row - n) / (n / 2u), row >= n);
 }
 
-// Which way a pixel's centre is, along the axes of its face. Whole numbers: N times the direction with 1 forward.
+// The direction of a pixel's centre, along the axes of its face. Whole numbers: N times the direction with 1 forward.
 fn centre(face: u32, at: vec2<u32>) -> vec3<f32> {
     let n = settings.resolution;
     let first_row = select(n + (face - 1u) * (n / 2u), 0u, face == 0u);
@@ -212,16 +213,16 @@ fn centre(face: u32, at: vec2<u32>) -> vec3<f32> {
     return vec3<f32>(vec2<f32>(from_middle), f32(n));
 }
 
-// An edge's side of a direction: above 0 inside, and on the edge itself above 0 for one of the two triangles that share it,
-// by its own direction.
+// An edge's side of a direction: above 0 inside, and on the edge itself above 0 for one of the two triangles sharing
+// it, by its own direction.
 fn side_of(edge: vec3<f32>, direction: vec3<f32>) -> f32 {
     let side = dot_fused(edge, direction);
     let first = select(select(edge.z, edge.y, edge.y != 0.0), edge.x, edge.x != 0.0);
     return select(side, first, side == 0.0);
 }
 
-// How near a triangle is in a direction in which it covers a pixel's centre, as 1 / distance but for a factor; 0 where it does
-// not.
+// The nearness of a triangle in a direction: 1 / distance but for a factor, if it covers the pixel's centre, and 0
+// otherwise.
 fn nearness(v: View, id: u32, face: u32, direction: vec3<f32>) -> f32 {
     let t = triangle(v, triangle_of(id));
     let p = to_face(face, t.places[0]);
@@ -233,14 +234,14 @@ fn nearness(v: View, id: u32, face: u32, direction: vec3<f32>) -> f32 {
     let across = cross_fused(to_q, to_r);
     let volume = dot_fused(across, p);
     let turn = select(-1.0, 1.0, volume > 0.0);
-    // Twice the product of the ends, from what changes sign exactly when they change places.
+    // Twice the product of the ends, from terms that change sign exactly when the ends change places.
     let inside = side_of(turn * cross_fused(p + q, to_q), direction) > 0.0
         && side_of(turn * cross_fused(q + r, to_r), direction) > 0.0
         && side_of(turn * cross_fused(r + p, to_p), direction) > 0.0;
     return select(0.0, dot_fused(across, direction) / volume, inside);
 }
 
-// The planes that bound a face, each as how far in front of it a point is: a pixel more is in view than the face has.
+// The distances of a point from the planes bounding a face, widened by a pixel.
 fn within(face: u32, p: vec3<f32>) -> vec4<f32> {
     let pixel = 2.0 / f32(settings.resolution);
     let wide = (1.0 + pixel) * p.z;
@@ -252,12 +253,12 @@ fn is_outside(face: u32, p: vec3<f32>, q: vec3<f32>) -> bool {
     return any((within(face, to_face(face, p)) < vec4<f32>(0.0)) & (within(face, to_face(face, q)) < vec4<f32>(0.0)));
 }
 
-// Lists the pixels of a face whose centres an edge passes.
+// Lists the pixels of a face with this edge near their centre.
 fn walk(layer: u32, face: u32, from_frame: vec3<f32>, along_frame: vec3<f32>) {
     let n = f32(settings.resolution);
     let p = to_face(face, from_frame);
     let d = to_face(face, along_frame);
-    // What of it is in view.
+    // The part of it in view.
     let at_p = within(face, p);
     let at_q = within(face, p + d);
     let crossing = at_p / (at_p - at_q);
@@ -276,7 +277,7 @@ fn walk(layer: u32, face: u32, from_frame: vec3<f32>, along_frame: vec3<f32>) {
     let is_steep = reach.y > reach.x;
     let e = cross(p, d);
     let size = vec2<f32>(n, select(0.5 * n, n, face == 0u));
-    // x is the longer axis, along which it is walked, and on which where it is on the other is affine.
+    // x is the longer axis, walked pixel by pixel; the place on the other axis is affine in it.
     let line = select(e.xy, e.yx, is_steep);
     let shifts = select(shift, shift.yx, is_steep);
     let sizes = select(size, size.yx, is_steep);
@@ -306,8 +307,8 @@ fn walk(layer: u32, face: u32, from_frame: vec3<f32>, along_frame: vec3<f32>) {
     }
 }
 
-// Puts the sums of what is shown where they belong, and walks the edges of its triangles. One thread an edge; groups: any number,
-// layers.
+// Moves the sums of visible ids to patches, and walks the edges of their triangles. One thread an edge; groups: any
+// number, layers.
 @compute @workgroup_size(GROUP)
 fn near_edges(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let v = views[(view.slot + thread.y) * 5u];
@@ -358,7 +359,7 @@ fn settle(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgro
         let face = face_of_row(at.y);
         let direction = centre(face, at);
         let shown = textureLoad(items, vec2<i32>(at), i32(layer), 0).x;
-        // What the neighbours on the same face show besides.
+        // Ids shown by the neighbours on the same face.
         let first_row = select(n + (face - 1u) * (n / 2u), 0u, face == 0u);
         let low = vec2<u32>(max(at.x, 1u) - 1u, max(at.y, first_row + 1u) - 1u);
         let high = min(at + 1u, vec2<u32>(n, first_row + select(n / 2u, n, face == 0u)) - 1u);
@@ -389,7 +390,7 @@ fn settle(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgro
                 chosen = others[k];
             }
         }
-        // In no triangle that is known of here: what is beyond the silhouette.
+        // In no triangle known here: the id beyond the silhouette.
         if (best == 0.0 && is_beside_nothing) {
             chosen = escaped;
         }
@@ -405,7 +406,7 @@ fn settle(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgro
     }
 }
 
-// Puts settled ids into the item buffer, and takes patches off the row that lost their last pixel. Groups: any number, layers.
+// Puts settled ids into the item buffer, and takes patches without pixels off the row. Groups: any number, layers.
 @compute @workgroup_size(GROUP)
 fn put_settled(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let layer = view.layer + thread.y;
@@ -429,8 +430,8 @@ fn put_settled(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_wo
     }
 }
 
-// The cover stage has the driver's edges, too: a pixel that was taken from a patch because it is not in it comes back there as
-// hidden. Here it is taken back again. Groups: any number, layers.
+// The cover stage has the driver's edges, too: it counts a pixel taken from a patch as hidden. Here that weight is
+// taken back. Groups: any number, layers.
 @compute @workgroup_size(GROUP)
 fn take_back(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let layer = view.layer + thread.y;

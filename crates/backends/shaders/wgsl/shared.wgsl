@@ -1,8 +1,8 @@
-// What all stages declare: put before each of them. Binding numbers are the same everywhere, so that one descriptor set (or
-// one set of binding points) serves every stage; src/stage.rs names them.
+// Declarations of all stages: put before each of them. Binding numbers are the same everywhere, so that one descriptor
+// set (or one set of binding points) serves every stage; src/stage.rs names them.
 
-// Reversed depth, near / w, of an infinite projection: f32 then has the same relative precision at every distance, whatever
-// this is. Nearer than this nothing is drawn; the scene's half side is 1.
+// Reversed depth, near / w, of an infinite projection: f32 then has the same relative precision at every distance, for
+// any value of this. Nothing nearer is drawn; the scene's half side is 1.
 const NEAR: f32 = 9.313225746154785e-10;
 
 // One face of one hemicube: `View` of src/view.rs.
@@ -26,7 +26,7 @@ struct View {
     unused: array<vec4<u32>, 8>,
 }
 
-// What holds for all hemicubes: `Settings` of src/view.rs.
+// Settings of all hemicubes: `settings_words` of src/view.rs.
 struct Settings {
     resolution: u32,
     patch_count: u32,
@@ -35,17 +35,17 @@ struct Settings {
     capacity: u32,
     triangle_count: u32,
     pyramid_stride: u32,
-    // By what factor a chunk's nearest depth is raised before it is held against the pyramid.
+    // Factor on a chunk's nearest depth before it is compared with the pyramid.
     slack: f32,
-    // How far behind the depth at its pixel a tiny patch may be.
+    // Relative distance of a sub-pixel patch behind the depth at its pixel, at most.
     tiny_slack: f32,
     output_entries: u32,
-    // How many groups of hemicubes back a chunk may have been seen last to be drawn first.
+    // Number of earlier groups of hemicubes whose visible chunks are drawn first.
     looks_back: u32,
     unused: u32,
 }
 
-// A corner, and the patches of the triangle whose first corner it is: src/upload.rs.
+// A corner, and the patches of the triangle owning it: src/upload.rs.
 struct Vertex {
     high_x: f32,
     high_y: f32,
@@ -71,13 +71,13 @@ struct Chunk {
 @group(1) @binding(1) var<uniform> settings: Settings;
 @group(1) @binding(2) var<storage, read> views: array<View>;
 
-// A point relative to the eye. Both are sums of two f32, so that what is near the eye keeps its precision.
+// A point relative to the eye. Both are sums of two f32: a point near the eye keeps its precision.
 fn relative(v: View, high: vec3<f32>, low: vec3<f32>) -> vec3<f32> {
     return (high - v.eye_high) + (low - v.eye_low);
 }
 
-// A relative position in the hemicube's frame. What is in the emitter's plane but for rounding is put there exactly: it must
-// not be seen on the horizon.
+// A relative position in the hemicube's frame. A point in the emitter's plane but for rounding is put there exactly: it
+// must not be seen on the horizon.
 fn in_frame(v: View, r: vec3<f32>) -> vec3<f32> {
     let x = v.tangent.x * r.x + v.tangent.y * r.y + v.tangent.z * r.z;
     let y = v.bitangent.x * r.x + v.bitangent.y * r.y + v.bitangent.z * r.z;
@@ -86,7 +86,7 @@ fn in_frame(v: View, r: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(x, y, select(z, 0.0, abs(z) <= snap));
 }
 
-// A point of the frame on a face. Each row has one or two entries that are not 0, all powers of two: no rounding but one.
+// A point of the frame on a face. Each row has one or two nonzero entries, all powers of two: it rounds once only.
 fn on_face(v: View, p: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(
         v.clip_x.x * p.x + v.clip_x.y * p.y + v.clip_x.z * p.z,

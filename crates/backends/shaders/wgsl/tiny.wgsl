@@ -1,5 +1,5 @@
-// Notes patches that are in front at their centroid's pixel although no pixel shows them. Whether one covers a pixel centre
-// after all is found by the cover stage, which the same rasteriser draws; the host then drops it. One thread a triangle.
+// Marks sub-pixel patches: in front at their centroid's pixel although no pixel shows them. If one covers a pixel
+// centre after all, the cover stage finds it by the same rasteriser, and the host drops it. One thread a triangle.
 
 @group(1) @binding(3) var<storage, read> chunks: array<Chunk>;
 @group(1) @binding(4) var depths: texture_2d_array<f32>;
@@ -9,14 +9,14 @@
 @group(1) @binding(15) var<storage, read> vertices: array<Vertex>;
 @group(1) @binding(16) var<storage, read> indices: array<u32>;
 @group(1) @binding(17) var<storage, read> triangle_of_patch: array<u32>;
-// Of each triangle, as pairs of f32: six words. Most triangles are found hidden by these alone.
+// Of each triangle, in pairs of f32: six words. Most triangles are found hidden by these alone.
 @group(1) @binding(24) var<storage, read> centroids: array<f32>;
 
 const NOBODY: u32 = 0xffffffffu;
 
 struct Triangle {
-    // Its first corner, and from there to the others. Differences are taken before the eye is subtracted and before anything
-    // is turned: f32 would not tell small triangles of one surface apart from one behind the other.
+    // Its first corner, and the vectors to the others. Differences are taken before the eye is subtracted and before
+    // the turn: f32 could not otherwise tell small triangles of one surface from one behind the other.
     corner: vec3<f32>,
     edges: array<vec3<f32>, 2>,
     // Across it, to the front.
@@ -47,7 +47,7 @@ fn triangle(v: View, index: u32) -> Triangle {
     );
 }
 
-// 1 / w of a patch in a direction of the frame in which w is 1, or 0 where the direction misses it.
+// 1 / w of a patch in a direction of the frame with w = 1, or 0 if the direction misses it.
 fn inverse_there(v: View, patch_id: u32, direction: vec3<f32>) -> f32 {
     let t = triangle(v, triangle_of_patch[patch_id]);
     let inverse = dot(t.normal, direction) / dot(t.normal, t.corner);
@@ -63,7 +63,7 @@ fn inverse_there(v: View, patch_id: u32, direction: vec3<f32>) -> f32 {
     return inverse;
 }
 
-// The patch of a triangle that is in front at the centroid without being in the row yet, or `NOBODY`.
+// The patch of a triangle in front at the centroid and not in the row yet, or `NOBODY`.
 fn in_front(base: u32, index: u32) -> u32 {
     let high = vec3<f32>(centroids[6u * index], centroids[6u * index + 1u], centroids[6u * index + 2u]);
     let low = vec3<f32>(centroids[6u * index + 3u], centroids[6u * index + 4u], centroids[6u * index + 5u]);
@@ -86,8 +86,8 @@ fn in_front(base: u32, index: u32) -> u32 {
     let extent = vec2<f32>(f32(settings.resolution), f32(v.rows));
     let pixel = vec2<i32>(clamp((c.xy * inverse * 0.5 + 0.5) * extent, vec2<f32>(0.0), extent - 1.0));
     let at = pixel + vec2<i32>(0, i32(v.first_row));
-    // Neighbours in the same surface must not hide it, as they would if depths at the pixel's centre were compared: where
-    // the patch that is seen reaches the centroid, its depth there decides. Beyond a silhouette, being about as near does.
+    // Neighbours in the same surface must not hide it, but would if depths at the pixel's centre were compared. If the
+    // visible patch reaches the centroid, its depth there decides; beyond a silhouette, about equal nearness is enough.
     let depth = textureLoad(depths, at, i32(v.layer), 0).x;
     if (NEAR * inverse < depth / (1.0 + settings.tiny_slack)) {
         return NOBODY;

@@ -4,7 +4,7 @@ use ash::vk;
 use hemicube_abi::DeviceKind;
 use hemicube_contract::backend::BackendError;
 
-/// What Vulkan's refusal of `what` means for a session.
+/// Translates Vulkan's refusal of `what`.
 pub(crate) fn error(what: &str, result: vk::Result) -> BackendError {
     match result {
         vk::Result::ERROR_DEVICE_LOST => BackendError::DeviceLost(format!(
@@ -37,7 +37,7 @@ pub(crate) fn is_fatal(error: &BackendError) -> bool {
     )
 }
 
-/// What kind of device it is.
+/// Translates the kind of a device.
 pub(crate) fn device_kind(kind: vk::PhysicalDeviceType) -> DeviceKind {
     match kind {
         vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::DiscreteGpu,

@@ -8,10 +8,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// What the validation layer said.
+/// Messages of the validation layer.
 type Messages = Arc<Mutex<Vec<String>>>;
 
-/// A device and what it is.
+/// A device and its properties.
 type Found = (vk::PhysicalDevice, vk::PhysicalDeviceProperties);
 
 struct Instance {
@@ -21,7 +21,7 @@ struct Instance {
     messages: Messages,
 }
 
-/// A device that is open, and its queue.
+/// An open device and its queue.
 pub(crate) struct Gpu {
     pub(crate) raw: ash::Device,
     pub(crate) queue: vk::Queue,
@@ -29,7 +29,7 @@ pub(crate) struct Gpu {
     pub(crate) name: String,
     pub(crate) is_software: bool,
     pub(crate) limits: vk::PhysicalDeviceLimits,
-    /// Nanoseconds a tick, and the bits of a tick that mean anything.
+    /// Nanoseconds a tick, and the number of valid bits of a tick.
     pub(crate) clock: (f64, u32),
     memory: vk::PhysicalDeviceMemoryProperties,
     instance: Instance,
@@ -106,7 +106,7 @@ impl Instance {
                 .message_severity(
                     vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
                 )
-                // Not what it advises for speed: images keep the general layout on purpose.
+                // No performance advice: images keep the general layout on purpose.
                 .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
                 .pfn_user_callback(Some(note))
                 .user_data(Arc::as_ptr(&instance.messages).cast_mut().cast());
@@ -117,7 +117,7 @@ impl Instance {
         Ok(instance)
     }
 
-    /// The devices that can be used, real ones first, in the driver's order among their like; and why others cannot.
+    /// Lists the usable devices, GPUs first, in the driver's order within a kind; and the reasons against the others.
     fn usable(&self) -> Result<(Vec<Found>, Vec<String>), BackendError> {
         // SAFETY: the instance is alive.
         let found = unsafe { self.raw.enumerate_physical_devices() }.map_err(|r| conv::error("Vulkan's devices", r))?;
@@ -144,7 +144,7 @@ impl Instance {
         Ok((found, refused))
     }
 
-    /// What a device lacks.
+    /// Names the first thing a device lacks.
     fn refuses(&self, device: vk::PhysicalDevice, properties: &vk::PhysicalDeviceProperties) -> Option<String> {
         if properties.api_version < vk::API_VERSION_1_3 {
             return Some(format!(
@@ -216,7 +216,7 @@ impl Drop for Instance {
     }
 }
 
-/// The devices that can be used.
+/// Lists the usable devices.
 pub(crate) fn devices() -> Result<Vec<(String, vk::PhysicalDeviceType)>, BackendError> {
     let (usable, _) = Instance::new(false)?.usable()?;
     Ok(usable.iter().map(|(_, p)| (name_of(p), p.device_type)).collect())
@@ -282,7 +282,7 @@ impl Gpu {
         }))
     }
 
-    /// What the validation layer said since it was last asked.
+    /// Fails for messages of the validation layer since the last call.
     pub(crate) fn validated(&self) -> Result<(), BackendError> {
         let mut messages = self.instance.messages.lock().unwrap_or_else(PoisonError::into_inner);
         if messages.is_empty() {
@@ -295,7 +295,7 @@ impl Gpu {
         )))
     }
 
-    /// The memory that may be taken: three quarters of the largest heap of the device's own.
+    /// The memory to take: three quarters of the device's largest heap.
     pub(crate) fn memory(&self) -> u64 {
         let heaps = self.memory.memory_heaps_as_slice();
         let own = heaps
@@ -380,7 +380,7 @@ impl std::fmt::Debug for Gpu {
     }
 }
 
-/// Where a buffer lives.
+/// The memory of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Place {
     /// The device's own memory.
@@ -398,7 +398,7 @@ pub(crate) struct Buffer {
     pub(crate) raw: vk::Buffer,
     memory: vk::DeviceMemory,
     pub(crate) bytes: u64,
-    /// Where the host sees it.
+    /// The host's mapping.
     mapped: Option<*mut u32>,
     coherent: bool,
 }
@@ -455,7 +455,7 @@ impl Buffer {
         }
     }
 
-    /// Writes words, through another buffer where the host does not see this one. The device must not be using it.
+    /// Writes words, through another buffer if the host cannot see this one. The device must not be using it.
     pub(crate) fn write(&self, at: usize, words: &[u32]) -> Result<(), BackendError> {
         assert!(
             (at + words.len()) as u64 * 4 <= self.bytes,
@@ -494,7 +494,7 @@ impl Buffer {
         })
     }
 
-    /// Words that the device wrote. It must have finished, and what was submitted made visible to the host.
+    /// Reads words written by the device, after it has finished and made them visible to the host.
     pub(crate) fn read(&self, at: usize, count: usize) -> Result<&[u32], BackendError> {
         assert!((at + count) as u64 * 4 <= self.bytes, "read past a buffer's end");
         let Some(mapped) = self.mapped else {

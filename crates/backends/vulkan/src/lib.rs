@@ -1,41 +1,43 @@
 //! A hemicube backend on Vulkan: culling, rendering and reduction on the GPU, several hemicubes a submission, two
 //! submissions under way, nothing but rows read back.
 //!
-//! Vulkan is loaded when a session is opened; any device of version 1.3 that draws and computes will do, software
+//! Opening a session loads Vulkan. Any device of version 1.3 with a queue for drawing and computing will do, software
 //! included.
 //!
 //! Options, `key=value,key=value`:
 //!
 //! ```text
 //! cull        auto | off | frustum | occlusion     rows are the same with each
-//! edges       exact | driver                       who says on which side of an edge a pixel lies: docs/gpu.md
+//! edges       exact | driver                       the judge of pixels near edges: docs/gpu.md
 //! timing      on | off                             fills `stage_times`, and slows down
-//! validation  on | off                             with Vulkan's validation layer; whatever it says is an error
+//! validation  on | off                             with Vulkan's validation layer; its messages are errors
 //! batch       hemicubes of a submission
-//! group       hemicubes that go through the stages side by side
-//! memory      bytes of the device that may be used
+//! group       hemicubes side by side in the stages
+//! memory      bytes to take on the device
 //! ```
 
 mod conv;
 mod cull;
 mod device;
+mod options;
 mod reduce;
 mod render;
 mod upload;
 
 use ash::vk;
-use cull::{Choice, Judge, Mode};
+use cull::Judge;
 use device::{Buffer, Gpu, Place};
 use hemicube_abi::{Device, Log, Plugin, export_backend};
 use hemicube_contract::backend::{
-    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RESOLUTIONS,
-    RenderSettings, StageTimes,
+    BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, RESOLUTIONS, RenderSettings, StageTimes,
 };
 use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::row::RowBlock;
-use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
-use hemicube_shaders::view::{FIRST_STAMP, stands_on_emitter, views};
-use hemicube_shaders::{Edges, Limits, View};
+use hemicube_shaders::output::{self, HEADER_WORDS, append_rows, entry_words, unculled_triangles};
+use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded, preferred_rows};
+use hemicube_shaders::view::{FIRST_STAMP, stands_on_emitter, submission_views};
+use hemicube_shaders::{Cull, Limits, Phase};
+use options::Options;
 use reduce::{MARKS, Stages, Work};
 use std::ffi::CStr;
 use std::sync::Arc;
@@ -57,22 +59,10 @@ impl Plugin for Session {
     }
 }
 
-/// Version of the arithmetic: it changes when any row could change by a bit on the same driver.
-const VERSION: &CStr = c"gpu-1";
-/// The same with `edges=exact`, by which rows are others.
-const EXACT_VERSION: &CStr = c"gpu-1-exact";
-
-const CAPABILITIES: Capabilities = Capabilities {
-    covered: true,
-    tiny_patches: true,
-    items: true,
-    lossless_culling: true,
-};
-
-/// The devices that can be used, GPUs first.
+/// Lists the usable devices, GPUs first.
 ///
 /// # Errors
-/// [`BackendError::Unsupported`] where there is no Vulkan.
+/// [`BackendError::Unsupported`] without Vulkan.
 pub fn devices() -> Result<Vec<Device>, BackendError> {
     let found = device::devices()?.into_iter();
     Ok(found
@@ -89,65 +79,10 @@ pub fn devices() -> Result<Vec<Device>, BackendError> {
 /// Opens a session on a device by its number in [`devices`].
 ///
 /// # Errors
-/// [`BackendError::InvalidArgument`] for an option that is not known, [`BackendError::Unsupported`] where the device is
-/// missing or lacks what is needed.
+/// [`BackendError::InvalidArgument`] for an unknown option, [`BackendError::Unsupported`] for a missing or insufficient
+/// device.
 pub fn open(device: u32, options: &str) -> Result<Session, BackendError> {
     Session::new(device, Options::parse(options)?)
-}
-
-/// What a session was asked for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Options {
-    cull: Choice,
-    edges: Edges,
-    timing: bool,
-    validation: bool,
-    batch: Option<u32>,
-    group: Option<u32>,
-    memory: Option<u64>,
-}
-
-impl Options {
-    fn parse(text: &str) -> Result<Self, BackendError> {
-        let mut options = Self::default();
-        for option in text.split(',').map(str::trim).filter(|o| !o.is_empty()) {
-            let (key, value) = option.split_once('=').unwrap_or((option, ""));
-            let wrong =
-                |allowed: &str| BackendError::InvalidArgument(format!("option `{key}={value}`: {allowed} is allowed"));
-            let switch = || match value {
-                "on" => Ok(true),
-                "off" => Ok(false),
-                _ => Err(wrong("on or off")),
-            };
-            let count = || match value.parse::<u32>() {
-                Ok(n @ 1..=1024) => Ok(Some(n)),
-                _ => Err(wrong("a number from 1 to 1024")),
-            };
-            match key {
-                "cull" => {
-                    options.cull = match value {
-                        "auto" => Choice::Auto,
-                        "off" => Choice::Fixed(Mode::Off),
-                        "frustum" => Choice::Fixed(Mode::Frustum),
-                        "occlusion" => Choice::Fixed(Mode::Occlusion),
-                        _ => return Err(wrong("auto, off, frustum or occlusion")),
-                    }
-                }
-                "edges" => options.edges = Edges::parse(value).ok_or_else(|| wrong("driver or exact"))?,
-                "timing" => options.timing = switch()?,
-                "validation" => options.validation = switch()?,
-                "batch" => options.batch = count()?,
-                "group" => options.group = count()?,
-                "memory" => options.memory = Some(value.parse().map_err(|_| wrong("a number of bytes"))?),
-                _ => {
-                    return Err(BackendError::InvalidArgument(format!(
-                        "there is no option `{key}`; there are cull, edges, timing, validation, batch, group and memory"
-                    )));
-                }
-            }
-        }
-        Ok(options)
-    }
 }
 
 /// A session on a Vulkan device.
@@ -162,7 +97,7 @@ pub struct Session {
     gpu: Arc<Gpu>,
 }
 
-/// A scene that is loaded, and the submissions under way.
+/// A loaded scene, and its submissions under way.
 #[derive(Debug)]
 struct Loaded {
     geometry: Arc<Geometry>,
@@ -177,14 +112,16 @@ struct Loaded {
     gpu: Arc<Gpu>,
 }
 
-/// A submission that has not been read back.
-#[derive(Clone, Copy, Debug)]
+/// A submission not yet read back.
+#[derive(Clone, Debug)]
 struct UnderWay {
     slots: u32,
-    mode: Mode,
+    cull: Cull,
+    /// The phases of each group's timestamps.
+    phases: Vec<Vec<Phase>>,
 }
 
-/// What submissions are recorded in and waited for with.
+/// Command buffers, fences and timestamps, one of each a frame.
 #[derive(Debug)]
 struct Sync {
     gpu: Arc<Gpu>,
@@ -269,12 +206,7 @@ impl Session {
         Ok(Self {
             info: BackendInfo {
                 name: Self::NAME.to_string_lossy().into_owned(),
-                version: match options.edges {
-                    Edges::Driver => VERSION,
-                    Edges::Exact => EXACT_VERSION,
-                }
-                .to_string_lossy()
-                .into_owned(),
+                version: session::version(options.edges),
                 device: gpu.name.clone(),
                 capabilities: CAPABILITIES,
                 preferred_rows: preferred_rows(limits.batch),
@@ -287,7 +219,7 @@ impl Session {
         })
     }
 
-    /// Keeps note of an error that ends the session, and lets the validation layer have its say.
+    /// Remembers a fatal error, and adds the validation layer's messages.
     fn settle<T>(&mut self, result: Result<T, BackendError>) -> Result<T, BackendError> {
         let result = result.and_then(|value| self.gpu.validated().map(|()| value));
         if let Err(error) = &result {
@@ -313,28 +245,17 @@ impl Session {
     fn checked(&mut self, hemicubes: &[Hemicube]) -> Result<&mut Loaded, BackendError> {
         self.alive()?;
         let loaded = self.loaded.as_mut().ok_or_else(not_loaded)?;
-        let count = loaded.geometry.patch_count;
-        hemicubes.iter().try_for_each(|hemicube| hemicube.check(count))?;
+        session::check(&loaded.geometry, hemicubes)?;
         Ok(loaded)
     }
 }
 
-fn not_loaded() -> BackendError {
-    BackendError::InvalidArgument("no scene is loaded; call `load` first".to_owned())
-}
-
-/// Some submissions, so that one is read back while the other is under way, and the device seldom runs dry in between.
-fn preferred_rows(batch: u32) -> usize {
-    4 * batch as usize
-}
-
-/// How many hemicubes go side by side, and how many into a submission. On software nothing is gained by hemicubes side
-/// by side, and caches are lost.
+/// Hemicubes side by side, and of a submission. On software more side by side gain nothing and lose caches.
 fn batch_of(is_software: bool) -> (u32, u32) {
     if is_software { (1, 8) } else { (16, 64) }
 }
 
-/// What of the device is used.
+/// The limits to plan by.
 fn limits(gpu: &Gpu, options: Options) -> Limits {
     let (group, batch) = batch_of(gpu.is_software);
     let group = options.group.unwrap_or(group);
@@ -370,13 +291,13 @@ impl Loaded {
             chunks,
             pixel_count(settings.resolution),
         );
-        scene.clear(judge.mode)?;
+        scene.clear(judge.cull)?;
         Ok(Self {
             geometry: Arc::clone(geometry),
             settings,
             judge,
             stamp: FIRST_STAMP,
-            under_way: [None; FRAMES],
+            under_way: [const { None }; FRAMES],
             times: StageTimes::default(),
             sync: Sync::new(gpu, marks)?,
             stages,
@@ -385,11 +306,11 @@ impl Loaded {
         })
     }
 
-    /// Forgets what is under way, after an error.
+    /// Forgets the submissions under way, after an error.
     fn give_up(&mut self) {
         // SAFETY: the device is alive or lost; neither is hurt by waiting.
         let _ = unsafe { self.gpu.raw.device_wait_idle() };
-        self.under_way = [None; FRAMES];
+        self.under_way = [const { None }; FRAMES];
     }
 
     fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
@@ -407,28 +328,19 @@ impl Loaded {
         Ok(counters)
     }
 
-    /// Submits hemicubes, whose frame must be free.
+    /// Submits hemicubes on a free frame.
     fn submit(&mut self, at: usize, hemicubes: &[Hemicube]) -> Result<(), BackendError> {
         let group = self.scene.plan.group;
-        let mut words = Vec::with_capacity(hemicubes.len() * 5 * hemicube_shaders::view::VIEW_WORDS);
-        for (slot, hemicube) in (0u32..).zip(hemicubes) {
-            let view = View {
-                slot,
-                layer: slot % group,
-                stamp: self.stamp + slot / group,
-            };
-            words.extend(views(&self.geometry, hemicube, self.settings.resolution, view).as_flattened());
-        }
+        let views = submission_views(&self.geometry, &self.scene.plan, hemicubes, self.stamp);
         #[allow(clippy::cast_possible_truncation, reason = "at most a batch")]
         let slots = hemicubes.len() as u32;
         self.stamp += slots.div_ceil(group);
         let frame = &self.scene.frames[at];
-        frame.views.write(0, &words)?;
+        frame.views.write(0, views.as_flattened())?;
         let on_emitter = |h: &Hemicube| stands_on_emitter(&self.geometry, &self.scene.upload, h);
         let work = Work {
             slots,
-            mode: self.judge.mode,
-            covered: self.settings.covered,
+            cull: self.judge.cull,
             without_emitter: !hemicubes.iter().all(on_emitter),
             marks: self.sync.marks.get(at).copied(),
         };
@@ -436,13 +348,13 @@ impl Loaded {
         let commands = self.sync.commands[at];
         let failed = |r| conv::error("submitting hemicubes", r);
         // SAFETY: the frame's last submission was waited for, so its commands, fence and marks are free.
-        unsafe {
+        let phases = unsafe {
             let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
             device.begin_command_buffer(commands, &begin).map_err(failed)?;
             if let Some(marks) = work.marks {
                 device.cmd_reset_query_pool(commands, marks, 0, self.scene.plan.batch.div_ceil(group) * MARKS);
             }
-            self.stages.record(&self.scene, frame, commands, work);
+            let phases = self.stages.record(&self.scene, frame, commands, work);
             device.end_command_buffer(commands).map_err(failed)?;
             device.reset_fences(&[self.sync.fences[at]]).map_err(failed)?;
             let infos = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
@@ -450,33 +362,40 @@ impl Loaded {
             device
                 .queue_submit2(self.gpu.queue, &submit, self.sync.fences[at])
                 .map_err(failed)?;
-        }
-        self.under_way[at] = Some(UnderWay { slots, mode: work.mode });
+            phases
+        };
+        self.under_way[at] = Some(UnderWay {
+            slots,
+            cull: work.cull,
+            phases,
+        });
         Ok(())
     }
 
     /// Waits for a frame's submission, if there is one, and appends its rows.
     fn finish(&mut self, at: usize, out: &mut RowBlock) -> Result<Counters, BackendError> {
-        let Some(UnderWay { slots, mode }) = self.under_way[at] else {
+        if self.under_way[at].is_none() {
+            return Ok(Counters::default());
+        }
+        self.wait(at)?;
+        let Some(UnderWay { slots, cull, phases }) = self.under_way[at].take() else {
             return Ok(Counters::default());
         };
-        self.wait(at)?;
-        self.under_way[at] = None;
         let began = std::time::Instant::now();
-        let output = &self.scene.frames[at].output;
-        let headers = output.read(0, (slots * HEADER_WORDS) as usize)?;
+        let buffer = &self.scene.frames[at].output;
+        let headers = buffer.read(0, (slots * HEADER_WORDS) as usize)?;
         let words = entry_words(&self.scene.plan, headers, slots)?;
-        let entries = output.read(self.scene.plan.output_entries() as usize, words)?;
+        let entries = buffer.read(self.scene.plan.output_entries() as usize, words)?;
         let mut counters = append_rows(headers, entries, slots, self.settings.covered, out);
-        if mode == Mode::Off {
-            let all = self.scene.upload.triangle_count() as u64 * u64::from(slots) * 5;
+        if cull == Cull::Off {
+            let all = unculled_triangles(&self.scene.upload, u64::from(slots));
             counters.triangles_drawn = all;
             counters.triangles_transformed = all;
         }
         self.judge.note(counters);
         if let Some(&marks) = self.sync.marks.get(at) {
             self.times.read_back += u64::try_from(began.elapsed().as_nanos()).unwrap_or(u64::MAX);
-            self.clock(marks, slots)?;
+            self.clock(marks, &phases)?;
         }
         Ok(counters)
     }
@@ -487,34 +406,29 @@ impl Loaded {
             .map_err(|r| conv::error("waiting for hemicubes", r))
     }
 
-    /// Adds up a submission's marks of the clock.
-    fn clock(&mut self, marks: vk::QueryPool, slots: u32) -> Result<(), BackendError> {
-        let count = slots.div_ceil(self.scene.plan.group) * MARKS;
-        let mut ticks = vec![0u64; count as usize];
-        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-        // SAFETY: the submission that wrote the marks is done.
-        unsafe { self.gpu.raw.get_query_pool_results(marks, 0, &mut ticks, flags) }
-            .map_err(|r| conv::error("reading the device's clock", r))?;
+    /// Adds up a submission's timestamps.
+    fn clock(&mut self, marks: vk::QueryPool, phases: &[Vec<Phase>]) -> Result<(), BackendError> {
         let (period, bits) = self.gpu.clock;
         let mask = if bits >= 64 { u64::MAX } else { (1 << bits) - 1 };
-        for marks in ticks.chunks_exact(MARKS as usize) {
-            let spent = |k: usize| {
-                let ticks = marks[k + 1].wrapping_sub(marks[k]) & mask;
-                #[allow(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    clippy::cast_precision_loss,
-                    reason = "nanoseconds of a submission"
-                )]
-                let nanoseconds = (ticks as f64 * period) as u64;
-                nanoseconds
-            };
-            self.times.cull += spent(0);
-            self.times.render += spent(1);
-            self.times.reduce += spent(2);
-            self.times.cover += spent(3);
-            self.times.read_back += spent(4);
+        let mut ticks = vec![0u64; phases.len() * MARKS as usize];
+        let groups = (0u32..)
+            .step_by(MARKS as usize)
+            .zip(ticks.chunks_exact_mut(MARKS as usize));
+        for ((first, ticks), phases) in groups.zip(phases) {
+            let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+            let ticks = &mut ticks[..=phases.len()];
+            // SAFETY: the submission that wrote the timestamps of these phases is done.
+            unsafe { self.gpu.raw.get_query_pool_results(marks, first, ticks, flags) }
+                .map_err(|r| conv::error("reading the device's clock", r))?;
         }
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            clippy::cast_precision_loss,
+            reason = "nanoseconds of a submission"
+        )]
+        let nanoseconds = |from: u64, to: u64| ((to.wrapping_sub(from) & mask) as f64 * period) as u64;
+        reduce::add_times(phases, &ticks, nanoseconds, &mut self.times);
         Ok(())
     }
 
@@ -576,16 +490,8 @@ impl Loaded {
                 (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ),
             );
         })?;
-        let patch_count = self.geometry.patch_count;
-        let seen = copy.read(0, pixel_count(n))?.iter().map(|&id| match id {
-            id if id < patch_count => id,
-            id if id == patch_count + 1 => Items::ESCAPED,
-            _ => Items::BLOCKED,
-        });
-        Ok(Items {
-            resolution: n,
-            seen: seen.collect(),
-        })
+        let ids = copy.read(0, pixel_count(n))?.iter().copied();
+        Ok(output::items(ids, self.geometry.patch_count, n))
     }
 }
 
@@ -597,7 +503,7 @@ impl HemicubeBackend for Session {
     fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
         self.alive()?;
         settings.check()?;
-        // What was loaded before makes room first.
+        // The scene before makes room first.
         self.loaded = None;
         let loaded = Loaded::new(&self.gpu, self.options, geometry, settings);
         let loaded = self.settle(loaded)?;

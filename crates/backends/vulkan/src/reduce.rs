@@ -1,129 +1,113 @@
-//! What goes into a submission, stage by stage, and the compute pipelines.
+//! Records the steps of a submission, and makes the compute pipelines.
+//!
+//! [`Stages::record`] is the interpreter of [`hemicube_shaders::recording`] on Vulkan. Between two steps it puts a
+//! memory barrier, from the uses of the one to the uses of the next. A draw clears images drawn and copied by earlier
+//! steps of the group, so that its barrier begins at the uses of them all.
 
-use crate::cull::Mode;
 use crate::device::Gpu;
-use crate::render::{Pipeline, Render, What, bind, compute};
+use crate::render::{Layer, Pipeline, Render, Target, bind, compute};
 use crate::upload::{Frame, Scene};
 use ash::vk;
 use ash::vk::{AccessFlags2 as A, PipelineStageFlags2 as P};
-use hemicube_contract::backend::BackendError;
-use hemicube_shaders::Edges;
-use hemicube_shaders::limits::SETTLE_GROUPS;
-use hemicube_shaders::stage;
+use hemicube_contract::backend::{BackendError, StageTimes};
+use hemicube_shaders::recording::compute_stages;
 use hemicube_shaders::view::FACES;
+use hemicube_shaders::{Action, Cull, Goal, Phase, Recording};
+use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Marks of the clock in a group: before the first stage and after each of five.
-pub(crate) const MARKS: u32 = 6;
+/// The most timestamps of a group: one before the first step, and one after each run of steps of a phase.
+pub(crate) const MARKS: u32 = 8;
 
 /// All pipelines of a scene.
 #[derive(Debug)]
 pub(crate) struct Stages {
     gpu: Arc<Gpu>,
     render: Render,
-    pyramid_of: Pipeline,
-    cull_seen: Pipeline,
-    cull_hidden: Pipeline,
-    cull_outside: Pipeline,
-    reduce: Pipeline,
-    settling: Option<Settling>,
-    tiny: Pipeline,
-    compact: Pipeline,
-    pack: Pipeline,
+    /// By entry point.
+    compute: HashMap<&'static str, Pipeline>,
 }
 
-/// What gives pixels near edges to the triangle that their centre lies in.
-#[derive(Debug)]
-struct Settling {
-    near_edges: Pipeline,
-    settle: Pipeline,
-    put_settled: Pipeline,
-    take_back: Pipeline,
-}
-
-/// What a submission does.
+/// A submission to record.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Work {
     /// Number of hemicubes.
     pub(crate) slots: u32,
-    pub(crate) mode: Mode,
-    pub(crate) covered: bool,
+    pub(crate) cull: Cull,
     /// True if some hemicube does not stand on its emitter.
     pub(crate) without_emitter: bool,
-    /// Where marks of the clock go, if they do.
+    /// The pool of timestamps, if time is measured.
     pub(crate) marks: Option<vk::QueryPool>,
 }
 
-/// A use of memory: in which stages, and how.
-type Use = (P, A);
+/// A use of memory: pipeline stages and kinds of access.
+#[derive(Clone, Copy)]
+struct Use(P, A);
 
-const COMPUTE_WRITES: Use = (P::COMPUTE_SHADER, A::SHADER_STORAGE_WRITE);
-const COMPUTE_USES: Use = (
-    P::COMPUTE_SHADER,
-    A::from_raw(A::SHADER_STORAGE_READ.as_raw() | A::SHADER_STORAGE_WRITE.as_raw() | A::SHADER_SAMPLED_READ.as_raw()),
+impl Use {
+    const NONE: Self = Self(P::empty(), A::empty());
+
+    fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0, self.1 | other.1)
+    }
+}
+
+const SHADER_USES: A =
+    A::from_raw(A::SHADER_STORAGE_READ.as_raw() | A::SHADER_STORAGE_WRITE.as_raw() | A::SHADER_SAMPLED_READ.as_raw());
+const COMPUTES: Use = Use(P::COMPUTE_SHADER, SHADER_USES);
+const DRAWS_DEPTHS: Use = Use(
+    P::from_raw(P::EARLY_FRAGMENT_TESTS.as_raw() | P::LATE_FRAGMENT_TESTS.as_raw() | P::DRAW_INDIRECT.as_raw()),
+    A::from_raw(
+        A::DEPTH_STENCIL_ATTACHMENT_READ.as_raw()
+            | A::DEPTH_STENCIL_ATTACHMENT_WRITE.as_raw()
+            | A::INDIRECT_COMMAND_READ.as_raw(),
+    ),
 );
-const DEPTHS_USE: Use = (
-    P::from_raw(P::EARLY_FRAGMENT_TESTS.as_raw() | P::LATE_FRAGMENT_TESTS.as_raw()),
-    A::from_raw(A::DEPTH_STENCIL_ATTACHMENT_READ.as_raw() | A::DEPTH_STENCIL_ATTACHMENT_WRITE.as_raw()),
+const DRAWS_ITEMS: Use = Use(
+    P::from_raw(DRAWS_DEPTHS.0.as_raw() | P::COLOR_ATTACHMENT_OUTPUT.as_raw()),
+    A::from_raw(DRAWS_DEPTHS.1.as_raw() | A::COLOR_ATTACHMENT_WRITE.as_raw()),
 );
-const DRAWING: Use = (
-    P::from_raw(DEPTHS_USE.0.as_raw() | P::COLOR_ATTACHMENT_OUTPUT.as_raw()),
-    A::from_raw(DEPTHS_USE.1.as_raw() | A::COLOR_ATTACHMENT_WRITE.as_raw()),
+const DRAWS_COVER: Use = Use(
+    P::from_raw(P::VERTEX_SHADER.as_raw() | P::FRAGMENT_SHADER.as_raw() | P::DRAW_INDIRECT.as_raw()),
+    A::from_raw(SHADER_USES.as_raw() | A::INDIRECT_COMMAND_READ.as_raw()),
 );
-const DRAWS_READ: Use = (P::DRAW_INDIRECT, A::INDIRECT_COMMAND_READ);
-const COVER_READS: Use = (
-    P::from_raw(P::VERTEX_SHADER.as_raw() | P::FRAGMENT_SHADER.as_raw()),
-    A::from_raw(A::SHADER_STORAGE_READ.as_raw() | A::SHADER_STORAGE_WRITE.as_raw() | A::SHADER_SAMPLED_READ.as_raw()),
-);
-const COVER_WRITES: Use = (P::FRAGMENT_SHADER, A::SHADER_STORAGE_WRITE);
-const COPIES: Use = (
+const COPIES: Use = Use(
     P::ALL_TRANSFER,
     A::from_raw(A::TRANSFER_READ.as_raw() | A::TRANSFER_WRITE.as_raw()),
 );
-const HOST_READS: Use = (P::HOST, A::HOST_READ);
+const HOST_READS: Use = Use(P::HOST, A::HOST_READ);
+
+fn use_of(action: &Action) -> Use {
+    match action {
+        Action::Dispatch { .. } => COMPUTES,
+        Action::DrawDepths => DRAWS_DEPTHS,
+        Action::CopyDepths => COPIES,
+        Action::DrawItems => DRAWS_ITEMS,
+        Action::DrawCover => DRAWS_COVER,
+    }
+}
+
+/// The layers of a group, and the slot of the first.
+#[derive(Clone, Copy)]
+struct Group {
+    number: u32,
+    first_slot: u32,
+    layers: u32,
+}
 
 impl Stages {
     pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Scene) -> Result<Self, BackendError> {
-        let layout = scene.layout;
-        let make = |stage| compute(gpu, layout, stage);
-        let edges = scene.plan.edges;
-        let (reduce, settling) = match edges {
-            Edges::Driver => (&stage::REDUCE, None),
-            Edges::Exact => {
-                let settling = Settling {
-                    near_edges: make(&stage::NEAR_EDGES)?,
-                    settle: make(&stage::SETTLE)?,
-                    put_settled: make(&stage::PUT_SETTLED)?,
-                    take_back: make(&stage::TAKE_BACK)?,
-                };
-                (&stage::REDUCE_SIDES, Some(settling))
-            }
-        };
+        let (layout, plan) = (scene.layout, &scene.plan);
+        let stages = compute_stages(plan.edges, &[plan.copies_depths]).into_iter();
+        let pipelines = stages.map(|stage| Ok((stage.entry, compute(gpu, layout, stage)?)));
         Ok(Self {
             gpu: Arc::clone(gpu),
-            render: Render::new(gpu, layout, edges)?,
-            pyramid_of: make(if scene.plan.copies_depths {
-                &stage::PYRAMID_OF_COPY
-            } else {
-                &stage::PYRAMID_OF
-            })?,
-            cull_seen: make(&stage::CULL_SEEN)?,
-            cull_hidden: make(&stage::CULL_HIDDEN)?,
-            cull_outside: make(&stage::CULL_OUTSIDE)?,
-            reduce: make(reduce)?,
-            settling,
-            tiny: make(&stage::TINY)?,
-            compact: make(&stage::COMPACT)?,
-            pack: make(&stage::PACK)?,
+            render: Render::new(gpu, layout, plan.edges)?,
+            compute: pipelines.collect::<Result<_, BackendError>>()?,
         })
     }
 
-    fn after(&self, commands: vk::CommandBuffer, before: &[Use], then: &[Use]) {
-        let join = |uses: &[Use]| {
-            uses.iter()
-                .fold((P::empty(), A::empty()), |(p, a), u| (p | u.0, a | u.1))
-        };
-        let (before, then) = (join(before), join(then));
+    fn barrier(&self, commands: vk::CommandBuffer, before: Use, then: Use) {
         let barrier = [vk::MemoryBarrier2 {
             src_stage_mask: before.0,
             src_access_mask: before.1,
@@ -136,20 +120,30 @@ impl Stages {
         unsafe { self.gpu.raw.cmd_pipeline_barrier2(commands, &dependency) };
     }
 
-    /// Records the stages of a submission.
-    pub(crate) fn record(&self, scene: &Scene, frame: &Frame, commands: vk::CommandBuffer, work: Work) {
-        // The submission before may still be at work with all that is not the frame's own.
-        let all = [COMPUTE_USES, DRAWING, COVER_READS, DRAWS_READ];
-        self.after(commands, &all, &all);
-        let mut group = 0;
-        let mut slot = 0;
-        while slot < work.slots {
-            let layers = scene.plan.group.min(work.slots - slot);
-            self.record_group(scene, frame, commands, work, (group, slot, layers));
-            slot += layers;
-            group += 1;
+    /// Records a submission. Returns the phases of each group's timestamps.
+    pub(crate) fn record(
+        &self,
+        scene: &Scene,
+        frame: &Frame,
+        commands: vk::CommandBuffer,
+        work: Work,
+    ) -> Vec<Vec<Phase>> {
+        let mut phases = Vec::new();
+        let mut first_slot = 0;
+        while first_slot < work.slots {
+            let group = Group {
+                number: u32::try_from(phases.len()).unwrap_or(u32::MAX),
+                first_slot,
+                layers: scene.plan.group.min(work.slots - first_slot),
+            };
+            // The group before and the submission before share everything but the frame's own buffers.
+            let all = COMPUTES.and(DRAWS_ITEMS).and(DRAWS_COVER).and(COPIES);
+            self.barrier(commands, all, all);
+            phases.push(self.record_group(scene, frame, commands, work, group));
+            first_slot += group.layers;
         }
-        self.after(commands, &[COMPUTE_WRITES], &[HOST_READS]);
+        self.barrier(commands, COMPUTES, HOST_READS);
+        phases
     }
 
     fn record_group(
@@ -158,109 +152,101 @@ impl Stages {
         frame: &Frame,
         commands: vk::CommandBuffer,
         work: Work,
-        (group, slot, layers): (u32, u32, u32),
-    ) {
-        let after = |before: &[Use], then: &[Use]| self.after(commands, before, then);
-        let dispatch = |pipeline: &Pipeline, [x, y, z]: [u32; 3]| {
-            // SAFETY: commands of this device that are being recorded; the group's first view is in the views.
-            unsafe {
-                let device = &self.gpu.raw;
-                device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
-                bind(
-                    &self.gpu,
-                    scene,
-                    frame,
-                    commands,
-                    vk::PipelineBindPoint::COMPUTE,
-                    slot * FACES,
-                );
-                device.cmd_dispatch(commands, x, y, z);
-            }
+        group: Group,
+    ) -> Vec<Phase> {
+        let recording = Recording {
+            plan: &scene.plan,
+            upload: &scene.upload,
+            cull: work.cull,
+            goal: Goal::Rows,
         };
-        let draw = |what| {
-            for layer in 0..layers {
-                let at = (slot + layer, layer);
-                self.render.draw(scene, frame, commands, at, what, work.without_emitter);
-            }
-        };
-        let mark = |number: u32| {
+        let mark = |number: usize| {
             if let Some(pool) = work.marks {
+                let number = group.number * MARKS + u32::try_from(number).unwrap_or(u32::MAX);
                 // SAFETY: the pool has room for the marks of all groups of a submission.
                 unsafe {
-                    let device = &self.gpu.raw;
-                    device.cmd_write_timestamp2(commands, P::ALL_COMMANDS, pool, group * MARKS + number);
-                }
+                    self.gpu
+                        .raw
+                        .cmd_write_timestamp2(commands, P::ALL_COMMANDS, pool, number)
+                };
             }
         };
-        let n = scene.plan.resolution;
-        mark(0);
-        match work.mode {
-            Mode::Off => {}
-            Mode::Frustum => {
-                dispatch(&self.cull_outside, [FACES, layers, 1]);
-                after(&[COMPUTE_WRITES], &[DRAWS_READ, COMPUTE_USES]);
+        let mut phases: Vec<Phase> = Vec::new();
+        let (mut last, mut all) = (Use::NONE, Use::NONE);
+        for step in recording.steps(group.layers) {
+            let next = use_of(&step.action);
+            let before = match step.action {
+                Action::DrawDepths | Action::DrawItems => all,
+                _ => last,
+            };
+            if !before.0.is_empty() {
+                self.barrier(commands, before, next);
             }
-            Mode::Occlusion => {
-                dispatch(&self.cull_seen, [FACES, layers, 1]);
-                after(&[COMPUTE_WRITES], &[DRAWS_READ, COMPUTE_USES]);
-                draw(What::Occluders);
-                let before = [DEPTHS_USE, DRAWS_READ];
-                if scene.plan.copies_depths {
-                    after(&before, &[COPIES]);
-                    scene.copy_depths(commands, layers);
-                    after(&[COPIES], &[COMPUTE_USES]);
-                } else {
-                    after(&before, &[COMPUTE_USES]);
-                }
-                dispatch(&self.pyramid_of, [n / 16, 3 * n / 16, layers]);
-                after(&[COMPUTE_USES], &[COMPUTE_USES]);
-                dispatch(&self.cull_hidden, [FACES, layers, 1]);
-                after(
-                    &[COMPUTE_USES, DEPTHS_USE, COPIES],
-                    &[DRAWS_READ, COMPUTE_USES, DEPTHS_USE],
-                );
+            (last, all) = (next, all.and(next));
+            if phases.last() != Some(&step.phase) {
+                mark(phases.len());
+                phases.push(step.phase);
             }
+            self.act(scene, frame, commands, &step.action, work, group);
         }
-        mark(1);
-        draw(if work.mode == Mode::Off {
-            What::All
-        } else {
-            What::Listed
+        mark(phases.len());
+        phases
+    }
+
+    fn act(
+        &self,
+        scene: &Scene,
+        frame: &Frame,
+        commands: vk::CommandBuffer,
+        action: &Action,
+        work: Work,
+        group: Group,
+    ) {
+        let layers = (0..group.layers).map(|layer| Layer {
+            slot: group.first_slot + layer,
+            layer,
         });
-        after(&[DRAWING, DRAWS_READ], &[COMPUTE_USES]);
-        mark(2);
-        dispatch(&self.reduce, [scene.plan.reduce_groups(), layers, 1]);
-        after(&[COMPUTE_USES], &[COMPUTE_USES]);
-        if let Some(settling) = &self.settling {
-            dispatch(&settling.near_edges, [SETTLE_GROUPS, layers, 1]);
-            after(&[COMPUTE_USES], &[COMPUTE_USES]);
-            dispatch(&settling.settle, [SETTLE_GROUPS, layers, 1]);
-            after(&[COMPUTE_USES], &[COMPUTE_USES]);
-            dispatch(&settling.put_settled, [SETTLE_GROUPS, layers, 1]);
-            after(&[COMPUTE_USES], &[COMPUTE_USES]);
-        }
-        if work.covered {
-            let (x, z) = scene.plan.tiny_groups(&scene.upload);
-            dispatch(&self.tiny, [x, layers, z]);
-            after(&[COMPUTE_USES], &[COMPUTE_USES]);
-        }
-        dispatch(&self.compact, [layers, 1, 1]);
-        after(&[COMPUTE_USES], &[COMPUTE_USES, DRAWS_READ, COVER_READS]);
-        mark(3);
-        if work.covered {
-            for layer in 0..layers {
-                self.render.cover(scene, frame, commands, (slot + layer, layer));
+        let draw = |target| {
+            for at in layers.clone() {
+                self.render.draw(scene, frame, commands, at, target);
             }
-            after(&[COVER_WRITES, COVER_READS, DRAWS_READ], &[COMPUTE_USES]);
-            if let Some(settling) = &self.settling {
-                dispatch(&settling.take_back, [SETTLE_GROUPS, layers, 1]);
-                after(&[COMPUTE_USES], &[COMPUTE_USES]);
+        };
+        let without_emitter = work.without_emitter;
+        match *action {
+            Action::Dispatch {
+                stage,
+                groups: [x, y, z],
+            } => {
+                let (point, view) = (vk::PipelineBindPoint::COMPUTE, group.first_slot * FACES);
+                // SAFETY: commands of this device that are being recorded; the group's first view is in the views.
+                unsafe {
+                    let device = &self.gpu.raw;
+                    device.cmd_bind_pipeline(commands, point, self.compute[stage.entry].raw);
+                    bind(&self.gpu, scene, frame, commands, point, view);
+                    device.cmd_dispatch(commands, x, y, z);
+                }
             }
+            Action::DrawDepths => draw(Target::Depths { without_emitter }),
+            Action::CopyDepths => scene.copy_depths(commands, group.layers),
+            Action::DrawItems => draw(Target::Items {
+                without_emitter,
+                is_listed: work.cull != Cull::Off,
+            }),
+            Action::DrawCover => layers.for_each(|at| self.render.cover(scene, frame, commands, at)),
         }
-        mark(4);
-        dispatch(&self.pack, [4, layers, 1]);
-        mark(5);
-        // The next group reuses the layers and all that is a layer's.
-        after(&[COMPUTE_USES, COVER_READS], &[COMPUTE_USES, DRAWING, COVER_READS]);
+    }
+}
+
+/// Adds the times between the marks of a submission. `nanoseconds` converts the ticks between two of them.
+pub(crate) fn add_times(
+    phases: &[Vec<Phase>],
+    marks: &[u64],
+    nanoseconds: impl Fn(u64, u64) -> u64,
+    times: &mut StageTimes,
+) {
+    for (phases, marks) in phases.iter().zip(marks.chunks_exact(MARKS as usize)) {
+        for (phase, ends) in phases.iter().zip(marks.windows(2)) {
+            *phase.time(times) += nanoseconds(ends[0], ends[1]);
+        }
     }
 }

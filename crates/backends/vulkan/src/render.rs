@@ -1,4 +1,4 @@
-//! Drawing: depths of what is in front, ids, and what patches would cover alone.
+//! Drawing: depths of occluders, ids, and patches alone.
 
 use crate::conv;
 use crate::device::Gpu;
@@ -7,6 +7,7 @@ use ash::vk;
 use hemicube_contract::backend::BackendError;
 use hemicube_contract::face::Face;
 use hemicube_shaders::Edges;
+use hemicube_shaders::recording::identify;
 use hemicube_shaders::stage::{self, Stage, binding};
 use hemicube_shaders::upload::VERTEX_BYTES;
 use hemicube_shaders::view::{FACES, VIEW_BYTES};
@@ -26,7 +27,7 @@ impl Drop for Pipeline {
     }
 }
 
-/// A shader module that lives as long as pipelines are made of it.
+/// A shader module, needed while pipelines are made.
 struct Module<'a> {
     gpu: &'a Gpu,
     raw: vk::ShaderModule,
@@ -76,12 +77,12 @@ pub(crate) fn compute(gpu: &Arc<Gpu>, layout: vk::PipelineLayout, stage: &Stage)
     })
 }
 
-/// What a graphics pipeline writes.
+/// The images written by a graphics pipeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Target {
-    Ids,
+enum Images {
+    IdsAndDepths,
     Depths,
-    Nothing,
+    None,
 }
 
 fn graphics(
@@ -89,7 +90,7 @@ fn graphics(
     layout: vk::PipelineLayout,
     vertex: &Stage,
     fragment: Option<&Stage>,
-    target: Target,
+    images: Images,
 ) -> Result<Pipeline, BackendError> {
     let modules = [
         Some((Module::new(gpu, vertex)?, vk::ShaderStageFlags::VERTEX)),
@@ -116,8 +117,8 @@ fn graphics(
         offset,
     });
     let mut input = vk::PipelineVertexInputStateCreateInfo::default();
-    // What covers alone pulls its corners itself.
-    if target != Target::Nothing {
+    // The cover stage pulls its corners itself.
+    if images != Images::None {
         input = input
             .vertex_binding_descriptions(&bindings)
             .vertex_attribute_descriptions(&attributes);
@@ -129,16 +130,16 @@ fn graphics(
     let rasterization = vk::PipelineRasterizationStateCreateInfo::default()
         .polygon_mode(vk::PolygonMode::FILL)
         .cull_mode(vk::CullModeFlags::NONE)
-        // v goes up in memory, which Vulkan calls down: the eye is in front of what it sees turn this way.
+        // v goes up in memory, down in Vulkan's words: fronts are counter-clockwise then.
         .front_face(vk::FrontFace::COUNTER_CLOCKWISE)
         .line_width(1.0);
     let samples = vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
-    let tested = target != Target::Nothing;
+    let tested = images != Images::None;
     let depth = vk::PipelineDepthStencilStateCreateInfo::default()
         .depth_test_enable(tested)
         .depth_write_enable(tested)
         .depth_compare_op(vk::CompareOp::GREATER);
-    let colors: &[vk::Format] = if target == Target::Ids {
+    let colors: &[vk::Format] = if images == Images::IdsAndDepths {
         &[vk::Format::R32_UINT]
     } else {
         &[]
@@ -186,35 +187,37 @@ pub(crate) struct Render {
     cover: Pipeline,
 }
 
-/// What is drawn of a layer.
+/// A drawing of the scene. `without_emitter`: the emitter is left out by its id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum What {
-    /// Ids of everything.
-    All,
-    /// Ids of what the draws list.
-    Listed,
-    /// Depths of what the draws list.
-    Occluders,
+pub(crate) enum Target {
+    /// Depths of the listed chunks.
+    Depths { without_emitter: bool },
+    /// Ids, of the listed chunks or of all.
+    Items { without_emitter: bool, is_listed: bool },
+}
+
+/// A hemicube's place in the submission, and in the images.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Layer {
+    pub(crate) slot: u32,
+    pub(crate) layer: u32,
 }
 
 impl Render {
     pub(crate) fn new(gpu: &Arc<Gpu>, layout: vk::PipelineLayout, edges: Edges) -> Result<Self, BackendError> {
-        let ids = match edges {
-            Edges::Driver => [&stage::IDENTIFY, &stage::IDENTIFY_OTHERS],
-            Edges::Exact => [&stage::IDENTIFY_SIDES, &stage::IDENTIFY_OTHER_SIDES],
-        };
-        let make = |vertex, fragment, target| graphics(gpu, layout, vertex, fragment, target);
+        let ids = identify(edges);
+        let make = |vertex, fragment, images| graphics(gpu, layout, vertex, fragment, images);
         Ok(Self {
             gpu: Arc::clone(gpu),
             ids: [
-                make(&stage::RENDER, Some(ids[0]), Target::Ids)?,
-                make(&stage::RENDER, Some(ids[1]), Target::Ids)?,
+                make(&stage::RENDER, Some(ids[0]), Images::IdsAndDepths)?,
+                make(&stage::RENDER, Some(ids[1]), Images::IdsAndDepths)?,
             ],
             depths: [
-                make(&stage::RENDER, None, Target::Depths)?,
-                make(&stage::RENDER, Some(&stage::OCCLUDE_OTHERS), Target::Depths)?,
+                make(&stage::RENDER, None, Images::Depths)?,
+                make(&stage::RENDER, Some(&stage::OCCLUDE_OTHERS), Images::Depths)?,
             ],
-            cover: make(&stage::COVER, Some(&stage::ADD_HIDDEN), Target::Nothing)?,
+            cover: make(&stage::COVER, Some(&stage::ADD_HIDDEN), Images::None)?,
         })
     }
 
@@ -224,10 +227,16 @@ impl Render {
         scene: &Scene,
         frame: &Frame,
         commands: vk::CommandBuffer,
-        (slot, layer): (u32, u32),
-        what: What,
-        without_emitter: bool,
+        Layer { slot, layer }: Layer,
+        target: Target,
     ) {
+        let (pipelines, without_emitter, has_ids, is_listed) = match target {
+            Target::Depths { without_emitter } => (&self.depths, without_emitter, false, true),
+            Target::Items {
+                without_emitter,
+                is_listed,
+            } => (&self.ids, without_emitter, true, is_listed),
+        };
         let escaped = vk::ClearValue {
             color: vk::ClearColorValue {
                 uint32: [scene.upload.patch_count + 1; 4],
@@ -245,17 +254,12 @@ impl Render {
             .image_layout(vk::ImageLayout::GENERAL)
             .load_op(vk::AttachmentLoadOp::CLEAR)
             .store_op(vk::AttachmentStoreOp::STORE);
-        let colors: &[_] = if what == What::Occluders { &[] } else { &color };
+        let colors: &[_] = if has_ids { &color } else { &[] };
         let rendering = vk::RenderingInfo::default()
             .render_area(area(scene))
             .layer_count(1)
             .color_attachments(colors)
             .depth_attachment(&depth);
-        let pipelines = if what == What::Occluders {
-            &self.depths
-        } else {
-            &self.ids
-        };
         let device = &self.gpu.raw;
         #[allow(clippy::cast_possible_truncation, reason = "checked when the scene was prepared")]
         let (chunks, indices) = (scene.upload.chunks.len() as u32, scene.upload.indices.len() as u32);
@@ -272,7 +276,7 @@ impl Render {
             device.cmd_bind_index_buffer(commands, scene.buffer(binding::INDICES), 0, vk::IndexType::UINT32);
             for face in Face::ALL {
                 bind_face(&self.gpu, scene, frame, commands, slot, face);
-                if what == What::All {
+                if !is_listed {
                     device.cmd_draw_indexed(commands, indices, 1, 0, 0, 0);
                     continue;
                 }
@@ -292,7 +296,13 @@ impl Render {
     }
 
     /// Draws the entries of a slot's row alone.
-    pub(crate) fn cover(&self, scene: &Scene, frame: &Frame, commands: vk::CommandBuffer, (slot, layer): (u32, u32)) {
+    pub(crate) fn cover(
+        &self,
+        scene: &Scene,
+        frame: &Frame,
+        commands: vk::CommandBuffer,
+        Layer { slot, layer }: Layer,
+    ) {
         let rendering = vk::RenderingInfo::default().render_area(area(scene)).layer_count(1);
         let device = &self.gpu.raw;
         // SAFETY: as above.

@@ -1,21 +1,17 @@
-//! A scene on the device: its buffers and images, and the descriptor sets that name them.
+//! A scene on the device: its buffers, images and descriptor sets.
 
 use crate::conv;
-use crate::cull::Mode;
 use crate::device::{Buffer, Gpu, Image, Place};
 use ash::vk;
 use hemicube_contract::backend::{BackendError, Geometry, RenderSettings};
-use hemicube_contract::delta::DeltaTable;
 use hemicube_shaders::stage::binding;
-use hemicube_shaders::view::{VIEW_BYTES, settings_words};
-use hemicube_shaders::{Edges, Limits, Plan, Upload};
+use hemicube_shaders::upload::contents;
+use hemicube_shaders::view::VIEW_BYTES;
+use hemicube_shaders::{Cull, Edges, Limits, Plan, Upload};
 use std::sync::Arc;
 
 /// Submissions under way at once.
 pub(crate) const FRAMES: usize = 2;
-
-/// The scene as it is uploaded, made once for all sessions.
-pub(crate) struct Prepared(pub(crate) Result<Arc<Upload>, String>);
 
 /// A scene on the device.
 #[derive(Debug)]
@@ -23,7 +19,7 @@ pub(crate) struct Scene {
     gpu: Arc<Gpu>,
     pub(crate) upload: Arc<Upload>,
     pub(crate) plan: Plan,
-    /// By binding, but for those of [`Frame`].
+    /// By binding, without those of [`Frame`].
     buffers: Vec<Option<Buffer>>,
     pub(crate) items: Image,
     pub(crate) depths: Image,
@@ -33,13 +29,22 @@ pub(crate) struct Scene {
     pool: vk::DescriptorPool,
 }
 
-/// What each submission under way has of its own.
+/// The part of a scene owned by each submission under way.
 #[derive(Debug)]
 pub(crate) struct Frame {
     pub(crate) views: Buffer,
     pub(crate) output: Buffer,
     pub(crate) view_set: vk::DescriptorSet,
     pub(crate) set: vk::DescriptorSet,
+}
+
+fn kind(binding: u32) -> vk::DescriptorType {
+    match binding {
+        binding::SETTINGS => vk::DescriptorType::UNIFORM_BUFFER,
+        binding::SETTLED_ITEMS => vk::DescriptorType::STORAGE_IMAGE,
+        b if binding::TEXTURES.contains(&b) => vk::DescriptorType::SAMPLED_IMAGE,
+        _ => vk::DescriptorType::STORAGE_BUFFER,
+    }
 }
 
 fn usage(binding: u32) -> vk::BufferUsageFlags {
@@ -62,8 +67,7 @@ impl Scene {
         settings: RenderSettings,
         limits: Limits,
     ) -> Result<Self, BackendError> {
-        let prepared = geometry.kept(|g| Prepared(Upload::new(g).map(Arc::new).map_err(|e| e.to_string())));
-        let upload = Arc::clone(prepared.0.as_ref().map_err(|e| BackendError::Unsupported(e.clone()))?);
+        let upload = Upload::of(geometry)?;
         let plan = Plan::new(&upload, settings, limits)?;
         let storage = |name: &str, bytes, binding| Buffer::new(gpu, name, bytes, Place::Device, usage(binding));
         let mut buffers: Vec<Option<Buffer>> = (0..binding::COUNT).map(|_| None).collect();
@@ -72,27 +76,13 @@ impl Scene {
                 buffers[size.binding as usize] = Some(storage(size.name, size.bytes, size.binding)?);
             }
         }
-        let words = settings_words(&plan, &upload);
-        buffers[binding::SETTINGS as usize] = Some(storage("settings", 4 * words.len() as u64, binding::SETTINGS)?);
-        for (at, words) in [
-            (binding::SETTINGS, words.as_slice()),
-            (binding::CHUNKS, &upload.chunk_words()),
-            (binding::VERTICES, upload.vertices.as_flattened()),
-            (binding::INDICES, &upload.indices),
-            (binding::TRIANGLE_OF_PATCH, &upload.triangle_of_patch),
-            (binding::CHUNK_OF_PATCH, &upload.chunk_of_patch),
-            (binding::WEIGHTS, &DeltaTable::new(settings.resolution).weights()),
-            (
-                binding::CENTROIDS,
-                &if settings.covered {
-                    upload.centroids(geometry)
-                } else {
-                    Vec::new()
-                },
-            ),
-        ] {
-            if let Some(buffer) = &buffers[at as usize] {
-                buffer.write(0, words)?;
+        for (at, words) in contents(&upload, geometry, &plan) {
+            let buffer = &mut buffers[at as usize];
+            if at == binding::SETTINGS {
+                *buffer = Some(storage("settings", 4 * words.len() as u64, at)?);
+            }
+            if let Some(buffer) = buffer {
+                buffer.write(0, &words)?;
             }
         }
         let extent = vk::Extent2D {
@@ -131,7 +121,8 @@ impl Scene {
             set_layouts: [vk::DescriptorSetLayout::null(); 2],
             pool: vk::DescriptorPool::null(),
         };
-        scene.bind().map_err(|r| conv::error("descriptor sets", r))?;
+        let made = scene.make_layouts().and_then(|()| scene.make_sets());
+        made.map_err(|r| conv::error("descriptor sets", r))?;
         Ok(scene)
     }
 
@@ -141,17 +132,11 @@ impl Scene {
             .map_or(vk::Buffer::null(), |b| b.raw)
     }
 
-    /// Makes the descriptor sets: in set 0 a view, chosen by its offset, in set 1 all else.
-    fn bind(&mut self) -> Result<(), vk::Result> {
+    /// Makes the layouts of the descriptor sets: set 0 holds a view, chosen by its offset, set 1 all else.
+    fn make_layouts(&mut self) -> Result<(), vk::Result> {
         use vk::{DescriptorType as T, ShaderStageFlags as S};
         let device = &self.gpu.raw;
         let everywhere = S::VERTEX | S::FRAGMENT | S::COMPUTE;
-        let kind = |binding| match binding {
-            binding::SETTINGS => T::UNIFORM_BUFFER,
-            binding::SETTLED_ITEMS => T::STORAGE_IMAGE,
-            b if binding::TEXTURES.contains(&b) => T::SAMPLED_IMAGE,
-            _ => T::STORAGE_BUFFER,
-        };
         let slot = |binding, kind| {
             vk::DescriptorSetLayoutBinding::default()
                 .binding(binding)
@@ -187,6 +172,11 @@ impl Scene {
                 .pool_sizes(&sizes);
             self.pool = device.create_descriptor_pool(&create, None)?;
         }
+        Ok(())
+    }
+
+    /// Makes the descriptor sets of each frame.
+    fn make_sets(&mut self) -> Result<(), vk::Result> {
         for at in 0..FRAMES {
             let allocate = vk::DescriptorSetAllocateInfo::default()
                 .descriptor_pool(self.pool)
@@ -201,7 +191,7 @@ impl Scene {
                 offset: 0,
                 range: u64::from(VIEW_BYTES),
             }];
-            // What no pipeline uses need not be there.
+            // Bindings unused by every pipeline may stay empty.
             let settles = self.plan.edges == Edges::Exact;
             let infos: Vec<_> = (binding::SETTINGS..binding::COUNT)
                 .filter(|&b| settles || b != binding::SETTLED_ITEMS)
@@ -240,7 +230,7 @@ impl Scene {
                 vk::WriteDescriptorSet::default()
                     .dst_set(frame.view_set)
                     .dst_binding(binding::VIEW)
-                    .descriptor_type(T::UNIFORM_BUFFER_DYNAMIC)
+                    .descriptor_type(vk::DescriptorType::UNIFORM_BUFFER_DYNAMIC)
                     .buffer_info(&view),
             );
             // SAFETY: sets of this device that nothing uses yet, and infos that live until the call returns.
@@ -249,7 +239,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Copies the depths of the first layers to where software reads them faster.
+    /// Copies depths of the first layers to a buffer, for software.
     pub(crate) fn copy_depths(&self, commands: vk::CommandBuffer, layers: u32) {
         let n = self.plan.resolution;
         let region = [vk::BufferImageCopy::default()
@@ -275,10 +265,10 @@ impl Scene {
         }
     }
 
-    /// Brings the images into the layout they keep, and sets what must be 0.
-    pub(crate) fn clear(&self, mode: Mode) -> Result<(), BackendError> {
-        // Where nothing is culled, all chunks are drawn.
-        let drawn = u32::from(mode == Mode::Off);
+    /// Brings the images into the general layout, and sets the buffers' first values.
+    pub(crate) fn clear(&self, cull: Cull) -> Result<(), BackendError> {
+        // Without culling, all chunks are drawn.
+        let drawn = u32::from(cull == Cull::Off);
         self.gpu.run_once(|commands| {
             let images = [&self.items, &self.depths].map(|image| {
                 vk::ImageMemoryBarrier2::default()

@@ -189,7 +189,7 @@ fn what_cannot_be_is_refused_and_the_session_lives() {
         ("cull=perhaps", "occlusion"),
         ("speed=11", "speed"),
         ("batch=0", "1024"),
-        ("timing", "on or off"),
+        ("timing", "key=value"),
     ] {
         let error = open(0, options).expect_err(options);
         assert!(

@@ -2,10 +2,11 @@
 
 use hemicube_abi::DeviceKind;
 use hemicube_contract::backend::BackendError;
-use hemicube_shaders::stage::binding as b;
+use hemicube_shaders::stage::{Kind, Stage, binding as b};
+use std::collections::BTreeSet;
 use wgpu::{BindGroupLayoutEntry, BindingType, BufferBindingType, BufferUsages, DeviceType, ShaderStages};
 
-/// What kind of device it is.
+/// Translates the kind of a device.
 pub(crate) fn device_kind(kind: DeviceType) -> DeviceKind {
     match kind {
         DeviceType::Cpu => DeviceKind::Software,
@@ -16,7 +17,7 @@ pub(crate) fn device_kind(kind: DeviceType) -> DeviceKind {
     }
 }
 
-/// Devices of each kind are listed together, what is fastest first.
+/// Orders kinds of devices, the fastest first.
 pub(crate) fn rank(kind: DeviceType) -> u32 {
     match kind {
         DeviceType::DiscreteGpu => 0,
@@ -27,7 +28,7 @@ pub(crate) fn rank(kind: DeviceType) -> u32 {
     }
 }
 
-/// What an error that wgpu reports means for a session.
+/// Translates an error reported by wgpu.
 pub(crate) fn error(error: &wgpu::Error) -> BackendError {
     match error {
         wgpu::Error::OutOfMemory { source } => BackendError::OutOfMemory(format!(
@@ -38,116 +39,18 @@ pub(crate) fn error(error: &wgpu::Error) -> BackendError {
     }
 }
 
-/// What a stage binds in group 1. Several entry points of a file may share one set.
-pub(crate) struct Uses {
-    /// What it only reads.
-    pub(crate) reads: &'static [u32],
-    /// What it writes.
-    pub(crate) writes: &'static [u32],
+/// Lists the bindings of group 1 of stages run together, ascending.
+pub(crate) fn bindings(stages: &[&Stage]) -> BTreeSet<u32> {
+    let all = stages.iter().flat_map(|stage| stage.reads.iter().chain(stage.writes));
+    all.copied().collect()
 }
 
-/// The stages that bind anything but a view, each with the WGSL file of its name.
-pub(crate) mod uses {
-    use super::{Uses, b};
-
-    pub(crate) const RENDER: Uses = Uses {
-        reads: &[b::SETTINGS],
-        writes: &[],
-    };
-    pub(crate) const CULL: Uses = Uses {
-        reads: &[b::SETTINGS, b::VIEWS, b::CHUNKS, b::PYRAMID, b::SEEN],
-        writes: &[b::DRAWS, b::DRAW_COUNTS, b::DRAWN, b::TALLIES],
-    };
-    pub(crate) const PYRAMID: Uses = Uses {
-        reads: &[b::SETTINGS, b::DEPTHS, b::DEPTH_COPY],
-        writes: &[b::PYRAMID],
-    };
-    pub(crate) const REDUCE: Uses = Uses {
-        reads: &[b::SETTINGS, b::ITEMS, b::WEIGHTS],
-        writes: &[b::VISIBLE, b::TOUCHED],
-    };
-    pub(crate) const REDUCE_SIDES: Uses = Uses {
-        reads: &[b::SETTINGS, b::ITEMS, b::WEIGHTS],
-        writes: &[b::NEAR, b::LISTED, b::SIDES],
-    };
-    pub(crate) const NEAR_EDGES: Uses = Uses {
-        reads: &[b::SETTINGS, b::VIEWS, b::VERTICES, b::INDICES, b::TRIANGLE_OF_PATCH],
-        writes: &[b::VISIBLE, b::TOUCHED, b::NEAR, b::LISTED, b::SIDES],
-    };
-    pub(crate) const SETTLE: Uses = Uses {
-        reads: &[
-            b::SETTINGS,
-            b::VIEWS,
-            b::ITEMS,
-            b::WEIGHTS,
-            b::VERTICES,
-            b::INDICES,
-            b::TRIANGLE_OF_PATCH,
-        ],
-        writes: &[b::VISIBLE, b::TOUCHED, b::NEAR, b::LISTED],
-    };
-    pub(crate) const PUT_SETTLED: Uses = Uses {
-        reads: &[b::SETTINGS],
-        writes: &[b::VISIBLE, b::TOUCHED, b::NEAR, b::LISTED, b::SETTLED_ITEMS],
-    };
-    pub(crate) const TAKE_BACK: Uses = Uses {
-        reads: &[b::SETTINGS, b::WEIGHTS, b::ENTRIES, b::TOTALS],
-        writes: &[b::HIDDEN, b::NEAR, b::LISTED],
-    };
-    pub(crate) const TINY: Uses = Uses {
-        reads: &[
-            b::SETTINGS,
-            b::VIEWS,
-            b::CHUNKS,
-            b::DEPTHS,
-            b::DRAWN,
-            b::ITEMS,
-            b::VERTICES,
-            b::INDICES,
-            b::TRIANGLE_OF_PATCH,
-            b::CENTROIDS,
-        ],
-        writes: &[b::TOUCHED],
-    };
-    pub(crate) const COMPACT: Uses = Uses {
-        reads: &[b::SETTINGS, b::CHUNK_OF_PATCH],
-        writes: &[
-            b::SEEN,
-            b::VISIBLE,
-            b::TOUCHED,
-            b::ENTRIES,
-            b::COVER_DRAWS,
-            b::TOTALS,
-            b::HIDDEN,
-        ],
-    };
-    pub(crate) const COVER: Uses = Uses {
-        reads: &[
-            b::SETTINGS,
-            b::ITEMS,
-            b::WEIGHTS,
-            b::VERTICES,
-            b::INDICES,
-            b::TRIANGLE_OF_PATCH,
-            b::ENTRIES,
-        ],
-        writes: &[b::HIDDEN],
-    };
-    pub(crate) const PACK: Uses = Uses {
-        reads: &[b::SETTINGS, b::ENTRIES, b::TOTALS, b::HIDDEN],
-        writes: &[b::TALLIES, b::OUTPUT],
-    };
-}
-
-impl Uses {
-    /// All that is bound.
-    pub(crate) fn bindings(&self) -> impl Iterator<Item = u32> {
-        self.reads.iter().chain(self.writes).copied()
-    }
-
-    /// The layout of group 1 for a stage that is drawn or computed. What is written is written by fragments only.
-    pub(crate) fn layout(&self, is_drawn: bool) -> Vec<BindGroupLayoutEntry> {
-        let entry = |binding, is_written: bool| BindGroupLayoutEntry {
+/// Makes the layout of group 1 of stages run together: a compute stage, or those of a draw. Only fragments write.
+pub(crate) fn layout(stages: &[&Stage]) -> Vec<BindGroupLayoutEntry> {
+    let is_drawn = stages.iter().any(|stage| stage.kind != Kind::Compute);
+    let entry = |binding| {
+        let is_written = stages.iter().any(|stage| stage.writes.contains(&binding));
+        BindGroupLayoutEntry {
             binding,
             visibility: match (is_drawn, is_written) {
                 (true, true) => ShaderStages::FRAGMENT,
@@ -156,12 +59,9 @@ impl Uses {
             },
             ty: binding_type(binding, !is_written),
             count: None,
-        };
-        let reads = self.reads.iter().map(|&binding| entry(binding, false));
-        reads
-            .chain(self.writes.iter().map(|&binding| entry(binding, true)))
-            .collect()
-    }
+        }
+    };
+    bindings(stages).into_iter().map(entry).collect()
 }
 
 fn binding_type(binding: u32, read_only: bool) -> BindingType {
@@ -183,7 +83,7 @@ fn binding_type(binding: u32, read_only: bool) -> BindingType {
     }
 }
 
-/// The layout of group 0: the view, at an offset that each draw chooses.
+/// Makes the layout of group 0: the view, at an offset chosen by each draw.
 pub(crate) fn view_layout() -> BindGroupLayoutEntry {
     BindGroupLayoutEntry {
         binding: b::VIEW,
@@ -202,7 +102,7 @@ fn buffer(ty: BufferBindingType, has_dynamic_offset: bool) -> BindingType {
     }
 }
 
-/// How the buffer of a binding is used.
+/// Returns the usages of a binding's buffer.
 pub(crate) fn usage(binding: u32) -> BufferUsages {
     let besides = match binding {
         b::DRAWS | b::DRAW_COUNTS | b::COVER_DRAWS => BufferUsages::INDIRECT,
@@ -214,12 +114,12 @@ pub(crate) fn usage(binding: u32) -> BufferUsages {
     BufferUsages::STORAGE | BufferUsages::COPY_DST | besides
 }
 
-/// Words as wgpu is given them.
+/// Converts words for wgpu.
 pub(crate) fn to_bytes(words: impl IntoIterator<Item = u32>) -> Vec<u8> {
     words.into_iter().flat_map(u32::to_ne_bytes).collect()
 }
 
-/// Words as wgpu hands them back.
+/// Converts bytes from wgpu.
 pub(crate) fn to_words(bytes: &[u8]) -> Vec<u32> {
     let (words, _) = bytes.as_chunks::<4>();
     words.iter().map(|&word| u32::from_ne_bytes(word)).collect()
@@ -228,6 +128,7 @@ pub(crate) fn to_words(bytes: &[u8]) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hemicube_shaders::stage;
 
     #[test]
     fn want_of_memory_is_told_from_a_defect() {
@@ -243,29 +144,8 @@ mod tests {
 
     #[test]
     fn no_stage_reads_and_writes_the_same_binding() {
-        use uses::{
-            COMPACT, COVER, CULL, NEAR_EDGES, PACK, PUT_SETTLED, PYRAMID, REDUCE, REDUCE_SIDES, RENDER, SETTLE,
-            TAKE_BACK, TINY,
-        };
-        for uses in [
-            RENDER,
-            CULL,
-            PYRAMID,
-            REDUCE,
-            REDUCE_SIDES,
-            NEAR_EDGES,
-            SETTLE,
-            PUT_SETTLED,
-            TINY,
-            COMPACT,
-            COVER,
-            TAKE_BACK,
-            PACK,
-        ] {
-            let mut all: Vec<u32> = uses.bindings().collect();
-            all.sort_unstable();
-            all.dedup();
-            assert_eq!(all.len(), uses.reads.len() + uses.writes.len());
+        for stage in stage::ALL {
+            assert_eq!(bindings(&[stage]).len(), stage.reads.len() + stage.writes.len());
         }
     }
 

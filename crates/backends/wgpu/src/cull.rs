@@ -1,68 +1,40 @@
-//! What of a scene is drawn: everything, what is in view, or what is in view and not hidden; and which of them pays.
+//! The choice of culling, and its trials.
 
-use crate::conv::uses;
-use crate::device::{Compiler, Device};
-use crate::render::{Recorder, Stretch};
+use crate::render::Recorder;
 use crate::upload::Store;
 use hemicube_contract::backend::Counters;
-use hemicube_shaders::stage;
 use hemicube_shaders::stage::binding as b;
-use hemicube_shaders::{Plan, Upload, chunks};
-use wgpu::{BindGroup, BindGroupLayout, ComputePipeline};
+use hemicube_shaders::{Cull, Plan, Upload, chunks};
 
-/// What is left out. Rows are the same bits whichever.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Cull {
-    /// Nothing.
-    Nothing,
-    /// What is outside a face.
-    Outside,
-    /// That, and what is hidden by what the hemicubes before saw.
-    Occlusion,
-}
-
-impl Cull {
-    /// In words.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Nothing => "off",
-            Self::Outside => "frustum",
-            Self::Occlusion => "occlusion",
-        }
-    }
-}
-
-/// Triangles above which chunks are tried at all: with fewer there is one.
+/// Fewer triangles are drawn without culling: they are one chunk.
 const FEWEST_TRIANGLES: usize = 257;
-/// Hemicubes after which it is decided whether what is hidden is left out.
+/// Number of hemicubes on trial with occlusion culling.
 const TRIED: u64 = 96;
-/// Hemicubes after which it is tried again: other parts of a scene may hide more.
+/// Number of hemicubes until another trial: other parts of a scene may hide more.
 const AGAIN: u64 = 512;
-/// What finding the hidden costs besides drawing, in triangles a pixel of the top face: the depths of what was seen are
-/// drawn and gone through for the pyramid. Measured on Mesa's software driver.
+/// The fixed cost of occlusion culling, in triangles a pixel of the top face: drawing depths, and making the pyramid.
+/// Measured on Mesa's software driver.
 const TRIANGLES_A_PIXEL: f64 = 0.3;
-/// And in triangles a chunk that is held against the pyramid of a face: there are more of these than pixels in vast
-/// scenes.
+/// The cost of testing a chunk against the pyramid of a face, in triangles. Vast scenes have more chunks than pixels.
 const TRIANGLES_A_TEST: f64 = 1.5;
-/// The part of a scene's triangles that is in view of a hemicube's faces, until it is known: more is seldom hidden.
+/// The part of a scene's triangles in view of a hemicube's faces, until it is known: seldom is more hidden.
 const IN_VIEW: f64 = 0.25;
 
-/// Decides what is left out.
+/// Chooses the culling of each submission.
 #[derive(Clone, Debug)]
 pub(crate) struct Policy {
     fixed: Option<Cull>,
     now: Cull,
-    /// True if finding what is hidden is worth a trial.
+    /// True if occlusion culling is worth a trial.
     may_pay: bool,
-    all: u64,
     triangles: f64,
     overhead: f64,
-    /// What was done since it was last decided.
+    /// Counters since the last decision.
     since: Counters,
 }
 
 impl Policy {
-    /// `fixed` where the user has decided.
+    /// Begins with `fixed`, the user's decision, or with the scene's size.
     pub(crate) fn new(fixed: Option<Cull>, upload: &Upload, plan: &Plan) -> Self {
         let triangles = upload.triangle_count();
         let pixels = f64::from(plan.resolution) * f64::from(plan.resolution);
@@ -71,32 +43,26 @@ impl Policy {
         let all = 5.0 * triangles as f64;
         let may_pay = triangles >= chunks::FEWEST_FOR_OCCLUSION && IN_VIEW * all >= overhead;
         let first = match triangles {
-            0..FEWEST_TRIANGLES => Cull::Nothing,
+            0..FEWEST_TRIANGLES => Cull::Off,
             _ if may_pay => Cull::Occlusion,
-            _ => Cull::Outside,
+            _ => Cull::Frustum,
         };
         Self {
             fixed,
             now: fixed.unwrap_or(first),
             may_pay,
-            all: 5 * triangles as u64,
             triangles: all,
             overhead,
             since: Counters::default(),
         }
     }
 
-    /// Number of triangles that a hemicube draws where nothing is left out, counted once a face.
-    pub(crate) fn all_triangles(&self) -> u64 {
-        self.all
-    }
-
-    /// What the next submission leaves out.
+    /// Returns the culling of the next submission.
     pub(crate) fn now(&self) -> Cull {
         self.now
     }
 
-    /// Takes note of what a submission under `cull` did.
+    /// Adds a submission's counters under `cull`, and decides after enough hemicubes.
     pub(crate) fn learn(&mut self, cull: Cull, done: Counters) {
         if self.fixed.is_some() || cull != self.now {
             return;
@@ -105,11 +71,11 @@ impl Policy {
         match self.now {
             Cull::Occlusion if self.since.hemicubes >= TRIED => {
                 if !self.hiding_pays() {
-                    self.now = Cull::Outside;
+                    self.now = Cull::Frustum;
                 }
                 self.since = Counters::default();
             }
-            Cull::Outside if self.may_pay && self.since.hemicubes >= AGAIN => {
+            Cull::Frustum if self.may_pay && self.since.hemicubes >= AGAIN => {
                 self.now = Cull::Occlusion;
                 self.since = Counters::default();
             }
@@ -132,100 +98,26 @@ impl Policy {
         each(triangles_transformed) + price < inside * self.triangles
     }
 
-    /// What was decided, and why.
+    /// Describes the decision and its reason.
     pub(crate) fn choice(&self) -> String {
         let why = match (self.fixed, self.now) {
             (Some(_), _) => "as asked for",
-            (None, Cull::Nothing) => "the scene is small",
-            (None, Cull::Outside) if !self.may_pay => "its triangles are drawn sooner than found hidden",
-            (None, Cull::Outside) => "too little is hidden for finding it to pay",
+            (None, Cull::Off) => "the scene is small",
+            (None, Cull::Frustum) if !self.may_pay => "its triangles are drawn sooner than found hidden",
+            (None, Cull::Frustum) => "too little is hidden for finding it to pay",
             (None, Cull::Occlusion) => "what is hidden is dear to draw",
         };
-        format!("culling: {} ({why})", self.now.name())
+        let now = match self.now {
+            Cull::Off => "off",
+            Cull::Frustum => "frustum",
+            Cull::Occlusion => "occlusion",
+        };
+        format!("culling: {now} ({why})")
     }
 }
 
-/// The stages that choose what is drawn.
-pub(crate) struct Culling {
-    pub(crate) layout: BindGroupLayout,
-    pub(crate) pyramid_layout: BindGroupLayout,
-    seen: ComputePipeline,
-    hidden: ComputePipeline,
-    outside: ComputePipeline,
-    pyramid: ComputePipeline,
-    pyramid_of_copy: ComputePipeline,
-}
-
-/// What the stages up to the ids are bound to.
-pub(crate) struct SceneGroups {
-    pub(crate) cull: BindGroup,
-    pub(crate) pyramid: BindGroup,
-    pub(crate) render: BindGroup,
-}
-
-impl Culling {
-    pub(crate) fn new(compiler: &mut Compiler<'_>) -> Self {
-        let layout = compiler.layout(&uses::CULL, false);
-        let pyramid_layout = compiler.layout(&uses::PYRAMID, false);
-        Self {
-            seen: compiler.compute(&stage::CULL_SEEN, &layout),
-            hidden: compiler.compute(&stage::CULL_HIDDEN, &layout),
-            outside: compiler.compute(&stage::CULL_OUTSIDE, &layout),
-            pyramid: compiler.compute(&stage::PYRAMID_OF, &pyramid_layout),
-            pyramid_of_copy: compiler.compute(&stage::PYRAMID_OF_COPY, &pyramid_layout),
-            layout,
-            pyramid_layout,
-        }
-    }
-
-    /// Lists what is in view of each face.
-    pub(crate) fn list_outside(&self, recorder: &mut Recorder<'_>, groups: &SceneGroups, layers: u32) {
-        recorder.compute(Stretch::Cull, |pass| {
-            pass.set_pipeline(&self.outside);
-            pass.set_bind_group(1, &groups.cull, &[]);
-            pass.dispatch_workgroups(5, layers, 1);
-        });
-    }
-
-    /// Lists of what the group before saw, what is in view of each face.
-    pub(crate) fn list_seen(&self, recorder: &mut Recorder<'_>, groups: &SceneGroups, layers: u32) {
-        recorder.compute(Stretch::Cull, |pass| {
-            pass.set_pipeline(&self.seen);
-            pass.set_bind_group(1, &groups.cull, &[]);
-            pass.dispatch_workgroups(5, layers, 1);
-        });
-    }
-
-    /// Lists what is in view and not behind the depths drawn.
-    pub(crate) fn list_not_hidden(
-        &self,
-        recorder: &mut Recorder<'_>,
-        groups: &SceneGroups,
-        store: &Store,
-        plan: &Plan,
-        layers: u32,
-    ) {
-        let resolution = plan.resolution;
-        if plan.copies_depths {
-            copy_depths(recorder, store, resolution, layers);
-        }
-        recorder.compute(Stretch::Cull, |pass| {
-            pass.set_pipeline(if plan.copies_depths {
-                &self.pyramid_of_copy
-            } else {
-                &self.pyramid
-            });
-            pass.set_bind_group(1, &groups.pyramid, &[]);
-            pass.dispatch_workgroups(resolution / 16, 3 * resolution / 16, layers);
-            pass.set_pipeline(&self.hidden);
-            pass.set_bind_group(1, &groups.cull, &[]);
-            pass.dispatch_workgroups(5, layers, 1);
-        });
-    }
-}
-
-/// Copies the depths of a group to where software reads them faster.
-fn copy_depths(recorder: &mut Recorder<'_>, store: &Store, resolution: u32, layers: u32) {
+/// Copies a group's depths to a buffer, for software.
+pub(crate) fn copy_depths(recorder: &mut Recorder<'_>, store: &Store, resolution: u32, layers: u32) {
     recorder.encoder.copy_texture_to_buffer(
         wgpu::TexelCopyTextureInfo {
             aspect: wgpu::TextureAspect::DepthOnly,
@@ -247,11 +139,9 @@ fn copy_depths(recorder: &mut Recorder<'_>, store: &Store, resolution: u32, laye
     );
 }
 
-/// Clears the lists of draws: where their number cannot come from the device, all are gone through.
-pub(crate) fn clear_lists(device: &Device, recorder: &mut Recorder<'_>, store: &Store) {
-    if !device.counts_draws {
-        recorder.encoder.clear_buffer(store.buffer(b::DRAWS), 0, None);
-    }
+/// Clears the lists of draws before a stage writes them, on devices without draw counts: they go through whole lists.
+pub(crate) fn clear_lists(recorder: &mut Recorder<'_>, store: &Store) {
+    recorder.encoder.clear_buffer(store.buffer(b::DRAWS), 0, None);
 }
 
 #[cfg(test)]
@@ -263,7 +153,6 @@ mod tests {
             fixed,
             now: fixed.unwrap_or(Cull::Occlusion),
             may_pay: true,
-            all: 0,
             triangles: 500_000.0,
             overhead: 10_000.0,
             since: Counters::default(),
@@ -288,16 +177,16 @@ mod tests {
         policy.learn(Cull::Occlusion, done(1, 500, 245_000));
         assert_eq!(
             policy.now(),
-            Cull::Outside,
+            Cull::Frustum,
             "245 000 + 10 000 is more than the half of 500 000"
         );
         policy.learn(Cull::Occlusion, done(AGAIN, 500, 245_000));
         assert_eq!(
             policy.now(),
-            Cull::Outside,
+            Cull::Frustum,
             "submissions from before the change tell nothing"
         );
-        policy.learn(Cull::Outside, done(AGAIN, 500, 250_000));
+        policy.learn(Cull::Frustum, done(AGAIN, 500, 250_000));
         assert_eq!(policy.now(), Cull::Occlusion);
         policy.learn(Cull::Occlusion, done(TRIED, 500, 100_000));
         assert_eq!(policy.now(), Cull::Occlusion, "it pays here");
@@ -309,10 +198,10 @@ mod tests {
                 ..done(TRIED, 0, 100_000)
             },
         );
-        assert_eq!(policy.now(), Cull::Outside, "the tests alone cost 150,000");
+        assert_eq!(policy.now(), Cull::Frustum, "the tests alone cost 150,000");
         policy.may_pay = false;
-        policy.learn(Cull::Outside, done(AGAIN, 500, 250_000));
-        assert_eq!(policy.now(), Cull::Outside, "of so few triangles it is not tried again");
+        policy.learn(Cull::Frustum, done(AGAIN, 500, 250_000));
+        assert_eq!(policy.now(), Cull::Frustum, "of so few triangles it is not tried again");
     }
 
     #[test]

@@ -1,12 +1,13 @@
-//! Adapters, a device with its queue, and what goes wrong on it.
+//! Adapters, a device with its queue, and its errors.
 //!
-//! wgpu reports errors to a callback, not to the call that caused them; on the APIs it is built with here, the callback
-//! has run when the call returns. So [`Device::check`] after some calls finds what went wrong in them.
+//! wgpu reports errors to a callback, not to the call at fault. On the APIs in use here, the callback has run when the
+//! call returns: [`Device::check`] after some calls finds their errors.
 
-use crate::conv::{self, Uses};
+use crate::conv;
+use crate::options::Options;
 use hemicube_contract::backend::{BackendError, RESOLUTIONS};
 use hemicube_shaders::stage::Stage;
-use hemicube_shaders::{Edges, Limits};
+use hemicube_shaders::{Limits, session};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use wgpu::{
@@ -14,16 +15,16 @@ use wgpu::{
     PipelineLayout, RenderPipeline, ShaderModule,
 };
 
-/// Hemicubes that go through the stages side by side, and of a submission: on a processor nothing is gained by more,
-/// and caches are lost; a GPU wants its units filled.
+/// Hemicubes side by side in the stages, and of a submission. On a processor more gain nothing and lose caches; a GPU
+/// wants its units filled.
 const ON_SOFTWARE: (u32, u32) = (1, 16);
 const ON_GPU: (u32, u32) = (16, 64);
 
-/// The memory that is taken of a driver that runs on the processor: Mesa's has a heap of 2 GiB. wgpu does not tell how
-/// much a GPU has; there, an allocation that fails is reported.
+/// Memory to take on a driver running on the processor: Mesa's has a heap of 2 GiB. wgpu does not tell a GPU's memory;
+/// there, a failing allocation is reported.
 const SOFTWARE_MEMORY: u64 = 7 << 28;
 
-/// What went wrong on a device, noted by wgpu's callbacks.
+/// Errors of a device, noted by wgpu's callbacks.
 #[derive(Debug, Default)]
 struct Faults {
     first: Mutex<Option<BackendError>>,
@@ -43,32 +44,12 @@ pub(crate) struct Device {
     faults: Arc<Faults>,
 }
 
-/// What a device is opened with.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Wanted {
-    /// Hemicubes of a submission, where the user says so.
-    pub(crate) batch: Option<u32>,
-    /// Hemicubes side by side, likewise.
-    pub(crate) group: Option<u32>,
-    /// Bytes that may be taken, likewise.
-    pub(crate) memory: Option<u64>,
-    /// Who says where edges pass.
-    pub(crate) edges: Edges,
-    /// Timestamps.
-    pub(crate) timing: bool,
-    /// The driver's own validation, where it is installed.
-    pub(crate) validation: bool,
-    /// True to do without draw counts from a buffer even where the device has them, as it must on Metal.
-    pub(crate) fixed_draws: bool,
-}
-
-/// The adapters there are, what is fastest first.
+/// Lists the adapters, the fastest first.
 pub(crate) fn adapters(validation: bool) -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = Backends::VULKAN | Backends::METAL | Backends::DX12;
-    // Without `VALIDATION_INDIRECT_CALL`: our own shaders write the draws, and checking each costs more than culling
-    // saves. Direct3D needs it for the number of a vertex, which the cover stage's indirect draws leave at their first
-    // of 0.
+    // No `VALIDATION_INDIRECT_CALL`, because our own shaders write the draws, and checking each costs more than culling
+    // saves. Direct3D needs it for the first vertex number; the cover stage's indirect draws leave that 0.
     descriptor.flags = if validation {
         InstanceFlags::VALIDATION
     } else {
@@ -89,11 +70,14 @@ pub(crate) fn describe(info: &wgpu::AdapterInfo) -> String {
     }
 }
 
-/// The largest resolution, and how many hemicubes a call should bring so that submissions follow one another.
+/// Returns the largest resolution, and the hemicubes of a call that keep submissions following one another.
 pub(crate) fn sizes(adapter: &wgpu::Adapter) -> (u32, usize) {
     let edge = adapter.limits().max_texture_dimension_2d;
     let (_, batch) = group_and_batch(adapter.get_info().device_type);
-    (RESOLUTIONS.end().min(&(edge / 3)) / 16 * 16, 4 * batch as usize)
+    (
+        RESOLUTIONS.end().min(&(edge / 3)) / 16 * 16,
+        session::preferred_rows(batch),
+    )
 }
 
 fn group_and_batch(kind: DeviceType) -> (u32, u32) {
@@ -101,7 +85,7 @@ fn group_and_batch(kind: DeviceType) -> (u32, u32) {
 }
 
 impl Device {
-    pub(crate) fn open(adapter: &wgpu::Adapter, wanted: Wanted) -> Result<Self, BackendError> {
+    pub(crate) fn open(adapter: &wgpu::Adapter, options: Options) -> Result<Self, BackendError> {
         let info = adapter.get_info();
         let missing = |what: &str| {
             BackendError::Unsupported(format!(
@@ -119,10 +103,10 @@ impl Device {
             return Err(missing(&format!("{lacks:?}")));
         }
         let has = adapter.features();
-        let counts_draws = !wanted.fixed_draws && has.contains(Features::MULTI_DRAW_INDIRECT_COUNT);
+        let counts_draws = !options.fixed_draws && has.contains(Features::MULTI_DRAW_INDIRECT_COUNT);
         let mut features = Features::empty();
         features.set(Features::MULTI_DRAW_INDIRECT_COUNT, counts_draws);
-        features.set(Features::TIMESTAMP_QUERY, wanted.timing);
+        features.set(Features::TIMESTAMP_QUERY, options.timing);
         if !has.contains(features) {
             return Err(missing("timestamps, which `timing=on` takes"));
         }
@@ -147,19 +131,19 @@ impl Device {
         });
         let is_software = info.device_type == DeviceType::Cpu;
         let (group, batch) = group_and_batch(info.device_type);
-        let batch = wanted.batch.unwrap_or(batch);
+        let batch = options.batch.unwrap_or(batch);
         let memory = if is_software { SOFTWARE_MEMORY } else { u64::MAX };
         Ok(Self {
             raw,
             queue,
             limits: Limits {
                 storage_range: allowed.max_storage_buffer_binding_size.min(allowed.max_buffer_size),
-                memory: wanted.memory.unwrap_or(memory),
+                memory: options.memory.unwrap_or(memory),
                 layers: allowed.max_texture_array_layers,
                 image_edge: allowed.max_texture_dimension_2d,
                 copies_depths: is_software,
-                edges: wanted.edges,
-                group: wanted.group.unwrap_or(group).min(batch),
+                edges: options.edges,
+                group: options.group.unwrap_or(group).min(batch),
                 batch,
             },
             is_software,
@@ -168,12 +152,12 @@ impl Device {
         })
     }
 
-    /// Number of hemicubes that a call should bring so that submissions follow one another.
+    /// Returns the hemicubes of a call that keep submissions following one another.
     pub(crate) fn preferred_rows(&self) -> usize {
-        4 * self.limits.batch as usize
+        session::preferred_rows(self.limits.batch)
     }
 
-    /// What it allows at a resolution.
+    /// Returns the limits at a resolution.
     pub(crate) fn limits_for(&self, resolution: u32) -> Limits {
         // wgpu copies rows of multiples of 256 bytes only; the copy has no gaps between rows.
         let whole_rows = (4 * resolution).is_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
@@ -183,7 +167,7 @@ impl Device {
         }
     }
 
-    /// What went wrong since it was last asked.
+    /// Fails for errors since the last call.
     pub(crate) fn check(&self) -> Result<(), BackendError> {
         if let Some(reason) = self.faults.lost.get() {
             return Err(BackendError::DeviceLost(format!(
@@ -235,44 +219,45 @@ impl<'a> Compiler<'a> {
         self.modules.entry(stage.file).or_insert_with(compile).clone()
     }
 
-    /// The layout of group 1 of stages that use the same.
-    pub(crate) fn layout(&self, uses: &Uses, is_drawn: bool) -> BindGroupLayout {
+    /// Makes the layout of group 1 of stages run together.
+    pub(crate) fn layout(&self, stages: &[&Stage]) -> BindGroupLayout {
         self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: None,
-            entries: &uses.layout(is_drawn),
+            entries: &conv::layout(stages),
         })
     }
 
-    /// The layout of a pipeline that binds the view, and that group 1 if it binds one.
-    pub(crate) fn pipeline_layout(&self, group: Option<&BindGroupLayout>) -> PipelineLayout {
-        let groups = [Some(self.view_layout), group];
+    /// Makes the layout of a pipeline with the view and that group 1.
+    pub(crate) fn pipeline_layout(&self, group: &BindGroupLayout) -> PipelineLayout {
         self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: None,
-            bind_group_layouts: &groups[..1 + usize::from(group.is_some())],
+            bind_group_layouts: &[Some(self.view_layout), Some(group)],
             immediate_size: 0,
         })
     }
 
-    /// A compute pipeline.
-    pub(crate) fn compute(&mut self, stage: &Stage, group: &BindGroupLayout) -> ComputePipeline {
+    /// A compute pipeline, and the layout of its group 1.
+    pub(crate) fn compute(&mut self, stage: &Stage) -> (BindGroupLayout, ComputePipeline) {
         let module = self.module(stage);
-        self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        let group = self.layout(&[stage]);
+        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(stage.entry),
-            layout: Some(&self.pipeline_layout(Some(group))),
+            layout: Some(&self.pipeline_layout(&group)),
             module: &module,
             entry_point: Some(stage.entry),
             compilation_options: compilation(),
             cache: None,
-        })
+        });
+        (group, pipeline)
     }
 
-    /// A pipeline that draws.
+    /// Makes a drawing pipeline.
     pub(crate) fn draw(&self, descriptor: &wgpu::RenderPipelineDescriptor<'_>) -> RenderPipeline {
         self.device.create_render_pipeline(descriptor)
     }
 }
 
-/// The stages set what they share before they read it.
+/// Stages set their workgroup memory before reading it.
 pub(crate) fn compilation() -> PipelineCompilationOptions<'static> {
     PipelineCompilationOptions {
         zero_initialize_workgroup_memory: false,

@@ -1,205 +1,117 @@
-//! Makes rows of items and brings them back: first how many entries there are, then those.
+//! Records the steps of a submission, and reads its rows back: first the numbers of entries, then the entries.
+//!
+//! [`Stages::record`] is the interpreter of [`hemicube_shaders::recording`] on wgpu. Dispatches of a phase share a
+//! pass; wgpu puts the barriers.
 
-use crate::conv::{self, Uses, uses};
-use crate::cull::SceneGroups;
-use crate::device::{Compiler, Device, compilation};
-use crate::render::{
-    Attachments, COVER_DRAW_BYTES, Clock, Group, MOST_STAMPS, Recorder, Scene, Stretch, depth_test, view_size,
-};
+use crate::conv;
+use crate::cull;
+use crate::device::{Compiler, Device};
+use crate::render::{COVER, Clock, Group, MOST_STAMPS, Recorder, Rendering, Scene, scene_stages, view_size};
 use crate::upload::TWICE;
 use hemicube_contract::backend::{BackendError, Counters, StageTimes};
 use hemicube_contract::row::RowBlock;
-use hemicube_shaders::limits::SETTLE_GROUPS;
 use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
-use hemicube_shaders::stage::{self, binding as b};
-use hemicube_shaders::{Edges, Plan};
+use hemicube_shaders::recording::compute_stages;
+use hemicube_shaders::stage::{Stage, binding as b};
+use hemicube_shaders::{Action, Cull, Edges, Plan, Recording, Step};
+use std::collections::HashMap;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Instant;
 use wgpu::{
-    BindGroup, BindGroupLayout, BindingResource, Buffer, BufferUsages, ComputePipeline, MapMode, RenderPipeline,
+    BindGroup, BindGroupLayout, BindingResource, Buffer, BufferUsages, ComputePass, ComputePipeline, MapMode,
     SubmissionIndex,
 };
 
-/// Workgroups that put one row where it is read.
-const PACK_GROUPS: u32 = 4;
-
-/// The stages after the ids are drawn.
-pub(crate) struct Reduction {
-    reduce: (BindGroupLayout, ComputePipeline),
-    settling: Option<Settling>,
-    tiny: (BindGroupLayout, ComputePipeline),
-    compact: (BindGroupLayout, ComputePipeline),
-    pack: (BindGroupLayout, ComputePipeline),
-    cover: (BindGroupLayout, RenderPipeline),
+/// All pipelines.
+pub(crate) struct Stages {
+    pub(crate) rendering: Rendering,
+    /// By entry point.
+    compute: HashMap<&'static str, (&'static Stage, BindGroupLayout, ComputePipeline)>,
 }
 
-/// What gives pixels near edges to the triangle that their centre lies in.
-struct Settling {
-    near_edges: (BindGroupLayout, ComputePipeline),
-    settle: (BindGroupLayout, ComputePipeline),
-    put_settled: (BindGroupLayout, ComputePipeline),
-    take_back: (BindGroupLayout, ComputePipeline),
-}
-
-/// What the reduction binds.
-fn uses_of(edges: Edges) -> &'static Uses {
-    match edges {
-        Edges::Driver => &uses::REDUCE,
-        Edges::Exact => &uses::REDUCE_SIDES,
-    }
-}
-
-impl Reduction {
+impl Stages {
     pub(crate) fn new(compiler: &mut Compiler<'_>, edges: Edges) -> Self {
-        let mut compute = |uses: &Uses, stage| {
-            let layout = compiler.layout(uses, false);
-            let pipeline = compiler.compute(stage, &layout);
-            (layout, pipeline)
-        };
-        let reduce = match edges {
-            Edges::Driver => &stage::REDUCE,
-            Edges::Exact => &stage::REDUCE_SIDES,
-        };
+        // Some resolutions copy depths, others do not.
+        let stages = compute_stages(edges, &[false, true]).into_iter();
+        let compute = stages.map(|stage| {
+            let (layout, pipeline) = compiler.compute(stage);
+            (stage.entry, (stage, layout, pipeline))
+        });
         Self {
-            reduce: compute(uses_of(edges), reduce),
-            settling: (edges == Edges::Exact).then(|| Settling {
-                near_edges: compute(&uses::NEAR_EDGES, &stage::NEAR_EDGES),
-                settle: compute(&uses::SETTLE, &stage::SETTLE),
-                put_settled: compute(&uses::PUT_SETTLED, &stage::PUT_SETTLED),
-                take_back: compute(&uses::TAKE_BACK, &stage::TAKE_BACK),
-            }),
-            tiny: compute(&uses::TINY, &stage::TINY),
-            compact: compute(&uses::COMPACT, &stage::COMPACT),
-            pack: compute(&uses::PACK, &stage::PACK),
-            cover: Self::cover(compiler),
+            compute: compute.collect(),
+            rendering: Rendering::new(compiler, edges),
         }
     }
 
-    fn cover(compiler: &mut Compiler<'_>) -> (BindGroupLayout, RenderPipeline) {
-        let group = compiler.layout(&uses::COVER, true);
-        let module = compiler.module(&stage::COVER);
-        let layout = compiler.pipeline_layout(Some(&group));
-        let pipeline = compiler.draw(&wgpu::RenderPipelineDescriptor {
-            label: Some("cover"),
-            layout: Some(&layout),
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some(stage::COVER.entry),
-                compilation_options: compilation(),
-                buffers: &[],
-            },
-            primitive: wgpu::PrimitiveState::default(),
-            // wgpu wants something to draw to: the depths, which are neither tested nor written.
-            depth_stencil: Some(depth_test(wgpu::CompareFunction::Always)),
-            multisample: wgpu::MultisampleState::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some(stage::ADD_HIDDEN.entry),
-                compilation_options: compilation(),
-                targets: &[],
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
-        (group, pipeline)
-    }
-
-    /// Makes the rows of a group.
-    pub(crate) fn reduce(
+    /// Records the steps of a group.
+    pub(crate) fn record(
         &self,
         scene: &Scene<'_>,
         recorder: &mut Recorder<'_>,
         groups: &Groups,
+        recording: &Recording<'_>,
         group: Group,
-        covered: bool,
     ) {
-        let (plan, layers) = (scene.plan, group.layers);
-        recorder.compute(Stretch::Reduce, |pass| {
-            pass.set_pipeline(&self.reduce.1);
-            pass.set_bind_group(1, &groups.reduce, &[]);
-            pass.dispatch_workgroups(plan.reduce_groups(), layers, 1);
-            if let (Some(settling), Some(groups)) = (&self.settling, &groups.settling) {
-                for (stage, group) in [
-                    (&settling.near_edges, &groups.near_edges),
-                    (&settling.settle, &groups.settle),
-                    (&settling.put_settled, &groups.put_settled),
-                ] {
-                    pass.set_pipeline(&stage.1);
-                    pass.set_bind_group(1, group, &[]);
-                    pass.dispatch_workgroups(SETTLE_GROUPS, layers, 1);
+        let counts_draws = scene.device.counts_draws;
+        let clears = |stage: &Stage| !counts_draws && stage.writes.contains(&b::DRAWS);
+        // Dispatches of a phase are one pass.
+        let share_a_pass = |before: &Step, after: &Step| match (before.action, after.action) {
+            (Action::Dispatch { .. }, Action::Dispatch { stage, .. }) => before.phase == after.phase && !clears(stage),
+            _ => false,
+        };
+        let steps = recording.steps(group.layers);
+        for run in steps.chunk_by(share_a_pass) {
+            match run[0].action {
+                Action::Dispatch { stage, .. } => {
+                    if clears(stage) {
+                        cull::clear_lists(recorder, scene.store);
+                    }
+                    recorder.compute(run[0].phase, |pass| self.dispatch(pass, groups, run));
                 }
-            }
-            if covered {
-                let (x, z) = plan.tiny_groups(scene.upload);
-                pass.set_pipeline(&self.tiny.1);
-                pass.set_bind_group(1, &groups.tiny, &[]);
-                pass.dispatch_workgroups(x, layers, z);
-            }
-            pass.set_pipeline(&self.compact.1);
-            pass.set_bind_group(1, &groups.compact, &[]);
-            pass.dispatch_workgroups(layers, 1, 1);
-        });
-        for layer in (0..layers).filter(|_| covered) {
-            let attachments = Attachments {
-                depths: &scene.store.depths.layers[layer as usize],
-                is_depth_written: false,
-                items: None,
-            };
-            recorder.draw(Stretch::Cover, plan.resolution, layer, attachments, |pass, face| {
-                if face.is_some() {
-                    let draws = scene.store.buffer(b::COVER_DRAWS);
-                    pass.draw_indirect(draws, u64::from(layer) * COVER_DRAW_BYTES);
-                } else {
-                    pass.set_pipeline(&self.cover.1);
-                    pass.set_bind_group(1, &groups.cover, &[]);
+                Action::DrawDepths => scene.draw_depths(recorder, groups, group),
+                Action::CopyDepths => {
+                    cull::copy_depths(recorder, scene.store, scene.plan.resolution, group.layers);
                 }
-            });
+                Action::DrawItems => scene.draw_items(recorder, groups, group, recording.cull != Cull::Off),
+                Action::DrawCover => scene.draw_cover(recorder, groups, group.layers),
+            }
         }
-        if let (Some(settling), Some(groups), true) = (&self.settling, &groups.settling, covered) {
-            recorder.compute(Stretch::Cover, |pass| {
-                pass.set_pipeline(&settling.take_back.1);
-                pass.set_bind_group(1, &groups.take_back, &[]);
-                pass.dispatch_workgroups(SETTLE_GROUPS, layers, 1);
-            });
+    }
+
+    fn dispatch(&self, pass: &mut ComputePass<'_>, groups: &Groups, steps: &[Step]) {
+        for step in steps {
+            if let Action::Dispatch {
+                stage,
+                groups: [x, y, z],
+            } = step.action
+            {
+                pass.set_pipeline(&self.compute[stage.entry].2);
+                pass.set_bind_group(1, &groups.compute[stage.entry], &[]);
+                pass.dispatch_workgroups(x, y, z);
+            }
         }
-        recorder.compute(Stretch::ReadBack, |pass| {
-            pass.set_pipeline(&self.pack.1);
-            pass.set_bind_group(1, &groups.pack, &[]);
-            pass.dispatch_workgroups(PACK_GROUPS, layers, 1);
-        });
     }
 }
 
-/// What the stages of [`Settling`] are bound to.
-struct SettlingGroups {
-    near_edges: BindGroup,
-    settle: BindGroup,
-    put_settled: BindGroup,
-    take_back: BindGroup,
-}
-
-/// What the stages are bound to.
+/// Group 1 of each pipeline, bound.
 pub(crate) struct Groups {
-    pub(crate) scene: SceneGroups,
-    reduce: BindGroup,
-    settling: Option<SettlingGroups>,
-    tiny: BindGroup,
-    compact: BindGroup,
-    pack: BindGroup,
-    cover: BindGroup,
+    /// By entry point.
+    compute: HashMap<&'static str, BindGroup>,
+    pub(crate) scene: BindGroup,
+    pub(crate) cover: BindGroup,
 }
 
-/// One of the two that take turns: while one's rows are brought back, the other's are made.
+/// One of two sets of buffers: the rows of one are read back while those of the other are made.
 pub(crate) struct Side {
-    /// The views that are drawn, and those that are computed with.
+    /// The views for drawing, and those for computing.
     pub(crate) drawn_views: Buffer,
     pub(crate) stored_views: Buffer,
     pub(crate) view_group: BindGroup,
     pub(crate) groups: Groups,
     output: Buffer,
-    /// Where the host reads headers, and timestamps after them.
+    /// Headers for the host, and timestamps after them.
     headers: Buffer,
-    /// Where it reads entries; longer when there are more.
+    /// Entries for the host; grows.
     entries: Option<Buffer>,
     pub(crate) clock: Option<Clock>,
 }
@@ -210,14 +122,14 @@ struct Mapping {
     mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
 }
 
-/// A submission whose headers are on their way.
+/// A submission with its headers on their way.
 pub(crate) struct Counted {
     slots: u32,
     stamp_bytes: u64,
     mapping: Mapping,
 }
 
-/// A submission whose entries are on their way.
+/// A submission with its entries on their way.
 pub(crate) struct Arriving {
     headers: Vec<u32>,
     slots: u32,
@@ -226,16 +138,10 @@ pub(crate) struct Arriving {
 }
 
 impl Side {
-    pub(crate) fn new(
-        scene: &Scene<'_>,
-        reduction: &Reduction,
-        view_layout: &BindGroupLayout,
-        timing: bool,
-    ) -> Result<Self, BackendError> {
+    pub(crate) fn new(scene: &Scene<'_>, view_layout: &BindGroupLayout, timing: bool) -> Result<Self, BackendError> {
         let Scene {
             device,
-            culling,
-            rendering,
+            stages,
             store,
             plan,
             upload,
@@ -271,9 +177,9 @@ impl Side {
                 }),
             }],
         });
-        let bind = |uses: &Uses, layout: &BindGroupLayout| {
-            let entries: Vec<_> = uses
-                .bindings()
+        let bind = |stages: &[&Stage], layout: &BindGroupLayout| {
+            let entries: Vec<_> = conv::bindings(stages)
+                .into_iter()
                 .map(|binding| wgpu::BindGroupEntry {
                     binding,
                     resource: match binding {
@@ -291,23 +197,13 @@ impl Side {
                 entries: &entries,
             })
         };
+        let compute = stages.compute.values();
         let groups = Groups {
-            scene: SceneGroups {
-                cull: bind(&uses::CULL, &culling.layout),
-                pyramid: bind(&uses::PYRAMID, &culling.pyramid_layout),
-                render: bind(&uses::RENDER, &rendering.layout),
-            },
-            reduce: bind(uses_of(plan.edges), &reduction.reduce.0),
-            settling: reduction.settling.as_ref().map(|settling| SettlingGroups {
-                near_edges: bind(&uses::NEAR_EDGES, &settling.near_edges.0),
-                settle: bind(&uses::SETTLE, &settling.settle.0),
-                put_settled: bind(&uses::PUT_SETTLED, &settling.put_settled.0),
-                take_back: bind(&uses::TAKE_BACK, &settling.take_back.0),
-            }),
-            tiny: bind(&uses::TINY, &reduction.tiny.0),
-            compact: bind(&uses::COMPACT, &reduction.compact.0),
-            pack: bind(&uses::PACK, &reduction.pack.0),
-            cover: bind(&uses::COVER, &reduction.cover.0),
+            compute: compute
+                .map(|(stage, layout, _)| (stage.entry, bind(&[stage], layout)))
+                .collect(),
+            scene: bind(&scene_stages(plan.edges), &stages.rendering.layout),
+            cover: bind(&COVER, &stages.rendering.cover_layout),
         };
         let stamps = if timing { u64::from(MOST_STAMPS) * 8 } else { 0 };
         let to_read = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
@@ -344,7 +240,7 @@ impl Side {
         }
     }
 
-    /// Waits for a submission's headers, and asks for as many entries as they say there are.
+    /// Waits for a submission's headers, and asks for the entries counted there.
     pub(crate) fn ask_for_entries(
         &mut self,
         device: &Device,
@@ -396,7 +292,7 @@ impl Side {
         }
         let entries = device.raw.create_buffer(&wgpu::BufferDescriptor {
             label: Some("entries"),
-            // Half as much again, so that a little longer rows do not ask for another.
+            // Half as much again, so that slightly longer rows still fit.
             size: (bytes + bytes / 2).next_multiple_of(4096),
             usage: BufferUsages::MAP_READ | BufferUsages::COPY_DST,
             mapped_at_creation: false,
@@ -429,7 +325,7 @@ impl Side {
 }
 
 impl Mapping {
-    /// Asks for the first bytes of a buffer that a submission writes.
+    /// Asks for the first bytes of a buffer written by a submission.
     fn begin(buffer: &Buffer, bytes: u64, submission: SubmissionIndex) -> Self {
         let (sender, mapped) = channel();
         buffer.map_async(MapMode::Read, 0..bytes, move |result| {

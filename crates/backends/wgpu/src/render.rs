@@ -1,16 +1,16 @@
-//! Draws ids and depths, and records what goes before and after into a submission, with the time that each stretch
-//! takes.
+//! Drawing of ids, depths and patches alone, and the passes of a submission with their timestamps.
 
-use crate::conv::{self, uses};
-use crate::cull::{self, Cull, Culling, SceneGroups};
+use crate::conv;
 use crate::device::{Compiler, Device, compilation};
+use crate::reduce::{Groups, Stages};
 use crate::upload::Store;
 use hemicube_contract::backend::{Geometry, Hemicube, StageTimes};
 use hemicube_contract::face::Face;
+use hemicube_shaders::recording::identify;
 use hemicube_shaders::stage::{self, Stage, binding as b};
 use hemicube_shaders::upload::VERTEX_BYTES;
 use hemicube_shaders::view::{FACES, VIEW_BYTES, VIEW_WORDS, stands_on_emitter};
-use hemicube_shaders::{Edges, Plan, Upload, View, views};
+use hemicube_shaders::{Edges, Phase, Plan, Upload};
 use std::num::NonZeroU64;
 use wgpu::{
     BindGroup, BindGroupLayout, Buffer, CommandEncoder, ComputePass, LoadOp, Operations, QuerySet, RenderPass,
@@ -19,24 +19,9 @@ use wgpu::{
 
 /// Bytes of an indirect draw of indexed corners, and of plain ones.
 const DRAW_BYTES: u64 = 20;
-pub(crate) const COVER_DRAW_BYTES: u64 = 16;
+const COVER_DRAW_BYTES: u64 = 16;
 /// The most timestamps of a submission: two a pass.
 pub(crate) const MOST_STAMPS: u32 = wgpu::QUERY_SET_MAX_QUERIES;
-
-/// What part of the work a pass belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Stretch {
-    /// Finding what can be seen.
-    Cull,
-    /// Drawing depths and ids.
-    Render,
-    /// Drawing visible patches alone.
-    Cover,
-    /// Adding up weights and picking entries.
-    Reduce,
-    /// Putting rows where they are read.
-    ReadBack,
-}
 
 /// Timestamps of a submission.
 pub(crate) struct Clock {
@@ -44,7 +29,7 @@ pub(crate) struct Clock {
     pub(crate) resolved: Buffer,
     /// Nanoseconds a tick.
     period: f64,
-    passes: Vec<Stretch>,
+    passes: Vec<Phase>,
 }
 
 impl Clock {
@@ -67,12 +52,12 @@ impl Clock {
     }
 
     /// The places of the next pass's two timestamps; none when all are taken.
-    fn next(&mut self, stretch: Stretch) -> Option<(&QuerySet, u32, u32)> {
+    fn next(&mut self, phase: Phase) -> Option<(&QuerySet, u32, u32)> {
         let first = 2 * u32::try_from(self.passes.len()).ok()?;
         if first + 2 > MOST_STAMPS {
             return None;
         }
-        self.passes.push(stretch);
+        self.passes.push(phase);
         Some((&self.stamps, first, first + 1))
     }
 
@@ -81,9 +66,9 @@ impl Clock {
         16 * self.passes.len() as u64
     }
 
-    /// Adds what the timestamps say, and begins anew.
+    /// Adds the times between timestamps, and begins anew.
     pub(crate) fn add_to(&mut self, times: &mut StageTimes, stamps: &[u64]) {
-        for (stretch, pair) in self.passes.drain(..).zip(stamps.chunks_exact(2)) {
+        for (phase, pair) in self.passes.drain(..).zip(stamps.chunks_exact(2)) {
             #[allow(
                 clippy::cast_possible_truncation,
                 clippy::cast_precision_loss,
@@ -91,13 +76,7 @@ impl Clock {
                 reason = "a time"
             )]
             let taken = (pair[1].saturating_sub(pair[0]) as f64 * self.period) as u64;
-            *match stretch {
-                Stretch::Cull => &mut times.cull,
-                Stretch::Render => &mut times.render,
-                Stretch::Cover => &mut times.cover,
-                Stretch::Reduce => &mut times.reduce,
-                Stretch::ReadBack => &mut times.read_back,
-            } += taken;
+            *phase.time(times) += taken;
         }
     }
 }
@@ -106,15 +85,15 @@ impl Clock {
 pub(crate) struct Recorder<'a> {
     pub(crate) encoder: CommandEncoder,
     pub(crate) view_group: &'a BindGroup,
-    /// The first slot of the group of hemicubes that is being written.
+    /// The first slot of the group being recorded.
     pub(crate) first_slot: u32,
     pub(crate) clock: Option<&'a mut Clock>,
 }
 
 impl Recorder<'_> {
-    /// A pass that computes; the view of the group's first hemicube is bound.
-    pub(crate) fn compute(&mut self, stretch: Stretch, write: impl FnOnce(&mut ComputePass<'_>)) {
-        let stamps = self.clock.as_mut().and_then(|clock| clock.next(stretch));
+    /// Records a compute pass with the view of the group's first hemicube bound.
+    pub(crate) fn compute(&mut self, phase: Phase, write: impl FnOnce(&mut ComputePass<'_>)) {
+        let stamps = self.clock.as_mut().and_then(|clock| clock.next(phase));
         let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: None,
             timestamp_writes: stamps.map(|(query_set, first, last)| wgpu::ComputePassTimestampWrites {
@@ -127,17 +106,17 @@ impl Recorder<'_> {
         write(&mut pass);
     }
 
-    /// A pass that draws a layer, face by face: `write` is called with each, its view bound and its rows of the image
-    /// set.
+    /// Records a pass drawing a layer face by face. `write` is called once before, with `None`, and then with each
+    /// face, its view and its rows of the image set.
     pub(crate) fn draw(
         &mut self,
-        stretch: Stretch,
+        phase: Phase,
         resolution: u32,
         layer: u32,
         attachments: Attachments<'_>,
         mut write: impl FnMut(&mut RenderPass<'_>, Option<Face>),
     ) {
-        let stamps = self.clock.as_mut().and_then(|clock| clock.next(stretch));
+        let stamps = self.clock.as_mut().and_then(|clock| clock.next(phase));
         let color = attachments.items.map(|(view, clear)| wgpu::RenderPassColorAttachment {
             view,
             depth_slice: None,
@@ -181,12 +160,12 @@ impl Recorder<'_> {
     }
 }
 
-/// What a pass draws to.
+/// The images of a drawing pass.
 pub(crate) struct Attachments<'a> {
     pub(crate) depths: &'a wgpu::TextureView,
     /// Cleared and written, or only there.
     pub(crate) is_depth_written: bool,
-    /// And what it is cleared to.
+    /// The ids, and their cleared value.
     pub(crate) items: Option<(&'a wgpu::TextureView, u32)>,
 }
 
@@ -194,30 +173,67 @@ fn view_offset(slot: u32, face: u32) -> u32 {
     (slot * FACES + face) * VIEW_BYTES
 }
 
-/// Pipelines that draw, each for hemicubes that stand on their emitters and for others.
+/// Drawing pipelines. Depths and ids have two each: for hemicubes on their emitters, and for others.
 pub(crate) struct Rendering {
     depths: [RenderPipeline; 2],
     ids: [RenderPipeline; 2],
-    /// Of group 1.
+    cover: RenderPipeline,
+    /// Group 1 of the scene's draws.
     pub(crate) layout: BindGroupLayout,
+    pub(crate) cover_layout: BindGroupLayout,
+}
+
+/// The stages drawing patches alone.
+pub(crate) const COVER: [&Stage; 2] = [&stage::COVER, &stage::ADD_HIDDEN];
+
+/// The stages drawing the scene.
+pub(crate) fn scene_stages(edges: Edges) -> [&'static Stage; 4] {
+    let [ids, ids_of_others] = identify(edges);
+    [&stage::RENDER, ids, ids_of_others, &stage::OCCLUDE_OTHERS]
 }
 
 impl Rendering {
     pub(crate) fn new(compiler: &mut Compiler<'_>, edges: Edges) -> Self {
-        let layout = compiler.layout(&uses::RENDER, true);
-        let ids = match edges {
-            Edges::Driver => [&stage::IDENTIFY, &stage::IDENTIFY_OTHERS],
-            Edges::Exact => [&stage::IDENTIFY_SIDES, &stage::IDENTIFY_OTHER_SIDES],
-        };
+        let layout = compiler.layout(&scene_stages(edges));
+        let cover_layout = compiler.layout(&COVER);
         Self {
             depths: [None, Some((&stage::OCCLUDE_OTHERS, &[][..]))]
                 .map(|fragment| Self::pipeline(compiler, &layout, fragment)),
-            ids: ids.map(|fragment| {
+            ids: identify(edges).map(|fragment| {
                 let target = Some(TextureFormat::R32Uint.into());
                 Self::pipeline(compiler, &layout, Some((fragment, &[target])))
             }),
+            cover: Self::cover(compiler, &cover_layout),
             layout,
+            cover_layout,
         }
+    }
+
+    fn cover(compiler: &mut Compiler<'_>, group: &BindGroupLayout) -> RenderPipeline {
+        let module = compiler.module(&stage::COVER);
+        let layout = compiler.pipeline_layout(group);
+        compiler.draw(&wgpu::RenderPipelineDescriptor {
+            label: Some("cover"),
+            layout: Some(&layout),
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some(stage::COVER.entry),
+                compilation_options: compilation(),
+                buffers: &[],
+            },
+            primitive: wgpu::PrimitiveState::default(),
+            // wgpu requires an attachment: depths, neither tested nor written.
+            depth_stencil: Some(depth_test(wgpu::CompareFunction::Always)),
+            multisample: wgpu::MultisampleState::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some(stage::ADD_HIDDEN.entry),
+                compilation_options: compilation(),
+                targets: &[],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
     }
 
     fn pipeline(
@@ -226,7 +242,7 @@ impl Rendering {
         fragment: Option<(&Stage, &[Option<wgpu::ColorTargetState>])>,
     ) -> RenderPipeline {
         let module = compiler.module(&stage::RENDER);
-        let layout = compiler.pipeline_layout(Some(group));
+        let layout = compiler.pipeline_layout(group);
         let attribute = |format, offset, shader_location| wgpu::VertexAttribute {
             format,
             offset,
@@ -265,8 +281,8 @@ impl Rendering {
     }
 }
 
-/// Depths are written where the test can fail.
-pub(crate) fn depth_test(compare: wgpu::CompareFunction) -> wgpu::DepthStencilState {
+/// Makes the state of depths; they are written if the test can fail.
+fn depth_test(compare: wgpu::CompareFunction) -> wgpu::DepthStencilState {
     wgpu::DepthStencilState {
         format: TextureFormat::Depth32Float,
         depth_write_enabled: Some(compare != wgpu::CompareFunction::Always),
@@ -279,49 +295,27 @@ pub(crate) fn depth_test(compare: wgpu::CompareFunction) -> wgpu::DepthStencilSt
 /// Hemicubes side by side, each in its layer.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Group {
-    /// How many.
+    /// Number of hemicubes.
     pub(crate) layers: u32,
     /// True if one does not stand on its emitter.
     pub(crate) others: bool,
 }
 
-/// The views of a group of hemicubes: as the shaders that compute read them, and as those that draw do.
-pub(crate) struct Views {
-    pub(crate) stored: Vec<u8>,
-    pub(crate) drawn: Vec<u8>,
+impl Group {
+    /// A group of these hemicubes.
+    pub(crate) fn of(geometry: &Geometry, upload: &Upload, hemicubes: &[Hemicube]) -> Self {
+        Self {
+            layers: u32::try_from(hemicubes.len()).unwrap_or(u32::MAX),
+            others: !hemicubes.iter().all(|h| stands_on_emitter(geometry, upload, h)),
+        }
+    }
 }
 
-impl Views {
-    pub(crate) fn with_room_for(slots: usize) -> Self {
-        let bytes = slots * (FACES * VIEW_BYTES) as usize;
-        Self {
-            stored: Vec::with_capacity(bytes),
-            drawn: Vec::with_capacity(bytes),
-        }
-    }
-
-    /// Adds a group, whose first slot is `first_slot`.
-    pub(crate) fn add(
-        &mut self,
-        geometry: &Geometry,
-        upload: &Upload,
-        resolution: u32,
-        group: &[Hemicube],
-        first_slot: u32,
-        stamp: u32,
-    ) -> Group {
-        for (layer, hemicube) in (0..).zip(group) {
-            let slot = first_slot + layer;
-            for view in views(geometry, hemicube, resolution, View { slot, layer, stamp }) {
-                self.stored.extend(conv::to_bytes(view));
-                self.drawn.extend(conv::to_bytes(upside_down(view)));
-            }
-        }
-        Group {
-            layers: u32::try_from(group.len()).unwrap_or(u32::MAX),
-            others: !group.iter().all(|h| stands_on_emitter(geometry, upload, h)),
-        }
-    }
+/// Converts the views of a submission, for computing and for drawing.
+pub(crate) fn view_bytes(views: &[[u32; VIEW_WORDS]]) -> (Vec<u8>, Vec<u8>) {
+    let stored = conv::to_bytes(views.as_flattened().iter().copied());
+    let drawn = conv::to_bytes(views.iter().flat_map(|&view| upside_down(view)));
+    (stored, drawn)
 }
 
 /// The first of the words of `clip_y`.
@@ -335,94 +329,97 @@ fn upside_down(mut view: [u32; VIEW_WORDS]) -> [u32; VIEW_WORDS] {
     view
 }
 
-/// What drawing takes of a session.
+/// A scene on a device.
+#[derive(Clone, Copy)]
 pub(crate) struct Scene<'a> {
     pub(crate) device: &'a Device,
-    pub(crate) culling: &'a Culling,
-    pub(crate) rendering: &'a Rendering,
+    pub(crate) stages: &'a Stages,
     pub(crate) store: &'a Store,
     pub(crate) plan: &'a Plan,
     pub(crate) upload: &'a Upload,
 }
 
 impl Scene<'_> {
-    /// Draws the ids of a group.
-    pub(crate) fn render(&self, recorder: &mut Recorder<'_>, groups: &SceneGroups, group: Group, cull: Cull) {
-        let variant = usize::from(group.others);
-        match cull {
-            Cull::Nothing => {}
-            Cull::Outside => {
-                cull::clear_lists(self.device, recorder, self.store);
-                self.culling.list_outside(recorder, groups, group.layers);
-            }
-            Cull::Occlusion => {
-                cull::clear_lists(self.device, recorder, self.store);
-                self.culling.list_seen(recorder, groups, group.layers);
-                for layer in 0..group.layers {
-                    let attachments = Attachments {
-                        depths: &self.store.depths.layers[layer as usize],
-                        is_depth_written: true,
-                        items: None,
-                    };
-                    let pipeline = &self.rendering.depths[variant];
-                    self.draw_layer(recorder, groups, pipeline, attachments, layer, cull);
-                }
-                // The first list is drawn; where its end is not counted, it must not show in the second.
-                cull::clear_lists(self.device, recorder, self.store);
-                self.culling
-                    .list_not_hidden(recorder, groups, self.store, self.plan, group.layers);
-            }
+    /// Draws depths of a group.
+    pub(crate) fn draw_depths(&self, recorder: &mut Recorder<'_>, groups: &Groups, group: Group) {
+        let pipeline = &self.stages.rendering.depths[usize::from(group.others)];
+        for layer in 0..group.layers {
+            let attachments = Attachments {
+                depths: &self.store.depths.layers[layer as usize],
+                is_depth_written: true,
+                items: None,
+            };
+            self.draw_layer(recorder, &groups.scene, pipeline, attachments, layer, true);
         }
+    }
+
+    /// Draws ids of a group: of the listed chunks, or of all.
+    pub(crate) fn draw_items(&self, recorder: &mut Recorder<'_>, groups: &Groups, group: Group, is_listed: bool) {
+        let pipeline = &self.stages.rendering.ids[usize::from(group.others)];
         for layer in 0..group.layers {
             let attachments = Attachments {
                 depths: &self.store.depths.layers[layer as usize],
                 is_depth_written: true,
                 items: Some((&self.store.items.layers[layer as usize], self.upload.patch_count + 1)),
             };
-            self.draw_layer(recorder, groups, &self.rendering.ids[variant], attachments, layer, cull);
+            self.draw_layer(recorder, &groups.scene, pipeline, attachments, layer, is_listed);
+        }
+    }
+
+    /// Draws the entries of a group's rows, each alone.
+    pub(crate) fn draw_cover(&self, recorder: &mut Recorder<'_>, groups: &Groups, layers: u32) {
+        for layer in 0..layers {
+            let attachments = Attachments {
+                depths: &self.store.depths.layers[layer as usize],
+                is_depth_written: false,
+                items: None,
+            };
+            recorder.draw(Phase::Cover, self.plan.resolution, layer, attachments, |pass, face| {
+                if face.is_some() {
+                    let draws = self.store.buffer(b::COVER_DRAWS);
+                    pass.draw_indirect(draws, u64::from(layer) * COVER_DRAW_BYTES);
+                } else {
+                    pass.set_pipeline(&self.stages.rendering.cover);
+                    pass.set_bind_group(1, &groups.cover, &[]);
+                }
+            });
         }
     }
 
     fn draw_layer(
         &self,
         recorder: &mut Recorder<'_>,
-        groups: &SceneGroups,
+        bound: &BindGroup,
         pipeline: &RenderPipeline,
         attachments: Attachments<'_>,
         layer: u32,
-        cull: Cull,
+        is_listed: bool,
     ) {
         let chunks = u32::try_from(self.upload.chunks.len()).unwrap_or(u32::MAX);
         let indices = u32::try_from(self.upload.indices.len()).unwrap_or(u32::MAX);
         let draws = self.store.buffer(b::DRAWS);
-        recorder.draw(
-            Stretch::Render,
-            self.plan.resolution,
-            layer,
-            attachments,
-            |pass, face| {
-                let Some(face) = face else {
-                    pass.set_pipeline(pipeline);
-                    pass.set_bind_group(1, &groups.render, &[]);
-                    pass.set_vertex_buffer(0, self.store.buffer(b::VERTICES).slice(..));
-                    let range = self.store.buffer(b::INDICES).slice(..);
-                    pass.set_index_buffer(range, wgpu::IndexFormat::Uint32);
-                    return;
-                };
-                let place = u64::from(layer * FACES + face as u32);
-                let first = place * u64::from(chunks) * DRAW_BYTES;
-                if chunks == 0 {
-                    // An empty scene.
-                } else if cull == Cull::Nothing {
-                    pass.draw_indexed(0..indices, 0, 0..1);
-                } else if self.device.counts_draws {
-                    let counts = self.store.buffer(b::DRAW_COUNTS);
-                    pass.multi_draw_indexed_indirect_count(draws, first, counts, place * 4, chunks);
-                } else {
-                    pass.multi_draw_indexed_indirect(draws, first, chunks);
-                }
-            },
-        );
+        recorder.draw(Phase::Render, self.plan.resolution, layer, attachments, |pass, face| {
+            let Some(face) = face else {
+                pass.set_pipeline(pipeline);
+                pass.set_bind_group(1, bound, &[]);
+                pass.set_vertex_buffer(0, self.store.buffer(b::VERTICES).slice(..));
+                let range = self.store.buffer(b::INDICES).slice(..);
+                pass.set_index_buffer(range, wgpu::IndexFormat::Uint32);
+                return;
+            };
+            let place = u64::from(layer * FACES + face as u32);
+            let first = place * u64::from(chunks) * DRAW_BYTES;
+            if chunks == 0 {
+                // An empty scene.
+            } else if !is_listed {
+                pass.draw_indexed(0..indices, 0, 0..1);
+            } else if self.device.counts_draws {
+                let counts = self.store.buffer(b::DRAW_COUNTS);
+                pass.multi_draw_indexed_indirect_count(draws, first, counts, place * 4, chunks);
+            } else {
+                pass.multi_draw_indexed_indirect(draws, first, chunks);
+            }
+        });
     }
 }
 

@@ -1,23 +1,13 @@
-//! The scene and everything else that a device is given before it draws.
+//! A scene on the device: its buffers and images.
 
 use crate::conv;
 use crate::device::Device;
 use hemicube_contract::backend::{BackendError, Geometry};
-use hemicube_contract::delta::DeltaTable;
 use hemicube_shaders::stage::binding as b;
-use hemicube_shaders::{Edges, Plan, Upload, view};
-use std::sync::Arc;
+use hemicube_shaders::upload::contents;
+use hemicube_shaders::{Edges, Plan, Upload};
 use wgpu::util::DeviceExt;
 use wgpu::{Buffer, BufferUsages, TextureFormat, TextureUsages, TextureView};
-
-/// The upload form of a scene, made once for all sessions on it.
-struct Kept(Result<Arc<Upload>, String>);
-
-/// The upload form of a scene.
-pub(crate) fn prepare(geometry: &Geometry) -> Result<Arc<Upload>, BackendError> {
-    let kept = geometry.kept(|geometry| Kept(Upload::new(geometry).map(Arc::new).map_err(|error| error.to_string())));
-    kept.0.clone().map_err(BackendError::Unsupported)
-}
 
 /// An image of layers: a view of all, and one of each.
 pub(crate) struct Image {
@@ -63,15 +53,15 @@ impl Image {
     }
 }
 
-/// What is on the device for a scene and a resolution.
+/// A scene on the device at a resolution.
 pub(crate) struct Store {
-    /// By binding; those of which each side of the pipeline has its own are not here.
+    /// By binding, without [`TWICE`].
     buffers: Vec<Option<Buffer>>,
     pub(crate) depths: Image,
     pub(crate) items: Image,
 }
 
-/// The buffers of which there are two, so that one is read while the other is written.
+/// Bindings with a buffer in each of the two sets: one is read while the other is written.
 pub(crate) const TWICE: [u32; 2] = [b::VIEWS, b::OUTPUT];
 
 impl Store {
@@ -86,7 +76,7 @@ impl Store {
             if TWICE.contains(&size.binding) {
                 continue;
             }
-            // wgpu clears what it allocates, as the marks, sums and counters need it.
+            // wgpu clears new buffers; marks, sums and counters need it.
             buffers[size.binding as usize] = Some(device.raw.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(size.name),
                 size: size.bytes.next_multiple_of(16),
@@ -95,65 +85,54 @@ impl Store {
             }));
             device.check().map_err(|error| match error {
                 BackendError::OutOfMemory(_) => BackendError::OutOfMemory(format!(
-                    "{} need {} bytes, which the device does not have left; take a coarser scene, a lower resolution or fewer sessions",
+                    "{} need {} bytes, which the device does not have left; \
+                     take a coarser scene, a lower resolution or fewer sessions",
                     size.name, size.bytes
                 )),
                 error => error,
             })?;
         }
-        let settings = view::settings_words(plan, upload);
-        buffers[b::SETTINGS as usize] = Some(device.raw.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("settings"),
-            contents: &conv::to_bytes(settings),
-            usage: BufferUsages::UNIFORM,
-        }));
         let written = match plan.edges {
             Edges::Driver => TextureUsages::empty(),
             Edges::Exact => TextureUsages::STORAGE_BINDING,
         };
         let nothing = TextureUsages::empty();
+        for (binding, words) in contents(upload, geometry, plan) {
+            let bytes = conv::to_bytes(words.iter().copied());
+            match &mut buffers[binding as usize] {
+                Some(buffer) => device.queue.write_buffer(buffer, 0, &bytes),
+                settings => {
+                    *settings = Some(device.raw.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                        label: Some("settings"),
+                        contents: &bytes,
+                        usage: BufferUsages::UNIFORM,
+                    }));
+                }
+            }
+        }
         let store = Self {
             buffers,
             depths: Image::new(device, "depths", TextureFormat::Depth32Float, plan, nothing),
             items: Image::new(device, "items", TextureFormat::R32Uint, plan, written),
         };
         device.check()?;
-        let write = |binding, bytes: &[u8]| device.queue.write_buffer(store.buffer(binding), 0, bytes);
-        write(b::CHUNKS, &conv::to_bytes(upload.chunk_words()));
-        write(b::WEIGHTS, &conv::to_bytes(DeltaTable::new(plan.resolution).weights()));
-        write(
-            b::VERTICES,
-            &conv::to_bytes(upload.vertices.as_flattened().iter().copied()),
-        );
-        write(b::INDICES, &conv::to_bytes(upload.indices.iter().copied()));
-        write(
-            b::TRIANGLE_OF_PATCH,
-            &conv::to_bytes(upload.triangle_of_patch.iter().copied()),
-        );
-        write(
-            b::CHUNK_OF_PATCH,
-            &conv::to_bytes(upload.chunk_of_patch.iter().copied()),
-        );
-        if plan.covered {
-            write(b::CENTROIDS, &conv::to_bytes(upload.centroids(geometry)));
-        }
-        // The copies on their way take as much memory again until they are done.
+        // Pending copies take as much memory again until they are done.
         let done = device.queue.submit([]);
         device.wait(done)?;
         Ok(store)
     }
 
-    /// The buffer of a binding.
+    /// Returns the buffer of a binding.
     ///
     /// # Panics
-    /// For a binding that is a texture, or of which each side has its own.
+    /// For a texture, and for the bindings of [`TWICE`].
     pub(crate) fn buffer(&self, binding: u32) -> &Buffer {
         self.buffers[binding as usize]
             .as_ref()
             .unwrap_or_else(|| unreachable!("binding {binding} has no buffer of its own"))
     }
 
-    /// Marks all chunks as drawn, for submissions that cull nothing.
+    /// Marks all chunks drawn, for submissions without culling.
     pub(crate) fn mark_all_drawn(&self, device: &Device) {
         let drawn = self.buffer(b::DRAWN);
         let words = drawn.size() / 4;

@@ -1,8 +1,7 @@
-//! A backend that does wrong: which wrong, and from which call of `rows` on, is in its options,
-//! `fault=NAME,after=CALLS`.
+//! A faulty backend. Its options choose the fault, and the first call of `rows` to show it: `fault=NAME,after=CALLS`.
 //!
-//! Without a fault it is a legal one that sees nothing. Panics come from the safe side, through the adapter that every
-//! backend in Rust has; everything else is done to the table's arrays afterwards, as a backend in C might.
+//! Without a fault it is legal and sees nothing. Panics come from the safe side, through the adapter of every backend
+//! in Rust; all other faults are done to the table's arrays afterwards, like those of a backend in C.
 
 use hemicube_abi::contract::backend::{
     BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, WHOLE,
@@ -15,7 +14,7 @@ use std::collections::BTreeMap;
 use std::ffi::{CStr, c_char};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The session that the safe side opens.
+/// The session of the safe side.
 struct Faulty {
     info: BackendInfo,
     fault: Fault,
@@ -24,7 +23,7 @@ struct Faulty {
     log: Log,
 }
 
-/// What is done wrong, and after how many calls.
+/// The fault, and the number of calls before it.
 #[derive(Clone, Debug, Default)]
 struct Fault {
     name: String,
@@ -124,7 +123,7 @@ impl HemicubeBackend for Faulty {
     }
 }
 
-/// A payload that panics when it is dropped.
+/// A payload that panics when dropped.
 struct Bomb;
 
 impl Drop for Bomb {
@@ -135,7 +134,7 @@ impl Drop for Bomb {
 
 const GOOD: HcBackend = hemicube_abi::table::<Faulty>();
 
-/// The fault of the session that is being opened.
+/// The fault of the session being opened.
 static OPENING: Mutex<Fault> = Mutex::new(Fault {
     name: String::new(),
     after: 0,

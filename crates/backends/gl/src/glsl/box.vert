@@ -1,5 +1,5 @@
 #version 450 core
-// Boxes of nodes, held against the depths: 36 corners each, those of the k-th node that is asked about from vertex 36 k on.
+// Boxes of nodes, tested against the depths: 36 corners each, those of the k-th asked-about node from vertex 36 k on.
 
 // One face of one hemicube: `View` of the shared shaders.
 layout(std140, binding = 0) uniform View {
@@ -13,7 +13,7 @@ layout(std140, binding = 0) uniform View {
     vec3 clip_w; uint stamp;
 } view;
 
-// The middle as high and low parts, and half the sides; `low.w` is by what part of its distance a box is made wider.
+// The middle in high and low parts, and half the sides; `low.w` is a box's widening, a part of its distance.
 struct Box { vec4 high; vec4 low; vec4 half_sides; };
 layout(std430, binding = 0) readonly buffer Boxes { Box boxes[]; };
 layout(std430, binding = 30) readonly buffer Asked { uint asked[]; };
@@ -33,5 +33,6 @@ void main() {
     float far = length(middle) + length(b.half_sides.xyz);
     vec3 p = middle + side * (b.half_sides.xyz + far * b.low.w);
     vec3 frame = vec3(dot(view.tangent, p), dot(view.bitangent, p), dot(view.normal, p));
-    gl_Position = vec4(dot(view.clip_x, frame), dot(view.clip_y, frame), 9.313225746154785e-10, dot(view.clip_w, frame));
+    float near = 9.313225746154785e-10;
+    gl_Position = vec4(dot(view.clip_x, frame), dot(view.clip_y, frame), near, dot(view.clip_w, frame));
 }

@@ -1,5 +1,5 @@
 #version 450 core
-// Marks boxes that are in front of the depths: a bit each, in the order in which they were asked for.
+// Marks boxes in front of the depths: a bit each, in the order of the questions.
 layout(early_fragment_tests) in;
 layout(location = 0) flat in uint place;
 layout(std430, binding = 31) coherent buffer Marks { uint marks[]; };

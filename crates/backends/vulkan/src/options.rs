@@ -1,0 +1,38 @@
+//! The options of a session.
+
+use hemicube_contract::backend::BackendError;
+use hemicube_shaders::options::{Common, MOST_BATCH, bytes, device_cull};
+use hemicube_shaders::{Cull, Edges};
+
+/// The options of a session.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Options {
+    /// `None`: chosen by scene.
+    pub(crate) cull: Option<Cull>,
+    pub(crate) edges: Edges,
+    pub(crate) timing: bool,
+    pub(crate) validation: bool,
+    pub(crate) batch: Option<u32>,
+    pub(crate) group: Option<u32>,
+    pub(crate) memory: Option<u64>,
+}
+
+impl Options {
+    /// Reads `key=value,key=value`.
+    pub(crate) fn parse(text: &str) -> Result<Self, BackendError> {
+        let mut given = hemicube_abi::Options::parse(text)?;
+        let cull = device_cull(&mut given)?;
+        let common = Common::take(&mut given, MOST_BATCH)?;
+        let options = Self {
+            cull,
+            edges: common.edges.unwrap_or_default(),
+            timing: common.timing,
+            validation: given.take_switch("validation")?.unwrap_or(false),
+            batch: common.batch,
+            group: common.group,
+            memory: bytes(&mut given, "memory")?,
+        };
+        given.finish()?;
+        Ok(options)
+    }
+}

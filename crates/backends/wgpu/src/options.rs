@@ -1,0 +1,47 @@
+//! The options of a session.
+
+use hemicube_contract::backend::BackendError;
+use hemicube_shaders::options::{Common, MOST_BATCH, device_cull, number};
+use hemicube_shaders::{Cull, Edges};
+
+/// The options of a session.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Options {
+    /// `None`: chosen by scene.
+    pub(crate) cull: Option<Cull>,
+    pub(crate) edges: Edges,
+    /// Hemicubes of a submission.
+    pub(crate) batch: Option<u32>,
+    /// Hemicubes side by side.
+    pub(crate) group: Option<u32>,
+    /// Bytes to take on the device.
+    pub(crate) memory: Option<u64>,
+    /// Timestamps.
+    pub(crate) timing: bool,
+    /// The driver's validation layer, if it is installed.
+    pub(crate) validation: bool,
+    /// True to do without draw counts from a buffer on every device: Metal has none.
+    pub(crate) fixed_draws: bool,
+}
+
+impl Options {
+    /// Reads `key=value,key=value`.
+    pub(crate) fn parse(text: &str) -> Result<Self, BackendError> {
+        let mut given = hemicube_abi::Options::parse(text)?;
+        let cull = device_cull(&mut given)?;
+        let common = Common::take(&mut given, MOST_BATCH)?;
+        let memory = number(&mut given, "memory", 1, u32::MAX)?.map(|mib| u64::from(mib) << 20);
+        let options = Self {
+            cull,
+            edges: common.edges.unwrap_or_default(),
+            batch: common.batch,
+            group: common.group,
+            memory,
+            timing: common.timing,
+            validation: given.take_switch("validation")?.unwrap_or(false),
+            fixed_draws: !given.take_switch("counts")?.unwrap_or(true),
+        };
+        given.finish()?;
+        Ok(options)
+    }
+}
