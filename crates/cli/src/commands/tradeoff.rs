@@ -5,39 +5,42 @@
 //! this machine's. The settings tried are chosen by counting triangles and pixels, not by a clock.
 
 mod plot;
+mod report;
+mod setting;
+mod text;
+mod trial;
 
 use crate::args::{
-    AutoSwitch, ConfigFiles, Correction as Name, EngineSettings, Report as ReportArguments, SceneSettings, Switch,
-    Talk, Tolerance, UpAxis, tolerance,
+    AutoSwitch, ConfigFiles, EngineSettings, Report as ReportArguments, SceneSettings, Switch, Talk, Tolerance, UpAxis,
+    tolerance,
 };
 use crate::exit::{self, Exit};
 use crate::help::{examples, scene_help};
-use crate::level::{correction, percentage, within};
 use crate::outputs::Paths;
 use crate::picture::sheet::Format;
 use crate::prepare::{Prepared, prepare};
 use crate::progress::Bar;
 use crate::report::print;
-use crate::report::{
-    BackendReport, Input, JsonReport, PendingFile, SCHEMA, count, counted, duration, figures, percent,
-};
+use crate::report::{BackendReport, JsonReport, PendingFile, SCHEMA, count, counted};
 use crate::shell::word;
 use crate::verify::{reference_rows, reference_settings};
 use anyhow::{Context, Result, bail};
 use clap::{Args, FromArgMatches};
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
-use hemicube::driver::compute::{Execution, Plan, Progress, RowChoice, Selection, compute};
-use hemicube::reference::{EstimatedRow, Measured, Reference, ReferenceRow, errors_against, noise_of};
+use hemicube::driver::compute::{Plan, Progress, RowChoice, Selection};
+use hemicube::reference::{Reference, ReferenceRow, noise_of};
 use hemicube::row::RowBlock;
-use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
-use plot::{Family, Mark, Picture};
-use serde::Serialize;
+use plot::{Mark, Picture};
+use report::{Recommendation, ReferenceReport, Report, Skipped};
+use setting::{RESOLUTION_OF_TOLERANCE, Setting, is_same, settings};
 use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use text::{Asked, text};
+use trial::{ForAllRows, Timed, Trial, mark_front};
 
 const EXAMPLES: &str = "  \
   hemicube tradeoff city.obj --plot city.svg
@@ -84,27 +87,9 @@ impl Arguments {
     }
 }
 
-/// Settings tried: the tolerances, and the resolutions and hemicubes a patch (n of n²) of the other rungs.
-const TOLERANCES: [f64; 6] = [5e-2, 2e-2, 1e-2, 5e-3, 3e-3, 1e-3];
-const SAMPLES: [u32; 3] = [1, 2, 4];
-const RESOLUTIONS_OF_PIXEL: [u32; 4] = [64, 128, 256, 512];
-const RESOLUTIONS_OF_POINT: [u32; 1] = [128];
-const RESOLUTIONS_OF_AREA: [u32; 3] = [64, 128, 256];
-/// Pixels along an edge with a tolerance, as in `compute`.
-const RESOLUTION_OF_TOLERANCE: u32 = 128;
-
-/// Largest ratio of a cheaper setting's error to a dearer one's at which it is as good: less is chance.
-const AS_GOOD: f64 = 1.05;
-
 /// Errors of this share of the tolerance are still told from nothing.
 const SHARE_TOLD_APART: f64 = 0.3;
 
-/// Nominal milliseconds, to rule out absurd settings: a triangle, a pixel, a corrected entry, and an entry at a
-/// tolerance of 1 %.
-const COST_OF_TRIANGLE: f64 = 1e-4;
-const COST_OF_PIXEL: f64 = 8e-7;
-const COST_OF_FACTOR: f64 = 1e-4;
-const COST_OF_TOLERANCE: f64 = 1e-3;
 /// Hemicubes sampled for the nominal cost.
 const PROBES: usize = 8;
 /// Largest nominal seconds of all sampled rows; slower settings are skipped.
@@ -112,212 +97,6 @@ const SECONDS_MOST: f64 = 60.0;
 /// Repetitions of a timing, the best one counting, and seconds above which one is enough. The rows are always equal.
 const REPEATS: u32 = 5;
 const SECONDS_ONCE: f64 = 0.5;
-
-/// A setting to try.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Setting {
-    rung: Rung,
-    resolution: u32,
-    samples_per_edge: u32,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Rung {
-    Named(Name),
-    Tolerance(f64),
-}
-
-impl Setting {
-    /// Determines correction and resolution; a tolerance calibrates its own, like `compute`.
-    fn settle(self, model: &Model, backend: &mut dyn HemicubeBackend, threads: usize) -> Result<(Correction, u32)> {
-        match self.rung {
-            Rung::Named(name) => Ok((correction(name), self.resolution)),
-            Rung::Tolerance(tolerance) => {
-                let settled = within(
-                    model,
-                    &Selection::default(),
-                    true,
-                    Tolerance(tolerance),
-                    backend,
-                    threads,
-                )?;
-                Ok((Correction::Tolerance(settled.refinement), settled.resolution))
-            }
-        }
-    }
-
-    fn family(self) -> Family {
-        match self.rung {
-            Rung::Named(Name::Pixel) => Family::Pixel,
-            Rung::Named(Name::Point) => Family::Point,
-            Rung::Named(Name::Area) => Family::Area,
-            Rung::Tolerance(_) => Family::Tolerance,
-        }
-    }
-
-    fn name(self) -> String {
-        match self.rung {
-            Rung::Named(name) => format!(
-                "{} K={} N={}",
-                correction(name).name(),
-                self.samples_per_edge * self.samples_per_edge,
-                self.resolution
-            ),
-            Rung::Tolerance(tolerance) => format!("tolerance {}", percentage(tolerance)),
-        }
-    }
-
-    /// Options of `compute` for this setting.
-    fn words(self) -> String {
-        match self.rung {
-            Rung::Named(name) => format!(
-                "--correction {} --samples {} --resolution {}",
-                correction(name).name(),
-                self.samples_per_edge * self.samples_per_edge,
-                self.resolution
-            ),
-            Rung::Tolerance(tolerance) => format!("--tolerance {}", percentage(tolerance)),
-        }
-    }
-
-    /// Nominal milliseconds of a row with this many triangles transformed and patches seen by a hemicube.
-    fn nominal(self, triangles: f64, seen: f64) -> f64 {
-        let pixels = 3.0 * f64::from(self.resolution) * f64::from(self.resolution);
-        let hemicube = COST_OF_TRIANGLE * triangles + COST_OF_PIXEL * pixels;
-        let samples = f64::from(self.samples_per_edge * self.samples_per_edge);
-        match self.rung {
-            Rung::Named(Name::Pixel) => samples * hemicube,
-            Rung::Named(Name::Point | Name::Area) => samples * hemicube + COST_OF_FACTOR * seen,
-            Rung::Tolerance(tolerance) => hemicube + COST_OF_TOLERANCE * seen * (1e-2 / tolerance),
-        }
-    }
-}
-
-/// All settings to try, with the given tolerance.
-fn settings(asked: Tolerance) -> Vec<Setting> {
-    let named = [
-        (Name::Pixel, RESOLUTIONS_OF_PIXEL.as_slice()),
-        (Name::Point, RESOLUTIONS_OF_POINT.as_slice()),
-        (Name::Area, RESOLUTIONS_OF_AREA.as_slice()),
-    ];
-    let mut settings: Vec<Setting> = Vec::new();
-    for (name, resolutions) in named {
-        for samples_per_edge in SAMPLES {
-            settings.extend(resolutions.iter().map(|&resolution| Setting {
-                rung: Rung::Named(name),
-                resolution,
-                samples_per_edge,
-            }));
-        }
-    }
-    let mut tolerances = TOLERANCES.to_vec();
-    if !tolerances.iter().any(|&tolerance| is_same(tolerance, asked.0)) {
-        tolerances.push(asked.0);
-    }
-    settings.extend(tolerances.into_iter().map(|tolerance| Setting {
-        rung: Rung::Tolerance(tolerance),
-        resolution: RESOLUTION_OF_TOLERANCE,
-        samples_per_edge: 1,
-    }));
-    settings
-}
-
-/// Returns whether two tolerances are one but for rounding.
-fn is_same(a: f64, b: f64) -> bool {
-    (a - b).abs() <= 1e-9 * a.max(b)
-}
-
-/// A setting with its measurements.
-#[derive(Clone, Debug, Serialize)]
-pub(super) struct Trial {
-    pub(super) name: String,
-    pub(super) rung: &'static str,
-    tolerance: Option<f64>,
-    /// Hemicubes a patch.
-    samples: u32,
-    resolution: u32,
-    /// Options of `compute` for this setting.
-    words: String,
-    entries: u64,
-    pub(super) measured: Measured,
-    /// Left out with `--no-timings`: a clock decides it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    timing: Option<Timing>,
-    #[serde(skip)]
-    setting: Setting,
-}
-
-#[derive(Clone, Copy, Debug, Serialize)]
-struct Timing {
-    milliseconds_per_row: f64,
-    /// Forecast for all rows with all threads.
-    seconds_for_all_rows: f64,
-    repeats: u32,
-    /// True if no cheaper setting is as good.
-    front: bool,
-}
-
-impl Trial {
-    /// Upper end of the error, within the reference's noise.
-    fn bound(&self) -> f64 {
-        let high = self.measured.interval_of_rows.high;
-        if high.is_nan() { f64::INFINITY } else { high }
-    }
-
-    pub(super) fn milliseconds(&self) -> f64 {
-        self.timing.map_or(f64::INFINITY, |timing| timing.milliseconds_per_row)
-    }
-
-    fn is_on_front(&self) -> bool {
-        self.timing.is_some_and(|timing| timing.front)
-    }
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct Skipped {
-    name: String,
-    /// Nominal seconds for the sampled rows.
-    nominal_seconds: f64,
-}
-
-#[derive(Debug, Serialize)]
-pub(super) struct ReferenceReport {
-    target: f64,
-    pub(super) noise: f64,
-    rays: u64,
-}
-
-#[derive(Debug, Serialize)]
-struct Recommendation {
-    name: String,
-    command: String,
-    /// Upper end of the error, within the tolerance.
-    error: f64,
-    milliseconds_per_row: f64,
-    seconds_for_all_rows: f64,
-    /// Upper end of the matrix's error, by the sampled rows.
-    error_of_matrix: f64,
-}
-
-/// The report of `--json`.
-#[derive(Serialize)]
-pub(super) struct Report {
-    schema: u32,
-    program: &'static str,
-    version: &'static str,
-    inputs: Vec<Input>,
-    pub(super) patches: u64,
-    backend: BackendReport,
-    threads: usize,
-    tolerance: f64,
-    pub(super) sampled_rows: usize,
-    seed: u64,
-    pub(super) reference: ReferenceReport,
-    pub(super) trials: Vec<Trial>,
-    skipped: Vec<Skipped>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    recommended: Option<Recommendation>,
-}
 
 pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     // clap requires it; only `--print-config` goes without.
@@ -348,7 +127,11 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         file.commit()?;
     }
     if !arguments.report.is_to_stdout() {
-        print(&text(&report, recommended.as_ref(), &arguments, path))?;
+        let asked = Asked {
+            tolerance: arguments.tolerance.0,
+            sample_rows: arguments.sample_rows,
+        };
+        print(&text(&report, recommended.as_ref(), asked, path))?;
     }
     if let Some(json) = json {
         if arguments.report.no_timings {
@@ -505,7 +288,7 @@ fn time(timings: &mut [Timed], model: &Model, arguments: &Arguments, cancel: &At
     for _ in 0..REPEATS {
         for timed in &mut *timings {
             if timed.repeats == 0 || timed.seconds() < SECONDS_ONCE {
-                timed.run(model, arguments, cancel)?;
+                timed.run(model, &arguments.engine, cancel)?;
             }
             if cancel.load(Ordering::Relaxed) {
                 return Ok(false);
@@ -540,102 +323,6 @@ fn probe(model: &Model, rows: &[InputPatch], backend: &mut dyn HemicubeBackend) 
         counters.triangles_transformed as f64 * share,
         block.patches.len() as f64 * share,
     ))
-}
-
-/// A setting being timed.
-struct Timed {
-    setting: Setting,
-    plan: Plan,
-    /// Number of times so far.
-    repeats: u32,
-    /// The rows, equal in every repetition.
-    parts: Vec<Part>,
-    /// The least so far.
-    milliseconds_per_row: f64,
-}
-
-/// The size of a whole run, for its forecast.
-#[derive(Clone, Copy)]
-struct ForAllRows {
-    patches: u64,
-    threads: usize,
-}
-
-impl Timed {
-    /// Seconds of the sampled rows.
-    fn seconds(&self) -> f64 {
-        self.milliseconds_per_row * self.plan.rows.len() as f64 * 1e-3
-    }
-
-    /// Compares the rows with the reference.
-    fn trial(self, exact: &[ReferenceRow], all: ForAllRows) -> Trial {
-        let estimated: Vec<EstimatedRow> = self.parts.iter().flat_map(EstimatedRow::of_part).collect();
-        let (rung, tolerance) = match self.setting.rung {
-            Rung::Named(name) => (correction(name).name(), None),
-            Rung::Tolerance(tolerance) => ("tolerance", Some(tolerance)),
-        };
-        Trial {
-            name: self.setting.name(),
-            rung,
-            tolerance,
-            samples: u32::try_from(self.plan.hemicubes_per_row()).unwrap_or(u32::MAX),
-            resolution: self.setting.resolution,
-            words: self.setting.words(),
-            entries: self.parts.iter().map(|part| part.indices.len() as u64).sum(),
-            measured: errors_against(exact, &estimated),
-            timing: Some(Timing {
-                milliseconds_per_row: self.milliseconds_per_row,
-                seconds_for_all_rows: self.milliseconds_per_row * 1e-3 * all.patches as f64 / all.threads as f64,
-                repeats: self.repeats,
-                front: false,
-            }),
-            setting: self.setting,
-        }
-    }
-
-    /// Computes the rows once more.
-    fn run(&mut self, model: &Model, arguments: &Arguments, cancel: &AtomicBool) -> Result<()> {
-        let settings = RenderSettings {
-            resolution: self.setting.resolution,
-            culling: Culling::On,
-            covered: false,
-        };
-        let execution = Execution {
-            threads: 1,
-            batch: 0,
-            cancel: Some(cancel),
-        };
-        let backend = arguments.engine.open_backend(Talk::SILENT)?;
-        self.parts.clear();
-        self.plan.correction.prepare(model);
-        let summary = compute(
-            model,
-            &self.plan,
-            settings,
-            backend,
-            execution,
-            &mut self.parts,
-            &mut |_| {},
-        )?;
-        self.repeats += 1;
-        let milliseconds = summary.elapsed.as_secs_f64() * 1e3 / summary.rows.max(1) as f64;
-        self.milliseconds_per_row = self.milliseconds_per_row.min(milliseconds);
-        Ok(())
-    }
-}
-
-/// Sorts trials by time, and marks those with no cheaper one as good.
-fn mark_front(trials: &mut [Trial]) {
-    trials.sort_by(|a, b| a.milliseconds().total_cmp(&b.milliseconds()));
-    let mut best = f64::INFINITY;
-    for trial in trials {
-        let bound = trial.bound();
-        let front = bound * AS_GOOD < best || (best > 0.0 && bound == 0.0);
-        if let Some(timing) = &mut trial.timing {
-            timing.front = front;
-        }
-        best = best.min(bound);
-    }
 }
 
 /// The cheapest setting with even the upper end of its error within the tolerance.
@@ -721,188 +408,6 @@ fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> 
     words
 }
 
-/// An error in per cent; only its upper end if the reference's noise hides it.
-fn error_figures(measured: &Measured) -> String {
-    let high = measured.interval_of_rows.high;
-    if measured.relative_frobenius < 0.5 * high {
-        format!("< {}", hundredths(high))
-    } else {
-        hundredths(measured.relative_frobenius)
-    }
-}
-
-/// Formats 0.0123 as `1.23`.
-fn hundredths(share: f64) -> String {
-    let value = 100.0 * share;
-    if value > 0.0 && value < 5e-4 {
-        "<.001".to_owned()
-    } else if value > 0.0 && value < 0.0995 {
-        format!("{value:.3}")
-    } else {
-        figures(value)
-    }
-}
-
-/// The report for people.
-fn text(report: &Report, recommended: Option<&Recommendation>, arguments: &Arguments, path: &Path) -> String {
-    let mut text = format!(
-        "`{}`, {}, {} with {}\n{} (seed {}) against rays, whose own noise is {}\n\n",
-        path.display(),
-        counted(report.patches, "patch"),
-        report.backend.device,
-        counted(report.threads as u64, "thread"),
-        counted(report.sampled_rows as u64, "random row"),
-        report.seed,
-        percent(report.reference.noise),
-    );
-    text.push_str(&trials_text(report));
-    for skipped in &report.skipped {
-        text.push_str(&format!(
-            "skipped {}: some {} for these rows\n",
-            skipped.name,
-            duration(skipped.nominal_seconds)
-        ));
-    }
-    text.push('\n');
-    text.push_str(&match recommended {
-        Some(best) => recommendation_text(report, best, arguments),
-        None => nearest_text(report, arguments),
-    });
-    text
-}
-
-/// The table of trials, and the meaning of its columns.
-fn trials_text(report: &Report) -> String {
-    let lines = report.trials.iter().map(|trial| {
-        let m = &trial.measured;
-        [
-            if trial.is_on_front() { "*" } else { "" }.to_owned(),
-            trial.name.clone(),
-            figures(trial.milliseconds()),
-            trial
-                .timing
-                .map_or_else(String::new, |t| duration(t.seconds_for_all_rows)),
-            error_figures(m),
-            format!(
-                "{}..{}",
-                hundredths(m.interval_of_matrix.low),
-                hundredths(m.interval_of_matrix.high)
-            ),
-            hundredths(m.row_error.median),
-            hundredths(m.row_error.percentile_90),
-            hundredths(m.row_l1.median),
-            hundredths(m.missed_mass),
-            hundredths(m.row_sum_error.mean),
-            m.worst_entry
-                .map_or_else(|| "0".to_owned(), |worst| figures((worst.a - worst.b).abs())),
-        ]
-    });
-    let mut text = right_aligned(
-        [
-            "",
-            "setting",
-            "ms/row",
-            "all rows",
-            "error %",
-            "of matrix",
-            "median",
-            "90th",
-            "L1",
-            "missed",
-            "sums",
-            "worst",
-        ],
-        lines.collect(),
-    );
-    text.push_str(&format!(
-        "\n* no cheaper setting is as good. ms/row: one thread; all rows: forecast for {}.\n\
-         error: relative Frobenius of these rows, and where that of the matrix lies (95 %); of rows: median and 90th\n\
-         percentile, median L1, mass missed, row sums; all in %. worst: the entry that differs most.\n",
-        counted(report.threads as u64, "thread"),
-    ));
-    text
-}
-
-/// The recommended setting, the uncertainty left by the sample, and the result of the tolerance itself.
-fn recommendation_text(report: &Report, best: &Recommendation, arguments: &Arguments) -> String {
-    let tolerance = percentage(arguments.tolerance.0);
-    let mut text = String::new();
-    text.push_str(&format!(
-        "For an error of {tolerance}: {}, {} at {} ms a row, about {} for all {}\n  {}\n",
-        best.name,
-        percent(best.error),
-        figures(best.milliseconds_per_row),
-        duration(best.seconds_for_all_rows),
-        counted(report.patches, "row"),
-        best.command,
-    ));
-    if best.error_of_matrix > arguments.tolerance.0 {
-        text.push_str(&format!(
-            "From these rows alone, the matrix may be off by up to {} %; `--sample-rows {}` tells more\n",
-            hundredths(best.error_of_matrix),
-            4 * arguments.sample_rows
-        ));
-    }
-    let asked = report
-        .trials
-        .iter()
-        .find(|trial| trial.tolerance.is_some_and(|t| is_same(t, arguments.tolerance.0)));
-    if let Some(asked) = asked.filter(|trial| trial.name != best.name) {
-        text.push_str(&format!(
-            "`--tolerance {tolerance}` {}: {} at {} ms a row\n",
-            if asked.bound() <= arguments.tolerance.0 {
-                "keeps it too"
-            } else {
-                "does not keep it"
-            },
-            percent(asked.bound()),
-            figures(asked.milliseconds()),
-        ));
-    }
-    text
-}
-
-/// The nearest setting, where none keeps the tolerance.
-fn nearest_text(report: &Report, arguments: &Arguments) -> String {
-    let tolerance = percentage(arguments.tolerance.0);
-    let nearest = report.trials.iter().min_by(|a, b| a.bound().total_cmp(&b.bound()));
-    format!(
-        "For an error of {tolerance}: none of these{}; ask for more with a smaller `--tolerance`\n",
-        nearest.map_or_else(String::new, |trial| format!(
-            ": {} comes nearest with {}",
-            trial.name,
-            percent(trial.bound())
-        )),
-    )
-}
-
-/// A table with columns of numbers, from the third on, aligned to the right.
-fn right_aligned<const N: usize>(headings: [&str; N], rows: Vec<[String; N]>) -> String {
-    let width = |column: usize| {
-        let cells = rows
-            .iter()
-            .filter_map(|row| row.get(column))
-            .map(|cell| cell.chars().count());
-        cells.chain([headings[column].chars().count()]).max().unwrap_or(0)
-    };
-    let widths: [usize; N] = std::array::from_fn(width);
-    let line = |cells: [&str; N]| {
-        let mut line = String::new();
-        for (column, (cell, width)) in cells.into_iter().zip(widths).enumerate() {
-            line.push_str(&match column {
-                0 | 1 => format!("{cell:width$} "),
-                _ => format!(" {cell:>width$}"),
-            });
-        }
-        format!("{}\n", line.trim_end())
-    };
-    let mut text = line(headings);
-    for row in &rows {
-        text.push_str(&line(std::array::from_fn(|column| row[column].as_str())));
-    }
-    text
-}
-
 fn picture(report: &Report, recommended: Option<&Recommendation>, path: &Path) -> Picture {
     let name = path
         .file_name()
@@ -938,10 +443,13 @@ fn picture(report: &Report, recommended: Option<&Recommendation>, path: &Path) -
 
 #[cfg(test)]
 mod tests {
+    use super::setting::Rung;
+    use super::trial::Timing;
     use super::*;
+    use crate::args::Correction as Name;
     use crate::command_line::{Cli, Command};
     use clap::Parser;
-    use hemicube::reference::Interval;
+    use hemicube::reference::{Interval, Measured};
 
     fn arguments(words: &[&str]) -> Arguments {
         let words = ["hemicube", "tradeoff", "a b.obj"].iter().chain(words);
@@ -1084,20 +592,6 @@ mod tests {
                 .as_deref()
                 .map(|c| c.ends_with("0.1%")),
             Some(true)
-        );
-    }
-
-    #[test]
-    fn numbers_end_in_line() {
-        let cell = |text: &str| text.to_owned();
-        let text = right_aligned(
-            ["", "name", "n"],
-            vec![[cell("*"), cell("a"), cell("1")], [cell(""), cell("long"), cell("22")]],
-        );
-        assert_eq!(text, "  name   n\n* a      1\n  long  22\n");
-        assert_eq!(
-            [0.0123, 0.00012, 0.0, 0.25, 1e-9].map(hundredths),
-            ["1.23", "0.012", "0", "25.0", "<.001"]
         );
     }
 
