@@ -1,9 +1,9 @@
 //! Unoccluded form factors in closed form: point to triangle, and triangle to triangle by an outer quadrature.
 //!
-//! A_i F_ij is symmetric, so it is computed once a pair, whichever of the two is asked for: the outer integral is over
-//! the smaller triangle, over which the closed form varies least, and the arguments are put in a fixed order, so that
-//! both directions get the same bits. How many outer points a pair needs depends on how near the two are, in radii of
-//! the outer one; where they touch, nearly touch or cross, it is a contour integral instead.
+//! The exchange area A_i F_ij is symmetric. The outer integral is over the smaller triangle, where the closed form
+//! varies least, and the arguments are put in a fixed order: both directions get the same bits. The number of outer
+//! points depends on the distance of the two in radii of the outer one. Where they touch, nearly touch or cross, a
+//! contour integral takes their place.
 
 pub(crate) mod coarse;
 pub(crate) mod contour;
@@ -13,39 +13,39 @@ mod lanes;
 use crate::Model;
 use crate::geometry::{self, CompactTriangle, distance, quarters};
 use coarse::{Found, Pairs, Reach, WIDTH};
-use contour::Care;
+use contour::Precision;
 use far::{Others, Own};
 use glam::DVec3;
 use lanes::{Elements, LANES};
 
-/// How carefully pairs are integrated.
+/// Quadrature of the unoccluded form factor, by the distance of the two triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FactorRule {
-    /// Beyond this many radii of both, three points on either.
+    /// Radii of both beyond which three points are taken on either.
     far: f64,
-    /// Beyond this many radii of the smaller one, by the spheres round the two, one point on it.
+    /// Radii of the smaller one, between the spheres round the two, beyond which one point is taken on it.
     one: f64,
-    /// Beyond this many radii, six points (degree 4).
+    /// Radii beyond which six points are taken (degree 4).
     six: f64,
-    /// Beyond this many radii, six points on each of four sub-triangles; nearer, the contour integral.
+    /// Radii beyond which six points are taken on each of four sub-triangles; nearer, the contour integral.
     twenty_four: f64,
-    /// Of the contour integral.
-    care: Care,
-    /// From where on single precision will do, where it will do at all.
+    /// Precision of the contour integral.
+    precision: Precision,
+    /// Distances from which single precision does; `None` if it does nowhere.
     coarse: Option<Reach>,
 }
 
 impl FactorRule {
-    /// The rule whose own error is well below a relative tolerance.
+    /// The rule for a relative tolerance, with an own error well below it.
     pub fn for_tolerance(tolerance: f64) -> Self {
-        // Each step's own error is measured on real rows in `backends/cpu/tests/ladder.rs`: below 6e-4 for the first,
+        // Errors of each step on real rows are measured in `backends/cpu/tests/ladder.rs`: below 6e-4 for the first,
         // 4e-5 for the third.
-        let (far, one, six, twenty_four, care) = match tolerance {
-            t if t >= 2.5e-3 => (3.5, 8.0, 1.5, 0.6, Care::of_both(1e-4, 2e-3)),
-            t if t >= 1.5e-3 => (6.5, 15.0, 2.1, 0.85, Care::of_both(3e-5, 6e-4)),
-            t if t >= 5e-4 => (12.0, 30.0, 3.0, 1.2, Care::of_both(1e-5, 2e-4)),
-            t if t >= 1.5e-4 => (22.0, 55.0, 4.2, 1.7, Care::of_both(1e-6, 5e-5)),
-            _ => (40.0, 100.0, 6.0, 2.5, Care::of_both(1e-7, 1e-5)),
+        let (far, one, six, twenty_four, precision) = match tolerance {
+            t if t >= 2.5e-3 => (3.5, 8.0, 1.5, 0.6, Precision::of_both(1e-4, 2e-3)),
+            t if t >= 1.5e-3 => (6.5, 15.0, 2.1, 0.85, Precision::of_both(3e-5, 6e-4)),
+            t if t >= 5e-4 => (12.0, 30.0, 3.0, 1.2, Precision::of_both(1e-5, 2e-4)),
+            t if t >= 1.5e-4 => (22.0, 55.0, 4.2, 1.7, Precision::of_both(1e-6, 5e-5)),
+            _ => (40.0, 100.0, 6.0, 2.5, Precision::of_both(1e-7, 1e-5)),
         };
         let coarse = (tolerance >= 2.5e-3).then_some(Reach {
             far: 8.0,
@@ -57,7 +57,7 @@ impl FactorRule {
             one,
             six,
             twenty_four,
-            care,
+            precision,
             coarse,
         }
     }
@@ -85,7 +85,7 @@ pub fn point_to_triangle(point: DVec3, normal: DVec3, triangle: &[DVec3; 3]) -> 
     lanes::evaluate(&elements)[0]
 }
 
-/// The form factor from an element to the front of a convex polygon that lies above its horizon, whole.
+/// The form factor from an element to the front of a convex polygon, all of it above the horizon.
 pub(crate) fn point_to_polygon(point: DVec3, normal: DVec3, polygon: &[DVec3]) -> f64 {
     let mut sum = 0.0;
     for (k, &p) in polygon.iter().enumerate() {
@@ -121,7 +121,7 @@ impl Default for PointFactors {
 }
 
 impl PointFactors {
-    /// No element yet.
+    /// Without an element.
     pub fn new() -> Self {
         Self {
             elements: Elements::new(),
@@ -159,7 +159,7 @@ impl PointFactors {
     }
 }
 
-/// A_i F_ij of two triangles that face each other with nothing in between, in squared units: symmetric to the bit.
+/// The unoccluded exchange area A_i F_ij of two triangles, in squared units: symmetric to the bit.
 ///
 /// ```
 /// use hemicube::factor::{FactorRule, exchange};
@@ -184,8 +184,7 @@ pub fn exchange(i: &[DVec3; 3], j: &[DVec3; 3], rule: &FactorRule) -> f64 {
     out[0]
 }
 
-/// A_i F_ij of one triangle and many others: those far away are evaluated several at a time. The same bits as
-/// [`exchange`].
+/// Exchange areas A_i F_ij of one triangle and many others, several distant ones at a time: the bits of [`exchange`].
 ///
 /// ```
 /// use hemicube::factor::{Exchanges, FactorRule, exchange};
@@ -210,12 +209,12 @@ pub struct Exchanges {
     single: Single,
     double: Double,
     waiting: Elements,
-    /// Where each waiting lane's value goes, and the outer area it is to be multiplied by.
+    /// For each waiting lane, the place of its value and the outer area as its factor.
     waiting_places: [(usize, f64); LANES],
     waiting_filled: usize,
 }
 
-/// Pairs to be evaluated in single precision, and where their values go.
+/// Pairs to be evaluated in single precision, and the places of their values.
 #[derive(Debug)]
 struct Single {
     own: CompactTriangle,
@@ -228,7 +227,7 @@ struct Single {
     middle_filled: usize,
 }
 
-/// Pairs to be evaluated in double precision, and where their values go.
+/// Pairs to be evaluated in double precision, and the places of their values.
 #[derive(Debug)]
 struct Double {
     own: Own,
@@ -238,7 +237,7 @@ struct Double {
 }
 
 impl Exchanges {
-    /// No pair yet.
+    /// Without a pair.
     pub fn new(rule: FactorRule) -> Self {
         Self {
             rule,
@@ -267,7 +266,7 @@ impl Exchanges {
         }
     }
 
-    /// Begins with triangle `i`, after the pairs of another were finished.
+    /// Begins triangle `i`. The pairs of another must be finished.
     pub fn begin(&mut self, i: &[DVec3; 3]) {
         self.corners = *i;
         if self.rule.coarse.is_some() {
@@ -277,7 +276,7 @@ impl Exchanges {
         }
     }
 
-    /// Adds the pair (i, j), whose value will be at `out[place]` after [`Exchanges::finish`], if not before.
+    /// Adds the pair (i, j). Its value is at `out[place]` after [`Exchanges::finish`] at the latest.
     pub fn add(&mut self, place: usize, j: &[DVec3; 3], out: &mut [f64]) {
         if let Some(reach) = self.rule.coarse {
             let single = &mut self.single;
@@ -303,7 +302,7 @@ impl Exchanges {
         }
     }
 
-    /// Evaluates the pairs that still wait.
+    /// Evaluates the waiting pairs.
     pub fn finish(&mut self, out: &mut [f64]) {
         if let Some(reach) = self.rule.coarse {
             self.flush_added(reach, out);
@@ -314,7 +313,7 @@ impl Exchanges {
         self.flush_waiting(out);
     }
 
-    /// The pairs of triangle `i`, begun with before, and `patches`, in order.
+    /// Evaluates the pairs of the triangle begun and `patches`, in order.
     pub(crate) fn row(&mut self, model: &Model, patches: &[u32], out: &mut [f64]) {
         let Some(reach) = self.rule.coarse else {
             for (place, &patch) in patches.iter().enumerate() {
@@ -343,7 +342,7 @@ impl Exchanges {
         self.finish(out);
     }
 
-    /// Evaluates what was added in single precision.
+    /// Evaluates the added pairs in single precision.
     fn flush_added(&mut self, reach: Reach, out: &mut [f64]) {
         let single = &mut self.single;
         if single.filled == 0 {
@@ -357,7 +356,7 @@ impl Exchanges {
         }
     }
 
-    /// Puts a pair's value where it belongs, or the pair where it will be evaluated.
+    /// Writes a pair's value to its place, or passes the pair on to the next closer evaluation.
     #[inline(always)]
     fn place(
         &mut self,
@@ -446,7 +445,7 @@ impl Exchanges {
             }
             return;
         }
-        // Rounding may lift a pair that all but touches above what leaves the smaller triangle.
+        // Rounding may lift the value of a pair that all but touches above the smaller area.
         let area = 0.5 * double_area;
         out[place] = near(&outer, &inner, normal, area, &self.rule).min(area);
     }
@@ -463,7 +462,7 @@ impl Exchanges {
     }
 }
 
-/// Returns whether two triangles are farther apart than `radii` radii of the outer one, by the spheres round them.
+/// Returns whether the spheres round two triangles are farther apart than `radii` radii of the outer one.
 fn is_far(outer: &[DVec3; 3], inner: &[DVec3; 3], radii: f64) -> bool {
     let ((outer_center, outer_squared), (inner_center, inner_squared)) =
         (geometry::sphere(outer), geometry::sphere(inner));
@@ -471,12 +470,12 @@ fn is_far(outer: &[DVec3; 3], inner: &[DVec3; 3], radii: f64) -> bool {
     outer_center.distance(inner_center) - inner_radius > (radii + 1.0) * outer_radius
 }
 
-/// The exchange of a pair that is not far apart.
+/// The exchange area of a pair that is not far apart.
 fn near(outer: &[DVec3; 3], inner: &[DVec3; 3], normal: DVec3, area: f64, rule: &FactorRule) -> f64 {
     let (center, squared_radius) = geometry::sphere(outer);
     let radii = distance(center, inner) / squared_radius.sqrt() - 1.0;
     if radii <= rule.twenty_four || is_cut(outer, inner) {
-        return contour::exchange(outer, inner, rule.care);
+        return contour::exchange(outer, inner, rule.precision);
     }
     let mut sum = Quadrature::new(normal, inner);
     if radii > rule.six {
@@ -489,14 +488,14 @@ fn near(outer: &[DVec3; 3], inner: &[DVec3; 3], normal: DVec3, area: f64, rule: 
     area * sum.finish()
 }
 
-/// Returns whether the inner triangle's plane cuts the outer one: the factor from a point has a kink there.
+/// Returns whether the inner triangle's plane cuts the outer one: the factor from a point has a kink at the cut.
 fn is_cut(outer: &[DVec3; 3], inner: &[DVec3; 3]) -> bool {
     let normal = geometry::cross(inner);
     let heights = outer.map(|p| normal.dot(p - inner[0]));
     heights.iter().any(|&h| h > 0.0) && heights.iter().any(|&h| h < 0.0)
 }
 
-/// The smaller triangle first, and among equals by their corners, so that the order of arguments does not matter.
+/// Orders two triangles by area, and by their corners if equal: the order of arguments does not matter.
 fn in_order(i: &[DVec3; 3], j: &[DVec3; 3]) -> ([DVec3; 3], [DVec3; 3]) {
     let area = |t: &[DVec3; 3]| geometry::cross(t).length_squared();
     let bits = |t: &[DVec3; 3]| t.map(|p| p.to_array().map(|x| x.to_bits()));

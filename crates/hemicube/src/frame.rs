@@ -1,10 +1,10 @@
-//! Where a hemicube stands on its patch and how it is turned. Everything in f64: rounding world coordinates to f32
-//! before the rigid transform gives the emitter's own plane a large part of the row, and the row still sums to 1.
+//! Position and rotation of hemicubes on their patch. All in f64: rounding world coordinates to f32 before the rigid
+//! transform gives the emitter's own plane a large part of the row, and the row still sums to 1.
 //!
-//! No hemicubes turned by any angle, because boxes of what stands along the scene's axes then lie across the pixels of
-//! the faces, and culling by boxes leaves a fifth more; and none that are not turned, because an edge may then run
-//! along a whole row of pixel centres. `frame::MOST_TURN` is in between: the area rung errs by a twentieth more at
-//! most, pixel sums of an aligned room by a tenth in the median.
+//! No hemicubes turned by any angle, because boxes along the scene's axes then lie across the pixels of the faces, and
+//! culling by boxes leaves a fifth more. No hemicubes without a turn, because an edge may then run along a whole row of
+//! pixel centres, and all of them err the same way. `frame::MOST_TURN` is in between: the level *area* errs by a
+//! twentieth more at most, pixel sums of an aligned room by a tenth in the median.
 
 use crate::sampling::splitmix;
 use glam::DVec3;
@@ -13,8 +13,8 @@ use hemicube_scene::InputPatch;
 /// Tangent, bitangent and normal of a triangle, orthonormal and right-handed: the tangent along its first edge, then
 /// turned about the normal by `turn` (0 to 1: 0° to 90°, after which a hemicube repeats itself).
 ///
-/// The turn is the rational parametrisation of the circle, cos = (1−t²)/(1+t²), sin = 2t/(1+t²), so that frames are the
-/// same bits on every platform. Returns `None` for a triangle without area.
+/// The turn is the rational parametrisation of the circle, cos = (1−t²)/(1+t²), sin = 2t/(1+t²): frames are the same
+/// bits on every platform. Returns `None` for a triangle without area.
 ///
 /// ```
 /// use hemicube::InputPatch;
@@ -46,8 +46,8 @@ pub fn axes([a, b, c]: [DVec3; 3], turn: f64) -> Option<[DVec3; 3]> {
     ])
 }
 
-/// The same about a normal that belongs to no triangle: the tangent lies in the plane of the normal and the axis that
-/// it is farthest from. Returns `None` for a normal without length.
+/// [`axes`] about a given normal: the tangent lies in the plane of the normal and its farthest axis. Returns `None` for
+/// a normal without length.
 pub fn axes_of(normal: DVec3, turn: f64) -> Option<[DVec3; 3]> {
     let normal = normal.try_normalize()?;
     let [x, y, z] = normal.abs().to_array();
@@ -69,12 +69,10 @@ pub fn turn(patch: InputPatch) -> f64 {
     MOST_TURN * (2.0 * drawn - 1.0)
 }
 
-/// How far a hemicube is turned at most, either way, from one along the scene's axes: 11°. Freely turned, axis-aligned
-/// boxes, and walls that are upright, lie across the pixels of its faces, and culling takes a fifth longer; not turned
-/// at all, an edge may run along a whole row of pixel centres, and all of them err the same way.
+/// Bound of [`turn`] either way: 11° from the scene's axes. See the head of this module for the choice.
 pub const MOST_TURN: f64 = 0.1;
 
-/// The centroids of the K = n² equal sub-triangles of a triangle, at which K hemicubes sample it. One is the centroid.
+/// The sample points of K = n² hemicubes on a triangle: the centroids of K equal sub-triangles.
 pub fn sample_points([a, b, c]: [DVec3; 3], n: u32) -> Vec<DVec3> {
     let mut points = Vec::with_capacity(n as usize * n as usize);
     let third = 3.0 * f64::from(n);

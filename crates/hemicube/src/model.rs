@@ -8,17 +8,17 @@ use hemicube_scene::{InputPatch, Patches, Side};
 use hemicube_spatial::{Aabb, Octree, OctreeError, OctreeOptions, order_by_normal_and_position};
 use std::sync::{Arc, OnceLock};
 
-/// How the octree is cut: the thesis's two parameters.
+/// Division of the octree: the thesis's two parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HierarchyOptions {
     /// Deepest level, at most 21.
     pub max_level: u32,
-    /// A node with no more surfaces than this is not divided.
+    /// Number of surfaces up to which a node is not divided.
     pub min_patches: u32,
 }
 
 impl Default for HierarchyOptions {
-    /// Sixteen surfaces fill one SIMD block; levels enough never to be what stops the division of a real scene.
+    /// Sixteen surfaces fill one SIMD block; the levels never stop the division of a real scene.
     fn default() -> Self {
         Self {
             max_level: 16,
@@ -27,23 +27,23 @@ impl Default for HierarchyOptions {
     }
 }
 
-/// The longest half side of a scene's box, in its own unit: an area is the root of a sum of fourth powers of lengths,
-/// which must neither overflow nor, for the smallest patch that the box's own coordinates can tell, be 0.
+/// Range of the longest half side of a scene's box, in its own unit. An area is the root of a sum of fourth powers of
+/// lengths: the sum must not overflow, nor be 0 for the smallest patch in the resolution of the box's coordinates.
 const EXTENTS: std::ops::RangeInclusive<f64> = 1e-60..=1e60;
 
-/// How many times the height up to which corners are taken to lie in a plane a triangle's longest edge must be. A room
-/// of triangles that just are has the rows that it has by itself (`tests/tests/extremes.rs`); of those as short as that
-/// height, nothing sees anything.
+/// Least length of a triangle's longest edge, in heights up to which corners count as in a plane. A room of triangles
+/// just above it has the rows of the room alone (`tests/tests/extremes.rs`); in one of edges as short as that height,
+/// nothing sees anything.
 const DWARFED: f64 = 16.0;
 
-/// Why a model could not be made.
+/// Reason for which there is no model.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ModelError {
-    /// There is no patch.
+    /// The scene has no patch.
     #[error("the scene has no patch left; nothing can be computed")]
     Empty,
-    /// Coordinates of which f64 cannot hold the extent, or the areas.
+    /// f64 cannot hold the scene's extent, or its areas.
     #[error(
         "the scene's extent {extent:e} cannot be worked with; coordinates must be finite and not all alike, and half its box from \
          {least:e} to {most:e} long: give them in another unit",
@@ -53,23 +53,23 @@ pub enum ModelError {
         /// The longest half side of the scene's box.
         extent: f64,
     },
-    /// Most triangles are so small beside the scene that none can be told from the plane of its neighbour: something
-    /// stands far off, or coordinates are given so far from the origin that nothing is left of them.
+    /// Most triangles are too small beside the scene to be told from the planes of their neighbours: something stands
+    /// far off, or the scene lies so far from the origin that coordinates lose their digits.
     #[error(
         "{small} of {surfaces} triangles are less than {least:.1e} of the scene's extent {extent:.3e} long, too small to be told apart; is \
          something far off? the farthest from the middle of all is patch {} at ({:.4e} {:.4e} {:.4e}): delete it, or move the scene to the origin",
         farthest.0, at.x, at.y, at.z
     )]
     Dwarfed {
-        /// Number of triangles that are that small.
+        /// Number of such triangles.
         small: usize,
-        /// Of how many, cut as they are.
+        /// Number of all triangles, as cut.
         surfaces: usize,
-        /// In parts of `extent`.
+        /// Least length of the longest edge, in parts of `extent`.
         least: f64,
         /// The longest half side of the scene's box.
         extent: f64,
-        /// The patch that is farthest from the median of all.
+        /// The patch farthest from the median of all.
         farthest: InputPatch,
         /// Its centroid.
         at: DVec3,
@@ -89,7 +89,7 @@ pub enum ModelError {
 /// let patches = Patches::new(&generate::cornell_box(), Subdivision::Split(2))?;
 /// let model = Model::new(patches.into(), HierarchyOptions::default())?;
 ///
-/// // The order of work is an order of all patches; what is near in it sees much the same.
+/// // The order of work has all patches; neighbours in it see much the same.
 /// let mut patches: Vec<InputPatch> = model.order().collect();
 /// assert_ne!(patches[0], InputPatch(0));
 /// patches.sort();
@@ -117,8 +117,8 @@ impl Model {
     /// Prepares `patches`.
     ///
     /// # Errors
-    /// When there is no patch, coordinates are not finite or all alike, half the scene's box is not from 10⁻⁶⁰ to 10⁶⁰
-    /// long, or most triangles have no edge of 1.6·10⁻⁹ of that.
+    /// If there is no patch, coordinates are not finite or all alike, half the scene's box is not from 10⁻⁶⁰ to 10⁶⁰
+    /// long, or most triangles have no edge of 1.6·10⁻⁹ of it.
     pub fn new(patches: Arc<Patches>, hierarchy: HierarchyOptions) -> Result<Self, ModelError> {
         if patches.is_empty() {
             return Err(ModelError::Empty);
@@ -147,7 +147,7 @@ impl Model {
             .iter()
             .map(|s| Aabb::from_points(s.map(normalise)))
             .collect();
-        // The order of work has nothing to do with the octree: each on a thread of its own.
+        // Neither the order of work nor the octree needs the other: each on a thread of its own.
         let work_order = || {
             let (normals, centroids): (Vec<DVec3>, Vec<DVec3>) = patches
                 .iter()
@@ -184,8 +184,8 @@ impl Model {
             })
             .collect();
 
-        // Corners carry the rounding of the coordinates they were given in, which far from the origin is much more than
-        // that of the scene's own extent.
+        // Corners carry the rounding of their file's coordinates: far from the origin, much more than that of the
+        // scene's own extent.
         let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
         let plane_tolerance = 1e-10 + 16.0 * f64::EPSILON * largest * scale;
         let least = DWARFED * plane_tolerance;
@@ -219,13 +219,13 @@ impl Model {
         &self.patches
     }
 
-    /// What backends are given.
+    /// The scene for backends.
     pub fn geometry(&self) -> &Arc<Geometry> {
         &self.geometry
     }
 
-    /// The order of work: patches by normal, then by position, along a Morton curve, so that consecutive hemicubes see
-    /// much the same.
+    /// The order of work: patches by normal, then by position, along a Morton curve. Consecutive hemicubes see much the
+    /// same.
     pub fn order(&self) -> impl Iterator<Item = InputPatch> + '_ {
         self.order.iter().map(|&p| InputPatch(p))
     }
@@ -248,9 +248,10 @@ impl Model {
         })
     }
 
-    /// The hemicubes of a patch: `n`² of them at the centroids of its sub-triangles, along the scene's axes as far as
-    /// its normal lets them ([`frame::axes_of`]), and turned a little about it by a hash of the patch when `rotate` is
-    /// on ([`frame::turn`]). Empty for a patch without area.
+    /// The `n`² hemicubes of a patch, at the centroids of its equal sub-triangles; none for a patch without area.
+    ///
+    /// They stand along the scene's axes as far as the normal allows ([`frame::axes_of`]). With `rotate`, a hash of the
+    /// patch turns them a little about the normal ([`frame::turn`]).
     pub fn hemicubes(&self, patch: InputPatch, n: u32, rotate: bool) -> Vec<Hemicube> {
         let corners = self.normalised_corners(patch.0);
         let turn = if rotate { frame::turn(patch) } else { 0.0 };
@@ -270,7 +271,7 @@ fn longest_edge([a, b, c]: &[DVec3; 3]) -> f64 {
     a.distance(*b).max(b.distance(*c)).max(c.distance(*a))
 }
 
-/// The patch whose centroid is farthest from the median of all, and that centroid. There is a patch.
+/// The patch with the centroid farthest from the median of all, and that centroid. Expects a patch.
 fn farthest_from_median(patches: &Patches) -> (InputPatch, DVec3) {
     let median = DVec3::from_array([0, 1, 2].map(|axis| {
         let mut along: Vec<f64> = patches.iter().map(|p| patches.centroid(p)[axis]).collect();
@@ -283,7 +284,7 @@ fn farthest_from_median(patches: &Patches) -> (InputPatch, DVec3) {
     (farthest, patches.centroid(farthest))
 }
 
-/// The largest power of two that is not above a positive, normal, finite `x`.
+/// The largest power of two up to a positive, normal, finite `x`.
 fn power_of_two_not_above(x: f64) -> f64 {
     let exponent = x.to_bits() >> 52;
     f64::from_bits(exponent << 52)

@@ -6,24 +6,22 @@
 //! ```
 //!
 //! Both sums run over the *same* segments: the mean visibility of evenly drawn segments times the closed form is biased
-//! exactly where patches are near each other. Segments are drawn as points of the smaller patch and directions over the
-//! solid angle of the other (Arvo 1995), which leaves only a cosine as weight: nothing is singular where patches touch.
+//! exactly between near patches. Segments are drawn as points of the smaller patch and directions over the solid angle
+//! of the other (Arvo 1995). Only a cosine is left as weight: nothing is singular between touching patches.
 //!
-//! Which pairs there are is found by cosine-distributed rays from stratified points of the emitter. What these rays hit
-//! is also a row by itself, without closed form and without visible fractions: the two must agree
-//! ([`ReferenceRow::agreement`]).
+//! Cosine-distributed rays from stratified points of the emitter find the pairs. Their hits are also a row by
+//! themselves, without closed form and without visible fractions: the two must agree ([`ReferenceRow::agreement`]).
 //!
-//! What they did not hit is estimated from what they hit once or twice (Good 1953). Patches that no ray met are then
-//! taken up by a bound of their form factor, all from some least bound on: so low that what is below it is likely less
-//! than the target, of the row's norm and of its sum. Segments measure their visibility as that of the others. Where
-//! more rays are cheaper than looking at that many patches, rays are cast first; where both would take more than
-//! [`ReferenceSettings::max_rays`] allows, the largest bounds are looked at, and [`ReferenceRow::missed`] holds the
-//! rest.
+//! The row's rest is estimated from patches hit once or twice (Good 1953). Patches without a hit are then taken up by a
+//! bound of their form factor, all from some least bound on: so low, in the row's norm and in its sum, that the rest is
+//! likely less than the target. Segments measure their visibility, too. If more rays are cheaper than looking at so
+//! many patches, rays are cast first. If both would take more than [`ReferenceSettings::max_rays`] allows, the largest
+//! bounds are looked at, and [`ReferenceRow::missed`] holds the rest.
 //!
-//! What is seen is what backends are told to see ([`crate::backend`]): the emitter's own surface never, nor anything
-//! that lies in or below its plane; of surfaces in one plane the patch with the smaller id; the back of a one-sided
-//! surface occludes, and loses to any patch in its own plane. Rays are traced through a hierarchy with f32 boxes,
-//! widened by more than their rounding, and meet triangles in f64.
+//! Visibility is that of backends ([`crate::backend`]): never the emitter's own surface, nor anything in or below its
+//! plane; of surfaces in one plane the patch with the smaller id; the back of a one-sided surface occludes, and loses
+//! to any patch in its own plane. Rays are traced through a hierarchy with f32 boxes, widened by more than their
+//! rounding, and meet triangles in f64.
 //!
 //! Rows depend on the scene, the settings and the emitter only.
 
@@ -46,15 +44,15 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use visibility::{Met, Occluders, Sight};
 
-/// How carefully reference rows are computed.
+/// Precision of reference rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceSettings {
-    /// The standard error of a row that is aimed at, as a share of its Euclidean norm. What is likely missing of a row
-    /// is as small a share of its sum, and the error of what escaped is no larger.
+    /// The standard error aimed at, as a share of a row's Euclidean norm. The part likely missing of a row is as small
+    /// a share of its sum, and the error of the escaped share is no larger.
     pub target: f64,
-    /// Where a row stops even if it has not reached the target; its error says so.
+    /// Number of rays at which a row ends even off the target; its error says so.
     pub max_rays: u64,
-    /// Which random numbers.
+    /// Seed of the random numbers.
     pub seed: u64,
 }
 
@@ -68,19 +66,19 @@ impl Default for ReferenceSettings {
     }
 }
 
-/// Why there are no reference rows.
+/// Reason for which there are no reference rows.
 #[derive(Debug, thiserror::Error, PartialEq)]
 #[non_exhaustive]
 pub enum ReferenceError {
-    /// There is no such patch.
+    /// The scene has no such patch.
     #[error("patch {patch} has no reference row: the scene has {count} patches, numbered from 0")]
     NoSuchPatch {
         /// The patch asked for.
         patch: u32,
-        /// The number that there are.
+        /// Number of patches.
         count: u32,
     },
-    /// A target that no number of rays reaches, or that says nothing.
+    /// A target beyond any number of rays, or without meaning.
     #[error("reference target `{target}` is not between 0.00001 and 1; ask for 0.003, say")]
     Target {
         /// The target asked for.
@@ -91,7 +89,7 @@ pub enum ReferenceError {
     TooFewRays {
         /// The rays allowed.
         max_rays: u64,
-        /// The fewest that mean something.
+        /// The least meaningful number.
         least: u64,
     },
 }
@@ -107,22 +105,22 @@ pub struct ReferenceRow {
     pub values: Vec<f64>,
     /// Standard errors of the form factors, from independent batches of rays and from the closed form's own error.
     pub errors: Vec<f64>,
-    /// The share that meets nothing.
+    /// Share of rays without a hit.
     pub escaped: f64,
-    /// The share that meets the back of a one-sided patch.
+    /// Share of rays that meet the back of a one-sided patch.
     pub blocked: f64,
-    /// Standard error of `escaped`, of `blocked` and of the two together, at most.
+    /// The largest standard error of `escaped`, of `blocked` and of the two together.
     pub error_of_shares: f64,
-    /// The share that goes to patches which no ray found: an estimate.
+    /// Estimated share of patches not found by rays.
     pub missed: f64,
     /// Standard error of `missed`.
     pub error_of_missed: f64,
-    /// Σ F² over patches which no ray found: an estimate.
+    /// Estimated Σ F² over patches not found by rays.
     pub missed_squared: f64,
-    /// How far the row is from what the rays over the hemisphere counted: mean square, in squares of a standard error,
-    /// over patches with 16 hits or more. About 1 or less when both are right; much more when one is wrong.
+    /// Mean squared difference of the row from the counts of rays over the hemisphere, in squared standard errors, over
+    /// patches with 16 hits or more. About 1 or less if both are right; much more if one is wrong.
     pub agreement: f64,
-    /// Patches that `agreement` is over.
+    /// Number of patches in `agreement`.
     pub agreement_count: u32,
     /// Rays traced.
     pub rays: u64,
@@ -134,7 +132,7 @@ impl ReferenceRow {
         self.values.iter().map(|f| f * f).sum()
     }
 
-    /// The expected Σ (F − true F)², with the patches that no ray found.
+    /// The expected Σ (F − true F)², with the patches not found by rays.
     pub fn squared_error(&self) -> f64 {
         self.errors.iter().map(|e| e * e).sum::<f64>() + self.missed_squared
     }
@@ -154,7 +152,7 @@ impl ReferenceRow {
         self.sum() + self.escaped + self.blocked
     }
 
-    /// Σ F, with what is likely missing.
+    /// Σ F, with the likely missing part.
     pub fn sum(&self) -> f64 {
         self.values.iter().sum::<f64>() + self.missed
     }
@@ -178,7 +176,7 @@ pub fn noise_of(rows: &[ReferenceRow]) -> f64 {
     if norm > 0.0 { (error / norm).sqrt() } else { 0.0 }
 }
 
-/// What is used for one row after the other.
+/// Buffers, used for one row after the other.
 #[derive(Debug)]
 struct Scratch {
     hemisphere: Hemisphere,
@@ -196,7 +194,7 @@ impl Scratch {
 
 /// A scene made ready for reference rows.
 ///
-/// What rows of hemicubes are worth, without a closed form for the scene:
+/// The error of hemicubes' rows, without a closed form for the scene:
 ///
 /// ```
 /// use hemicube::InputPatch;
@@ -210,7 +208,7 @@ impl Scratch {
 /// let reference = Reference::new(&model, settings)?.rows(&emitters, 0, &mut |_| ())?;
 /// assert!(reference.iter().all(|row| row.noise() < 0.03 && (row.closure() - 1.0).abs() < 0.02));
 ///
-/// // `parts` computes the rows of the room, here by each rung of the ladder.
+/// // `parts` computes the rows of the room, here at two accuracy levels.
 /// let error = |correction: Correction| -> room::Result<f64> {
 ///     let parts = room::parts(&model, correction)?;
 ///     let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
@@ -226,26 +224,26 @@ pub struct Reference<'m> {
     settings: ReferenceSettings,
 }
 
-/// The share of the squared error aimed at, and of the error of the sum, that patches which no ray finds may have.
+/// Share of patches not found by rays in the squared error aimed at, and in the error of the sum.
 const SHARE_OF_MISSED: f64 = 0.3;
-/// The share of a row's rays that segments to patches which no ray over the hemisphere met may have.
+/// A row's rays over the bound of segments to patches not met over the hemisphere.
 const SHARE_OF_UNMET: u64 = 4;
-/// What it costs to look at a patch, in rays: a segment of each batch and the closed form.
+/// Cost of looking at a patch, in rays: a segment of each batch and the closed form.
 const RAYS_OF_A_LOOK: u64 = 48;
-/// As many patches are looked at without asking whether rays are cheaper.
+/// Number of patches that are looked at even if rays are cheaper.
 const LOOKS_FOR_NOTHING: u64 = 4096;
-/// Number of times that segments to patches that hardly any reached are doubled.
+/// Number of doublings of the segments to patches hardly any segment reached.
 const LOOKS: usize = 4;
-/// The share of the error aimed at that a pair's closed form may have.
+/// Share of a pair's closed form in the error aimed at.
 const SHARE_OF_CLOSED_FORM: f64 = 0.1;
-/// Rounds of refinement, each of which at most quadruples a pair's rays.
+/// Rounds of refinement; each at most quadruples a pair's rays.
 const ROUNDS: usize = 10;
 
 impl<'m> Reference<'m> {
     /// Builds the hierarchy over all surfaces of `model`.
     ///
     /// # Errors
-    /// When the settings ask for what cannot be done.
+    /// If the settings are out of range.
     pub fn new(model: &'m Model, settings: ReferenceSettings) -> Result<Self, ReferenceError> {
         let ReferenceSettings { target, max_rays, .. } = settings;
         if !(1e-5..=1.0).contains(&target) {
@@ -267,7 +265,8 @@ impl<'m> Reference<'m> {
         &self.settings
     }
 
-    /// Whether the point `to` of the receiver, in the file's unit, is seen from the point `from` of the emitter.
+    /// Returns whether the point `to` of the receiver, in the file's unit, is seen from the point `from` of the
+    /// emitter.
     ///
     /// # Errors
     /// When there is no such emitter or receiver.
@@ -288,9 +287,9 @@ impl<'m> Reference<'m> {
         Ok(self.occluders.sees(&emitter, from, &receiver, to, &mut None))
     }
 
-    /// Whether a ray from a point, of a patch or free, in a direction meets nothing; all in the scene's coordinates.
-    /// What lies in or below the plane through the point across `normal` is out of the way, and so is the patch's own
-    /// surface.
+    /// Returns whether a ray from a point, of a patch or free, in a direction meets nothing; all in the scene's
+    /// coordinates. Neither surfaces in or below the plane through the point across `normal` nor the patch's own
+    /// surface are met.
     ///
     /// # Errors
     /// When there is no such patch.
@@ -324,7 +323,7 @@ impl<'m> Reference<'m> {
         Ok(self.compute(emitter, &mut Scratch::new(self.model)))
     }
 
-    /// The rows of several emitters, in order, by several threads (0: one a core). `progress` is told how many are
+    /// The rows of several emitters, in order, by several threads (0: one a core). `progress` is called with the number
     /// done.
     ///
     /// # Errors
@@ -378,7 +377,7 @@ impl<'m> Reference<'m> {
         }
     }
 
-    /// A row without anything but the emitter where the patch has no area.
+    /// The row of one emitter; without entries for a patch without area.
     fn compute(&self, emitter: InputPatch, scratch: &mut Scratch) -> ReferenceRow {
         let mut row = ReferenceRow {
             emitter: emitter.0,
@@ -435,9 +434,8 @@ impl<'m> Reference<'m> {
         row
     }
 
-    /// Casts rays over the hemisphere until patches that none met can be looked at for no more than the rays took, and
-    /// says from which bound on that must be done for the target; from which it can be done where there are no more
-    /// rays.
+    /// Casts rays over the hemisphere until looking at the unmet patches costs no more than the rays did. Returns the
+    /// bound from which on patches must be looked at for the target, or can be if there are no more rays.
     fn find(&self, sight: &Sight, Scratch { hemisphere, facing }: &mut Scratch) -> f64 {
         let ReferenceSettings { target, max_rays, seed } = self.settings;
         facing.find(self.model, sight);
@@ -460,8 +458,8 @@ impl<'m> Reference<'m> {
         }
     }
 
-    /// The bound from which on patches must be looked at: what rays met once or twice below it says that what they did
-    /// not meet is less than the target.
+    /// The bound from which on patches must be looked at: by hits of once or twice met patches below it, the unmet part
+    /// is less than the target.
     fn least(&self, hemisphere: &Hemisphere, facing: &Facing) -> f64 {
         let target = self.settings.target;
         let rays = hemisphere.rays() as f64;
@@ -476,24 +474,24 @@ impl<'m> Reference<'m> {
                 reason = "saturation is wanted"
             )]
             let first = bounds.get(allowed as usize);
-            // Not at that patch's own bound, which the rays chose.
+            // Below that patch's own bound: the rays chose it.
             first.map_or(f64::INFINITY, |bound| 0.5 * bound)
         };
         if hemisphere.found().next().is_none() {
-            // Nothing is known of a row of which nothing was met.
+            // Without a hit, nothing is known of the row.
             return 0.0;
         }
         limit(1, once).min(limit(2, twice))
     }
 
-    /// Casts the first segments to patches that no ray over the hemisphere met, more to those with a larger form
-    /// factor, and says what is likely missing in those that no segment reached: of pairs with n segments each, Σ F = Σ
-    /// F⁰ / n over pairs that one reached, Σ F² = Σ 2 F⁰² / (n (n − 1)) over pairs that two reached.
+    /// Casts the first segments to patches not met over the hemisphere, more to those with a larger form factor.
+    /// Returns the likely missing part in those that no segment reached: with n segments a pair, Σ F = Σ F⁰ / n over
+    /// pairs reached by one, Σ F² = Σ 2 F⁰² / (n (n − 1)) over pairs reached by two.
     fn look(&self, sight: &Sight, unmet: &mut [Pair], hemisphere: &Hemisphere) -> Missing {
         let ReferenceSettings { target, max_rays, .. } = self.settings;
         let batches = BATCHES as f64;
         let rays = hemisphere.rays() as f64;
-        // A segment that reaches a pair is to be worth a few rays over the hemisphere, unless that takes too many.
+        // A segment to a pair is to be worth a few rays over the hemisphere, within the bound.
         let whole: f64 = unmet.iter().map(Pair::most).sum();
         let most = max_rays / (2 * SHARE_OF_UNMET);
         let each = (0.25 * rays).min(most as f64 / whole.max(f64::MIN_POSITIVE));
@@ -523,11 +521,11 @@ impl<'m> Reference<'m> {
         missing_of(unmet)
     }
 
-    /// Casts rays between pairs, more where a pair has more part in the row's error, until the row is good enough.
+    /// Casts rays between pairs, in proportion to their part in the row's error, until the row is good enough.
     fn refine(&self, sight: &Sight, pairs: &mut [Pair], before: u64, max_rays: u64) {
         let target = self.settings.target * self.settings.target;
-        // Small pairs whose visible fraction hardly matters begin with one ray a batch, the others with four. The norm
-        // is not known yet: what was counted, or what could be seen at most, whichever is less.
+        // Begin with one ray a batch for small pairs, four for the others. The norm is not known yet: take the counted
+        // or the unoccluded form factor, the lesser of the two.
         let counted = |pair: &Pair| pair.most().min(2.0 * f64::from(pair.hits) / before.max(1) as f64);
         let norm: f64 = pairs.iter().map(|pair| counted(pair).powi(2)).sum();
         let mut order: Vec<usize> = (0..pairs.len()).collect();
@@ -537,13 +535,13 @@ impl<'m> Reference<'m> {
         for index in order {
             let pair = &mut pairs[index];
             if pair.hits == 0 {
-                // It has been looked at.
+                // Looked at before.
                 continue;
             }
             sum += 0.25 * pair.most().powi(2) / BATCHES as f64;
             let rays = if sum <= 0.05 * target * norm { 1 } else { 4 };
             if left < rays * BATCHES as u64 {
-                // Without a single ray a pair says nothing: its error then is half of what it could be.
+                // Without a ray, a pair's error is half of its unoccluded form factor.
                 continue;
             }
             left -= rays * BATCHES as u64;
@@ -587,7 +585,7 @@ impl<'m> Reference<'m> {
     }
 }
 
-/// What is likely missing in pairs of which no segment passed.
+/// The likely missing part in pairs no segment passed between.
 fn missing_of(unmet: &[Pair]) -> Missing {
     let mut missing = Missing::default();
     for pair in unmet {
@@ -604,8 +602,8 @@ fn missing_of(unmet: &[Pair]) -> Missing {
     missing
 }
 
-/// Which share of a row, by squares, is in pairs that some rays pass and others do not: how likely it is that a pair
-/// which all rays pass is partly visible nevertheless.
+/// The share of a row, by squares, in partly visible pairs: the chance that a pair all rays pass is partly visible
+/// nevertheless.
 fn share_partly_visible(pairs: &[Pair]) -> f64 {
     let mut sums = [0.0, 0.0];
     for pair in pairs {

@@ -1,4 +1,4 @@
-//! Numbers drawn by a seed: a hash, and points that fill a cube evenly.
+//! Seeded random numbers: a hash, and points that fill a cube evenly.
 
 pub(crate) mod sobol;
 pub(crate) mod splitmix;

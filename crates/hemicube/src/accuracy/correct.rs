@@ -87,8 +87,8 @@ impl Correction {
         }
     }
 
-    /// Builds the lookup structures of a row now instead of with the first row: a tree over the scene's surfaces and one
-    /// over its coplanar regions. They are cached with the scene.
+    /// Builds the lookup structures of a row now instead of with the first row: a tree over the scene's surfaces and
+    /// one over its coplanar regions. They are cached with the scene.
     pub fn prepare(&self, model: &Model) {
         if matches!(self, Self::Area(_) | Self::Tolerance(_)) {
             Tree::of(model.geometry());

@@ -5,7 +5,7 @@
 //! squared error is worth. A pair whose fraction stays as the hemicube has it contributes z² d, with
 //! z² = (F_ij² + F_ji²) / 2 of its unoccluded form factors and the prior variance d of its cell in [`PriorVariances`].
 //! Measured by n rays of spread s it contributes z² s² n^(−5/4), so that n = (5/4 λ z² s²)^(4/9) is the cheapest
-//! number ([`rays_for`]). It is measured where λ z² d exceeds the cost of a shaft and its rays.
+//! number (`rays_for`). It is measured where λ z² d exceeds the cost of a shaft and its rays.
 //!
 //! `scripts/fit-error-model` measures the tables and the exponent anew and prints how far the committed ones are off.
 
@@ -254,8 +254,10 @@ pub(crate) fn rays_for(value: f64, ray: f64) -> f64 {
     fourth * eighth * eighth.sqrt()
 }
 
-/// z √d √λ from which a pair is measured: with √d for the spread, a shaft, as dear as 800 rays, and the rays then cost
-/// what they save.
+/// Cost of a shaft and of beginning to measure a pair, in rays.
+pub(crate) const SHAFT_RAYS: f64 = 800.0;
+/// z √d √λ from which a pair is measured: with √d for the spread, a shaft of [`SHAFT_RAYS`] and the rays then cost what
+/// they save: 30² is 800 rays and some more.
 pub(crate) const MEASURED_FROM: f64 = 30.0;
 /// Share of the squared error aimed at that visible fractions may leave; the rest is for closed forms. A choice.
 pub(crate) const FRACTIONS_SHARE: f64 = 0.8;

@@ -1,9 +1,8 @@
-//! How many hemicubes a patch needs for its points to stand for it.
+//! Number of hemicubes by the size of a patch.
 //!
-//! One hemicube at the centroid stands for a patch that is as small as what it sees. On a ground of square kilometres
-//! with a city on it, the centroid may lie within a building, and whatever it sees, the rest of the ground sees
-//! something else. Such a patch gets n² hemicubes, one in each of n² equal parts of it: n² in proportion to the
-//! surfaces that stand on it.
+//! One hemicube at the centroid stands for a patch as small as the surfaces around it. On a ground of square kilometres
+//! with a city on it, the centroid may lie within a building, and other points of the ground see something else. Such a
+//! patch gets n² hemicubes, one in each of n² equal parts of it: n² in proportion to the surfaces that stand on it.
 
 use crate::Model;
 use crate::backend::Geometry;
@@ -13,27 +12,27 @@ use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
 
-/// Only patches of this many times the scene's median area are looked at.
+/// Area of a large patch, in the scene's median areas. A choice.
 const LARGE: f64 = 64.0;
-/// What counts as standing on a patch has at most this share of its area.
+/// Area of a surface that counts as standing on a patch, at most, in areas of the patch. A choice.
 const SMALLER: f64 = 1.0 / 16.0;
-/// So many of them a hemicube.
+/// Number of such surfaces for each hemicube. A choice.
 const SURFACES_PER_HEMICUBE: usize = 16;
-/// The most hemicubes along an edge.
+/// Bound of the hemicubes along an edge.
 pub(crate) const MOST_PER_EDGE: u32 = 16;
-/// Counting ends where more would change nothing.
+/// Number of surfaces at which counting ends: more would change nothing.
 const ENOUGH: usize = SURFACES_PER_HEMICUBE * (MOST_PER_EDGE * MOST_PER_EDGE) as usize;
-/// Blocks of the tree that are looked at for one patch, at most: what was found up to there counts.
+/// Bound of the blocks of the tree that are looked at for one patch: surfaces found up to there count.
 const MOST_BLOCKS: usize = 1024;
 
-/// The area from which on patches are looked at.
+/// The area from which on a patch is large.
 #[derive(Debug)]
 pub(crate) struct Grain {
     large: f64,
 }
 
 impl Grain {
-    /// The scene's, found when first asked for: O(surfaces).
+    /// The scene's, found at the first call: O(surfaces).
     pub(crate) fn of(geometry: &Geometry) -> Arc<Self> {
         geometry.kept(|geometry| {
             let mut areas: Vec<f64> = geometry.surfaces.iter().map(|surface| area(&surface.corners)).collect();
@@ -47,8 +46,8 @@ impl Grain {
         })
     }
 
-    /// Hemicubes along an edge of a patch: 1 for all but large patches on which much stands; at most [`MOST_PER_EDGE`].
-    /// Depends on the scene alone. Looks at [`MOST_BLOCKS`] blocks of surfaces at most.
+    /// Hemicubes along an edge of a patch, 1 to [`MOST_PER_EDGE`]: 1 unless the patch is large and much stands on it.
+    /// Depends on the scene alone.
     pub(crate) fn per_edge(&self, model: &Model, patch: InputPatch) -> u32 {
         let corners = model.normalised_corners(patch.0);
         let own = area(&corners);
@@ -62,8 +61,8 @@ impl Grain {
     }
 }
 
-/// Number of surfaces, small beside the patch, that have their middle above it, no farther from it than it is large; at
-/// most [`ENOUGH`].
+/// Number of surfaces, small beside the patch, with the centroid above it and at most √area from it; at most
+/// [`ENOUGH`].
 fn standing_on(tree: &Tree, patch: InputPatch, corners: &[DVec3; 3]) -> usize {
     let [a, b, c] = *corners;
     let cross = geometry::cross(corners);

@@ -56,8 +56,9 @@ impl RayShares {
     }
 }
 
-/// Measures the non-visible shares of a patch by 256 rays, and by twice as many until no share has a standard error much
-/// above `permitted`, or 16,384 were cast. `receives` tells the patches with a column. `None` for a patch without area.
+/// Measures the non-visible shares of a patch by 256 rays, and by twice as many until no share has a standard error
+/// much above `permitted`, or 16,384 were cast. `receives` tells the patches with a column. `None` for a patch without
+/// area.
 pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
     let tree = Tree::of(emitter.model.geometry());
     let [a, b, c] = emitter.corners;
@@ -336,7 +337,8 @@ mod tests {
         assert!(found.rays <= 1024, "{found:?}");
     }
 
-    /// Walls of neighbouring buildings, a rounding apart: each is seen from its own side, whichever is nearer by rounding.
+    /// Walls of neighbouring buildings, a rounding apart: each is seen from its own side, whichever is nearer by
+    /// rounding.
     #[test]
     fn of_coincident_walls_the_front_is_seen() {
         let p = DVec3::new;

@@ -61,7 +61,8 @@ pub struct Refinement {
     pub priors: PriorVariances,
     /// Ratio of the squared error of rows to its expectation by prior variances and rays, measured on trial rows.
     pub estimate: f32,
-    /// True if all pairs are measured and none keeps its hemicube's fraction: for scenes so small that it takes no time.
+    /// True if all pairs are measured and none keeps its hemicube's fraction: for scenes so small that it takes no
+    /// time.
     pub all: bool,
     /// True if each pair keeps the tolerance by itself: for scenes so small that all pairs can be looked at.
     pub each: bool,
@@ -442,8 +443,8 @@ impl<'c> Refiner<'c> {
         self.measured_of = Some(emitter);
     }
 
-    /// Measures the pairs of a row that make a good part of its expected error, by measured prior variances, and inserts
-    /// those that no hemicube saw.
+    /// Measures the pairs of a row that make a good part of its expected error, by measured prior variances, and
+    /// inserts those that no hemicube saw.
     ///
     /// A pair is selected if its expected error exceeds a share of √Σ F². A row that sees little counts for less in the
     /// matrix: √Σ F² is then that of the geometric mean of what it sees and what it could. With n hemicubes, up to

@@ -1,26 +1,26 @@
 //! Form factors between triangles that are not near each other to some thousandths, sixteen pairs at a time in single
 //! precision.
 //!
-//! The kernel K(d) = (n_i · d)(−n_j · d) / (π d⁴) depends on where two points lie only by the vector d between them.
-//! Far apart, its mean over both triangles is its value at the centroids and half its second derivatives times the sum
-//! of the triangles' second moments: one division a pair. Nearer, it is summed over six points of either (degree 4).
-//! Single precision is enough because vectors between centroids are taken in double precision first, and all else is
-//! relative to the centroids.
+//! The kernel K(d) = (n_i · d)(−n_j · d) / (π d⁴) depends on two points by the vector d between them alone. Far apart,
+//! its mean over both triangles is its value at the centroids plus half its second derivatives times the sum of the
+//! triangles' second moments: one division a pair. Nearer, it is summed over six points of either (degree 4). Single
+//! precision is enough because vectors between centroids are taken in double precision first, and all else is relative
+//! to the centroids.
 //!
-//! Both are sums whose terms change places when the triangles do, so that A_i F_ij = A_j F_ji to the bit.
+//! Terms of both sums change places with the triangles, so that A_i F_ij = A_j F_ji to the bit.
 
 use super::SIX;
 use crate::geometry::CompactTriangle;
 use crate::simd::{InstructionSet, dispatch};
 
-/// Pairs a call.
+/// Number of pairs a call.
 pub(crate) const WIDTH: usize = 16;
 
-/// Sixteen triangles as one other sees them.
+/// Sixteen triangles relative to one other.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Pairs {
-    /// From the centroid of the one to theirs, by coordinate.
+    /// From that one's centroid to theirs, by coordinate.
     between: [[f32; WIDTH]; 3],
     normal: [[f32; WIDTH]; 3],
     edge: [[f32; WIDTH]; 3],
@@ -65,14 +65,15 @@ impl Pairs {
     }
 }
 
-/// How far apart, as squared distances of centroids in sums of both triangles' squared distances of corners from them.
+/// Distances from which each evaluation does: squared distances of centroids, over the sum of both triangles' squared
+/// distances of corners from centroids.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reach {
-    /// From here on, second derivatives.
+    /// For second derivatives.
     pub(crate) far: f32,
-    /// From here on, six points on either.
+    /// For six points on either.
     pub(crate) middle: f32,
-    /// The same where one's plane cuts the other: the kernel has a kink there.
+    /// For six points on either if one's plane cuts the other: the kernel has a kink at the cut.
     pub(crate) cut: f32,
 }
 
@@ -80,16 +81,16 @@ pub(crate) struct Reach {
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Found {
-    /// A_i F_ij, of use as `kind` says.
+    /// A_i F_ij where `kind` is [`DONE`]; of [`middle`], always.
     pub(crate) exchange: [f64; WIDTH],
     pub(crate) kind: [u32; WIDTH],
 }
 
-/// The exchange is found, or 0 because one triangle lies wholly behind the other.
+/// The exchange area is found, or 0: one triangle lies wholly behind the other.
 pub(crate) const DONE: u32 = 0;
-/// For [`middle`].
+/// The pair is for [`middle`].
 pub(crate) const MIDDLE: u32 = 1;
-/// For neither.
+/// The pair is too near for either.
 pub(crate) const NEAR: u32 = 2;
 
 impl Found {
@@ -167,7 +168,7 @@ fn far_portable(own: &CompactTriangle, others: &Pairs, reach: &Reach, out: &mut 
         let (edge, median) = (lane(&others.edge, l), lane(&others.median, l));
         let square = dot(d, d);
         let sizes = own_extent + extent(edge, median);
-        // Heights of each one's centroid above the other's plane, and how those of its corners differ.
+        // Heights of each one's centroid above the other's plane, and the differences of its corners' heights.
         let (a, b) = (dot(own.normal, d), -dot(normal, d));
         let (a_edge, a_median) = (dot(own.normal, edge), dot(own.normal, median));
         let (b_edge, b_median) = (dot(normal, own.edge), dot(normal, own.median));
@@ -197,7 +198,7 @@ fn far_portable(own: &CompactTriangle, others: &Pairs, reach: &Reach, out: &mut 
     weigh(own, others, &kernels, out);
 }
 
-/// Where the six points of a triangle are, in vectors from its centroid to its corners, and their weights.
+/// The six points of a triangle, in vectors from its centroid to its corners, and their weights.
 #[allow(clippy::cast_possible_truncation, reason = "rounding to single precision is wanted")]
 const ORBIT: [(f32, f32); 2] = [
     ((SIX[0].0 - SIX[0].1) as f32, SIX[0].2 as f32),
@@ -220,7 +221,10 @@ fn scaled(v: [f32; 3], by: f32) -> [f32; 3] {
     [v[0] * by, v[1] * by, v[2] * by]
 }
 
-/// A pair, as sums over points of either triangle need it.
+/// A point of a triangle's six: the corner it is near to, and its orbit.
+type OrbitPoint = (usize, usize);
+
+/// A pair, prepared for sums over points of either triangle.
 #[derive(Clone, Copy)]
 struct Pair {
     between: [f32; 3],
@@ -231,15 +235,15 @@ struct Pair {
     corners: [[[f32; 3]; 3]; 2],
 }
 
-// Functions and not closures, which would not all be inlined, and then the lanes are not vectorised.
+// Functions, not closures: these would not all be inlined, and the lanes not be vectorised.
 impl Pair {
-    /// The kernel between the point near corner `k` of the one, in its orbit, and that near corner `l` of the other.
+    /// The kernel between a point of the one triangle and a point of the other.
     #[inline(always)]
-    fn kernel(&self, (k, orbit): (usize, usize), (l, of_orbit): (usize, usize)) -> f32 {
-        let x = scaled(self.corners[0][k], ORBIT[orbit].0);
-        let y = scaled(self.corners[1][l], ORBIT[of_orbit].0);
+    fn kernel(&self, p: OrbitPoint, q: OrbitPoint) -> f32 {
+        let x = scaled(self.corners[0][p.0], ORBIT[p.1].0);
+        let y = scaled(self.corners[1][q.0], ORBIT[q.1].0);
         let d = self.between;
-        // The difference of the small vectors first: its sign alone changes when the triangles change places.
+        // The difference of the small vectors first: only its sign changes when the triangles change places.
         let v = [d[0] + (y[0] - x[0]), d[1] + (y[1] - x[1]), d[2] + (y[2] - x[2])];
         let w = 1.0 / most(dot(v, v), f32::MIN_POSITIVE);
         let from_one = most(self.heights[0] + dot(self.normals[0], y), 0.0);
@@ -247,9 +251,9 @@ impl Pair {
         (from_one * w) * (from_other * w)
     }
 
-    /// Two kernels that change places when the triangles do.
+    /// Two kernels that change places with the triangles.
     #[inline(always)]
-    fn both(&self, p: (usize, usize), q: (usize, usize)) -> f32 {
+    fn both(&self, p: OrbitPoint, q: OrbitPoint) -> f32 {
         self.kernel(p, q) + self.kernel(q, p)
     }
 
@@ -289,7 +293,7 @@ fn middle_portable(own: &CompactTriangle, others: &Pairs, out: &mut Found) {
     weigh(own, others, &kernels, out);
 }
 
-/// Kernels to exchanges, apart from the loops before: a loop has as many lanes as its widest numbers allow.
+/// Multiplies kernels by areas. Apart from the loops before, as a loop has as many lanes as its widest numbers allow.
 #[inline(always)]
 fn weigh(own: &CompactTriangle, others: &Pairs, kernels: &[f32; WIDTH], out: &mut Found) {
     for l in 0..WIDTH {
@@ -324,7 +328,7 @@ mod tests {
         pairs
     }
 
-    /// What the two could exchange at the distance of their centroids, turned to each other.
+    /// The exchange area of two triangles turned to each other, at the distance of their centroids.
     fn most_exchanged(i: &[DVec3; 3], j: &[DVec3; 3]) -> f64 {
         area(i) * area(j) / (std::f64::consts::PI * centroid(i).distance_squared(centroid(j)))
     }

@@ -1,5 +1,5 @@
-//! Form factors between triangles near each other: the double contour integral (Sparrow 1963), whose inner integral,
-//! and all that lies between edges whose lines are parallel or meet, has a closed form; the rest by adaptive quadrature
+//! Form factors between triangles near each other: the double contour integral (Sparrow 1963). The inner integral has a
+//! closed form, and between edges on parallel or meeting lines so has the outer one; the rest is adaptive quadrature
 //! along one edge.
 //!
 //! ```text
@@ -7,9 +7,8 @@
 //! ```
 //!
 //! holds where each triangle lies in front of the other's plane, so both are cut there first: surfaces that cross, and
-//! walls that end on a floor, are then like any others. Nothing is singular where the two touch, and plates a hair
-//! apart, whose factor from a point is a step, are smooth here: a quadrature over either's area has trouble with both.
-//! In architecture most edges are parallel or at right angles to each other, and the result is exact but for rounding.
+//! walls that end on a floor, are then like any others. Nothing is singular where the two touch. In architecture most
+//! edges are parallel or at right angles to each other, and the result is exact but for rounding.
 //!
 //! No quadrature over areas for near pairs, because plates a hair apart have factors like steps; the contour integral
 //! is smooth there, and where edges are parallel or at right angles it is exact.
@@ -20,19 +19,19 @@ use crate::geometry::{self, in_front};
 use crate::simd::{InstructionSet, dispatch};
 use glam::DVec3;
 
-/// How exact a contour integral is to be.
+/// Precision of a contour integral.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Care {
-    /// Error, as a share of the smaller one's area, to begin with.
+pub(crate) struct Precision {
+    /// Error as a share of the smaller triangle's area, to begin with.
     pub(crate) absolute: f64,
-    /// Error as a share of the value: where nearly flat edges leave little of the area, terms cancel.
+    /// Error as a share of the value: between nearly coplanar triangles, terms of the size of the area cancel.
     pub(crate) relative: f64,
-    /// Error, as a share of the smaller one's area, below which no value is worth more effort.
+    /// Error as a share of the smaller triangle's area below which no value is worth more effort.
     pub(crate) least: f64,
 }
 
-impl Care {
-    /// Of the area and of the value, however small it is.
+impl Precision {
+    /// Relative to the area and to the value, however small it is.
     pub(crate) const fn of_both(absolute: f64, relative: f64) -> Self {
         Self {
             absolute,
@@ -41,7 +40,7 @@ impl Care {
         }
     }
 
-    /// Of the area only.
+    /// Relative to the area only.
     pub(crate) const fn of_area(share: f64) -> Self {
         Self {
             absolute: share,
@@ -51,9 +50,8 @@ impl Care {
     }
 }
 
-/// A_i F_ij, to within `care` of the smaller one's area and of the value. The order of the arguments matters in the
-/// last bits.
-pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f64 {
+/// The exchange area A_i F_ij to a precision. The order of the arguments matters in the last bits.
+pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], precision: Precision) -> f64 {
     let origin = outer[0];
     let size = outer
         .iter()
@@ -64,8 +62,7 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f6
     if size == 0.0 {
         return 0.0;
     }
-    // So that logarithms are of numbers near 1: a common factor falls out of a closed contour, but not out of its
-    // rounding.
+    // Logarithms of numbers near 1: a common factor falls out of a closed contour, but not out of its rounding.
     let scale = 1.0 / size;
     let local = |t: &[DVec3; 3]| t.map(|p| (p - origin) * scale);
     let (outer, inner) = (local(outer), local(inner));
@@ -90,7 +87,7 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f6
             if cosine.abs() < RIGHT_ANGLE {
                 continue;
             }
-            // Both the same way.
+            // Make both point the same way.
             let ((c, d), v) = if cosine < 0.0 { ((d, c), -v) } else { ((c, d), v) };
             let (p, q) = (Edge::new(a, b, u), Edge::new(c, d, v));
             let comparable = p.length > COMPARABLE * q.length;
@@ -107,7 +104,7 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f6
     let closed = closed.sum();
     let area = geometry::area(&outer);
     let whole = area * std::f64::consts::TAU;
-    let (mut enough, least) = (care.absolute * whole, care.least * whole);
+    let (mut enough, least) = (precision.absolute * whole, precision.least * whole);
     let sum = loop {
         let (mut sum, mut error) = (closed, 0.0);
         for Skew { p, q, cosine } in skew[..skew_count].iter().flatten() {
@@ -115,12 +112,14 @@ pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], care: Care) -> f6
             sum += cosine * part.sum;
             error += cosine.abs() * part.difference;
         }
-        // The differences are those of a much rougher quadrature: that they are small enough proves more than is
-        // needed.
-        if error <= care.relative * sum || enough <= least {
+        // Differences of a much rougher quadrature: if they are small enough, the error is much smaller.
+        if error <= precision.relative * sum || enough <= least {
             break sum;
         }
-        enough = (care.relative * sum).min(1e-1 * enough).max(1e-3 * enough).max(least);
+        enough = (precision.relative * sum)
+            .min(1e-1 * enough)
+            .max(1e-3 * enough)
+            .max(least);
     };
     let exchange = sum * size * size / std::f64::consts::TAU;
     if exchange > 0.0 { exchange } else { 0.0 }
@@ -146,7 +145,7 @@ impl Edge {
     }
 }
 
-/// Two edges that have no closed form here, and the cosine between them.
+/// Two edges without a closed form, and the cosine between them.
 #[derive(Clone, Copy, Debug)]
 struct Skew {
     p: Edge,
@@ -154,14 +153,20 @@ struct Skew {
     cosine: f64,
 }
 
-/// Where the lines of two edges meet, as coordinates of the first edge's start and the second's; `None` if they do not,
-/// or far from both.
-fn apex(p: &Edge, q: &Edge) -> Option<(f64, f64)> {
-    // Corners in common first: for those no angle is too small.
+/// The coordinates of two edges' starts along their lines, from the point at which these meet.
+#[derive(Clone, Copy, Debug)]
+struct FromApex {
+    p: f64,
+    q: f64,
+}
+
+/// Finds the point at which the lines of two edges meet; `None` if they do not, or far from both.
+fn apex(p: &Edge, q: &Edge) -> Option<FromApex> {
+    // Common corners first: no angle is too small for them.
     for (corner, s) in [(p.start, 0.0), (p.end, -p.length)] {
         for (other, t) in [(q.start, 0.0), (q.end, -q.length)] {
             if corner.distance_squared(other) <= ON_PLANE * ON_PLANE {
-                return Some((s, t));
+                return Some(FromApex { p: s, q: t });
             }
         }
     }
@@ -176,14 +181,14 @@ fn apex(p: &Edge, q: &Edge) -> Option<(f64, f64)> {
     let t = (cosine * on_p - on_q) / sine_squared;
     let gap = between + q.along * t - p.along * s;
     let reach = MEETING_REACH * (p.length + q.length);
-    (gap.length_squared() <= MEET * MEET && s.abs() <= reach && t.abs() <= reach).then_some((-s, -t))
+    (gap.length_squared() <= MEET * MEET && s.abs() <= reach && t.abs() <= reach).then_some(FromApex { p: -s, q: -t })
 }
 
-/// Lines nearer to each other than this, in units of the pair's extent, meet: what that changes is its square.
+/// Distance of lines, in units of the pair's extent, below which they meet: the error is its square.
 const MEET: f64 = 1e-8;
-/// Squared sines below this: where lines meet is not known well enough.
+/// Squared sine below which the point at which lines meet is not known well enough.
 const SLENDER: f64 = 1e-4;
-/// Lengths of the edges beyond which an apex is too far away: the closed form would lose its digits.
+/// Distance of an apex, in lengths of the edges, beyond which the closed form would lose its digits.
 const MEETING_REACH: f64 = 4.0;
 
 /// Closed forms to be evaluated, eight at a time.
@@ -215,8 +220,7 @@ impl Closed {
 
     /// ∫∫ ln r over two parallel edges that point the same way.
     ///
-    /// With x = t − s along both and h the distance of their lines, it is the second difference of Q, Q'' = ½ ln (h² +
-    /// x²).
+    /// With x = t − s along both and h the distance of their lines, the second difference of Q, Q'' = ½ ln (h² + x²).
     fn add_parallel(&mut self, p: &Edge, q: &Edge, cosine: f64) {
         let (from, to) = (q.start - p.start, q.end - p.start);
         let (start, end) = (p.along.dot(from), p.along.dot(to));
@@ -237,11 +241,12 @@ impl Closed {
         }
     }
 
-    /// ∫∫ ln r over two edges whose lines meet, `s` and `t` the coordinates of their starts from there.
+    /// ∫∫ ln r over two edges with lines that meet, s and t the coordinates of their starts.
     ///
-    /// r is homogeneous in the two coordinates x = (s, t), so that div (x ln r) = 2 ln r + 1, and by Gauss's theorem
+    /// r is homogeneous in the two coordinates x = (s, t): div (x ln r) = 2 ln r + 1. By Gauss's theorem,
     /// ∫∫ ln r = ½ (∮ ln r x·n − s-length × t-length): from each edge's ends along the other.
-    fn add_meeting(&mut self, p: &Edge, q: &Edge, (s, t): (f64, f64), cosine: f64) {
+    fn add_meeting(&mut self, p: &Edge, q: &Edge, from: FromApex, cosine: f64) {
+        let FromApex { p: s, q: t } = from;
         self.add_segment(p.start, q, -0.5 * cosine * s);
         self.add_segment(p.end, q, 0.5 * cosine * (s + p.length));
         self.add_segment(q.start, p, -0.5 * cosine * t);
@@ -288,27 +293,27 @@ impl Closed {
     }
 }
 
-/// In units of the pair's extent.
+/// Distance from a plane that counts as on it, in units of the pair's extent.
 const ON_PLANE: f64 = 1e-13;
-/// Cosines below this are rounding.
+/// Cosine below which a right angle is off by rounding only.
 const RIGHT_ANGLE: f64 = 1e-14;
-/// Squared sines below this: parallel. Over an edge of length 1 the two are then less than 1e-9 nearer at one end.
+/// Squared sine below which edges are parallel: over a length of 1, less than 1e-9 nearer at one end.
 const PARALLEL: f64 = 1e-18;
 
-/// Edges shorter than this part of the other: the differences of the closed form would lose their digits.
+/// Ratio of lengths below which the differences of the closed form would lose their digits.
 const COMPARABLE: f64 = 1e-3;
 
 /// An integral over two edges.
 #[derive(Clone, Copy, Debug, Default)]
 struct Quadrature {
     sum: f64,
-    /// The sum of the differences that the last halvings made.
+    /// Sum of the last halvings' differences.
     difference: f64,
-    /// Number of times that a part of an edge was halved.
+    /// Number of halvings.
     halvings: u32,
 }
 
-/// ∫∫ ln r over two edges, to within `enough` where rounding allows that.
+/// ∫∫ ln r over two edges, to within `enough` or rounding.
 fn along_skew(p: &Edge, q: &Edge, enough: f64) -> Quadrature {
     let mut segments = Segments::new();
     for l in 0..LANES {
@@ -328,16 +333,15 @@ fn along_skew(p: &Edge, q: &Edge, enough: f64) -> Quadrature {
         }
         sum * width * p.length
     };
-    // Below its own rounding a difference says nothing, and halving would go on for ever. The inner integral is a
-    // difference of two values at its edge's ends, as far as they are from where it is taken: however short the edge
-    // is, it is no surer.
+    // Below its own rounding a difference says nothing, and halving would go on for ever. The inner integral is the
+    // difference of two values as large as the distance of its edge's ends: a short edge is no surer.
     let reach = [p.start, p.end]
         .iter()
         .flat_map(|a| [a.distance_squared(q.start), a.distance_squared(q.end)])
         .fold(q.length * q.length, f64::max)
         .sqrt();
     let enough = enough.max(ROUNDING * p.length * reach);
-    // Of each halving one half waits while the other is halved.
+    // One half of each halving waits while the other is halved.
     let mut pending = [(0.0, 0.0, 0.0, 0u32); DEEPEST as usize + 2];
     pending[0] = (0.0, 1.0, over(0.0, 1.0), 0);
     let mut count = 1;
@@ -361,13 +365,13 @@ fn along_skew(p: &Edge, q: &Edge, enough: f64) -> Quadrature {
     all
 }
 
-/// Of an integral over two edges, in their lengths.
+/// Rounding of an integral over two edges, in their lengths.
 const ROUNDING: f64 = 2e-15;
 
-/// Halvings of an edge: what is left is 1e-12 of it.
+/// Bound of the halvings of an edge: to 1e-12 of it.
 const DEEPEST: u32 = 40;
 
-/// Eight points, and the edge that each is integrated along.
+/// Eight points, each with an edge to integrate along.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 struct Segments {
@@ -397,7 +401,7 @@ impl Segments {
     }
 }
 
-/// Where Q is to be evaluated.
+/// Arguments of Q.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 struct Quadratics {
@@ -405,7 +409,7 @@ struct Quadratics {
     h: [f64; LANES],
 }
 
-/// Q = ¼ (x² − h²) ln (h² + x²) − ¾ x² + h x atan (x/h), whose second derivative in x is ½ ln (h² + x²).
+/// Q = ¼ (x² − h²) ln (h² + x²) − ¾ x² + h x atan (x/h): its second derivative in x is ½ ln (h² + x²).
 fn quadratics(at: &Quadratics) -> [f64; LANES] {
     let mut out = [0.0; LANES];
     quadratics_by(InstructionSet::widest(), at, &mut out);
@@ -425,8 +429,8 @@ fn quadratics_portable(at: &Quadratics, out: &mut [f64; LANES]) {
     }
 }
 
-/// ∫ ln r from each point along the edge: with t along it and h the distance of its line,
-/// ½ t ln (h² + t²) − t + h atan (t/h) between its ends.
+/// ∫ ln r from each point along the edge: ½ t ln (h² + t²) − t + h atan (t/h) between its ends, t along the edge and h
+/// the distance of its line.
 fn along(points: &Segments) -> [f64; LANES] {
     let mut out = [0.0; LANES];
     along_by(InstructionSet::widest(), points, &mut out);
@@ -461,8 +465,8 @@ fn along_portable(points: &Segments, out: &mut [f64; LANES]) {
     }
 }
 
-/// ln x for x ≥ 0, as that of 1e-300 below 1e-300: x = 2^e m with m in [√½, √2), ln m = 2 artanh ((m − 1)/(m + 1)) by
-/// its series, whose first term left out is below 1e-18.
+/// ln max(x, 1e-300): x = 2^e m with m in [√½, √2), ln m = 2 artanh ((m − 1)/(m + 1)) by its series; the first term
+/// left out is below 1e-18.
 #[inline(always)]
 pub(crate) fn logarithm(x: f64) -> f64 {
     let x = if x > 1e-300 { x } else { 1e-300 };
@@ -514,11 +518,11 @@ mod tests {
         assert_eq!(logarithm(0.0), logarithm(1e-300));
     }
 
-    fn care(share: f64) -> Care {
-        Care::of_both(share, share)
+    fn precision(share: f64) -> Precision {
+        Precision::of_both(share, share)
     }
 
-    /// Mean over fine pieces of the outer triangle of the factor from a point: what the contour integral must give.
+    /// The contour integral's value by the mean of point factors over fine pieces of the outer triangle.
     fn by_area(outer: &[DVec3; 3], inner: &[DVec3; 3], n: u32) -> f64 {
         let cross = (outer[1] - outer[0]).cross(outer[2] - outer[0]);
         let points = crate::frame::sample_points(*outer, n);
@@ -539,7 +543,7 @@ mod tests {
         let low = [p(0., 0., 0.), p(1., 0., 0.), p(0., 1., 0.)];
         for gap in [1e-4, 1e-6, 1e-9] {
             let high = [p(0.5, 0., gap), p(0.5, 1., gap), p(1.5, 0., gap)];
-            let found = exchange(&low, &high, care(1e-8));
+            let found = exchange(&low, &high, precision(1e-8));
             assert!((found - 0.125).abs() < 2.0 * gap + 1e-7, "{gap}: {found}");
         }
     }
@@ -577,8 +581,8 @@ mod tests {
         let above = [p(0., 2. / 3., 0.), p(0., 1., 0.5), p(0., 0., 0.5)];
         let rest = [p(0., 0., 0.), p(0., 2. / 3., 0.), p(0., 0., 0.5)];
         // The floor is cut too: only what lies in front of the wall sees it.
-        let whole = exchange(&wall, &floor, care(1e-9));
-        let parts = exchange(&above, &floor, care(1e-9)) + exchange(&rest, &floor, care(1e-9));
+        let whole = exchange(&wall, &floor, precision(1e-9));
+        let parts = exchange(&above, &floor, precision(1e-9)) + exchange(&rest, &floor, precision(1e-9));
         assert!((whole - parts).abs() < 1e-8, "{whole} {parts}");
         assert!(whole > 0.01);
     }
@@ -596,7 +600,7 @@ mod tests {
             if crate::factor::is_cut(&i, &j) || crate::factor::is_cut(&j, &i) {
                 return Ok(());
             }
-            let found = exchange(&i, &j, care(1e-7));
+            let found = exchange(&i, &j, precision(1e-7));
             let fine = by_area(&i, &j, 96);
             let area = crate::geometry::area(&i);
             prop_assert!((found - fine).abs() < 1e-3 * area, "{found} {fine}");
@@ -604,7 +608,7 @@ mod tests {
 
         #[test]
         fn both_directions_agree(i in triangle(), j in triangle()) {
-            let (there, back) = (exchange(&i, &j, care(1e-9)), exchange(&j, &i, care(1e-9)));
+            let (there, back) = (exchange(&i, &j, precision(1e-9)), exchange(&j, &i, precision(1e-9)));
             prop_assert!((there - back).abs() < 1e-6, "{there} {back}");
         }
 

@@ -1,24 +1,24 @@
 //! Form factors between triangles far from each other, eight pairs at a time.
 //!
-//! Beyond some radii of both triangles the kernel cos φ_i cos φ_j / (π r²) is nearly a quadratic over either of them,
-//! which the three midpoints of the edges integrate exactly (degree 2; Hammer & Stroud 1956): nine evaluations, no arc
-//! tangent. Products of the two triangles' terms are added in an order that does not change when the two change places,
-//! so that A_i F_ij = A_j F_ji to the bit.
+//! Beyond some radii of both triangles the kernel cos φ_i cos φ_j / (π r²) is nearly a quadratic over either of them.
+//! The three midpoints of the edges integrate a quadratic exactly (degree 2; Hammer & Stroud 1956): nine evaluations,
+//! no arc tangent. The order of addition stays the same when the two triangles change places: A_i F_ij = A_j F_ji to
+//! the bit.
 
 use super::lanes::LANES;
 use crate::simd::{InstructionSet, cross, dispatch, dot, minus, most};
 use glam::DVec3;
 
-/// A triangle, such as the one that all eight pairs share.
+/// A triangle, prepared for evaluation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Own {
     corners: [[f64; 3]; 3],
-    /// Of its edges.
+    /// Midpoints of the edges.
     middles: [[f64; 3]; 3],
     pub(crate) center: [f64; 3],
-    /// Its normal, as long as twice its area.
+    /// The normal, as long as twice the area.
     pub(crate) cross: [f64; 3],
-    /// Of the sphere round the centre.
+    /// Squared radius of the sphere round the centre.
     pub(crate) squared_radius: f64,
 }
 
@@ -29,7 +29,7 @@ impl Own {
     }
 }
 
-/// What is needed of a triangle with these corners.
+/// Prepares a triangle for evaluation.
 #[inline(always)]
 pub(crate) fn shape(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> Own {
     let middle = |p: [f64; 3], q: [f64; 3]| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])];
@@ -65,12 +65,12 @@ pub(super) struct Others {
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Far {
-    /// A_i F_ij where `kind` is [`DONE`].
+    /// The exchange area A_i F_ij where `kind` is [`DONE`].
     pub(super) exchange: [f64; LANES],
     pub(super) kind: [u64; LANES],
 }
 
-/// The exchange is as good as the rule asks for, or 0 because one triangle lies wholly behind the other.
+/// The exchange area is as good as the rule asks for, or 0: one triangle lies wholly behind the other.
 pub(super) const DONE: u64 = 1;
 
 impl Far {
@@ -82,7 +82,7 @@ impl Far {
     }
 }
 
-/// Evaluates eight pairs; those nearer than `radii` of both triangles, or that one's plane cuts, are left.
+/// Evaluates eight pairs, except those nearer than `radii` of both triangles or cut by one's plane.
 pub(super) fn evaluate(own: &Own, others: &Others, radii: f64) -> Far {
     let mut out = Far::new();
     evaluate_by(InstructionSet::widest(), own, others, radii, &mut out);
@@ -124,7 +124,7 @@ fn evaluate_portable(own: &Own, others: &Others, radii: f64, out: &mut Far) {
         }
         let between = minus(other.center, own.center);
         let is_far = dot(between, between) >= limit * (own.squared_radius + other.squared_radius);
-        // Mirrored terms in pairs: a sum of two does not depend on their order.
+        // Mirrored terms in pairs: a sum of two does not depend on its order.
         let kernel = |k: usize, l: usize| kernel(own, &other, k, l);
         let on = kernel(0, 0) + kernel(1, 1) + kernel(2, 2);
         let off = (kernel(0, 1) + kernel(1, 0)) + (kernel(1, 2) + kernel(2, 1)) + (kernel(2, 0) + kernel(0, 2));
@@ -188,7 +188,7 @@ mod tests {
             for (radii, bound) in [(6.0, 3e-3), (18.0, 2e-4)] {
                 let far = evaluate(&Own::new(&i), &others(&j), radii);
                 if far.kind[0] == DONE && far.exchange[0] > 0.0 {
-                    // The largest the two could exchange at this distance, turned to each other.
+                    // The largest exchange area at this distance, of triangles turned to each other.
                     let squared = centroid(&i).distance_squared(centroid(&j));
                     let most = area(&i) * area(&j) / (std::f64::consts::PI * squared);
                     let exact = exchange(&i, &j, &FactorRule::for_tolerance(1e-6));

@@ -7,16 +7,16 @@
 //! F = −1/(2π) Σ_k  n · (p_k × p_{k+1}) / |p_k × p_{k+1}|  ·  angle(p_k, p_{k+1})
 //! ```
 //!
-//! for corners counter-clockwise as seen from the polygon's front, after the polygon is cut at the element's horizon.
-//! The angle comes from its sine and cosine by an own arc tangent, so that values are the same bits on every machine;
-//! the same source is compiled for each instruction set, without fused multiply-add.
+//! for corners counter-clockwise as seen from the polygon's front, after a cut of the polygon at the element's horizon.
+//! The angle comes from its sine and cosine by an own arc tangent: values are the same bits on every machine. One
+//! source is compiled for each instruction set, without fused multiply-add.
 
 use crate::simd::{InstructionSet, cross, dispatch, dot, plus};
 
-/// Evaluations a call.
+/// Number of evaluations a call.
 pub(crate) const LANES: usize = 8;
 
-/// Eight elements and the triangle that each looks at.
+/// Eight elements, each with its triangle.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Elements {
@@ -49,7 +49,7 @@ dispatch! {
     fn evaluate_by = evaluate_portable(elements: &Elements, out: &mut [f64; LANES])
 }
 
-/// atan(t)/t as a polynomial in t² over |t| ≤ tan(π/8): Chebyshev's fit of degree 12 in 60 digits, whose error is below
+/// atan(t)/t as a polynomial in t² over |t| ≤ tan(π/8): Chebyshev's fit of degree 12 in 60 digits. Its error is below
 /// 5e-20; rounding leaves 1.6e-16.
 const ATAN: [f64; 13] = [
     1.0,
@@ -74,7 +74,7 @@ fn select(condition: bool, a: f64, b: f64) -> f64 {
     if condition { a } else { b }
 }
 
-/// The angle in 0..=π whose sine is to its cosine as `y` ≥ 0 to `x`; 0 for y = x = 0.
+/// The angle in 0..=π of the vector (x, y), y ≥ 0; 0 for y = x = 0.
 #[inline(always)]
 pub(super) fn angle(y: f64, x: f64) -> f64 {
     let ax = x.abs();
@@ -102,7 +102,7 @@ pub(super) fn term(n: [f64; 3], p: [f64; 3], q: [f64; 3]) -> f64 {
     along * angle(length, dot(p, q))
 }
 
-/// p moved towards q onto the horizon if it lies below it.
+/// Moves p towards q onto the horizon if p lies below it.
 #[inline(always)]
 fn lifted(p: [f64; 3], q: [f64; 3], zp: f64, zq: f64) -> [f64; 3] {
     let below = zp < 0.0;
@@ -115,14 +115,14 @@ fn lifted(p: [f64; 3], q: [f64; 3], zp: f64, zq: f64) -> [f64; 3] {
     ]
 }
 
-/// What an edge adds to the contour.
+/// The part of an edge in the contour.
 #[derive(Clone, Copy)]
 struct Edge {
-    /// Of its part above the horizon.
+    /// The term of its part above the horizon.
     term: f64,
-    /// Where the outline dips below the horizon along it, or 0.
+    /// The point at which it dips below the horizon, or 0.
     down: [f64; 3],
-    /// Where it comes up again, or 0.
+    /// The point at which it rises above the horizon, or 0.
     up: [f64; 3],
 }
 
@@ -159,7 +159,7 @@ fn evaluate_portable(elements: &Elements, out: &mut [f64; LANES]) {
         };
         let (a, b, c) = (corner(0), corner(1), corner(2));
         let (za, zb, zc) = (dot(n, a), dot(n, b), dot(n, c));
-        // Each edge's part above the horizon. Written out: an inner loop would keep the lanes from being vectorised.
+        // Each edge's part above the horizon. No inner loop, because it would keep the lanes from being vectorised.
         let (ab, bc, ca) = (edge(n, a, b, za, zb), edge(n, b, c, zb, zc), edge(n, c, a, zc, za));
         // A triangle crosses the horizon at most once each way, or not at all, when this term is 0.
         let down = plus(plus(ab.down, bc.down), ca.down);

@@ -1,4 +1,4 @@
-//! Which patches an emitter could see, by a bound of the form factor over all patches of the scene.
+//! Patches that an emitter could see, by a bound of the form factor over all patches of the scene.
 //!
 //! With d the least distance of the spheres round the two, h_j and h_i the greatest heights of each above the other's
 //! plane:
@@ -45,21 +45,21 @@ impl Facing {
         self.bounds[patch as usize]
     }
 
-    /// The patches whose bound is `least` or more.
+    /// The patches with a bound of `least` or more.
     pub(super) fn from(&self, least: f64) -> &[u32] {
         let count = self.patches.partition_point(|&patch| self.bound(patch) >= least);
         &self.patches[..count]
     }
 
-    /// Returns whether every patch that faces the emitter has a bound of `least` or more.
+    /// Returns whether every patch facing the emitter has a bound of `least` or more.
     pub(super) fn are_all_from(&self, least: f64) -> bool {
         self.from(least).len() == self.patches.len()
     }
 
-    /// A bound that at most `count` patches have.
+    /// A bound reached by at most `count` patches.
     pub(super) fn least_of(&self, count: usize) -> f64 {
         match self.patches.get(count) {
-            // Just above that of the first patch too many.
+            // Just above the bound of the first patch too many.
             Some(&patch) => self.bound(patch).next_up(),
             None => 0.0,
         }
@@ -73,7 +73,7 @@ fn bound(emitter: &Sight, (center, radius): (DVec3, f64), corners: &[DVec3; 3], 
     }
     let cross = geometry::cross(corners);
     let twice_area = cross.length();
-    // A patch without area has no plane: not a number, which is not above it.
+    // A patch without area has no plane: NaN, never above it.
     let above = emitter
         .corners
         .map(|p| cross.dot(p - corners[0]) / twice_area)

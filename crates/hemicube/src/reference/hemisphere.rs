@@ -1,10 +1,10 @@
-//! Cosine-distributed rays over an emitter's hemisphere: which patches it sees at all, and what it may have missed.
+//! Cosine-distributed rays over an emitter's hemisphere: the patches it sees, and an estimate of those they missed.
 //!
-//! With n₁ and n₂ the numbers of patches that exactly one and exactly two of M rays hit, patches that none hit have
-//! about Σ F = n₁ / M and Σ F² = 2 n₂ / M² (Good 1953, eqs. 9 and 22). This holds of any class of patches that is told
-//! by the scene alone, such as those with a bound of F below some least.
+//! With n₁ and n₂ the numbers of patches hit by exactly one and exactly two of M rays, patches without a hit have about
+//! Σ F = n₁ / M and Σ F² = 2 n₂ / M² (Good 1953, eqs. 9 and 22). This holds for any class of patches defined by the
+//! scene alone, such as those with a bound of F below some least.
 //!
-//! Directions are stratified: the variance of a share is that within strata, estimated from neighbouring strata
+//! Directions are stratified: the variance of a share is its variance within strata, estimated from neighbouring strata
 //! (collapsed strata; Cochran 1977, § 5A.12), Σ (y₁ − y₂)² / M² over pairs of neighbours.
 
 use super::facing::Facing;
@@ -12,23 +12,23 @@ use super::random::{Random, point_of};
 use super::visibility::{Met, Occluders, Sight};
 use std::f64::consts::TAU;
 
-/// Strata along an edge of the unit square: as many points of the emitter as rays, for rays that share a point hit the
-/// same patches, and their counts scatter more than the estimates above allow for.
+/// Strata along an edge of the unit square. Each ray has a point of its own: rays from one point hit the same patches,
+/// and their counts would scatter more than the estimates above allow for.
 const STRATA: u32 = 256;
 const ROUND: u64 = (STRATA * STRATA) as u64;
 
-/// Counts what rays hit. Used for one row after the other.
+/// Counts the hits of rays, for one row after the other.
 #[derive(Debug)]
 pub(super) struct Hemisphere {
-    /// Hits of each patch: zero for all that are not in `found`.
+    /// Hits of each patch; 0 for all but those in `found`.
     hits: Vec<u32>,
     found: Vec<u32>,
     escaped: u64,
     blocked: u64,
     rays: u64,
-    /// What the rays of a round met, by the stratum of their directions.
+    /// Result of each ray of a round, by the stratum of its direction.
     met: Vec<Share>,
-    /// Neighbouring strata of which one escaped, one was blocked, one did either, and the other not.
+    /// Numbers of neighbouring strata that differ in having escaped, in being blocked, and in either.
     differing: [u64; 3],
 }
 
@@ -39,7 +39,7 @@ enum Share {
     Found,
 }
 
-/// What is likely missing of a row in patches that no ray met.
+/// The likely missing part of a row, in patches no ray met.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Missing {
     /// Σ F.
@@ -147,14 +147,14 @@ impl Hemisphere {
         self.blocked as f64 / self.rays.max(1) as f64
     }
 
-    /// The standard error of the escaped share, the blocked one, and the two together, whichever is largest. No share
-    /// is surer than to a ray.
+    /// The largest standard error of the escaped share, the blocked one, and the two together; at least one ray's
+    /// share.
     pub(super) fn error_of_shares(&self) -> f64 {
         let most = self.differing.into_iter().max().unwrap_or(0).max(1);
         (most as f64).sqrt() / self.rays.max(1) as f64
     }
 
-    /// The bounds of the patches that were hit so often.
+    /// The bounds of patches with so many hits, ascending.
     pub(super) fn bounds_of_hit(&self, times: u32, facing: &Facing) -> Vec<f64> {
         let mut bounds: Vec<f64> = self
             .found()
@@ -165,7 +165,7 @@ impl Hemisphere {
         bounds
     }
 
-    /// What is likely missing in patches with a bound below `least`.
+    /// The likely missing part in patches with a bound below `least`.
     pub(super) fn missing(&self, facing: &Facing, least: f64) -> Missing {
         if facing.are_all_from(least) {
             return Missing::default();
@@ -176,8 +176,7 @@ impl Hemisphere {
                 .partition_point(|&bound| bound < least) as f64
         };
         let (once, twice) = (count(1), count(2));
-        // That none met anything proves no more than that few would: a patch worth one of them is missed one time in
-        // three.
+        // Rays without a hit prove little: a patch worth one of them is missed one time in three.
         let least_squared = if self.found.is_empty() { 1.0 } else { 0.0 };
         Missing {
             sum: once / rays,
@@ -186,7 +185,7 @@ impl Hemisphere {
         }
     }
 
-    /// Σ F², from pairs of rays that hit the same patch.
+    /// Σ F², from pairs of rays to the same patch.
     pub(super) fn squared_norm(&self) -> f64 {
         let rays = self.rays.max(2) as f64;
         let pairs: f64 = self

@@ -1,8 +1,8 @@
-//! How far estimated rows are from the reference, and how sure that is.
+//! Error of estimated rows against the reference, with intervals.
 //!
-//! The measured Σ d² holds the reference's own Σ σ² on top of the true one, so it is taken off; what is left has the
-//! standard deviation √(Σ 4 d² σ² + 2 σ⁴). How far the rows' figure is from the whole matrix's is told by drawing the
-//! rows again with repetition (the bootstrap, Efron 1979).
+//! The measured Σ d² holds the reference's own Σ σ² on top of the true one, so it is subtracted. The difference has the
+//! standard deviation √(Σ 4 d² σ² + 2 σ⁴). Drawing the rows again with repetition (the bootstrap, Efron 1979) gives the
+//! interval of the whole matrix's figure.
 
 use super::ReferenceRow;
 use super::random::Random;
@@ -12,7 +12,7 @@ use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A row to be held against the reference.
+/// A row to be compared with the reference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EstimatedRow {
     /// The emitter.
@@ -41,7 +41,7 @@ impl EstimatedRow {
     }
 }
 
-/// An interval in which a figure lies with a probability of about 95 %.
+/// An interval of about 95 % probability.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Interval {
     /// Its lower end.
@@ -53,21 +53,21 @@ pub struct Interval {
 /// Distance of estimated rows from the reference.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Measured {
-    /// Rows that both have.
+    /// Number of rows in both.
     pub rows: u64,
-    /// Rows of the reference that were not estimated.
+    /// Number of rows of the reference without an estimate.
     pub rows_without_estimate: u64,
-    /// Estimated rows that the reference does not have.
+    /// Number of estimated rows not in the reference.
     pub rows_without_reference: u64,
-    /// √(Σ d²) / √(Σ b²), the reference's own noise taken off.
+    /// √(Σ d²) / √(Σ b²), the reference's own noise subtracted.
     pub relative_frobenius: f64,
-    /// The same with the reference's noise in it.
+    /// `relative_frobenius` with the reference's noise in it.
     pub relative_frobenius_with_noise: f64,
     /// The reference's own √(Σ σ²) / √(Σ b²).
     pub reference_noise: f64,
-    /// Where `relative_frobenius` lies for these rows, for all that the reference's noise lets one say.
+    /// Interval of `relative_frobenius` of these rows, by the reference's noise.
     pub interval_of_rows: Interval,
-    /// Where it lies for the matrix that these rows were drawn from.
+    /// Interval of `relative_frobenius` of the matrix from which these rows were drawn.
     pub interval_of_matrix: Interval,
     /// ‖dᵢ‖₂ / ‖bᵢ‖₂ over the rows, noise included.
     pub row_error: OverRows,
@@ -77,26 +77,26 @@ pub struct Measured {
     pub missed_mass: f64,
     /// Σ a where the reference has nothing, over Σ b.
     pub spurious_mass: f64,
-    /// |Σⱼ aᵢⱼ − Σⱼ bᵢⱼ| over the rows, noise included, with what the reference likely misses in Σⱼ bᵢⱼ.
+    /// |Σⱼ aᵢⱼ − Σⱼ bᵢⱼ| over the rows, noise included, with the reference's likely missing part in Σⱼ bᵢⱼ.
     pub row_sum_error: OverRows,
     /// The reference's own standard error of Σⱼ bᵢⱼ over the rows.
     pub row_sum_noise: OverRows,
-    /// What the reference likely misses of Σⱼ bᵢⱼ, over the rows.
+    /// The reference's likely missing part of Σⱼ bᵢⱼ, over the rows.
     pub reference_missed: OverRows,
-    /// The entry that differs most, if any does.
+    /// The entry of the largest difference, if any.
     pub worst_entry: Option<WorstEntry>,
 }
 
 /// Sums of one row.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
-    /// Σ d², of which Σ σ² is expected to be the reference's.
+    /// Σ d², with the reference's expected Σ σ² in it.
     difference: f64,
     noise: f64,
     norm: f64,
 }
 
-/// Holds `estimated` rows against reference rows, matched by emitter.
+/// Compares `estimated` rows with reference rows, matched by emitter.
 pub fn errors_against(reference: &[ReferenceRow], estimated: &[EstimatedRow]) -> Measured {
     let by_emitter: BTreeMap<u32, &EstimatedRow> = estimated.iter().map(|row| (row.emitter.0, row)).collect();
     let mut measured = Measured::default();
@@ -112,7 +112,7 @@ pub fn errors_against(reference: &[ReferenceRow], estimated: &[EstimatedRow]) ->
         };
         measured.rows += 1;
         let mut sums = Sums::default();
-        // Where both have nothing, they agree, and whatever both may have missed is no difference.
+        // Two empty rows agree, whatever both may have missed.
         if !(row.values.is_empty() && estimate.values.is_empty()) {
             sums.noise = row.squared_error();
             sums.norm = row.squared_norm();
@@ -130,7 +130,7 @@ pub fn errors_against(reference: &[ReferenceRow], estimated: &[EstimatedRow]) ->
             if b == 0.0 {
                 spurious += a;
             }
-            // An estimate that is not a number must show.
+            // NaN must show.
             if d.abs() > worst || d.is_nan() {
                 worst = d.abs();
                 measured.worst_entry = Some(WorstEntry {
@@ -178,17 +178,17 @@ pub fn errors_against(reference: &[ReferenceRow], estimated: &[EstimatedRow]) ->
     measured
 }
 
-/// The lesser of two; not a number if either is not.
+/// The lesser of two; NaN if either is NaN.
 fn lesser(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { a.min(b) }
 }
 
-/// The square root of what may be negative by chance; not a number stays that.
+/// The square root, of negative numbers 0; NaN of NaN.
 fn root(squared: f64) -> f64 {
     if squared < 0.0 { 0.0 } else { squared.sqrt() }
 }
 
-/// Nothing over nothing is no difference; something over nothing has no ratio, and shows as infinite.
+/// The ratio, with 0 / 0 = 0; infinite for another part over 0.
 fn over(part: f64, whole: f64) -> f64 {
     if part == 0.0 { 0.0 } else { part / whole.abs() }
 }

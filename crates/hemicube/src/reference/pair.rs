@@ -1,9 +1,9 @@
 //! One pair of patches: its closed form, and its visible fraction from kernel-weighted segments.
 //!
 //! Segments are points of the smaller patch, evenly, and directions evenly over the solid angle of the larger (Arvo
-//! 1995), weighted by solid angle × cosine; where the solid angle is tiny, points of both, weighted by area × cos cos /
-//! r². Both weights estimate the same integral, the closed form, so they may be mixed. Points are an additive sequence
-//! in four dimensions (Roberts 2018) with a random shift for each of sixteen independent batches, whose scatter is the
+//! 1995), weighted by solid angle × cosine; for tiny solid angles, points of both, weighted by area × cos cos / r².
+//! Both weights estimate the same integral, the closed form, and may be mixed. Points are an additive sequence in four
+//! dimensions (Roberts 2018) with a random shift for each of sixteen independent batches; the batches' scatter is the
 //! error.
 
 use super::random::{Random, point_of};
@@ -23,18 +23,18 @@ const STEPS: [f64; 4] = [
     0.538_597_257_223_610_1,
 ];
 
-/// A pair as near as this, in sums of their radii, is sampled by solid angle.
+/// Distance of centroids, in sums of both radii, below which a pair is sampled by solid angle.
 const NEAR: f64 = 4.0;
-/// Below this solid angle, that of a spherical triangle is lost in rounding.
+/// Solid angle below which that of a spherical triangle is lost in rounding.
 const LEAST_SOLID_ANGLE: f64 = 1e-6;
 
 /// A receiver seen from the emitter.
 #[derive(Clone, Debug)]
 pub(super) struct Pair {
     receiver: Sight,
-    /// Number of rays over the hemisphere that hit it.
+    /// Hits by rays over the hemisphere.
     pub(super) hits: u32,
-    /// The form factor with nothing in between, and its own error.
+    /// The unoccluded form factor, and its own error.
     whole: f64,
     whole_error: f64,
     is_near: bool,
@@ -89,7 +89,7 @@ impl Pair {
         self.receiver.patch
     }
 
-    /// The form factor with nothing in between.
+    /// The unoccluded form factor.
     pub(super) fn most(&self) -> f64 {
         self.whole
     }
@@ -98,12 +98,12 @@ impl Pair {
         self.count * BATCHES as u64
     }
 
-    /// Segments that passed, and all of them.
+    /// Numbers of segments: unoccluded, and all.
     pub(super) fn passed(&self) -> (u64, u64) {
         (self.passed, self.passed + self.stopped)
     }
 
-    /// No ray over the hemisphere met it, and no segment reached it.
+    /// Returns whether neither a ray over the hemisphere nor a segment reached it.
     pub(super) fn is_hidden(&self) -> bool {
         self.hits == 0 && self.passed == 0
     }
@@ -112,7 +112,7 @@ impl Pair {
         self.passed > 0 && self.stopped > 0
     }
 
-    /// The visible fraction; one half while nothing is known.
+    /// The visible fraction; one half without a segment.
     fn fraction(&self) -> f64 {
         let all: f64 = self.all.iter().sum();
         if all > 0.0 {
@@ -127,8 +127,8 @@ impl Pair {
         self.fraction() * self.whole
     }
 
-    /// The standard error of the form factor that comes from the number of rays. `share_partly` is how likely a pair of
-    /// this row is to be partly visible.
+    /// The standard error of the form factor by sampling. `share_partly` is the chance of a pair of this row to be
+    /// partly visible.
     pub(super) fn sampling_error(&self, share_partly: f64) -> f64 {
         let all: f64 = self.all.iter().sum();
         if all <= 0.0 {
@@ -141,18 +141,18 @@ impl Pair {
             .zip(&self.all)
             .map(|(seen, all)| (seen - fraction * all).powi(2))
             .sum();
-        // Two more than the one degree of freedom that the fraction takes: value over error then has variance 1, as far
-        // as Student's distribution holds.
+        // Two more than the fraction's one degree of freedom: value over error then has variance 1, by Student's
+        // distribution.
         let batches = BATCHES as f64;
         let measured = (scatter * batches / (batches - 3.0)).sqrt() / all;
         let rays = (self.passed + self.stopped).max(1) as f64;
         let floor = match (self.passed, self.stopped) {
-            // A ray's worth may have been stopped between those that passed.
+            // A ray's worth may be occluded between rays that passed.
             (_, 0) => share_partly.sqrt() / rays,
-            // A ray over the hemisphere has met it, so it is not wholly hidden. What none met and none reached is
-            // accounted for with all such pairs together.
+            // A ray over the hemisphere met it: it is not wholly hidden. Pairs neither met nor reached are accounted
+            // for together.
             (0, _) => f64::from(u8::from(self.hits > 0)) / rays,
-            // Batches that happen to agree prove less than a good sequence can give.
+            // Batches may agree by chance.
             _ => 0.5 / rays,
         };
         self.whole * measured.max(floor)
@@ -163,7 +163,7 @@ impl Pair {
         (self.sampling_error(share_partly).powi(2) + (self.fraction() * self.whole_error).powi(2)).sqrt()
     }
 
-    /// c, where the error with n rays is c/√n.
+    /// c of the error c/√n of n rays.
     pub(super) fn spread(&self, share_partly: f64) -> f64 {
         self.sampling_error(share_partly) * (self.rays().max(1) as f64).sqrt()
     }
@@ -204,7 +204,7 @@ fn radius(sight: &Sight) -> f64 {
     geometry::sphere(&sight.corners).1.sqrt()
 }
 
-/// A triangle, or what is left of it in front of a plane: one or two triangles.
+/// The part of a triangle in front of a plane: one or two triangles.
 #[derive(Clone, Debug)]
 struct Pieces {
     first: [DVec3; 3],
@@ -250,7 +250,7 @@ impl Pieces {
         std::iter::once(&self.first).chain(&self.second)
     }
 
-    /// The piece that a number in 0..1 falls to, where in that piece's part it lies, and the piece's share.
+    /// The piece at a number in 0..1, the number's place in that piece's part, and the piece's share.
     fn pick(&self, u: f64) -> (&[DVec3; 3], f64, f64) {
         match &self.second {
             Some(second) if u >= self.share => (second, (u - self.share) / (1.0 - self.share), 1.0 - self.share),
@@ -259,7 +259,7 @@ impl Pieces {
     }
 }
 
-/// A point of `piece`, a part of `inner`, and the weight of the segment to it; `None` where one of the two is seen from
+/// A point of `piece`, a part of `inner`, and the weight of the segment to it; `None` if one of the two is seen from
 /// behind.
 fn target(
     outer: &Sight,
@@ -290,8 +290,8 @@ fn target(
     (cosine > 0.0 && approach > 0.0).then(|| (to, area(piece) * cosine * approach / (squared * squared)))
 }
 
-/// A direction from `point` evenly over the solid angle of a triangle, and that solid angle (Arvo 1995; the solid angle
-/// by Van Oosterom & Strackee 1983). `None` where it is too small to be told from rounding.
+/// A direction from `point` evenly over the solid angle of a triangle, and the solid angle (Arvo 1995; Van Oosterom &
+/// Strackee 1983). `None` if the angle is lost in rounding.
 fn direction_over(corners: &[DVec3; 3], point: DVec3, u: f64, v: f64) -> Option<(DVec3, f64)> {
     let [a, b, c] = corners.map(|corner| (corner - point).normalize_or_zero());
     let volume = a.dot(b.cross(c)).abs();
@@ -318,11 +318,11 @@ fn direction_over(corners: &[DVec3; 3], point: DVec3, u: f64, v: f64) -> Option<
     Some((direction, solid_angle))
 }
 
-/// A_i F_ij with nothing in between, and its own error.
+/// The unoccluded exchange area A_i F_ij, and its own error.
 ///
-/// Each is first cut at the other's plane: the closed form has a kink there, which a quadrature would smear where
-/// surfaces cross. Where the two are near each other, the outer triangle is cut into four, and the pieces that this
-/// changes most again (plates a hair apart have factors like steps), until the changes add up to little.
+/// Each is first cut at the other's plane: a quadrature would smear the closed form's kink between crossing surfaces.
+/// If the two are near each other, the outer triangle is divided into four, and the pieces with the largest change
+/// again (plates a hair apart have factors like steps), until the changes add up to little.
 fn unoccluded(outer: &Pieces, inner: &Pieces, is_near: bool, enough: f64) -> (f64, f64) {
     let rule = FactorRule::for_tolerance(1e-4);
     let (mut value, mut error) = (0.0, 0.0);
@@ -341,7 +341,7 @@ fn unoccluded(outer: &Pieces, inner: &Pieces, is_near: bool, enough: f64) -> (f6
     (value, error.max(1e-7 * value))
 }
 
-/// A piece of the outer triangle, the factors of its quarters, and how far these are from its own.
+/// A piece of the outer triangle, the exchange areas of its quarters, and their sum's difference from its own.
 struct Piece {
     corners: [DVec3; 3],
     quarters: [f64; 4],
@@ -359,7 +359,7 @@ impl Piece {
     }
 }
 
-/// The exchange of two triangles near each other, and a bound of its error, by dividing the outer one where it matters.
+/// The exchange area of two triangles near each other, and a bound of its error, by adaptive division of the outer one.
 fn divided(outer: &[DVec3; 3], inner: &[DVec3; 3], rule: &FactorRule, enough: f64) -> (f64, f64) {
     let mut pieces = vec![Piece::new(*outer, exchange(outer, inner, rule), inner, rule)];
     loop {
@@ -385,9 +385,9 @@ fn divided(outer: &[DVec3; 3], inner: &[DVec3; 3], rule: &FactorRule, enough: f6
     }
 }
 
-/// The error of a closed form, as a share of it, below which it is not divided further.
+/// Relative error of a closed form at which division ends.
 const ENOUGH: f64 = 1e-5;
-/// Pieces from which on the error is left as it is: some hundred milliseconds.
+/// Number of pieces at which division ends: some hundred milliseconds.
 const MOST_PIECES: usize = 4096;
 
 #[cfg(test)]

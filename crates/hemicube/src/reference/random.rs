@@ -1,4 +1,4 @@
-//! Streams of random numbers that belong to some keys, and points of a triangle from pairs of them.
+//! Streams of random numbers by keys, and points of a triangle from pairs of them.
 
 use crate::sampling::splitmix;
 use glam::DVec3;
@@ -8,7 +8,7 @@ use glam::DVec3;
 pub(super) struct Random(u64);
 
 impl Random {
-    /// The stream that belongs to these numbers.
+    /// The stream of these keys.
     pub(super) fn of(keys: &[u64]) -> Self {
         let mut stream = Self(0x6A09_E667_F3BC_C908);
         for &key in keys {
@@ -28,8 +28,8 @@ impl Random {
     }
 }
 
-/// The point of a triangle that belongs to a point of the unit square, areas in proportion. A square cut into strata
-/// gives strata of the triangle.
+/// Maps a point of the unit square to a triangle, areas in proportion. Strata of the square become strata of the
+/// triangle.
 pub(super) fn point_of([a, b, c]: &[DVec3; 3], u: f64, v: f64) -> DVec3 {
     let s = u.sqrt();
     *a * (1.0 - s) + *b * (s * (1.0 - v)) + *c * (s * v)

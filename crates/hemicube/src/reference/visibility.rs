@@ -1,7 +1,7 @@
-//! What a ray meets: obvhs's hierarchy over f32 boxes, and triangles met in f64.
+//! Rays against the scene: obvhs's hierarchy over f32 boxes, and triangles met in f64.
 //!
 //! Ray and triangle: Möller & Trumbore 1997. A box is widened by more than the rounding of its corners, of the ray's
-//! origin, of its direction and of the slab test together, so that no ray misses a box whose triangle it meets.
+//! origin, of its direction and of the slab test together: no ray to its triangle misses the box.
 
 use crate::Model;
 use crate::frame;
@@ -20,7 +20,7 @@ const WIDEN: f32 = 4e-6;
 /// Longer than any segment within normalised coordinates.
 const FAR: f32 = 8.0;
 
-/// A patch as rays leave it or arrive at it, in normalised coordinates.
+/// A patch as the end of rays, in normalised coordinates.
 #[derive(Clone, Debug)]
 pub(super) struct Sight {
     pub(super) patch: u32,
@@ -45,7 +45,7 @@ impl Sight {
         })
     }
 
-    /// A free point that looks along `normal`.
+    /// A free point facing along `normal`.
     pub(super) fn free(point: DVec3, normal: DVec3) -> Self {
         Self {
             patch: u32::MAX,
@@ -65,7 +65,7 @@ impl Sight {
     }
 }
 
-/// What a ray met first.
+/// The first hit of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Met {
     Nothing,
@@ -88,7 +88,7 @@ impl Occluder {
         [self.corner, self.corner + self.edges[0], self.corner + self.edges[1]]
     }
 
-    /// Distance along `direction` at which the triangle is met, and the determinant, positive when its front is met.
+    /// Distance of the hit along `direction`, and the determinant, positive for a hit on the front.
     #[inline(always)]
     fn meet(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
         let [e, f] = self.edges;
@@ -112,7 +112,7 @@ impl Occluder {
         (t > 0.0).then_some((t, determinant))
     }
 
-    /// The patch on the side that is met.
+    /// The patch on the side of the hit.
     fn side(&self, determinant: f64) -> Option<u32> {
         if determinant > 0.0 { Some(self.front) } else { self.back }
     }
@@ -179,15 +179,15 @@ impl Occluders {
         }
     }
 
-    /// Returns whether a surface lies in or below the emitter's plane, which is its horizon.
+    /// Returns whether a surface lies in or below the emitter's horizon, its plane.
     fn is_below(&self, emitter: &Sight, occluder: &Occluder) -> bool {
         occluder.surface == emitter.surface || occluder.corners().iter().all(|&c| emitter.height(c) <= self.tolerance)
     }
 
-    /// What the ray from a point of the emitter meets first; `direction` of unit length.
+    /// The first hit of the ray from a point of the emitter; `direction` of unit length.
     pub(super) fn first(&self, emitter: &Sight, origin: DVec3, direction: DVec3) -> Met {
         let mut nearest = f64::INFINITY;
-        // What the ray meets by now, how far along it, and of which surface.
+        // The first hit so far, its distance along the ray, and its surface.
         let mut best: Option<(Met, f64, &Occluder)> = None;
         let ray = Ray::new(rounded(origin), rounded(direction), 0.0, FAR);
         self.hierarchy.ray_traverse(ray, &mut RayHit::none(), |_, index| {
@@ -195,7 +195,7 @@ impl Occluders {
             let Some((t, determinant)) = occluder.meet(origin, direction) else {
                 return f32::INFINITY;
             };
-            // The cosine between ray and plane tells how far apart surfaces in one plane can appear along the ray.
+            // The cosine between ray and plane bounds the distance of surfaces in one plane along the ray.
             let cosine = (determinant / occluder.edges[0].cross(occluder.edges[1]).length()).abs();
             let tie = 4.0 * self.tolerance / cosine.max(1e-4);
             if t > nearest + tie || self.is_below(emitter, occluder) {
@@ -204,7 +204,7 @@ impl Occluders {
             let found = occluder.side(determinant).map_or(Met::Back, Met::Patch);
             let wins = match best {
                 None => true,
-                // Surfaces that cross at a small angle are as near to each other, and not in one plane.
+                // Surfaces crossing at a small angle are as near to each other, and not in one plane.
                 Some((_, before, other)) if (t - before).abs() > tie || !self.are_in_plane(occluder, other) => {
                     t < before
                 }
@@ -237,8 +237,8 @@ impl Occluders {
         lies_in(p, q) || lies_in(q, p)
     }
 
-    /// Whether nothing lies between a point of the emitter and a point of the receiver. `last` remembers what was in
-    /// the way of the pair's previous segment.
+    /// Returns whether nothing lies between a point of the emitter and a point of the receiver. `last` holds the
+    /// occluder of the pair's previous segment.
     pub(super) fn sees(
         &self,
         emitter: &Sight,

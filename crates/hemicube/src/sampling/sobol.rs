@@ -5,12 +5,12 @@
 
 use super::splitmix;
 
-/// Points that are made at once.
+/// Number of points made at once.
 pub(crate) const BATCH: usize = 16;
 
-/// Points of the unit cube in four dimensions that fill it evenly however many there are: Sobol's sequence (1967;
-/// direction numbers of Joe & Kuo 2008), each dimension's digits permuted in nested order (Owen 1995) by a hash of the
-/// seed (Laine & Karras 2011, Burley 2020).
+/// Points that fill the four-dimensional unit cube evenly at any number: Sobol's sequence (1967; direction numbers of
+/// Joe & Kuo 2008), each dimension's digits permuted in nested order (Owen 1995) by a hash of the seed (Laine & Karras
+/// 2011, Burley 2020).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sequence([u32; 4]);
 
@@ -32,7 +32,7 @@ impl Sequence {
                 }
             }
             for l in 0..BATCH {
-                // With the last digit first, so that what carries over in products moves on to less significant ones.
+                // The last digit first: carries of products move on to less significant digits.
                 let mut x = (first ^ FIRST[d][l]).wrapping_add(self.0[d]);
                 x ^= x.wrapping_mul(0x6c50_b47c);
                 x ^= x.wrapping_mul(0xb82f_1e52);
@@ -48,7 +48,7 @@ impl Sequence {
 /// The direction numbers of each bit of a point's index, the least significant digit first.
 const DIRECTIONS: [[u32; 32]; 4] = directions();
 
-/// What the last four bits of an index come to.
+/// Combined direction numbers of each value of an index's last four bits.
 const FIRST: [[u32; BATCH]; 4] = {
     let mut first = [[0; BATCH]; 4];
     let mut d = 0;
@@ -72,7 +72,7 @@ const FIRST_BITS: usize = BATCH.trailing_zeros() as usize;
 
 /// From primitive polynomials of degree 0 to 3 and their first numbers (Joe & Kuo 2008, table of the first dimensions).
 const fn directions() -> [[u32; 32]; 4] {
-    // The polynomial's inner coefficients, and the numbers, as many as its degree.
+    // The polynomial's inner coefficients, and as many numbers as its degree.
     const INNER: [u32; 4] = [0, 0, 1, 1];
     const NUMBERS: [&[u32]; 4] = [&[], &[1], &[1, 3], &[1, 3, 1]];
     let mut directions = [[0u32; 32]; 4];
@@ -105,7 +105,7 @@ const fn directions() -> [[u32; 32]; 4] {
     directions
 }
 
-/// Folds the unit square along its diagonal into the half of it that a triangle is: what is beside it stays beside it.
+/// Folds the unit square along its diagonal into a triangle. Neighbouring points stay neighbours.
 #[inline(always)]
 pub(crate) fn fold(u: f64, v: f64) -> (f64, f64) {
     let outside = u + v > 1.0;

@@ -1,16 +1,16 @@
-//! Which patches a patch could exchange much with, whether its hemicube saw them or not.
+//! Patches with a form factor that could be large, whether the hemicube saw them or not.
 //!
-//! A hemicube at one point misses pairs that other points of the emitter see: walls of neighbouring buildings a hair
-//! apart, what begins behind a corner. However large a part of the row they are, no pixel tells. So they are looked for
-//! in the tree, by bounds of the form factor: with d the least distance of the spheres round the two,
+//! A hemicube at one point misses pairs visible from other points of the emitter: walls of neighbouring buildings a
+//! hair apart, surfaces behind a corner. However large a part of the row they are, no pixel tells. So they are looked
+//! for in the tree, by bounds of the form factor: with d the least distance of the spheres round the two,
 //!
 //! ```text
 //! F_ij ≤ 1,   F_ij ≤ A_j / A_i,   F_ij ≤ A_j cos φ_i / (π d²),   cos φ_i ≤ (height of j above i) / d
 //! ```
 //!
-//! No corner hemicubes for candidates, because three of them cost three hemicubes a row and still miss pairs that none
-//! of four points sees (walls of neighbouring houses 0.1 mm apart have F = 0.36); bounds in the tree find all that
-//! matter.
+//! No corner hemicubes for candidates, because three of them cost three hemicubes a row and still miss pairs invisible
+//! from all four points (walls of neighbouring houses 0.1 mm apart have F = 0.36). Bounds in the tree find all pairs
+//! above them.
 
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
 use crate::factor::far::{Own, shape};
@@ -18,7 +18,7 @@ use crate::geometry;
 use crate::simd::{InstructionSet, dispatch, dot, lanes, mask, minus, most};
 use glam::DVec3;
 
-/// The emitter as bounds need it.
+/// The emitter, prepared for bounds.
 #[derive(Clone, Copy, Debug)]
 struct Emitter {
     corners: [[f64; 3]; 3],
@@ -31,29 +31,28 @@ struct Emitter {
     tolerance: f64,
 }
 
-/// From which form factor on patches are listed.
+/// The form factors from which on patches are listed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Least {
-    /// Of those that all but touch the emitter: whose middle is nearer to its own than twice the root of the sum of
-    /// squared radii.
+    /// For patches that all but touch the emitter: centroids nearer than 2 √(r_i² + r_j²).
     pub(crate) near: f64,
-    /// Of the others.
+    /// For other patches.
     pub(crate) far: f64,
 }
 
-/// What separates the two, squared: where the nearness of a pair (`refine.rs`) goes from 0 to 1.
+/// Squared distance of centroids that separates the two, in r_i² + r_j²: between nearness 0 and 1 of the error model.
 const NEAR: f64 = 4.0;
 
-/// Lists patches by bounds of their form factor. Reused from row to row.
+/// Lists patches by bounds of their form factor, for one row after the other.
 #[derive(Debug, Default)]
 pub(crate) struct Candidates {
     pending: Vec<u32>,
-    /// What was found, ascending.
+    /// The patches found, ascending.
     pub(crate) patches: Vec<u32>,
 }
 
 impl Candidates {
-    /// Finds the patches whose form factor from `emitter` may be `least` or more.
+    /// Finds the patches with a form factor from `patch` that may be `least` or more.
     pub(crate) fn find(&mut self, tree: &Tree, patch: u32, corners: &[DVec3; 3], least: Least) {
         self.patches.clear();
         let cross = geometry::cross(corners);
@@ -83,7 +82,7 @@ impl Candidates {
             let largest = f64::from(node.largest);
             let square = distance * distance;
             let facing = (highest / distance).min(1.0);
-            // No triangle in the box has a corner farther from its middle than two thirds of the box's diagonal.
+            // Corners of a triangle in the box are at most two thirds of the box's diagonal from its centroid.
             let radii = emitter.radius * emitter.radius + h.length_squared() * (16.0 / 9.0);
             let is_far = outside.length_squared() >= NEAR * radii;
             let least_here = if is_far { least.far } else { least.near.min(least.far) };
@@ -111,8 +110,7 @@ impl Candidates {
     }
 }
 
-/// Which of 16 triangles may reach `least`, by the side that the emitter sees: the one it sees where the determinant is
-/// negative, and the other.
+/// Masks of 16 triangles that may reach `least`: by their front, seen with a negative determinant, and by their back.
 #[inline(always)]
 fn bounds(block: &Block, emitter: &Emitter, least: Least) -> (u16, u16) {
     let mut front = [0u64; LANES];

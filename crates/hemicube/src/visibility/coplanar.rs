@@ -1,8 +1,8 @@
 //! Coplanar regions: surfaces of one plane that make up a convex polygon together, as one occluder.
 //!
-//! Patches are cut fine for radiation; for occlusion the cuts do not matter. Between two patches of a finely cut city lie
-//! dozens of pieces of the same few façades. A shaft of façades lists fewer triangles to test and to cast rays at, and a
-//! façade proves a pair occluded where none of its pieces does.
+//! Patches are cut fine for radiation; for occlusion the cuts do not matter. Between two patches of a finely cut city
+//! lie dozens of pieces of the same few façades. A shaft of façades lists fewer triangles to test and to cast rays at,
+//! and a façade proves a pair occluded where none of its pieces does.
 
 use crate::Model;
 use crate::backend::{Geometry, Surface};
@@ -197,7 +197,8 @@ impl Mesh {
             .filter(|&of| is_single && of != TWICE)
     }
 
-    /// The convex polygon that surfaces of one plane make up, without corners on its sides; `None` if they make up none.
+    /// The convex polygon that surfaces of one plane make up, without corners on its sides; `None` if they make up
+    /// none.
     fn polygon(&self, surfaces: &[Surface], region: &[u32], flat: f64) -> Option<Vec<DVec3>> {
         if region.len() < 2 {
             return None;

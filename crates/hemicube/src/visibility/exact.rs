@@ -1,5 +1,5 @@
-//! The visible fraction of a pair without rays: from points of one triangle, cut the other by its occluders and evaluate
-//! the rest in closed form.
+//! The visible fraction of a pair without rays: from points of one triangle, cut the other by its occluders and
+//! evaluate the rest in closed form.
 //!
 //! From a point x, an occluder hides the part of a polygon inside the cone of x over it. Taking the cones of all
 //! occluders away leaves convex pieces, whose factors from x are Lambert's contour sums: exact at x, however thin the
@@ -7,11 +7,11 @@
 //! do, and more only where neighbouring ones disagree: cells of the outer triangle are divided into four until that
 //! changes little. Rays would have to resolve a step in four dimensions instead.
 //!
-//! A point p lies on that side of the plane through x and an edge a, b that the sign of det (a − x, b − x, p − x) tells.
-//! The determinant is affine in x: its sign at the three corners of a cell holds all over the cell. So whole cells are
-//! proved to see all, or nothing, and occluders that cannot matter are left out of their parts.
+//! A point p lies on that side of the plane through x and an edge a, b that the sign of det (a − x, b − x, p − x)
+//! tells. The determinant is affine in x: its sign at the three corners of a cell holds all over the cell. So whole
+//! cells are proved to see all, or nothing, and occluders that cannot matter are left out of their parts.
 
-use crate::factor::contour::{self, Care};
+use crate::factor::contour;
 use crate::factor::{SIX, point_to_polygon};
 use crate::geometry::{self, in_front, quarters};
 use crate::visibility::coplanar::CoplanarRegions;
@@ -21,8 +21,8 @@ use glam::DVec3;
 /// Bound of the pieces that a polygon is cut into from one point: beyond, rays are cheaper.
 const MOST_PIECES: usize = 200;
 
-/// Part of a cell that may see other than its points do, if nothing is proved of it, by the number of its divisions: few
-/// points miss much more than many. A choice, checked by `cells_end_where_an_obstruction_sticks_through`.
+/// Part of a cell that may see other than its points do, if nothing is proved of it, by the number of its divisions:
+/// few points miss much more than many. A choice, checked by `cells_end_where_an_obstruction_sticks_through`.
 const UNPROVED: [f64; 4] = [0.1, 0.015, 0.006, 0.002];
 
 /// Bound of the pieces that the outer triangle is cut into along occluders that stand on it.
@@ -119,8 +119,8 @@ pub(crate) struct Precision {
     pub(crate) most_points: usize,
     /// True to cut cells along the lines on which occluders stand on them.
     ///
-    /// From one side of such a line to the other the visible factor jumps. Where cells lie along the line, their points'
-    /// errors add up with one sign, and error estimates are too small.
+    /// From one side of such a line to the other the visible factor jumps. Where cells lie along the line, their
+    /// points' errors add up with one sign, and error estimates are too small.
     pub(crate) along_contacts: bool,
 }
 
@@ -334,7 +334,7 @@ impl ExactVisibility {
         };
         let points = unoccluded * area;
         let whole = if view.is_near {
-            contour::exchange(&corners, view.inner, Care::of_area(1e-5))
+            contour::exchange(&corners, view.inner, contour::Precision::of_area(1e-5))
         } else {
             points
         };

@@ -1,11 +1,11 @@
 //! The shaft between two triangles, and rays through it.
 //!
-//! The shaft (Haines & Wallace 1991) is the convex hull of the two triangles. Nothing outside one of its planes comes in
-//! between. An empty shaft proves that all is visible; a region that all nine segments between corners pass through
+//! The shaft (Haines & Wallace 1991) is the convex hull of the two triangles. Nothing outside one of its planes comes
+//! in between. An empty shaft proves that all is visible; a region that all nine segments between corners pass through
 //! proves that nothing is. Otherwise rays against the listed occluders measure the visible fraction.
 //!
-//! Below the emitter's plane and behind the receiver's nothing occludes. A patch in the receiver's own plane does if its
-//! id is smaller, as in a backend's rows.
+//! Below the emitter's plane and behind the receiver's nothing occludes. A patch in the receiver's own plane does if
+//! its id is smaller, as in a backend's rows.
 //!
 //! The visible fraction is Σ k V / Σ k over points drawn on both triangles: V is 1 or 0, and the kernel
 //! k = cos φ_i cos φ_j / r² weights numerator and denominator. Times the closed form it gives F_ij without the bias of
@@ -49,7 +49,7 @@ const STEPS_LISTED: u64 = 30;
 const STEPS_A_BATCH: u64 = 100;
 const STEPS_A_TEST: u64 = 7;
 /// Steps of a segment down the tree. Measured.
-const STEPS_A_SEGMENT: u64 = 600;
+pub(crate) const STEPS_A_SEGMENT: u64 = 600;
 /// Steps of sixteen directions drawn between near patches. Measured.
 const STEPS_A_DRAW: u64 = 120;
 
@@ -560,8 +560,8 @@ impl Shaft {
         listed.chain(pair.near_plane.iter().copied())
     }
 
-    /// Casts rays of a sequence until they are worth `wanted` (a multiple of 16), the same in both directions of a pair;
-    /// returns what they are worth. Between near patches, [`Self::cast_directions`], otherwise
+    /// Casts rays of a sequence until they are worth `wanted` (a multiple of 16), the same in both directions of a
+    /// pair; returns what they are worth. Between near patches, [`Self::cast_directions`], otherwise
     /// [`Self::cast_segments`].
     pub(crate) fn cast(
         &self,
@@ -630,8 +630,8 @@ impl Shaft {
 }
 
 impl Shaft {
-    /// Casts cosine-distributed directions from points of the smaller triangle (Malley's method), for pairs so near that
-    /// evenly drawn segments would hardly meet what carries the weight.
+    /// Casts cosine-distributed directions from points of the smaller triangle (Malley's method), for pairs so near
+    /// that evenly drawn segments would hardly meet what carries the weight.
     ///
     /// Directions are drawn from bounds of the other triangle's image on the unit disc and weighted with the bounds'
     /// area; those that meet the triangle count. Stops when they are worth `wanted` equal ones, (Σ w)² / Σ w², or at
@@ -842,8 +842,8 @@ impl DirectionSampler {
 /// Directions from each point, one in each quarter of the bounds: bounding costs more than drawing a direction.
 const FROM_A_POINT: usize = 4;
 
-/// Bounds of the other triangle's image on the unit disc (p, q) from sixteen points: a range of p, and the planes through
-/// its edges, bounding q at each p.
+/// Bounds of the other triangle's image on the unit disc (p, q) from sixteen points: a range of p, and the planes
+/// through its edges, bounding q at each p.
 #[repr(C, align(64))]
 struct ProjectedBounds {
     low: [f64; RAYS],
@@ -983,8 +983,8 @@ fn bound_projections_of<const CORNERS: usize>(
             }
         }
     }
-    // Range of the image along p: that of its corners, and of its edges' images, parts of ellipses with extremes that may
-    // lie between their ends.
+    // Range of the image along p: that of its corners, and of its edges' images, parts of ellipses with extremes that
+    // may lie between their ends.
     let mut low = [1.0f64; RAYS];
     let mut high = [-1.0f64; RAYS];
     for k in 0..CORNERS {
@@ -1029,8 +1029,9 @@ fn bound_projections_of<const CORNERS: usize>(
 /// Draws a direction in a quarter of the bounds from each point; returns the mask of those that meet the other triangle
 /// from its front.
 ///
-/// At a given p, directions lie on the half circle q² + up² = 1 − p². An edge's plane cuts it at the roots of a quadratic
-/// equation in q; the side of the plane that has the ends of the half circle tells which root bounds q from which side.
+/// At a given p, directions lie on the half circle q² + up² = 1 − p². An edge's plane cuts it at the roots of a
+/// quadratic equation in q; the side of the plane that has the ends of the half circle tells which root bounds q from
+/// which side.
 #[inline(always)]
 fn draw_directions(
     sampler: &DirectionSampler,
@@ -1542,76 +1543,6 @@ mod tests {
             cut > 5,
             "only {cut} of the smaller ones reach behind the larger one's plane"
         );
-    }
-
-    /// What rays are allotted by: n of them leave what n^(5/4) independent ones would, about.
-    #[test]
-    #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
-    fn rays_leave_less_than_independent_ones() {
-        let model = city(6, 2);
-        let walls = CoplanarRegions::of(&model);
-        let obstacles = obstacles(&model, &walls);
-        let rule = crate::factor::FactorRule::for_tolerance(1e-2);
-        let count = u32::try_from(model.patches().len()).expect("few patches");
-        let levels = [16, 64, 256, 1024];
-        // Σ F² (error)² and what independent rays would leave, of distant pairs and of near ones.
-        let mut sums = [[(0.0, 0.0); 4]; 2];
-        let (mut pairs, mut drawn, mut worth) = ([0, 0], 0, 0);
-        for i in (0..count).step_by(61) {
-            let emitter = model.normalised_corners(i);
-            for j in (0..count).filter(|&j| j != i) {
-                let receiver = model.normalised_corners(j);
-                let factor = crate::factor::exchange(&emitter, &receiver, &rule) / area(&emitter);
-                if factor < 0.004 {
-                    continue;
-                }
-                let mut shaft = Shaft::default();
-                let pair = shaft.pair(
-                    obstacles,
-                    PatchTriangle::new(i, &emitter),
-                    PatchTriangle::new(j, &receiver),
-                );
-                if pair.is_occluded || pair.is_unoccluded() {
-                    continue;
-                }
-                let cast = |rays: usize, seed: u64| {
-                    let mut cast = Cast::default();
-                    let rays = shaft.cast(obstacles, &pair, rays, seed, &mut cast);
-                    (rays, cast)
-                };
-                let exact: Option<f64> = (0..4).map(|k| cast(1 << 14, k).1.fraction()).sum();
-                let Some(exact) = exact.map(|sum| 0.25 * sum) else {
-                    continue;
-                };
-                if !(0.02..=0.98).contains(&exact) {
-                    continue;
-                }
-                let near = usize::from(pair.is_near);
-                pairs[near] += 1;
-                for (level, rays) in levels.into_iter().enumerate() {
-                    for seed in 0..4 {
-                        let (rays, cast) = cast(rays, splitmix::hash(u64::from(j) * 4 + seed));
-                        let Some(fraction) = cast.fraction() else { continue };
-                        let sum = &mut sums[near][level];
-                        sum.0 += (factor * (fraction - exact)).powi(2);
-                        sum.1 += factor * factor * exact * (1.0 - exact) / rays as f64;
-                        if pair.is_near {
-                            (drawn, worth) = (drawn + cast.drawn, worth + rays);
-                        }
-                    }
-                }
-            }
-        }
-        let gains = sums.map(|of| of.map(|(squared, independent)| independent / squared));
-        eprintln!(
-            "16, 64, 256 and 1,024 rays do as well as {gains:.1?} times as many independent ones, over {pairs:?} distant and near \
-             pairs; {:.1} directions for a near ray's worth",
-            drawn as f64 / worth as f64
-        );
-        assert!(pairs[0] > 100 && pairs[1] > 40, "{pairs:?} pairs");
-        for of in gains {
-            assert!(of[0] > 0.8 && of[2] > 1.8 && of[3] > 2.5, "{gains:?}");
-        }
     }
 
     #[test]

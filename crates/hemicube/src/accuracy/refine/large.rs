@@ -88,8 +88,8 @@ impl Refiner<'_> {
         }
     }
 
-    /// The multiplier at which the row's pairs leave `budget` of squared error, or the largest that `steps` pay for; and
-    /// whether it leaves no more than `budget`.
+    /// The multiplier at which the row's pairs leave `budget` of squared error, or the largest that `steps` pay for;
+    /// and whether it leaves no more than `budget`.
     fn multiplier_within(&self, budget: f64, steps: u64) -> (f64, bool) {
         let at = |multiplier: f64| {
             let (mut left, mut cost) = (0.0, 0.0);

@@ -164,8 +164,8 @@ impl Refiner<'_> {
         refined
     }
 
-    /// The standard error of an entry's form factor by one hemicube; 0 for one that nobody saw, as nothing says where it
-    /// is.
+    /// The standard error of an entry's form factor by one hemicube; 0 for one that nobody saw, as nothing says where
+    /// it is.
     fn error_of(&self, emitter: &Emitter<'_>, entry: Entry) -> f64 {
         let Entry {
             patch,
