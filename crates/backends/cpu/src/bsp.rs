@@ -35,15 +35,15 @@ pub(crate) struct PlaneNode {
     pub(crate) front: u32,
     pub(crate) back: u32,
     /// What lies in the plane, for an eye in front of it and behind it; in a leaf both are its list of planes.
-    pub(crate) here: [Packs; 2],
+    pub(crate) here: [LayerRange; 2],
     /// True if this is a leaf.
     pub(crate) is_leaf: bool,
 }
 
-/// Some trees of boxes over blocks, drawn one after the other: a range of [`Order::layers`]. In a leaf: a range of
-/// [`Order::planes`].
+/// Some trees of boxes over blocks, drawn one after the other: a range of [`BspTree::layers`]. In a leaf: a range of
+/// [`BspTree::planes`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Packs {
+pub(crate) struct LayerRange {
     pub(crate) start: u32,
     pub(crate) end: u32,
 }
@@ -69,12 +69,12 @@ pub(crate) const NO_PLANE: u8 = u8::MAX;
 
 /// The lines that edges of a block's pieces lie on, and the surfaces they are part of.
 #[derive(Clone, Debug)]
-pub(crate) struct Lines {
+pub(crate) struct PieceLines {
     /// Where the line of edge k begins and ends, as if it were corner k.
     pub(crate) from: Block,
     pub(crate) to: Block,
-    /// The whole surfaces.
-    pub(crate) whole: Block,
+    /// The surfaces.
+    pub(crate) surfaces: Block,
 }
 
 /// A node of a layer's tree of boxes: its children.
@@ -89,7 +89,7 @@ pub(crate) struct LayerNode {
 
 /// A scene's surfaces in order.
 #[derive(Debug)]
-pub(crate) struct Order {
+pub(crate) struct BspTree {
     pub(crate) nodes: Vec<PlaneNode>,
     /// Roots of trees of boxes in `layer_nodes`.
     pub(crate) layers: Vec<u32>,
@@ -98,9 +98,9 @@ pub(crate) struct Order {
     pub(crate) blocks: Vec<Block>,
     /// For each block, which of `lines` its pieces have, or `NONE` where all its surfaces are whole.
     pub(crate) lines_of_block: Vec<u32>,
-    pub(crate) lines: Vec<Lines>,
-    /// True if a patch's surface is in pieces; one bit each.
-    pub(crate) is_cut: Vec<u64>,
+    pub(crate) lines: Vec<PieceLines>,
+    /// Bit set of the patches with a surface in pieces.
+    cut_patches: Vec<u64>,
     /// Lanes in use.
     fragments: usize,
     surfaces: usize,
@@ -269,9 +269,9 @@ fn cut(piece: &Piece, heights: [f64; 3], front: &mut Vec<Piece>, back: &mut Vec<
 }
 
 /// Numbers that the choice of planes, and tests, are drawn with: the same in every run.
-pub(crate) struct Draw(pub(crate) u64);
+pub(crate) struct Lcg(pub(crate) u64);
 
-impl Draw {
+impl Lcg {
     pub(crate) fn below(&mut self, count: usize) -> usize {
         self.0 = self
             .0
@@ -334,10 +334,10 @@ struct Builder<'g> {
     surfaces: Surfaces<'g>,
     /// The surfaces by their patches, so that the order does not depend on how the geometry was put together.
     by_patch: Vec<u32>,
-    order: Order,
+    order: BspTree,
     /// What was cut. An item below the number of surfaces is a whole surface, one above is a piece.
     pieces: Vec<Piece>,
-    draw: Draw,
+    draw: Lcg,
     /// Number of pieces at most.
     limit: usize,
 }
@@ -349,7 +349,7 @@ struct Task {
     in_front: bool,
 }
 
-impl Order {
+impl BspTree {
     /// Puts a scene in order, or gives up where surfaces would fall into too many pieces or lie in too many layers.
     pub(crate) fn new(surfaces: Surfaces<'_>, limits: Limits) -> Result<Self, GivenUp> {
         let count = surfaces.of.len();
@@ -374,16 +374,21 @@ impl Order {
                 blocks: Vec::new(),
                 lines_of_block: Vec::new(),
                 lines: Vec::new(),
-                is_cut: vec![0; (surfaces.patch_count as usize).div_ceil(64)],
+                cut_patches: vec![0; (surfaces.patch_count as usize).div_ceil(64)],
                 fragments: 0,
                 surfaces: count,
             },
             pieces: Vec::new(),
-            draw: Draw(1),
+            draw: Lcg(1),
             limit,
         };
         builder.build()?;
         Ok(builder.order)
+    }
+
+    /// Returns true if a patch's surface is in pieces.
+    pub(crate) fn is_cut(&self, patch: u32) -> bool {
+        self.cut_patches[patch as usize / 64] >> (patch % 64) & 1 != 0
     }
 
     /// Lanes in use for each surface.
@@ -397,7 +402,7 @@ impl Order {
     }
 }
 
-impl std::fmt::Display for Order {
+impl std::fmt::Display for BspTree {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
@@ -469,7 +474,7 @@ impl Builder<'_> {
                 distance: 0.0,
                 front: NONE,
                 back: NONE,
-                here: [Packs::default(); 2],
+                here: [LayerRange::default(); 2],
                 is_leaf: false,
             };
             #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than fragments")]
@@ -620,10 +625,10 @@ impl Builder<'_> {
         }
     }
 
-    /// Packs what lies in a plane, for an eye on either side of it.
+    /// LayerRange what lies in a plane, for an eye on either side of it.
     ///
     /// `None` where too many overlap.
-    fn pack_plane(&mut self, items: &[u32], normal: DVec3) -> Option<[Packs; 2]> {
+    fn pack_plane(&mut self, items: &[u32], normal: DVec3) -> Option<[LayerRange; 2]> {
         let overlaps = overlaps(items, normal, self.surfaces.plane_tolerance, |i| *self.corners(i))?;
         let layers_of = |from_front: bool| {
             // In ascending order of what is seen: each above the overlapping ones that win over it.
@@ -652,7 +657,7 @@ impl Builder<'_> {
             layers
         };
         if items.is_empty() {
-            return Some([Packs::default(); 2]);
+            return Some([LayerRange::default(); 2]);
         }
         if overlaps.is_empty() {
             let packs = self.pack_layers(vec![items.to_vec()]);
@@ -662,17 +667,17 @@ impl Builder<'_> {
         Some([self.pack_layers(front), self.pack_layers(back)])
     }
 
-    fn pack_layers(&mut self, layers: Vec<Vec<u32>>) -> Packs {
+    fn pack_layers(&mut self, layers: Vec<Vec<u32>>) -> LayerRange {
         let roots: Vec<u32> = layers.into_iter().map(|layer| self.pack(layer)).collect();
         #[allow(clippy::cast_possible_truncation, reason = "fewer layers than fragments")]
         let start = self.order.layers.len() as u32;
         self.order.layers.extend(roots);
         #[allow(clippy::cast_possible_truncation, reason = "fewer layers than fragments")]
         let end = self.order.layers.len() as u32;
-        Packs { start, end }
+        LayerRange { start, end }
     }
 
-    /// Packs items that do not overlap into blocks under a tree of boxes; returns its root.
+    /// LayerRange items that do not overlap into blocks under a tree of boxes; returns its root.
     fn pack(&mut self, mut items: Vec<u32>) -> u32 {
         let root = self.layer_node();
         let len = items.len();
@@ -825,13 +830,17 @@ impl Builder<'_> {
                 if (item as usize) >= count {
                     let surface = &self.surfaces.of[piece.surface as usize];
                     for patch in [Some(surface.front), surface.back].into_iter().flatten() {
-                        self.order.is_cut[patch.0 as usize / 64] |= 1 << (patch.0 % 64);
+                        self.order.cut_patches[patch.0 as usize / 64] |= 1 << (patch.0 % 64);
                     }
                 }
             }
             #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than fragments")]
             self.order.lines_of_block.push(self.order.lines.len() as u32);
-            self.order.lines.push(Lines { from, to, whole });
+            self.order.lines.push(PieceLines {
+                from,
+                to,
+                surfaces: whole,
+            });
             self.order.blocks.push(block);
         }
         #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than fragments")]
@@ -841,7 +850,7 @@ impl Builder<'_> {
     }
 
     /// Puts a few items into one block with the planes that order them, if they fit.
-    fn leaf(&mut self, items: &[u32]) -> Option<Packs> {
+    fn leaf(&mut self, items: &[u32]) -> Option<LayerRange> {
         let before = self.pieces.len();
         let mut planes = Vec::new();
         let mut lanes = Vec::new();
@@ -855,7 +864,7 @@ impl Builder<'_> {
         self.order.planes.extend(planes);
         #[allow(clippy::cast_possible_truncation, reason = "fewer planes than fragments")]
         let end = self.order.planes.len() as u32;
-        Some(Packs { start, end })
+        Some(LayerRange { start, end })
     }
 
     /// The plane for some items of a leaf, with what lies on either side; `None` where they do not fit.
@@ -1068,7 +1077,7 @@ mod tests {
     }
 
     /// The blocks that an eye in front of all planes, or behind all of them, is shown.
-    fn blocks_seen(order: &Order, side: usize) -> Vec<u32> {
+    fn blocks_seen(order: &BspTree, side: usize) -> Vec<u32> {
         let mut seen = Vec::new();
         for node in &order.nodes {
             if node.is_leaf {
@@ -1100,8 +1109,7 @@ mod tests {
             generated(Kind::BlockCity),
         ] {
             let geometry = model.geometry();
-            let order = Order::new(geometry.as_ref().into(), ANY).expect("no limit");
-            let cut = |patch: u32| order.is_cut[patch as usize / 64] >> (patch % 64) & 1 != 0;
+            let order = BspTree::new(geometry.as_ref().into(), ANY).expect("no limit");
             for side in 0..2 {
                 let mut areas = vec![0.0; geometry.patch_count as usize];
                 let mut lanes = vec![0; geometry.patch_count as usize];
@@ -1122,7 +1130,7 @@ mod tests {
                         (whole - pieces).abs() < 1e-12,
                         "patch {patch}: {whole}, in pieces {pieces}"
                     );
-                    assert_eq!(lanes[patch as usize] > 1, cut(patch), "patch {patch}");
+                    assert_eq!(lanes[patch as usize] > 1, order.is_cut(patch), "patch {patch}");
                 }
             }
         }
@@ -1132,16 +1140,16 @@ mod tests {
     fn a_scene_that_falls_into_pieces_is_given_up() {
         let soup = generated(Kind::Soup);
         assert_eq!(
-            Order::new(soup.geometry().as_ref().into(), Limits { fragments: 1.2 }).map(|_| ()),
+            BspTree::new(soup.geometry().as_ref().into(), Limits { fragments: 1.2 }).map(|_| ()),
             Err(GivenUp::Pieces)
         );
-        let order = Order::new(soup.geometry().as_ref().into(), ANY).expect("no limit");
+        let order = BspTree::new(soup.geometry().as_ref().into(), ANY).expect("no limit");
         assert!(order.fragments_per_surface() > 1.2, "{order}");
     }
 
     #[test]
     fn overlaps_are_those_of_all_pairs() {
-        let mut draw = Draw(5);
+        let mut draw = Lcg(5);
         let mut coordinate = |most: f64| draw.below(1 << 20) as f64 / f64::from(1 << 20) * most;
         let triangles: Vec<[DVec3; 3]> = (0..300)
             .map(|_| {
