@@ -1,9 +1,9 @@
 //! The engine that suits a scene, and the parts of a scene that are prepared once for all sessions.
 //!
-//! Engine `order` is chosen where the partition cuts few surfaces and fills its blocks. A scene that falls into more than
-//! 1.4 pieces a surface, or with almost empty blocks, gets `depth` or `claims`: real city models do, as their terrain runs
-//! under the buildings. A survey renders eight hemicubes when a scene is loaded. Where patches see a third of the scene and
-//! blocks are not well filled, `depth` draws everything, unless few parent triangles are ordered.
+//! Engine `order` is chosen where the partition cuts few surfaces and fills its blocks. A scene that falls into more
+//! than 1.4 pieces a surface, or with almost empty blocks, gets `depth` or `claims`: real city models do, as their
+//! terrain runs under the buildings. A survey renders eight hemicubes when a scene is loaded. Where patches see a third
+//! of the scene and blocks are not well filled, `depth` draws everything, unless few parent triangles are ordered.
 
 use crate::CpuBackend;
 use crate::bsp::{BspTree, Limits, Surfaces};
@@ -52,8 +52,8 @@ const LEAST_TO_SURVEY: usize = 1000;
 const SURVEYED_FROM: usize = 8;
 /// Resolution of a survey, independent of the settings: the choice must not hang on them.
 const SURVEY_RESOLUTION: u32 = 128;
-/// With more pixels of a survey for each triangle drawn, parent triangles are put in order even where patches see much of
-/// the scene: a room has 1,000, an open field of 2,500 triangles 22 (`docs/performance.md`).
+/// With more pixels of a survey for each triangle drawn, parent triangles are put in order even where patches see much
+/// of the scene: a room has 1,000, an open field of 2,500 triangles 22 (`docs/performance.md`).
 const PIXELS_OF_COARSE: f64 = 100.0;
 /// From this resolution on, engine `order` takes longer to draw pixels twice, of parents and of their patches, than to
 /// cull the patches themselves, unless most of these need not be drawn (`docs/performance.md`).
@@ -163,7 +163,8 @@ fn engine_of(
     }
 }
 
-/// The parts of a scene that are prepared once, whatever the number of sessions and settings; each when first asked for.
+/// The parts of a scene that are prepared once, whatever the number of sessions and settings; each when first asked
+/// for.
 #[derive(Debug, Default)]
 struct Cache {
     parents: OnceLock<Option<Arc<ParentTriangles>>>,

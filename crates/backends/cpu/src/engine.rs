@@ -1,12 +1,12 @@
 //! The engines: a walk over the scene, front to back, then the row of a hemicube.
 //!
-//! - `depth` (`walk.rs` over a `DepthBuffer`) walks a tree of boxes roughly front to back, draws into a buffer of depths
-//!   and ids, and drops hidden boxes. It takes any scene.
-//! - `claims` (`walk.rs` over an `OwnershipBuffer`) is the same walk over coverage bits with an owner for each pixel. Its
-//!   rows are those of `depth`, to the last bit, so that a session may take either: it takes `claims` where a hemicube
-//!   has 350 pixels or more for each triangle that eight hemicubes at N = 128 drew.
-//! - `order` (`order.rs`) walks a binary space partition strictly front to back over coverage bits: no depth, no ids, no
-//!   reduction; a box is hidden if its bits are set.
+//! - `depth` (`walk.rs` over a `DepthBuffer`) walks a tree of boxes roughly front to back, draws into a buffer of
+//!   depths and ids, and drops hidden boxes. It takes any scene.
+//! - `claims` (`walk.rs` over an `OwnershipBuffer`) is the same walk over coverage bits with an owner for each pixel.
+//!   Its rows are those of `depth`, to the last bit, so that a session may take either: it takes `claims` where a
+//!   hemicube has 350 pixels or more for each triangle that eight hemicubes at N = 128 drew.
+//! - `order` (`order.rs`) walks a binary space partition strictly front to back over coverage bits: no depth, no ids,
+//!   no reduction; a box is hidden if its bits are set.
 //!
 //! All rasterise with the same code, so that their pixel sums are the same bits wherever f32 depths can tell surfaces
 //! apart (`tests/tests/engines.rs`). All draw parent triangles and distribute their visible weights over the patches

@@ -16,8 +16,8 @@
 //! Homogeneous rasterisation (Olano & Greer 1997): a pixel's direction d is inside a triangle with corners v0, v1, v2
 //! seen from the origin iff d · (v_i × v_j) has one sign for the three edges. No near plane and no clipping. The edge
 //! vectors are computed once for all five faces, in f64 and without fused multiply-add, so that two triangles compute
-//! the same bits for a shared edge, with opposite signs: every pixel centre belongs to exactly one of them. 1/w is affine
-//! in the pixel and serves as depth: greater is nearer, 0 is nothing.
+//! the same bits for a shared edge, with opposite signs: every pixel centre belongs to exactly one of them. 1/w is
+//! affine in the pixel and serves as depth: greater is nearer, 0 is nothing.
 //!
 //! No f32 spans, because f32 knows a pixel position near 256 to some 1e-5, enough to lose a pixel at a corner once in a
 //! while, and the rows of a closed room must sum to 1 exactly.
@@ -224,8 +224,8 @@ compiled! {
     /// Projects the centroids of sixteen triangles.
     fn centroids(triangles: &Transformed, frame: &Frame, out: &mut Centroids) = transform::centroids;
 
-    /// Projects a box onto `faces`: with `touched` the pixels that it touches, otherwise those with a centre that it may
-    /// cover.
+    /// Projects a box onto `faces`: with `touched` the pixels that it touches, otherwise those with a centre that it
+    /// may cover.
     fn on_faces(of: &SceneBox, frame: &Frame, faces: u8, touched: bool, out: &mut OnFaces) = bounds::project;
 
     /// Tests the boxes in `used` against the coverage. With `COVERED`, a box stands for all pixels that it touches, and

@@ -1,17 +1,17 @@
 //! The built-in backend: hemicubes on the CPU, with SIMD chosen at run time.
 //!
 //! Engine `depth` is Greene's hierarchical z-buffer (Greene, Kass & Miller 1993): a tree over blocks of 16 triangles,
-//! walked front to back; nodes are dropped outside all faces or behind the buffer. All five faces are drawn in one walk.
-//! Engine `order` draws strictly front to back, in the order of a binary space partition, with one coverage bit a pixel.
-//! Engine `claims` walks the tree of engine `depth` with the coverage bits of engine `order`, and computes depths only for
-//! pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which.
+//! walked front to back; nodes are dropped outside all faces or behind the buffer. All five faces are drawn in one
+//! walk. Engine `order` draws strictly front to back, in the order of a binary space partition, with one coverage bit a
+//! pixel. Engine `claims` walks the tree of engine `depth` with the coverage bits of engine `order`, and computes
+//! depths only for pixels that two surfaces contend for. [`EngineChoice`] says which scenes get which.
 //!
 //! All of them draw parent triangles, the triangles before they were cut into patches, and distribute their visible
 //! weights over the patches (engine `order` not at N = 1024, unless only visible fractions are asked for). Parents are
 //! found by consecutive patches as `hemicube_scene::Subdivision` cuts them.
 //!
-//! Rows are the same bits on every instruction set and with culling on or off. Those of engines `depth` and `claims` are
-//! the same bits, and pixel sums of engine `order` the same wherever f32 depths can tell surfaces apart.
+//! Rows are the same bits on every instruction set and with culling on or off. Those of engines `depth` and `claims`
+//! are the same bits, and pixel sums of engine `order` the same wherever f32 depths can tell surfaces apart.
 //!
 //! ```text
 //! lib      sessions: the HemicubeBackend implementation
@@ -149,8 +149,8 @@ pub(crate) struct SharedScene {
     pub(crate) parents: Option<Arc<ParentTriangles>>,
     pub(crate) table: DeltaTable,
     pub(crate) settings: RenderSettings,
-    /// True if the weights of a parent's fully visible patches may be any equal ones. Only with `parents` and with covered
-    /// weights.
+    /// True if the weights of a parent's fully visible patches may be any equal ones. Only with `parents` and with
+    /// covered weights.
     pub(crate) fractions: bool,
 }
 

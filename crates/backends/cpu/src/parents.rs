@@ -1,9 +1,9 @@
-//! Parent triangles: the triangles of a scene before they were cut into patches. Their visible pixels are the same however
-//! finely they are cut, so engines draw them, and then distribute the visible weight over the patches, none of which hides
-//! another. The work of culling, and of contests for pixels, is that of the uncut scene.
+//! Parent triangles: the triangles of a scene before they were cut into patches. Their visible pixels are the same
+//! however finely they are cut, so engines draw them, and then distribute the visible weight over the patches, none of
+//! which hides another. The work of culling, and of contests for pixels, is that of the uncut scene.
 //!
-//! The tree is over the parents, each drawn with the id of its first patch on the visible side. Corners of patches are not
-//! stored: they follow from the parent's corners and the number of pieces.
+//! The tree is over the parents, each drawn with the id of its first patch on the visible side. Corners of patches are
+//! not stored: they follow from the parent's corners and the number of pieces.
 //!
 //! Pixel sums are those of the patches, to the bit, unless an eye lies on the edge of a triangle and in its plane.
 //! Sub-pixel patches of a parent that covers pixels and shows none are not asked for, so engines report another version
@@ -12,16 +12,16 @@
 //! ([`ParentTriangles::is_stood_on`]). Engine `order` draws parents, too, but for weights of the finest hemicubes
 //! (N = 1024), where drawing all pixels twice takes longer than culling the patches themselves.
 //!
-//! Corrections use weights as fractions only, and load a backend for those (`load_for_fractions`, by default `load`). Then
-//! a parent with all covered pixels visible has its patches listed without drawing, and of another only patches are drawn
-//! with a box of pixels not wholly visible; fully visible patches share the rest of the parent's weight evenly. So rows
-//! still sum to 2³¹, and fractions are those of weights, to the bit (`tests/tests/fractions.rs`); sub-pixel patches at the
-//! rim of a visible parent are added. Culling must not decide if a patch is asked for: unknown covered pixels of a parent
-//! are counted.
+//! Corrections use weights as fractions only, and load a backend for those (`load_for_fractions`, by default `load`).
+//! Then a parent with all covered pixels visible has its patches listed without drawing, and of another only patches
+//! are drawn with a box of pixels not wholly visible; fully visible patches share the rest of the parent's weight
+//! evenly. So rows still sum to 2³¹, and fractions are those of weights, to the bit (`tests/tests/fractions.rs`);
+//! sub-pixel patches at the rim of a visible parent are added. Culling must not decide if a patch is asked for: unknown
+//! covered pixels of a parent are counted.
 //!
-//! No parents handed over by `Geometry`, because a file may hold triangles that were cut before, and their rows must not
-//! depend on who cut them: the search (`parents/search.rs`) would stay, and what a caller hands over would have to be
-//! verified corner by corner all the same. Finding takes less time than the larger tree would.
+//! No parents handed over by `Geometry`, because a file may hold triangles that were cut before, and their rows must
+//! not depend on who cut them: the search (`parents/search.rs`) would stay, and what a caller hands over would have to
+//! be verified corner by corner all the same. Finding takes less time than the larger tree would.
 
 mod lattice;
 mod search;
@@ -36,12 +36,12 @@ use lattice::Lattice;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Largest distance of a corner from its place in the parent, in units of the tolerance of coplanar patches: rounding of
-/// coordinates.
+/// Largest distance of a corner from its place in the parent, in units of the tolerance of coplanar patches: rounding
+/// of coordinates.
 const OFF: f64 = 1.0 / 16.0;
 
-/// The parent triangles of a scene, some of which are patches themselves. Each is drawn with the id of its first patch on
-/// the visible side.
+/// The parent triangles of a scene, some of which are patches themselves. Each is drawn with the id of its first patch
+/// on the visible side.
 #[derive(Debug)]
 pub(crate) struct ParentTriangles {
     /// Tree over the parents.
@@ -192,8 +192,8 @@ impl ParentTriangles {
         self.lattices[parent.lattice as usize].blocks.len()
     }
 
-    /// Computes sixteen patches of a parent drawn with `id`. Both sides get the patch's id: [`ParentTriangle::sign`] tells
-    /// the visible side.
+    /// Computes sixteen patches of a parent drawn with `id`. Both sides get the patch's id: [`ParentTriangle::sign`]
+    /// tells the visible side.
     #[inline(always)]
     pub(crate) fn patches(&self, parent: &ParentTriangle, id: u32, block: usize, out: &mut Block) {
         let lattice = &self.lattices[parent.lattice as usize].blocks[block];
@@ -258,8 +258,8 @@ impl ParentTriangles {
 }
 
 impl ParentTriangle {
-    /// Sign of its patches' determinants where the side drawn with `id` is visible. Rounding may give a patch all but in
-    /// line with the eye the other.
+    /// Sign of its patches' determinants where the side drawn with `id` is visible. Rounding may give a patch all but
+    /// in line with the eye the other.
     pub(crate) fn sign(&self, id: u32) -> f64 {
         if id == self.front { -1.0 } else { 1.0 }
     }

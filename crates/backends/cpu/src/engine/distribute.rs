@@ -1,8 +1,9 @@
 //! Visible weights of parent triangles, distributed over their patches: the second step of every engine.
 //!
-//! The visible pixels of a parent are uncovered in an otherwise full coverage, and its patches, made from the lattice as
-//! needed, are drawn into them by the kernel of engine `order`. Rounding leaves some pixels over; they go to the patch
-//! with the largest visible weight, or to the one nearest to the eye if none is visible, so that no weight is lost.
+//! The visible pixels of a parent are uncovered in an otherwise full coverage, and its patches, made from the lattice
+//! as needed, are drawn into them by the kernel of engine `order`. Rounding leaves some pixels over; they go to the
+//! patch with the largest visible weight, or to the one nearest to the eye if none is visible, so that no weight is
+//! lost.
 //!
 //! No pixel counts in place of weights where only ratios are wanted, because the weight of a whole span is two loads a
 //! row of pixels, and every row can then be checked to sum to 2³¹. (Gather instructions cost more than those loads.)
@@ -172,8 +173,8 @@ impl Distributor {
     }
 
     /// Distributes a parent's remaining weight equally over its fully visible entries, among those from `first` on. If
-    /// there are none, only rounding is left, from pixel centres on the parent's outline: any entry may take it, but the
-    /// row must sum to 2³¹.
+    /// there are none, only rounding is left, from pixel centres on the parent's outline: any entry may take it, but
+    /// the row must sum to 2³¹.
     fn give(&mut self, view: View<'_>, seen: &VisibleParent<'_>, left: u32, first: usize) {
         let of_parent = &mut self.entries[first..];
         #[allow(clippy::cast_possible_truncation, reason = "fewer than patches")]

@@ -1,12 +1,12 @@
 //! Engine `order`: the walk over the binary space partition, nearest first, and the row straight from the drawing.
 //!
 //! With parent triangles, the partition is of these (version `order-2` for fractions, `order-3` otherwise). No buffer
-//! knows at the end which pixels show a parent, so the coverage records them while drawing: eight words of visible pixels
-//! at a time, and with covered weights, for the rows that the parent touches, the pixels uncovered before its plane
-//! (`Record` in `kernel/coverage.rs`). After the walk, each visible parent is distributed by its record
+//! knows at the end which pixels show a parent, so the coverage records them while drawing: eight words of visible
+//! pixels at a time, and with covered weights, for the rows that the parent touches, the pixels uncovered before its
+//! plane (`Record` in `kernel/coverage.rs`). After the walk, each visible parent is distributed by its record
 //! (`distribute.rs`). Patches without a pixel are visible if their centroid was uncovered: in parents with visible
-//! pixels the record tells, in parents without a pixel the snapshot while drawing. A piece is asked only for the patches
-//! with a centroid in it, as the other pieces may have been culled.
+//! pixels the record tells, in parents without a pixel the snapshot while drawing. A piece is asked only for the
+//! patches with a centroid in it, as the other pieces may have been culled.
 
 use super::covered::CoveredCounter;
 use super::distribute::{Distributor, Entry, UNCOUNTED, VisibleParent};
@@ -825,7 +825,8 @@ fn corners(t: &Transformed, lane: usize) -> [DVec3; 3] {
     [0, 1, 2].map(|k| DVec3::from_array([0, 1, 2].map(|c| t.corners[3 * k + c][lane])))
 }
 
-/// Keeps the lanes, in the plane of a piece, with a centroid in the piece: the others lie in pieces drawn at other times.
+/// Keeps the lanes, in the plane of a piece, with a centroid in the piece: the others lie in pieces drawn at other
+/// times.
 ///
 /// Tested in the plane, not as seen by the eye, which may see it edge-on.
 fn centroids_in(t: &Transformed, mut lanes: u16, piece: [DVec3; 3]) -> u16 {

@@ -286,8 +286,8 @@ impl<B: Buffer> TreeEngine<B> {
         is_known.then_some(drawn.pixels[lane])
     }
 
-    /// Returns true if the visible pixels of a parent are all it covers. Culling must not decide: unknown covered pixels
-    /// are counted.
+    /// Returns true if the visible pixels of a parent are all it covers. Culling must not decide: unknown covered
+    /// pixels are counted.
     fn shows_all(&mut self, view: View<'_>, seen: &VisibleParent<'_>, pixels: u32) -> bool {
         let known = self.known_pixels(&view.scene.tree, seen.id);
         known.unwrap_or_else(|| self.covered_pixels(view, seen.id, seen.faces)) == pixels
@@ -316,8 +316,8 @@ impl<B: Buffer> TreeEngine<B> {
         }
     }
 
-    /// Lists the lanes of a block that are subdivided parents and may be visible, if only between pixel centres. Returns
-    /// all lanes that are subdivided parents.
+    /// Lists the lanes of a block that are subdivided parents and may be visible, if only between pixel centres.
+    /// Returns all lanes that are subdivided parents.
     fn list_parents(&mut self, parents: &ParentTriangles, block: usize, of: DrawnLanes) -> u16 {
         let lanes = parents.lanes(block);
         for lane in bits(u32::from(of.live & lanes.subdivided)) {
@@ -537,8 +537,8 @@ impl<B: Buffer> TreeEngine<B> {
     fn faces_of_box<const COVERED: bool>(&mut self, view: View<'_>, of: &SceneBox, faces: u8) -> Faces {
         let (scene, on) = (view.scene, &mut self.on_faces);
         scene.isa.on_faces(of, view.frame, faces, COVERED, on);
-        // Depths are within rounding of the corners' 1/w, widened by a millionth. A sub-pixel patch about as near as the
-        // pixels before it may be visible.
+        // Depths are within rounding of the corners' 1/w, widened by a millionth. A sub-pixel patch about as near as
+        // the pixels before it may be visible.
         let slack = if COVERED {
             1.0 + tiny_slack(scene.settings.resolution)
         } else {
@@ -685,8 +685,8 @@ struct SubpixelSearch<'a, B> {
 }
 
 impl<B: Buffer> SubpixelSearch<'_, B> {
-    /// Finds, among lanes of a block of the parent's patches, those without a pixel centre and nearest at their centroid,
-    /// as [`TreeEngine::find_subpixel`] does. Lanes in `unproved` may have a pixel.
+    /// Finds, among lanes of a block of the parent's patches, those without a pixel centre and nearest at their
+    /// centroid, as [`TreeEngine::find_subpixel`] does. Lanes in `unproved` may have a pixel.
     fn find(&mut self, of: &VisibleParent<'_>, t: &Transformed, candidates: u16, unproved: u16) {
         let view = self.view;
         view.scene.isa.centroids(t, view.frame, self.centroids);
@@ -751,8 +751,8 @@ fn corners_in_frame(block: &Block, lane: usize, frame: &Frame) -> [[f64; 3]; 3] 
     })
 }
 
-/// Returns true if a centroid is in front of the visible surface at its pixel. The surface's depth in the direction of the
-/// centroid decides; beyond its silhouette, being about as near as the pixel suffices.
+/// Returns true if a centroid is in front of the visible surface at its pixel. The surface's depth in the direction of
+/// the centroid decides; beyond its silhouette, being about as near as the pixel suffices.
 fn is_in_front(tree: &Tree, seen: u32, frame: &Frame, depth: f64, direction: [f64; 3]) -> bool {
     seen >= tree.patch_count
         || depth_there(tree, seen, frame, direction).is_none_or(|there| depth >= there * (1.0 - 1e-6))

@@ -62,8 +62,8 @@ impl OnFaces {
     }
 }
 
-/// Distance from a box's edge to the centre of the first pixel it counts for: sub-pixel patches make a box stand for all
-/// pixels it touches, otherwise only covered centres count.
+/// Distance from a box's edge to the centre of the first pixel it counts for: sub-pixel patches make a box stand for
+/// all pixels it touches, otherwise only covered centres count.
 #[inline(always)]
 pub(super) fn inset(touched: bool) -> f64 {
     if touched { 0.0 - SLACK } else { 0.5 - SLACK }

@@ -217,8 +217,8 @@ impl OrderedCoverage {
         }
     }
 
-    /// Records the pixels of each lane; with `has_uncovered`, also the uncovered pixels of its box before its plane, for
-    /// the centroids of patches, asked after their parents are drawn.
+    /// Records the pixels of each lane; with `has_uncovered`, also the uncovered pixels of its box before its plane,
+    /// for the centroids of patches, asked after their parents are drawn.
     pub(crate) fn recording(mut self, has_uncovered: bool) -> Self {
         self.record = Some(Record {
             has_uncovered,
@@ -551,7 +551,8 @@ pub(super) fn all_uncovered<L: Lanes>(isa: L, coverage: &Coverage, pixels: Atlas
     none_of(coverage, pixels, |rows, mask| isa.any_of(rows, mask))
 }
 
-/// Returns true if no row of a box is in the mask that `find` makes of eight words of a column and the box's bits there.
+/// Returns true if no row of a box is in the mask that `find` makes of eight words of a column and the box's bits
+/// there.
 #[inline(always)]
 fn none_of(coverage: &Coverage, [x0, x1, y0, y1]: AtlasBox, find: impl Fn(&[u64; GROUP], u64) -> u8) -> bool {
     for column in x0 / WIDTH..=x1 / WIDTH {

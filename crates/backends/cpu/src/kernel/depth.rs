@@ -83,8 +83,8 @@ impl DepthBuffer {
     }
 }
 
-/// Relative depth by which a sub-pixel patch may lie behind its pixel's centre and still be visible: about the variation
-/// of depth over a few pixels of a surface not seen edge-on.
+/// Relative depth by which a sub-pixel patch may lie behind its pixel's centre and still be visible: about the
+/// variation of depth over a few pixels of a surface not seen edge-on.
 pub(crate) fn tiny_slack(resolution: u32) -> f64 {
     16.0 / f64::from(resolution)
 }
@@ -130,7 +130,8 @@ pub(crate) struct DepthPlane {
     pub(super) id: u32,
 }
 
-/// Factor on the depth of a blocking back: two to four units in the last place of f32, above the rounding of two depths.
+/// Factor on the depth of a blocking back: two to four units in the last place of f32, above the rounding of two
+/// depths.
 const BACK: f64 = 1.0 - 1.0 / 4_194_304.0;
 #[allow(clippy::cast_possible_truncation, reason = "exact in f32")]
 const BACK_F32: f32 = BACK as f32;
@@ -370,8 +371,8 @@ pub(super) fn reduce<L: Lanes>(isa: L, target: &mut DepthBuffer, table: &DeltaTa
     }
 }
 
-/// Adds up the weights of runs of equal pixels, row by row. With `INDEX`, lists the runs of indexed ids; without, clears
-/// each chunk.
+/// Adds up the weights of runs of equal pixels, row by row. With `INDEX`, lists the runs of indexed ids; without,
+/// clears each chunk.
 #[inline(always)]
 fn reduce_rows<L: Lanes, const INDEX: bool>(isa: L, target: &mut DepthBuffer, table: &DeltaTable, sums: &mut Sums) {
     let (top, side) = (table.running(Face::Top), table.running(Face::PosX));

@@ -1,16 +1,16 @@
 //! Instruction sets, chosen once by a capability token.
 //!
-//! [`InstructionSet`] says what kernels are compiled for and holds a token of it: [`Portable`], `Avx2` or `Avx512`. Only
-//! [`InstructionSet::of`] makes one, after asking the processor, so that no call of a kernel is unsafe. The generic
-//! bodies of the kernels take a token as [`Lanes`]: the few operations with a version of their own in each set. The
-//! macro `compiled!` (`kernel.rs`) compiles each body three times and makes it a method of the enum; a call costs one
-//! predictable branch.
+//! [`InstructionSet`] says what kernels are compiled for and holds a token of it: [`Portable`], `Avx2` or `Avx512`.
+//! Only [`InstructionSet::of`] makes one, after asking the processor, so that no call of a kernel is unsafe. The
+//! generic bodies of the kernels take a token as [`Lanes`]: the few operations with a version of their own in each set.
+//! The macro `compiled!` (`kernel.rs`) compiles each body three times and makes it a method of the enum; a call costs
+//! one predictable branch.
 //!
 //! All versions perform the same operations in the same order and give the same bits: no fused multiply-add, no other
 //! order of a sum. The portable version defines them; the tests compare.
 //!
-//! No functions of the processor's vector types between kernels, because a caller without the feature would pass them in
-//! memory: signatures have arrays, and bodies are inlined into one function with the feature.
+//! No functions of the processor's vector types between kernels, because a caller without the feature would pass them
+//! in memory: signatures have arrays, and bodies are inlined into one function with the feature.
 
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx2;
@@ -126,8 +126,8 @@ pub(crate) trait Lanes: Copy {
         lacking(rows, mask)
     }
 
-    /// Covers the part of eight spans in one column of words. Writes the newly covered bits to `shows` and the others to
-    /// `over`; returns the rows with any of the first, and with any of the second.
+    /// Covers the part of eight spans in one column of words. Writes the newly covered bits to `shows` and the others
+    /// to `over`; returns the rows with any of the first, and with any of the second.
     #[inline(always)]
     fn mark(self, spans: &Spans, column: usize, covered: &mut Rows, shows: &mut Rows, over: &mut Rows) -> (u8, u8) {
         mark(spans, column, covered, shows, Some(over))
@@ -145,8 +145,8 @@ pub(crate) trait Lanes: Copy {
         (0..GROUP).fold(0, |any, k| any | u8::from(words[k] & with != 0) << k)
     }
 
-    /// Moves the bits of `left` in `shows` to `common`. Returns the rows with any of them, and the bytes with bits left,
-    /// like [`Self::occupied`].
+    /// Moves the bits of `left` in `shows` to `common`. Returns the rows with any of them, and the bytes with bits
+    /// left, like [`Self::occupied`].
     #[inline(always)]
     fn common(self, shows: &[u64; GROUP], left: &mut [u64; GROUP], common: &mut [u64; GROUP]) -> (u8, u64) {
         let mut rows = 0;

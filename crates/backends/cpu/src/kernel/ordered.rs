@@ -7,7 +7,7 @@ use super::coverage::{
     Canvas, Coverage, MOST_COLUMNS, Rows, WIDTH, all_covered, all_uncovered, in_atlas, mark, weight_of,
 };
 use super::isa::Lanes;
-use super::projection::{PixelBox, at, clipped_box, pixel_box, project};
+use super::projection::{PixelBox, TriangleBoxes, at, clipped_box, pixel_box, project};
 use super::spans::{BlockLines, Spans, edge_lines, spans_within, walk};
 use super::transform::in_frame;
 use super::{Count, FaceGrid, Frame, GROUP, Transformed, three};
@@ -175,18 +175,10 @@ pub(super) fn draw<L: Lanes, const COVERED: bool>(
             if on_face >> lane & 1 == 0 {
                 continue;
             }
-            // Load one number after the other: a box stored in parts and loaded whole would wait for all of them.
-            let (left, right, low, high);
-            if boxes.in_front >> lane & 1 != 0 {
-                (left, right) = (boxes.x0[lane], boxes.x1[lane]);
-                (low, high) = (boxes.y0[lane], boxes.y1[lane]);
-            } else {
-                let Some(clipped) = clipped_box(t, grid, lane) else {
-                    continue;
-                };
-                (left, right) = (clipped.x0, clipped.x1);
-                (low, high) = (clipped.y0, clipped.y1);
-            }
+            let Some([columns, rows]) = lane_ranges(t, &boxes, grid, lane) else {
+                continue;
+            };
+            let (left, right, low, high) = (columns.start, columns.end, rows.start, rows.end);
             if canvas.culls() {
                 let pixels = in_atlas(grid, at(left), at(right) - 1, at(low), at(high) - 1);
                 if all_covered(isa, canvas.coverage(), pixels) {
@@ -214,7 +206,7 @@ pub(super) fn draw<L: Lanes, const COVERED: bool>(
                 lines: &lines,
                 running: table.running(face),
             };
-            let drawn = isa.draw_lane::<COVERED, _>(&on, lane, left..right, low..high, canvas);
+            let drawn = isa.draw_lane::<COVERED, _>(&on, lane, columns, rows, canvas);
             shown.visible[lane] += drawn.visible;
             shown.covered[lane] += drawn.covered;
             with_pixels |= u16::from(drawn.pixels != 0) << lane;
@@ -242,6 +234,18 @@ pub(super) fn draw<L: Lanes, const COVERED: bool>(
         };
     }
     shown
+}
+
+/// The columns and the rows of a lane on a face.
+#[inline(always)]
+fn lane_ranges(t: &Transformed, boxes: &TriangleBoxes, grid: FaceGrid, lane: usize) -> Option<[Range<i32>; 2]> {
+    // Load one number after the other: a box stored in parts and loaded whole would wait for all of them.
+    if boxes.in_front >> lane & 1 != 0 {
+        Some([boxes.x0[lane]..boxes.x1[lane], boxes.y0[lane]..boxes.y1[lane]])
+    } else {
+        let clipped = clipped_box(t, grid, lane)?;
+        Some([clipped.x0..clipped.x1, clipped.y0..clipped.y1])
+    }
 }
 
 /// Draws one lane, eight rows at a time: the definition of [`Lanes::draw_lane`].
@@ -417,8 +421,8 @@ pub(super) fn wholly_uncovered<L: Lanes>(isa: L, t: &Transformed, faces: u8, cov
     uncovered & !several
 }
 
-/// Straddling lanes with pixels on the face. A lane beyond the eye plane may have none: then it must not count as on the
-/// face, as faces are left out where every lane asked for is nowhere.
+/// Straddling lanes with pixels on the face. A lane beyond the eye plane may have none: then it must not count as on
+/// the face, as faces are left out where every lane asked for is nowhere.
 #[inline(always)]
 fn lanes_on_face(t: &Transformed, grid: FaceGrid, mut straddling: u16) -> u16 {
     let mut on = 0;

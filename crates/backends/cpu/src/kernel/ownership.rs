@@ -1,11 +1,11 @@
 //! Engine `claims`: one coverage bit a pixel, like engine `order`, and an owner for each pixel; depths only where two
 //! surfaces contend for a pixel.
 //!
-//! Triangles arrive nearly front to back. The pixels that a triangle covers first are its holding, a mask of bits in each
-//! tile of 64 × 8 pixels that it touches; eight holdings a page are asked at once for the bytes of rows they have. Of the
-//! pixels owned by others it wins those where it is nearer. Most contests end at a bound for each cell of 8 × 8 pixels:
-//! everything there is nearer. The next test is the difference of the two planes over the shared box, and the pixels left
-//! are compared by the depths of engine `depth`, to the bit.
+//! Triangles arrive nearly front to back. The pixels that a triangle covers first are its holding, a mask of bits in
+//! each tile of 64 × 8 pixels that it touches; eight holdings a page are asked at once for the bytes of rows they have.
+//! Of the pixels owned by others it wins those where it is nearer. Most contests end at a bound for each cell of 8 × 8
+//! pixels: everything there is nearer. The next test is the difference of the two planes over the shared box, and the
+//! pixels left are compared by the depths of engine `depth`, to the bit.
 
 use super::coverage::{
     Coverage, MOST_COLUMNS, Rows, UncoveredWeights, WIDTH, all_covered, in_atlas, low_bits, weight_of,
@@ -592,7 +592,8 @@ impl Difference {
         if ends.iter().all(|&end| end > self.margin) {
             return bits;
         }
-        // The zero of the difference, from the first pixel on, and the distance from it below which the sign is unclear.
+        // The zero of the difference, from the first pixel on, and the distance from it below which the sign is
+        // unclear.
         let inverse = -1.0 / self.x;
         let (root, reach) = (first * inverse, (self.margin * inverse).abs() + 1.0);
         let (from, to) = (root - reach, root + reach);

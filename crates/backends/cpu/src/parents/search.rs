@@ -1,5 +1,5 @@
-//! Parent triangles found by their patches: consecutive ones in the rows of a lattice, as `hemicube_scene::Subdivision` cuts
-//! them, with corners that are the same to the bit where they are shared.
+//! Parent triangles found by their patches: consecutive ones in the rows of a lattice, as `hemicube_scene::Subdivision`
+//! cuts them, with corners that are the same to the bit where they are shared.
 
 use super::{OFF, ParentTriangles};
 use glam::DVec3;
@@ -85,8 +85,8 @@ fn is_subdivision(surfaces: &[&Surface], pieces: usize, off: f64) -> bool {
         ..
     } = parent(surfaces, pieces);
     let step = 1.0 / pieces as f64;
-    // Check the corners of the row's lower side: each at its place in the parent, and the same in all patches that share
-    // it.
+    // Check the corners of the row's lower side: each at its place in the parent, and the same in all patches that
+    // share it.
     let place = |i: usize, j: usize| a + (b - a) * (i as f64 * step) + (c - a) * (j as f64 * step);
     let is_there = |p: DVec3, i: usize, j: usize| (p - place(i, j)).abs().max_element() <= off;
     let mut rest = surfaces.iter();

@@ -9,8 +9,8 @@ use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 use std::ops::Range;
 
-/// Values of a lane's edges over a face's pixels, a · x + b · y + c, an edge in each of three lanes: by the operations of
-/// `affine` and `edge_lines`.
+/// Values of a lane's edges over a face's pixels, a · x + b · y + c, an edge in each of three lanes: by the operations
+/// of `affine` and `edge_lines`.
 ///
 /// # Safety
 /// The machine has AVX2.
@@ -37,8 +37,8 @@ pub(crate) unsafe fn edge_values(t: &Transformed, grid: FaceGrid, lane: usize) -
     [a, b, c]
 }
 
-/// Weighs eight spans between places of a running sum: those in `weighed`, of which those in `whole` are wholly visible.
-/// The others begin and end at 0.
+/// Weighs eight spans between places of a running sum: those in `weighed`, of which those in `whole` are wholly
+/// visible. The others begin and end at 0.
 ///
 /// # Safety
 /// All places lie within `running`.

@@ -130,8 +130,8 @@ impl Edges {
     }
 }
 
-/// Covers the part of eight spans from atlas row `row` on in one column of words. Returns the rows with a visible pixel,
-/// and with a hidden one.
+/// Covers the part of eight spans from atlas row `row` on in one column of words. Returns the rows with a visible
+/// pixel, and with a hidden one.
 ///
 /// # Safety
 /// The machine has the instruction set of the token; the column and the row lie within the coverage.
