@@ -109,6 +109,14 @@ pub(crate) struct BspTree {
     surfaces: usize,
 }
 
+/// A count or a place in one of the lists, all shorter than 2³²: there are at most 2³¹ surfaces, and pieces are
+/// limited.
+fn number(count: usize) -> u32 {
+    #[allow(clippy::cast_possible_truncation, reason = "below 2³²")]
+    let number = count as u32;
+    number
+}
+
 /// The generator of the planes' samples, and of tests: the same numbers in every run.
 pub(crate) struct Lcg(pub(crate) u64);
 

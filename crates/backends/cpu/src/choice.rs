@@ -12,7 +12,7 @@ use hemicube_contract::backend::{BackendError, Culling, Geometry, Hemicube, Hemi
 use hemicube_contract::row::RowBlock;
 use std::sync::{Arc, OnceLock};
 
-/// Which of the three engines renders.
+/// The engine that renders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EngineChoice {
     /// The one that suits the scene: [`EngineChoice::Order`] where few surfaces must be cut to put them in order and
@@ -42,11 +42,11 @@ const MOST_FRAGMENTS: f64 = 1.4;
 const MOST_FRAGMENTS_IF_ASKED: f64 = 32.0;
 /// Least number of lanes of a block in use for ordering to pay: of surfaces, and of parent triangles.
 const LEAST_FILL: [f64; 2] = [4.0, 2.5];
-/// Where patches see a larger share of the scene, everything is drawn, unless blocks in order are filled better than
-/// `WELL_FILLED` (`docs/study.md` has the scenes). Smaller scenes take no time either way.
+/// Share of the scene seen by a patch above which everything is drawn, unless blocks in order are filled better than
+/// `WELL_FILLED` (`docs/study.md` has the scenes).
 const OPEN: f64 = 1.0 / 3.0;
 const WELL_FILLED: f64 = 12.0;
-/// Scenes of fewer surfaces are not surveyed.
+/// Scenes of fewer surfaces are not surveyed: they take no time either way.
 const LEAST_TO_SURVEY: usize = 1000;
 /// Number of patches that a survey renders from.
 const SURVEYED_FROM: usize = 8;
@@ -62,7 +62,7 @@ const FINE: u32 = 1024;
 /// (`docs/performance.md`).
 const PIXELS_TO_CLAIM: f64 = 350.0;
 
-/// How a scene is rendered.
+/// The choices for a scene and settings.
 #[derive(Debug)]
 pub(crate) struct Plan {
     pub(crate) engine: Engine,
@@ -173,7 +173,7 @@ struct Cache {
     survey: OnceLock<Survey>,
 }
 
-/// Which partition of a scene.
+/// A partition of a scene.
 #[derive(Clone, Copy, Debug)]
 struct OrderOf {
     /// True for parent triangles, false for surfaces.

@@ -43,7 +43,7 @@ pub(crate) struct View<'a> {
 }
 
 impl View<'_> {
-    /// The faces on which a box may be visible, and the other faces it is on.
+    /// Sorts the faces that a box is on into visible and hidden ones.
     #[inline]
     fn faces_of(on: &OnFaces, resolution: usize, mut is_hidden: impl FnMut(usize, AtlasBox) -> bool) -> Faces {
         let mut faces = Faces {
@@ -80,8 +80,8 @@ impl View<'_> {
     }
 }
 
-/// Masks of the faces on which a box or a block may be visible, and of those on which it is hidden: its covered pixels
-/// there are unknown.
+/// Masks of faces: a box or a block may be visible on the first, and is hidden on the second, with unknown covered
+/// pixels.
 #[derive(Clone, Copy, Debug)]
 struct Faces {
     visible: u8,

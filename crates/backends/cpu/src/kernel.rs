@@ -35,7 +35,7 @@ mod transform;
 
 pub(crate) use bounds::{BOXES, BoxGroup, GroupOnFaces, OnFaces, SceneBox};
 pub(crate) use coverage::{Coverage, OrderedCoverage, Recorded};
-pub(crate) use depth::{DepthBuffer, Drawn, is_small, tiny_slack};
+pub(crate) use depth::{DepthBuffer, Drawn, is_small, subpixel_slack};
 pub(crate) use isa::InstructionSet;
 pub(crate) use ordered::{Cut, Pass, Shown, Turns};
 pub(crate) use ownership::OwnershipBuffer;

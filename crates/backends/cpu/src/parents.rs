@@ -20,7 +20,7 @@
 //! covered pixels of a parent are counted.
 //!
 //! No parents handed over by `Geometry`, because a file may hold triangles that were cut before, and their rows must
-//! not depend on who cut them: the search (`parents/search.rs`) would stay, and what a caller hands over would have to
+//! not depend on who cut them: the search (`parents/search.rs`) would stay, and a caller's parents would have to
 //! be verified corner by corner all the same. Finding takes less time than the larger tree would.
 
 mod lattice;
@@ -498,7 +498,7 @@ mod tests {
         assert_eq!(parents_with(0.0, true), triangles);
         assert_eq!(parents_with(0.5 * off, true), triangles);
         // The corner is between the first row, of nine patches, and the second, of seven. The nine in the other rows
-        // are still what a triangle is cut into.
+        // are still the patches of a triangle.
         assert_eq!(parents_with(2.0 * off, true), triangles - 1 + 9 + 7 + 1);
         assert_eq!(parents_with(0.5 * off, false), triangles - 1 + 9 + 7 + 1, "a gap");
     }

@@ -2,19 +2,22 @@
 
 use super::overlap::overlaps;
 use super::piece::{Bounds, Piece, Plane, Side};
-use super::{BspTree, GivenUp, LayerRange, Lcg, LeafPlane, Limits, NO_PLANE, NONE, PieceLines, PlaneNode, Surfaces};
+use super::{
+    BspTree, GivenUp, LayerRange, Lcg, LeafPlane, Limits, NO_PLANE, NONE, PieceLines, PlaneNode, Surfaces, number,
+};
 use glam::DVec3;
 use hemicube_contract::bvh::{Block, LANES};
 
-/// Most surfaces of a leaf's block.
+/// Largest number of surfaces in a leaf's block.
 pub(super) const LEAF: usize = 12;
-/// Most planes of a leaf.
+/// Largest number of planes of a leaf.
 const LEAF_PLANES: usize = 40;
 /// Cost of cutting an item, where an item in the plane gains ½: pieces multiply from plane to plane.
 const CUT: f64 = 8.0;
 /// Number of pieces that a plane is judged by.
 const JUDGED: usize = 200;
 
+/// A partition being built.
 pub(super) struct Builder<'g> {
     pub(super) surfaces: Surfaces<'g>,
     /// The surfaces by their patches: the order must not depend on how the geometry was put together.
@@ -23,7 +26,7 @@ pub(super) struct Builder<'g> {
     /// The pieces. An item below the number of surfaces is a whole surface, one above is a piece.
     pieces: Vec<Piece>,
     draw: Lcg,
-    /// Most pieces.
+    /// The largest number of pieces.
     limit: usize,
 }
 
@@ -48,8 +51,7 @@ impl BspTree {
         )]
         let limit = (count as f64 * (limits.fragments - 1.0)) as usize;
         let limit = limit.saturating_add(64);
-        #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
-        let mut by_patch: Vec<u32> = (0..count as u32).collect();
+        let mut by_patch: Vec<u32> = (0..number(count)).collect();
         by_patch.sort_unstable_by_key(|&s| surfaces.of[s as usize].front.0);
         let mut builder = Builder {
             surfaces,
@@ -112,9 +114,9 @@ impl Builder<'_> {
         plane.side_of(self.corners(item), self.surfaces.plane_tolerance).0
     }
 
+    /// Builds the nodes: the plane's surfaces here, the others as tasks on either side; a few items become a leaf.
     fn build(&mut self) -> Result<(), GivenUp> {
-        #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ surfaces")]
-        let items: Vec<u32> = (0..self.surfaces.of.len() as u32).collect();
+        let items: Vec<u32> = (0..number(self.surfaces.of.len())).collect();
         let mut tasks = vec![Task {
             items,
             parent: NONE,
@@ -139,14 +141,12 @@ impl Builder<'_> {
                 here: [LayerRange::default(); 2],
                 is_leaf: false,
             };
-            #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than fragments")]
-            let index = self.bsp.nodes.len() as u32;
+            let index = number(self.bsp.nodes.len());
             let leaf = if items.len() <= LEAF { self.leaf(&items) } else { None };
             if let Some(leaf) = leaf {
                 node.is_leaf = true;
                 node.here = [leaf; 2];
-                #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than fragments")]
-                let block = self.bsp.blocks.len() as u32 - 1;
+                let block = number(self.bsp.blocks.len()) - 1;
                 node.front = block;
             } else {
                 let Some((plane, of)) = self.choose(&items) else {
@@ -205,8 +205,7 @@ impl Builder<'_> {
                     piece.cut(heights, &mut front_pieces, &mut back_pieces);
                     for (pieces, side) in [(&front_pieces, &mut front), (&back_pieces, &mut back)] {
                         for &piece in pieces {
-                            #[allow(clippy::cast_possible_truncation, reason = "limited")]
-                            side.push((self.surfaces.of.len() + self.pieces.len()) as u32);
+                            side.push(number(self.surfaces.of.len() + self.pieces.len()));
                             self.pieces.push(piece);
                         }
                     }
@@ -305,8 +304,7 @@ impl Builder<'_> {
                     }
                 }
             }
-            #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than fragments")]
-            self.bsp.lines_of_block.push(self.bsp.lines.len() as u32);
+            self.bsp.lines_of_block.push(number(self.bsp.lines.len()));
             self.bsp.lines.push(PieceLines {
                 from,
                 to,
@@ -314,10 +312,7 @@ impl Builder<'_> {
             });
             self.bsp.blocks.push(block);
         }
-        #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than fragments")]
-        {
-            self.bsp.blocks.len() as u32 - 1
-        }
+        number(self.bsp.blocks.len()) - 1
     }
 
     /// Packs a few items into one block with the planes that order them, if they fit.
@@ -330,11 +325,9 @@ impl Builder<'_> {
             return None;
         }
         self.push_block(&lanes);
-        #[allow(clippy::cast_possible_truncation, reason = "fewer planes than fragments")]
-        let start = self.bsp.planes.len() as u32;
+        let start = number(self.bsp.planes.len());
         self.bsp.planes.extend(planes);
-        #[allow(clippy::cast_possible_truncation, reason = "fewer planes than fragments")]
-        let end = self.bsp.planes.len() as u32;
+        let end = number(self.bsp.planes.len());
         Some(LayerRange { start, end })
     }
 

@@ -3,7 +3,7 @@
 use super::build::Builder;
 use super::overlap::{Pair, overlaps};
 use super::piece::Bounds;
-use super::{LayerNode, LayerRange, NONE};
+use super::{LayerNode, LayerRange, NONE, number};
 use crate::kernel::{BOXES, BoxGroup};
 use glam::DVec3;
 use hemicube_contract::bvh::LANES;
@@ -68,11 +68,9 @@ impl Builder<'_> {
 
     fn pack_layers(&mut self, layers: Vec<Vec<u32>>) -> LayerRange {
         let roots: Vec<u32> = layers.into_iter().map(|layer| self.pack(layer)).collect();
-        #[allow(clippy::cast_possible_truncation, reason = "fewer layers than fragments")]
-        let start = self.bsp.layers.len() as u32;
+        let start = number(self.bsp.layers.len());
         self.bsp.layers.extend(roots);
-        #[allow(clippy::cast_possible_truncation, reason = "fewer layers than fragments")]
-        let end = self.bsp.layers.len() as u32;
+        let end = number(self.bsp.layers.len());
         LayerRange { start, end }
     }
 
@@ -133,10 +131,7 @@ impl Builder<'_> {
             child: [NONE; BOXES],
             used: 0,
         });
-        #[allow(clippy::cast_possible_truncation, reason = "fewer nodes than fragments")]
-        {
-            self.bsp.layer_nodes.len() as u32 - 1
-        }
+        number(self.bsp.layer_nodes.len()) - 1
     }
 
     fn bounds_of(&self, items: &[u32]) -> Bounds {

@@ -42,7 +42,7 @@ pub(crate) struct BspEngine {
     on_faces: OnFaces,
     /// Patches without a pixel centre and with a visible centroid.
     subpixel: PatchSet,
-    /// The same, without a proof that they cover no pixel centre.
+    /// Likewise, without a proof that they cover no pixel centre.
     perhaps_subpixel: PatchSet,
     /// Both sets in ascending order.
     subpixel_patches: [Vec<u32>; 2],
@@ -384,7 +384,7 @@ impl BspEngine {
             .end_row::<COVERED>(view, &self.parents.found, remainder, out);
     }
 
-    /// Finds the other visible sub-pixel patches: those without a parent, and those of parents without a pixel.
+    /// Finds the other visible sub-pixel patches: without a parent, or of parents without a pixel.
     fn find_subpixel(&mut self, view: View<'_>) {
         let ParentRecords {
             ids,
@@ -923,7 +923,7 @@ mod tests {
             let first = centroids_in(&t, u16::MAX, [a, b, middle]);
             let second = centroids_in(&t, u16::MAX, [middle, c, a]);
             assert_eq!(first | second, u16::MAX, "depth {depth}");
-            // The cut runs along the middles of patches on it: those may be in both.
+            // The cut runs along the middles of patches on it: these may be in both.
             for lane in 0..LANES {
                 let centroid = corners(&t, lane).into_iter().sum::<DVec3>() / 3.0;
                 let beside = (centroid.x - a.x) - (centroid.z - a.z);

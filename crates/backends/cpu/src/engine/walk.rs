@@ -7,7 +7,7 @@ use super::{ALL_FACES, Faces, Remainder, View, each_face, frame, ids_of};
 use crate::SharedScene;
 use crate::kernel::{
     Centroids, Count, DepthBuffer, Frame, LanesOnFace, OnFaces, Pass, SceneBox, Sums, Transformed, Turns, bits,
-    prefetch, three, tiny_slack,
+    prefetch, subpixel_slack, three,
 };
 use crate::parents::ParentTriangles;
 use glam::DVec3;
@@ -540,7 +540,7 @@ impl<B: Buffer> TreeEngine<B> {
         // Depths are within rounding of the corners' 1/w, widened by a millionth. A sub-pixel patch about as near as
         // the pixels before it may be visible.
         let slack = if COVERED {
-            1.0 + tiny_slack(scene.settings.resolution)
+            1.0 + subpixel_slack(scene.settings.resolution)
         } else {
             1.0
         };
@@ -552,7 +552,7 @@ impl<B: Buffer> TreeEngine<B> {
         })
     }
 
-    /// Finds the visible ones among the candidates: those nearest at their centroid.
+    /// Finds the visible candidates: nearest at their centroid.
     ///
     /// "Nearest" means not behind the visible surface in the direction of the centroid. A neighbour in the same surface
     /// must not hide a patch, as it would if depths at the pixel's centre were compared. For culling to change nothing,
@@ -716,7 +716,7 @@ impl View<'_> {
     /// Least 1/w of a centroid about as near as the visible surface at its pixel.
     #[inline(always)]
     fn about_as_near(self, seen: f32) -> f64 {
-        f64::from(seen) / (1.0 + tiny_slack(self.scene.settings.resolution))
+        f64::from(seen) / (1.0 + subpixel_slack(self.scene.settings.resolution))
     }
 }
 

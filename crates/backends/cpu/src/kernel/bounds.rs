@@ -324,7 +324,9 @@ mod tests {
         fn a_group_of_boxes_is_tested_as_each_of_them(
             frame in frame(),
             boxes in prop::collection::vec(scene_box(), BOXES),
-            covered in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0usize..40), 0..60),
+            covered in prop::collection::vec(
+                (any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0usize..40), 0..60,
+            ),
             resolution in prop::sample::select(vec![16u32, 128, 256]),
             (faces, used) in (0u8..32, any::<u8>()),
             touched in any::<bool>(),

@@ -85,14 +85,14 @@ impl DepthBuffer {
 
 /// Relative depth by which a sub-pixel patch may lie behind its pixel's centre and still be visible: about the
 /// variation of depth over a few pixels of a surface not seen edge-on.
-pub(crate) fn tiny_slack(resolution: u32) -> f64 {
+pub(crate) fn subpixel_slack(resolution: u32) -> f64 {
     16.0 / f64::from(resolution)
 }
 
 /// Factor by which 1/w at a pixel must exceed that of a sub-pixel patch to hide it, rounded up.
 #[allow(clippy::cast_possible_truncation, reason = "rounding is covered by the factor")]
 pub(super) fn beyond_subpixel(resolution: usize) -> f32 {
-    ((1.0 + tiny_slack(resolution as u32)) * (1.0 + 4e-6)) as f32
+    ((1.0 + subpixel_slack(resolution as u32)) * (1.0 + 4e-6)) as f32
 }
 
 /// Lanes of a block after it was drawn on a face.

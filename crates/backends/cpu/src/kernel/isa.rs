@@ -9,8 +9,11 @@
 //! All versions perform the same operations in the same order and give the same bits: no fused multiply-add, no other
 //! order of a sum. The portable version defines them; the tests compare.
 //!
-//! No functions of the processor's vector types between kernels, because a caller without the feature would pass them
-//! in memory: signatures have arrays, and bodies are inlined into one function with the feature.
+//! No vector types between kernels, because a caller without the feature would pass them in memory: signatures have
+//! arrays, and bodies are inlined into one function with the feature.
+//!
+//! No macro shared with crate `hemicube`, because it compiles one body for each set, while these bodies pick versions
+//! by the type of their token; shared, both would be public in the contract, for every author of a plugin.
 
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx2;

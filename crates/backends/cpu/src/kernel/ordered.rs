@@ -17,7 +17,7 @@ use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::face::Face;
 use std::ops::Range;
 
-/// How the lanes of a block are drawn, and on which faces.
+/// A way to draw the lanes of a block on some faces.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pass<'a> {
     pub(crate) faces: u8,

@@ -62,7 +62,7 @@ impl Owner {
             let at = self.plane.x * (x + cell * CELL) as f64;
             #[allow(clippy::cast_possible_truncation, reason = "rounding is covered by the factor")]
             let (most, least) = (((most + at) * ROUNDED_UP) as f32, ((least + at) * ROUNDED_DOWN) as f32);
-            // What is not a number may be anything between the bounds.
+            // Not a number may be anything between the bounds.
             out.0.0[cell] = greater(smaller(most, high), low);
             out.1.0[cell] = smaller(greater(least, low), high);
         }

@@ -41,7 +41,7 @@ pub(super) fn at(x: i32) -> usize {
     at as usize
 }
 
-/// Bounding boxes of sixteen triangles on a face. Aligned, as lanes are read soon after whole registers are stored.
+/// Bounding boxes of sixteen triangles on a face. Aligned: whole registers are stored, and lanes read soon after.
 #[repr(C, align(64))]
 pub(super) struct TriangleBoxes {
     pub(super) x0: [i32; LANES],
@@ -98,7 +98,7 @@ pub(super) fn project<L: Lanes>(isa: L, t: &Transformed, grid: FaceGrid) -> Tria
         in_front: 0,
         straddling: 0,
     };
-    let mut whole = Flags([0; LANES]);
+    let mut boxed = Flags([0; LANES]);
     let mut straddling = Flags([0; LANES]);
     for l in 0..LANES {
         let w = [
@@ -145,7 +145,7 @@ pub(super) fn project<L: Lanes>(isa: L, t: &Transformed, grid: FaceGrid) -> Tria
         out.y0[l] = ceil_to_int(y0);
         out.y1[l] = floor_to_int(y1) + 1;
         let in_front = near > STRADDLE * far;
-        whole.0[l] = u32::from(in_front & (out.x0[l] < out.x1[l]) & (out.y0[l] < out.y1[l]));
+        boxed.0[l] = u32::from(in_front & (out.x0[l] < out.x1[l]) & (out.y0[l] < out.y1[l]));
         straddling.0[l] = u32::from(!in_front & (far > 0.0));
         out.low[l] = greater(
             smaller(smaller(i[0], i[1]), i[2]) * (1.0 - DEPTH_SLACK),
@@ -153,7 +153,7 @@ pub(super) fn project<L: Lanes>(isa: L, t: &Transformed, grid: FaceGrid) -> Tria
         );
         out.high[l] = greater(greater(i[0], i[1]), i[2]) * (1.0 + DEPTH_SLACK);
     }
-    out.in_front = isa.mask(&whole) & t.live;
+    out.in_front = isa.mask(&boxed) & t.live;
     out.straddling = isa.mask(&straddling) & t.live;
     out
 }

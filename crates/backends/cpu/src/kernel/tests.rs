@@ -85,7 +85,9 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn spans_lie_within_their_box_whatever_the_edges(lines in lines(), group in 0u32..32, x0 in 0u32..255, width in 1u32..256) {
+    fn spans_lie_within_their_box_whatever_the_edges(
+        lines in lines(), group in 0u32..32, x0 in 0u32..255, width in 1u32..256,
+    ) {
         let (x0, x1) = (f64::from(x0), f64::from((x0 + width).min(256)));
         let spans = spans_of(Portable, &lines, f64::from(group * 8), x0, x1);
         for x in spans.starts.into_iter().chain(spans.ends) {
@@ -95,7 +97,9 @@ proptest! {
 
     #[cfg(target_arch = "x86_64")]
     #[test]
-    fn spans_are_the_same_bits_on_every_path(lines in lines(), group in 0u32..32, x0 in 0u32..255, width in 1u32..256) {
+    fn spans_are_the_same_bits_on_every_path(
+        lines in lines(), group in 0u32..32, x0 in 0u32..255, width in 1u32..256,
+    ) {
         let (y, x0, x1) = (f64::from(group * 8), f64::from(x0), f64::from((x0 + width).min(256)));
         let portable = spans_of(Portable, &lines, y, x0, x1);
         on_every_set!(isa => spans_of(isa, &lines, y, x0, x1), &portable);
