@@ -45,6 +45,6 @@ pub mod solve;
 pub mod store;
 mod visibility;
 
-pub use hemicube_contract::{backend, bvh, delta, face, outline, row};
+pub use hemicube_contract::{backend, bvh, delta, escaped, face, outline, row};
 pub use hemicube_scene::InputPatch;
 pub use model::{HierarchyOptions, Model, ModelError};

@@ -14,6 +14,7 @@
 //! No sky columns in the parts, because the sky is divided after the matrix is computed, by directions that may change:
 //! parts would have to be written anew. An export with the sky reads both.
 
+mod bins;
 mod files;
 
 pub use files::{
@@ -21,11 +22,11 @@ pub use files::{
     write_points, write_sky,
 };
 
+use bins::Bins;
 use crate::Model;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, RenderSettings, WHOLE};
 use crate::delta::DeltaTable;
 use crate::driver::compute::ComputeError;
-use crate::face::{Face, Items};
 use crate::frame;
 use glam::DVec3;
 use hemicube_scene::{Axis, InputPatch};
@@ -89,9 +90,23 @@ struct Ring {
     /// Diamond angles, from north clockwise, of the ends of its patches but the first, which lies on both sides of
     /// north.
     ends: Vec<f64>,
+    /// Sine and cosine of the azimuths of `ends`.
+    bearings: Vec<[f64; 2]>,
 }
 
 impl Ring {
+    /// The patch of the ring in whose azimuths a direction lies, from 0.
+    fn place(&self, direction: DVec3) -> u32 {
+        let angle = diamond(direction.x, direction.y);
+        let place = self.ends.partition_point(|&end| end <= angle);
+        // Beyond the last end lies the western half of the first patch.
+        if place == self.ends.len() {
+            0
+        } else {
+            u32::try_from(place).unwrap_or(0)
+        }
+    }
+
     fn count(&self) -> u32 {
         u32::try_from(self.ends.len()).unwrap_or(u32::MAX)
     }
@@ -136,6 +151,8 @@ pub struct SkyDivision {
     rings: Vec<Ring>,
     /// Squares of the sines of the rings' lower altitudes, without the first.
     squares: Vec<f64>,
+    /// For each ring the square of the tangent of the altitude at which it begins.
+    tangents: Vec<f64>,
 }
 
 impl SkyDivision {
@@ -150,16 +167,15 @@ impl SkyDivision {
         let mut first = 1;
         for row in 0..7 * parts {
             let count = TREGENZA[(row / parts) as usize] * parts;
-            let ends = (0..count)
-                .map(|k| {
-                    let (sine, cosine) = (std::f64::consts::TAU * (f64::from(k) + 0.5) / f64::from(count)).sin_cos();
-                    diamond(sine, cosine)
-                })
+            let bearings: Vec<[f64; 2]> = (0..count)
+                .map(|k| (std::f64::consts::TAU * (f64::from(k) + 0.5) / f64::from(count)).sin_cos().into())
                 .collect();
+            let ends = bearings.iter().map(|&[sine, cosine]| diamond(sine, cosine)).collect();
             rings.push(Ring {
                 first,
                 altitude: [height * f64::from(row), height * f64::from(row + 1)],
                 ends,
+                bearings,
             });
             first += count;
         }
@@ -167,9 +183,11 @@ impl SkyDivision {
             first,
             altitude: [height * f64::from(7 * parts), std::f64::consts::FRAC_PI_2],
             ends: vec![4.0],
+            bearings: Vec::new(),
         });
         let squares = rings[1..].iter().map(|ring| ring.altitude[0].sin().powi(2)).collect();
-        Some(Self { parts, rings, squares })
+        let tangents = rings.iter().map(|ring| ring.altitude[0].tan().powi(2)).collect();
+        Some(Self { parts, rings, squares, tangents })
     }
 
     /// Into how many a patch of Tregenza's is cut along each edge.
@@ -185,20 +203,19 @@ impl SkyDivision {
     /// The column of a direction, given by its parts along east, north and up; of any length.
     #[inline]
     pub fn column(&self, direction: DVec3) -> u32 {
+        self.locate(direction)
+            .map_or(0, |(ring, patch)| self.rings[ring].first + patch)
+    }
+
+    /// The ring of a direction, and its patch in the ring; `None` below the horizon.
+    #[inline]
+    fn locate(&self, direction: DVec3) -> Option<(usize, u32)> {
         if direction.z < 0.0 {
-            return 0;
+            return None;
         }
         let square = direction.z * direction.z / direction.length_squared();
-        let ring = &self.rings[self.squares.partition_point(|&begin| begin <= square)];
-        let angle = diamond(direction.x, direction.y);
-        let place = ring.ends.partition_point(|&end| end <= angle);
-        // Beyond the last end lies the western half of the first patch.
-        ring.first
-            + if place == ring.ends.len() {
-                0
-            } else {
-                u32::try_from(place).unwrap_or(0)
-            }
+        let ring = self.squares.partition_point(|&begin| begin <= square);
+        Some((ring, self.rings[ring].place(direction)))
     }
 
     fn ring(&self, column: u32) -> Option<&Ring> {
@@ -344,75 +361,6 @@ pub struct SkyOptions {
     pub threads: usize,
 }
 
-/// Adds up one hemicube after another.
-struct Bins<'a> {
-    division: &'a SkyDivision,
-    horizon: Horizon,
-    weights: Vec<u64>,
-}
-
-impl<'a> Bins<'a> {
-    fn new(division: &'a SkyDivision, horizon: Horizon) -> Self {
-        Self {
-            division,
-            horizon,
-            weights: vec![0; division.columns() as usize],
-        }
-    }
-
-    /// Adds the escaped weight of a hemicube and returns the blocked one. `seen` is called with every patch's pixel.
-    fn add(&mut self, items: &Items, table: &DeltaTable, axes: &[DVec3; 3], mut seen: impl FnMut(u32, u32)) -> u64 {
-        let resolution = items.resolution;
-        let axes = axes.map(|axis| self.horizon.local(axis));
-        let step = 2.0 / f64::from(resolution);
-        let mut blocked = 0;
-        let mut pixels = items.seen.iter();
-        for face in Face::ALL {
-            let ([u, v, w], [su, sv, sw]) = face.axes();
-            let (right, up, forward) = (axes[u] * su, axes[v] * sv, axes[w] * sw);
-            let running = table.running(face);
-            let low = if face.is_top() { -1.0 } else { 0.0 };
-            let mut pixel = 0;
-            for y in 0..face.rows(resolution) {
-                let start = forward + up * (low + (f64::from(y) + 0.5) * step);
-                for x in 0..resolution {
-                    let weight = running[pixel + 1] - running[pixel];
-                    pixel += 1;
-                    match pixels.next() {
-                        Some(&Items::ESCAPED) => {
-                            let direction = start + right * ((f64::from(x) + 0.5) * step - 1.0);
-                            self.weights[self.division.column(direction) as usize] += u64::from(weight);
-                        }
-                        Some(&Items::BLOCKED) => blocked += u64::from(weight),
-                        Some(&patch) => seen(patch, weight),
-                        None => {}
-                    }
-                }
-            }
-        }
-        blocked
-    }
-
-    /// The row of everything added.
-    fn take(&mut self, blocked: u64, hemicubes: u32, change: f64) -> SkyRow {
-        let columns: Vec<(u32, u64)> = (0u32..)
-            .zip(&mut self.weights)
-            .filter_map(|(column, weight)| match std::mem::take(weight) {
-                0 => None,
-                weight => Some((column, weight)),
-            })
-            .collect();
-        SkyRow {
-            escaped: columns.iter().map(|(_, weight)| weight).sum(),
-            columns,
-            blocked,
-            hemicubes,
-            change,
-            refined: None,
-        }
-    }
-}
-
 fn failed(backend: &dyn HemicubeBackend, source: BackendError) -> ComputeError {
     ComputeError::Backend {
         backend: backend.info().name.clone(),
@@ -439,8 +387,9 @@ fn patch_row(
         let hemicubes = model.hemicubes(patch, n, options.rotate);
         let mut blocked = 0;
         for hemicube in &hemicubes {
-            let items = backend.items(hemicube).map_err(|error| failed(backend, error))?;
-            blocked += bins.add(&items, table, &hemicube.axes, |_, _| {});
+            blocked += bins
+                .render(backend, table, hemicube)
+                .map_err(|error| failed(backend, error))?;
         }
         Ok(bins.take(blocked, u32::try_from(hemicubes.len()).unwrap_or(u32::MAX), change))
     };
@@ -487,7 +436,7 @@ fn point_row(
             .items(&hemicube)
             .map_err(|error| failed(backend.as_ref(), error))?;
         let mut seen = std::collections::BTreeMap::new();
-        let blocked = bins.add(&items, table, &hemicube.axes, |patch, weight| {
+        let blocked = bins.add_items(&items, table, &hemicube.axes, |patch, weight| {
             *seen.entry(InputPatch(patch)).or_insert(0) += u64::from(weight);
         });
         let sky = bins.take(blocked, 1, f64::NAN);

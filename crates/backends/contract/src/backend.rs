@@ -397,4 +397,19 @@ pub trait HemicubeBackend: Send {
             self.info().name
         )))
     }
+
+    /// The pixels of one hemicube that show nothing of the scene, and the weight of those that show backs of one-sided
+    /// patches. `table` is of the loaded resolution. By default from the item buffer.
+    ///
+    /// # Errors
+    /// As for [`HemicubeBackend::items`].
+    fn escaped(
+        &mut self,
+        hemicube: &Hemicube,
+        table: &crate::delta::DeltaTable,
+        out: &mut crate::escaped::EscapedPixels,
+    ) -> Result<(), BackendError> {
+        out.take(&self.items(hemicube)?, table);
+        Ok(())
+    }
 }

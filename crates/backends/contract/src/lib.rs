@@ -6,6 +6,7 @@
 pub mod backend;
 pub mod bvh;
 pub mod delta;
+pub mod escaped;
 pub mod face;
 pub mod outline;
 pub mod row;
