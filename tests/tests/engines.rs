@@ -5,6 +5,7 @@
 use glam::DVec3;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::delta::DeltaTable;
+use hemicube::escaped::EscapedPixels;
 use hemicube::row::{RowBlock, RowView};
 use hemicube::{InputPatch, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice, Isa};
@@ -678,4 +679,37 @@ fn each_scene_gets_the_engine_that_suits_it() {
     }
     let room = model(generate::cornell_box(), Subdivision::Levels(4));
     assert_eq!(chosen(&room).0, Some(EngineChoice::Order));
+}
+
+/// Escaped pixels of every engine are those of its item buffer, their weight is the row's, and the session renders the
+/// same rows afterwards.
+#[test]
+fn escaped_pixels_are_those_of_item_buffers_and_rows() {
+    let mut all = scenes();
+    all.extend(cut_scenes());
+    for (name, model) in all {
+        for (choice, resolution) in [EngineChoice::Depth, EngineChoice::Claims, EngineChoice::Order]
+            .into_iter()
+            .flat_map(|choice| [(choice, 48), (choice, 128)])
+        {
+            let settings = settings(resolution, false);
+            let hemicubes = hemicubes(&model, &spread(&model, 12));
+            let mut backend = backend(choice, Isa::available()[0]);
+            let (rows, _) = render_with(&mut backend, &model, &hemicubes, settings);
+            let table = DeltaTable::new(resolution);
+            let (mut found, mut by_items) = (EscapedPixels::default(), EscapedPixels::default());
+            for (row, hemicube) in hemicubes.iter().enumerate() {
+                let of = format!("{name}, {choice:?}, N = {resolution}, row {row}");
+                backend.escaped(hemicube, &table, &mut found).expect("renders");
+                by_items.take(&backend.items(hemicube).expect("renders"), &table);
+                let view = rows.row(row);
+                assert_eq!((found.weight(&table), found.blocked), (view.escaped, view.blocked), "{of}");
+                if choice != EngineChoice::Order {
+                    assert!(found == by_items, "{of}");
+                }
+            }
+            let (again, _) = render_with(&mut backend, &model, &hemicubes, settings);
+            assert!(rows == again, "{name}, {choice:?}: rows after escaped pixels");
+        }
+    }
 }

@@ -54,6 +54,7 @@ use hemicube_contract::backend::{
 pub use hemicube_contract::bvh::Hierarchy;
 use hemicube_contract::bvh::{Block, LANES, Tree};
 use hemicube_contract::delta::DeltaTable;
+use hemicube_contract::escaped::EscapedPixels;
 use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
 use kernel::{DepthBuffer, InstructionSet, OwnershipBuffer};
@@ -199,6 +200,23 @@ impl Engines {
                 .claims
                 .get_or_insert_with(|| TreeEngine::new(scene))
                 .rows(scene, hemicubes, out),
+        }
+    }
+}
+
+impl Engines {
+    /// The pixels of a hemicube that show nothing of the scene, by the engine that renders its rows.
+    fn escaped(&mut self, scene: &SharedScene, hemicube: &Hemicube, out: &mut EscapedPixels) {
+        match &scene.engine {
+            Engine::Depth => self.depth(scene).escaped(scene, hemicube, out),
+            Engine::Order(bsp) => self
+                .order
+                .get_or_insert_with(|| BspEngine::new(scene))
+                .escaped(scene, bsp, hemicube, out),
+            Engine::Claims => self
+                .claims
+                .get_or_insert_with(|| TreeEngine::new(scene))
+                .escaped(scene, hemicube, out),
         }
     }
 }
@@ -412,6 +430,21 @@ impl HemicubeBackend for CpuBackend {
             return loaded.patch_by_patch()?.items(hemicube);
         }
         Ok(loaded.engines.depth(&loaded.scene).items(&loaded.scene, hemicube))
+    }
+
+    fn escaped(
+        &mut self,
+        hemicube: &Hemicube,
+        table: &DeltaTable,
+        out: &mut EscapedPixels,
+    ) -> Result<(), BackendError> {
+        let loaded = self.loaded()?;
+        loaded.check(hemicube)?;
+        if !loaded.may_draw_parents(hemicube) {
+            return loaded.patch_by_patch()?.escaped(hemicube, table, out);
+        }
+        loaded.engines.escaped(&loaded.scene, hemicube, out);
+        Ok(())
     }
 }
 

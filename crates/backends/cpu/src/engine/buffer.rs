@@ -7,6 +7,7 @@ use crate::kernel::{
 };
 use hemicube_contract::backend::Culling;
 use hemicube_contract::bvh::LANES;
+use hemicube_contract::escaped::EscapedPixels;
 use hemicube_contract::face::Face;
 
 /// The nearest surface at each pixel of a hemicube's atlas.
@@ -30,6 +31,9 @@ pub(crate) trait Buffer {
 
     /// Visible id at a pixel, and its 1/w.
     fn seen_at(&self, row: usize, column: usize) -> (u32, f32);
+
+    /// Sets the bits of the pixels that hit nothing in `out`, a clear mask of the same resolution.
+    fn write_escaped(&self, out: &mut EscapedPixels);
 
     /// Adds up the visible weights of each id. With parent triangles, the buffer then knows the visible pixels of each
     /// subdivided one until it is forgotten; without, the buffer is ready to be cleared.
@@ -118,6 +122,16 @@ impl Buffer for DepthBuffer {
         (self.items[chunk].0[place], self.depth[chunk].0[place])
     }
 
+    fn write_escaped(&self, out: &mut EscapedPixels) {
+        let chunks = self.chunks_per_row();
+        for (row, chunks) in (0..).zip(self.items.chunks_exact(chunks)) {
+            for (chunk, items) in chunks.iter().enumerate() {
+                let lanes = (0..LANES).fold(0, |bits, lane| bits | u64::from(items.0[lane] == self.nothing) << lane);
+                out.row_mut(row)[chunk * LANES / 64] |= lanes << (chunk * LANES % 64);
+            }
+        }
+    }
+
     fn reduce(&mut self, scene: &SharedScene, sums: &mut Sums) {
         scene.isa.reduce(self, &scene.table, sums);
     }
@@ -179,6 +193,10 @@ impl Buffer for OwnershipBuffer {
     #[inline]
     fn seen_at(&self, row: usize, column: usize) -> (u32, f32) {
         self.seen_at(row, column)
+    }
+
+    fn write_escaped(&self, out: &mut EscapedPixels) {
+        self.write_uncovered(out);
     }
 
     fn reduce(&mut self, scene: &SharedScene, sums: &mut Sums) {

@@ -22,6 +22,7 @@ use glam::DVec3;
 use hemicube_contract::InputPatch;
 use hemicube_contract::backend::{Counters, Culling, Hemicube};
 use hemicube_contract::bvh::{Block, LANES};
+use hemicube_contract::escaped::EscapedPixels;
 use hemicube_contract::row::RowBlock;
 use std::ops::Range;
 
@@ -197,6 +198,21 @@ impl BspEngine {
             }
         }
         self.counters
+    }
+
+    /// The pixels that hit nothing, and the blocked weight.
+    pub(crate) fn escaped(
+        &mut self,
+        scene: &SharedScene,
+        bsp: &BspTree,
+        hemicube: &Hemicube,
+        out: &mut EscapedPixels,
+    ) {
+        let mut row = RowBlock::default();
+        self.row::<false>(View { scene, frame: &frame(scene, hemicube) }, bsp, &mut row);
+        out.clear(scene.settings.resolution);
+        self.canvas.now.write_uncovered(out);
+        out.blocked = row.row(0).blocked;
     }
 
     fn row<const COVERED: bool>(&mut self, view: View<'_>, bsp: &BspTree, out: &mut RowBlock) {

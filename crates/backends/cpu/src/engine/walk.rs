@@ -14,6 +14,7 @@ use glam::DVec3;
 use hemicube_contract::InputPatch;
 use hemicube_contract::backend::{Counters, Culling, Hemicube, WHOLE};
 use hemicube_contract::bvh::{Block, INNER, LANES, Node, Tree};
+use hemicube_contract::escaped::EscapedPixels;
 use hemicube_contract::face::{Face, Items};
 use hemicube_contract::row::RowBlock;
 
@@ -166,6 +167,25 @@ impl<B: Buffer> TreeEngine<B> {
             }
         }
         self.counters
+    }
+
+    /// The pixels that hit nothing, and the blocked weight.
+    pub(crate) fn escaped(&mut self, scene: &SharedScene, hemicube: &Hemicube, out: &mut EscapedPixels) {
+        let frame = &frame(scene, hemicube);
+        self.render::<false>(View { scene, frame });
+        out.clear(scene.settings.resolution);
+        self.buffer.write_escaped(out);
+        self.buffer.reduce(scene, &mut self.sums);
+        let blocked = scene.tree.patch_count;
+        let (buffer, parents) = (&mut self.buffer, scene.parents.as_ref());
+        self.sums.drain(|id, _, weight| {
+            if id == blocked {
+                out.blocked = weight;
+            } else if id < blocked && parents.is_some_and(|parents| parents.subdivided(id).is_some()) {
+                buffer.forget(id);
+            }
+        });
+        self.buffer.clear();
     }
 
     fn row<const COVERED: bool>(&mut self, view: View<'_>, out: &mut RowBlock) {

@@ -11,6 +11,7 @@
 use super::isa::Lanes;
 use super::{AtlasBox, FaceGrid, GROUP};
 use hemicube_contract::delta::DeltaTable;
+use hemicube_contract::escaped::EscapedPixels;
 use hemicube_contract::face::Face;
 use std::ops::Range;
 
@@ -94,6 +95,18 @@ impl Coverage {
             let left = column * WIDTH;
             let bits = low_bits(end - left) & !low_bits(start.saturating_sub(left));
             each(&mut self.rows[column * self.groups + row / GROUP].0[row % GROUP], bits);
+        }
+    }
+
+    /// Sets the bits of the uncovered pixels in `out`, a mask of the same resolution.
+    pub(crate) fn write_uncovered(&self, out: &mut EscapedPixels) {
+        for row in 0..3 * self.resolution {
+            #[allow(clippy::cast_possible_truncation, reason = "at most 3072 rows")]
+            let words = out.row_mut(row as u32);
+            for (column, word) in words.iter_mut().enumerate() {
+                let covered = self.rows[column * self.groups + row / GROUP].0[row % GROUP];
+                *word = !covered & self.bits_of(column);
+            }
         }
     }
 

@@ -27,7 +27,7 @@ pub(crate) struct DepthBuffer {
     /// The farthest depth in each tile.
     pub(crate) tile_depth: Vec<f32>,
     /// The id of pixels that hit nothing.
-    nothing: u32,
+    pub(crate) nothing: u32,
     /// True if hidden triangles are left out.
     culling: bool,
     beyond_subpixel: f32,

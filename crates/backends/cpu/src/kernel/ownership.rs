@@ -18,6 +18,7 @@ use super::sums::{RunIndex, Sums};
 use super::{AtlasBox, FaceGrid, GROUP, LanesOnFace, face_of_row, greater, smaller};
 use hemicube_contract::bvh::LANES;
 use hemicube_contract::delta::DeltaTable;
+use hemicube_contract::escaped::EscapedPixels;
 use hemicube_contract::face::Face;
 use std::mem::MaybeUninit;
 use std::ops::Range;
@@ -335,6 +336,11 @@ impl Search {
 }
 
 impl OwnershipBuffer {
+    /// Sets the bits of the pixels that hit nothing in `out`, a mask of the same resolution.
+    pub(crate) fn write_uncovered(&self, out: &mut EscapedPixels) {
+        self.coverage.write_uncovered(out);
+    }
+
     pub(crate) fn new(table: &DeltaTable, nothing: u32, culling: bool, index: RunIndex) -> Self {
         let coverage = Coverage::new(table.resolution());
         let tiles = coverage.rows.len();
