@@ -151,8 +151,8 @@ impl Distributor {
                     .isa
                     .draw_patches::<COVERED>(t, pass, &mut self.uncovered, &scene.table)
             });
-            let seen = shown.as_ref().map_or(0, |shown| shown.seen);
-            for lane in bits(u32::from(seen | wholly_visible)) {
+            let listed = wholly_visible | shown.as_ref().map_or(0, |shown| shown.seen);
+            for lane in bits(u32::from(listed)) {
                 let Some(shown) = shown.as_ref().filter(|_| wholly_visible >> lane & 1 == 0) else {
                     self.entries.push(Entry::new(t.seen[lane], 0, EVENLY));
                     continue;

@@ -425,7 +425,7 @@ impl UncoveredWeights {
         let places = coverage.places();
         Self(
             places
-                .map(|place| weight_of_group(coverage, place, [0; GROUP], table))
+                .map(|(column, group)| weight_of_group(coverage, column, group, [0; GROUP], table))
                 .collect(),
         )
     }
@@ -434,8 +434,8 @@ impl UncoveredWeights {
     pub(super) fn of(&self, coverage: &Coverage, table: &DeltaTable) -> u32 {
         assert_eq!(self.0.len() + 1, coverage.rows.len(), "weights of another resolution");
         let mut weight = 0;
-        for ((place, rows), &all) in coverage.places().zip(&coverage.rows).zip(&self.0) {
-            let whole = coverage.bits_of(place.0);
+        for (((column, group), rows), &all) in coverage.places().zip(&coverage.rows).zip(&self.0) {
+            let whole = coverage.bits_of(column);
             let rows = &rows.0;
             if rows.iter().fold(whole, |all, bits| all & bits) == whole {
                 continue;
@@ -444,7 +444,7 @@ impl UncoveredWeights {
             if rows.iter().fold(0, |any, bits| any | bits) & whole == 0 {
                 weight += all;
             } else {
-                weight += weight_of_group(coverage, place, *rows, table);
+                weight += weight_of_group(coverage, column, group, *rows, table);
             }
         }
         weight
@@ -452,12 +452,7 @@ impl UncoveredWeights {
 }
 
 /// Weight of the pixels not in `covered`, in the eight rows of a group of a column.
-fn weight_of_group(
-    coverage: &Coverage,
-    (column, group): (usize, usize),
-    covered: [u64; GROUP],
-    table: &DeltaTable,
-) -> u32 {
+fn weight_of_group(coverage: &Coverage, column: usize, group: usize, covered: [u64; GROUP], table: &DeltaTable) -> u32 {
     let (whole, resolution) = (coverage.bits_of(column), coverage.resolution);
     let mut weight = 0;
     for (r, covered) in covered.into_iter().enumerate() {
