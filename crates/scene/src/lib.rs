@@ -12,9 +12,9 @@
 #[cfg(feature = "_readers")]
 mod bounds;
 mod error;
+mod formats;
 #[cfg(feature = "generate")]
 pub mod generate;
-mod load;
 #[cfg(any(feature = "obj", feature = "stl", feature = "vs3", feature = "cityjson"))]
 mod names;
 mod patch;
@@ -25,25 +25,10 @@ pub mod repair;
 mod subdivide;
 pub mod survey;
 pub mod text;
-
-#[cfg(feature = "ac3d")]
-pub mod ac3d;
-#[cfg(feature = "cityjson")]
-pub mod cityjson;
-#[cfg(feature = "gltf")]
-pub mod gltf;
-#[cfg(feature = "obj")]
-pub mod obj;
-#[cfg(feature = "ply")]
-pub mod ply;
-#[cfg(feature = "stl")]
-pub mod stl;
-#[cfg(feature = "vs3")]
-pub mod vs3;
 pub mod write;
 
 pub use error::{Error, ErrorKind};
-pub use load::{Format, load};
+pub use formats::*;
 pub use patch::{InputPatch, Patches, Side};
 pub use regular::{open_regular, read_regular, read_regular_text};
 pub use subdivide::Subdivision;
