@@ -14,7 +14,7 @@ use hemicube::analysis::check::{CheckOptions, check};
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::bvh::{Hierarchy, Tree};
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::export::{ExportFormat, ExportOptions, export};
+use hemicube_export::{ExportFormat, ExportOptions, export};
 use hemicube::factor::FactorRule;
 use hemicube::store::{BackendEntry, Form, Header, PatchTable, SceneEntry, Store, StoreWriter, scene_hash};
 use hemicube::{HierarchyOptions, Model};

@@ -66,15 +66,6 @@ Settings, strongest first:
   ./hemicube.toml may name an installed backend, but no file of one (`backend = \"./x.so\"`) and no `backend-dir`: what
   runs is for the command line, a variable or `--config` to say.";
 
-const EXPORT_EXAMPLES: &str = "  \
-  hemicube export room.hemicube room.npz                         # SciPy: scipy.sparse.load_npz
-  hemicube export room.hemicube room.data --format mtx
-  hemicube export city.hemicube city.npz --with-sky              # and what each patch sees of the sky
-  hemicube export room.hemicube zones.csv --by object            # form factors between objects
-  hemicube export room.hemicube room.vtp --scene room.obj        # ParaView: each patch with its results
-  hemicube export room.hemicube room.glb --scene room.obj --up y --show seen
-  hemicube export room.hemicube patches.csv                      # a line a patch";
-
 fn examples(examples: &str, settings: bool) -> String {
     let settings = if settings {
         format!("{SETTINGS_HELP}\n")
@@ -178,9 +169,8 @@ pub(crate) enum Command {
     /// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
     #[command(after_long_help = examples("  hemicube compare fast.hemicube fine.hemicube --max-error 0.02\n  hemicube compare fast.hemicube fine.hemicube --plot errors.svg", false))]
     Compare(Compare),
-    /// Write a matrix (.npz, .mtx, .txt, .npy, .parquet), or what is known of its patches (.vtp, .glb, .ply, .csv)
-    #[command(after_long_help = examples(EXPORT_EXAMPLES, false))]
-    Export(Box<Export>),
+    #[command(about = crate::commands::export::about(), after_long_help = examples(crate::commands::export::EXAMPLES, false))]
+    Export(Box<crate::commands::export::Arguments>),
     /// Solve for light or heat: radiosity of every patch from a matrix and its materials
     #[command(after_long_help = examples("  hemicube solve room.hemicube --scene room.obj\n  hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv\n  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient 293", false))]
     Solve(Box<crate::commands::solve::Arguments>),
@@ -684,69 +674,6 @@ pub(crate) struct Compare {
     pub(crate) report: Report,
 }
 
-/// `hemicube export`
-#[derive(Args, Debug)]
-pub(crate) struct Export {
-    /// The matrix
-    #[arg(value_name = "DIR")]
-    pub(crate) store: PathBuf,
-    /// The file to write; its extension says what: the matrix as .npz (SciPy), .mtx (Matrix Market), .txt or .dat
-    /// (MATLAB's `spconvert`), .npy (dense), .parquet (triplets); a row of results for each patch, on the model, as
-    /// .vtp or .vtu (ParaView), .glb (glTF), .ply, or as a table, .csv
-    #[arg(value_name = "OUT")]
-    pub(crate) output: PathBuf,
-    /// The format, where OUT's extension does not say
-    #[arg(long, value_name = "FORMAT")]
-    pub(crate) format: Option<FormatName>,
-    /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table, `.csv`,
-    /// or what View3D writes, `.vf`
-    #[arg(long, value_name = "WHAT", conflicts_with_all = ["format", "allow_incomplete", "patches", "scene", "show", "range", "solution", "up"])]
-    pub(crate) by: Option<ZoneName>,
-    /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --store` found
-    /// them. OUT with `.columns.csv` in place of its ending says what each is
-    #[arg(long, conflicts_with = "by")]
-    pub(crate) with_sky: bool,
-    /// Replace a file that is there
-    #[arg(long)]
-    pub(crate) overwrite: bool,
-    /// Accept a matrix of which parts are missing; their rows become empty
-    #[arg(long)]
-    pub(crate) allow_incomplete: bool,
-    /// What is known of each patch, in place of the matrix, where OUT is a .npz, which may be either
-    #[arg(long, help_heading = "Patches")]
-    pub(crate) patches: bool,
-    /// The scene that the matrix is of: it has the corners that .vtp, .vtu, .glb and .ply need
-    #[arg(long, value_name = "SCENE", help_heading = "Patches")]
-    pub(crate) scene: Option<PathBuf>,
-    /// Read a scene of which more would come than a file of its size may become (docs/security.md)
-    #[arg(long, requires = "scene", help_heading = "Patches", hide_short_help = true)]
-    pub(crate) allow_large: bool,
-    /// Which solutions to add (repeatable) [default: all that `hemicube solve` left beside the matrix]
-    #[arg(long, value_name = "NAME", help_heading = "Patches")]
-    pub(crate) solution: Vec<String>,
-    /// What colours .glb and .ply: a column such as flux, radiosity, sky_view_factor, escaped, seen [default: the first
-    /// of these that says something]
-    #[arg(long, value_name = "COLUMN", help_heading = "Patches")]
-    pub(crate) show: Option<String>,
-    /// What the first and the last colour stand for [default: the least and the greatest value]
-    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "Patches")]
-    pub(crate) range: Option<[f64; 2]>,
-    /// The axis that points up, for .glb, where that is y [default: the scene's, or z where it does not say]
-    #[arg(long, value_name = "x|y|z", hide_possible_values = true, help_heading = "Patches")]
-    pub(crate) up: Option<UpAxis>,
-    #[command(flatten)]
-    pub(crate) report: Report,
-}
-
-fn range(text: &str) -> Result<[f64; 2], String> {
-    let ends = text.split_once(',').and_then(|(low, high)| {
-        let end = |text: &str| text.trim().parse::<f64>().ok().filter(|end| end.is_finite());
-        Some([end(low)?, end(high)?])
-    });
-    ends.filter(|[low, high]| low < high)
-        .ok_or_else(|| "two numbers such as `0,0.5` are needed, the smaller first".to_owned())
-}
-
 /// `hemicube generate`
 #[derive(Args, Debug)]
 pub(crate) struct Generate {
@@ -841,42 +768,6 @@ impl From<UpAxis> for Axis {
             UpAxis::Z => Self::Z,
         }
     }
-}
-
-/// The export formats, by the extensions that stand for them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum FormatName {
-    /// A sparse matrix for `scipy.sparse.load_npz`
-    Npz,
-    /// Matrix Market
-    Mtx,
-    /// `row column value` lines for MATLAB's and Octave's `spconvert`
-    Txt,
-    /// A dense NumPy array
-    Npy,
-    /// Apache Parquet: row, col, value, from 0
-    Parquet,
-    /// VTK's PolyData, for ParaView: patches
-    Vtp,
-    /// VTK's UnstructuredGrid: patches
-    Vtu,
-    /// Binary glTF: patches in the colours of a result
-    Glb,
-    /// PLY: patches
-    Ply,
-    /// A table: patches
-    Csv,
-}
-
-/// What makes patches one zone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ZoneName {
-    /// Objects of one name
-    Object,
-    /// Materials of one name
-    Material,
-    /// Faces of the scene's file
-    Face,
 }
 
 /// A number, or what suits.

@@ -44,7 +44,6 @@ pub mod accuracy;
 pub mod analysis;
 pub mod diagnose;
 pub mod driver;
-pub mod export;
 pub mod factor;
 pub mod frame;
 mod geometry;

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 const LINE_MAX: u64 = 4096;
 
 /// The comment in a Matrix Market file of ours by which its values are read as what they were.
-pub(crate) const F32_COMMENT: &str = "% values are f32, in the fewest digits that read back to the same f32";
+pub const F32_COMMENT: &str = "% values are f32, in the fewest digits that read back to the same f32";
 
 /// A row of a matrix, in f64.
 #[derive(Clone, Debug, Default, PartialEq)]

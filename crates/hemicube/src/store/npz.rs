@@ -107,8 +107,11 @@ impl<W: Write + Seek> NpzWriter<W> {
         self.push(elements)
     }
 
-    /// What `scipy.sparse` reads first: the format's name and the shape.
-    pub(crate) fn csr_preamble(&mut self, rows: u64, columns: u64) -> io::Result<()> {
+    /// Writes what `scipy.sparse` reads first: the format's name and the shape.
+    ///
+    /// # Errors
+    /// What writing gives.
+    pub fn csr_preamble(&mut self, rows: u64, columns: u64) -> io::Result<()> {
         self.preamble(b"csr", rows, columns)
     }
 
@@ -121,7 +124,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     }
 
     /// The bytes that `members` of these names and sizes (header included) take in all, to a few hundred.
-    pub(crate) fn size(members: &[(&str, u64)]) -> u64 {
+    pub fn size(members: &[(&str, u64)]) -> u64 {
         // Local header 30, central header 46, and the name twice; zip64 fields 20 and 28; end record 22, 56 and 20 for
         // zip64.
         members.iter().fold(98, |size, &(name, bytes)| {

@@ -1,6 +1,7 @@
 //! What is known of each patch, on the model: for ParaView, viewers, mesh tools and tables.
 
-use crate::args::{EngineSettings, Export as Arguments, Talk};
+use super::Arguments;
+use crate::args::{EngineSettings, Talk};
 use crate::commands::view::canvas::{byte, scale_color, shown};
 use crate::commands::view::model::Tone;
 use crate::exit::{Exit, hinted};
@@ -71,9 +72,9 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
     else {
         return Ok(Exit::Interrupted);
     };
-    let columns: Vec<&str> = match format {
-        PatchFormat::Glb => vec!["patch"],
-        _ => results.columns.iter().map(|column| column.name.as_str()).collect(),
+    let columns: Vec<&str> = match format.has_results() {
+        true => results.columns.iter().map(|column| column.name.as_str()).collect(),
+        false => vec!["patch"],
     };
     talk.say(&format!(
         "`{}`: {}, {} with {}",
