@@ -1,10 +1,10 @@
-//! Scene formats: one table of names, extensions and readers, and [`load`], which chooses the reader by the extension.
+//! Scene formats: one table of names, extensions and readers; [`load`] chooses the reader by the extension.
 //!
 //! A new format is a module of this folder, declared below, and a row of the table; extensions, messages, the program's
 //! help and Python's come of it.
 //!
-//! No tobj for geometry, no gltf crate, no stl_io, because they refuse or misread files that people have (their modules
-//! say which); tobj reads material libraries.
+//! No tobj for geometry, no gltf crate, no stl_io, because they refuse or misread files that people have; the heads of
+//! the modules give the cases. tobj reads material libraries.
 
 #[cfg(feature = "ac3d")]
 pub mod ac3d;
@@ -29,9 +29,12 @@ type Read = fn(&[u8], Option<&Path>, ReadOptions) -> Result<Scene, Error>;
 /// Makes [`Format`] and [`scene_formats!`](crate::scene_formats) of the table of formats: variant, name, extensions,
 /// feature and module of the reader.
 macro_rules! formats {
-    ($($(#[$doc:meta])* $format:ident, $name:literal, [$($extension:literal),+], $feature:literal, $module:ident;)+) => {
-        /// The formats and their extensions as a literal, one a line of a Markdown list: for documentation, whichever
-        /// readers are compiled in.
+    ($(
+        $(#[$doc:meta])*
+        $format:ident, $name:literal, [$($extension:literal),+], $feature:literal, $module:ident;
+    )+) => {
+        /// The formats and their extensions as a literal, one a line of a Markdown list, for documentation. Includes
+        /// readers that are not compiled in.
         ///
         /// ```
         /// assert!(hemicube_scene::scene_formats!().starts_with("\n- Wavefront OBJ: .obj\n- glTF 2.0: .gltf .glb\n"));
@@ -51,7 +54,7 @@ macro_rules! formats {
         }
 
         impl Format {
-            /// All formats, in the order in which they are listed.
+            /// All formats, in the order of lists.
             pub const ALL: &'static [Self] = &[$(Self::$format),+];
 
             /// The format's name.
@@ -101,7 +104,7 @@ formats! {
 }
 
 impl Format {
-    /// The format that a path's extension names, in any case.
+    /// The format named by a path's extension, in any case.
     pub fn from_path(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         let has = |format: &&Self| format.extensions().contains(&extension.as_str());

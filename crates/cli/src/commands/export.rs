@@ -134,7 +134,7 @@ fn patch_formats(property: impl Fn(PatchFormat) -> bool) -> Vec<Named> {
             .any(|(extensions, _)| extensions.contains(extension))
     };
     let all = PatchFormat::ALL.iter().copied();
-    let wanted = all.filter(|&format| property(format) && !format.extensions().iter().any(|e| is_matrix(&e)));
+    let wanted = all.filter(|&format| property(format) && !format.extensions().iter().any(is_matrix));
     wanted.map(PatchFormat::named).collect()
 }
 

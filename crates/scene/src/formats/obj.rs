@@ -5,30 +5,32 @@
 //! the material libraries.
 //!
 //! # What becomes of what
-//! | in the file | here |
-//! | --- | --- |
-//! | `v x y z …` | a vertex in full f64; a weight or a colour that follows is skipped. `nan`, `inf`, `1e400` are read: [`crate::repair`] drops the triangles that use them |
-//! | `f`, `fo` | triangles with the polygon's winding, concave ones by ear clipping. Of a corner `a/t/n` only `a` counts; negative ones count back from the last vertex |
-//! | a face with fewer than three corners, or without area | counted; it keeps its face number |
-//! | a corner 0, or of a vertex that is not there (yet) | an error |
-//! | a face with more than 65,536 corners | an error |
-//! | `o`, `g` | the name of the object of the faces that follow: the latest `g` since the latest `o`; an empty `g` goes back to the name of that `o`. The same name later is the same object. Several groups on one line are one name |
-//! | `usemtl` | the material of the faces that follow; an empty one is the material `""`, as before any |
-//! | `mtllib` | read only when optics are asked for: `Kd` as diffuse reflectance, `Ke` as emission, the numbers taken as linear; the first library and the first entry that has the name counts |
-//! | a library that cannot be read, or does not lie in the scene's folder or below it, links followed | a warning |
-//! | `l`, `p`, curves and surfaces, `call`, `csh` | skipped, counted |
-//! | `vt`, `vn`, `vp`, `s` and the other attributes | skipped |
-//! | other lines | skipped, counted, the first few named in a warning |
+//! - `v x y z …`: a vertex in full f64; a weight or a colour that follows is skipped. `nan`, `inf`, `1e400` are read:
+//!   [`crate::repair`] drops the triangles that use them
+//! - `f`, `fo`: triangles with the polygon's winding, concave ones by ear clipping. Of a corner `a/t/n` only `a`
+//!   counts; negative ones count back from the last vertex
+//! - a face with fewer than three corners, or without area: counted; it keeps its face number
+//! - a corner 0, or of a vertex that is not there (yet): an error
+//! - a face with more than 65,536 corners: an error
+//! - `o`, `g`: the name of the object of the faces that follow: the latest `g` since the latest `o`; an empty `g` goes
+//!   back to the name of that `o`. The same name later is the same object. Several groups on one line are one name
+//! - `usemtl`: the material of the faces that follow; an empty one is the material `""`, as before any
+//! - `mtllib`: read only when optics are asked for: `Kd` as diffuse reflectance, `Ke` as emission, the numbers taken as
+//!   linear; the first library and the first entry that has the name counts
+//! - a library that cannot be read, or does not lie in the scene's folder or below it, links followed: a warning
+//! - `l`, `p`, curves and surfaces, `call`, `csh`: skipped, counted
+//! - `vt`, `vn`, `vp`, `s` and the other attributes: skipped
+//! - other lines: skipped, counted, the first few named in a warning
 //!
 //! Lines end with LF, CRLF or CR; a `\` before that joins the next line. A `#` begins a comment, in names only after a
-//! blank (`wall#2` is a name). The text is UTF-8 with or without a byte order mark, or anything else that agrees with
-//! ASCII: names are decoded as UTF-8, other bytes as U+FFFD.
+//! blank (`wall#2` is a name). The text is UTF-8 with or without a byte order mark, or any extension of ASCII: names
+//! are decoded as UTF-8, other bytes as U+FFFD.
 //!
 //! No statement of OBJ announces how much is to follow, so memory is bounded by a multiple of the file's length.
 
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{Triangulation, area_excess, push_triangles, triangulate};
+use crate::polygon::{Labels, Triangulation, area_excess, push_triangles, triangulate};
 use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
@@ -40,8 +42,8 @@ use std::path::Path;
 /// `options` ask for optics.
 ///
 /// # Errors
-/// When a vertex has fewer than three numbers, a number or a face corner cannot be read, or a face names a vertex that
-/// does not come before it; the error names the line. A file without faces is no error: the scene has no triangles.
+/// When a vertex has fewer than three numbers, a number or a face corner cannot be read, or a face names a vertex not
+/// before it; the error names the line. A file without faces is no error: the scene has no triangles.
 ///
 /// ```
 /// use hemicube_scene::{ReadOptions, obj};
@@ -91,13 +93,14 @@ pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Resu
     Ok(reader.scene())
 }
 
-/// Number of lines not understood, or libraries not readable, that warnings name.
+/// Number of unknown lines, or of unreadable libraries, named by warnings.
 const NAMED: u64 = 3;
-/// Number of bytes of material libraries that are read for one scene.
+/// Most bytes of material libraries read for one scene.
 const LIBRARY_BYTES_MAX: u64 = 64 << 20;
-/// Number of material libraries that are opened for one scene.
+/// Most material libraries opened for one scene.
 const LIBRARIES_MAX: usize = 1000;
-/// By how much the triangles of a polygon may differ in area from its outline before it is counted as not planar.
+/// Relative difference in area between the triangles of a polygon and its outline from which it is counted as not
+/// planar.
 const AREA_EXCESS_MAX: f64 = 1e-6;
 
 fn is_blank(byte: u8) -> bool {
@@ -145,7 +148,7 @@ struct Line<'a> {
 }
 
 impl<'a> Line<'a> {
-    /// Whether the next line belongs to this one. A comment ends with its line whatever stands there: `C:\` does.
+    /// Returns whether the next line belongs to this one. A comment ends with its line, even after a backslash: `C:\`.
     fn continues(&self) -> bool {
         self.text.last() == Some(&b'\\') && !(self.hash && self.without_comment().len() < self.text.len())
     }
@@ -154,7 +157,8 @@ impl<'a> Line<'a> {
         self.text.split_last().map_or(&[], |(_, text)| text)
     }
 
-    /// The text up to a `#`. One in a number, as some C libraries print those that are not finite (`1.#INF`), is none.
+    /// The text up to a `#` comment. A `#` in a number, as some C libraries print non-finite ones (`1.#INF`), begins
+    /// none.
     fn without_comment(&self) -> &'a [u8] {
         let mut before = [b' ', b' '];
         let end = self.text.iter().position(|&b| {
@@ -198,7 +202,7 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
-/// Reads a number as C and OBJ writers print them.
+/// Reads a number in the spelling of C and OBJ writers.
 fn number(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;
     if let Ok(x) = text.parse() {
@@ -223,15 +227,15 @@ struct Reader {
     objects: Names,
     materials: Names,
     optics: HashMap<String, Material>,
-    /// Of the latest `o`.
+    /// The name of the latest `o`.
     object_name: String,
-    /// Of the latest `g` since, if it has one.
+    /// The name of the latest `g` since, if any.
     group_name: String,
     material_name: String,
     /// Numbers of the names above, once a face has used them.
     object: Option<u32>,
     material: Option<u32>,
-    /// What follows each `mtllib`, once each, and whether it is known.
+    /// The text after each `mtllib`, once each, and whether it is known.
     libraries: Vec<Vec<u8>>,
     known_libraries: HashSet<Vec<u8>>,
     findings: Findings,
@@ -253,7 +257,7 @@ impl Reader {
 
     fn other_line(&mut self, line: Line<'_>, word: &[u8], rest: &[u8]) -> Result<(), Error> {
         if line.hash && matches!(word.iter().position(|&b| b == b'#'), Some(at) if at > 0) {
-            // The comment touches the keyword, as in `g#`.
+            // The comment touches the keyword: `g#`.
             let (word, _) = keyword(line.without_comment());
             return self.other_line(Line { hash: false, ..line }, word, &[]);
         }
@@ -328,7 +332,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The vertex that a face corner such as `12`, `-1`, `3/1` or `3//2` names.
+    /// The vertex of a face corner such as `12`, `-1`, `3/1` or `3//2`.
     #[inline]
     fn corner(&self, word: &[u8]) -> Result<DVec3, Error> {
         let (index, rest) = word.split_at(word.iter().position(|&b| b == b'/').unwrap_or(word.len()));
@@ -419,7 +423,12 @@ impl Reader {
             Some(material) => material,
             None => *self.material.insert(self.materials.number(&self.material_name)?),
         };
-        push_triangles(&self.corners, &self.cut, (object, material, face), &mut self.triangles);
+        push_triangles(
+            &self.corners,
+            &self.cut,
+            Labels { object, material, face },
+            &mut self.triangles,
+        );
         Ok(())
     }
 
@@ -517,8 +526,8 @@ impl Reader {
         }
     }
 
-    /// The `newmtl`, `Kd` and `Ke` lines of a material library that `tobj` can read: it gives up at one it cannot,
-    /// including those that it has no use for here, and panics at a colour of fewer than three numbers.
+    /// The `newmtl`, `Kd` and `Ke` lines of a material library, fit for `tobj`. `tobj` gives up a whole library at one
+    /// bad line, even of a kind unused here, and panics at a colour of fewer than three numbers.
     fn library_lines(&mut self, text: &[u8]) -> String {
         let text = crate::text::unmarked(text).unwrap_or(text);
         let mut kept = String::new();
@@ -605,8 +614,10 @@ mod tests {
     #[test]
     fn libraries_as_programs_write_them() {
         let reader = library(
-            b"\xEF\xBB\xBF# made by\r\nKd 9 9 9\r\nnewmtl\r\nKd 8 8 8\r\n  newmtl  red wall # of brick\r\nNs 10.0\r\n\tKd .63 0.065 5e-2 # measured\r\n\
-              illum x\r\nmap_Kd\r\nd\r\nnewmtl light\rKe 17 12 4\rKd 0.78\rKs 1 1\rnewmtl r\xF6d\nKd spectral red.rfl 1\nKe xyz 1 1 1\n\
+            b"\xEF\xBB\xBF# made by\r\nKd 9 9 9\r\nnewmtl\r\nKd 8 8 8\r\n  newmtl  red wall # of brick\r\n\
+                Ns 10.0\r\n\tKd .63 0.065 5e-2 # measured\r\n\
+              illum x\r\nmap_Kd\r\nd\r\nnewmtl light\rKe 17 12 4\rKd 0.78\rKs 1 1\r\
+              newmtl r\xF6d\nKd spectral red.rfl 1\nKe xyz 1 1 1\n\
               newmtl bright\nKd 1.5 -1 0.5\nKe -1 0 0\nnewmtl light\nKd 0 0 0\nnewmtl odd\nKd nan 0 0\nKe 1 2\n",
         );
         let of = |name: &str| reader.optics.get(name).map(|m| (m.diffuse, m.emission));
@@ -662,7 +673,8 @@ mod tests {
 
         #[test]
         fn libraries_of_any_words(words in prop::collection::vec(prop::sample::select(vec![
-            "newmtl", "Kd", "Ke", "Ns", "map_Kd", "illum", "a", "b", "1", "0.5", "nan", "1e400", "#", "\\", "\n", "\n", "\r", " ",
+            "newmtl", "Kd", "Ke", "Ns", "map_Kd", "illum", "a", "b", "1", "0.5", "nan", "1e400", "#", "\\", "\n",
+            "\n", "\r", " ",
             "\u{2028}", "é",
         ]), 0..60)) {
             let reader = library(words.join(" ").as_bytes());
