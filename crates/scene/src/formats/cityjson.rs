@@ -593,7 +593,7 @@ mod tests {
                 "`FeatureCollection`, not `CityJSON`",
             ),
             ("\"scale\":[0.001", "\"scale\":[", "line 1"),
-            ("[[[[0,3,2,1]],[[4", "7,[[[[0,3,2,1]],[[4", "line 4: is no CityJSON"),
+            ("[[[[0,3,2,1]],[[4", "7,[[[[0,3,2,1]],[[4", "line 6: is no CityJSON"),
         ] {
             let message = open(&CITY.replacen(from, to, 1)).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
