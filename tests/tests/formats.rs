@@ -13,7 +13,7 @@ use hemicube_export::{
 };
 use hemicube_tests::readers::{json_of, node, python};
 use hemicube_tests::runs::Place;
-use hemicube_tests::scenes::skip;
+use hemicube_tests::scenes::{skip, workspace};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -370,6 +370,21 @@ fn two_exports_have_the_same_bytes() {
             .is(2)
             .says(&["exists", "--overwrite"]);
     }
+}
+
+/// The book's page of formats has every extension of the tables.
+#[test]
+fn the_book_lists_every_format() {
+    let page = std::fs::read_to_string(workspace().join("docs/formats.md")).expect("the page");
+    let scenes = hemicube_scene::Format::ALL.iter().flat_map(|format| format.extensions());
+    let matrices = ExportFormat::ALL.iter().flat_map(|format| format.extensions());
+    let patches = PatchFormat::ALL.iter().flat_map(|format| format.extensions());
+    let missing = |page: &str| {
+        let all = scenes.clone().chain(matrices.clone()).chain(patches.clone());
+        all.filter(|extension| !page.contains(&format!("`.{extension}"))).count()
+    };
+    assert_eq!(missing(&page), 0, "docs/formats.md lacks formats");
+    assert_eq!(missing(&page.replace("`.vtu`", "")), 1, "a missing format was not noticed");
 }
 
 #[test]

@@ -1,8 +1,8 @@
-//! A backend that does wrong: which wrong, and from which call of `rows` on, is in its options,
+//! A backend with faults: the kind, and the call of `rows` from which it shows, are in its options,
 //! `fault=NAME,after=CALLS`.
 //!
-//! Without a fault it is a legal one that sees nothing. Panics come from the safe side, through the adapter that every
-//! backend in Rust has; everything else is done to the table's arrays afterwards, as a backend in C might.
+//! Without a fault it is legal and sees nothing. Panics come from the safe side, through the adapter of every backend
+//! in Rust; all other faults change the table's arrays afterwards, as a backend in C might.
 
 use hemicube_abi::contract::backend::{
     BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, WHOLE,
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::ffi::{CStr, c_char};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The session that the safe side opens.
+/// The session opened by the safe side.
 struct Faulty {
     info: BackendInfo,
     fault: Fault,
@@ -24,7 +24,7 @@ struct Faulty {
     log: Log,
 }
 
-/// What is done wrong, and after how many calls.
+/// The fault, and the number of calls before it.
 #[derive(Clone, Debug, Default)]
 struct Fault {
     name: String,
@@ -124,7 +124,7 @@ impl HemicubeBackend for Faulty {
     }
 }
 
-/// A payload that panics when it is dropped.
+/// A payload panicking on drop.
 struct Bomb;
 
 impl Drop for Bomb {
@@ -135,7 +135,7 @@ impl Drop for Bomb {
 
 const GOOD: HcBackend = hemicube_abi::table::<Faulty>();
 
-/// The fault of the session that is being opened.
+/// The fault of the session being opened.
 static OPENING: Mutex<Fault> = Mutex::new(Fault {
     name: String::new(),
     after: 0,
@@ -161,7 +161,7 @@ unsafe extern "C" fn open(
     session: *mut *mut HcSession,
     error: *mut HcError,
 ) -> HcStatus {
-    // One at a time, so that the fault is that of this session.
+    // One at a time, so that the fault belongs to this session.
     static ONE: Mutex<()> = Mutex::new(());
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(open) = GOOD.open else { return 5 };
