@@ -1,4 +1,4 @@
-//! The table of exports: one row a file format, from which the program's help, its messages and its dialogue are made.
+//! The table of exports: one row a file format. The program's help, messages and dialogue come of it.
 //!
 //! A new format is a module of this folder, declared below, with a [`MatrixWriter`] or a [`PatchWriter`], and a row of
 //! the table.
@@ -22,7 +22,7 @@ use std::path::Path;
 pub(crate) struct Forecast {
     /// The likely size.
     pub(crate) bytes: u64,
-    /// The size that it has at least; less than `bytes` where text was extrapolated from some rows.
+    /// The least size; below `bytes` for text extrapolated from some rows.
     pub(crate) least: u64,
 }
 
@@ -34,7 +34,7 @@ impl Forecast {
 
 /// Writer of a matrix format.
 pub(crate) trait MatrixWriter: Sync {
-    /// Size of the file, where it can be told before it is written.
+    /// Size of the file, if it can be told before writing.
     fn forecast(&self, export: &Export<'_>) -> Result<Option<Forecast>>;
 
     /// Writes all of the matrix.
@@ -43,7 +43,7 @@ pub(crate) trait MatrixWriter: Sync {
 
 /// Writer of a format of patches.
 pub(crate) trait PatchWriter: Sync {
-    /// Writes `results` to `path`; returns the file's size. Refuses what it must before there is a file.
+    /// Writes `results` to `path`; returns the file's size in bytes. Refuses before there is a file.
     fn write(&self, results: &PatchResults, path: &Path, options: WriteOptions<'_>) -> Result<u64>;
 }
 
@@ -65,7 +65,7 @@ enum Trait {
 }
 
 /// Makes the formats of a kind of export of its table: variant, extensions, program or form, sentence for `--format`,
-/// properties, how to read the file (`{}`: its name), writer, and the feature by which that is compiled in.
+/// properties, how to read the file (`{}`: its name), writer, and the writer's feature, if it has one.
 macro_rules! exports {
     (
         $(#[$kind_doc:meta])*
@@ -85,7 +85,7 @@ macro_rules! exports {
         }
 
         impl $kind {
-            /// All formats, in the order in which they are listed.
+            /// All formats, in the order of lists.
             pub const ALL: &'static [Self] = &[$(Self::$format),+];
 
             /// The extensions of its files, in lower case, the usual one first.
@@ -95,7 +95,7 @@ macro_rules! exports {
                 }
             }
 
-            /// The program that the file is for, or its form; empty where the extension says all.
+            /// The file's program, or its form; empty if the extension says all.
             pub fn label(self) -> &'static str {
                 match self {
                     $(Self::$format => $label,)+
@@ -114,7 +114,7 @@ macro_rules! exports {
                 }
             }
 
-            /// What to type in the program that the file is for; `None` where nothing need be.
+            /// The words to type in the file's program; `None` if there are none.
             pub fn how_to_read(self, path: &str) -> Option<String> {
                 let read = match self {
                     $(Self::$format => $read,)+
@@ -122,7 +122,7 @@ macro_rules! exports {
                 (!read.is_empty()).then(|| read.replace("{}", path))
             }
 
-            /// The format that a file's extension asks for, in any case.
+            /// The format named by a file's extension, in any case.
             ///
             /// # Errors
             /// [`Error::Format`] when it asks for none of these; it lists them.
@@ -144,7 +144,7 @@ macro_rules! exports {
             /// The writer.
             ///
             /// # Errors
-            /// [`Error::NotBuilt`] where it is not compiled in.
+            /// [`Error::NotBuilt`] if it is not compiled in.
             pub(crate) fn writer(self) -> Result<&'static dyn $writer_trait> {
                 match self {
                     $(
@@ -193,7 +193,7 @@ exports! {
 }
 
 exports! {
-    /// A file format for what is known of each patch.
+    /// A file format for results of patches.
     ///
     /// ```
     /// use hemicube_export::PatchFormat;
@@ -205,7 +205,7 @@ exports! {
     /// # Ok::<(), hemicube_export::Error>(())
     /// ```
     PatchFormat: PatchWriter;
-    /// VTK's PolyData: triangles that share their points, an array for each result.
+    /// VTK's PolyData: triangles with shared points, an array for each result.
     Vtp, ["vtp"], "ParaView", "VTK's PolyData, for ParaView: patches", [Corners, Results], "", vtk::PolyData;
     /// VTK's UnstructuredGrid: triangles as cells, otherwise as PolyData.
     Vtu, ["vtu"], "ParaView", "VTK's UnstructuredGrid: patches", [Corners, Results], "", vtk::UnstructuredGrid;

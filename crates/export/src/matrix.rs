@@ -1,7 +1,7 @@
-//! The matrix in the files that other programs read: SciPy, Matrix Market, MATLAB and Octave, NumPy, Parquet.
+//! The matrix in files for other programs: SciPy, Matrix Market, MATLAB and Octave, NumPy, Parquet.
 //!
-//! F\[i, j\] is from i to j. Rows and columns are input patches; a row that was not computed is empty. Everything
-//! streams: one row and the length of each row are in memory.
+//! F\[i, j\] is from i to j. Rows and columns are input patches; uncomputed rows are empty. Everything streams: one row
+//! and the length of each row are in memory.
 
 use crate::formats::Forecast;
 use crate::write::{Cancellable, WriteOptions, on_write};
@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Options of an export.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ExportOptions<'a> {
-    /// Replace a file that is there.
+    /// Replace an existing file.
     pub overwrite: bool,
     /// Accept a store with missing parts: their rows are empty.
     pub allow_incomplete: bool,
@@ -35,8 +35,8 @@ pub struct ExportReport {
     pub format: ExportFormat,
     /// Rows of the matrix, and its columns without those of the sky.
     pub patch_count: u32,
-    /// Columns after those of the patches: the ground and the patches of the sky. 0 where they were not asked for,
-    /// `None` where the format has none.
+    /// Columns after those of the patches: the ground and the patches of the sky. 0 without them, `None` for a format
+    /// without columns of the sky.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sky_columns: Option<u32>,
     /// Computed rows; the others are empty.
@@ -45,7 +45,7 @@ pub struct ExportReport {
     pub entries: u64,
     /// Size of the file, in bytes.
     pub bytes: u64,
-    /// Size that was expected before, in bytes: exact but for text, `None` of a format whose size only writing tells.
+    /// Size expected before writing, in bytes: exact but for text, `None` if only writing tells it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub forecast: Option<u64>,
 }
@@ -84,7 +84,7 @@ pub fn export(store: &Store, path: &Path, format: ExportFormat, options: ExportO
 }
 
 /// Writes the matrix of `store` with more columns: after those of the patches the ground, and then the patches of the
-/// sky, each with its share of the row's view. With what is blocked, rows then sum to 1 as far as the matrix's close.
+/// sky, each with its share of the row's view. With blocked shares, rows then sum to 1 up to the closure of the matrix.
 ///
 /// # Errors
 /// As [`export`], and when `sky` is of another number of patches or the format takes no sky.
@@ -137,7 +137,7 @@ fn write(
         forecast: None,
     };
     let options = WriteOptions { overwrite, cancel };
-    // Created first: a place that cannot be written is the better thing to be told than one that is too small.
+    // Created first: an unwritable place is the better thing to be told than a small disk.
     let file = Cancellable::create(path, options)?;
     if let Some(forecast) = writer.forecast(&export)? {
         require_room(path, &forecast)?;
@@ -157,13 +157,13 @@ fn write(
     })
 }
 
-/// Refuses an export that the disk cannot hold.
+/// Refuses an export larger than the room on the disk.
 fn require_room(path: &Path, forecast: &Forecast) -> Result<()> {
     let directory = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    // A file system that does not say how full it is will say so when it is.
+    // A file system that hides its free room will tell when it is full.
     let Ok(available) = fs4::available_space(directory) else {
         return Ok(());
     };
@@ -177,18 +177,18 @@ fn require_room(path: &Path, forecast: &Forecast) -> Result<()> {
     Ok(())
 }
 
-/// An export: the matrix, the columns of the sky where they are wanted, and the file.
+/// An export: the matrix, the columns of the sky if wanted, and the file.
 pub(crate) struct Export<'a> {
     pub(crate) store: &'a Store,
     pub(crate) sky: Option<&'a StoredSky>,
     pub(crate) path: &'a Path,
     cancel: &'a AtomicBool,
-    /// Size of the file in bytes, where it can be told.
+    /// Size of the file in bytes, if it can be told.
     forecast: Option<u64>,
 }
 
 impl Export<'_> {
-    /// The error of writing the file: a full disk is told with the size that the file needs.
+    /// The error of writing the file; that of a full disk has the file's size.
     pub(crate) fn on_write(&self, error: io::Error) -> Error {
         match self.forecast {
             Some(bytes) => Error::Store(store::Error::write(self.path, bytes, error)),
@@ -213,7 +213,7 @@ impl Export<'_> {
     pub(crate) fn entries(&self) -> Result<u64> {
         let mut entries = self.store.manifest().entries;
         if let Some(sky) = self.sky {
-            // A row that was not computed is empty: it has no sky either.
+            // An uncomputed row is empty: it has no sky either.
             for patch in self.store.computed_patches()? {
                 entries += sky.row(patch.0 as usize).0.len() as u64;
             }
@@ -221,7 +221,7 @@ impl Export<'_> {
         Ok(entries)
     }
 
-    /// Number of entries of a row; 0 where it was not computed.
+    /// Number of entries of a row; 0 if uncomputed.
     pub(crate) fn entries_of_row(&self, patch: InputPatch) -> Result<u64> {
         let Some(entries) = self.store.entries_of_row(patch)? else {
             return Ok(0);
@@ -240,7 +240,7 @@ impl Export<'_> {
         row
     }
 
-    /// The row of a patch; `None` where it was not computed.
+    /// The row of a patch; `None` if uncomputed.
     pub(crate) fn row(&self, patch: InputPatch) -> Result<Option<Row>> {
         Ok(self.store.row(patch)?.map(|row| self.with_sky(patch, row)))
     }

@@ -9,7 +9,7 @@ use hemicube_scene::{Axis, Patches};
 use serde::Serialize;
 use serde_json::Value;
 
-/// Most right-hand sides that become columns: the 8,760 hours of a year have files of their own.
+/// Limit on right-hand sides as columns: the 8,760 hours of a year have files of their own.
 const RIGHT_HAND_SIDES_MAX: u64 = 256;
 
 /// The values of a column.
@@ -29,7 +29,7 @@ pub enum Values {
 pub struct Column {
     /// Name.
     pub name: String,
-    /// The names of its components; empty where it is one number.
+    /// The names of its components; empty for a single number.
     pub components: Vec<String>,
     /// The values, in the order of patches.
     pub values: Values,
@@ -41,7 +41,7 @@ impl Column {
         self.components.len().max(1)
     }
 
-    /// A label for each number of a patch: the name, followed by the component where there are several.
+    /// A label for each number of a patch: the name, followed by the component if there are several.
     pub fn labels(&self) -> Vec<String> {
         if self.components.is_empty() {
             return vec![self.name.clone()];
@@ -110,17 +110,17 @@ pub struct PatchResults {
     pub columns: Vec<Column>,
     /// Corners of each patch, counter-clockwise seen from its radiating side, in the file's unit.
     pub corners: Option<Vec<[[f64; 3]; 3]>>,
-    /// Which axis of the scene points up.
+    /// The axis pointing up in the scene.
     pub up: Axis,
     /// A colour for each patch.
     pub colors: Option<Colors>,
-    /// The scene's file, as the store calls it.
+    /// The scene's file, by its name in the store.
     pub scene: String,
     patch_count: usize,
 }
 
 impl PatchResults {
-    /// Reads the patch table, the shares of each row, the number of patches that each sees, and these solutions. With
+    /// Reads the patch table, the shares of each row, the number of patches seen by each, and these solutions. With
     /// more than one solution, quantities carry its name, too.
     ///
     /// # Errors

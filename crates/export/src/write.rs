@@ -1,4 +1,4 @@
-//! Files that are there whole or not at all, and the errors of writing them.
+//! Files written whole or not at all, and the errors of writing them.
 
 use crate::{Colors, Named, PatchFormat, PatchResults, listed};
 use hemicube::store::{self, DurableFile};
@@ -13,10 +13,10 @@ pub enum Error {
     /// The store could not be read, or the file not created.
     #[error(transparent)]
     Store(#[from] store::Error),
-    /// The extension is that of no format.
+    /// The extension names no format.
     #[error("`{}` does not say which format is wanted; end it in {}", path.display(), alternatives(known))]
     Format {
-        /// The file that was asked for.
+        /// The file asked for.
         path: PathBuf,
         /// The extensions and the label of each format.
         known: Vec<Named>,
@@ -30,7 +30,7 @@ pub enum Error {
     /// The format needs corners or colours, and none were given.
     #[error("`{}` cannot be written without {what}", path.display())]
     Missing {
-        /// The file that was asked for.
+        /// The file asked for.
         path: PathBuf,
         /// The missing thing.
         what: &'static str,
@@ -38,7 +38,7 @@ pub enum Error {
     /// The result is too large for the format.
     #[error("`{}` cannot be written: {reason}", path.display())]
     TooLarge {
-        /// The file that was asked for.
+        /// The file asked for.
         path: PathBuf,
         /// The limit, and a format without it.
         reason: String,
@@ -63,18 +63,18 @@ pub enum Error {
         solution: String,
         /// Its number.
         rows: u64,
-        /// The most that are allowed.
+        /// The limit.
         most: u64,
     },
     /// Writing was cancelled; nothing is left of the file.
     #[error("`{}` was not written: it was interrupted", path.display())]
     Interrupted {
-        /// The file that was asked for.
+        /// The file asked for.
         path: PathBuf,
     },
 }
 
-/// Formats as a message lists them: `.txt` or `.dat` (MATLAB's `spconvert`), `.npy` (dense) or `.parquet` (triplets).
+/// Formats listed for a message: `.txt` or `.dat` (MATLAB's `spconvert`), `.npy` (dense) or `.parquet` (triplets).
 fn alternatives(known: &[Named]) -> String {
     let mut words = listed(known.iter().copied(), "`");
     let last = words.pop().unwrap_or_default();
@@ -87,13 +87,13 @@ pub type Result<T> = std::result::Result<T, Error>;
 /// Options of writing a file.
 #[derive(Clone, Copy, Debug)]
 pub struct WriteOptions<'a> {
-    /// Replace a file that is there.
+    /// Replace an existing file.
     pub overwrite: bool,
     /// Set by another thread to cancel.
     pub cancel: &'a AtomicBool,
 }
 
-/// A file whose writing can be cancelled.
+/// A file with writing that can be cancelled.
 pub(crate) struct Cancellable<'a> {
     file: DurableFile,
     cancel: &'a AtomicBool,
@@ -126,7 +126,7 @@ impl Seek for Cancellable<'_> {
 }
 
 impl<'a> Cancellable<'a> {
-    /// Creates the file that becomes `path` when it is committed.
+    /// Creates the file for `path`; it gets that name when it is committed.
     pub(crate) fn create(path: &Path, options: WriteOptions<'a>) -> Result<Self> {
         match std::fs::symlink_metadata(path) {
             Ok(metadata) if metadata.is_dir() => {
@@ -151,7 +151,7 @@ impl<'a> Cancellable<'a> {
         Ok(Self { file, cancel })
     }
 
-    /// Puts the file in its place; returns its size. Nothing is left of one that was cancelled.
+    /// Puts the file in its place; returns its size. A cancelled one leaves nothing.
     pub(crate) fn commit(
         written: Result<Self>,
         path: &Path,
@@ -192,7 +192,7 @@ pub(crate) fn too_large(path: &Path, reason: &str) -> Error {
 }
 
 impl PatchResults {
-    /// The corners of the patches, for a file that is nothing without them.
+    /// The corners of the patches, for a file in need of them.
     pub(crate) fn corners_for(&self, path: &Path) -> Result<&[[[f64; 3]; 3]]> {
         self.corners.as_deref().ok_or_else(|| Error::Missing {
             path: path.to_owned(),
@@ -200,7 +200,7 @@ impl PatchResults {
         })
     }
 
-    /// The colours of the patches, for a file that shows them.
+    /// The colours of the patches, for a file in need of them.
     pub(crate) fn colors_for(&self, path: &Path) -> Result<&Colors> {
         self.colors.as_ref().ok_or_else(|| Error::Missing {
             path: path.to_owned(),

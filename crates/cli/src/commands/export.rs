@@ -1,4 +1,4 @@
-//! `hemicube export`: the matrix, and what is known of its patches, in the files that other programs read.
+//! `hemicube export`: the matrix, or results of its patches, in files for other programs.
 
 mod patches;
 
@@ -29,6 +29,18 @@ pub(crate) const EXAMPLES: &str = "  \
   hemicube export room.hemicube room.glb --scene room.obj --up y --show seen
   hemicube export room.hemicube patches.csv                      # a line a patch";
 
+/// Arguments without a meaning for zones.
+const OF_PATCHES: [&str; 8] = [
+    "format",
+    "allow_incomplete",
+    "patches",
+    "scene",
+    "show",
+    "range",
+    "solution",
+    "up",
+];
+
 /// `hemicube export`
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
@@ -42,7 +54,7 @@ pub(crate) struct Arguments {
     format: Option<String>,
     /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table, `.csv`,
     /// or what View3D writes, `.vf`
-    #[arg(long, value_name = "WHAT", conflicts_with_all = ["format", "allow_incomplete", "patches", "scene", "show", "range", "solution", "up"])]
+    #[arg(long, value_name = "WHAT", conflicts_with_all = OF_PATCHES)]
     by: Option<ZoneName>,
     /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --store` found
     /// them. OUT with `.columns.csv` in place of its ending says what each is
@@ -71,8 +83,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NAME", help_heading = "Patches")]
     solution: Vec<String>,
     #[arg(long, value_name = "COLUMN", help_heading = "Patches", help = format!(
-        "What colours {}: a column such as flux, radiosity, sky_view_factor, escaped, seen [default: the first of these \
-         that says something]",
+        "What colours {}: a column such as flux, radiosity, sky_view_factor, escaped, seen [default: the first of \
+         these that says something]",
         patch_extensions(PatchFormat::has_colors, " and "),
     ))]
     show: Option<String>,
@@ -97,7 +109,7 @@ fn range(text: &str) -> Result<[f64; 2], String> {
         .ok_or_else(|| "two numbers such as `0,0.5` are needed, the smaller first".to_owned())
 }
 
-/// What makes patches one zone.
+/// Rule for joining patches to zones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ZoneName {
     /// Objects of one name
@@ -126,7 +138,7 @@ fn matrix_formats() -> Vec<Named> {
     ExportFormat::ALL.iter().map(|format| format.named()).collect()
 }
 
-/// The formats of patches with a property. Without those whose extension stands for the matrix.
+/// The formats of patches with a property, without extensions of the matrix.
 fn patch_formats(property: impl Fn(PatchFormat) -> bool) -> Vec<Named> {
     let is_matrix = |extension: &&str| {
         matrix_formats()
@@ -142,7 +154,7 @@ fn patch_extensions(property: impl Fn(PatchFormat) -> bool, last: &str) -> Strin
     joined(dotted(&patch_formats(property)), last)
 }
 
-/// The extensions that stand for the matrix and for patches.
+/// The extensions of both the matrix and patches.
 fn either(last: &str) -> String {
     let of_patches = PatchFormat::ALL.iter().flat_map(|format| format.extensions());
     let of_matrix = |extension: &&&str| {
@@ -153,7 +165,7 @@ fn either(last: &str) -> String {
     joined(of_patches.filter(of_matrix).map(|e| format!(".{e}")).collect(), last)
 }
 
-/// The usual extension of each format; of neighbours for one program, that of the first.
+/// The usual extension of each format; neighbours for one program have that of the first.
 fn usual(formats: &[Named]) -> String {
     let groups = formats.chunk_by(|a, b| !a.1.is_empty() && a.1 == b.1);
     let extensions: Vec<String> = groups.map(|group| format!(".{}", group[0].0[0])).collect();
@@ -170,8 +182,8 @@ pub(crate) fn about() -> String {
 
 fn output_help() -> String {
     format!(
-        "The file to write; its extension says what: the matrix as {}; a row of results for each patch, on the model, as {}, \
-         or as a table, {}",
+        "The file to write; its extension says what: the matrix as {}; a row of results for each patch, on the model, \
+         as {}, or as a table, {}",
         listed(matrix_formats(), "").join(", "),
         listed(patch_formats(PatchFormat::needs_corners), "").join(", "),
         joined(listed(patch_formats(|format| !format.needs_corners()), ""), " or "),
@@ -188,7 +200,7 @@ fn format_names() -> PossibleValuesParser {
         .map(|format| (format.extensions()[0], format.about()));
     let mut names: Vec<PossibleValue> = Vec::new();
     for (name, about) in matrix.chain(patches) {
-        // The name of a format of patches may be that of one of the matrix: `--patches` tells them apart.
+        // A name may stand for a format of the matrix and one of patches: `--patches` tells them apart.
         if !names.iter().any(|known| known.get_name() == name) {
             names.push(PossibleValue::new(name).help(about));
         }
@@ -196,7 +208,7 @@ fn format_names() -> PossibleValuesParser {
     names.into()
 }
 
-/// The format in which the dialogue exports, and its program.
+/// The extension and the program of the dialogue's export.
 pub(super) fn first_choice() -> (&'static str, &'static str) {
     let format = ExportFormat::ALL[0];
     (format.extensions()[0], format.label())
@@ -211,7 +223,7 @@ struct Report<'a> {
     export: &'a ExportReport,
 }
 
-/// What is written, and how.
+/// The object and the format of an export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Target {
     Matrix(ExportFormat),
@@ -219,7 +231,7 @@ enum Target {
 }
 
 impl Target {
-    /// What the arguments ask for.
+    /// The target named by the arguments.
     ///
     /// # Errors
     /// When they do not say, or contradict each other.
@@ -286,7 +298,8 @@ impl Target {
                 return Err(hinted(
                     anyhow!("`{name}` has no meaning for `{}`", output.display()),
                     format!(
-                        "`hemicube export --help` says which files it is for; a {} of patches is asked for by `--patches`",
+                        "`hemicube export --help` says which files it is for; a {} of patches is asked for by \
+                         `--patches`",
                         either(" or ")
                     ),
                 ));
@@ -392,12 +405,12 @@ fn interruptible<T>(
     }
 }
 
-/// The columns of the sky, and the table that says what they are.
+/// The columns of the sky, and the table describing them.
 struct SkyColumns {
     rows: StoredSky,
     division: SkyDivision,
     path: PathBuf,
-    /// The number of the first, as the file counts.
+    /// The number of the first, as counted in the file.
     first: u32,
     from: u32,
 }
@@ -427,7 +440,7 @@ impl SkyColumns {
         })
     }
 
-    /// One line a column: which it is, where its middle is, and how large.
+    /// One line a column: its name, its middle, and its solid angle.
     fn write(&self) -> Result<()> {
         let mut file = PendingFile::create(&self.path)?;
         let mut text = format!(
@@ -513,10 +526,10 @@ fn export_zones(arguments: &Arguments, by: ZoneName, json: Option<JsonReport>, t
     Ok(Exit::Done)
 }
 
-/// What to type in the program that the file is for. F[i, j] is from i to j.
+/// The words to type in the file's program. F[i, j] is from i to j.
 fn how_to_read(found: &ExportReport) -> Option<String> {
     let path = found.path.display().to_string();
-    // Names that would need quoting in three languages are left to who chose them.
+    // Names in need of quoting in three languages are left to their owner.
     if path.contains(['"', '\'', '\\']) {
         return None;
     }

@@ -7,7 +7,7 @@ use crate::{Error, Result};
 use hemicube::store::{self, ElementType, NpzWriter};
 use std::io::{self, Write};
 
-/// Rows of `indptr` that are written at a time.
+/// Rows of `indptr` written at a time.
 const BOUNDS: usize = 1 << 14;
 
 pub(super) struct Npz;

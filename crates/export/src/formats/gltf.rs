@@ -1,9 +1,9 @@
 //! Binary glTF 2.0 (Khronos, *glTF 2.0 Specification*): the model in the colours of one result.
 //!
-//! A node and a mesh for each object. Every patch has three vertices of its own, which carry its colour (`COLOR_0`,
-//! linear, 16 bits) and its id (`_PATCH`, a float, exact below 2²⁴). The material is unlit and one-sided: a closed room
-//! can be looked into, and the two patches of a two-sided surface show their own colours. The root node turns the scene
-//! y up and moves it to its place: positions are f32 relative to the middle of the scene.
+//! A node and a mesh for each object. Every patch has three vertices of its own, with its colour (`COLOR_0`, linear, 16
+//! bits) and its id (`_PATCH`, a float, exact below 2²⁴). The material is unlit and one-sided: a closed room can be
+//! looked into, and the two patches of a two-sided surface show their own colours. The root node turns the scene y up
+//! and moves it to its place: positions are f32 relative to the middle of the scene.
 
 use super::PatchWriter;
 use crate::write::{on_write, too_large, write_file};
@@ -14,7 +14,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// Ids that a float tells apart.
+/// Ids told apart by a float.
 const PATCHES_MAX: usize = 1 << 24;
 
 const MAGIC: &[u8; 4] = b"glTF";
@@ -75,7 +75,7 @@ fn upright(up: Axis) -> ([f64; 4], Turn) {
     }
 }
 
-/// The middle of the scene's box; the origin where there are no patches.
+/// The middle of the scene's box; the origin if there are no patches.
 fn middle(corners: &[[[f64; 3]; 3]]) -> [f64; 3] {
     let all = || corners.as_flattened().iter();
     let low = all().fold([f64::INFINITY; 3], |low, c| {
@@ -99,7 +99,7 @@ struct Objects {
     nodes: Vec<Value>,
     meshes: Vec<Value>,
     accessors: Vec<Value>,
-    /// Patches that those have.
+    /// Number of patches of these objects.
     patches: usize,
 }
 
@@ -274,7 +274,7 @@ impl Layout {
             }
         }
         for &patch in &self.patches {
-            // Below 2²⁴, which is exact.
+            // Below 2²⁴: exact.
             #[allow(clippy::cast_precision_loss, reason = "exact")]
             let id = (patch as f32).to_le_bytes();
             for _ in 0..3 {

@@ -61,7 +61,7 @@ fn column<T: DataType, W: Write + Send>(
 pub(super) struct Parquet;
 
 impl MatrixWriter for Parquet {
-    /// Packed differences have a size that only writing tells.
+    /// Only writing tells the size of packed differences.
     fn forecast(&self, _: &Export<'_>) -> Result<Option<Forecast>> {
         Ok(None)
     }

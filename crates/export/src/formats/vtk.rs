@@ -21,7 +21,7 @@ const VTK_TRIANGLE: u8 = 5;
 enum Numbers<'a> {
     Whole(&'a [u32]),
     Real(&'a [f64]),
-    /// Signed, as VTK's ids are.
+    /// Signed, by VTK's rule for ids.
     Ids(Vec<i64>),
     Bytes(Vec<u8>),
 }
@@ -200,7 +200,7 @@ fn write(results: &PatchResults, corners: &[[[f64; 3]; 3]], polygons: bool, out:
                 array.numbers.kind(),
                 escaped(array.name)
             )?;
-            // One is what is meant without a number; meshio makes a matrix of one column of it.
+            // A missing number means one; with a number, meshio makes a matrix of one column.
             if !array.components.is_empty() {
                 write!(out, " NumberOfComponents=\"{}\"", array.components.len())?;
             }
