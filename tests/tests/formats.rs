@@ -376,15 +376,22 @@ fn two_exports_have_the_same_bytes() {
 #[test]
 fn the_book_lists_every_format() {
     let page = std::fs::read_to_string(workspace().join("docs/formats.md")).expect("the page");
-    let scenes = hemicube_scene::Format::ALL.iter().flat_map(|format| format.extensions());
+    let scenes = hemicube_scene::Format::ALL
+        .iter()
+        .flat_map(|format| format.extensions());
     let matrices = ExportFormat::ALL.iter().flat_map(|format| format.extensions());
     let patches = PatchFormat::ALL.iter().flat_map(|format| format.extensions());
     let missing = |page: &str| {
         let all = scenes.clone().chain(matrices.clone()).chain(patches.clone());
-        all.filter(|extension| !page.contains(&format!("`.{extension}"))).count()
+        all.filter(|extension| !page.contains(&format!("`.{extension}")))
+            .count()
     };
     assert_eq!(missing(&page), 0, "docs/formats.md lacks formats");
-    assert_eq!(missing(&page.replace("`.vtu`", "")), 1, "a missing format was not noticed");
+    assert_eq!(
+        missing(&page.replace("`.vtu`", "")),
+        1,
+        "a missing format was not noticed"
+    );
 }
 
 #[test]

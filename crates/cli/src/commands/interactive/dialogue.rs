@@ -257,7 +257,10 @@ impl Dialogue<'_> {
             (Item::new("Check it", "sums, reciprocity, checksums"), Look::Check),
             (Item::new("Compare it", "with another result"), Look::Compare),
             (Item::new("Write a page", "HTML, with the model in 3-D"), Look::Report),
-            (Item::new("Export it", format!("for {program}: .{extension}")), Look::Export),
+            (
+                Item::new("Export it", format!("for {program}: .{extension}")),
+                Look::Export,
+            ),
             (Item::new("Draw the matrix", ".png"), Look::Picture),
         ];
         let question = format!("What next with {}", store.display());
