@@ -1,4 +1,4 @@
-# What a bare machine lacks, installed. Sourced by ./run and ./test.
+# Installs what a bare machine lacks. Sourced by ./run and ./test.
 
 say() { printf '%s\n' "$*" >&2; }
 
@@ -61,8 +61,8 @@ ensure_rust() {
     fi
 }
 
-# ensure_drivers — Mesa's drivers that render on the processor, for OpenGL and Vulkan, and Vulkan's validation layer: what
-# the tests of the GPU backends run on where there is no GPU. Fails where they cannot be installed.
+# ensure_drivers — Mesa's drivers for OpenGL and Vulkan on the processor, and Vulkan's validation layer, for tests of the
+# GPU backends without a GPU. Fails if they cannot be installed.
 ensure_drivers() {
     local missing=() libraries
     libraries=$(/sbin/ldconfig -p 2>/dev/null || true)
@@ -78,10 +78,10 @@ ensure_drivers() {
 # ensure_browser — Chromium and its driver, for the pages that `hemicube report` writes.
 ensure_browser() { ensure_packages chromium:chromium chromedriver:chromium-driver; }
 
-# ensure_node — Node with npm, to see that the bundled viewer is what its sources make, and for what validates glTF.
+# ensure_node — Node with npm, to bundle the viewer again and compare, and for the validator of glTF.
 ensure_node() { ensure_packages node:nodejs npm:npm; }
 
-# ensure_display — an X server without a screen, what takes a picture of it, and the library by which windows are opened.
+# ensure_display — an X server without a screen, a program for pictures of it, and the library that opens windows.
 ensure_display() {
     ensure_packages Xvfb:xvfb xwd:x11-apps
     case $(/sbin/ldconfig -p 2>/dev/null) in *libX11.so.6*) ;; *) ensure_packages none:libx11-6 ;; esac

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Holds the public API of the library crates against a release: what breaks those who embed them needs a new version.
+# Compares the public API of the library crates with a release: a change that breaks embedders needs a new version.
 #
 #   scripts/semver.sh REVISION    against a revision of git, such as the newest tag
 #   scripts/semver.sh --bring     only brings cargo-semver-checks

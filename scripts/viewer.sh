@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Bundles the 3-D view of `hemicube report`: crates/cli/viewer/src and three.js into crates/cli/viewer/viewer.js, which is
+# Bundles the 3-D view of `hemicube report`: crates/cli/viewer/src and three.js into crates/cli/viewer/viewer.js. That is
 # committed, so that building hemicube needs no Node. scripts/viewer.sh [--check]
 #
-#   --check   compare with what is committed, and change nothing
+#   --check   compare with the committed file, and change nothing
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../crates/cli/viewer"
 npm ci --ignore-scripts --no-audit --no-fund --loglevel=error >&2
@@ -10,7 +10,7 @@ out=$(mktemp -d)
 trap 'rm -rf "$out"' EXIT
 node node_modules/esbuild/bin/esbuild src/main.js --bundle --minify --format=esm --target=es2022 --charset=utf8 \
     --legal-comments=none --log-level=warning --outfile="$out/viewer.js"
-# The licence of what is bundled goes with it, in the repository and in each page.
+# The licences go with the bundle, in the repository and in each page.
 {
     printf 'three.js %s, https://threejs.org, is part of viewer.js and of each page that `hemicube report` writes.\n\n' \
         "$(node -p 'require("./node_modules/three/package.json").version')"

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// What a page may take to load or a script to end.
+/// Time limit for loading a page or running a script.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Chromium with a profile of its own, closed when this is dropped.
@@ -30,7 +30,7 @@ fn found(program: &str) -> Option<PathBuf> {
 }
 
 impl Browser {
-    /// Starts a browser of `width` × `height` pixels; `None`, and said so, where there is none.
+    /// Starts a browser of `width` × `height` pixels; without one, says so and returns `None`.
     ///
     /// # Panics
     /// When there is none and `HEMICUBE_REQUIRE_BROWSER=1`, or it is there and does not start.
@@ -65,7 +65,7 @@ impl Browser {
         let data = browser._profile.path().join("data");
         let arguments = [
             "--headless".to_owned(),
-            // It runs as root in containers, where there is no sandbox for it, nor much shared memory.
+            // Containers run it as root, without a sandbox and with little shared memory.
             "--no-sandbox".to_owned(),
             "--disable-dev-shm-usage".to_owned(),
             "--disable-gpu".to_owned(),
@@ -130,7 +130,7 @@ impl Browser {
         Ok(serde_json::from_slice(&bytes)?)
     }
 
-    /// Asks the driver for something that it must be able to do.
+    /// Asks the driver for something it must be able to do.
     fn ask(&self, method: &str, path: &str, body: &Value) -> Value {
         let answer = self
             .send(method, path, body)
@@ -151,10 +151,11 @@ impl Browser {
         self.of_session("POST", "/url", &json!({ "url": url }));
     }
 
-    /// Runs the body of an `async` function in the page, and gives what it returns.
+    /// Runs the body of an `async` function in the page, and returns its result.
     pub fn script(&self, body: &str) -> Value {
         let script = format!(
-            "const done = arguments[0]; (async () => {{ {body} }})().then(done, error => done({{ thrown: String(error) }}))"
+            "const done = arguments[0];
+            (async () => {{ {body} }})().then(done, error => done({{ thrown: String(error) }}))"
         );
         let value = self.of_session("POST", "/execute/async", &json!({ "script": script, "args": [] }));
         assert!(value.get("thrown").is_none(), "{body}: {value}");
@@ -178,13 +179,13 @@ impl Browser {
         }
     }
 
-    /// What the console (`browser`) or the tools for developers (`performance`) have said since this was asked last.
+    /// Messages of the console (`browser`) or of the developers' tools (`performance`) since the last call.
     pub fn log(&self, kind: &str) -> Vec<Value> {
         let found = self.of_session("POST", "/se/log", &json!({ "type": kind }));
         found.as_array().cloned().unwrap_or_default()
     }
 
-    /// The addresses that were asked for since [`Self::log`] of `performance` or this was asked last.
+    /// Addresses asked for since the last call of this or of [`Self::log`] with `performance`.
     pub fn requests(&self) -> Vec<String> {
         let events = self.log("performance");
         let events = events.iter().filter_map(|entry| {
@@ -196,17 +197,21 @@ impl Browser {
         events.collect()
     }
 
-    /// Presses the main button at the first place, goes to the others, and lets go; in pixels of the page that is in
-    /// view.
+    /// Presses the main button at the first place, goes to the others, and lets go; in pixels of the visible page.
     pub fn drag(&self, places: &[[f64; 2]]) {
-        let go = |place: &[f64; 2]| json!({ "type": "pointerMove", "duration": 50, "x": place[0].round(), "y": place[1].round() });
+        let go = |&[x, y]: &[f64; 2]| {
+            let (x, y) = (x.round(), y.round());
+            json!({ "type": "pointerMove", "duration": 50, "x": x, "y": y })
+        };
         let mut actions = vec![go(&places[0]), json!({ "type": "pointerDown", "button": 0 })];
         actions.extend(places[1..].iter().map(go));
         actions.push(json!({ "type": "pointerUp", "button": 0 }));
         self.of_session(
             "POST",
             "/actions",
-            &json!({ "actions": [{ "type": "pointer", "id": "mouse", "parameters": { "pointerType": "mouse" }, "actions": actions }] }),
+            &json!({ "actions": [{
+                "type": "pointer", "id": "mouse", "parameters": { "pointerType": "mouse" }, "actions": actions,
+            }] }),
         );
     }
 
@@ -215,7 +220,7 @@ impl Browser {
         self.of_session("POST", "/window/rect", &json!({ "width": width, "height": height }));
     }
 
-    /// What is in view, as PNG.
+    /// The visible page, as PNG.
     pub fn screenshot(&self) -> Vec<u8> {
         let value = self.of_session("GET", "/screenshot", &Value::Null);
         from_base64(value.as_str().expect("a picture"))
@@ -224,7 +229,7 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        // This ends the browser, also where a test has failed; what cannot be ended any more has ended.
+        // Ends the browser, also after a failed test; errors mean that it has ended.
         let _ = self.send("DELETE", &format!("/session/{}", self.session), &Value::Null);
         let _ = self.driver.kill();
         let _ = self.driver.wait();

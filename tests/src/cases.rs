@@ -1,4 +1,4 @@
-//! The public cases of `reference_cases.json`: pairs of quads with what lies between them, and enclosures and discs by
+//! The public cases of `reference_cases.json`: pairs of quads with plates between them, and enclosures and discs by
 //! name.
 
 use crate::geometry::quad;
@@ -6,7 +6,7 @@ use crate::scenes::{scenes_or_skip, skip};
 use glam::DVec3;
 use serde_json::Value;
 
-/// From an emitter to a receiver, with plates between them that are opaque from either side.
+/// From an emitter to a receiver, with opaque plates between them.
 #[derive(Clone, Debug)]
 pub struct Pair {
     /// The case's id.
@@ -15,14 +15,14 @@ pub struct Pair {
     pub emitter: Vec<[DVec3; 4]>,
     /// The receiver's faces.
     pub receiver: Vec<[DVec3; 4]>,
-    /// What lies between them.
+    /// The plates between them.
     pub obstructions: Vec<[DVec3; 4]>,
     /// The form factor from the emitter to the receiver, and back.
     pub exact: [f64; 2],
 }
 
 impl Pair {
-    /// The triangles of the emitter, of the receiver and of what lies between them.
+    /// The triangles of the emitter, of the receiver and of the plates.
     pub fn triangles(&self) -> [Vec<[DVec3; 3]>; 3] {
         [&self.emitter, &self.receiver, &self.obstructions]
             .map(|quads| quads.iter().copied().flat_map(quad).collect::<Vec<_>>())
@@ -32,7 +32,7 @@ impl Pair {
 /// The cases of the public file; `None` after a loud skip.
 ///
 /// # Panics
-/// When the file is there and is not what it should be.
+/// When the file is there and malformed.
 pub fn cases(test: &str) -> Option<Vec<Value>> {
     let file = scenes_or_skip(test)?.join("../reference_cases.json");
     let Ok(text) = std::fs::read_to_string(&file) else {
@@ -48,7 +48,7 @@ pub fn cases(test: &str) -> Option<Vec<Value>> {
     Some(json["cases"].as_array().expect("a list of cases").clone())
 }
 
-/// A number, which may be written as a string to keep its digits.
+/// A number, possibly written as a string to keep its digits.
 ///
 /// # Panics
 /// When it is none.
@@ -59,7 +59,7 @@ pub fn number(value: &Value) -> f64 {
         .unwrap_or_else(|| panic!("{value} is no number"))
 }
 
-/// All cases whose emitter and receiver are quads.
+/// All cases with quads as emitter and receiver.
 pub fn pairs(cases: &[Value]) -> Vec<Pair> {
     let quads = |value: &Value| -> Option<Vec<[DVec3; 4]>> {
         let point = |p: &Value| DVec3::new(number(&p[0]), number(&p[1]), number(&p[2]));
@@ -89,7 +89,7 @@ pub fn case<'c>(cases: &'c [Value], id: &str) -> &'c Value {
         .unwrap_or_else(|| panic!("no case `{id}`"))
 }
 
-/// What an enclosure's case expects.
+/// The expectations of an enclosure's case.
 ///
 /// # Panics
 /// When there is no such case, or it expects nothing of the kind.

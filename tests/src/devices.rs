@@ -1,6 +1,6 @@
-//! What every backend on a device must show, given a way to open one: rows that do not depend on culling, batches or
-//! the run, that are the sums of the item buffer, and that agree with the CPU backend. Scenes for that, moved off all
-//! symmetry so that no edge passes through a pixel's centre.
+//! Requirements on every backend on a device, given a way to open one: rows do not depend on culling, batches or the
+//! run, are the sums of the item buffer, and agree with the CPU backend. Scenes for that are moved off all symmetry so
+//! that no edge passes through a pixel's centre.
 
 use crate::extremes;
 use crate::geometry::{box_inside, even, flipped, grid, irrational_rotation, moved, scene_of, scene_with_sides};
@@ -23,7 +23,7 @@ pub type Opened = Result<Box<dyn HemicubeBackend>, BackendError>;
 /// Opens a session with options.
 pub type Open<'a> = &'a dyn Fn(&str) -> Opened;
 
-/// Returns whether tests of a backend may go on: a session could be opened. Else says that they are skipped.
+/// Returns whether a session opens, so that tests of a backend may go on. Otherwise says that they are skipped.
 ///
 /// # Panics
 /// When there is no device and `HEMICUBE_REQUIRE_BACKENDS` (a list with commas) names the backend.
@@ -55,7 +55,7 @@ fn made(kind: Kind, target_patches: u64) -> Scene {
     generate(spec).expect("a target in range")
 }
 
-/// The generated scenes that backends are tested on, by name.
+/// The generated scenes for tests of backends, by name.
 pub fn scenes() -> Vec<(&'static str, Model)> {
     let plates = {
         let [floor, ceiling, ..] = box_inside(DVec3::new(1.0, 1.2, 0.7));
@@ -78,8 +78,8 @@ pub fn scenes() -> Vec<(&'static str, Model)> {
     ]
 }
 
-/// A block city in which every seventh triangle is there twice, every fourteenth the other way round. Twelve blocks
-/// along each side make 36,864 triangles.
+/// A block city with every seventh triangle twice, every fourteenth the other way round. Twelve blocks along each side
+/// make 36,864 triangles.
 pub fn city_with_duplicates(blocks: u32) -> Model {
     let city = BlockCityParameters {
         blocks,
@@ -96,7 +96,7 @@ pub fn city_with_duplicates(blocks: u32) -> Model {
     crate::scenes::model_as_it_is(&askew(scene), Subdivision::None)
 }
 
-/// Scenes in which nothing hides anything: the inside of a box, and a bowl.
+/// Scenes without occlusion: the inside of a box, and a bowl.
 pub fn unoccluded() -> Vec<(&'static str, Model)> {
     let inside = box_inside(DVec3::new(1.0, 1.3, 0.8)).into_iter();
     let inside = scene_of(inside.flat_map(|f| grid(f, &even(9), &even(9))));
@@ -105,7 +105,7 @@ pub fn unoccluded() -> Vec<(&'static str, Model)> {
     vec![("inside of a box", of(inside)), ("bowl", of(bowl))]
 }
 
-/// Scenes at the extremes of what is legal, by name.
+/// Legal scenes at the extremes, by name.
 pub fn extreme_scenes() -> Vec<(&'static str, Model)> {
     let of = |scene| model(askew(scene), Subdivision::None);
     vec![
@@ -132,7 +132,7 @@ pub fn some(model: &Model, count: usize) -> Vec<Hemicube> {
     hemicubes(model, &spread(model, count))
 }
 
-/// Runs of neighbours in the order of work, as the driver asks for them.
+/// Runs of neighbours in the order of work: the driver's batches.
 pub fn neighbours(model: &Model, count: usize) -> Vec<Hemicube> {
     let order: Vec<_> = model.order().collect();
     let runs = (count / 16).max(1);
@@ -142,12 +142,12 @@ pub fn neighbours(model: &Model, count: usize) -> Vec<Hemicube> {
     hemicubes(model, &chosen)
 }
 
-/// How two sets of rows of the same hemicubes differ.
+/// Differences between two sets of rows of the same hemicubes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Apart {
-    /// Rows that are not the same bits.
+    /// Rows with other bits.
     pub rows: usize,
-    /// The largest Σ |a − b| of a row, escaped and blocked included, as a part of the whole.
+    /// The largest Σ |a − b| of a row, escaped and blocked included, relative to the whole.
     pub worst: f64,
     /// The mean of it.
     pub mean: f64,
@@ -156,7 +156,7 @@ pub struct Apart {
 /// Compares rows.
 ///
 /// # Panics
-/// When there are not as many of one as of the other.
+/// When their numbers differ.
 pub fn compare_rows(a: &RowBlock, b: &RowBlock) -> Apart {
     assert_eq!(a.len(), b.len(), "as many rows of one as of the other");
     let mut apart = Apart::default();
@@ -183,7 +183,7 @@ fn row_distance(a: RowView<'_>, b: RowView<'_>) -> f64 {
     sum as f64 / f64::from(WHOLE)
 }
 
-/// Number of pixels in which two item buffers differ.
+/// Number of different pixels in two item buffers.
 ///
 /// # Panics
 /// When they are of different resolutions.
@@ -192,7 +192,8 @@ pub fn compare_items(a: &Items, b: &Items) -> usize {
     a.seen.iter().zip(&b.seen).filter(|(a, b)| a != b).count()
 }
 
-/// Returns whether a row is the sum of an item buffer, to the bit; entries without weight, as tiny patches have, aside.
+/// Returns whether a row is the sum of an item buffer, to the bit, aside from the weightless entries of sub-pixel
+/// patches.
 pub fn is_sum_of(row: RowView<'_>, items: &Items, table: &DeltaTable) -> bool {
     let (weights, escaped, blocked) = items.reduce(table);
     let entries = row.patches.iter().zip(row.visible).filter(|(_, v)| **v > 0);
@@ -201,7 +202,7 @@ pub fn is_sum_of(row: RowView<'_>, items: &Items, table: &DeltaTable) -> bool {
         && entries.map(|(&p, &v)| (p, v)).eq(summed.map(|(p, v)| (p.0, *v)))
 }
 
-/// Rows by a session opened with options, checked as the driver checks them.
+/// Rows by a session opened with options, checked like the driver's.
 ///
 /// # Panics
 /// When the backend refuses, or a row breaks the contract.
@@ -258,7 +259,7 @@ pub fn rows_do_not_depend(
         if k == 0 {
             first = counters;
         }
-        // Alone and backwards, and the first also by a fork: what was seen before must not show.
+        // Alone and backwards, and the first also by a fork: no trace of earlier hemicubes may show.
         let mut sessions = vec![session];
         if k == 0 {
             sessions.push(sessions[0].fork().expect("another session"));
@@ -276,20 +277,20 @@ pub fn rows_do_not_depend(
     first
 }
 
-/// Distance that a backend may have from the CPU backend.
+/// Allowed difference from the CPU backend.
 #[derive(Clone, Copy, Debug)]
 pub struct Most {
-    /// The share of pixels that differ.
+    /// The share of different pixels.
     pub pixels: f64,
-    /// The share that differ without an edge so near that snapping explains it ([`unexplained`]): where depths tie but
-    /// for their rounding.
+    /// The share of different pixels that snapping does not explain ([`unexplained`]): depths tied but for their
+    /// rounding.
     pub unexplained: f64,
-    /// By how much a row differs, as a part of its weight.
+    /// The relative difference of a row.
     pub row: f64,
 }
 
 /// Drivers snap corners to 1/256 of a pixel, and the CPU backend samples edges exactly, so that some of the pixels on
-/// edges differ: of scenes in which a patch has about 20 pixels, like these, 3 in 10,000.
+/// edges differ: in scenes with patches of about 20 pixels, like these, 3 in 10,000.
 pub const DRIVERS_EDGES: Most = Most {
     pixels: 3e-4,
     unexplained: 1e-5,
@@ -302,8 +303,8 @@ pub const EXACT_EDGES: Most = Most {
     ..DRIVERS_EDGES
 };
 
-/// Where houses share walls, some of them but for 10⁻⁵ of their distance, all pixels of a wall may differ; which rows
-/// have one in front of them is chance, see `docs/gpu.md`.
+/// Houses may share walls up to 10⁻⁵ of their distance: all pixels of such a wall may differ, and chance decides which
+/// rows have one in front of them; see `docs/gpu.md`.
 pub const SHARED_WALLS: Most = Most {
     pixels: 5e-4,
     unexplained: 5e-4,
@@ -318,8 +319,8 @@ fn settings(resolution: u32, culling: Culling, covered: bool) -> RenderSettings 
     }
 }
 
-/// Of the pixels that differ between two item buffers of a hemicube, those of which no edge passes within 1/256 of a
-/// pixel, so that corners snapped to that do not explain them. By every triangle of the scene in f64.
+/// Different pixels of two item buffers of a hemicube without an edge within 1/256 of a pixel: corners snapped to that
+/// do not explain them. By every triangle of the scene in f64.
 pub fn unexplained(model: &Model, hemicube: &Hemicube, a: &Items, b: &Items) -> usize {
     let differing = pixels(a.resolution)
         .zip(a.seen.iter().zip(&b.seen))
@@ -329,12 +330,12 @@ pub fn unexplained(model: &Model, hemicube: &Hemicube, a: &Items, b: &Items) -> 
         .count()
 }
 
-/// Returns whether an edge that nothing hides passes within 1/256 of a pixel of the pixel's centre.
+/// Returns whether an unhidden edge passes within 1/256 of a pixel of the pixel's centre.
 fn edge_passes(model: &Model, hemicube: &Hemicube, face: Face, [x, y]: [u32; 2], n: f64) -> bool {
     let (from, sign) = face.axes();
     let centre = |k: u32| (2.0 * f64::from(k) + 1.0) / n;
     let towards = DVec3::new(centre(x) - 1.0, centre(y) - if face.is_top() { 1.0 } else { 0.0 }, 1.0);
-    // How far inside each triangle the centre lies, in pixels, and how far away the triangle's plane is met there.
+    // Distance of the centre inside each triangle, in pixels, and distance to the triangle's plane.
     let others = model.geometry().surfaces.iter();
     let others = others.filter(|s| hemicube.emitter.is_none_or(|e| s.front != e && s.back != Some(e)));
     let met = others.filter_map(|surface| {
@@ -361,8 +362,8 @@ fn edge_passes(model: &Model, hemicube: &Hemicube, face: Face, [x, y]: [u32; 2],
         .any(|(inside, depth)| inside.abs() <= 1.0 / 256.0 && *depth <= nearest * (1.0 + 1e-4))
 }
 
-/// How many pixels of two sessions' item buffers differ, how many of these without an edge ([`unexplained`]), and how
-/// many that are beside no pixel which the second shows so.
+/// Number of different pixels of two sessions' item buffers, of these without an edge ([`unexplained`]), and of these
+/// beside no pixel shown alike by the second.
 fn pixels_apart(
     one: &mut dyn HemicubeBackend,
     other: &mut dyn HemicubeBackend,
@@ -389,7 +390,7 @@ fn pixels_apart(
     counts
 }
 
-/// Pixels along an edge where sessions are held against the CPU backend's.
+/// Pixels along an edge for comparisons with the CPU backend.
 const AGAINST_THE_CPU: u32 = 256;
 
 /// With the driver's edges, more pixels of the room differ than [`EXACT_EDGES`] allows: that bound tells them from
@@ -417,9 +418,9 @@ pub fn the_drivers_edges_are_told_from_exact_ones(open: Open<'_>) {
     );
 }
 
-/// What a scene has in common with the CPU backend: the share of pixels that differ, and how far rows are apart. Of the
-/// pixels that differ, most are on an edge: next to one that the CPU backend sees so. (Not where patches are smaller
-/// than pixels, and not on shared walls.)
+/// Agreement of a scene with the CPU backend: the share of different pixels, and the distance of rows. Most different
+/// pixels are on an edge: next to one that the CPU backend sees so. (Except for patches smaller than pixels, and shared
+/// walls.)
 ///
 /// # Panics
 /// When more differ than `most` allows, or all rows by more than 10⁻³ in the mean.
@@ -435,7 +436,8 @@ pub fn agrees_with_the_cpu(open: Open<'_>, options: &str, name: &str, model: &Mo
     let all = (hemicubes.len() * pixel_count(resolution)) as f64;
     let (share, without) = (pixels as f64 / all, without as f64 / all);
     say(&format!(
-        "{name}, `{options}`: {share:.1e} of the pixels differ, {without:.1e} with no edge within 1/256 of a pixel, {off_edges} of {pixels} off edges; rows by {:.1e}, {:.1e} at most",
+        "{name}, `{options}`: {share:.1e} of the pixels differ, {without:.1e} with no edge within 1/256 \
+         of a pixel, {off_edges} of {pixels} off edges; rows by {:.1e}, {:.1e} at most",
         apart.mean, apart.worst
     ));
     assert!(share <= most.pixels, "{name}: {share} of the pixels differ");
@@ -469,7 +471,7 @@ pub fn rows_are_sums_and_little_comes_back(open: Open<'_>, options: &str) {
                 "one pixel more or less shows"
             );
         }
-        // Some entries are dropped after they came back: tiny patches that cover a pixel after all.
+        // Some entries are dropped after they came back: sub-pixel patches that cover a pixel after all.
         let entries = rows.patches.len() as u64;
         let bound = 16 * entries + 64 * hemicubes.len() as u64;
         assert!(
@@ -480,7 +482,7 @@ pub fn rows_are_sums_and_little_comes_back(open: Open<'_>, options: &str) {
     }
 }
 
-/// Where nothing hides anything, covered weights are the visible ones; and not where something does.
+/// Without occlusion, covered weights are the visible ones; with occlusion they are not.
 ///
 /// # Panics
 /// When it is otherwise.
@@ -490,7 +492,7 @@ pub fn all_that_nothing_hides_is_seen(open: Open<'_>, options: &str) {
         let (rows, _) = rows_with(open, options, &model, &hemicubes, settings(128, Culling::On, true));
         assert_eq!(rows.covered, rows.visible, "{name}");
     }
-    // And where something does, it is not so.
+    // With occlusion they differ.
     let (name, model) = scenes().swap_remove(3);
     let (rows, _) = rows_with(
         open,
@@ -537,7 +539,7 @@ pub fn covered_and_tiny_agree_with_the_cpu(open: Open<'_>, options: &str) {
             "{name}, `{options}`: {both} tiny patches of both, {only:?} of one; covered weights {apart:.1e} apart"
         ));
         assert!(apart < 1e-2, "{name}: covered weights are {apart} apart");
-        // Where surfaces lie on one another, as houses on the ground, it is chance which of them is in front.
+        // Chance orders surfaces that lie on one another, such as houses on the ground.
         assert!(
             (only[0] + only[1]) * 3 <= both.max(40),
             "{name}: {both} of both, {only:?} of one"
@@ -545,7 +547,7 @@ pub fn covered_and_tiny_agree_with_the_cpu(open: Open<'_>, options: &str) {
     }
 }
 
-/// A hemicube that does not stand in its emitter's plane does not see it, and otherwise what the CPU backend's does.
+/// A hemicube outside its emitter's plane does not see it, and otherwise agrees with the CPU backend's.
 ///
 /// # Panics
 /// When it does.
@@ -576,7 +578,7 @@ pub fn emitters_are_not_seen_from_off_their_planes(open: Open<'_>, options: &str
     assert!(compare_rows(&a, &b).worst < 2e-2, "{:?}", compare_rows(&a, &b));
 }
 
-/// What cannot be is refused, and the session lives. `options` are to leave it three megabytes.
+/// Impossible requests are refused, and the session lives. `options` leave it three megabytes.
 ///
 /// # Panics
 /// When it is not, or does not.
@@ -607,7 +609,7 @@ pub fn refusals_leave_the_session_alive(open: Open<'_>, options: &str) {
     rows.check(4, model.geometry().patch_count, false).expect("four rows");
 }
 
-/// Every stage takes time, where `options` ask for it to be measured.
+/// Every stage takes time, if `options` ask for measuring it.
 ///
 /// # Panics
 /// When one does not.

@@ -1,4 +1,4 @@
-//! Scenes that break hemicubes elsewhere, for the tests and for the table of `docs/extremes.md`.
+//! Scenes that break hemicubes elsewhere, for the tests and the table of `docs/extremes.md`.
 
 use crate::geometry::{box_inside, even, flipped, grid, quad, scene_of, scene_with_sides};
 use glam::{DQuat, DVec3};
@@ -60,7 +60,7 @@ pub fn hinge(degrees: f64) -> Scene {
     scene_of(parts)
 }
 
-/// A cube's inside in which every triangle is there twice, from another corner the second time.
+/// A cube's inside with every triangle twice, from another corner the second time.
 pub fn duplicates() -> Scene {
     let once = box_inside(DVec3::ONE).into_iter();
     let once = once.flat_map(|face| grid(face, &even(3), &even(3)));
@@ -68,8 +68,7 @@ pub fn duplicates() -> Scene {
 }
 
 /// Walls of a room from under an unsplit ground to a ceiling, and ground on both sides of them; the ground is face 0.
-/// Its twin, `split`, has the ground cut along all the lines where something crosses it. With each triangle the number
-/// of its face.
+/// Its twin, `split`, has the ground cut along all crossing lines. With each triangle the number of its face.
 pub fn walls_through_the_ground(split: bool) -> Vec<(usize, Triangle)> {
     let [_, ceiling, walls @ ..] = box_inside(DVec3::ONE);
     let lowered = |face: [DVec3; 4]| face.map(|p| if p.z == 0.0 { p - DVec3::Z * 0.23 } else { p });
@@ -77,7 +76,7 @@ pub fn walls_through_the_ground(split: bool) -> Vec<(usize, Triangle)> {
     on_the_ground(faces, [0.0, 1.0], [0.0, 1.0], split)
 }
 
-/// A tower through an unsplit ground, under a ceiling; otherwise as [`walls_through_the_ground`].
+/// A tower through an unsplit ground, under a ceiling; otherwise like [`walls_through_the_ground`].
 pub fn tower_through_the_ground(split: bool) -> Vec<(usize, Triangle)> {
     let [_, ceiling, ..] = box_inside(DVec3::ONE);
     let place = |p: DVec3| p * DVec3::new(0.2, 0.25, 0.7) + DVec3::new(0.3, 0.45, -0.21);
@@ -131,7 +130,7 @@ pub fn single_patch() -> Scene {
     ]])
 }
 
-/// Three triangles of which none sees another: back to back, and side by side in a plane.
+/// Three triangles without sight of one another: back to back, and side by side in a plane.
 pub fn empty_view() -> Scene {
     let [a, b, c] = [
         DVec3::new(3.0, 1.0, 2.0),
@@ -142,7 +141,7 @@ pub fn empty_view() -> Scene {
     scene_of([[a, b, c], below, [a, b, c].map(|p| p + (b - a) * 3.0)])
 }
 
-/// More than 2²⁴ tiny triangles under a cube's inside, which comes last: ids that 24 bits cannot hold. They face away.
+/// More than 2²⁴ tiny triangles under a cube's inside, listed last: ids beyond 24 bits. They face away.
 pub fn many_ids() -> Scene {
     let motes = (0..=1_u32 << 24).map(|k| {
         let at = DVec3::new(f64::from(k & 0xFFF), f64::from(k >> 12), 0.0) / 4096.0 - DVec3::Z * 0.1;

@@ -1,4 +1,4 @@
-//! Geometry written inline in tests, rigid motions, and the closed forms that factors are held against.
+//! Geometry written inline in tests, rigid motions, and closed forms of form factors.
 //!
 //! Point to polygon (Lambert 1760; Baum, Rushmeier & Winget 1989, eq. 5): with the receiver at the origin and a, b the
 //! ends of an edge, F = (1/2π) |Σ θ(a, b) n · (a × b)/|a × b||, after clipping the polygon at the receiver's horizon.
@@ -69,7 +69,17 @@ pub fn box_inside(size: DVec3) -> [[DVec3; 4]; 6] {
     ]
 }
 
-/// The same quad seen from the other side, from the same first corner.
+/// Points of a circle round the z axis, counter-clockwise.
+pub fn circle(count: u32, radius: f64, z: f64) -> Vec<DVec3> {
+    (0..count)
+        .map(|k| {
+            let (sine, cosine) = (std::f64::consts::TAU * f64::from(k) / f64::from(count)).sin_cos();
+            DVec3::new(radius * cosine, radius * sine, z)
+        })
+        .collect()
+}
+
+/// The quad seen from the other side, from the same first corner.
 pub fn flipped([a, b, c, d]: [DVec3; 4]) -> [DVec3; 4] {
     [a, d, c, b]
 }
@@ -117,8 +127,8 @@ pub fn point_to_polygon(origin: DVec3, normal: DVec3, polygon: &[DVec3]) -> f64 
     sum.abs() / TAU
 }
 
-/// The unoccluded form factor between two planar polygons that do not touch, each wholly in front of the other:
-/// A F = 1/2π ∮∮ ln r dl · dl' (Sparrow 1963), by 16 Gauss points an edge, or 4 where edges are short and many.
+/// The unoccluded form factor between two planar polygons that do not touch, each wholly in front of the other: A F =
+/// 1/2π ∮∮ ln r dl · dl' (Sparrow 1963), by 16 Gauss points an edge, or 4 for short and many edges.
 pub fn between_polygons(from: &[DVec3], to: &[DVec3]) -> f64 {
     // Abscissas and weights on (−1, 1), half of them: the rule is symmetric.
     const FOUR: [(f64, f64); 2] = [
@@ -171,8 +181,8 @@ pub fn polygon_area(polygon: &[DVec3]) -> f64 {
     0.5 * (0..polygon.len()).map(cross).sum::<DVec3>().length()
 }
 
-/// The unoccluded form factor from a triangle to a planar polygon, touching or not, and how far that may be off: the
-/// point's closed form over parts of the triangle, which are cut into four while that changes more than a millionth.
+/// The unoccluded form factor from a triangle to a planar polygon, touching or not, and its error bound: the point's
+/// closed form over parts of the triangle, cut into four while that changes more than a millionth.
 pub fn triangle_to_polygon(triangle: &[DVec3; 3], polygon: &[DVec3]) -> (f64, f64) {
     const DEEPEST: u32 = 9;
     const ENOUGH: f64 = 1e-6;
@@ -183,7 +193,7 @@ pub fn triangle_to_polygon(triangle: &[DVec3; 3], polygon: &[DVec3]) -> (f64, f6
         let (ab, bc, ca) = ((a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0);
         [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
     };
-    // What a change is held against: the mean over 64 parts.
+    // Changes are relative to the mean over 64 parts.
     let fine: Vec<[DVec3; 3]> = parts(*triangle).into_iter().flat_map(parts).flat_map(parts).collect();
     let scale = fine.iter().map(|&part| at(part)).sum::<f64>() / fine.len() as f64;
     let (mut sum, mut off) = (0.0, 0.0);
@@ -250,7 +260,7 @@ pub fn perpendicular_rectangles(w: f64, h: f64, l: f64) -> f64 {
     (w * (1.0 / w).atan() + h * (1.0 / h).atan() - diagonal * (1.0 / diagonal).atan() + logarithm / 4.0) / (PI * w)
 }
 
-/// The exponent p of y ∝ xᵖ that fits best: the slope of the least-squares line through the logarithms.
+/// The best exponent p of y ∝ xᵖ: the slope of the least-squares line through the logarithms.
 pub fn slope(points: &[(f64, f64)]) -> f64 {
     let logs: Vec<(f64, f64)> = points.iter().map(|&(x, y)| (x.ln(), y.ln())).collect();
     let count = logs.len() as f64;

@@ -1,6 +1,6 @@
-//! What the tests of the whole workspace share: real scenes and when to skip, the public cases, geometry with closed
-//! forms, scenes at the extremes, what backends on devices must show, rays in f64 to hold item buffers against, rows in
-//! memory, plugins to load, and programs of others that read what we write.
+//! Shared parts of the workspace's tests: real scenes and when to skip, the public cases, geometry with closed forms,
+//! scenes at the extremes, requirements on backends on devices, rays in f64 to check item buffers, rows in memory,
+//! plugins to load, and other programs that read our files.
 //!
 //! | variable | meaning |
 //! | --- | --- |
@@ -8,7 +8,7 @@
 //! | `HEMICUBE_REQUIRE_SCENES=1` | a test that would skip for want of a scene, or of what unpacks it, fails |
 //! | `HEMICUBE_TEST_BACKEND` | the backend that tests of form factors run over, in place of the built-in one |
 //! | `HEMICUBE_REQUIRE_BACKENDS` | names of backends, with commas: a test that would skip for want of a device fails |
-//! | `HEMICUBE_PYTHON` | a Python with NumPy and SciPy, and better with meshio, trimesh and DuckDB; otherwise `python3` |
+//! | `HEMICUBE_PYTHON` | a Python with NumPy, SciPy, and better with meshio, trimesh and DuckDB; otherwise `python3` |
 //! | `HEMICUBE_REQUIRE_PYTHON=1` | a test that would skip for want of one fails |
 //! | `HEMICUBE_NODE_MODULES` | where npm installed gltf-validator |
 //! | `HEMICUBE_REQUIRE_NODE=1` | a test that would skip for want of it or of Node fails |

@@ -1,4 +1,4 @@
-//! Plugins to load: those in Rust as Cargo built them, those in C built by `cc` here.
+//! Plugins to load: the ones in Rust from Cargo, the ones in C built by `cc` here.
 //!
 //! The Rust ones are members of the workspace and lie beside the program, `target/release/libhemicube_backend_NAME.so`;
 //! `./test`, or `cargo build --release --workspace`, builds them.
@@ -36,7 +36,7 @@ pub fn c(source: &str, folder: &Path, name: &str, macros: &[&str]) -> PathBuf {
     c_with(source, folder, name, macros, &[])
 }
 
-/// The same, linked with something else.
+/// Likewise, linked with something else.
 ///
 /// # Panics
 /// As [`c`].
@@ -76,7 +76,7 @@ pub fn c_minimal() -> (TempDir, PathBuf) {
     (place, path)
 }
 
-/// A session of the plugin in that file.
+/// A session of the plugin in a file.
 ///
 /// # Panics
 /// When it does not open.
@@ -84,10 +84,10 @@ pub fn session(path: &Path, options: &[&str]) -> LoadedBackend {
     try_session(path, options).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// The same, or why not.
+/// Likewise, or the reason why not.
 ///
 /// # Errors
-/// What the host says.
+/// The host's reason.
 ///
 /// # Panics
 /// When the options are not of the right form.
@@ -97,10 +97,10 @@ pub fn try_session(path: &Path, options: &[&str]) -> Result<LoadedBackend, hemic
     registry.open(path.to_str().expect("a path in UTF-8"), &options)
 }
 
-/// The library in that file.
+/// The library in a file.
 ///
 /// # Errors
-/// What the host finds wrong with it.
+/// The host's reason.
 pub fn library(path: &Path) -> Result<Arc<Library>, hemicube_host::LoadError> {
     Library::load(path).map(Arc::new)
 }

@@ -1,4 +1,4 @@
-//! What a tolerance promises of factors, and whether it is kept.
+//! The promise of a tolerance for single form factors, and whether it is kept.
 
 use crate::cases::Pair;
 use crate::geometry::{irrational_rotation, moved, scene_with_sides};
@@ -10,10 +10,10 @@ use hemicube_scene::{InputPatch, Scene, Subdivision};
 
 type Triangle = [DVec3; 3];
 
-/// Where a scene is moved to, in words and for a point.
+/// A move of the scene, in words and for a point.
 pub type Motion = (&'static str, fn(DVec3) -> DVec3);
 
-/// Patches as they are.
+/// Patches unchanged.
 pub const WHOLE: Subdivision = Subdivision::None;
 
 /// Factors between groups of triangles, area-weighted: `[from][to]`.
@@ -34,12 +34,12 @@ pub fn between_groups(model: &Model, factors: &Factors, group_of_triangle: &[usi
     found
 }
 
-/// What a tolerance promises of one factor.
+/// The bounds that a tolerance promises for one form factor.
 pub fn bound(exact: f64, tolerance: f64) -> f64 {
     tolerance * if exact < 1e-2 { 1e-2 } else { exact }
 }
 
-/// Cases held against their bounds. All are tried before any fails, so that a failure shows the whole pattern.
+/// Cases with their bounds. All are tried before any fails, so that a failure shows the whole pattern.
 #[derive(Debug, Default)]
 pub struct Tally {
     tried: usize,
@@ -77,7 +77,7 @@ impl Tally {
     }
 }
 
-/// As the scene is.
+/// The scene unchanged.
 pub const AS_IT_IS: Motion = ("as it is", |p| p);
 /// A million of its sizes away.
 pub const FAR_AWAY: Motion = ("a million sizes away", |p| p + DVec3::new(1.2e6, -2.7e6, 1.9e6));
@@ -94,7 +94,7 @@ pub fn matrix(model: &Model, rung: Rung) -> Factors {
     factors(model, rung).expect("a backend that keeps its contract")
 }
 
-/// The scene of a pair and each triangle's group: 0 of the emitter, 1 of the receiver, 2 of what is between them.
+/// The scene of a pair and each triangle's group: 0 of the emitter, 1 of the receiver, 2 between them.
 pub fn pair_scene(pair: &Pair) -> (Scene, Vec<usize>) {
     let triangles = pair.triangles();
     let groups = triangles
@@ -117,7 +117,7 @@ pub fn both_ways(pair: &Pair, motion: Motion, cut: Subdivision, rung: impl Fn(&M
     [found[0][1], found[1][0]]
 }
 
-/// Holds both factors of each pair, in each way, against what the tolerance promises.
+/// Checks both form factors of each pair, in each way, against the promise.
 ///
 /// # Panics
 /// When one is not kept.

@@ -1,5 +1,5 @@
-//! Form factors between rectangles with plates between them, by quadrature from which every jump and kink is cut out:
-//! what random pairs are held against, and independent of all that `hemicube` computes with.
+//! Form factors between rectangles with plates between them, by quadrature with every jump and kink cut out: the
+//! reference for random pairs, independent of all code of `hemicube`.
 //!
 //! At a point of the emitter the factor is exact: from the receiver the shadow of each plate is cut away, which from
 //! there is the part of a cone that lies beyond the plate, and what is left is summed by its outline
@@ -13,7 +13,7 @@ use glam::DVec3;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// The points where n · x = d.
+/// The points with n · x = d.
 #[derive(Clone, Copy, Debug)]
 struct Plane {
     normal: DVec3,
@@ -21,7 +21,7 @@ struct Plane {
 }
 
 impl Plane {
-    /// Through three points; none where they lie in a line.
+    /// Through three points; none for points in a line.
     fn through(a: DVec3, b: DVec3, c: DVec3) -> Option<Self> {
         let cross = (b - a).cross(c - a);
         let scale = (b - a).length() * (c - a).length();
@@ -34,7 +34,7 @@ impl Plane {
         })
     }
 
-    /// Of a polygon, the side from which its corners are counter-clockwise above.
+    /// The upper side of a polygon: its corners run counter-clockwise there.
     fn of(polygon: &[DVec3]) -> Self {
         let cross = |k: usize| (polygon[k] - polygon[0]).cross(polygon[(k + 1) % polygon.len()] - polygon[0]);
         let normal = (0..polygon.len()).map(cross).sum::<DVec3>().normalize();
@@ -76,7 +76,7 @@ fn cut(polygon: &[DVec3], plane: Plane) -> [Vec<DVec3>; 2] {
     parts.map(|part| if part.len() < 3 { Vec::new() } else { part })
 }
 
-/// The half-spaces that together are what a plate hides from a point off its plane.
+/// The half-spaces hidden by a plate from a point off its plane, together.
 fn shadow(point: DVec3, plate: &[DVec3]) -> Vec<Plane> {
     let middle = plate.iter().sum::<DVec3>() / plate.len() as f64;
     let towards = |plane: Plane| {
@@ -97,12 +97,12 @@ fn shadow(point: DVec3, plate: &[DVec3]) -> Vec<Plane> {
     shadow
 }
 
-/// An emitter, a receiver that faces it and plates that are opaque from either side; all planar and convex.
+/// An emitter, a receiver facing it and opaque plates; all planar and convex.
 #[derive(Debug)]
 pub struct Obstructed<'a> {
-    /// Corners, counter-clockwise as seen from where it emits to.
+    /// Corners, counter-clockwise seen from the emitting side.
     pub emitter: &'a [DVec3],
-    /// Corners, counter-clockwise as seen from where it receives from.
+    /// Corners, counter-clockwise seen from the receiving side.
     pub receiver: &'a [DVec3],
     /// Corners of each plate.
     pub plates: &'a [Vec<DVec3>],
@@ -142,7 +142,7 @@ impl Obstructed<'_> {
         let (emitter, receiver) = (Plane::of(self.emitter), Plane::of(self.receiver));
         let mut shapes = vec![cut(self.receiver, emitter)[0].clone()];
         shapes.extend(self.plates.iter().cloned());
-        // Where a plate meets the receiver, its shadow begins.
+        // A plate's shadow begins at its line through the receiver.
         for plate in self.plates {
             let contact = cut(plate, receiver)[0].clone();
             if contact.len() >= 3 {
@@ -164,13 +164,13 @@ impl Obstructed<'_> {
                 }
             }
         }
-        // What stands on the emitter has edges and corners in its plane.
+        // Shapes standing on the emitter have edges and corners in its plane.
         planes.retain(|plane| plane.normal.cross(emitter.normal).length() > 1e-9);
         planes
     }
 
-    /// The form factor from emitter to receiver, and how far it may be off: at most `accuracy` of itself, or of a
-    /// hundredth where it is less than that.
+    /// The form factor from emitter to receiver, and its error bound: at most `accuracy` of itself, or of a hundredth
+    /// if it is less than that.
     ///
     /// # Panics
     /// When half a million triangles are not enough.
@@ -204,8 +204,8 @@ impl Obstructed<'_> {
     }
 }
 
-/// A triangle of the emitter with the integral of the points' factors over it, and by how much that changed when it was
-/// cut into four.
+/// A triangle of the emitter with the integral of the points' form factors over it, and the change of that by cutting
+/// it into four.
 #[derive(Debug)]
 struct Part {
     corners: [DVec3; 3],

@@ -1,4 +1,4 @@
-//! Random numbers that are the same on every machine.
+//! Random numbers, the same on every machine.
 
 /// SplitMix64 (Steele, Lea & Flood 2014), from its state.
 #[derive(Clone, Debug)]
@@ -14,7 +14,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// A number below `bound`, which is at least 1.
+    /// A number below `bound`, at least 1.
     ///
     /// # Panics
     /// Never: the remainder fits.

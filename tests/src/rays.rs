@@ -1,5 +1,5 @@
-//! What a hemicube's pixels see by rays alone: f64, one ray through each pixel's centre, nothing shared with any
-//! backend but the layout of the atlas. Slow and plain on purpose.
+//! The view of a hemicube's pixels by rays alone: f64, one ray through each pixel's centre, sharing with backends only
+//! the layout of the atlas. Slow and plain on purpose.
 //!
 //! Ray and triangle: Möller & Trumbore 1997. The hierarchy halves the longest side of the centroids' box at the median;
 //! its boxes are widened, so that it can only ever cost time.
@@ -10,7 +10,7 @@ use hemicube::face::{Face, Items, pixel_count};
 use hemicube_scene::InputPatch;
 
 const LEAF: usize = 4;
-/// Margin by which boxes are widened, in normalised units: far above rounding.
+/// Margin of widened boxes, in normalised units: far above rounding.
 const WIDEN: f64 = 1e-9;
 
 /// Triangles with a hierarchy over them.
@@ -25,12 +25,12 @@ pub struct RayScene {
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// Of a leaf: the range of its surfaces. Otherwise the first of its two children, and 0.
+    /// The range of a leaf's surfaces. Otherwise the first of two children, and 0.
     first: usize,
     count: usize,
 }
 
-/// Where a ray met a surface.
+/// A ray's hit on a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// The patch, or [`Items::BLOCKED`].
@@ -40,7 +40,7 @@ pub struct Hit {
 }
 
 impl RayScene {
-    /// Prepares the surfaces that a backend is given.
+    /// Prepares the surfaces given to a backend.
     pub fn new(geometry: &Geometry) -> Self {
         let mut scene = Self {
             surfaces: geometry.surfaces.clone(),
@@ -98,7 +98,7 @@ impl RayScene {
         self.build(child + 1, start + middle, end);
     }
 
-    /// Calls `each` with every hit of a ray of a hemicube that is not farther than what `each` last returned.
+    /// Calls `each` with every hit of a hemicube's ray up to the distance last returned by `each`.
     fn hits(&self, hemicube: &Hemicube, direction: DVec3, mut each: impl FnMut(Hit) -> f64) {
         let origin = hemicube.origin;
         let normal = hemicube.axes[2];
@@ -121,7 +121,7 @@ impl RayScene {
             }
             for surface in &self.surfaces[node.first..node.first + node.count] {
                 let own = |patch: InputPatch| hemicube.emitter == Some(patch);
-                // The emitter's own plane is its horizon: nothing that lies in it is seen.
+                // The emitter's own plane is its horizon: nothing in it is seen.
                 let flat = surface
                     .corners
                     .iter()
@@ -155,7 +155,7 @@ impl RayScene {
         }
     }
 
-    /// What a ray of a hemicube meets first; of surfaces at the same distance the smallest id.
+    /// The first hit of a hemicube's ray; of surfaces at the same distance the smallest id.
     pub fn cast(&self, hemicube: &Hemicube, direction: DVec3) -> Option<Hit> {
         let mut best: Option<Hit> = None;
         self.hits(hemicube, direction, |hit| {
@@ -213,9 +213,9 @@ pub struct Agreement {
     pub pixels: usize,
     /// Pixels that differ on a silhouette: in neither buffer do the pixel and its eight neighbours show one thing.
     pub silhouette: usize,
-    /// Pixels that differ elsewhere, where both things are at the same depth to the precision of an f32.
+    /// Pixels that differ elsewhere, with both things at one depth to the precision of an f32.
     pub tied: usize,
-    /// Pixels that differ for no such reason.
+    /// Pixels that differ without such a reason.
     pub wrong: usize,
 }
 
@@ -228,10 +228,10 @@ impl std::ops::AddAssign for Agreement {
     }
 }
 
-/// Relative difference of depths that an f32 may not tell apart: some units in its last place.
+/// Relative difference of depths lost in an f32: some units in its last place.
 const DEPTH_TOLERANCE: f64 = 4e-6;
 
-/// Compares a backend's item buffer with what rays see.
+/// Compares a backend's item buffer with rays.
 pub fn compare(scene: &RayScene, hemicube: &Hemicube, backend: &Items, rays: &Items) -> Agreement {
     let resolution = backend.resolution;
     assert_eq!(resolution, rays.resolution, "buffers of different resolutions");

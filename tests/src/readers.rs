@@ -1,15 +1,15 @@
-//! Programs of others that open what we write.
+//! Other programs that open our files.
 
 use crate::scenes::skip;
 use serde_json::Value;
 use std::ffi::{OsStr, OsString};
 use std::process::Command;
 
-/// A Python that can import `modules`, or a skip: `HEMICUBE_PYTHON`, otherwise `python3`. `HEMICUBE_REQUIRE_PYTHON=1`
-/// makes a failure of it.
+/// A Python with `modules`, or a skip: `HEMICUBE_PYTHON`, otherwise `python3`. `HEMICUBE_REQUIRE_PYTHON=1` makes a
+/// failure of it.
 ///
 /// # Panics
-/// When the Python that is named cannot be run, or lacks SciPy: who names one means it.
+/// When the named Python cannot be run, or lacks SciPy: naming one means it.
 pub fn python(test: &str, modules: &[&str]) -> Option<OsString> {
     let named = std::env::var_os("HEMICUBE_PYTHON").filter(|program| !program.is_empty());
     let program = named.clone().unwrap_or_else(|| "python3".into());
@@ -35,7 +35,7 @@ pub fn python(test: &str, modules: &[&str]) -> Option<OsString> {
     None
 }
 
-/// Runs a program that prints JSON.
+/// Runs a program and parses its JSON.
 ///
 /// # Panics
 /// When it cannot be run, fails, or prints something else.
@@ -50,8 +50,8 @@ pub fn json_of(command: &mut Command) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{command:?}: {error}"))
 }
 
-/// Node with a package: `HEMICUBE_NODE_MODULES` is the folder that npm installed it in. A skip without it, and a
-/// failure with `HEMICUBE_REQUIRE_NODE=1`.
+/// Node with a package: `HEMICUBE_NODE_MODULES` is npm's folder of it. A skip without it, and a failure with
+/// `HEMICUBE_REQUIRE_NODE=1`.
 pub fn node(test: &str, package: &str) -> Option<Command> {
     let modules = std::env::var_os("HEMICUBE_NODE_MODULES").filter(|folder| !folder.is_empty());
     let mut command = Command::new("node");

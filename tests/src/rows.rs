@@ -28,7 +28,7 @@ pub fn spread(model: &Model, count: usize) -> Vec<InputPatch> {
     (0..count).map(|k| order[k * order.len() / count]).collect()
 }
 
-/// The hemicubes at the centroids of patches, as the driver makes them; none for a patch without area.
+/// The hemicubes at the centroids of patches, like the driver's; none for a patch without area.
 pub fn hemicubes(model: &Model, patches: &[InputPatch]) -> Vec<Hemicube> {
     patches
         .iter()
@@ -45,8 +45,8 @@ pub fn rolled(mut hemicube: Hemicube, angle: f64) -> Hemicube {
     hemicube
 }
 
-/// A session of the backend that `HEMICUBE_TEST_BACKEND` names, of the built-in one where it is not set: what is tested
-/// of form factors must hold over every backend.
+/// A session of the backend named by `HEMICUBE_TEST_BACKEND`, or of the built-in one: tests of form factors must hold
+/// over every backend.
 ///
 /// # Panics
 /// When it does not open.
@@ -59,7 +59,7 @@ pub fn backend() -> Box<dyn HemicubeBackend> {
     }
 }
 
-/// Rows of `hemicubes` by a new session, checked as the driver checks them.
+/// Rows of `hemicubes` by a new session, checked like the driver's.
 ///
 /// # Panics
 /// When the backend refuses, or a row breaks the contract.
@@ -90,10 +90,10 @@ pub fn plan(model: &Model) -> Plan {
     Plan::new(model, RowChoice::All, Selection::default(), 1, true)
 }
 
-/// The parts of `plan` and what was done for them.
+/// The parts of `plan`, and the driver's summary.
 ///
 /// # Errors
-/// What the driver says.
+/// The driver's error.
 pub fn parts(
     model: &Model,
     plan: &Plan,
@@ -106,10 +106,10 @@ pub fn parts(
     Ok((sink, summary))
 }
 
-/// A correction with the resolution that it is computed at.
+/// A correction and its resolution.
 #[derive(Clone, Copy, Debug)]
 pub struct Rung {
-    /// How weights become form factors.
+    /// The correction of weights to form factors.
     pub correction: Correction,
     /// Pixels along an edge of the hemicube.
     pub resolution: u32,
@@ -138,7 +138,7 @@ impl Rung {
         }
     }
 
-    /// What a tolerance stands for where nothing is known of the scene.
+    /// A tolerance without calibration, for any scene.
     pub fn tolerance(tolerance: f64) -> Self {
         Self {
             correction: Correction::Tolerance(Refinement::for_tolerance(tolerance)),
@@ -146,7 +146,7 @@ impl Rung {
         }
     }
 
-    /// What is settled for a tolerance from a sample of the scene's rows.
+    /// The calibration of a tolerance from a sample of the scene's rows.
     ///
     /// # Panics
     /// When the backend fails.
@@ -159,7 +159,7 @@ impl Rung {
     }
 }
 
-/// What a tolerance settles on for all rows of a scene, over a backend.
+/// The calibrated level of a tolerance for all rows of a scene, over a backend.
 ///
 /// # Errors
 /// As [`calibrate`].
@@ -172,16 +172,16 @@ pub fn settled(model: &Model, tolerance: f64, backend: &mut dyn HemicubeBackend)
 /// A whole matrix in memory, by input patches.
 #[derive(Debug)]
 pub struct Factors {
-    /// Of each patch: (patch, F), ascending; none where no row was computed.
+    /// (patch, F) of each patch, ascending; none if no row was computed.
     pub rows: Vec<Vec<(u32, f64)>>,
-    /// Of each patch, the share of its hemicubes' weight that met nothing.
+    /// Escaped share of each patch's hemicubes.
     pub escaped: Vec<f64>,
-    /// Of each patch, the share that met the back of a one-sided patch.
+    /// Blocked share of each patch's hemicubes.
     pub blocked: Vec<f64>,
 }
 
 impl Factors {
-    /// F, 0 where there is no entry.
+    /// F, 0 without an entry.
     pub fn get(&self, from: InputPatch, to: InputPatch) -> f64 {
         let row = &self.rows[from.0 as usize];
         row.binary_search_by_key(&to.0, |e| e.0).map_or(0.0, |at| row[at].1)
@@ -192,7 +192,7 @@ impl Factors {
         self.rows[from.0 as usize].iter().map(|e| e.1).sum()
     }
 
-    /// Σ F over the patches for which `wanted` holds.
+    /// Σ F over the patches with `wanted`.
     pub fn sum_to(&self, from: InputPatch, wanted: impl Fn(InputPatch) -> bool) -> f64 {
         let row = self.rows[from.0 as usize].iter();
         row.filter(|e| wanted(InputPatch(e.0))).map(|e| e.1).sum()
@@ -202,7 +202,7 @@ impl Factors {
 /// The matrix of all rows, one hemicube each.
 ///
 /// # Errors
-/// What the driver says.
+/// The driver's error.
 pub fn factors(model: &Model, rung: Rung) -> Result<Factors, ComputeError> {
     factors_with(model, rung, backend())
 }
@@ -210,7 +210,7 @@ pub fn factors(model: &Model, rung: Rung) -> Result<Factors, ComputeError> {
 /// The matrix of all rows by a given backend.
 ///
 /// # Errors
-/// What the driver says.
+/// The driver's error.
 pub fn factors_with(model: &Model, rung: Rung, backend: Box<dyn HemicubeBackend>) -> Result<Factors, ComputeError> {
     let plan = plan(model).with_correction(rung.correction);
     let (parts, _) = parts(model, &plan, settings(rung.resolution), backend, Execution::default())?;
@@ -233,11 +233,11 @@ pub fn factors_with(model: &Model, rung: Rung, backend: Box<dyn HemicubeBackend>
     Ok(factors)
 }
 
-/// Whether the counters show that much of the scene was never touched: nodes found hidden, and no more than `share` of
-/// the surfaces transformed. Returns the share that was.
+/// Checks that the counters show untouched parts of the scene: nodes found hidden, and no more than `share` of the
+/// surfaces transformed. Returns the transformed share.
 ///
 /// # Errors
-/// What shows that nothing, or too little, was culled.
+/// A sign that nothing, or too little, was culled.
 pub fn culled(counters: &Counters, surfaces: usize, share: f64) -> Result<f64, String> {
     let brute = counters.hemicubes as f64 * surfaces as f64;
     let transformed = counters.triangles_transformed as f64 / brute;

@@ -7,10 +7,10 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// A run that takes longer hangs.
+/// A run longer than this hangs.
 pub const TIME_LIMIT: Duration = Duration::from_secs(300);
 
-/// What a run came to.
+/// The outcome of a run.
 #[derive(Clone, Debug)]
 pub struct Ran {
     /// The exit code; `None` when a signal ended it.
@@ -54,7 +54,7 @@ impl Ran {
         self
     }
 
-    /// Standard output as JSON.
+    /// Standard output, parsed as JSON.
     ///
     /// # Panics
     /// When it is none.
@@ -106,23 +106,23 @@ impl Place {
 
     /// A run of the program, not started yet, of a line of words without blanks in them.
     pub fn command(&self, line: &str) -> Command {
-        let mut command = Command::new(program());
+        let mut command = command_in(&program(), self.directory.path());
         command
             .args(line.split_whitespace())
-            .current_dir(self.directory.path())
-            .env("HOME", self.path("home"))
-            .env_remove("XDG_CONFIG_HOME")
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
-        // What a scheduler that runs these tests says is not meant for them.
-        let foreign = ["HEMICUBE_", "SLURM_", "OMPI_", "PMI_", "JOB_COMPLETION_"];
-        for (name, _) in std::env::vars_os() {
-            if foreign.iter().any(|prefix| name.to_string_lossy().starts_with(prefix)) {
-                command.env_remove(name);
-            }
-        }
         command
+    }
+
+    /// Writes a file into it, below folders made for it.
+    ///
+    /// # Panics
+    /// When it cannot be written.
+    pub fn write(&self, name: impl AsRef<Path>, text: impl AsRef<[u8]>) {
+        let path = self.path(name);
+        std::fs::create_dir_all(path.parent().expect("a parent")).expect("a directory");
+        std::fs::write(path, text).expect("a file");
     }
 
     /// Runs it to the end.
@@ -142,6 +142,24 @@ impl Place {
     pub fn spawn(&self, mut command: Command) -> Child {
         command.spawn().expect("the program starts")
     }
+}
+
+/// A run of a program in a folder, without settings of the user or the environment; it has no arguments yet.
+pub fn command_in(program: &Path, folder: &Path) -> Command {
+    let mut command = Command::new(program);
+    command
+        .current_dir(folder)
+        .env("HOME", folder.join("home"))
+        .env_remove("XDG_CONFIG_HOME")
+        .env_remove("XDG_DATA_HOME");
+    // Variables of a scheduler running these tests are not meant for them.
+    let foreign = ["HEMICUBE_", "SLURM_", "OMPI_", "PMI_", "JOB_COMPLETION_"];
+    for (name, _) in std::env::vars_os() {
+        if foreign.iter().any(|prefix| name.to_string_lossy().starts_with(prefix)) {
+            command.env_remove(name);
+        }
+    }
+    command
 }
 
 /// Waits for a run.

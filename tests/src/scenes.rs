@@ -1,5 +1,4 @@
-//! The program and real scenes: where they are, how a compressed one is opened, and when a test that lacks them may
-//! skip.
+//! The program and real scenes: their places, unpacking, and the conditions for skipping a test.
 
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{self, Kind};
@@ -26,7 +25,7 @@ pub fn say(line: &str) {
     let _ = std::io::stderr().write_all(format!("{line}\n").as_bytes());
 }
 
-/// The program: the one that Cargo names, or the one beside the running test.
+/// The program: the one named by Cargo, or the one beside the running test.
 ///
 /// # Panics
 /// When it was not built with the test's profile and target directory.
@@ -43,8 +42,7 @@ pub fn program() -> PathBuf {
     path
 }
 
-/// The folder that Cargo builds programs and plugins into: target/PROFILE, as the running test is in
-/// target/PROFILE/deps.
+/// The folder of Cargo's programs and plugins: target/PROFILE, above the running test's target/PROFILE/deps.
 ///
 /// # Panics
 /// When the test is somewhere else.
@@ -76,10 +74,10 @@ pub fn scenes_or_skip(test: &str) -> Option<PathBuf> {
     found
 }
 
-/// A scene of the folder by its path in the manifest, which for a compressed file is the unpacked one's.
+/// A scene of the folder by its path in the manifest; a compressed file by its unpacked path.
 ///
 /// # Errors
-/// What the reader says.
+/// The reader's error.
 ///
 /// # Panics
 /// When the file is only there compressed, and `zstd` cannot be run or refuses it.
@@ -117,7 +115,7 @@ pub fn unpack(packed: &Path) -> Vec<u8> {
     output.stdout
 }
 
-/// A scene repaired as the program repairs it, cut into patches and made ready for hemicubes.
+/// A scene repaired like the program does, cut into patches and made ready for hemicubes.
 ///
 /// # Panics
 /// When nothing of it is left, or there is too much of it.
@@ -151,8 +149,7 @@ pub fn generated(kind: hemicube_scene::generate::Kind, target_patches: u64) -> M
     )
 }
 
-/// Scenes of triangles that were cut into patches, which engines `depth` and `claims` of the CPU backend draw as they
-/// were before.
+/// Scenes of cut triangles, drawn uncut by the CPU backend's engines `depth` and `claims`.
 ///
 /// # Panics
 /// When one cannot be generated.

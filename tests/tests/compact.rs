@@ -6,33 +6,20 @@
 use assert_cmd::Command;
 use hemicube::store::{Form, Store};
 use hemicube_scene::InputPatch;
+use hemicube_tests::runs::{TIME_LIMIT, command_in, files};
 use hemicube_tests::scenes::program;
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 use std::process::Output;
-use std::time::Duration;
 use tempfile::TempDir;
-
-/// A run that takes longer hangs.
-const TIME_LIMIT: Duration = Duration::from_secs(300);
 
 /// Runs a line of words in a directory, without settings of the user or the environment.
 #[track_caller]
 fn run(place: &TempDir, line: &str, code: i32) -> Output {
-    let mut command = Command::new(program());
-    command
-        .current_dir(place.path())
-        .env("HOME", place.path().join("home"))
-        .env_remove("XDG_CONFIG_HOME")
-        .timeout(TIME_LIMIT);
-    for (name, _) in std::env::vars_os() {
-        if name.to_string_lossy().starts_with("HEMICUBE_") {
-            command.env_remove(name);
-        }
-    }
-    let output = command
-        .args(line.split_whitespace())
+    let mut command = command_in(&program(), place.path());
+    command.args(line.split_whitespace());
+    let output = Command::from_std(command)
+        .timeout(TIME_LIMIT)
         .output()
         .expect("the program runs");
     assert_eq!(
@@ -59,20 +46,6 @@ fn city() -> TempDir {
     let place = tempfile::tempdir().expect("a temporary directory");
     run(&place, "generate block-city --patches 1500 -o city.obj", 0);
     place
-}
-
-fn files(directory: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut found = BTreeMap::new();
-    for entry in std::fs::read_dir(directory).expect("a directory") {
-        let path = entry.expect("an entry").path();
-        if path.is_dir() {
-            found.extend(files(&path));
-        } else {
-            let bytes = std::fs::read(&path).expect("a file");
-            found.insert(path, bytes);
-        }
-    }
-    found
 }
 
 /// A store's files under names that do not depend on where it is.

@@ -8,10 +8,12 @@ use hemicube::InputPatch;
 use hemicube::sky::read_sky_view_factors;
 use hemicube::solve::StoredSolution;
 use hemicube::store::Store;
-use hemicube_export::{Error, PatchFormat, PatchResults, WriteOptions, write_parquet, write_patches};
+use hemicube_export::{
+    Error, ExportFormat, ExportOptions, PatchFormat, PatchResults, WriteOptions, export, write_patches,
+};
 use hemicube_tests::readers::{json_of, node, python};
 use hemicube_tests::runs::Place;
-use hemicube_tests::scenes::skip;
+use hemicube_tests::scenes::{skip, workspace};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -370,6 +372,28 @@ fn two_exports_have_the_same_bytes() {
     }
 }
 
+/// The book's page of formats has every extension of the tables.
+#[test]
+fn the_book_lists_every_format() {
+    let page = std::fs::read_to_string(workspace().join("docs/formats.md")).expect("the page");
+    let scenes = hemicube_scene::Format::ALL
+        .iter()
+        .flat_map(|format| format.extensions());
+    let matrices = ExportFormat::ALL.iter().flat_map(|format| format.extensions());
+    let patches = PatchFormat::ALL.iter().flat_map(|format| format.extensions());
+    let missing = |page: &str| {
+        let all = scenes.clone().chain(matrices.clone()).chain(patches.clone());
+        all.filter(|extension| !page.contains(&format!("`.{extension}")))
+            .count()
+    };
+    assert_eq!(missing(&page), 0, "docs/formats.md lacks formats");
+    assert_eq!(
+        missing(&page.replace("`.vtu`", "")),
+        1,
+        "a missing format was not noticed"
+    );
+}
+
 #[test]
 fn a_cancelled_file_leaves_nothing() {
     let place = yard();
@@ -385,12 +409,21 @@ fn a_cancelled_file_leaves_nothing() {
         };
         let csv = place.path("out/p.csv");
         let written = write_patches(&results, &csv, PatchFormat::Csv, options);
-        let matrix = write_parquet(&store, &place.path("out/F.parquet"), false, options);
-        for written in [written, matrix] {
+        let mut all = vec![written];
+        for format in ExportFormat::ALL {
+            let path = place.path("out/F").with_extension(format.extensions()[0]);
+            let options = ExportOptions {
+                cancel: Some(&cancel),
+                ..ExportOptions::default()
+            };
+            all.push(export(&store, &path, *format, options).map(|report| report.bytes));
+        }
+        let count = all.len();
+        for written in all {
             assert_eq!(matches!(written, Err(Error::Interrupted { .. })), cancelled);
             assert_eq!(written.is_ok(), !cancelled);
         }
-        assert_eq!(left(), if cancelled { 0 } else { 2 });
+        assert_eq!(left(), if cancelled { 0 } else { count });
     }
     // Formats of places and colours are refused before there is a file.
     let cancel = AtomicBool::new(false);
@@ -400,7 +433,7 @@ fn a_cancelled_file_leaves_nothing() {
     };
     let path = place.path("out/p.glb");
     let refused = write_patches(&results, &path, PatchFormat::Glb, options);
-    assert!(matches!(refused, Err(Error::Missing { .. })) && left() == 2);
+    assert!(matches!(refused, Err(Error::Missing { .. })) && !path.exists());
 }
 
 #[test]

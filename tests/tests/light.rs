@@ -7,37 +7,29 @@ use hemicube::InputPatch;
 use hemicube::solve::{ArrayFile, STEFAN_BOLTZMANN, StoredSolution};
 use hemicube::store::Store;
 use hemicube_scene::{Patches, ReadOptions, Subdivision};
-use hemicube_tests::scenes::{program, scenes_or_skip, workspace};
+use hemicube_tests::runs::{self, Ran};
+use hemicube_tests::scenes::{scenes_or_skip, workspace};
 use serde_json::Value;
 use std::path::PathBuf;
-use std::process::Command;
-use tempfile::TempDir;
 
-struct Place(TempDir);
+struct Place(runs::Place);
 
 impl Place {
     fn new() -> Self {
-        Self(tempfile::tempdir().expect("a temporary directory"))
+        Self(runs::Place::new())
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
+        self.0.path(name)
     }
 
     fn write(&self, name: &str, text: &str) {
-        std::fs::write(self.path(name), text).expect("a file");
+        self.0.write(name, text);
     }
 
     fn ran(&self, line: &str) -> (Option<i32>, String, String) {
-        let output = Command::new(program())
-            .current_dir(self.0.path())
-            .env("HOME", self.0.path())
-            .env_remove("XDG_CONFIG_HOME")
-            .args(line.split_whitespace())
-            .output()
-            .expect("the program runs");
-        let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
-        (output.status.code(), text(output.stdout), text(output.stderr))
+        let Ran { code, out, err } = self.0.line(line);
+        (code, out, err)
     }
 
     #[track_caller]
@@ -53,7 +45,6 @@ impl Place {
         let (code, out, err) = self.ran(line);
         assert_eq!(code, Some(2), "{line}: {err}");
         assert_eq!(out, "");
-        assert!(!err.contains("panicked"), "{err}");
         for word in words {
             assert!(err.contains(word), "`{word}` is not in: {err}");
         }

@@ -14,6 +14,7 @@ use hemicube_scene::generate::Kind;
 use hemicube_tests::devices::unoccluded;
 use hemicube_tests::plugins::{c, c_minimal, rust, session};
 use hemicube_tests::rows::{hemicubes, render_with, settings, spread};
+use hemicube_tests::runs::command_in;
 use hemicube_tests::scenes::{generated, model, program, say, workspace};
 use std::path::Path;
 use std::process::{Command, Output};
@@ -306,18 +307,8 @@ fn what_a_plugin_does_not_count_the_host_counts() {
 
 /// The program, without settings of the user or the environment, in a folder.
 fn run(folder: &Path, program: &Path, line: &str) -> Output {
-    let mut command = Command::new(program);
-    for (name, _) in std::env::vars_os() {
-        if name.to_string_lossy().starts_with("HEMICUBE_") {
-            command.env_remove(name);
-        }
-    }
-    command
-        .current_dir(folder)
+    command_in(program, folder)
         .env("HOME", folder)
-        .env_remove("XDG_CONFIG_HOME")
-        .env_remove("XDG_DATA_HOME");
-    command
         .args(line.split_whitespace())
         .output()
         .expect("the program runs")

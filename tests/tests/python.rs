@@ -5,9 +5,9 @@
 
 use hemicube::Model;
 use hemicube::driver::compute::Execution;
-use hemicube::export::{ExportFormat, ExportOptions, export};
 use hemicube::store::{BackendEntry, Form, Header, Part, PatchTable, SceneEntry, Store, StoreWriter, scene_hash};
 use hemicube_backend_cpu::CpuBackend;
+use hemicube_export::{ExportFormat, ExportOptions, export};
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::cornell_box;
 use hemicube_tests::readers::python;

@@ -11,7 +11,7 @@ use hemicube::backend::WHOLE;
 use hemicube_scene::{InputPatch, Subdivision};
 use hemicube_tests::cases::{self, cases, number};
 use hemicube_tests::geometry::{
-    box_inside, even, grid, parallel_rectangles, perpendicular_rectangles, point_to_polygon, quad, scene_of,
+    box_inside, circle, even, grid, parallel_rectangles, perpendicular_rectangles, point_to_polygon, quad, scene_of,
     scene_with_sides, slope, sphere,
 };
 use hemicube_tests::rows::{hemicubes, render, settings};
@@ -344,15 +344,6 @@ fn disc(rim: &[DVec3], rings: u32) -> Vec<Triangle> {
         }
     }
     triangles
-}
-
-fn circle(count: u32, radius: f64, z: f64) -> Vec<DVec3> {
-    (0..count)
-        .map(|k| {
-            let (sine, cosine) = (std::f64::consts::TAU * f64::from(k) / f64::from(count)).sin_cos();
-            DVec3::new(radius * cosine, radius * sine, z)
-        })
-        .collect()
 }
 
 fn reversed(triangles: Vec<Triangle>) -> Vec<Triangle> {

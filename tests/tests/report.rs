@@ -12,17 +12,14 @@
 use hemicube::InputPatch;
 use hemicube::store::Store;
 use hemicube_tests::browser::Browser;
+use hemicube_tests::runs::command_in;
 use hemicube_tests::scenes::{program, workspace};
 use serde_json::Value;
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 fn ran(folder: &Path, line: &str) -> (Option<i32>, String) {
-    let output = Command::new(program())
-        .current_dir(folder)
-        .env("HOME", folder)
-        .env_remove("XDG_CONFIG_HOME")
+    let output = command_in(&program(), folder)
         .args(line.split_whitespace())
         .output()
         .expect("the program runs");

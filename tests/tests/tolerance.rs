@@ -18,7 +18,8 @@ use hemicube_scene::{InputPatch, Scene, Subdivision};
 use hemicube_tests::cases::{Pair, case, cases, expected, number, pairs};
 use hemicube_tests::extremes::{room_with_a_block, tower_through_the_ground, walls_through_the_ground};
 use hemicube_tests::geometry::{
-    between_polygons, box_inside, even, grid, moved, parallel_rectangles_apart, polygon_area, quad, scene_of, sphere,
+    between_polygons, box_inside, circle, even, grid, moved, parallel_rectangles_apart, polygon_area, quad, scene_of,
+    sphere,
 };
 use hemicube_tests::promise::{
     AS_IT_IS, FAR_AWAY, Motion, ROTATED, SCALED, Tally, WHOLE, between_groups, both_ways, bound, hold_pairs, matrix,
@@ -224,15 +225,6 @@ fn enclosures_with_flat_faces() {
         }
     }
     tally.finish("enclosures with flat faces");
-}
-
-fn circle(count: u32, radius: f64, z: f64) -> Vec<DVec3> {
-    (0..count)
-        .map(|k| {
-            let (sine, cosine) = (std::f64::consts::TAU * f64::from(k) / f64::from(count)).sin_cos();
-            DVec3::new(radius * cosine, radius * sine, z)
-        })
-        .collect()
 }
 
 /// A fan round the middle of a rim; counter-clockwise for a normal of +z, or the other way round.

@@ -2,19 +2,18 @@
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 
-use hemicube_tests::scenes::program;
+use hemicube_tests::runs;
 use serde_json::Value;
 use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 use std::time::Duration;
-use tempfile::TempDir;
 
 /// A directory of its own to run in, without settings of the user or the environment.
-struct Place(TempDir);
+struct Place(runs::Place);
 
 impl Place {
     fn new() -> Self {
-        Self(tempfile::tempdir().expect("a temporary directory"))
+        Self(runs::Place::new())
     }
 
     /// One with a generated scene, `scene.obj`.
@@ -25,26 +24,15 @@ impl Place {
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
+        self.0.path(name)
     }
 
     fn write(&self, name: &str, text: &str) {
-        std::fs::write(self.path(name), text).expect("a file");
+        self.0.write(name, text);
     }
 
     fn command(&self, line: &str) -> Command {
-        let mut command = Command::new(program());
-        command
-            .args(line.split_whitespace())
-            .current_dir(self.0.path())
-            .env("HOME", self.path("home"))
-            .env_remove("XDG_CONFIG_HOME");
-        for (name, _) in std::env::vars_os() {
-            if name.to_string_lossy().starts_with("HEMICUBE_") {
-                command.env_remove(name);
-            }
-        }
-        command
+        self.0.command(line)
     }
 
     /// Runs a line of words without blanks in them, which must end with `code`.
@@ -417,12 +405,7 @@ fn wrong_usage_is_refused_before_anything_is_read() {
 fn an_interrupt_leaves_nothing_half_done() {
     let place = Place::with("city", 20_000);
     let interrupted = |line: &str, signals_after: Duration| {
-        let child = place
-            .command(line)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("the program runs");
+        let child = place.command(line).spawn().expect("the program runs");
         std::thread::sleep(signals_after);
         let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
         assert!(kill.expect("kill runs").success());
@@ -433,7 +416,7 @@ fn an_interrupt_leaves_nothing_half_done() {
         Duration::from_secs(2),
     );
     assert!(out.is_empty(), "{out}");
-    let left: Vec<String> = std::fs::read_dir(place.0.path())
+    let left: Vec<String> = std::fs::read_dir(place.path(""))
         .expect("a directory")
         .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
         .filter(|name| name.contains("plot") || name.contains("report"))

@@ -2,17 +2,16 @@
 //! exact values, and closure and reciprocity of an L-shaped room that is given in both of its geometry formats. And
 //! zones of a city, from a CityJSON tile and from its OBJ twin.
 
-use assert_cmd::Command;
 use hemicube_scene::generate::{Generate, Kind, generate};
 use hemicube_scene::write;
+use hemicube_tests::runs::command_in;
 use hemicube_tests::scenes::program;
 use std::fmt::Write as _;
 use std::path::Path;
 use tempfile::TempDir;
 
 fn run(directory: &Path, arguments: &[&str]) {
-    let output = Command::new(program())
-        .current_dir(directory)
+    let output = command_in(&program(), directory)
         .args(arguments)
         .output()
         .expect("the program starts");

@@ -1,8 +1,8 @@
-//! Names in formats whose headers are words of ASCII.
+//! Names as ASCII words, for headers.
 
 use std::collections::HashSet;
 
-/// A word for each name, no two of them equal: what is no letter, digit or `_` becomes `_`.
+/// Makes distinct words of names: letters, digits and `_` stay, all else becomes `_`.
 pub(crate) fn words<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut taken = HashSet::new();
     names
@@ -22,7 +22,7 @@ pub(crate) fn words<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
         .collect()
 }
 
-/// A name on one line of ASCII; everything else is escaped as in Rust.
+/// A name on one line of ASCII, escaped as in Rust.
 pub(crate) fn line(name: &str) -> String {
     name.escape_default().to_string()
 }

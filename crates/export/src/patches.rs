@@ -1,4 +1,4 @@
-//! What is known of each patch of a matrix, column by column.
+//! Results of the patches of a matrix, column by column.
 
 use crate::{Error, Result};
 use glam::DVec3;
@@ -9,7 +9,7 @@ use hemicube_scene::{Axis, Patches};
 use serde::Serialize;
 use serde_json::Value;
 
-/// More right-hand sides than this are no columns of a table: 8,760 hours have files of their own.
+/// Limit on right-hand sides as columns: the 8,760 hours of a year have files of their own.
 const RIGHT_HAND_SIDES_MAX: u64 = 256;
 
 /// The values of a column.
@@ -20,28 +20,28 @@ pub enum Values {
     Whole(Vec<u32>),
     /// Indices into names.
     Named(Vec<u32>, Vec<String>),
-    /// Numbers, those of a patch together; NaN where none is known.
+    /// Numbers, patch by patch; NaN where unknown.
     Real(Vec<f64>),
 }
 
-/// Something that is known of each patch.
+/// A result of each patch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
     /// Name.
     pub name: String,
-    /// The names of its components; empty where it is one number.
+    /// The names of its components; empty for a single number.
     pub components: Vec<String>,
     /// The values, in the order of patches.
     pub values: Values,
 }
 
 impl Column {
-    /// Number of numbers that it has of each patch.
+    /// Numbers of each patch.
     pub fn width(&self) -> usize {
         self.components.len().max(1)
     }
 
-    /// The names of its components with its own before them, or its own.
+    /// A label for each number of a patch: the name, followed by the component if there are several.
     pub fn labels(&self) -> Vec<String> {
         if self.components.is_empty() {
             return vec![self.name.clone()];
@@ -67,23 +67,23 @@ impl Column {
     }
 }
 
-/// What the colours of a file stand for; written into it where it has room for words.
+/// Meaning of the colours of a file, for formats with room for words.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Legend {
-    /// The result that is shown.
+    /// The result.
     pub quantity: String,
-    /// How a number becomes a colour.
+    /// The colour map.
     pub color_map: String,
-    /// The numbers at the first and the last colour, where it is a scale.
+    /// The numbers at the first and the last colour of a scale.
     pub range: Option<[f64; 2]>,
 }
 
 /// A colour for each patch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Colors {
-    /// As a screen shows them: sRGB.
+    /// sRGB.
     pub srgb: Vec<[u8; 3]>,
-    /// What they stand for.
+    /// Their meaning.
     pub legend: Legend,
 }
 
@@ -110,21 +110,21 @@ pub struct PatchResults {
     pub columns: Vec<Column>,
     /// Corners of each patch, counter-clockwise seen from its radiating side, in the file's unit.
     pub corners: Option<Vec<[[f64; 3]; 3]>>,
-    /// Which axis of the scene points up.
+    /// The axis pointing up in the scene.
     pub up: Axis,
     /// A colour for each patch.
     pub colors: Option<Colors>,
-    /// The scene's file, as the store calls it.
+    /// The scene's file, by its name in the store.
     pub scene: String,
     patch_count: usize,
 }
 
 impl PatchResults {
-    /// What a store knows: the patch table, how each row was divided, how many patches each sees, and these solutions
-    /// of it. With more than one solution their quantities are called by its name, too.
+    /// Reads the patch table, the shares of each row, the number of patches seen by each, and these solutions. With
+    /// more than one solution, quantities carry its name, too.
     ///
     /// # Errors
-    /// When something of it cannot be read, or a solution has too many right-hand sides for columns.
+    /// When the store cannot be read, or a solution has too many right-hand sides for columns.
     pub fn read(store: &Store, solutions: &[&str]) -> Result<Self> {
         let table = store.patches()?;
         let rows = store.row_table()?;
@@ -187,7 +187,7 @@ impl PatchResults {
     /// Adds a number for each patch, such as its sky view factor.
     ///
     /// # Errors
-    /// When it is of another number of patches.
+    /// When the number of values is not that of the patches.
     pub fn push(&mut self, name: &str, values: Vec<f64>) -> Result<()> {
         if values.len() != self.patch_count {
             return Err(Error::OtherPatches {
@@ -200,10 +200,10 @@ impl PatchResults {
         Ok(())
     }
 
-    /// Gives each patch its place.
+    /// Sets the corners of the patches, and the axis pointing up.
     ///
     /// # Errors
-    /// When these are not the matrix's patches.
+    /// When their number is not that of the matrix.
     pub fn place(&mut self, patches: &Patches, up: Axis) -> Result<()> {
         if patches.len() != self.patch_count {
             return Err(Error::OtherPatches {

@@ -32,7 +32,6 @@ pub mod accuracy;
 pub mod analysis;
 pub mod diagnose;
 pub mod driver;
-pub mod export;
 pub mod factor;
 pub mod frame;
 mod geometry;

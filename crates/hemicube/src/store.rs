@@ -62,7 +62,7 @@ pub use manifest::{
     BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,
     VERSION_MIN, scene_hash,
 };
-pub use matrix::{Matrix, MatrixRow};
+pub use matrix::{F32_COMMENT, Matrix, MatrixRow};
 pub use npy::{Element, ElementType};
 pub use npz::NpzWriter;
 pub use read::{Row, RowTable, Rows, Store};
@@ -75,7 +75,6 @@ pub use write::StoreWriter;
 
 pub(crate) use durable::{file_checksum, read_exact_at, sealed_checksum, write_whole};
 pub(crate) use manifest::{is_sealed_or_plain_json, seal_json};
-pub(crate) use matrix::F32_COMMENT;
 pub(crate) use npy::{Header as NpyHeader, decode};
 pub(crate) use npz::Npz;
 

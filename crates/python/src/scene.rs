@@ -270,7 +270,8 @@ impl Scene {
         Self::ready(py, scene, PathBuf::from("arrays"), settings)
     }
 
-    /// The scene in a file: .obj, .gltf, .glb, .ac, .acc, .stl, .ply, .vs3, .json or .jsonl (CityJSON).
+    /// The scene in a file, whose extension names its format:
+    #[doc = hemicube_scene::scene_formats!()]
     ///
     /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), by
     /// default (None) as the file says; `up` is for files that do not say, or are wrong. The rest is as for arrays.

@@ -1,34 +1,35 @@
-//! How much may come of a file: one rule for all readers.
+//! Bounds on the scene that a file becomes: one rule for all readers.
 //!
 //! Copies (nodes of glTF, templates of CityJSON, pieces around the holes of View3D) let kilobytes stand for gigabytes,
 //! and a polygon takes time by the square of its corners. Both are bounded by the size of the files that are read:
 //!
-//! | | at most | because |
-//! |---|---|---|
-//! | triangles | one a byte, and always [`TRIANGLES`] | without copies a triangle takes two bytes and more |
-//! | corners of a polygon | [`CORNERS_MAX`], [`HOLED_CORNERS_MAX`] with holes | cutting takes time by n², and n³ where holes cross |
-//! | steps of cutting | [`STEPS_A_BYTE`] a byte, and always [`STEPS`] | polygons of up to 2,000 corners never reach it |
+//! - triangles: at most one a byte, and always [`TRIANGLES`], because without copies a triangle takes two bytes and
+//!   more
+//! - corners of a polygon: at most [`CORNERS_MAX`], [`HOLED_CORNERS_MAX`] with holes, because cutting takes time by n²,
+//!   and n³ where holes cross
+//! - steps of cutting: at most [`STEPS_A_BYTE`] a byte, and always [`STEPS`], because polygons of up to 2,000 corners
+//!   never reach it
 //!
 //! [`ReadOptions::allow_large`](crate::ReadOptions::allow_large) lifts all but [`CORNERS_MAX`].
 
 use crate::{Error, ErrorKind, ReadOptions};
 
-/// Triangles that any file may become.
+/// Triangles allowed to any file.
 #[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson"))]
 const TRIANGLES: u64 = 1_000_000;
 /// Corners of a polygon, whatever is allowed: simple ones take seconds.
 #[cfg(feature = "_polygons")]
 const CORNERS_MAX: usize = 1 << 16;
-/// Corners of a polygon with holes: holes that cross make it minutes from here on.
+/// Corners of a polygon with holes: from here on, crossing holes take minutes.
 #[cfg(feature = "cityjson")]
 const HOLED_CORNERS_MAX: usize = 1 << 14;
-/// Steps of cutting that any file may take: half a minute at most.
+/// Steps of cutting allowed to any file: half a minute at most.
 #[cfg(any(feature = "_polygons", feature = "vs3"))]
 const STEPS: u64 = 1 << 30;
 /// Steps of cutting for each byte.
 #[cfg(any(feature = "_polygons", feature = "vs3"))]
 const STEPS_A_BYTE: u64 = 1 << 10;
-/// Number of corners of a simple polygon that make a step, squared; with holes it is one.
+/// Corners of a simple polygon per step, squared; with holes it is one.
 #[cfg(feature = "_polygons")]
 const CORNERS_A_STEP: u64 = 8;
 
@@ -42,7 +43,7 @@ pub(crate) struct Bounds {
 }
 
 impl Bounds {
-    /// Those of a file of `bytes`.
+    /// The bounds of a file of `bytes`.
     pub(crate) fn new(bytes: usize, options: ReadOptions) -> Self {
         Self {
             bytes: bytes as u64,
@@ -52,7 +53,7 @@ impl Bounds {
         }
     }
 
-    /// Refuses more triangles than files of this size may become, of which `others` lie beside the scene.
+    /// Refuses more triangles than a file of this size, with `others` bytes beside it, may become.
     #[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson"))]
     pub(crate) fn triangles(&self, count: u64, others: u64) -> Result<(), Error> {
         let bytes = self.bytes.saturating_add(others);
@@ -61,12 +62,12 @@ impl Bounds {
             return Ok(());
         }
         Err(too_large(format!(
-            "becomes {count} triangles or more by copies, and a file of {bytes} bytes may become {most}; place fewer copies, \
-             or allow it (`--allow-large`)"
+            "becomes {count} triangles or more by copies, and a file of {bytes} bytes may become {most}; place fewer \
+             copies, or allow it (`--allow-large`)"
         )))
     }
 
-    /// Refuses a simple polygon that has too many corners, or too many by now.
+    /// Refuses a simple polygon with too many corners, alone or with the polygons before it.
     #[cfg(feature = "_polygons")]
     pub(crate) fn polygon(&mut self, corners: usize) -> Result<(), Error> {
         if corners > CORNERS_MAX {
@@ -77,7 +78,7 @@ impl Bounds {
         self.steps((corners as u64).pow(2) / CORNERS_A_STEP)
     }
 
-    /// Likewise for a polygon with holes, the corners of which are counted with it.
+    /// Likewise for a polygon with holes, whose corners count, too.
     #[cfg(feature = "cityjson")]
     pub(crate) fn polygon_with_holes(&mut self, corners: usize, holes: usize) -> Result<(), Error> {
         if holes == 0 {
@@ -86,8 +87,8 @@ impl Bounds {
         self.polygon(corners)?;
         if corners > HOLED_CORNERS_MAX && !self.allow_large {
             return Err(too_large(format!(
-                "a face with holes has {corners} corners; at most {HOLED_CORNERS_MAX} are cut into triangles unless it is \
-                 allowed (`--allow-large`), so split it first"
+                "a face with holes has {corners} corners; at most {HOLED_CORNERS_MAX} are cut into triangles unless \
+                 it is allowed (`--allow-large`), so split it first"
             )));
         }
         self.steps((corners as u64).pow(2))
@@ -101,7 +102,8 @@ impl Bounds {
             return Ok(());
         }
         Err(too_large(
-            "polygons of very many corners would take too long to be cut; split them first, or allow it (`--allow-large`)"
+            "polygons of very many corners would take too long to be cut; split them first, or allow it \
+             (`--allow-large`)"
                 .to_owned(),
         ))
     }
@@ -145,7 +147,7 @@ mod tests {
 
     #[test]
     fn polygons_of_two_thousand_corners_never_reach_it() {
-        // With two bytes a corner, as many as a file of 100 MB can have.
+        // The most corners of a file of 100 MB, at two bytes a corner.
         let bytes = 100_000_000;
         let mut bounds = Bounds::new(bytes, ReadOptions::default());
         for _ in 0..bytes / 4_000 {

@@ -10,21 +10,21 @@ pub struct Error {
     pub path: Option<PathBuf>,
     /// Line in the file from 1, for text formats.
     pub line: Option<u64>,
-    /// What went wrong.
+    /// The defect.
     pub kind: ErrorKind,
 }
 
-/// What went wrong, without the place.
+/// The defect, without its place.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ErrorKind {
     /// The file could not be opened or read.
     #[error("cannot be read: {0}")]
     Io(std::io::Error),
-    /// The bytes are not what the format allows; the message names the thing and the reason.
+    /// The bytes break the format; the message names the thing and the reason.
     #[error("{0}")]
     Malformed(String),
-    /// Legal input that this crate does not read; the message says what to do instead.
+    /// Legal input that this crate does not read; the message gives the alternative.
     #[error("{0}")]
     Unsupported(String),
     /// The file holds no triangle.
@@ -55,14 +55,14 @@ impl Error {
         Self::new(ErrorKind::Unsupported(message.into()))
     }
 
-    /// The same error at a line (from 1).
+    /// Sets the line (from 1).
     #[must_use]
     pub fn at(mut self, line: u64) -> Self {
         self.line = Some(line);
         self
     }
 
-    /// The same error in a file, unless it already names one.
+    /// Sets the file, unless the error already names one.
     #[must_use]
     pub fn in_file(mut self, path: &Path) -> Self {
         self.path.get_or_insert_with(|| path.to_owned());
@@ -81,7 +81,7 @@ impl fmt::Display for Error {
     }
 }
 
-// The kind's text is already part of this error's own, so only what lies beneath it is the source.
+// The kind's text is part of this error's own, so the source begins beneath it.
 impl std::error::Error for Error {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         std::error::Error::source(&self.kind)

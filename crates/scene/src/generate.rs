@@ -4,19 +4,17 @@
 //! SplitMix64, and coordinates from the five operations that IEEE 754 rounds exactly (+ − × ÷ √), never from a maths
 //! library's sine or logarithm. No scene has a sliver, a repeated face or a two-sided triangle; y points up.
 //!
-//! | kind | what it is | counts it can reach |
-//! | --- | --- | --- |
-//! | [`Kind::Room`] | the closed Cornell box, each of its 40 triangles split into k² | 40·k² |
-//! | [`Kind::City`] | streets and blocks of separate buildings ([`CityParameters`]) | every even count from 10 |
-//! | [`Kind::BlockCity`] | a regular grid of towers ([`BlockCityParameters`]) | 14·n²·k², k = 1 below 50,000 and 4 above |
-//! | [`Kind::Maze`] | a perfect maze of rooms with doorways, closed ([`MazeParameters`]) | 108·n + 4·(n − 1), n rooms |
-//! | [`Kind::Spheres`] | spheres apart from each other in a closed room ([`SpheresParameters`]) | 20·k²·s + 12·m² |
-//! | [`Kind::Field`] | an open bowl of terrain with a few huts: little occlusion ([`FieldParameters`]) | 2·n² + 8·⌊n/12⌋² |
-//! | [`Kind::Soup`] | triangles strewn in a closed room ([`SoupParameters`]) | every count from 12 |
+//! - [`Kind::Room`]: the closed Cornell box, each of its 40 triangles split into k²; 40·k²
+//! - [`Kind::City`]: streets and blocks of separate buildings ([`CityParameters`]); every even count from 10
+//! - [`Kind::BlockCity`]: a regular grid of towers ([`BlockCityParameters`]); 14·n²·k², k = 1 below 50,000 and 4 above
+//! - [`Kind::Maze`]: a perfect maze of rooms with doorways, closed ([`MazeParameters`]); 108·n + 4·(n − 1), n rooms
+//! - [`Kind::Spheres`]: spheres apart from each other in a closed room ([`SpheresParameters`]); 20·k²·s + 12·m²
+//! - [`Kind::Field`]: an open bowl of terrain with a few huts: little occlusion ([`FieldParameters`]); 2·n² + 8·⌊n/12⌋²
+//! - [`Kind::Soup`]: triangles strewn in a closed room ([`SoupParameters`]); every count from 12
 //!
-//! [`generate`] takes the reachable count nearest to the target (the city: the first that is not below it). From a
-//! target of 1,000 that is within 25 %. The count reached is the length of [`Scene::triangles`]; where it is not the
-//! target, a warning in [`Scene::findings`] says so.
+//! [`generate`] takes the reachable count nearest to the target (the city: the first count not below it), within 25 %
+//! from a target of 1,000 on. The length of [`Scene::triangles`] is the count reached; a warning in [`Scene::findings`]
+//! tells a difference from the target.
 
 mod block_city;
 mod builder;
@@ -40,7 +38,7 @@ use crate::{Error, Scene};
 use std::fmt;
 use std::str::FromStr;
 
-/// The most patches that a generated scene may have, 2²⁶: about 6 GB of triangles. Cut a smaller one for more.
+/// The most patches of a generated scene, 2²⁶: about 6 GB of triangles. Cut a smaller one for more.
 pub const MAX_PATCHES: u64 = 1 << 26;
 
 /// A kind of generated scene.
@@ -108,7 +106,7 @@ impl FromStr for Kind {
     }
 }
 
-/// What to generate.
+/// Parameters of a generated scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Generate {
     /// The kind of scene.

@@ -1,5 +1,5 @@
-//! Scenes as form-factor computation needs them: triangles in f64 with object and material names and sidedness, read
-//! from OBJ, glTF, AC3D, STL, PLY, View3D and CityJSON, repaired by documented rules, and cut into patches.
+//! Scenes for form-factor computation: triangles in f64 with the names of their objects and materials and their sides,
+//! read from OBJ, glTF, AC3D, STL, PLY, View3D and CityJSON, repaired by documented rules, and cut into patches.
 //!
 //! ```
 //! use hemicube_scene::{Patches, Subdivision, generate};
@@ -12,9 +12,9 @@
 #[cfg(feature = "_readers")]
 mod bounds;
 mod error;
+mod formats;
 #[cfg(feature = "generate")]
 pub mod generate;
-mod load;
 #[cfg(any(feature = "obj", feature = "stl", feature = "vs3", feature = "cityjson"))]
 mod names;
 mod patch;
@@ -25,25 +25,10 @@ pub mod repair;
 mod subdivide;
 pub mod survey;
 pub mod text;
-
-#[cfg(feature = "ac3d")]
-pub mod ac3d;
-#[cfg(feature = "cityjson")]
-pub mod cityjson;
-#[cfg(feature = "gltf")]
-pub mod gltf;
-#[cfg(feature = "obj")]
-pub mod obj;
-#[cfg(feature = "ply")]
-pub mod ply;
-#[cfg(feature = "stl")]
-pub mod stl;
-#[cfg(feature = "vs3")]
-pub mod vs3;
 pub mod write;
 
 pub use error::{Error, ErrorKind};
-pub use load::{Format, load};
+pub use formats::*;
 pub use patch::{InputPatch, Patches, Side};
 pub use regular::{open_regular, read_regular, read_regular_text};
 pub use subdivide::Subdivision;
@@ -51,8 +36,7 @@ pub use subdivide::Subdivision;
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-/// A triangle of a scene as it was read: world coordinates in the file's unit, corners counter-clockwise seen from the
-/// front.
+/// A triangle of a scene: world coordinates in the file's unit, corners counter-clockwise seen from the front.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triangle {
     /// The corners, in the file's unit.
@@ -61,10 +45,10 @@ pub struct Triangle {
     pub object: u32,
     /// Index into [`Scene::materials`].
     pub material: u32,
-    /// Position of the face (polygon, or triangle where the format has only triangles) in the file, from 0, counting
-    /// those that were later dropped. A polygon's triangles share it.
+    /// Position of the face (a polygon; a triangle in formats without polygons) in the file, from 0, counting faces
+    /// dropped later. A polygon's triangles share it.
     pub face: u32,
-    /// True if the back radiates and receives as the front does: such a triangle becomes two patches.
+    /// True if the back radiates and receives, too: such a triangle becomes two patches.
     pub two_sided: bool,
 }
 
@@ -79,7 +63,7 @@ pub struct Material {
     pub emission: Option<[f64; 3]>,
 }
 
-/// The axis that points up in a scene.
+/// The axis pointing up in a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
     /// The x axis.
@@ -90,11 +74,11 @@ pub enum Axis {
     Z,
 }
 
-/// What a reader found in a file and did not turn into triangles, counted by a short reason such as
-/// `"line element"` or `"face with fewer than 3 corners"`; and what it mended on the way.
+/// Parts of a file that became no triangles, counted by a short reason such as `"line element"` or `"face with fewer
+/// than 3 corners"`, and repairs made on the way.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Findings {
-    /// Reason and how often it was met. Sorted, so that reports are reproducible.
+    /// Number of each reason. Sorted, so that reports are reproducible.
     pub counts: BTreeMap<String, u64>,
     /// Complete sentences for a person, at most a few (a missing material library, an unusual header).
     pub warnings: Vec<String>,
@@ -119,7 +103,7 @@ impl Findings {
         }
     }
 
-    /// Number of times that `reason` was counted.
+    /// Number of times `reason` was counted.
     pub fn get(&self, reason: &str) -> u64 {
         self.counts.get(reason).copied().unwrap_or(0)
     }
@@ -155,16 +139,16 @@ pub struct Scene {
     pub objects: Vec<String>,
     /// Materials, in order of first use.
     pub materials: Vec<Material>,
-    /// What was skipped or mended while reading.
+    /// Things skipped or repaired while reading.
     pub findings: Findings,
-    /// The up axis that the format prescribes (glTF: y; AC3D: y), if it does.
+    /// The up axis prescribed by the format (glTF: y; AC3D: y), if it prescribes one.
     pub up: Option<Axis>,
-    /// The length of one unit in metres that the format prescribes (glTF: 1), if it does.
+    /// The length of one unit in metres prescribed by the format (glTF: 1), if it prescribes one.
     pub metres_per_unit: Option<f64>,
 }
 
-/// Whether a character moves a terminal's cursor, rings, ends a line or turns text around: names may have any, and
-/// whoever shows one escapes them.
+/// Returns whether a character moves a terminal's cursor, rings, ends a line or turns text around. Names may have any:
+/// escape them before showing them.
 ///
 /// ```
 /// assert!(hemicube_scene::is_unseen('\u{1b}') && hemicube_scene::is_unseen('\n') && !hemicube_scene::is_unseen('é'));
@@ -174,13 +158,12 @@ pub fn is_unseen(c: char) -> bool {
     c.is_control() || turns
 }
 
-/// What to read beyond geometry, and how much may come of it.
+/// Options of reading: optical properties, and the size of the result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions {
-    /// Read diffuse reflectance and emission of materials (and the material libraries that hold them).
+    /// Read diffuse reflectance and emission of materials, from material libraries, too.
     pub optics: bool,
-    /// Read scenes of which more would come than files of their size may become: by default one triangle for each byte,
-    /// and a million in any case, and polygons with holes of up to 16,384 corners. A small file may then take all
-    /// memory.
+    /// Read scenes that grow beyond their file's size. By default a file may become one triangle a byte, a million in
+    /// any case, and polygons with holes may have 16,384 corners. A small file may then take all memory.
     pub allow_large: bool,
 }

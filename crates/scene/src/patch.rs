@@ -4,14 +4,14 @@ use crate::{Error, ErrorKind, Scene, Subdivision};
 use glam::DVec3;
 
 /// A patch by its position in the file's face order, sub-patches of a face in a fixed order, the back of a two-sided
-/// one directly after its front. This is the number of its row and of its column in everything that leaves the program.
+/// one directly after its front. The number of its row and of its column in every file and report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct InputPatch(pub u32);
 
-/// Which side of a triangle a patch is.
+/// A side of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// The side from which the file's corners run counter-clockwise.
+    /// The side seeing the file's corners run counter-clockwise.
     Front,
     /// The other side of a two-sided triangle.
     Back,
@@ -47,7 +47,7 @@ pub struct Patches {
 const BACK: u32 = 1 << 31;
 
 impl Patches {
-    /// Number of patches that [`Self::new`] would make; nothing is cut for it. Saturates at `u64::MAX`.
+    /// Number of patches made by [`Self::new`], without cutting. Saturates at `u64::MAX`.
     ///
     /// ```
     /// use hemicube_scene::{Patches, Subdivision, generate::cornell_box};
@@ -60,7 +60,7 @@ impl Patches {
         })
     }
 
-    /// Cuts the triangles of `scene` into patches. Triangles are taken as they are: run [`crate::repair`] first.
+    /// Cuts the triangles of `scene` into patches, without repair: run [`crate::repair`] first.
     ///
     /// # Errors
     /// [`ErrorKind::TooLarge`] when there would be more than 2³¹ − 16 patches.
@@ -69,7 +69,7 @@ impl Patches {
         let surface_count: u64 = counts.iter().fold(0, |a, &c| a.saturating_add(c));
         let patch_count = Self::count(scene, subdivision);
         if patch_count > u64::from(BACK - 16) {
-            // Of an edge, no more than 2³² pieces are counted.
+            // The count saturates at 2³² pieces of an edge.
             let asked = if patch_count < 1_000_000_000_000_000_000 {
                 patch_count.to_string()
             } else {
@@ -140,12 +140,12 @@ impl Patches {
         &self.surfaces
     }
 
-    /// The surface that carries a patch.
+    /// The surface of a patch.
     pub fn surface(&self, patch: InputPatch) -> usize {
         (self.surface_of_patch[patch.0 as usize] & !BACK) as usize
     }
 
-    /// Which side of its surface a patch is.
+    /// The side of its surface that a patch is.
     pub fn side(&self, patch: InputPatch) -> Side {
         if self.surface_of_patch[patch.0 as usize] & BACK == 0 {
             Side::Front
@@ -154,7 +154,7 @@ impl Patches {
         }
     }
 
-    /// Index into [`Scene::triangles`] of the triangle that a patch was cut from.
+    /// Index into [`Scene::triangles`] of a patch's triangle.
     pub fn triangle(&self, patch: InputPatch) -> usize {
         self.triangle_of_surface[self.surface(patch)] as usize
     }
@@ -197,7 +197,7 @@ mod tests {
         let refused = |subdivision| Patches::new(&cornell_box(), subdivision).unwrap_err().to_string();
         let many = refused(Subdivision::Split(100_000));
         assert!(many.starts_with("400000000000 patches are more than"), "{many}");
-        // What is counted no further is not given as if it were.
+        // A saturated count is not given as a number.
         for length in [1e-9, 1e-300, f64::NAN] {
             let refused = refused(Subdivision::PatchSize(length));
             assert!(refused.starts_with("10¹⁸ or more patches are more than"), "{refused}");

@@ -1,5 +1,5 @@
 //! Cuts planar, possibly concave polygons into triangles by ear clipping (Meisters, *Polygons have ears*, American
-//! Mathematical Monthly 82, 1975), as the `earcut` crate does it.
+//! Mathematical Monthly 82, 1975), with the `earcut` crate.
 //!
 //! The plane is that of Newell's normal (Sutherland, Sproull & Schumacker 1974),
 //!
@@ -7,31 +7,31 @@
 //! n = Σ (pᵢ − p₀) × (pᵢ₊₁ − p₀)        |n| = twice the area
 //! ```
 //!
-//! and the projection drops the coordinate in which n is largest. Unlike turning the polygon into its plane, that keeps
-//! the coordinates as they are, and what lies on a line stays on it. Everything is relative to the first corner, so
-//! that coordinates in the millions cost no digits, and in units of a power of two near the extent.
+//! and the projection drops the coordinate of the largest component of n. Unlike a rotation into the plane, this keeps
+//! coordinates exact, and points on a line stay on it. Everything is relative to the first corner, so that coordinates
+//! in the millions cost no digits, and in units of a power of two near the extent.
 
 use crate::Triangle;
 use crate::repair::{Shape, half_difference, power_of_two, relative};
 use earcut::Earcut;
 use glam::{DVec2, DVec3};
 
-/// What became of a polygon.
+/// The outcome of cutting a polygon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Triangulation {
     /// It was cut into triangles.
     Done,
     /// It has fewer than three corners: no triangles.
     TooFewCorners,
-    /// Its corners lie on a line or a point, or the loops that it crosses itself in cancel: no triangles.
+    /// Its corners lie on a line or a point, or its crossing loops cancel: no triangles.
     NoArea,
 }
 
 /// Appends the triangles of a polygon to `out`, as indices into `corners` and with the polygon's winding.
 ///
-/// A triangle is passed on as it is, and a quadrilateral is split at its first corner where that gives two triangles of
-/// its winding. Corners that repeat the one before are left out. A polygon with a corner that is not finite becomes a
-/// fan, for [`crate::repair`] to drop and count.
+/// Passes a triangle on unchanged. Splits a quadrilateral at its first corner, where both triangles get its winding.
+/// Leaves out corners repeating the one before. Makes a fan of a polygon with a non-finite corner, for
+/// [`crate::repair`] to drop and count.
 pub(crate) fn triangulate(corners: &[DVec3], out: &mut Vec<[u32; 3]>) -> Triangulation {
     match corners {
         [] | [_] | [_, _] => return Triangulation::TooFewCorners,
@@ -74,10 +74,10 @@ pub(crate) fn triangulate(corners: &[DVec3], out: &mut Vec<[u32; 3]>) -> Triangu
     }
 }
 
-/// Appends the triangles of a polygon with holes, as [`triangulate`] does: `corners` are those of the outline, then
-/// those of each hole, of which `holes` has where they begin. A hole may wind either way.
+/// Appends the triangles of a polygon with holes, like [`triangulate`]: `corners` has the outline's, then each hole's;
+/// `holes` has the index of each hole's first corner. A hole may wind either way.
 ///
-/// A hole without area, or with a corner that is not finite, is left out.
+/// A hole without area, or with a non-finite corner, is left out.
 #[cfg(feature = "cityjson")]
 pub(crate) fn triangulate_with_holes(corners: &[DVec3], holes: &[usize], out: &mut Vec<[u32; 3]>) -> Triangulation {
     let outline = &corners[..holes.first().copied().unwrap_or(corners.len())];
@@ -107,23 +107,26 @@ pub(crate) fn triangulate_with_holes(corners: &[DVec3], holes: &[usize], out: &m
     clip(&kept, &begins, out)
 }
 
-/// Appends the triangles that a face was cut into to a scene's.
-pub(crate) fn push_triangles(
-    corners: &[DVec3],
-    cut: &[[u32; 3]],
-    (object, material, face): (u32, u32, u32),
-    out: &mut Vec<Triangle>,
-) {
+/// Indices of a face's object and material, and its own.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Labels {
+    pub(crate) object: u32,
+    pub(crate) material: u32,
+    pub(crate) face: u32,
+}
+
+/// Appends the triangles of a face to a scene's.
+pub(crate) fn push_triangles(corners: &[DVec3], cut: &[[u32; 3]], labels: Labels, out: &mut Vec<Triangle>) {
     out.extend(cut.iter().map(|triangle| Triangle {
         corners: triangle.map(|i| corners.get(i as usize).copied().unwrap_or(DVec3::NAN)),
-        object,
-        material,
-        face,
+        object: labels.object,
+        material: labels.material,
+        face: labels.face,
         two_sided: false,
     }));
 }
 
-/// The corners without those that repeat the one before, the first following the last.
+/// The corners without repetitions of the one before; the first follows the last.
 fn distinct(corners: &[DVec3]) -> Vec<(u32, DVec3)> {
     let mut kept: Vec<(u32, DVec3)> = (0..).zip(corners.iter().copied()).collect();
     kept.dedup_by(|next, before| next.1 == before.1);
@@ -135,8 +138,8 @@ fn distinct(corners: &[DVec3]) -> Vec<(u32, DVec3)> {
     kept
 }
 
-/// Splits a quadrilateral along the diagonal from its first corner, or else along the other: whichever gives two
-/// triangles that are not degenerate and wind as the whole does. Neither does where it crosses itself.
+/// Splits a quadrilateral along the diagonal from its first corner, or else along the other: the first to give two
+/// triangles that are not degenerate and have its winding. Gives none where the quadrilateral crosses itself.
 fn split(corners: [DVec3; 4]) -> Option<[[u32; 3]; 2]> {
     let [a, b, c, d] = corners;
     let (_, [u, v, w]) = relative(a, [b, c, d]);
@@ -174,7 +177,7 @@ fn clip(kept: &[(u32, DVec3)], holes: &[usize], out: &mut Vec<[u32; 3]>) -> Tria
     let normal = newell(&points[..holes.first().copied().unwrap_or(points.len())]);
     let largest = kept.iter().fold(0.0_f64, |m, (_, p)| m.max(p.abs().max_element()));
     let reach = points.iter().fold(0.0_f64, |m, p| m.max(p.length()));
-    // The rule by which `repair` calls a triangle degenerate, with the reach from the first corner as the longest edge.
+    // `repair`'s rule for degenerate triangles, with the reach from the first corner as the longest edge.
     if normal.length() <= reach * (1e-12 * reach).max(4.0 * f64::EPSILON * (0.5 * largest / unit)) {
         return Triangulation::NoArea;
     }
@@ -201,7 +204,7 @@ fn clip(kept: &[(u32, DVec3)], holes: &[usize], out: &mut Vec<[u32; 3]>) -> Tria
     }
 }
 
-/// The projection along an axis under which the polygon runs as `earcut` gives its triangles.
+/// The projection along an axis that keeps the winding for `earcut`.
 fn projection(normal: DVec3) -> fn(DVec3) -> DVec2 {
     let size = normal.abs();
     if size.z >= size.x && size.z >= size.y {
@@ -223,8 +226,8 @@ fn projection(normal: DVec3) -> fn(DVec3) -> DVec2 {
     }
 }
 
-/// By how much the summed area of a polygon's triangles exceeds that of its outline, as a part of the latter. Above
-/// rounding where the polygon is not planar or crosses itself.
+/// Excess of the summed area of a polygon's triangles over that of its outline, relative to the latter. Above rounding
+/// for a polygon that is not planar or crosses itself.
 #[cfg(feature = "obj")]
 pub(crate) fn area_excess(corners: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
     let Some(&origin) = corners.first() else { return 0.0 };

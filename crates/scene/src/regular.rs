@@ -1,5 +1,4 @@
-//! Files that are opened for reading: regular ones only, so that nothing waits for a pipe or reads a device without
-//! end.
+//! Opens regular files only, so that nothing waits for a pipe or reads a device without end.
 
 use std::fs::{File, FileType, Metadata};
 use std::io;
@@ -18,8 +17,8 @@ use std::path::Path;
 /// assert_eq!(error.to_string(), "it is a directory, and a regular file is needed");
 /// ```
 pub fn open_regular(path: &Path) -> io::Result<File> {
-    // Before it is opened, because opening some devices does something; and again afterwards, of the very file that was
-    // opened, because its name may have been given to another one in between.
+    // Checked before opening, because opening some devices has effects; and again on the opened file, because its name
+    // may have been given to another one in between.
     check(&std::fs::metadata(path)?)?;
     let mut options = File::options();
     options.read(true);
@@ -35,7 +34,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// The bytes of a file that [`open_regular`] opens.
+/// Reads the bytes of a regular file.
 ///
 /// # Errors
 /// As [`open_regular`], and when it cannot be read.
@@ -51,7 +50,7 @@ pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The text of a file that [`open_regular`] opens.
+/// Reads the text of a regular file.
 ///
 /// # Errors
 /// As [`read_regular`]; [`io::ErrorKind::InvalidData`] where it is not UTF-8.
@@ -60,8 +59,8 @@ pub fn read_regular_text(path: &Path) -> io::Result<String> {
         .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "it is no text in UTF-8"))
 }
 
-/// Opens the file that a scene names, if it lies in the scene's folder or beneath it once all links are followed. A
-/// scene may come from anywhere; what it has read comes out again, as coordinates or colours.
+/// Opens a file named by a scene, if it lies in the scene's folder or beneath it once all links are followed. A scene
+/// may come from anywhere, and the bytes of the file come out again as coordinates or colours.
 ///
 /// # Errors
 /// As [`open_regular`]; [`io::ErrorKind::PermissionDenied`] for a name that leads out of the folder.
@@ -73,7 +72,7 @@ pub(crate) fn open_beside(folder: &Path, name: &str) -> io::Result<File> {
         folder
     };
     let path = folder.join(name);
-    // A name that leads out is refused whether there is something or not: not even that is told.
+    // Refused whether the file exists or not: not even its existence is told.
     let leads_out = || io::Error::new(io::ErrorKind::PermissionDenied, "it leads out of the scene's folder");
     let mut depth = 0_u32;
     for component in Path::new(name).components() {

@@ -1,7 +1,7 @@
-//! Drops the triangles that can be no patch, by rules that depend on the triangle alone and not on where or how large
-//! it is, and counts every one.
+//! Drops triangles that cannot be patches, and counts each. The rules depend on the triangle alone, not on its place or
+//! size.
 //!
-//! 1. **Not finite**: a corner with a coordinate that is infinite or no number. Dropped.
+//! 1. **Not finite**: a corner with an infinite coordinate or a NaN. Dropped.
 //! 2. **Degenerate**: with ℓ the longest edge, h the height over it and m the largest coordinate by magnitude,
 //!
 //!    ```text
@@ -27,17 +27,17 @@ use crate::{Scene, Triangle};
 use glam::DVec3;
 use std::cmp::Ordering;
 
-/// What [`repair`] leaves alone.
+/// Exceptions from [`repair`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RepairOptions {
     /// Count duplicates, but keep them.
     pub keep_duplicates: bool,
 }
 
-/// Number of triangles that [`repair`] met of each kind; see the [rules](self).
+/// Triangles of each kind met by [`repair`]; see the [rules](self).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RepairReport {
-    /// Dropped: a coordinate that is not finite.
+    /// Dropped: a non-finite coordinate.
     pub non_finite: u64,
     /// Dropped: no area to speak of.
     pub degenerate: u64,
@@ -49,7 +49,7 @@ pub struct RepairReport {
     pub reversed_duplicates: u64,
 }
 
-/// Drops what can be no patch; see the [rules](self).
+/// Drops triangles that cannot be patches; see the [rules](self).
 ///
 /// ```
 /// use hemicube_scene::ReadOptions;
@@ -95,9 +95,9 @@ pub(crate) struct Shape {
     pub(crate) longest: f64,
     /// The height over it.
     pub(crate) height: f64,
-    /// Rounding in the coordinates, which no height can be told from.
+    /// Rounding of the coordinates: no smaller height can be told from it.
     noise: f64,
-    /// Powers of two that lead from these units to the scene's, one after the other lest their product overflow.
+    /// Powers of two from these units to the scene's, applied one after the other lest their product overflow.
     units: [f64; 2],
 }
 
@@ -136,7 +136,7 @@ impl Shape {
     }
 }
 
-/// A power of two `unit` of about half the points' extent, and the points relative to `origin` in units of twice that.
+/// A power of two `unit` of about half the points' extent, and the points relative to `origin` in units of 2 · `unit`.
 pub(crate) fn relative<const N: usize>(origin: DVec3, points: [DVec3; N]) -> (f64, [DVec3; N]) {
     let halves = points.map(|p| half_difference(p, origin));
     let extent = halves.iter().fold(0.0_f64, |m, d| m.max(d.abs().max_element()));
@@ -144,7 +144,7 @@ pub(crate) fn relative<const N: usize>(origin: DVec3, points: [DVec3; N]) -> (f6
     (unit, halves.map(|d| d / unit))
 }
 
-/// (p − origin) / 2, which is finite where p and the origin are.
+/// (p − origin) / 2: finite for finite p and origin.
 pub(crate) fn half_difference(p: DVec3, origin: DVec3) -> DVec3 {
     0.5 * p - 0.5 * origin
 }
@@ -154,7 +154,7 @@ pub(crate) fn power_of_two(x: f64) -> f64 {
     f64::from_bits(x.to_bits() & (0x7FF << 52)).max(f64::MIN_POSITIVE)
 }
 
-/// Corner positions in an order that all triangles with these corners share, and whether the winding is that order's.
+/// Corner positions in an order common to all triangles with these corners, and whether the winding is that order's.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct Place([[u64; 3]; 3]);
 
@@ -171,7 +171,7 @@ fn place(triangle: &Triangle) -> (Place, bool) {
     (Place(corners), even)
 }
 
-/// A number that equal places share, so that sorting seldom has to look at all nine coordinates.
+/// A number equal for equal places, so that sorting seldom compares all nine coordinates.
 fn digest(Place(corners): &Place) -> u64 {
     corners.as_flattened().iter().fold(0, |hash: u64, &bits| {
         let mixed = (hash ^ bits).wrapping_mul(0x9E37_79B9_7F4A_7C15);
@@ -207,7 +207,7 @@ fn settle(
     dropped: &mut [bool],
     report: &mut RepairReport,
 ) {
-    // Which triangle radiates from the side of either winding.
+    // The triangle radiating from the side of either winding.
     let mut owners: [Option<usize>; 2] = [None, None];
     for &i in group {
         let front = usize::from(place(&triangles[i]).1);

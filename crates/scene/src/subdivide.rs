@@ -1,9 +1,9 @@
-//! Cutting triangles into smaller ones, watertight: points on an edge that two triangles share are computed from the
-//! same two corners in the same order, so both triangles get the same bits.
+//! Cuts triangles into smaller ones, watertight: points on a shared edge are computed from the same two corners in the
+//! same order, so both triangles get equal bits.
 
 use glam::DVec3;
 
-/// How finely triangles are cut into patches.
+/// Fineness of the patches cut from triangles.
 ///
 /// ```
 /// use glam::DVec3;
@@ -27,7 +27,7 @@ pub enum Subdivision {
     Levels(u32),
     /// Each edge in `K` equal pieces: each triangle becomes K².
     Split(u32),
-    /// Each triangle's edges in as many equal pieces as make its longest piece no longer than this, in the file's unit.
+    /// Each triangle's edges in equal pieces, the fewest that are no longer than this, in the file's unit.
     PatchSize(f64),
 }
 

@@ -1,9 +1,8 @@
-//! What can be said about a scene before anything is computed: its extent, its triangles, how they join, and what in it
-//! looks like a mistake.
+//! Facts about a scene before anything is computed: its extent, its triangles, their joints, and likely mistakes.
 //!
-//! Two triangles join where they have an edge's two end points in common, as positions, whatever vertices the file gave
-//! them. A *boundary* edge belongs to one triangle, a *non-manifold* one to three and more, and an *inconsistent* one
-//! to two that run along it the same way, so that one shows its front where the other shows its back.
+//! Two triangles join at an edge with equal end points, as positions, whatever vertices the file gave them. A
+//! *boundary* edge belongs to one triangle, a *non-manifold* one to three and more, and an *inconsistent* one to two
+//! that run along it the same way, so that a front borders a back.
 
 use crate::repair::{RepairReport, Shape};
 use crate::{Axis, Scene, Triangle};
@@ -12,23 +11,23 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::hash::Hash;
 
-/// The part of the largest extent within which [`Survey::welded_edges`] takes positions for the same.
+/// Positions nearer than this part of the largest extent are one in [`Survey::welded_edges`].
 pub const WELD: f64 = 1e-7;
-/// Number of the worst triangles that [`Survey::worst`] names.
+/// Number of triangles in [`Survey::worst`].
 pub const WORST_MAX: usize = 5;
 
-/// What there is to say about a scene; see [`survey`].
+/// Facts about a scene; see [`survey`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Survey {
-    /// Triangles that are left after repair.
+    /// Triangles left after repair.
     pub triangle_count: usize,
-    /// Those of them that are two-sided.
+    /// Two-sided triangles.
     pub two_sided_count: usize,
     /// Names of objects.
     pub object_count: usize,
     /// Names of materials.
     pub material_count: usize,
-    /// What repair dropped and counted.
+    /// Triangles dropped and counted by repair.
     pub repair: RepairReport,
     /// The corners of the bounding box, least and greatest, unless there is no triangle.
     pub bounds: Option<[DVec3; 2]>,
@@ -40,26 +39,26 @@ pub struct Survey {
     pub area_min: f64,
     /// The largest triangle's area.
     pub area_max: f64,
-    /// How the triangles join where positions are equal to the last bit.
+    /// Joints of triangles, positions equal to the last bit.
     pub edges: Edges,
-    /// How they join where positions are equal after rounding to steps of [`WELD`] of the largest extent. Fewer
-    /// boundary edges than in [`Survey::edges`] mean cracks too narrow to be meant.
+    /// Joints of triangles, positions equal after rounding to steps of [`WELD`] of the largest extent. Fewer boundary
+    /// edges than in [`Survey::edges`] mean cracks too narrow to be meant.
     pub welded_edges: Edges,
-    /// Objects that are closed each on its own, positions equal to the last bit.
+    /// Objects closed on their own, positions equal to the last bit.
     pub closed_object_count: usize,
     /// Up to [`WORST_MAX`] triangles of the largest aspect, the worst first.
     pub worst: Vec<WorstTriangle>,
-    /// The axis that points up.
+    /// The axis pointing up.
     pub up: Axis,
-    /// Why that axis is taken to point up.
+    /// The reason for this axis.
     pub up_reason: String,
     /// True if the axis is a guess and not the format's word.
     pub up_guessed: bool,
-    /// Sentences about units and coordinates that are worth a second look.
+    /// Sentences about units and coordinates worth a second look.
     pub unit_hints: Vec<String>,
 }
 
-/// How triangles join along their edges; see the [module](self) for the words.
+/// Joints of triangles along their edges; the [module](self) has the words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Edges {
     /// Edges, each once however many triangles have it.
@@ -88,7 +87,7 @@ impl Edges {
     }
 }
 
-/// A triangle that is much longer than high.
+/// A triangle much longer than high.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorstTriangle {
     /// Position of its face in the file, from 0.
@@ -101,7 +100,7 @@ pub struct WorstTriangle {
     pub area: f64,
 }
 
-/// Surveys a scene that [`crate::repair::repair`] has been through, with the report it gave.
+/// Surveys a scene after [`crate::repair::repair`], with its report.
 ///
 /// ```
 /// use hemicube_scene::repair::{RepairOptions, repair};
@@ -130,7 +129,7 @@ pub fn survey(scene: &Scene, report: &RepairReport) -> Survey {
         area += triangle_area;
         area_min = area_min.min(triangle_area);
         area_max = area_max.max(triangle_area);
-        // After the ones as bad, so that the first in the file is named.
+        // After equally bad ones, so that the first in the file is named.
         let at = worst.partition_point(|&(aspect, _, _)| aspect >= shape.aspect());
         if at < WORST_MAX {
             worst.insert(at, (shape.aspect(), triangle_area, triangle));
@@ -144,7 +143,7 @@ pub fn survey(scene: &Scene, report: &RepairReport) -> Survey {
     let exact = |p: DVec3| (p + 0.0).to_array().map(f64::to_bits);
     let low = bounds.map_or(DVec3::ZERO, |[low, _]| low);
     let step = WELD * extent.max_element();
-    // Where nothing can be told from 0, rounding would merge all.
+    // With an extent of 0, rounding would merge all.
     let rounded = |p: DVec3| {
         if step > 0.0 {
             ((p - low) / step).round().to_array().map(f64::to_bits)
@@ -201,7 +200,7 @@ struct Edge {
     forward: bool,
 }
 
-/// The edges of all triangles but those that have two corners at one position, unordered.
+/// The edges of all triangles without two corners at one position, unordered.
 fn edges_of<K: Eq + Hash>(triangles: &[Triangle], position: impl Fn(DVec3) -> K) -> Vec<Edge> {
     let mut numbers: HashMap<K, usize> = HashMap::new();
     let mut edges = Vec::with_capacity(3 * triangles.len());
@@ -248,12 +247,12 @@ fn closed_object_count(edges: &mut [Edge]) -> usize {
         .count()
 }
 
-/// The axis that points up, and why.
+/// The axis pointing up, and the reason.
 fn up(scene: &Scene, extent: DVec3, area: f64) -> (Axis, String) {
     if let Some(axis) = scene.up {
         return (axis, "the format says so".to_owned());
     }
-    // The area that lies within 10° of across each axis.
+    // The area within 10° of perpendicular to each axis.
     let mut across = [0.0; 3];
     for triangle in &scene.triangles {
         let [a, b, c] = triangle.corners;
@@ -289,7 +288,8 @@ fn unit_hints(scene: &Scene, bounds: Option<[DVec3; 2]>, extent: DVec3, area: f6
     if scene.metres_per_unit.is_none() {
         if across > 1e5 {
             hints.push(format!(
-                "the scene is {} units across: 1 unit is probably a millimetre, which makes it {} m (scale by 0.001 for metres)",
+                "the scene is {} units across: 1 unit is probably a millimetre, which makes it {} m (scale by 0.001 \
+                 for metres)",
                 short(across),
                 short(across * 1e-3)
             ));
@@ -305,11 +305,15 @@ fn unit_hints(scene: &Scene, bounds: Option<[DVec3; 2]>, extent: DVec3, area: f6
     let step = f32_step(largest);
     if step > 1e-3 * typical {
         hints.push(format!(
-            "coordinates reach {}, where f32 has steps of {} ({} of a typical triangle's size): they are kept in f64 here, \
-             and ruined where they pass through f32",
+            "coordinates reach {}, where f32 has steps of {} ({} of a typical triangle's size): they are kept in f64 \
+             here, and ruined where they pass through f32",
             short(largest),
             short(step),
-            if step < typical { format!("{:.1} %", 100.0 * step / typical) } else { "more than all".to_owned() }
+            if step < typical {
+                format!("{:.1} %", 100.0 * step / typical)
+            } else {
+                "more than all".to_owned()
+            }
         ));
     }
     hints
@@ -321,7 +325,7 @@ fn f32_step(x: f64) -> f64 {
     (crate::repair::power_of_two(x) * 2.0_f64.powi(-23)).max(2.0_f64.powi(-149))
 }
 
-/// A length for a sentence: plain digits where there are few.
+/// A length for a sentence: plain digits if there are few.
 fn short(x: f64) -> String {
     if (1e-3..1e7).contains(&x) {
         // Four digits after the first.

@@ -1,12 +1,12 @@
-//! Byte-order marks: what may come before a text, for all readers of texts.
+//! Byte-order marks before a text, for all readers of texts.
 
 use crate::Error;
 
-/// The text of a file without the byte-order mark of UTF-8, which editors and spreadsheets put before it. Where there
-/// is no mark, all of it.
+/// The text of a file without UTF-8's byte-order mark, put there by editors and spreadsheets. All of it if there is no
+/// mark.
 ///
 /// # Errors
-/// When the mark is that of UTF-16 or UTF-32, whose texts are not read.
+/// When the mark is that of UTF-16 or UTF-32: neither is read.
 ///
 /// ```
 /// use hemicube_scene::text::unmarked;

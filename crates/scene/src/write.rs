@@ -1,9 +1,9 @@
 //! Writes a scene as Wavefront OBJ, and its materials as MTL: `v`, `f`, `o`, `usemtl`, `newmtl`, `Kd` and `Ke` lines.
 //!
-//! Each coordinate is written with the fewest digits that read back to the same f64, corners of equal bits are one
-//! vertex, and each triangle is a face of its own (a polygon would be cut again on reading, perhaps otherwise). So a
-//! reader gets the same triangles bit for bit, with the same object and material names; only the numbers of faces count
-//! triangles, where the scene's may count polygons. OBJ cannot say that a triangle is two-sided.
+//! Each coordinate has the fewest digits that read back to the same f64, corners of equal bits are one vertex, and each
+//! triangle is a face of its own (a polygon would be cut again on reading, perhaps otherwise). A reader gets back the
+//! same triangles bit for bit, with the same object and material names; its face numbers count triangles. OBJ has no
+//! two-sided triangles.
 
 use crate::{Findings, Scene};
 use std::borrow::Cow;
@@ -11,13 +11,12 @@ use std::collections::HashMap;
 use std::fmt;
 use std::io::{self, Write};
 
-/// Counted for each two-sided triangle that [`obj`] wrote, of which a reader gets the front only.
+/// Reason for each two-sided triangle written by [`obj`]: a reader gets its front only.
 pub const TWO_SIDED: &str = "two-sided triangle written one-sided";
-/// Counted for each object or material name with characters that an OBJ line cannot hold.
+/// Reason for each object or material name with characters impossible in an OBJ line.
 pub const CHANGED_NAME: &str = "name changed for OBJ";
 
-/// Writes a scene as OBJ without naming a material library, and returns what OBJ could not hold ([`TWO_SIDED`],
-/// [`CHANGED_NAME`]).
+/// Writes a scene as OBJ without naming a material library. Returns the losses ([`TWO_SIDED`], [`CHANGED_NAME`]).
 ///
 /// # Errors
 /// When `out` fails; of kind [`io::ErrorKind::InvalidInput`] when a coordinate is not finite or a triangle names an
@@ -41,7 +40,7 @@ pub fn obj(scene: &Scene, out: &mut impl Write) -> io::Result<Findings> {
     write_obj(scene, None, out)
 }
 
-/// Writes a scene as OBJ as [`obj`] does, with its materials in the file `library` beside it (see [`mtl`]).
+/// Writes a scene like [`obj`], with its materials in the file `library` beside it (see [`mtl`]).
 ///
 /// # Errors
 /// As [`obj`]; and when `library` is no single file name.
@@ -55,7 +54,7 @@ pub fn obj_with_library(scene: &Scene, library: &str, out: &mut impl Write) -> i
     write_obj(scene, Some(library), out)
 }
 
-/// Writes the materials of a scene as MTL: reflectance as `Kd` and emission as `Ke`, where the scene gives them.
+/// Writes the materials of a scene as MTL: reflectance as `Kd`, emission as `Ke`, each if the scene has it.
 ///
 /// # Errors
 /// When `out` fails; of kind [`io::ErrorKind::InvalidInput`] when a value is not finite.
@@ -164,8 +163,7 @@ fn invalid(message: String) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, message)
 }
 
-/// A name as a line of OBJ can hold it: what a reader would take for the line's end, a comment or a continuation
-/// becomes `_`, and so does space at either end.
+/// A name that fits a line of OBJ: line ends, comments, continuations and outer blanks become `_`.
 fn line_text(name: &str) -> Cow<'_, str> {
     let breaks = |c: char| c.is_control() || c == '#' || c == '\\';
     if !name.contains(breaks) && name.trim() == name {

@@ -1,5 +1,5 @@
-//! Orders the patches of two spheres, and shows what that buys: consecutive patches look the same way and lie near each
-//! other, so that what one has fetched into the cache serves the next.
+//! Orders the patches of two spheres, and shows the gain: consecutive patches look the same way and lie near each
+//! other, so that data in the cache serves the next patch, too.
 //!
 //! `cargo run --release -p hemicube-spatial --example order_points`
 #![allow(clippy::print_stdout, reason = "an example shows its result")]

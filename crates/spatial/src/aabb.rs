@@ -32,13 +32,13 @@ fn max(a: f64, b: f64) -> f64 {
 }
 
 impl Aabb {
-    /// The box that holds nothing, and the neutral element of [`union`](Self::union).
+    /// The box without points, and the neutral element of [`union`](Self::union).
     pub const EMPTY: Self = Self {
         min: DVec3::INFINITY,
         max: DVec3::NEG_INFINITY,
     };
 
-    /// The smallest box that holds all the points; [`EMPTY`](Self::EMPTY) if there is none.
+    /// The smallest box over all the points; [`EMPTY`](Self::EMPTY) if there is none.
     ///
     /// ```
     /// use hemicube_spatial::{Aabb, glam::DVec3};
@@ -51,13 +51,13 @@ impl Aabb {
         points.into_iter().fold(Self::EMPTY, Self::grow)
     }
 
-    /// The smallest box that holds this one and a point.
+    /// The smallest box over this one and a point.
     #[must_use]
     pub fn grow(self, point: DVec3) -> Self {
         self.union(Self { min: point, max: point })
     }
 
-    /// The smallest box that holds both.
+    /// The smallest box over both.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
         Self {
@@ -74,8 +74,8 @@ impl Aabb {
         }
     }
 
-    /// Whether `min` exceeds `max` on some axis, so that no point is inside. False for a box with a NaN unless another
-    /// axis makes it so.
+    /// Returns whether `min` exceeds `max` on some axis, so that no point is inside. False for a box with a NaN unless
+    /// another axis makes it so.
     pub fn is_empty(&self) -> bool {
         self.min.x > self.max.x || self.min.y > self.max.y || self.min.z > self.max.z
     }
@@ -90,8 +90,8 @@ impl Aabb {
         point.cmpge(self.min).all() && point.cmple(self.max).all()
     }
 
-    /// Whether another box lies wholly inside this one, borders included. An empty `other` holds no point, so it is
-    /// contained in every box without a NaN.
+    /// Returns whether another box lies wholly inside this one, borders included. An empty `other` holds no point, so
+    /// it is contained in every box without a NaN.
     pub fn contains_box(&self, other: &Self) -> bool {
         let nan = self.min.is_nan() || self.max.is_nan();
         (other.is_empty() && !nan) || (other.min.cmpge(self.min).all() && other.max.cmple(self.max).all())

@@ -6,18 +6,18 @@ use crate::{Containment, Frustum};
 use glam::DVec3;
 use std::ops::{AddAssign, Range};
 
-/// What a walk did. The own items of a node with children are tested by their own bounds and count as a node more.
+/// Counters of a walk. The own items of a node with children are tested by their own bounds and count as a node more.
 ///
-/// What was neither culled nor inside straddled. Counters add up over walks with `+=`.
+/// Items neither culled nor inside straddled. Counters add up over walks with `+=`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CullCounters {
-    /// Nodes whose bounds were tested against the frustum.
+    /// Nodes tested against the frustum.
     pub nodes_tested: u64,
-    /// Of these, the ones outside.
+    /// Tested nodes found outside.
     pub nodes_culled: u64,
-    /// Of these, the ones wholly inside: nothing beneath them was tested.
+    /// Tested nodes found wholly inside: nothing beneath them was tested.
     pub nodes_inside: u64,
-    /// Items beneath the nodes that were culled.
+    /// Items beneath the culled nodes.
     pub items_culled: u64,
 }
 
@@ -44,18 +44,18 @@ impl CullCounters {
     }
 }
 
-/// What to do after a node of a front-to-back walk.
+/// The next step after a node of a front-to-back walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Visit {
     /// Go on with its children, if it has any.
     Descend,
-    /// Leave out all that is beneath it.
+    /// Leave out all beneath it.
     Skip,
     /// End the walk.
     Stop,
 }
 
-/// Joins ranges that follow on each other with the same outcome.
+/// Joins adjacent ranges with the same outcome.
 struct Ranges<F> {
     pending: Option<(Range<u32>, Containment)>,
     visit: F,
@@ -83,9 +83,9 @@ impl<F: FnMut(Range<u32>, Containment)> Ranges<F> {
 const STACK_CAPACITY: usize = 7 * 21 + 1;
 
 impl Octree {
-    /// Gives the items that are not proved to be outside a frustum as ascending, disjoint, nowhere adjacent-and-equal
-    /// ranges of places in [`order`](Self::order): [`Inside`](Containment::Inside) when all of a range is inside,
-    /// otherwise [`Straddling`](Containment::Straddling). No item that shares a point with the frustum is left out.
+    /// Gives the items not proved to be outside a frustum as ascending, disjoint, nowhere adjacent-and-equal ranges of
+    /// places in [`order`](Self::order): [`Inside`](Containment::Inside) when all of a range is inside, otherwise
+    /// [`Straddling`](Containment::Straddling). Leaves out no item that shares a point with the frustum.
     ///
     /// ```
     /// # use hemicube_spatial::{Aabb, Containment, Frustum, Octree, OctreeOptions, Plane, glam::DVec3};
@@ -129,12 +129,12 @@ impl Octree {
         counters
     }
 
-    /// Walks the nodes outwards from an eye: where the cell of one node can hide a part of another's, and neither is
-    /// beneath the other, it comes first. `visit` gets a node's number and the node, before its children, and says how
-    /// to go on.
+    /// Walks the nodes outwards from an eye: a node comes before every other node whose cell its own can hide, unless
+    /// one is beneath the other. `visit` gets a node's number and the node, before its children, and returns the next
+    /// step.
     ///
-    /// A node's own items are due when it is visited. With children they lie astride its middle planes, so nearer
-    /// items may still follow: sort or test them where that matters.
+    /// A node's own items are due at its visit. With children they lie astride its middle planes, so nearer items may
+    /// still follow: sort or test them if that matters.
     ///
     /// ```
     /// # use hemicube_spatial::{Aabb, Octree, OctreeOptions, Visit, glam::DVec3};

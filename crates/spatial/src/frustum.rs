@@ -12,7 +12,7 @@ use crate::Aabb;
 use glam::DVec3;
 use std::fmt;
 
-/// Where a box lies with respect to a frustum.
+/// The place of a box with respect to a frustum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Containment {
     /// Every point of the box is inside.
@@ -26,7 +26,7 @@ pub enum Containment {
 /// A half-space: the points `p` with `normal · (p − point) ≥ 0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// A point on the plane; best taken near what is to be tested.
+    /// A point on the plane; best taken near the tested boxes.
     pub point: DVec3,
     /// Perpendicular to the plane, pointing inwards, of any length.
     pub normal: DVec3,
@@ -58,7 +58,7 @@ pub struct Frustum {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum PyramidError {
-    /// The apex or a direction has a coordinate that is infinite or NaN.
+    /// The apex or a direction has an infinite coordinate or a NaN.
     NonFinite,
     /// A direction is zero, two neighbours are parallel or opposite, or all four lie in one plane.
     Flat,
@@ -89,7 +89,7 @@ impl Frustum {
     /// The intersection of half-spaces. A plane with a zero, infinite or NaN normal or point proves nothing, so that no
     /// box is ever culled by it or found inside.
     ///
-    /// The planes are taken as exact: the margin covers the rounding of the test, not of your computing the planes.
+    /// The planes are taken as exact: the margin covers the rounding of the test, not of computing the planes.
     pub fn from_planes(planes: &[Plane]) -> Self {
         let side = |&plane: &Plane| Side {
             plane,
@@ -131,7 +131,7 @@ impl Frustum {
             }
             *unit = (corner / largest).normalize();
         }
-        // Each component of a cross product of unit vectors that are right to 2u is right to 6u; the rest is margin.
+        // Each component of a cross product of unit vectors right to 2u is right to 6u; the rest is margin.
         const NORMAL_ERROR: f64 = 4.0 * f64::EPSILON;
         // An opening below this is as good as none: the margin would leave nothing to be decided.
         const FLAT: f64 = 64.0 * f64::EPSILON;
@@ -159,21 +159,21 @@ impl Frustum {
         Ok(Self { sides })
     }
 
-    /// The half-spaces whose intersection this is.
+    /// The half-spaces.
     pub fn planes(&self) -> impl ExactSizeIterator<Item = Plane> + '_ {
         self.sides.iter().map(|side| side.plane)
     }
 
-    /// Whether a point is inside or on the border, as far as rounding lets one tell; false for NaN. For proofs use
+    /// Returns whether a point is inside or on the border, up to rounding; false for NaN. For proofs use
     /// [`classify`](Self::classify).
     pub fn contains(&self, point: DVec3) -> bool {
         self.sides.iter().all(|side| side.plane.offset(point) >= 0.0)
     }
 
-    /// Where a box lies. [`Outside`](Containment::Outside) and [`Inside`](Containment::Inside) are proofs, rounding
-    /// included. A box outside the frustum that no single plane separates from it, as may happen near the frustum's
-    /// edges, is [`Straddling`](Containment::Straddling); so is a box with an infinite bound or a NaN, unless there is
-    /// no plane. An empty box is outside.
+    /// Classifies a box. [`Outside`](Containment::Outside) and [`Inside`](Containment::Inside) are proofs, rounding
+    /// included. A box outside the frustum without a single plane separating it, possible near the frustum's edges, is
+    /// [`Straddling`](Containment::Straddling); so is a box with an infinite bound or a NaN, unless there is no plane.
+    /// An empty box is outside.
     pub fn classify(&self, bounds: &Aabb) -> Containment {
         if bounds.is_empty() {
             return Containment::Outside;
@@ -181,9 +181,9 @@ impl Frustum {
         self.classify_masked(bounds, ALL_PLANES).0
     }
 
-    /// [`classify`](Self::classify) for a box that is not empty, against the planes whose bit is set, with the mask of
-    /// those that the box was not found to be wholly within: what lies inside the box need not be tested against the
-    /// others. Planes from the 65th on have no bit and are always tested.
+    /// [`classify`](Self::classify) for a box that is not empty, against the planes whose bit is set. Also returns the
+    /// mask of the planes without proof that the box is wholly within them: nothing inside the box need be tested
+    /// against the others. Planes from the 65th on have no bit and are always tested.
     pub(crate) fn classify_masked(&self, bounds: &Aabb, mask: u64) -> (Containment, u64) {
         let mut remaining = mask;
         let mut inside = true;

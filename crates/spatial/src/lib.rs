@@ -1,7 +1,7 @@
 //! Boxes in Morton order, an octree over them, and frustum culling with three outcomes.
 //!
-//! The crate orders and culls *boxes* and knows nothing of what is in them: triangles, particles and tiles of a map
-//! are all the same to it. Everything is in f64, and no function allocates more than a small multiple of its input.
+//! The crate orders and culls *boxes*, whatever is in them: triangles, particles, tiles of a map. Everything is in f64,
+//! and no function allocates more than a small multiple of its input.
 //!
 //! # Where to start
 //!
@@ -56,8 +56,8 @@
 //! - **The structure can be checked**: [`Octree::validate`] walks every invariant, and [`Octree::from_parts`] accepts
 //!   a stored octree only when they hold.
 //!
-//! The only dependency is [`glam`], re-exported so that embedders take the same version; of its types only
-//! [`glam::DVec3`] appears in the interface.
+//! The only dependency is [`glam`], re-exported so that embedders take the same version; only [`glam::DVec3`] appears
+//! in the interface.
 
 mod aabb;
 mod cull;

@@ -16,7 +16,7 @@
 use crate::Aabb;
 use glam::DVec3;
 
-/// Bits of a position code per axis, and with it the deepest level of halving that a code can tell apart.
+/// Bits of a position code per axis: the deepest level of halving in a code.
 pub const LEVEL_COUNT: u32 = 21;
 
 /// Cells per axis, 2²¹.
@@ -65,7 +65,7 @@ pub fn decode(code: u64) -> [u32; 3] {
 }
 
 /// The cell of a coordinate in the unit interval: min(⌊x·2²¹⌋, 2²¹ − 1), so that the upper end, 1, belongs to the last
-/// cell. What lies outside goes to the nearest cell, NaN to cell 0.
+/// cell. Other coordinates go to the nearest cell, NaN to cell 0.
 pub fn quantise(x: f64) -> u32 {
     // A float to integer cast truncates, saturates and takes NaN to 0, which is all of the above but the last cell.
     #[allow(
@@ -82,14 +82,14 @@ pub fn position_code(unit: DVec3) -> u64 {
     encode([quantise(unit.x), quantise(unit.y), quantise(unit.z)])
 }
 
-/// The last of the 13 levels to which an octahedral coordinate is rounded. 12 is divisible by 2, 3 and 4, so that the
-/// normals of axis-aligned, 45° and cube-diagonal surfaces lie in the middle of a cell: noise in the last digits of a
-/// wall's normals does not tear the wall apart.
+/// The last of the 13 levels of a rounded octahedral coordinate. 12 is divisible by 2, 3 and 4, so that the normals of
+/// axis-aligned, 45° and cube-diagonal surfaces lie in the middle of a cell: noise in the last digits of a wall's
+/// normals does not tear the wall apart.
 ///
-/// So few, because what is sorted by normal first is sorted by position only within a cell. On two spheres of 20,000
+/// Few levels, because items sorted by normal first are sorted by position only within a cell. On two spheres of 20,000
 /// patches each (the `order_points` example) the mean step from one patch to the next is 0.07 radii with 13 levels,
-/// 0.13 with 25, 0.57 with 61 and 3.0 with 253, where each cell holds one patch of either sphere; the mean turn is
-/// 2.7°, 2.6°, 2.3° and 1.3°.
+/// 0.13 with 25, 0.57 with 61 and 3.0 with 253 (one patch of either sphere a cell); the mean turn is 2.7°, 2.6°, 2.3°
+/// and 1.3°.
 const LAST_NORMAL_LEVEL: u32 = 12;
 
 /// The code of a direction: the Morton code of its octahedral coordinates, 4 bits each. The vector may have any length;
@@ -110,8 +110,8 @@ pub fn normal_code(normal: DVec3) -> u32 {
         level.min(LAST_NORMAL_LEVEL)
     };
     let (mut u, mut v) = (level(fold(n.x, n.y)), level(fold(n.y, n.x)));
-    // The square's border is where the folded flaps meet: (±1, v) and (±1, −v) are the same direction, and the four
-    // corners are all −z. One of each is chosen.
+    // The folded flaps meet at the square's border: (±1, v) and (±1, −v) are the same direction, and the four corners
+    // are all −z. One of each is chosen.
     if u == 0 || u == LAST_NORMAL_LEVEL {
         v = v.max(LAST_NORMAL_LEVEL - v);
     }
@@ -121,8 +121,8 @@ pub fn normal_code(normal: DVec3) -> u32 {
     spread2(u) | spread2(v) << 1
 }
 
-/// The unit vector in the middle of a code's cell; `None` for [`NO_NORMAL`] and for numbers that [`normal_code`] never
-/// gives.
+/// The unit vector in the middle of a code's cell; `None` for [`NO_NORMAL`] and for numbers never given by
+/// [`normal_code`].
 pub fn normal_from_code(code: u32) -> Option<DVec3> {
     let (u, v) = (gather2(code), gather2(code >> 1));
     if code >= NO_NORMAL || u > LAST_NORMAL_LEVEL || v > LAST_NORMAL_LEVEL {
@@ -149,7 +149,7 @@ fn gather2(x: u32) -> u32 {
     (x | x >> 2) & 0xf
 }
 
-/// A cube in space whose halvings are the cells: at level 0 the cube, at level 1 its eight octants, and so on.
+/// A cube in space and its halvings, the cells: at level 0 the cube, at level 1 its eight octants, and so on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cube {
     /// The corner with the smallest coordinates.
@@ -168,8 +168,8 @@ impl Cube {
         }
     }
 
-    /// A point in units of the edge, from the origin: the inside of the cube is the unit cube. NaN where the cube is a
-    /// single point and the point is in it.
+    /// A point in units of the edge, from the origin: the inside of the cube is the unit cube. NaN for the point of a
+    /// cube without extent.
     pub fn unit_position(&self, p: DVec3) -> DVec3 {
         // A division, not a product with the reciprocal: only it maps the k-th of n equal parts exactly to k/n.
         (p * 0.5 - self.origin * 0.5) / self.half_edge

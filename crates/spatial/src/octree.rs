@@ -1,21 +1,21 @@
 //! An octree over boxes, as one sorted array of items and one array of nodes.
 //!
-//! The cells are the halvings of the cube over all boxes ([`Cube::around`]). A box fits a cell when it lies wholly in
-//! it, borders included; the deepest cell that it fits follows from the first bit in which the quantised corners
-//! differ. In a loose octree (Ulrich 2000, "Loose octrees", Game Programming Gems) it fits when its middle is in the
-//! cell and no edge is longer than the cell's, so that size alone decides on the level. Items sorted by that cell's
-//! Morton code, a shallower cell before the deeper ones with the same code, are in the order of the finished octree, in
-//! which every node is one contiguous range:
+//! The cells are the halvings of the cube over all boxes ([`Cube::around`]). A box fits a cell if it lies wholly in it,
+//! borders included; the deepest fitting cell follows from the first bit in which the quantised corners differ. In a
+//! loose octree (Ulrich 2000, "Loose octrees", Game Programming Gems) it fits if its middle is in the cell and no edge
+//! is longer than the cell's, so that size alone decides on the level. Sorting the items by that cell's Morton code, a
+//! shallower cell before the deeper ones with the same code, gives the order of the finished octree, with one
+//! contiguous range for every node:
 //!
 //! ```text
 //! items   [ own │ octant 0 │ octant 2 │ octant 7 ]      of one node: own() then the ranges of its children
 //! nodes   root │ its children │ the children of the first of them │ …      breadth first
 //! ```
 //!
-//! Parameters: maximum level and minimum items of a node that is subdivided, as the maximum level and the minimum of
-//! patches of Vázquez and Guartes 2017. Two departures: bounds are tight round the items rather than the cells, and a
-//! node whose items all fit one child takes that child's cell in its stead, so that boxes in a heap make no chain of
-//! nodes and there are never more than two nodes for each item.
+//! Parameters: maximum level and minimum items of a subdivided node, like the maximum level and the minimum of patches
+//! of Vázquez and Guartes 2017. Two departures: bounds are tight round the items rather than the cells, and a node with
+//! all items in one child takes that child's cell in its stead, so that boxes in a heap make no chain of nodes and
+//! there are never more than two nodes for each item.
 
 use crate::morton::{CELL_COUNT, Cube, LEVEL_COUNT, encode, quantise};
 use crate::{Aabb, ValidationError};
@@ -23,11 +23,11 @@ use glam::DVec3;
 use std::fmt;
 use std::ops::Range;
 
-/// The most boxes that an octree takes, 2³¹: so its nodes, at most two for each, have 32-bit numbers.
+/// The most boxes of an octree, 2³¹: so its nodes, at most two for each, have 32-bit numbers.
 pub const MAX_ITEM_COUNT: usize = 1 << 31;
 
-/// How much of the finest cell a box may stick out and still fit, 2⁻⁶, which is 2⁻²⁷ of the root's edge. Without it the
-/// coordinates' own rounding would leave boxes that tile a cell's border with its parent.
+/// Most that a fitting box sticks out of its cell, in edges of the finest cell: 2⁻⁶, or 2⁻²⁷ of the root's edge.
+/// Without it, rounding of the coordinates would leave boxes that tile a cell's border with its parent.
 const FIT_TOLERANCE: f64 = 1.0 / 64.0;
 
 /// When a node is subdivided.
@@ -39,7 +39,8 @@ pub struct OctreeOptions {
     pub min_items: u32,
 }
 
-/// All levels, and 32 items: an embedder's start. What is best depends on the cost of an item against that of a node.
+/// All levels, and 32 items: an embedder's start. The best choice depends on the cost of an item against that of a
+/// node.
 impl Default for OctreeOptions {
     fn default() -> Self {
         Self {
@@ -49,7 +50,7 @@ impl Default for OctreeOptions {
     }
 }
 
-/// What it takes for a box to fit a cell.
+/// The rule by which a box fits a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fit {
     /// The box lies wholly in the cell: see [`Octree::build`].
@@ -62,7 +63,7 @@ pub enum Fit {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum OctreeError {
-    /// A box has a bound that is infinite or NaN.
+    /// A box has an infinite bound or a NaN.
     NonFinite {
         /// Its index in the input.
         index: usize,
@@ -79,7 +80,7 @@ pub enum OctreeError {
     },
     /// There are more boxes than [`MAX_ITEM_COUNT`].
     TooMany {
-        /// The number that there are.
+        /// Their number.
         count: usize,
     },
 }
@@ -138,12 +139,12 @@ pub struct Node {
     pub first_child: u32,
     /// Number of children: only octants with items have a node.
     pub child_count: u32,
-    /// The node whose child this is; `None` for the root.
+    /// The parent; `None` for the root.
     pub parent: Option<u32>,
 }
 
 impl Node {
-    /// The node's own items: those that fit no child, or all of them in a leaf.
+    /// The node's own items: all items of a leaf, otherwise the items that fit no child.
     pub fn own(&self) -> Range<u32> {
         self.first_item..self.own_end
     }
@@ -163,7 +164,7 @@ impl Node {
         self.child_count == 0
     }
 
-    /// Which octant of an ancestor's cell this node's cell is in: bit 0 for the upper half in x, 1 in y, 2 in z.
+    /// The octant of an ancestor's cell with this node's cell: bit 0 for the upper half in x, 1 in y, 2 in z.
     pub(crate) fn octant_beneath(&self, ancestor_level: u32) -> Option<usize> {
         let shift = self.level.checked_sub(ancestor_level.checked_add(1)?)?;
         let [x, y, z] = self.cell.map(|c| (c.checked_shr(shift).unwrap_or(0) & 1) as usize);
@@ -171,7 +172,7 @@ impl Node {
     }
 }
 
-/// An octree over boxes. It keeps neither the boxes nor what is in them, only their order and the nodes.
+/// An octree over boxes. It keeps their order and the nodes, not the boxes or their contents.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Octree {
     pub(crate) fit: Fit,
@@ -184,9 +185,8 @@ pub struct Octree {
 impl Octree {
     /// Builds the octree of a set of boxes; of none, an octree without nodes.
     ///
-    /// The items of each node's own are in Morton order of their middles (as far as nine levels below the node), ties
-    /// by input index; a leaf's are in the order that further subdivision would give them. The result depends on the
-    /// input only.
+    /// The own items of each node are in Morton order of their middles (as far as nine levels below the node), ties by
+    /// input index; a leaf's are in the order of further subdivision. The result depends on the input only.
     ///
     /// # Errors
     /// [`OctreeError`] when a box is not finite or empty, `max_level` is too deep, or there are too many boxes.
@@ -204,11 +204,11 @@ impl Octree {
         Self::build_with(boxes, Fit::Whole, options)
     }
 
-    /// Builds a loose octree: as [`build`](Self::build), but a box goes into the octant of its middle unless one of its
-    /// edges is longer than that octant's. Few boxes are left in nodes with children, so that culling is much sharper
-    /// where boxes are not small beside the cells, as in most scenes of triangles. In exchange sibling nodes overlap by
-    /// up to half a cell, and the order of [`visit_front_to_back`](Self::visit_front_to_back) holds for the boxes'
-    /// middles only.
+    /// Builds a loose octree: like [`build`](Self::build), but a box goes into the octant of its middle unless one of
+    /// its edges is longer than that octant's. Few boxes are left in nodes with children, so culling is much sharper
+    /// for boxes that are not small beside the cells, the usual case for scenes of triangles. In exchange sibling nodes
+    /// overlap by up to half a cell, and the order of [`visit_front_to_back`](Self::visit_front_to_back) holds for the
+    /// boxes' middles only.
     ///
     /// # Errors
     /// As [`build`](Self::build).
@@ -289,7 +289,7 @@ impl Octree {
         Ok(octree)
     }
 
-    /// Size of a box, at most, that fits a cell.
+    /// The largest fitting box, in edges of the cell.
     pub fn fit(&self) -> Fit {
         self.fit
     }
@@ -330,7 +330,7 @@ impl Octree {
     }
 }
 
-/// The smallest box over those of the boxes that are named; a name without a box counts for nothing.
+/// The smallest box over the named boxes; names without a box count for nothing.
 pub(crate) fn union_of(boxes: &[Aabb], indices: &[u32]) -> Aabb {
     indices
         .iter()
@@ -338,8 +338,8 @@ pub(crate) fn union_of(boxes: &[Aabb], indices: &[u32]) -> Aabb {
         .fold(Aabb::EMPTY, |bounds, b| bounds.union(*b))
 }
 
-/// The deepest cell that a box fits, down to `max_level`: its level, and its position in finest cells, of which only
-/// the bits down to that level are set.
+/// The deepest fitting cell of a box, down to `max_level`: its level, and its position in finest cells, with only the
+/// bits down to that level set.
 pub(crate) fn deepest_fit(bounds: &Aabb, cube: &Cube, fit: Fit, max_level: u32) -> (u32, [u32; 3]) {
     #[allow(
         clippy::cast_possible_truncation,
@@ -349,7 +349,7 @@ pub(crate) fn deepest_fit(bounds: &Aabb, cube: &Cube, fit: Fit, max_level: u32) 
     let cell_of = |x: f64| (x as u32).min(CELL_COUNT - 1);
     let in_cells = |corner: DVec3| cube.unit_position(corner) * f64::from(CELL_COUNT);
     let (low, high) = (in_cells(bounds.min), in_cells(bounds.max));
-    // The finest cell in which the box begins, and the bits that must go for a cell to hold all of it.
+    // The finest cell with the box's beginning, and the bits to drop until a cell holds all of it.
     let (first, excess) = match fit {
         Fit::Whole => {
             // The upper border belongs to the lower cell: hence the ceiling less one, but for a flat box on the border.
@@ -386,7 +386,7 @@ impl Key {
     fn new(index: u32, bounds: &Aabb, cube: &Cube, fit: Fit, max_level: u32) -> Self {
         let (level, cell) = deepest_fit(bounds, cube, fit, max_level);
         let middle = cube.position_code(bounds.center());
-        // The 3·level leading bits of the middle are those of the cell; the 28 that follow go into the key.
+        // The 3·level leading bits of the middle are those of the cell; the next 28 go into the key.
         let middle = (middle << 1).checked_shl(3 * level).unwrap_or(0) >> 36;
         Self(u128::from(encode(cell)) << 65 | u128::from(level) << 60 | u128::from(middle) << 32 | u128::from(index))
     }
@@ -434,13 +434,14 @@ fn subdivide(keys: &[u128], options: OctreeOptions) -> Vec<Node> {
     nodes
 }
 
-/// The node over the keys from `start` to `end`, all of which fit one cell of `level`.
+/// The node over the keys from `start` to `end`; all fit one cell of `level`.
 fn new_node(keys: &[u128], start: usize, end: usize, level: u32, parent: Option<u32>, options: OctreeOptions) -> Node {
     let (first, last) = (Key(keys[start]), Key(keys[end - 1]));
     let subdivided = end - start > options.min_items as usize;
     let level = if subdivided {
-        // The deepest cell that all fit. Codes being sorted, what the first and the last share all share; and an item
-        // that fits no deeper than the shared digits has the lowest code and the lowest level, so it is the first.
+        // The deepest cell that fits all. The codes are sorted, so digits shared by the first and the last are shared
+        // by all; and an item fitting no deeper than those has the lowest code and the lowest level, so it is the
+        // first.
         let shared = ((first.code() ^ last.code()).leading_zeros() - 1) / 3;
         shared.min(first.level())
     } else {

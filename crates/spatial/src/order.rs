@@ -1,10 +1,10 @@
-//! Orders along the Morton curve: by normal first and then position, as the rows of a form-factor matrix are worked
-//! off, or by position alone.
+//! Orders along the Morton curve: by normal first and then position (the order of work of a form-factor matrix), or by
+//! position alone.
 //!
 //! An order is a permutation: `order[k]` is the input index of the k-th item.
 //!
 //! No internal patch ids, because renumbering every row costs a sort of it, and ids do nothing for the rasteriser: the
-//! patch's position in the input is its id everywhere. "The smaller id wins" where depths tie then means the first in
+//! patch's position in the input is its id everywhere. "The smaller id wins" at equal depths then means the first in
 //! the file. The order of work (Morton, by normal and position) is a list beside it.
 
 use crate::Aabb;

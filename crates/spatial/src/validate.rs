@@ -10,9 +10,9 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ValidationError {
-    /// The options or the cube are not such as any octree has.
+    /// No octree has these options or this cube.
     Frame,
-    /// There are as many items as boxes, but here there are not.
+    /// The number of items is not that of the boxes.
     ItemCount {
         /// Items in the order.
         items: usize,
@@ -36,13 +36,13 @@ pub enum ValidationError {
         /// The node.
         node: usize,
     },
-    /// The node's children are not where breadth-first order has them, name another parent, or it has too few items to
-    /// have any, or a single child that should be in its stead.
+    /// The node's children are out of breadth-first order or name another parent, or it has too few items for children,
+    /// or a single child that should be in its stead.
     Children {
         /// The node.
         node: usize,
     },
-    /// There are nodes that are no node's children.
+    /// Some nodes are no node's children.
     Orphans {
         /// The first of them.
         node: usize,
@@ -101,14 +101,14 @@ impl fmt::Display for ValidationError {
 
 impl std::error::Error for ValidationError {}
 
-/// How far an item may stick out of its cell, in units of the root's edge: twice the tolerance of building, 2⁻²⁷, so
-/// that the rounding of this other way of reckoning does not matter.
+/// Most that an item sticks out of its cell, in units of the root's edge: twice the tolerance of building, 2⁻²⁷, so
+/// that the rounding of this other arithmetic does not matter.
 const CELL_TOLERANCE: f64 = 1.0 / (1u64 << 26) as f64;
 
 impl Octree {
-    /// Checks that this is an octree of the boxes: that the order is a permutation, ranges nest and follow on each
-    /// other, nodes are in breadth-first order, levels and cells descend, own items are in the right cell and fit no
-    /// child, and bounds are tight. Takes time in proportion to the items.
+    /// Checks that this is an octree of the boxes: the order is a permutation, ranges nest and follow on each other,
+    /// nodes are in breadth-first order, levels and cells descend, own items are in the right cell and fit no child,
+    /// and bounds are tight. Takes time in proportion to the items.
     ///
     /// # Errors
     /// [`ValidationError`] at the first defect.
@@ -161,7 +161,7 @@ impl Octree {
         Ok(())
     }
 
-    /// The node on its own: its ranges, its level and that its cell is one of that level.
+    /// Checks a node on its own: its ranges, its level, and a cell of that level.
     fn validate_node(&self, index: usize, node: &Node) -> Result<(), ValidationError> {
         let nested = node.first_item <= node.own_end && node.own_end <= node.item_end;
         if !nested || node.all().is_empty() || node.item_end as usize > self.order.len() {
@@ -176,7 +176,7 @@ impl Octree {
         Ok(())
     }
 
-    /// The node with its children, which must begin at `next_child`; gives where the next node's must.
+    /// Checks a node with its children, due to begin at `next_child`; returns the beginning of the next node's.
     fn validate_children(&self, index: usize, node: &Node, next_child: usize) -> Result<usize, ValidationError> {
         if node.is_leaf() {
             let complete = node.own_end == node.item_end;
@@ -221,7 +221,7 @@ impl Octree {
         }
     }
 
-    /// The node's own items against its cell, by other arithmetic than that which put them there.
+    /// Checks the node's own items against its cell, by other arithmetic than building.
     fn validate_own(&self, index: usize, node: &Node, boxes: &[Aabb]) -> Result<(), ValidationError> {
         let scale = (-f64::from(node.level)).exp2();
         let [x, y, z] = node.cell.map(|c| f64::from(c) * scale);
@@ -238,7 +238,7 @@ impl Octree {
             let sticks_out = match self.fit {
                 Fit::Whole => {
                     let unit = [item.min, item.max].map(|corner| self.cube.unit_position(corner));
-                    // In a cube that is a single point the quotients are NaN for what is in it, infinite for the rest.
+                    // In a cube without extent the quotients are NaN for its point, infinite for the rest.
                     (unit[0].cmplt(low) | unit[1].cmpgt(high)).any()
                 }
                 Fit::Loose => {

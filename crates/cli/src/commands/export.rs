@@ -1,27 +1,234 @@
-//! `hemicube export`: the matrix, and what is known of its patches, in the files that other programs read.
+//! `hemicube export`: the matrix, or results of its patches, in files for other programs.
 
-mod arguments;
-mod parquet;
 mod patches;
 
-pub(crate) use arguments::Arguments;
-
-use crate::args::Talk;
+use crate::args::{Report as ReportArguments, Talk, UpAxis};
 use crate::exit::{self, Exit, hinted};
+use crate::help::examples;
+use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, PendingFile, SCHEMA, count, counted, size};
 use crate::stored;
 use anyhow::{Context, Result, anyhow, bail};
-use arguments::ZoneName;
-use clap::ValueEnum;
+use clap::builder::{PossibleValue, PossibleValuesParser};
+use clap::{Args, ValueEnum};
 use hemicube::analysis::zones::{GroupBy, Zone, ZoneFormat, write_zones, zones};
-use hemicube::export::{ExportFormat, ExportOptions, ExportReport, export, export_with_sky};
 use hemicube::sky::{SkyDivision, StoredSky};
 use hemicube::store::Store;
-use hemicube_export::{PatchFormat, WriteOptions};
+use hemicube_export::{
+    ExportFormat, ExportOptions, ExportReport, Named, PatchFormat, WriteOptions, export, export_with_sky, listed,
+};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "  \
+  hemicube export room.hemicube room.npz                         # SciPy: scipy.sparse.load_npz
+  hemicube export room.hemicube room.data --format mtx
+  hemicube export city.hemicube city.npz --with-sky              # and what each patch sees of the sky
+  hemicube export room.hemicube zones.csv --by object            # form factors between objects
+  hemicube export room.hemicube room.vtp --scene room.obj        # ParaView: each patch with its results
+  hemicube export room.hemicube room.glb --scene room.obj --up y --show seen
+  hemicube export room.hemicube patches.csv                      # a line a patch";
+
+/// Arguments without a meaning for zones.
+const OF_PATCHES: [&str; 8] = [
+    "format",
+    "allow_incomplete",
+    "patches",
+    "scene",
+    "show",
+    "range",
+    "solution",
+    "up",
+];
+
+/// `hemicube export`
+#[derive(Args, Debug)]
+#[command(about = about(), long_about = None, after_long_help = examples(EXAMPLES, false))]
+pub(crate) struct Arguments {
+    /// The matrix
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    #[arg(value_name = "OUT", help = output_help())]
+    pub(crate) output: PathBuf,
+    /// The format, where OUT's extension does not say
+    #[arg(long, value_name = "FORMAT", value_parser = format_names())]
+    format: Option<String>,
+    /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table, `.csv`,
+    /// or what View3D writes, `.vf`
+    #[arg(long, value_name = "WHAT", conflicts_with_all = OF_PATCHES)]
+    by: Option<ZoneName>,
+    /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --store` found
+    /// them. OUT with `.columns.csv` in place of its ending says what each is
+    #[arg(long, conflicts_with = "by")]
+    pub(crate) with_sky: bool,
+    /// Replace a file that is there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    /// Accept a matrix of which parts are missing; their rows become empty
+    #[arg(long)]
+    allow_incomplete: bool,
+    #[arg(long, help_heading = "Patches", help = format!(
+        "What is known of each patch, in place of the matrix, where OUT is a {}, which may be either",
+        either(" or "),
+    ))]
+    patches: bool,
+    #[arg(long, value_name = "SCENE", help_heading = "Patches", help = format!(
+        "The scene that the matrix is of: it has the corners that {} need",
+        patch_extensions(PatchFormat::needs_corners, " and "),
+    ))]
+    pub(crate) scene: Option<PathBuf>,
+    /// Read a scene of which more would come than a file of its size may become (docs/security.md)
+    #[arg(long, requires = "scene", help_heading = "Patches", hide_short_help = true)]
+    allow_large: bool,
+    /// Which solutions to add (repeatable) [default: all that `hemicube solve` left beside the matrix]
+    #[arg(long, value_name = "NAME", help_heading = "Patches")]
+    solution: Vec<String>,
+    #[arg(long, value_name = "COLUMN", help_heading = "Patches", help = format!(
+        "What colours {}: a column such as flux, radiosity, sky_view_factor, escaped, seen [default: the first of \
+         these that says something]",
+        patch_extensions(PatchFormat::has_colors, " and "),
+    ))]
+    show: Option<String>,
+    /// What the first and the last colour stand for [default: the least and the greatest value]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "Patches")]
+    range: Option<[f64; 2]>,
+    #[arg(long, value_name = "x|y|z", hide_possible_values = true, help_heading = "Patches", help = format!(
+        "The axis that points up, for {}, where that is y [default: the scene's, or z where it does not say]",
+        patch_extensions(PatchFormat::is_upright, " and "),
+    ))]
+    up: Option<UpAxis>,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+
+impl Arguments {
+    /// Paths that the command reads and writes.
+    pub(crate) fn paths(&self) -> Paths {
+        let columns = self.with_sky.then(|| self.output.with_extension("columns.csv"));
+        Paths::default()
+            .store([&self.store])
+            .reads(&self.scene)
+            .writes("OUT", [&self.output], self.overwrite)
+            .writes("--with-sky", &columns, self.overwrite)
+            .reports(&self.report)
+    }
+}
+
+fn range(text: &str) -> Result<[f64; 2], String> {
+    let ends = text.split_once(',').and_then(|(low, high)| {
+        let end = |text: &str| text.trim().parse::<f64>().ok().filter(|end| end.is_finite());
+        Some([end(low)?, end(high)?])
+    });
+    ends.filter(|[low, high]| low < high)
+        .ok_or_else(|| "two numbers such as `0,0.5` are needed, the smaller first".to_owned())
+}
+
+/// Rule for joining patches to zones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ZoneName {
+    /// Objects of one name
+    Object,
+    /// Materials of one name
+    Material,
+    /// Faces of the scene's file
+    Face,
+}
+
+/// `.npz, .mtx or .txt`, with `last` before the last.
+fn joined(mut words: Vec<String>, last: &str) -> String {
+    match words.pop() {
+        Some(word) if words.is_empty() => word,
+        Some(word) => words.join(", ") + last + &word,
+        None => String::new(),
+    }
+}
+
+fn dotted(named: &[Named]) -> Vec<String> {
+    let extensions = named.iter().flat_map(|(extensions, _)| extensions.iter());
+    extensions.map(|extension| format!(".{extension}")).collect()
+}
+
+fn matrix_formats() -> Vec<Named> {
+    ExportFormat::ALL.iter().map(|format| format.named()).collect()
+}
+
+/// The formats of patches with a property, without extensions of the matrix.
+fn patch_formats(property: impl Fn(PatchFormat) -> bool) -> Vec<Named> {
+    let is_matrix = |extension: &&str| {
+        matrix_formats()
+            .iter()
+            .any(|(extensions, _)| extensions.contains(extension))
+    };
+    let all = PatchFormat::ALL.iter().copied();
+    let wanted = all.filter(|&format| property(format) && !format.extensions().iter().any(is_matrix));
+    wanted.map(PatchFormat::named).collect()
+}
+
+fn patch_extensions(property: impl Fn(PatchFormat) -> bool, last: &str) -> String {
+    joined(dotted(&patch_formats(property)), last)
+}
+
+/// The extensions of both the matrix and patches.
+fn either(last: &str) -> String {
+    let of_patches = PatchFormat::ALL.iter().flat_map(|format| format.extensions());
+    let of_matrix = |extension: &&&str| {
+        matrix_formats()
+            .iter()
+            .any(|(extensions, _)| extensions.contains(extension))
+    };
+    joined(of_patches.filter(of_matrix).map(|e| format!(".{e}")).collect(), last)
+}
+
+/// The usual extension of each format; neighbours for one program have that of the first.
+fn usual(formats: &[Named]) -> String {
+    let groups = formats.chunk_by(|a, b| !a.1.is_empty() && a.1 == b.1);
+    let extensions: Vec<String> = groups.map(|group| format!(".{}", group[0].0[0])).collect();
+    extensions.join(", ")
+}
+
+fn about() -> String {
+    format!(
+        "Write a matrix ({}), or what is known of its patches ({})",
+        usual(&matrix_formats()),
+        usual(&patch_formats(|_| true))
+    )
+}
+
+fn output_help() -> String {
+    format!(
+        "The file to write; its extension says what: the matrix as {}; a row of results for each patch, on the model, \
+         as {}, or as a table, {}",
+        listed(matrix_formats(), "").join(", "),
+        listed(patch_formats(PatchFormat::needs_corners), "").join(", "),
+        joined(listed(patch_formats(|format| !format.needs_corners()), ""), " or "),
+    )
+}
+
+/// The export formats, by their usual extensions.
+fn format_names() -> PossibleValuesParser {
+    let matrix = ExportFormat::ALL
+        .iter()
+        .map(|format| (format.extensions()[0], format.about()));
+    let patches = PatchFormat::ALL
+        .iter()
+        .map(|format| (format.extensions()[0], format.about()));
+    let mut names: Vec<PossibleValue> = Vec::new();
+    for (name, about) in matrix.chain(patches) {
+        // A name may stand for a format of the matrix and one of patches: `--patches` tells them apart.
+        if !names.iter().any(|known| known.get_name() == name) {
+            names.push(PossibleValue::new(name).help(about));
+        }
+    }
+    names.into()
+}
+
+/// The extension and the program of the dialogue's export.
+pub(super) fn first_choice() -> (&'static str, &'static str) {
+    let format = ExportFormat::ALL[0];
+    (format.extensions()[0], format.label())
+}
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -32,16 +239,15 @@ struct Report<'a> {
     export: &'a ExportReport,
 }
 
-/// What is written, and how.
+/// The object and the format of an export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Target {
     Matrix(ExportFormat),
-    Parquet,
     Patches(PatchFormat),
 }
 
 impl Target {
-    /// What the arguments ask for.
+    /// The target named by the arguments.
     ///
     /// # Errors
     /// When they do not say, or contradict each other.
@@ -58,37 +264,32 @@ impl Target {
             with_sky,
             ..
         } = arguments;
-        let of_output = |path: &Path| {
-            if let Some(format) = PatchFormat::of(path)
-                && (*patches || format != PatchFormat::Npz)
-            {
-                return Some(Self::Patches(format));
-            }
-            if path
-                .extension()
-                .is_some_and(|extension| extension.eq_ignore_ascii_case("parquet"))
-            {
-                return Some(Self::Parquet);
-            }
-            ExportFormat::of(path).ok().map(Self::Matrix)
+        let of_output = |path: &Path| match (PatchFormat::of(path), ExportFormat::of(path)) {
+            (Ok(format), Ok(_)) if *patches => Some(Self::Patches(format)),
+            (_, Ok(format)) => Some(Self::Matrix(format)),
+            (Ok(format), Err(_)) => Some(Self::Patches(format)),
+            (Err(_), Err(_)) => None,
         };
         let target = match format {
             // The names are extensions.
-            Some(name) => {
-                let extension = name.to_possible_value().map(|value| value.get_name().to_owned());
-                of_output(&Path::new("F").with_extension(extension.unwrap_or_default()))
-            }
+            Some(name) => of_output(&Path::new("F").with_extension(name)),
             None => of_output(output),
         };
         let target = target.ok_or_else(|| {
             hinted(
                 anyhow!("`{}` does not say which format is wanted", output.display()),
-                "end it in .npz, .mtx, .txt, .dat, .npy or .parquet for the matrix, in .vtp, .vtu, .glb, .ply or .csv for its \
-                 patches, or name one with `--format`",
+                format!(
+                    "end it in {} for the matrix, in {} for its patches, or name one with `--format`",
+                    joined(dotted(&matrix_formats()), " or "),
+                    patch_extensions(|_| true, " or "),
+                ),
             )
         })?;
         let unwanted = [
-            ("--with-sky", *with_sky && !matches!(target, Self::Matrix(_))),
+            (
+                "--with-sky",
+                *with_sky && !matches!(target, Self::Matrix(format) if format.takes_sky()),
+            ),
             ("--patches", *patches && !matches!(target, Self::Patches(_))),
             ("--scene", scene.is_some() && !matches!(target, Self::Patches(_))),
             (
@@ -103,13 +304,20 @@ impl Target {
                 "--range",
                 range.is_some() && !matches!(target, Self::Patches(format) if format.has_colors()),
             ),
-            ("--up", up.is_some() && target != Self::Patches(PatchFormat::Glb)),
+            (
+                "--up",
+                up.is_some() && !matches!(target, Self::Patches(format) if format.is_upright()),
+            ),
         ];
         for (name, given) in unwanted {
             if given {
                 return Err(hinted(
                     anyhow!("`{name}` has no meaning for `{}`", output.display()),
-                    "`hemicube export --help` says which files it is for; a .npz of patches is asked for by `--patches`",
+                    format!(
+                        "`hemicube export --help` says which files it is for; a {} of patches is asked for by \
+                         `--patches`",
+                        either(" or ")
+                    ),
                 ));
             }
         }
@@ -117,10 +325,6 @@ impl Target {
     }
 }
 
-#[allow(
-    clippy::field_reassign_with_default,
-    reason = "the options are open to new fields, so no literal makes them"
-)]
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     if let Some(by) = arguments.by {
@@ -128,14 +332,10 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     }
     let format = match Target::of(arguments)? {
         Target::Matrix(format) => format,
-        Target::Parquet => return parquet::run(arguments, json, talk),
         Target::Patches(format) => return patches::run(arguments, format, json, talk),
     };
     report::require(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
-    let mut options = ExportOptions::default();
-    options.overwrite = arguments.overwrite;
-    options.allow_incomplete = arguments.allow_incomplete;
     let sky = if arguments.with_sky {
         Some(SkyColumns::open(
             &store,
@@ -146,15 +346,30 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     } else {
         None
     };
-    let bar = Bar::spinner(talk, &format!("writing `{}`", arguments.output.display()));
-    let found = match &sky {
-        Some(sky) => export_with_sky(&store, &sky.rows, &arguments.output, format, options)?,
-        None => export(&store, &arguments.output, format, options)?,
+    let found = interruptible(arguments, talk, |WriteOptions { overwrite, cancel }| {
+        let options = ExportOptions {
+            overwrite,
+            allow_incomplete: arguments.allow_incomplete,
+            cancel: Some(cancel),
+        };
+        match &sky {
+            Some(sky) => export_with_sky(&store, &sky.rows, &arguments.output, format, options),
+            None => export(&store, &arguments.output, format, options),
+        }
+    });
+    let Some(found) = found.map_err(|error| match error.downcast_ref() {
+        Some(hemicube_export::Error::NotBuilt { .. }) => hinted(
+            error,
+            format!("build it with default features, or write a `.{}`", first_choice().0),
+        ),
+        _ => error,
+    })?
+    else {
+        return Ok(Exit::Interrupted);
     };
     if let Some(sky) = &sky {
         sky.write()?;
     }
-    drop(bar);
     talk.say(&format!(
         "`{}`: {}, {} of {} of {}",
         found.path.display(),
@@ -168,7 +383,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             "`{}`: columns from {} on are the ground and {} of the sky",
             sky.path.display(),
             count(sky.first.into()),
-            counted(u64::from(found.sky_columns) - 1, "patch"),
+            counted(u64::from(sky.rows.columns()) - 1, "patch"),
         ));
     }
     if let Some(how) = how_to_read(&found) {
@@ -185,12 +400,12 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// Writes the file, which Ctrl-C may end: its bytes, or `None` then.
-fn interruptible(
+/// Writes the file, unless Ctrl-C ends that: then it returns `None`.
+fn interruptible<T>(
     arguments: &Arguments,
     talk: Talk,
-    write: impl FnOnce(WriteOptions<'_>) -> hemicube_export::Result<u64>,
-) -> Result<Option<u64>> {
+    write: impl FnOnce(WriteOptions<'_>) -> hemicube_export::Result<T>,
+) -> Result<Option<T>> {
     let cancel = exit::watch_interrupts()?;
     let _guard = exit::InterruptGuard::new();
     let bar = Bar::spinner(talk, &format!("writing `{}`", arguments.output.display()));
@@ -200,18 +415,18 @@ fn interruptible(
     });
     drop(bar);
     match written {
-        Ok(bytes) => Ok(Some(bytes)),
+        Ok(written) => Ok(Some(written)),
         Err(hemicube_export::Error::Interrupted { .. }) => Ok(None),
         Err(error) => Err(error.into()),
     }
 }
 
-/// The columns of the sky, and the table that says what they are.
+/// The columns of the sky, and the table describing them.
 struct SkyColumns {
     rows: StoredSky,
     division: SkyDivision,
     path: PathBuf,
-    /// The number of the first, as the file counts.
+    /// The number of the first, as counted in the file.
     first: u32,
     from: u32,
 }
@@ -231,8 +446,7 @@ impl SkyColumns {
                 "`--overwrite` replaces it, or choose another name",
             ));
         }
-        // Matrix Market and MATLAB count from 1.
-        let from = u32::from(matches!(format, ExportFormat::MatrixMarket | ExportFormat::Triplets));
+        let from = format.first_index();
         Ok(Self {
             rows,
             division,
@@ -242,7 +456,7 @@ impl SkyColumns {
         })
     }
 
-    /// One line a column: which it is, where its middle is, and how large.
+    /// One line a column: its name, its middle, and its solid angle.
     fn write(&self) -> Result<()> {
         let mut file = PendingFile::create(&self.path)?;
         let mut text = format!(
@@ -328,18 +542,12 @@ fn export_zones(arguments: &Arguments, by: ZoneName, json: Option<JsonReport>, t
     Ok(Exit::Done)
 }
 
-/// What to type in the program that the file is for. F[i, j] is from i to j.
+/// The words to type in the file's program. F[i, j] is from i to j.
 fn how_to_read(found: &ExportReport) -> Option<String> {
     let path = found.path.display().to_string();
-    // Names that would need quoting in three languages are left to who chose them.
+    // Names in need of quoting in three languages are left to their owner.
     if path.contains(['"', '\'', '\\']) {
         return None;
     }
-    match found.format {
-        ExportFormat::Npz => Some(format!("Python: F = scipy.sparse.load_npz(\"{path}\")")),
-        ExportFormat::MatrixMarket => Some(format!("Python: F = scipy.io.mmread(\"{path}\").tocsr()")),
-        ExportFormat::Triplets => Some(format!("MATLAB, Octave: F = spconvert(load('{path}'));")),
-        ExportFormat::Npy => Some(format!("Python: F = numpy.load(\"{path}\", mmap_mode=\"r\")")),
-        _ => None,
-    }
+    found.format.how_to_read(&path)
 }

@@ -180,7 +180,7 @@ impl Error {
     }
 
     /// A system error while a file of `wanted` bytes was being written.
-    pub(crate) fn write(path: &Path, wanted: u64, source: io::Error) -> Self {
+    pub fn write(path: &Path, wanted: u64, source: io::Error) -> Self {
         match source.kind() {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge => Self::NoSpace {
                 path: path.to_owned(),

@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 /// The longest line of a Matrix Market file. The format allows 1024 characters.
 const LINE_MAX: u64 = 4096;
 
-/// The comment in the program's Matrix Market files, by which values are read as the f32 that they were.
-pub(crate) const F32_COMMENT: &str = "% values are f32, in the fewest digits that read back to the same f32";
+/// The comment in a Matrix Market file of ours by which its values are read as what they were.
+pub const F32_COMMENT: &str = "% values are f32, in the fewest digits that read back to the same f32";
 
 /// A row of a matrix, in f64.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -36,7 +36,7 @@ enum Source {
         csr: CsrFile,
         file: File,
     },
-    /// By row, then column. No array of the matrix's height, which is only a claim of the file.
+    /// By row, then column. No array as long as the matrix is high: its height is only a claim of the file.
     Triplets(Vec<(u32, u32, f64)>),
     Dense {
         element: ElementType,
@@ -45,7 +45,7 @@ enum Source {
     },
 }
 
-/// A square matrix with readable rows.
+/// A square matrix that rows can be read of.
 ///
 /// ```
 /// use hemicube::store::Matrix;
@@ -65,10 +65,10 @@ pub struct Matrix {
     source: Source,
 }
 
-/// Sorts a row's entries by column and adds up those of equal columns, as sparse formats define.
+/// Sorts a row's entries by column and adds equal columns up, as sparse formats have it.
 pub(super) fn gather(mut entries: Vec<(u32, f64)>) -> (Vec<u32>, Vec<f64>) {
     if !entries.is_sorted_by_key(|&(column, _)| column) {
-        // Stable: the sum depends on the file only.
+        // Stable, so that the sum does not depend on anything but the file.
         entries.sort_by_key(|&(column, _)| column);
     }
     let (mut columns, mut values): (Vec<u32>, Vec<f64>) = (Vec::new(), Vec::new());
@@ -87,7 +87,7 @@ pub(super) fn gather(mut entries: Vec<(u32, f64)>) -> (Vec<u32>, Vec<f64>) {
 }
 
 impl Matrix {
-    /// Opens a store (a directory), a CSR matrix saved by SciPy (`.npz`), a Matrix Market file (`.mtx`) or a dense
+    /// Opens a store (a directory), a CSR matrix that SciPy saved (`.npz`), a Matrix Market file (`.mtx`) or a dense
     /// array (`.npy`).
     ///
     /// # Errors
@@ -133,7 +133,7 @@ impl Matrix {
         }
     }
 
-    /// A row, from 0. `None` for a row that a store does not have; in other files such rows are empty.
+    /// A row, from 0. `None` when a store does not have it, which only a store can tell: elsewhere it is empty.
     ///
     /// # Errors
     /// When the file is damaged, or a value is not finite.
@@ -187,7 +187,7 @@ impl Matrix {
         Ok((0..).zip(values).filter(|&(_, value)| value != 0.0).unzip())
     }
 
-    /// The size of a square matrix.
+    /// The size of a matrix that must be square.
     fn square(path: &Path, rows: u64, columns: u64) -> Result<u32> {
         let size = u32::try_from(rows).ok().filter(|&size| size <= super::PATCH_COUNT_MAX);
         size.filter(|_| rows == columns).ok_or_else(|| {
@@ -201,7 +201,7 @@ impl Matrix {
     fn open_csr(path: &Path) -> Result<Self> {
         let mut npz = Npz::open(path)?;
         let csr = CsrFile::read(path, &mut npz)?;
-        // Rows are read at their offsets, without a check of the archive's CRC.
+        // Rows are read at their offsets, where nothing holds them against the archive's CRC.
         npz.verify()?;
         let patch_count = Self::square(path, csr.row_count, csr.column_count)?;
         Ok(Self {
@@ -274,7 +274,7 @@ impl Matrix {
             }
             _ => return Err(Error::malformed(path, "does not begin with `%%MatrixMarket`")),
         };
-        // An f32 printed in few digits is another number when read as f64.
+        // What f32 prints in few digits is not the same number when it is read as f64.
         let mut is_f32 = false;
         let sizes = loop {
             match lines.next()? {

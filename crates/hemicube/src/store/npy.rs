@@ -39,6 +39,11 @@ pub enum ElementType {
 }
 
 impl ElementType {
+    /// The header of a `.npy` file of elements in C order.
+    pub fn npy_header(self, shape: &[u64]) -> Vec<u8> {
+        Header::bytes(self, shape)
+    }
+
     pub(crate) fn size(self) -> u64 {
         match self {
             Self::U8 => 1,

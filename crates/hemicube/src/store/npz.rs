@@ -1,8 +1,7 @@
-//! Archives of arrays: zip files with members `NAME.npy`.
+//! Archives of arrays: a zip file whose members are `NAME.npy`.
 //!
-//! Archives written here are stored, not compressed: an element has an offset in the file. Their members have a fixed
-//! order and the first day of zip's calendar, so equal arrays give equal bytes. Those of other programs may be
-//! deflated.
+//! Ours are stored, not compressed, so that an element has an offset in the file; their members have a fixed order and
+//! the first day that zip can express, so that equal arrays give equal bytes. Those of other programs may be deflated.
 
 use super::durable::{SEAL_SIZE, read_exact_at};
 use super::npy::{Element, ElementType, Header, decode};
@@ -13,22 +12,23 @@ use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, System, ZipArchive, ZipWriter};
 
-/// Most members of an archive: SciPy writes 5, the patch table has 11.
+/// The most members that an archive may have: SciPy writes 5, the patch table has 11.
 const MEMBERS_MAX: usize = 64;
 
-/// Bound on the inflated size of compressed arrays: this many times the file, or [`INFLATED_MIN`] if that is more.
+/// What the arrays of an archive may take that are compressed: so many times its file, or [`INFLATED_MIN`] where that
+/// is more.
 const INFLATED_RATIO_MAX: u64 = 10;
 
-/// Inflated bytes allowed to the smallest archive.
+/// Bytes that compressed arrays may take of the smallest archive.
 const INFLATED_MIN: u64 = 64 << 20;
 
-/// Elements encoded or decoded at a time.
+/// Elements that are encoded or decoded at a time.
 const CHUNK: usize = 1 << 14;
 
-/// Bytes read at a time to verify their CRC.
+/// Bytes that are read at a time to be held against their CRC.
 const VERIFIED_AT_A_TIME: usize = 1 << 18;
 
-/// Writes arrays into an archive, one after another, for `numpy.load`. Equal arrays give equal bytes.
+/// Writes arrays into an archive, one after another: what `numpy.load` opens. Equal arrays give equal bytes.
 ///
 /// ```
 /// use hemicube::store::NpzWriter;
@@ -65,7 +65,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     /// Begins a member; its elements follow through [`Self::push`].
     ///
     /// # Errors
-    /// Errors of writing.
+    /// What writing gives.
     pub fn begin(&mut self, name: &str, element: ElementType, shape: &[u64]) -> io::Result<()> {
         let header = Header::bytes(element, shape);
         let count = shape
@@ -82,10 +82,10 @@ impl<W: Write + Seek> NpzWriter<W> {
         self.zip.write_all(&header)
     }
 
-    /// Adds elements to the member begun last.
+    /// Adds elements to the member that was begun last.
     ///
     /// # Errors
-    /// Errors of writing.
+    /// What writing gives.
     pub fn push<T: Element>(&mut self, elements: &[T]) -> io::Result<()> {
         let mut bytes = Vec::with_capacity(elements.len().min(CHUNK) * size_of::<T>());
         for chunk in elements.chunks(CHUNK) {
@@ -101,18 +101,21 @@ impl<W: Write + Seek> NpzWriter<W> {
     /// A whole member.
     ///
     /// # Errors
-    /// Errors of writing.
+    /// What writing gives.
     pub fn array<T: Element>(&mut self, name: &str, shape: &[u64], elements: &[T]) -> io::Result<()> {
         self.begin(name, T::TYPE, shape)?;
         self.push(elements)
     }
 
-    /// Writes the format's name and the shape, which `scipy.sparse` reads first.
-    pub(crate) fn csr_preamble(&mut self, rows: u64, columns: u64) -> io::Result<()> {
+    /// Writes what `scipy.sparse` reads first: the format's name and the shape.
+    ///
+    /// # Errors
+    /// What writing gives.
+    pub fn csr_preamble(&mut self, rows: u64, columns: u64) -> io::Result<()> {
         self.preamble(b"csr", rows, columns)
     }
 
-    /// Likewise for a format of another name, which `scipy.sparse` refuses by that name.
+    /// Likewise for a format of another name, which `scipy.sparse` then refuses by that name.
     pub(crate) fn preamble(&mut self, format: &[u8; 3], rows: u64, columns: u64) -> io::Result<()> {
         self.begin("format", ElementType::Bytes(3), &[])?;
         self.zip.write_all(format)?;
@@ -120,8 +123,8 @@ impl<W: Write + Seek> NpzWriter<W> {
         self.push(&[rows, columns])
     }
 
-    /// Size in bytes of an archive of `members` of these names and sizes (header included), to a few hundred.
-    pub(crate) fn size(members: &[(&str, u64)]) -> u64 {
+    /// The bytes that `members` of these names and sizes (header included) take in all, to a few hundred.
+    pub fn size(members: &[(&str, u64)]) -> u64 {
         // Local header 30, central header 46, and the name twice; zip64 fields 20 and 28; end record 22, 56 and 20 for
         // zip64.
         members.iter().fold(98, |size, &(name, bytes)| {
@@ -130,10 +133,10 @@ impl<W: Write + Seek> NpzWriter<W> {
         })
     }
 
-    /// Ends the archive and hands its writer back.
+    /// Ends the archive and hands back what it was written to.
     ///
     /// # Errors
-    /// Errors of writing.
+    /// What writing gives.
     pub fn finish(self) -> io::Result<W> {
         Ok(self.zip.finish()?)
     }
@@ -156,13 +159,13 @@ impl<W: Write + Seek> Write for NpzWriter<W> {
     }
 }
 
-/// Place of an array in an archive.
+/// Where an array of an archive is.
 #[derive(Clone, Debug)]
 struct Member {
     name: String,
     header: Header,
     count: u64,
-    /// Start of the elements in the archive, if they are stored.
+    /// Where the elements begin in the archive, if they are stored.
     offset: Option<u64>,
     /// CRC-32 of header and elements, by the archive's directory.
     crc: u32,
@@ -174,7 +177,7 @@ pub(crate) struct Npz {
     file: File,
     archive: ZipArchive<io::BufReader<File>>,
     members: Vec<Member>,
-    /// True to verify the CRC of arrays read whole.
+    /// True if arrays that are read whole are held against their CRC.
     verifies: bool,
 }
 
@@ -248,8 +251,8 @@ impl Npz {
             let inflated_max = length.saturating_mul(INFLATED_RATIO_MAX).max(INFLATED_MIN);
             if inflated > inflated_max {
                 let reason = format!(
-                    "has compressed arrays of {inflated} bytes or more, and {inflated_max} at most are read of a file \
-                     of its size; save it uncompressed"
+                    "has compressed arrays of {inflated} bytes or more, and {inflated_max} at most are read of a file of its \
+                     size; save it uncompressed"
                 );
                 return Err(Error::unsupported(path, reason));
             }
@@ -284,13 +287,13 @@ impl Npz {
         })
     }
 
-    /// Skips the CRC of stored arrays, which was verified before.
+    /// The same, whose stored arrays were held against their CRC before.
     pub(crate) fn verified(mut self) -> Self {
         self.verifies = false;
         self
     }
 
-    /// Reads all stored arrays and verifies their CRC, before rows are read at their offsets.
+    /// Reads all stored arrays and holds them against their CRC, for who then reads rows at their offsets.
     pub(crate) fn verify(&mut self) -> Result<()> {
         for member in self.members.iter().filter(|member| member.offset.is_some()) {
             let mut hasher = self.header_crc(member)?;
@@ -325,8 +328,7 @@ impl Npz {
             return Ok(());
         }
         let reason = format!(
-            "has an array `{}` whose CRC is not that of its bytes: it is damaged; restore it from a copy or write it \
-             again",
+            "has an array `{}` whose CRC is not that of its bytes: it is damaged; restore it from a copy or write it again",
             member.name
         );
         Err(Error::malformed(&self.path, reason))
@@ -359,7 +361,7 @@ impl Npz {
         self.file
     }
 
-    /// Bytes of an array's elements; inflated if they are not stored.
+    /// Where the elements of an array are; decompressed if they are not simply stored.
     pub(crate) fn elements(&mut self, name: &str) -> Result<Elements> {
         let (index, member) = self.member(name)?;
         match member.offset {
@@ -415,7 +417,7 @@ impl Npz {
         Ok(decode(&self.bytes(name)?))
     }
 
-    /// Refuses an array of more or less than one dimension.
+    /// Refuses an array that does not have one dimension.
     pub(crate) fn require_vector(&self, name: &str) -> Result<()> {
         if self.header(name)?.shape.len() == 1 {
             return Ok(());
@@ -437,7 +439,7 @@ impl Npz {
         numbers.map_err(|_| Error::malformed(&self.path, format!("has a negative number in `{name}`")))
     }
 
-    /// Memory grows with the bytes that come out, not with the file's claim.
+    /// Memory grows with what really comes out, not with what the file claims.
     fn inflate(&mut self, index: usize, skip: u64, wanted: u64) -> Result<Vec<u8>> {
         let path = &self.path;
         let member = self

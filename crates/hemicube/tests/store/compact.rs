@@ -2,8 +2,8 @@
 
 use super::sample::{Sample, array, doctor_manifest, npy, replace_members, sample};
 use hemicube::analysis::check::{Check, CheckOptions, check};
-use hemicube::export::{ExportFormat, ExportOptions, export};
 use hemicube::store::{Error, Form, Matrix, Store};
+use hemicube_export::{ExportFormat, ExportOptions, export};
 use hemicube_scene::InputPatch;
 use std::path::Path;
 

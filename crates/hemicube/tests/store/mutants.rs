@@ -3,9 +3,9 @@
 
 use super::sample::{self, Random, Sample, doctor_manifest, doctor_part, sample};
 use hemicube::analysis::check::{CheckOptions, check};
-use hemicube::export::{ExportFormat, ExportOptions, export};
 use hemicube::solve::{Block, OutOfCore, Problem, SolveOptions, solve};
 use hemicube::store::{Error, Form, Matrix, Part, Store};
+use hemicube_export::{ExportFormat, ExportOptions, export};
 use std::path::Path;
 
 /// A change of a number, and all of those that no store may have.
@@ -172,7 +172,7 @@ fn products(directory: &Path, scratch: &Path) -> Vec<Result<Vec<u64>, String>> {
             overwrite: true,
             ..ExportOptions::default()
         };
-        export(&store, &path, ExportFormat::Npz, options).map_err(told)?;
+        export(&store, &path, ExportFormat::Npz, options).map_err(|error| error.to_string())?;
         let matrix = Matrix::open(&path).map_err(told)?;
         let mut found = Vec::new();
         for row in 0..matrix.patch_count() {

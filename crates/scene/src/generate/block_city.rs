@@ -9,12 +9,12 @@ use super::random::Random;
 use crate::{Error, Scene, Subdivision};
 use glam::DVec3;
 
-/// What the block city is like.
+/// Parameters of the block city.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BlockCityParameters {
     /// Towers along each side of the city.
     pub blocks: u32,
-    /// Pieces that each edge is cut into, so that each triangle becomes `split`².
+    /// Pieces of each edge: each triangle becomes `split`² triangles.
     pub split: u32,
     /// Seed of the heights.
     pub seed: u64,
@@ -41,7 +41,7 @@ impl BlockCityParameters {
         }
     }
 
-    /// Number of triangles that [`BlockCityParameters::generate`] makes. Saturates.
+    /// Number of triangles made by [`BlockCityParameters::generate`]. Saturates.
     pub fn patch_count(&self) -> u64 {
         let square = |n: u32| u64::from(n) * u64::from(n);
         square(self.blocks)

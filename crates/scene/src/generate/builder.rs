@@ -80,13 +80,13 @@ impl SceneBuilder {
         Ok(builder)
     }
 
-    /// Begins an object: the faces that follow belong to it.
+    /// Begins an object: the following faces belong to it.
     pub(super) fn object(&mut self, name: impl Into<String>) {
         self.object = index(self.scene.objects.len());
         self.scene.objects.push(name.into());
     }
 
-    /// Takes a material for the faces that follow, by name, or adds it.
+    /// Takes a material for the following faces, by name, or adds it.
     pub(super) fn material(&mut self, name: &str) {
         let place = self
             .scene
@@ -103,7 +103,7 @@ impl SceneBuilder {
         self.material = index(place);
     }
 
-    /// Takes a material with optical properties for the faces that follow, or adds it.
+    /// Takes a material with optical properties for the following faces, or adds it.
     pub(super) fn optical_material(&mut self, name: &str, diffuse: [f64; 3], emission: [f64; 3]) {
         self.material(name);
         if let Some(material) = self.scene.materials.get_mut(self.material as usize) {

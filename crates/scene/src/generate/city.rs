@@ -67,7 +67,7 @@ impl Default for CityParameters {
     }
 }
 
-/// How much of the city is built.
+/// The built part of the city.
 struct Extent {
     blocks_x: u32,
     blocks_z: u32,
@@ -76,7 +76,7 @@ struct Extent {
 }
 
 impl CityParameters {
-    /// Number of triangles that [`CityParameters::generate`] makes. Saturates.
+    /// Number of triangles made by [`CityParameters::generate`]. Saturates.
     pub fn patch_count(&self) -> u64 {
         self.count(&self.extent())
     }
@@ -210,7 +210,7 @@ impl CityParameters {
     fn building(&self, builder: &mut SceneBuilder, x: f64, z: f64, lot: f64, height: f64) {
         let (x0, x1) = (x + self.gap / 2.0, x + lot - self.gap / 2.0);
         let (z0, z1) = (z + self.gap / 2.0, z + lot - self.gap / 2.0);
-        // Round the footprint so that each wall's normal, (along, up), points outwards.
+        // Round the footprint with each wall's normal, (along, up), pointing outwards.
         let base = [(x0, z0), (x0, z1), (x1, z1), (x1, z0)];
         let (columns, rows) = (self.wall_columns as usize, self.wall_rows as usize);
         let part = |low: f64, high: f64, i: usize, n: u32| {

@@ -1,6 +1,6 @@
 //! The measured Cornell box: corner coordinates in millimetres from the data page of the Cornell Program of Computer
-//! Graphics; reflectances and emission are the RGB approximation of the measured spectra that the 2011 OBJ version of
-//! the box (McGuire's archive) made customary.
+//! Graphics; reflectances and emission are the customary RGB approximation of the measured spectra, from the 2011 OBJ
+//! version of the box (McGuire's archive).
 //!
 //! y points up; the camera of the data page stands at (278, 273, −800) and looks along +z. Each face is listed from the
 //! corner that the data page lists first, and cut along the diagonal from there. Three things to know of it: the red
@@ -26,7 +26,7 @@ const CEILING: f64 = 548.8;
 /// Name, surface, faces.
 type Object = (&'static str, Surface, &'static [[[f64; 3]; 4]]);
 
-/// Normals point into the room, those of the blocks outwards. The front wall is last.
+/// Normals point into the room, the blocks' outwards. The front wall is last.
 const OBJECTS: [Object; 9] = [
     (
         "floor",
@@ -207,8 +207,8 @@ pub fn cornell_box_open() -> Scene {
     build(SceneBuilder::empty(METRES), &OBJECTS[..OBJECTS.len() - 1], 1)
 }
 
-/// The closed Cornell box with every edge cut into `pieces`, watertight where the box is: 40·`pieces`² triangles, the
-/// same as [`cornell_box`] under [`Subdivision::Split`].
+/// The closed Cornell box with every edge cut into `pieces`, as watertight as the box: 40·`pieces`² triangles, those of
+/// [`cornell_box`] under [`Subdivision::Split`].
 ///
 /// # Errors
 /// When that is more than [`MAX_PATCHES`](super::MAX_PATCHES), or `pieces` is 0.

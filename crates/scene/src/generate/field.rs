@@ -1,5 +1,5 @@
 //! An open field with little occlusion: a shallow bowl of ground, gently uneven, with a hut here and there. Most of the
-//! ground faces and sees most of the rest, so F is nearly full: what culling cannot help with.
+//! ground faces and sees most of the rest, so F is nearly full: culling cannot help.
 //!
 //! 2·n² + 8·⌊n/12⌋² triangles on n × n squares of 10 m: a hut stands on one square in place of its ground, so that
 //! ground and walls share their edges and no patch lies underneath.
@@ -48,7 +48,7 @@ impl FieldParameters {
         with(nearest.unwrap_or(1))
     }
 
-    /// Number of triangles that [`FieldParameters::generate`] makes. Saturates.
+    /// Number of triangles made by [`FieldParameters::generate`]. Saturates.
     pub fn patch_count(&self) -> u64 {
         let square = |n: u32| u64::from(n) * u64::from(n);
         square(self.squares)

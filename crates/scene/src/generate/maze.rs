@@ -14,7 +14,7 @@ use glam::DVec3;
 /// Metres (and thirds) along the side of a room.
 const ROOM: u32 = 3;
 const DOOR_HEIGHT: u32 = 2;
-/// Which third of a wall a doorway takes.
+/// The third of a wall with the doorway.
 const DOOR_START: u32 = 1;
 const WALL: f64 = 0.25;
 
@@ -28,7 +28,7 @@ pub struct MazeParameters {
     /// Lattice pieces to the metre.
     pub pieces: u32,
     /// True if the rooms have ceilings. With them the maze is closed and every row of F sums to 1; without, it is open
-    /// to the sky, and the tops of the walls, which nothing could see, stay out.
+    /// to the sky, and the tops of the walls, invisible to all, stay out.
     pub ceiling: bool,
     /// Seed of the maze.
     pub seed: u64,
@@ -83,7 +83,7 @@ impl MazeParameters {
         self.pieces.div_ceil(4)
     }
 
-    /// Number of triangles that [`MazeParameters::generate`] makes. Saturates.
+    /// Number of triangles made by [`MazeParameters::generate`]. Saturates.
     pub fn patch_count(&self) -> u64 {
         let rooms = u128::from(self.columns) * u128::from(self.rows);
         let (p, t) = (u128::from(self.pieces), u128::from(self.wall_pieces()));
@@ -152,7 +152,7 @@ impl MazeParameters {
     }
 }
 
-/// The walls that have a doorway.
+/// The walls with a doorway.
 struct Doors {
     columns: usize,
     east: Vec<bool>,

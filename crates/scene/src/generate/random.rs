@@ -42,7 +42,7 @@ impl Random {
         ((u128::from(self.next()) * u128::from(end)) >> 64) as u32
     }
 
-    /// About standard normal: the sum of twelve uniforms less 6 (Irwin–Hall), which needs no logarithm.
+    /// About standard normal: the sum of twelve uniforms less 6 (Irwin–Hall), without a logarithm.
     pub(super) fn normal(&mut self) -> f64 {
         (0..12).fold(-6.0, |sum, _| sum + self.unit())
     }
@@ -53,7 +53,7 @@ impl Random {
         DVec3::new(x - 0.5, y - 0.5, z - 0.5)
     }
 
-    /// A uniform rotation: a quaternion drawn from the 4-ball by rejection, which needs no sine.
+    /// A uniform rotation: a quaternion drawn from the 4-ball by rejection, without a sine.
     pub(super) fn rotation(&mut self) -> DMat3 {
         loop {
             let [w, x, y, z] = std::array::from_fn(|_| self.between(-1.0, 1.0));

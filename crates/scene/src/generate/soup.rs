@@ -1,7 +1,7 @@
-//! A closed room with triangles strewn in it, each in any place and direction, cutting one another: what no modeller
-//! would make and every engine must survive. One-sided: half of what looks at a triangle is blocked by its back.
+//! A closed room with triangles strewn in it, each in any place and direction, cutting one another: no modeller would
+//! make it, and every engine must survive it. One-sided: half of the views of a triangle are blocked by its back.
 //!
-//! 12·m² triangles of the room, where m² is the number of squares on each wall, and the strewn ones.
+//! 12·m² triangles of the room, with m² squares on each wall, and the strewn ones.
 
 use super::builder::{SceneBuilder, cube_root};
 use super::random::Random;
@@ -14,7 +14,7 @@ const SIDE: f64 = 10.0;
 /// Properties of the soup.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SoupParameters {
-    /// Number of triangles that are strewn.
+    /// Number of strewn triangles.
     pub triangles: u32,
     /// Squares along each edge of the room.
     pub wall_pieces: u32,
@@ -44,7 +44,7 @@ impl SoupParameters {
         }
     }
 
-    /// Number of triangles that [`SoupParameters::generate`] makes. Saturates.
+    /// Number of triangles made by [`SoupParameters::generate`]. Saturates.
     pub fn patch_count(&self) -> u64 {
         let walls = u64::from(self.wall_pieces) * u64::from(self.wall_pieces);
         walls.saturating_mul(12).saturating_add(u64::from(self.triangles))
@@ -81,7 +81,8 @@ impl SoupParameters {
     }
 }
 
-/// Whether a triangle in the unit cube is no sliver and not tiny: longest edge above 0.4, least height above 0.3 of it.
+/// Returns whether a triangle in the unit cube is neither a sliver nor tiny: longest edge above 0.4, least height above
+/// 0.3 of it.
 fn is_stout([a, b, c]: [DVec3; 3]) -> bool {
     let longest = (b - a)
         .length_squared()

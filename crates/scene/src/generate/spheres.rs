@@ -1,4 +1,4 @@
-//! A closed room with spheres in it that touch neither each other nor the walls.
+//! A closed room with spheres touching neither each other nor the walls.
 //!
 //! A sphere is an icosahedron whose edges are cut into k pieces, with the corners moved out onto the sphere: 20·k²
 //! triangles of nearly one size, none of them slender anywhere (a sphere of meridians and parallels has slivers at its
@@ -54,7 +54,7 @@ impl SpheresParameters {
         }
     }
 
-    /// Number of triangles that [`SpheresParameters::generate`] makes. Saturates.
+    /// Number of triangles made by [`SpheresParameters::generate`]. Saturates.
     pub fn patch_count(&self) -> u64 {
         let square = |n: u32| u64::from(n) * u64::from(n);
         let spheres = square(self.sphere_pieces)
@@ -104,7 +104,7 @@ impl SpheresParameters {
     }
 }
 
-/// The unit sphere from an icosahedron whose edges are cut into `pieces`.
+/// The unit sphere from an icosahedron with edges cut into `pieces`.
 fn unit_sphere(pieces: u32) -> Vec<[DVec3; 3]> {
     // Corners (0, ±1, ±φ) and their cyclic permutations; two of them share an edge exactly if their scalar product is
     // positive (φ; otherwise −φ, or −1 − φ² for opposite ones).

@@ -1,7 +1,8 @@
-//! A faulty backend. Its options choose the fault, and the first call of `rows` to show it: `fault=NAME,after=CALLS`.
+//! A backend with faults: the kind, and the call of `rows` from which it shows, are in its options,
+//! `fault=NAME,after=CALLS`.
 //!
 //! Without a fault it is legal and sees nothing. Panics come from the safe side, through the adapter of every backend
-//! in Rust; all other faults are done to the table's arrays afterwards, like those of a backend in C.
+//! in Rust; all other faults change the table's arrays afterwards, as a backend in C might.
 
 use hemicube_abi::contract::backend::{
     BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, WHOLE,
@@ -14,7 +15,7 @@ use std::collections::BTreeMap;
 use std::ffi::{CStr, c_char};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The session of the safe side.
+/// The session opened by the safe side.
 struct Faulty {
     info: BackendInfo,
     fault: Fault,
@@ -123,7 +124,7 @@ impl HemicubeBackend for Faulty {
     }
 }
 
-/// A payload that panics when dropped.
+/// A payload panicking on drop.
 struct Bomb;
 
 impl Drop for Bomb {
@@ -160,7 +161,7 @@ unsafe extern "C" fn open(
     session: *mut *mut HcSession,
     error: *mut HcError,
 ) -> HcStatus {
-    // One at a time, so that the fault is that of this session.
+    // One at a time, so that the fault belongs to this session.
     static ONE: Mutex<()> = Mutex::new(());
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(open) = GOOD.open else { return 5 };

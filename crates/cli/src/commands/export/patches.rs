@@ -1,6 +1,6 @@
-//! What is known of each patch, on the model: for ParaView, viewers, mesh tools and tables.
+//! Results of each patch, on the model: for ParaView, viewers, mesh tools and tables.
 
-use super::arguments::Arguments;
+use super::Arguments;
 use crate::args::{EngineSettings, Talk};
 use crate::exit::{Exit, hinted};
 use crate::picture::canvas::{byte, scale_color, shown};
@@ -16,9 +16,9 @@ use hemicube_scene::Axis;
 use serde::Serialize;
 use std::path::Path;
 
-/// The colour of a patch whose value is not known.
+/// The colour of a patch without a value.
 const UNKNOWN: [u8; 3] = [128, 128, 128];
-/// What `solve` calls the bands that an eye has.
+/// `solve`'s names for the bands of an eye.
 const EYE: [&str; 3] = ["red", "green", "blue"];
 
 #[derive(Serialize)]
@@ -72,9 +72,9 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
     else {
         return Ok(Exit::Interrupted);
     };
-    let columns: Vec<&str> = match format {
-        PatchFormat::Glb => vec!["patch"],
-        _ => results.columns.iter().map(|column| column.name.as_str()).collect(),
+    let columns: Vec<&str> = match format.has_results() {
+        true => results.columns.iter().map(|column| column.name.as_str()).collect(),
+        false => vec!["patch"],
     };
     talk.say(&format!(
         "`{}`: {}, {} with {}",
@@ -106,7 +106,7 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
     Ok(Exit::Done)
 }
 
-/// All that is known: the store's own, the sky that lies beside it, solutions.
+/// All results: the store's own, the sky beside it, solutions.
 fn read(store: &Store, arguments: &Arguments, talk: Talk) -> Result<PatchResults> {
     let mut names = arguments.solution.clone();
     if names.is_empty() {
@@ -129,7 +129,7 @@ fn read(store: &Store, arguments: &Arguments, talk: Talk) -> Result<PatchResults
     Ok(results)
 }
 
-/// The name of what says most about the model: light or heat, the sky, what escapes, or how much is in sight.
+/// The name of the most telling column: light or heat, the sky, what escapes, or the number of patches in sight.
 fn telling(results: &PatchResults) -> String {
     let mut columns = results.columns.iter();
     let solved = |ending| {
@@ -146,7 +146,7 @@ fn telling(results: &PatchResults) -> String {
         let tells = column.name == "sky_view_factor" || column.name == "escaped";
         tells && matches!(&column.values, Values::Real(values) if values.iter().any(|&value| value > 0.0))
     };
-    // The sky comes after what escapes, and is the better of the two.
+    // The sky comes after the escaped share, and is the better of the two.
     columns
         .rfind(says)
         .map_or_else(|| "seen".to_owned(), |column| column.name.clone())

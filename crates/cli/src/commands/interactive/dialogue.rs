@@ -252,11 +252,15 @@ impl Dialogue<'_> {
     }
 
     fn look_at(&mut self, store: &Path) -> Result<(), Left> {
+        let (extension, program) = crate::commands::export::first_choice();
         let options = [
             (Item::new("Check it", "sums, reciprocity, checksums"), Look::Check),
             (Item::new("Compare it", "with another result"), Look::Compare),
             (Item::new("Write a page", "HTML, with the model in 3-D"), Look::Report),
-            (Item::new("Export it", "for SciPy: .npz"), Look::Export),
+            (
+                Item::new("Export it", format!("for {program}: .{extension}")),
+                Look::Export,
+            ),
             (Item::new("Draw the matrix", ".png"), Look::Picture),
         ];
         let question = format!("What next with {}", store.display());
@@ -282,7 +286,7 @@ impl Dialogue<'_> {
                     }
                 }
                 Some(Look::Export) => {
-                    if let Some((matrix, replaces)) = self.file(&file(".npz"))? {
+                    if let Some((matrix, replaces)) = self.file(&file(&format!(".{extension}")))? {
                         let line = self.line("export").with_path(store).with_path(&matrix);
                         self.go(&if replaces { line.with("--overwrite") } else { line })?;
                     }

@@ -7,7 +7,7 @@ use std::borrow::Cow;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// The bytes of a buffer: at least as many as its `byteLength` says.
+/// The bytes of a buffer: at least `byteLength`.
 pub(super) fn open<'a>(
     document: &Document<'_>,
     index: usize,
@@ -49,7 +49,7 @@ pub(super) fn open<'a>(
     Ok(bytes)
 }
 
-/// The bytes of what follows `data:`.
+/// The bytes of a data URI, after `data:`.
 fn from_data_uri(uri: &str) -> Result<Vec<u8>, String> {
     let (kind, payload) = uri.split_once(',').ok_or("no comma")?;
     if !kind.to_ascii_lowercase().ends_with(";base64") {
@@ -95,11 +95,11 @@ fn from_file(uri: &str, index: usize, length: usize, base_dir: Option<&Path>) ->
         ))
     })?;
     let shown = super::cut(&name);
-    // As it stands and decoded: neither form may be an address elsewhere.
+    // Both as written and decoded: neither form may be an address elsewhere.
     if is_absolute(uri) || is_absolute(&name) {
         return Err(Error::unsupported(format!(
-            "`buffers[{index}].uri` is the absolute address `{shown}`, which is not followed; put the buffer beside the \
-             scene and name it there, or export as `.glb`"
+            "`buffers[{index}].uri` is the absolute address `{shown}`, which is not followed; put the buffer beside \
+             the scene and name it there, or export as `.glb`"
         )));
     }
     let Some(base_dir) = base_dir else {
@@ -115,8 +115,8 @@ fn from_file(uri: &str, index: usize, length: usize, base_dir: Option<&Path>) ->
     let found = file.metadata().map_err(failed)?.len();
     if found < length as u64 {
         return Err(Error::malformed(format!(
-            "`buffers[{index}]` in `{shown}` has {found} bytes, but its `byteLength` is {length}; fetch or export the file \
-             again"
+            "`buffers[{index}]` in `{shown}` has {found} bytes, but its `byteLength` is {length}; fetch or export the \
+             file again"
         )));
     }
     let mut bytes = Vec::new();
@@ -129,7 +129,7 @@ fn from_file(uri: &str, index: usize, length: usize, base_dir: Option<&Path>) ->
     Ok(bytes)
 }
 
-/// Returns whether an address has a scheme, as `file:` and a drive's letter are, or begins at a root.
+/// Returns whether an address has a scheme, such as `file:` or a drive's letter, or begins at a root.
 fn is_absolute(address: &str) -> bool {
     let has_scheme = address.split_once(':').is_some_and(|(scheme, _)| {
         scheme.starts_with(|c: char| c.is_ascii_alphabetic())
@@ -138,8 +138,8 @@ fn is_absolute(address: &str) -> bool {
     has_scheme || address.starts_with(['/', '\\'])
 }
 
-/// Percent-decoding (RFC 3986, 2.1). A `%` that no two digits follow stands for itself, as it does in files of writers
-/// that never encoded.
+/// Percent-decoding (RFC 3986, 2.1). A `%` without two digits stands for itself, for files of writers that never
+/// encoded.
 fn percent_decoded(uri: &str) -> Option<String> {
     let hex = |byte: Option<&u8>| {
         char::from(*byte?)

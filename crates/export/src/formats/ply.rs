@@ -1,18 +1,34 @@
 //! Binary PLY (Turk 1994, *The PLY Polygon File Format*): little-endian, coordinates as doubles.
 //!
-//! Every patch has three vertices of its own, so that its colour is at the vertices, too, where most viewers look for
-//! it; corners that patches share are equal bit for bit, and tools merge them.
+//! Every patch has three vertices of its own, so that the vertices carry its colour, too: most viewers look for it
+//! there. Corners shared by patches are equal bit for bit, and tools merge them.
 
+use super::PatchWriter;
 use crate::ascii::{line, words};
-use crate::{Colors, PatchResults, Values};
+use crate::write::{on_write, too_large, write_file};
+use crate::{Colors, PatchResults, Result, Values, WriteOptions};
 use std::io::{self, BufWriter, Write};
+use std::path::Path;
 
-pub(crate) fn write(
-    results: &PatchResults,
-    corners: &[[[f64; 3]; 3]],
-    colors: &Colors,
-    out: &mut impl Write,
-) -> io::Result<()> {
+pub(super) struct Ply;
+
+impl PatchWriter for Ply {
+    fn write(&self, results: &PatchResults, path: &Path, options: WriteOptions<'_>) -> Result<u64> {
+        let (corners, colors) = (results.corners_for(path)?, results.colors_for(path)?);
+        if i32::try_from(3 * corners.len()).is_err() {
+            return Err(too_large(
+                path,
+                "PLY counts vertices in 32 bits, and these are more; `.vtp` has room",
+            ));
+        }
+        write_file(path, options, |mut file| {
+            write(results, corners, colors, &mut file).map_err(|error| on_write(path, error))?;
+            Ok(file)
+        })
+    }
+}
+
+fn write(results: &PatchResults, corners: &[[[f64; 3]; 3]], colors: &Colors, out: &mut impl Write) -> io::Result<()> {
     let mut out = BufWriter::with_capacity(1 << 18, out);
     let labels: Vec<(String, &str)> = results
         .columns
@@ -76,7 +92,7 @@ pub(crate) fn write(
     for (patch, color) in colors.srgb.iter().enumerate() {
         out.write_all(&[3])?;
         for vertex in 3 * patch..3 * patch + 3 {
-            // Who calls has counted them.
+            // Counted by the caller.
             let vertex = i32::try_from(vertex).map_err(io::Error::other)?;
             out.write_all(&vertex.to_le_bytes())?;
         }

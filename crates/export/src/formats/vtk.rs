@@ -1,22 +1,27 @@
 //! VTK's XML formats (*VTK File Formats*, Kitware): PolyData and UnstructuredGrid, arrays as raw little-endian bytes at
 //! the end of the file.
 //!
-//! Points are shared where corners are equal bit for bit, which those of neighbouring patches are. Names of objects and
-//! materials are field data of PolyData: the string arrays `object_names` and `material_names`. An UnstructuredGrid has
-//! none: meshio, for which it is written, refuses a file with strings.
+//! Points are shared where corners are equal bit for bit, as those of neighbouring patches are. PolyData has the names
+//! of objects and materials as field data: the string arrays `object_names` and `material_names`. An UnstructuredGrid
+//! has none, because meshio, its main reader, refuses a file with strings.
+//!
+//! No XML crate for writing, because the header is some twenty lines around raw bytes, with one escaped value.
 
-use crate::{PatchResults, Values};
+use super::PatchWriter;
+use crate::write::{on_write, write_file};
+use crate::{PatchResults, Result, Values, WriteOptions};
 use std::collections::HashMap;
 use std::io::{self, BufWriter, Write};
+use std::path::Path;
 
 /// VTK's number for a triangle among cells.
 const VTK_TRIANGLE: u8 = 5;
 
-/// Numbers that can be written one after another.
+/// Numbers of an array, in VTK's types.
 enum Numbers<'a> {
     Whole(&'a [u32]),
     Real(&'a [f64]),
-    /// Signed, as VTK's ids are.
+    /// Signed, by VTK's rule for ids.
     Ids(Vec<i64>),
     Bytes(Vec<u8>),
 }
@@ -88,12 +93,31 @@ fn weld(corners: &[[[f64; 3]; 3]]) -> (Vec<[f64; 3]>, Vec<i64>) {
     (points, used)
 }
 
-pub(crate) fn write(
-    results: &PatchResults,
-    corners: &[[[f64; 3]; 3]],
-    polygons: bool,
-    out: &mut impl Write,
-) -> io::Result<()> {
+pub(super) struct PolyData;
+
+impl PatchWriter for PolyData {
+    fn write(&self, results: &PatchResults, path: &Path, options: WriteOptions<'_>) -> Result<u64> {
+        write_vtk(results, path, options, true)
+    }
+}
+
+pub(super) struct UnstructuredGrid;
+
+impl PatchWriter for UnstructuredGrid {
+    fn write(&self, results: &PatchResults, path: &Path, options: WriteOptions<'_>) -> Result<u64> {
+        write_vtk(results, path, options, false)
+    }
+}
+
+fn write_vtk(results: &PatchResults, path: &Path, options: WriteOptions<'_>, polygons: bool) -> Result<u64> {
+    let corners = results.corners_for(path)?;
+    write_file(path, options, |mut file| {
+        write(results, corners, polygons, &mut file).map_err(|error| on_write(path, error))?;
+        Ok(file)
+    })
+}
+
+fn write(results: &PatchResults, corners: &[[[f64; 3]; 3]], polygons: bool, out: &mut impl Write) -> io::Result<()> {
     let mut out = BufWriter::with_capacity(1 << 18, out);
     let (points, used) = weld(corners);
     let count = corners.len();
@@ -135,7 +159,8 @@ pub(crate) fn write(
     writeln!(
         out,
         "<?xml version=\"1.0\"?>\n<!-- hemicube {}: patches of {} -->\n\
-         <VTKFile type=\"{kind}\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<{kind}>\n<FieldData>",
+         <VTKFile type=\"{kind}\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n\
+         <{kind}>\n<FieldData>",
         env!("CARGO_PKG_VERSION"),
         // Two hyphens end a comment.
         escaped(&results.scene).replace('-', "\u{2010}"),
@@ -175,7 +200,7 @@ pub(crate) fn write(
                 array.numbers.kind(),
                 escaped(array.name)
             )?;
-            // One is what is meant without a number; meshio makes a matrix of one column of it.
+            // A missing number means one; with a number, meshio makes a matrix of one column.
             if !array.components.is_empty() {
                 write!(out, " NumberOfComponents=\"{}\"", array.components.len())?;
             }

@@ -1,25 +1,25 @@
 //! Reads View3D's scenes (`.vs3`), in both of its geometry formats, 3 and 3a.
 //!
-//! Source: Walton, *View3D user manual*, input data elements (National Institute of Standards and Technology); how the
-//! plane of format 3a lies was settled by its example, the room of which the manual gives both forms.
+//! Source: Walton, *View3D user manual*, input data elements (National Institute of Standards and Technology). The
+//! plane of format 3a follows the manual's example, a room given in both forms.
 //!
 //! # What becomes of what
-//! | in the file | here |
-//! | --- | --- |
-//! | `V n x y z`, `S n v1 v2 v3 v4 base cmb emit name` | a surface: triangles that share a face number, of the object `name`; `v4` 0 makes it a triangle |
-//! | format 3a: `S n R\|Q\|T base cmb emit name`, then origin, azimuth, tilt and measures | the same |
-//! | `cmb` m | the surface is part of the object of surface m, as View3D reports them as one |
-//! | `base` m | a subsurface: it is cut out of surface m |
-//! | `N` (null surface) | cut out of its base, and nothing in its place |
-//! | `O` (obstruction) | surfaces of objects that are called `obstruction n`, and a warning that `--occluders 'obstruction*'` makes them occlude only |
-//! | `M` (masking surface) | an error: what it covers sees nothing else, so leave both out |
-//! | `emit` | the name of the material, `emissivity 0.9`, for tables of materials to refer to |
-//! | `T` | the title, skipped |
-//! | `C`, `X` | settings of View3D, skipped, counted |
-//! | `!`, `/` | a comment, to the end of the line |
-//! | `E`, `*` | the end; what follows is not read |
+//! - `V n x y z`, `S n v1 v2 v3 v4 base cmb emit name`: a surface: triangles that share a face number, of the object
+//!   `name`; `v4` 0 makes it a triangle
+//! - format 3a: `S n R|Q|T base cmb emit name`, then origin, azimuth, tilt and measures: the same
+//! - `cmb` m: the surface is part of the object of surface m, as View3D reports them as one
+//! - `base` m: a subsurface: it is cut out of surface m
+//! - `N` (null surface): cut out of its base, and nothing in its place
+//! - `O` (obstruction): surfaces of objects that are called `obstruction n`, and a warning that `--occluders
+//!   'obstruction*'` makes them occlude only
+//! - `M` (masking surface): an error: what it covers sees nothing else, so leave both out
+//! - `emit`: the name of the material, `emissivity 0.9`, for tables of materials to refer to
+//! - `T`: the title, skipped
+//! - `C`, `X`: settings of View3D, skipped, counted
+//! - `!`, `/`: a comment, to the end of the line
+//! - `E`, `*`: the end; what follows is not read
 //!
-//! Numbers of vertices and surfaces must run from 1 in order, as View3D asks.
+//! Numbers of vertices and surfaces must run from 1 in order, by View3D's rule.
 
 use crate::bounds::Bounds;
 use crate::names::Names;
@@ -31,7 +31,7 @@ use std::path::Path;
 /// Reads a View3D scene from the bytes of a file.
 ///
 /// # Errors
-/// When a line is not what View3D's manual asks for; the error names it.
+/// When a line breaks the rules of View3D's manual; the error names it.
 ///
 /// ```
 /// use hemicube_scene::{ReadOptions, vs3};
@@ -83,7 +83,7 @@ impl<'a> Words<'a> {
     }
 }
 
-/// What an element that describes a surface says.
+/// The fields of an element for a surface.
 struct Surface {
     line: u64,
     kind: Kind,
@@ -170,7 +170,8 @@ impl Reader<'_> {
                 Some('O') => self.surface(&words, Kind::Obstruction, planes)?,
                 Some('M') => {
                     return Err(Error::unsupported(
-                        "masking surfaces are not read; what one covers sees nothing else, so leave it and that part out",
+                        "masking surfaces are not read; what one covers sees nothing else, so leave it and that part \
+                         out",
                     )
                     .at(self.words.line));
                 }
@@ -200,7 +201,7 @@ impl Reader<'_> {
             material: String::new(),
             name: String::new(),
         };
-        // Of an obstruction View3D reads nothing beyond its vertices.
+        // View3D reads only the vertices of an obstruction.
         if kind != Kind::Obstruction {
             let before = |reader: &Self, at: usize, what: &str| match reader.whole(words.get(at), what)? {
                 0 => Ok(None),
@@ -235,8 +236,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// The corners that the lines after a surface of format 3a give, in a plane with an origin, an azimuth (degrees
-    /// clockwise from +y that it faces) and a tilt (0 faces up, 90 stands, 180 faces down).
+    /// The corners on the lines after a surface of format 3a, in a plane with an origin, an azimuth (degrees clockwise
+    /// from +y, of the direction faced) and a tilt (0 faces up, 90 stands, 180 faces down).
     fn corners_in_plane(&mut self, shape: Option<char>) -> Result<Vec<DVec3>, Error> {
         let count = match shape.map(|shape| shape.to_ascii_uppercase()) {
             Some('R') => 2,
@@ -267,7 +268,7 @@ impl Reader<'_> {
         };
         let (azimuth_sin, azimuth_cos) = sin_cos_degrees(plane[3]);
         let (tilt_sin, tilt_cos) = sin_cos_degrees(plane[4]);
-        // To the right as seen from the front, and up in the plane.
+        // To the right seen from the front, and up in the plane.
         let right = DVec3::new(-azimuth_cos, azimuth_sin, 0.0);
         let up = DVec3::new(-tilt_cos * azimuth_sin, -tilt_cos * azimuth_cos, tilt_sin);
         let origin = DVec3::new(plane[0], plane[1], plane[2]);
@@ -353,7 +354,7 @@ impl Reader<'_> {
     }
 }
 
-/// Sine and cosine of an angle in degrees, exact at right angles, which most surfaces stand at.
+/// Sine and cosine of an angle in degrees, exact at right angles, the usual case.
 fn sin_cos_degrees(degrees: f64) -> (f64, f64) {
     match degrees.rem_euclid(360.0) {
         0.0 => (0.0, 1.0),
@@ -364,8 +365,8 @@ fn sin_cos_degrees(degrees: f64) -> (f64, f64) {
     }
 }
 
-/// What of a convex polygon lies outside another in its plane, in convex pieces: what is left of it is cut by the lines
-/// of the other's edges in turn, and the part beyond each line is a piece.
+/// The part of a convex polygon outside another in its plane, in convex pieces: the lines of the other's edges cut it
+/// in turn, and the part beyond each line is a piece.
 fn outside(polygon: &[DVec3], hole: &[DVec3]) -> Vec<Vec<DVec3>> {
     let Some(normal) = hole.first().map(|&a| {
         let relative: Vec<DVec3> = hole.iter().map(|&p| p - a).collect();
@@ -444,7 +445,9 @@ mod tests {
         scene.triangles.iter().filter(of).map(area).sum()
     }
 
-    const WALL: &str = "T a wall with a window\nC encl=0\nF 3\nV 1 0 0 0\nV 2 4 0 0\nV 3 4 0 3\nV 4 0 0 3\nV 5 1 0 1\nV 6 2 0 1\nV 7 2 0 2\nV 8 1 0 2\nV 9 0 0 2\nS 1 1 2 3 4 0 0 0.9 wall ! the wall\nS 2 5 6 7 8 1 0 0.5 window\nS 3 9 5 8 0 1 1 0.9 part\nend\nnothing of this is read";
+    const WALL: &str = "T a wall with a window\nC encl=0\nF 3\nV 1 0 0 0\nV 2 4 0 0\nV 3 4 0 3\nV 4 0 0 3\n\
+        V 5 1 0 1\nV 6 2 0 1\nV 7 2 0 2\nV 8 1 0 2\nV 9 0 0 2\nS 1 1 2 3 4 0 0 0.9 wall ! the wall\n\
+        S 2 5 6 7 8 1 0 0.5 window\nS 3 9 5 8 0 1 1 0.9 part\nend\nnothing of this is read";
 
     #[test]
     fn subsurfaces_are_cut_out_of_their_base_and_combined_ones_join() {
@@ -466,9 +469,10 @@ mod tests {
 
     #[test]
     fn planes_by_azimuth_and_tilt() {
-        // Faces of the cube from 0 to 1 that look inwards: one of each way that a plane can be told.
+        // Faces of the cube from 0 to 1 looking inwards, one for each form of a plane.
         let scene = open(
-            "F 3a\nS 1 R 0 0 0.9 south\n 1 0 0 0 90\n 1 1\nS 2 R 0 0 0.9 north\n 0 1 0 180 90 1 1\nS 3 q 0 0 0.9 floor\n 0 0 0 180 0\n 0 0 1 0 1 1 0 1\nS 4 T 0 0 0.9 east\n 1 1 0 270 90 0 0 1 0 0 1\n",
+            "F 3a\nS 1 R 0 0 0.9 south\n 1 0 0 0 90\n 1 1\nS 2 R 0 0 0.9 north\n 0 1 0 180 90 1 1\n\
+             S 3 q 0 0 0.9 floor\n 0 0 0 180 0\n 0 0 1 0 1 1 0 1\nS 4 T 0 0 0.9 east\n 1 1 0 270 90 0 0 1 0 0 1\n",
         )
         .unwrap();
         let normal = |face: u32| {

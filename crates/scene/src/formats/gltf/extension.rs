@@ -1,4 +1,4 @@
-//! Which glTF versions and required extensions are read.
+//! The glTF versions and required extensions that are read.
 
 use super::MEND;
 use super::json::Document;
@@ -8,7 +8,7 @@ pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 pub(super) const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 pub(super) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
-/// Required extensions that leave the shape of the scene as it is, or whose shape is read.
+/// Required extensions that do not change the shape of the scene, or whose shape is read.
 const READ: [&str; 7] = [
     "KHR_mesh_quantization",
     "KHR_lights_punctual",
@@ -18,7 +18,7 @@ const READ: [&str; 7] = [
     "KHR_xmp_json_ld",
     "MSFT_texture_dds",
 ];
-/// Families of extensions that say how a surface looks, never where it is.
+/// Families of extensions for the look of a surface, never its place.
 const READ_FAMILIES: [&str; 5] = [
     "KHR_materials_",
     "EXT_materials_",
@@ -27,7 +27,7 @@ const READ_FAMILIES: [&str; 5] = [
     "EXT_texture_",
 ];
 
-/// Refuses a version or a required extension that is not read.
+/// Refuses an unknown version or required extension.
 pub(super) fn check(document: &Document<'_>) -> Result<(), Error> {
     let asset = document.root.required_object("asset")?;
     let version = asset.text("version")?.unwrap_or_default();

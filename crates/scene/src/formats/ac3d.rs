@@ -1,11 +1,11 @@
-//! Reads AC3D scenes: `.ac` as the AC3D modeller writes them and `.acc` as the racing simulator TORCS does.
+//! Reads AC3D scenes: `.ac` of the AC3D modeller and `.acc` of the racing simulator TORCS.
 //!
-//! Source: *The AC3D file format* (Inivis, 27 March 2003) for `.ac`. `.acc` has no specification; what is read of it
-//! is what such files hold: six numbers a vertex line (position, normal), up to nine a corner line, several `texture`
-//! lines an object, and surface type 4, a triangle strip.
+//! Source: *The AC3D file format* (Inivis, 27 March 2003) for `.ac`. `.acc` has no specification; its files have six
+//! numbers a vertex line (position, normal), up to nine a corner line, several `texture` lines an object, and surface
+//! type 4, a triangle strip.
 //!
-//! The file is text, one keyword a line, objects in a tree: each says after `kids` how many of the objects that follow
-//! are its children.
+//! The file is text, one keyword a line, objects in a tree: `kids` gives the number of following objects that are an
+//! object's children.
 //!
 //! # Transforms
 //! An object's `loc` and `rot` place it in its parent. With **row vectors**, and `R` the matrix whose rows are the
@@ -17,31 +17,32 @@
 //!                                 z' = x r₂ + y r₅ + z r₈ + loc_z
 //! ```
 //!
-//! and so on up the tree. The specification does not say which way round `rot` is meant and readers disagree: this is
+//! and so on up the tree. The specification leaves open which way round `rot` is meant, and readers disagree: this is
 //! OpenSceneGraph's reading, assimp has the transpose. The order of the lines does not matter. Corners keep their
 //! order, so an object under a mirroring `rot` is turned inside out; such objects are counted.
 //!
 //! # What becomes of what
-//! | in the file | here |
-//! | --- | --- |
-//! | surface type 0, polygon | triangles, concave ones by ear clipping; with its winding |
-//! | type 1 and 2, closed and open line | skipped, counted |
-//! | type 4, triangle strip | triangles of alternating order, those without area too ([`crate::repair`] drops them) |
-//! | other types | skipped, counted |
-//! | surface bit `0x20` | [`Triangle::two_sided`](crate::Triangle::two_sided) |
-//! | surface bit `0x10` (smooth shading), `crease`, `texture`, `texrep`, `texoff`, `url`, `data`, `locked`, `folded` | of no meaning to geometry: skipped |
-//! | `hidden` | read all the same, counted |
-//! | `subdiv` | read as the control mesh, counted |
-//! | `OBJECT light` | skipped, counted |
-//! | `name` | the object's name; without one `object N`, the file's N-th object, from 1 |
-//! | `MATERIAL`, `MAT` … `ENDMAT` (version c) | `rgb` as diffuse reflectance, `emis` as emission, when asked for; the numbers are taken as linear |
-//! | surface without `mat` | the first material |
-//! | `mat` beyond the materials | the first material, counted; an error when the file has no material at all |
-//! | other lines, such as conflict markers of a version control system | skipped, counted, the first few named in a warning |
-//! | the same property twice in an object | the last is taken, counted |
+//! - surface type 0, polygon: triangles, concave ones by ear clipping; with its winding
+//! - type 1 and 2, closed and open line: skipped, counted
+//! - type 4, triangle strip: triangles of alternating order, those without area too ([`crate::repair`] drops them)
+//! - other types: skipped, counted
+//! - surface bit `0x20`: [`Triangle::two_sided`](crate::Triangle::two_sided)
+//! - surface bit `0x10` (smooth shading), `crease`, `texture`, `texrep`, `texoff`, `url`, `data`, `locked`, `folded`:
+//!   of no meaning to geometry: skipped
+//! - `hidden`: read all the same, counted
+//! - `subdiv`: read as the control mesh, counted
+//! - `OBJECT light`: skipped, counted
+//! - `name`: the object's name; without one `object N`, the file's N-th object, from 1
+//! - `MATERIAL`, `MAT` … `ENDMAT` (version c): `rgb` as diffuse reflectance, `emis` as emission, when asked for; the
+//!   numbers are taken as linear
+//! - surface without `mat`: the first material
+//! - `mat` beyond the materials: the first material, counted; an error when the file has no material at all
+//! - other lines, such as conflict markers of a version control system: skipped, counted, the first few named in a
+//!   warning
+//! - the same property twice in an object: the last is taken, counted
 //!
-//! Line ends may be LF, CRLF or CR; the text may be UTF-8 or UTF-16, or anything that agrees with ASCII. Names are
-//! decoded as UTF-8, other bytes as U+FFFD.
+//! Line ends may be LF, CRLF or CR; the text may be UTF-8, UTF-16, or any extension of ASCII. Names are decoded as
+//! UTF-8, other bytes as U+FFFD.
 //!
 //! # Counts that lie
 //! No count is believed when memory is taken. `kids`, `numvert` and `numsurf` that do not match what follows are
@@ -57,12 +58,12 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Reads an AC3D scene from the bytes of a file. The format refers to no other file but textures, which are not read,
-/// so the directory does not matter.
+/// Reads an AC3D scene from the bytes of a file. The directory does not matter: the format refers to textures only, and
+/// those are not read.
 ///
 /// # Errors
-/// When the header is missing, a number cannot be read, a surface names a vertex that is not there, or the file ends
-/// where it cannot; the error names the line.
+/// When the header is missing, a number cannot be read, a surface names a missing vertex, or the file ends within
+/// vertices, surfaces or corners; the error names the line.
 ///
 /// ```
 /// use hemicube_scene::{ReadOptions, ac3d};
@@ -85,7 +86,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
     reader.finish()
 }
 
-/// Words that begin a line of their own, so that a count that lies can be told from text that is not understood.
+/// Keywords at the start of a line: they tell a wrong count from unknown text.
 const KEYWORDS: [&[u8]; 23] = [
     b"MATERIAL",
     b"MAT",
@@ -112,10 +113,10 @@ const KEYWORDS: [&[u8]; 23] = [
     b"refs",
 ];
 
-/// Number of lines not understood that a warning names; the rest are only counted.
+/// Number of unknown lines named by a warning; the rest are only counted.
 const NAMED_LINES: u64 = 3;
 
-/// The text of a file without its byte order mark, as bytes that agree with ASCII, each line ended by LF.
+/// The text of a file without its byte order mark, in an extension of ASCII, each line ended by LF.
 fn text_of(bytes: &[u8]) -> Cow<'_, [u8]> {
     let decode = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
         let units = bytes.chunks_exact(2).map(|pair| unit([pair[0], pair[1]]));
@@ -124,13 +125,13 @@ fn text_of(bytes: &[u8]) -> Cow<'_, [u8]> {
             .collect();
         Cow::Owned(text.into_bytes())
     };
-    // The header is ASCII, so UTF-16 shows even where the mark is missing.
+    // The header is ASCII, so UTF-16 shows even without a mark.
     let text = match bytes {
         [0xFF, 0xFE, rest @ ..] => decode(rest, u16::from_le_bytes),
         [0xFE, 0xFF, rest @ ..] => decode(rest, u16::from_be_bytes),
         [b'A', 0, b'C', 0, ..] => decode(bytes, u16::from_le_bytes),
         [0, b'A', 0, b'C', ..] => decode(bytes, u16::from_be_bytes),
-        // What is marked otherwise was decoded above.
+        // Text with another mark was decoded above.
         _ => Cow::Borrowed(crate::text::unmarked(bytes).unwrap_or(bytes)),
     };
     if !text.contains(&b'\r') {
@@ -149,14 +150,14 @@ fn text_of(bytes: &[u8]) -> Cow<'_, [u8]> {
     Cow::Owned(out)
 }
 
-/// A line that is not blank.
+/// A line with text.
 #[derive(Clone, Copy)]
 struct Line<'a> {
     /// From 1.
     number: u64,
     /// The first word.
     word: &'a [u8],
-    /// What follows it.
+    /// The rest of the line.
     rest: &'a [u8],
 }
 
@@ -220,11 +221,11 @@ impl<'a> Line<'a> {
     }
 }
 
-/// The lines that are left.
+/// The remaining lines.
 #[derive(Clone, Copy)]
 struct Lines<'a> {
     rest: &'a [u8],
-    /// Number of the last line that was handed out, from 1.
+    /// Number of the last line handed out, from 1.
     number: u64,
 }
 
@@ -247,12 +248,13 @@ impl<'a> Lines<'a> {
         None
     }
 
-    /// Passes over text of `length` bytes that ends where a line ends. `false`: it does not, and nothing was passed.
+    /// Passes over text of `length` bytes ending at a line's end. `false` if it does not end there: then nothing is
+    /// passed.
     fn skip_text(&mut self, length: u64) -> bool {
         let Some((text, rest)) = usize::try_from(length).ok().and_then(|n| self.rest.split_at_checked(n)) else {
             return false;
         };
-        // Some writers count the line end that follows the text, some don't.
+        // Some writers count the line end after the text, some don't.
         let rest = match rest {
             [] => rest,
             [b'\n', after @ ..] => {
@@ -268,9 +270,9 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// An object of which the `kids` line was not read yet.
+/// An object before its `kids` line.
 struct Object {
-    /// What errors call it.
+    /// Its name in errors.
     name: String,
     is_light: bool,
     world_from_parent: DAffine3,
@@ -284,12 +286,12 @@ struct Object {
     pieces: Vec<Piece>,
 }
 
-/// A surface of which the `refs` were not read yet.
+/// A surface before its `refs`.
 #[derive(Clone, Copy, Default)]
 struct Surface {
     /// `None`: the `SURF` line is missing so far.
     flags: Option<u64>,
-    /// Index of the material, and the line that says so.
+    /// Index of the material, and its line.
     material: Option<(u64, u64)>,
 }
 
@@ -302,7 +304,7 @@ struct Piece {
     two_sided: bool,
 }
 
-/// An object that still awaits children.
+/// An object with children still to come.
 struct Parent {
     world_from_object: DAffine3,
     awaited: u64,
@@ -321,7 +323,7 @@ struct Reader<'a> {
     objects_read: u64,
     faces_read: u32,
     lines_named: u64,
-    /// Surfaces by the material that they name, where it was not there when they were read: it may still come.
+    /// Surfaces by the number of a material that was not there yet: it may still come.
     surfaces_awaiting_material: BTreeMap<u64, u64>,
     first_material_line: Option<u64>,
     bounds: Bounds,
@@ -422,7 +424,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// A line that is only right between an object's `OBJECT` and `kids`, while such an object is open.
+    /// A line legal only between an object's `OBJECT` and `kids`, while such an object is open.
     fn property(&mut self, line: Line<'a>) -> Result<(), Error> {
         let Some(object) = &mut self.object else { return Ok(()) };
         match line.word {
@@ -433,7 +435,7 @@ impl<'a> Reader<'a> {
                 }
             }
             b"rot" => {
-                // The columns of glam's matrix are the rows of the line's, which makes `point · R` out of `R * point`.
+                // The columns of glam's matrix are the rows of the line's: `R * point` is then `point · R`.
                 if object
                     .rotation
                     .replace(DMat3::from_cols_array(&line.numbers()?))
@@ -450,7 +452,7 @@ impl<'a> Reader<'a> {
                         "`{shown}` after `mat` is no material index; a whole number from 0 belongs there"
                     )));
                 };
-                // Negative is as far beyond the materials as a number can be.
+                // A negative number is beyond the materials, too.
                 let material = u64::try_from(material).unwrap_or(u64::MAX);
                 object.surface.get_or_insert_default().material = Some((material, line.number));
             }
@@ -470,7 +472,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Counts a line that means nothing where it stands.
+    /// Counts a line without a meaning at its place.
     fn stray(&mut self, line: Line<'a>) {
         if number(line.word).is_some() {
             self.findings
@@ -493,7 +495,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The open object, for a line that carries geometry: without an object there is no telling where it belongs.
+    /// The open object, for a line with geometry: outside an object it belongs nowhere.
     fn geometry_object(&mut self, line: Line<'a>) -> Result<&mut Object, Error> {
         self.object.as_mut().ok_or_else(|| {
             let keyword = excerpt(line.word);
@@ -568,7 +570,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Text of the user's, which may hold anything.
+    /// The user's text, of any content.
     fn data(&mut self, line: Line<'a>) -> Result<(), Error> {
         let length = line.count()?;
         if self.lines.skip_text(length) {
@@ -589,7 +591,7 @@ impl<'a> Reader<'a> {
     }
 
     fn begin_object(&mut self, line: Line<'a>) -> Result<(), Error> {
-        // Only an object whose `kids` line is missing is still open.
+        // An object still open has no `kids` line.
         if self.object.is_some() {
             self.findings.count("object without `kids`");
             self.end_object(0)?;
@@ -780,7 +782,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Counts a surface that got no corners.
+    /// Counts a surface without corners.
     fn pass_unfinished_surface(&mut self) -> Result<(), Error> {
         self.findings.count("surface without `refs`");
         if let Some(object) = &mut self.object {
@@ -803,7 +805,7 @@ impl<'a> Reader<'a> {
         let Some(object) = self.object.take() else {
             return Ok(());
         };
-        // The surfaces of an object without `numsurf` are as many as they are.
+        // An object without `numsurf` has as many surfaces as follow.
         match object
             .surfaces_promised
             .unwrap_or(object.surfaces_read)
@@ -881,13 +883,13 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// The materials that triangles refer to, in order of first use; the triangles' indices are changed to match.
+    /// The materials of the triangles, in order of first use; changes the triangles' indices to match.
     fn materials_in_use(&mut self) -> Result<Vec<Material>, Error> {
         if self.materials.is_empty() {
             if let Some(line) = self.first_material_line {
                 return Err(Error::malformed(
-                    "`mat` names a material, but the file has none; add a line such as `MATERIAL \"\" rgb 1 1 1 amb 1 1 \
-                     1 emis 0 0 0 spec 0 0 0 shi 0 trans 0` after the header",
+                    "`mat` names a material, but the file has none; add a line such as `MATERIAL \"\" rgb 1 1 1 amb 1 \
+                     1 1 emis 0 0 0 spec 0 0 0 shi 0 trans 0` after the header",
                 )
                 .at(line));
             }
@@ -921,7 +923,7 @@ impl<'a> Reader<'a> {
         Ok(in_use)
     }
 
-    /// What errors call the open object.
+    /// The open object's name in errors.
     fn object_name(&self) -> String {
         self.object
             .as_ref()
@@ -949,14 +951,14 @@ fn words(text: &[u8]) -> impl Iterator<Item = &[u8]> {
     text.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
 
-/// The first word of a line and what follows it.
+/// The first word of a line, and the rest.
 fn split_word(text: &[u8]) -> (&[u8], &[u8]) {
     let text = text.trim_ascii_start();
     let mut parts = text.splitn(2, u8::is_ascii_whitespace);
     (parts.next().unwrap_or_default(), parts.next().unwrap_or_default())
 }
 
-/// A string that more may follow: to the next quote, or, unquoted, a word.
+/// A string with more to follow: to the next quote, or, unquoted, a word.
 fn string(text: &[u8]) -> (String, &[u8]) {
     let text = text.trim_ascii_start();
     let (string, rest) = match text.strip_prefix(b"\"") {
@@ -969,7 +971,7 @@ fn string(text: &[u8]) -> (String, &[u8]) {
     (String::from_utf8_lossy(string).into_owned(), rest)
 }
 
-/// A string that takes the rest of its line, so that it may hold quotes; unquoted ones may hold spaces.
+/// A string to the end of its line: it may hold quotes, and spaces even if unquoted.
 fn name(text: &[u8]) -> String {
     let text = text.trim_ascii();
     let text = text.strip_prefix(b"\"").unwrap_or(text);
@@ -985,7 +987,7 @@ fn integer(word: &[u8]) -> Option<i64> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 
-/// Text from the file as a message can show it.
+/// Text from the file, fit for a message.
 fn excerpt(text: &[u8]) -> String {
     const LONGEST: usize = 40;
     // No character takes more than four bytes.

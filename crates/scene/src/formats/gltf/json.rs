@@ -1,5 +1,5 @@
-//! Checked access to the JSON of a glTF file: a value is typed when it is asked for, and every refusal names its place,
-//! such as `meshes[3].primitives[0].mode`.
+//! Checked access to the JSON of a glTF file: a value is typed at each access, and every refusal names its place, such
+//! as `meshes[3].primitives[0].mode`.
 
 use super::MEND;
 use super::glb::Container;
@@ -7,8 +7,8 @@ use crate::{Error, ErrorKind, Findings};
 use serde_json::{Map, Value};
 use std::fmt;
 
-/// An object costs some 650 bytes in memory and as few as 3 in the file: this many are 2.7 GB, and far more than the
-/// nodes, meshes and accessors of any scene that fits in memory once it is read.
+/// Most objects. One costs some 650 bytes in memory and as few as 3 in the file: this many are 2.7 GB, and far more
+/// than the nodes, meshes and accessors of any scene that fits in memory.
 const OBJECTS_MAX: usize = 1 << 22;
 /// A value costs 32 bytes in memory and as few as 2 in the file.
 const VALUES_MAX: usize = 1 << 26;
@@ -19,7 +19,7 @@ pub(super) fn parse(container: &Container<'_>, findings: &mut Findings) -> Resul
     if text.len() < container.json.len() {
         findings.count("byte order mark");
     }
-    // Some writers pad the JSON chunk with zeros where the format asks for spaces.
+    // Some writers pad the JSON chunk with zeros in place of spaces.
     while let Some(rest) = text.strip_suffix(b"\0") {
         text = rest;
     }
@@ -30,8 +30,8 @@ pub(super) fn parse(container: &Container<'_>, findings: &mut Findings) -> Resul
     }
     if objects > OBJECTS_MAX || values > VALUES_MAX {
         return Err(Error::new(ErrorKind::TooLarge(format!(
-            "the JSON holds {objects} objects and {values} values, more than the {OBJECTS_MAX} and {VALUES_MAX} that are \
-             read; split the scene into several files"
+            "the JSON holds {objects} objects and {values} values, more than the {OBJECTS_MAX} and {VALUES_MAX} that \
+             are read; split the scene into several files"
         ))));
     }
     serde_json::from_slice(text).map_err(|e| {
@@ -49,7 +49,7 @@ pub(super) fn parse(container: &Container<'_>, findings: &mut Findings) -> Resul
     })
 }
 
-/// Where in the JSON a value is. Copied about instead of a string, since only refusals print it.
+/// The place of a value in the JSON. Copied about instead of a string, since only refusals print it.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
     parts: [(&'static str, Option<usize>); 5],
@@ -63,7 +63,7 @@ impl Place {
     };
 
     fn member(mut self, key: &'static str) -> Self {
-        // Nothing that is read lies deeper; if it did, only the message would be shorter.
+        // Every accessed value lies above this depth; otherwise only the message would be shorter.
         if let Some(part) = self.parts.get_mut(self.len) {
             *part = (key, None);
             self.len += 1;
@@ -133,7 +133,7 @@ impl<'v> Object<'v> {
         self.members.contains_key(key)
     }
 
-    /// A member converted by `convert`, or the refusal that it is not `expected`.
+    /// A member converted by `convert`, or a refusal naming `expected`.
     fn typed<T>(
         &self,
         key: &'static str,
@@ -281,7 +281,7 @@ impl<'v> Object<'v> {
     }
 }
 
-/// A whole number from 0 on, also one written as `24.0`.
+/// A whole number from 0 on, also in the form `24.0`.
 fn whole(value: &Value) -> Option<usize> {
     let whole = value.as_u64().or_else(|| {
         let float = value
@@ -301,7 +301,7 @@ fn out_of_range(place: Place, index: usize, list: &List<'_>) -> Error {
     ))
 }
 
-/// The parts of a glTF file that geometry needs.
+/// The parts of a glTF file for geometry.
 pub(super) struct Document<'v> {
     pub(super) root: Object<'v>,
     pub(super) scenes: List<'v>,

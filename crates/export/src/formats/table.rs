@@ -1,12 +1,36 @@
-//! What is known of each patch as a table: CSV for people and spreadsheets, `.npz` for programs.
+//! Results of each patch as a table: CSV for people and spreadsheets, `.npz` for programs.
 
-use crate::{PatchResults, Values};
+use super::PatchWriter;
+use crate::write::{on_write, write_file};
+use crate::{PatchResults, Result, Values, WriteOptions};
 use hemicube::analysis::zones::table_text;
 use hemicube::store::{ElementType, NpzWriter};
 use std::io::{self, Seek, Write};
+use std::path::Path;
 
-/// Numbers have the fewest digits that read back to the same f64; what is not known is an empty field.
-pub(crate) fn write_csv(results: &PatchResults, out: &mut impl Write) -> io::Result<()> {
+pub(super) struct Csv;
+
+impl PatchWriter for Csv {
+    fn write(&self, results: &PatchResults, path: &Path, options: WriteOptions<'_>) -> Result<u64> {
+        write_file(path, options, |mut file| {
+            write_csv(results, &mut file).map_err(|error| on_write(path, error))?;
+            Ok(file)
+        })
+    }
+}
+
+pub(super) struct Npz;
+
+impl PatchWriter for Npz {
+    fn write(&self, results: &PatchResults, path: &Path, options: WriteOptions<'_>) -> Result<u64> {
+        write_file(path, options, |file| {
+            write_npz(results, file).map_err(|error| on_write(path, error))
+        })
+    }
+}
+
+/// Numbers have the fewest digits that read back to the same f64; an unknown number is an empty field.
+fn write_csv(results: &PatchResults, out: &mut impl Write) -> io::Result<()> {
     let mut writer = csv::Writer::from_writer(out);
     let corner_labels = ["a", "b", "c"].map(|corner| ["x", "y", "z"].map(|axis| format!("{corner}_{axis}")));
     let mut header: Vec<String> = results.columns.iter().flat_map(crate::Column::labels).collect();
@@ -45,8 +69,8 @@ pub(crate) fn write_csv(results: &PatchResults, out: &mut impl Write) -> io::Res
     writer.flush()
 }
 
-/// An array a column, a row a patch; names and components beside them as arrays of text; corners, where there are any.
-pub(crate) fn write_npz<W: Write + Seek>(results: &PatchResults, out: W) -> io::Result<W> {
+/// An array a column, a row a patch; names and components beside them as arrays of text; corners where known.
+fn write_npz<W: Write + Seek>(results: &PatchResults, out: W) -> io::Result<W> {
     let count = results.patch_count() as u64;
     let mut npz = NpzWriter::new(out);
     for column in &results.columns {
@@ -73,7 +97,7 @@ pub(crate) fn write_npz<W: Write + Seek>(results: &PatchResults, out: W) -> io::
     npz.finish()
 }
 
-/// NumPy's text: UTF-32, every string as long as the longest.
+/// Text as NumPy has it: UTF-32, every string padded to the longest.
 fn texts<W: Write + Seek>(npz: &mut NpzWriter<W>, name: &str, texts: &[String]) -> io::Result<()> {
     let longest = texts.iter().map(|text| text.chars().count()).max().unwrap_or(0).max(1);
     let length = u32::try_from(longest).map_err(|_| io::Error::other("a name is too long"))?;

@@ -1,16 +1,51 @@
-//! Opens a scene file: format by extension, the reader by format.
+//! Scene formats: one table of names, extensions and readers; [`load`] chooses the reader by the extension.
 //!
-//! No tobj for geometry, no gltf crate, no stl_io, because they refuse or misread files that people have (their modules
-//! say which); tobj reads material libraries.
+//! A new format is a module of this folder, declared below, and a row of the table; extensions, messages, the program's
+//! help and Python's come of it.
+//!
+//! No tobj, no gltf crate, no stl_io, because they refuse or misread files that people have; the heads of the modules
+//! give the cases.
+
+#[cfg(feature = "ac3d")]
+pub mod ac3d;
+#[cfg(feature = "cityjson")]
+pub mod cityjson;
+#[cfg(feature = "gltf")]
+pub mod gltf;
+#[cfg(feature = "obj")]
+pub mod obj;
+#[cfg(feature = "ply")]
+pub mod ply;
+#[cfg(feature = "stl")]
+pub mod stl;
+#[cfg(feature = "vs3")]
+pub mod vs3;
 
 use crate::{Error, ErrorKind, ReadOptions, Scene};
 use std::path::Path;
 
 type Read = fn(&[u8], Option<&Path>, ReadOptions) -> Result<Scene, Error>;
 
-/// Makes [`Format`] of the table of formats: variant, name, extensions, feature and module of the reader.
+/// Makes [`Format`] and [`scene_formats!`](crate::scene_formats) of the table of formats: variant, name, extensions,
+/// feature and module of the reader.
 macro_rules! formats {
-    ($($(#[$doc:meta])* $format:ident, $name:literal, [$($extension:literal),+], $feature:literal, $module:ident;)+) => {
+    ($(
+        $(#[$doc:meta])*
+        $format:ident, $name:literal, [$($extension:literal),+], $feature:literal, $module:ident;
+    )+) => {
+        /// The formats and their extensions as a literal, one a line of a Markdown list, for documentation. Includes
+        /// readers that are not compiled in.
+        ///
+        /// ```
+        /// assert!(hemicube_scene::scene_formats!().starts_with("\n- Wavefront OBJ: .obj\n- glTF 2.0: .gltf .glb\n"));
+        /// ```
+        #[macro_export]
+        macro_rules! scene_formats {
+            () => {
+                concat!($("\n- ", $name, ":" $(, " .", $extension)+),+)
+            };
+        }
+
         /// A scene file format.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[non_exhaustive]
@@ -19,7 +54,7 @@ macro_rules! formats {
         }
 
         impl Format {
-            /// All formats, in the order in which they are listed.
+            /// All formats, in the order of lists.
             pub const ALL: &'static [Self] = &[$(Self::$format),+];
 
             /// The format's name.
@@ -41,7 +76,7 @@ macro_rules! formats {
                 match self {
                     $(
                         #[cfg(feature = $feature)]
-                        Self::$format => Some(crate::$module::read),
+                        Self::$format => Some($module::read),
                         #[cfg(not(feature = $feature))]
                         Self::$format => None,
                     )+
@@ -69,7 +104,7 @@ formats! {
 }
 
 impl Format {
-    /// The format that a path's extension names, in any case.
+    /// The format named by a path's extension, in any case.
     pub fn from_path(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         let has = |format: &&Self| format.extensions().contains(&extension.as_str());

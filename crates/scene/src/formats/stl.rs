@@ -1,26 +1,25 @@
 //! Reads STL scenes, in text and binary.
 //!
-//! Source: *StereoLithography Interface Specification* (3D Systems 1989), as programs write it. By a reader of our own,
-//! as `stl_io` takes a binary file whose header begins with `solid` for text, reads the first solid only, and keeps
-//! coordinates in f32.
+//! Source: *StereoLithography Interface Specification* (3D Systems 1989), and files of common programs. By a reader of
+//! our own, because `stl_io` takes a binary file with a header beginning with `solid` for text, reads the first solid
+//! only, and keeps coordinates in f32.
 //!
 //! # What becomes of what
-//! | in the file | here |
-//! | --- | --- |
-//! | 84 bytes and 50 for each triangle that bytes 80 to 83 announce | binary, whatever the header says |
-//! | anything else that begins with `solid` | text; keywords in any case |
-//! | `solid NAME` | an object; the same name later is the same object |
-//! | a facet's `vertex` lines | a triangle in full f64; a loop of more than three is cut as a polygon |
-//! | a facet's normal | only compared: the order of the vertices says where the front is; facets whose normal says otherwise are counted |
-//! | the attribute bytes of a binary triangle | skipped |
-//! | bytes after the last announced triangle | skipped, counted |
-//! | fewer bytes than announced | an error |
+//! - 84 bytes and 50 for each triangle that bytes 80 to 83 announce: binary, whatever the header says
+//! - anything else that begins with `solid`: text; keywords in any case
+//! - `solid NAME`: an object; the same name later is the same object
+//! - a facet's `vertex` lines: a triangle in full f64; a loop of more than three is cut as a polygon
+//! - a facet's normal: only compared: the order of the vertices says where the front is; facets whose normal says
+//!   otherwise are counted
+//! - the attribute bytes of a binary triangle: skipped
+//! - bytes after the last announced triangle: skipped, counted
+//! - fewer bytes than announced: an error
 //!
 //! STL names neither units nor an up axis.
 
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{Triangulation, push_triangles, triangulate};
+use crate::polygon::{Labels, Triangulation, push_triangles, triangulate};
 use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::path::Path;
@@ -33,7 +32,7 @@ const RECORD: usize = 50;
 /// Reads an STL scene from the bytes of a file.
 ///
 /// # Errors
-/// When a binary file is cut short, or a line of a text file is not what is due there; the error names the line.
+/// When a binary file is cut short, or a line of a text file breaks the grammar; the error names the line.
 ///
 /// ```
 /// use hemicube_scene::{ReadOptions, stl};
@@ -57,7 +56,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
             &mut scene,
             Bounds::new(bytes.len(), options),
         )?,
-        // A header of a binary file may begin with any bytes, so only where its size does not fit is a mark one.
+        // A header of a binary file may begin with any bytes: a mark counts only if the size does not fit.
         _ if bytes.starts_with(&[0xFF, 0xFE]) || bytes.starts_with(&[0xFE, 0xFF]) => {
             crate::text::unmarked(bytes)?;
         }
@@ -81,7 +80,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
     Ok(scene)
 }
 
-/// Number of triangles that a binary file says that it has.
+/// Number of triangles announced by a binary file.
 fn announced(bytes: &[u8]) -> Option<usize> {
     let count = bytes.get(HEADER..START)?.first_chunk::<4>()?;
     Some(u32::from_le_bytes(*count) as usize)
@@ -115,7 +114,7 @@ fn binary(bytes: &[u8], count: usize, scene: &mut Scene) {
     }
 }
 
-/// Counts a facet whose normal points to the side that its vertices' order calls the back.
+/// Counts a facet with its normal against the order of its vertices.
 fn compare_normal(normal: DVec3, corners: &[DVec3], findings: &mut Findings) {
     if let [a, b, c, ..] = corners
         && (b - a).cross(c - a).dot(normal) < 0.0
@@ -124,7 +123,7 @@ fn compare_normal(normal: DVec3, corners: &[DVec3], findings: &mut Findings) {
     }
 }
 
-/// What a line of a text file begins with, and what may come next.
+/// State of the text grammar: the keyword of a line, and the keywords allowed next.
 #[derive(Clone, Copy, PartialEq)]
 enum Place {
     Outside,
@@ -172,7 +171,7 @@ fn text(bytes: &[u8], scene: &mut Scene, mut bounds: Bounds) -> Result<(), Error
             }
             (Place::Solid, b"endsolid") => Place::Outside,
             (Place::Solid, b"facet") => {
-                // Some programs write `facet` alone, or numbers that are none for the normal of a sliver.
+                // Some programs write `facet` alone, or a sliver's normal without numbers.
                 let numbers: Vec<f64> = words.skip(1).map_while(float).collect();
                 normal = numbers
                     .first_chunk::<3>()
@@ -201,7 +200,16 @@ fn text(bytes: &[u8], scene: &mut Scene, mut bounds: Bounds) -> Result<(), Error
                     Triangulation::TooFewCorners => scene.findings.count("face with fewer than 3 corners"),
                     Triangulation::NoArea => scene.findings.count("face without area"),
                 }
-                push_triangles(&corners, &cut, (object, 0, face), &mut scene.triangles);
+                push_triangles(
+                    &corners,
+                    &cut,
+                    Labels {
+                        object,
+                        face,
+                        ..Labels::default()
+                    },
+                    &mut scene.triangles,
+                );
                 face = face.checked_add(1).ok_or_else(|| {
                     Error::new(ErrorKind::TooLarge("has more faces than can be numbered".to_owned())).at(number)
                 })?;
@@ -225,7 +233,9 @@ fn float(word: &[u8]) -> Option<f64> {
 mod tests {
     use super::*;
 
-    const TEXT: &str = "solid roof\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   vertex 0 1.25e0 0\n  endloop\n endfacet\nendsolid roof\nSOLID wall 2\nFACET NORMAL 0 0 1\nOUTER LOOP\nVERTEX 0 0 0\nVERTEX 0 1 0\nVERTEX 1 1 0\nVERTEX 1 0 0\nENDLOOP\nENDFACET\nENDSOLID\n";
+    const TEXT: &str = "solid roof\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   vertex 0 \
+        1.25e0 0\n  endloop\n endfacet\nendsolid roof\nSOLID wall 2\nFACET NORMAL 0 0 1\nOUTER LOOP\nVERTEX 0 0 0\n\
+        VERTEX 0 1 0\nVERTEX 1 1 0\nVERTEX 1 0 0\nENDLOOP\nENDFACET\nENDSOLID\n";
 
     fn open(bytes: &[u8]) -> Result<Scene, Error> {
         read(bytes, None, ReadOptions::default())

@@ -3,19 +3,18 @@
 //! Source: *The PLY Polygon File Format* (Turk 1994).
 //!
 //! # What becomes of what
-//! | in the file | here |
-//! | --- | --- |
-//! | `vertex` with `x`, `y`, `z` | a corner in full f64 where the file has doubles |
-//! | `face` with a list `vertex_indices` or `vertex_index` | triangles with the polygon's winding, concave ones by ear clipping |
-//! | a corner of a vertex that is not there | an error |
-//! | a face with fewer than three corners, or without area | counted; it keeps its face number |
-//! | elements `tristrips`, `edge` and others | counted |
-//! | colours, normals, texture coordinates and other properties | skipped |
+//! - `vertex` with `x`, `y`, `z`: a corner in full f64 where the file has doubles
+//! - `face` with a list `vertex_indices` or `vertex_index`: triangles with the polygon's winding, concave ones by ear
+//!   clipping
+//! - a corner of a vertex that is not there: an error
+//! - a face with fewer than three corners, or without area: counted; it keeps its face number
+//! - elements `tristrips`, `edge` and others: counted
+//! - colours, normals, texture coordinates and other properties: skipped
 //!
 //! PLY names neither objects nor units nor an up axis.
 
 use crate::bounds::Bounds;
-use crate::polygon::{Triangulation, push_triangles, triangulate};
+use crate::polygon::{Labels, Triangulation, push_triangles, triangulate};
 use crate::{Error, Material, ReadOptions, Scene};
 use glam::DVec3;
 use ply_rs_bw::parser::{Parser, Reader};
@@ -26,7 +25,7 @@ use std::path::Path;
 #[derive(Debug)]
 struct Element {
     position: DVec3,
-    /// `None` where a corner is no whole number.
+    /// `None` if a corner is no whole number.
     corners: Option<Vec<u32>>,
 }
 
@@ -91,8 +90,7 @@ fn indices(value: &Property) -> Option<Vec<u32>> {
 /// Reads a PLY scene from the bytes of a file.
 ///
 /// # Errors
-/// When the header is not PLY, the file ends before what the header announces, or a face names a vertex that is not
-/// there.
+/// When the header is not PLY, the file ends before the announced elements do, or a face names a missing vertex.
 ///
 /// ```
 /// use hemicube_scene::{ReadOptions, ply};
@@ -116,7 +114,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
             None => error,
         }
     };
-    // Its header is text even where what follows is binary.
+    // The header is text even in binary files.
     let bytes = crate::text::unmarked(bytes)?;
     let parser = Parser::<Element>::new();
     let mut reader = Reader::new(bytes);
@@ -127,7 +125,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         ..Scene::default()
     };
     for (name, element) in &header.elements {
-        // Every element takes a byte at least, a line end or a number: what is announced beyond that is not there.
+        // Every element takes a byte at least, a number or a line end: a file cannot hold more elements than bytes.
         if element.count > bytes.len() || (element.properties.is_empty() && element.count > 0) {
             return Err(Error::malformed(format!(
                 "announces {} of element `{name}` with {} properties in a file of {} bytes; it is cut short or damaged",
@@ -177,7 +175,15 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
             Triangulation::TooFewCorners => scene.findings.count("face with fewer than 3 corners"),
             Triangulation::NoArea => scene.findings.count("face without area"),
         }
-        push_triangles(&corners, &cut, (0, 0, face), &mut scene.triangles);
+        push_triangles(
+            &corners,
+            &cut,
+            Labels {
+                face,
+                ..Labels::default()
+            },
+            &mut scene.triangles,
+        );
     }
     if !vertices.is_empty() && faces.is_empty() {
         scene
@@ -200,7 +206,10 @@ fn excerpt(text: &str) -> String {
 mod tests {
     use super::*;
 
-    const TEXT: &str = "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 5\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0 255\n1 0 0 255\n1 1 0 255\n0 1 0 255\n2678219.194 0 1 255\n4 0 1 2 3\n3 0 1 4\n";
+    const TEXT: &str = "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 5\nproperty double x\n\
+        property double y\nproperty double z\nproperty uchar red\nelement face 2\n\
+        property list uchar int vertex_indices\nend_header\n0 0 0 255\n1 0 0 255\n1 1 0 255\n0 1 0 255\n\
+        2678219.194 0 1 255\n4 0 1 2 3\n3 0 1 4\n";
 
     fn open(bytes: &[u8]) -> Result<Scene, Error> {
         read(bytes, None, ReadOptions::default())
@@ -212,7 +221,11 @@ mod tests {
         } else {
             "binary_little_endian"
         };
-        let mut bytes = format!("ply\nformat {form} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar uint vertex_index\nend_header\n").into_bytes();
+        let mut bytes = format!(
+            "ply\nformat {form} 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+            property float z\nelement face 1\nproperty list uchar uint vertex_index\nend_header\n"
+        )
+        .into_bytes();
         for x in [0.0_f32, 0., 0., 1., 0., 0., 0., 1.5, 0.] {
             bytes.extend(if big { x.to_be_bytes() } else { x.to_le_bytes() });
         }
@@ -252,7 +265,7 @@ mod tests {
         }
         for bytes in [TEXT.as_bytes(), &binary(false), &binary(true)] {
             for end in 0..bytes.len() - 1 {
-                // A text may lose the end of its last number, which cannot be told.
+                // A text may lose the end of its last number unnoticed.
                 let read = open(&bytes[..end]);
                 assert!(
                     read.is_err() || bytes.len() - end < 3,

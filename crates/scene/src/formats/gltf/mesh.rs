@@ -1,4 +1,4 @@
-//! Meshes: what each primitive will yield, found before any vertex is read.
+//! Meshes: the yield of each primitive, found before any vertex is read.
 
 use super::accessor::{Component, Layout};
 use super::json::{Document, Object};
@@ -6,7 +6,7 @@ use super::{MEND, extension};
 use crate::Error;
 use std::collections::BTreeMap;
 
-/// How the corners of a primitive make triangles (glTF 2.0, 3.7.2.1).
+/// Rule that makes triangles of a primitive's corners (glTF 2.0, 3.7.2.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Topology {
     List,
@@ -15,7 +15,7 @@ pub(super) enum Topology {
 }
 
 impl Topology {
-    /// The corners of triangle `n`. Every second triangle of a strip is turned, so that all face the same way.
+    /// The corners of triangle `n`. Every second triangle of a strip is turned, so that all face one way.
     pub(super) fn corners(self, n: usize) -> [usize; 3] {
         match self {
             Self::List => [3 * n, 3 * n + 1, 3 * n + 2],
@@ -50,10 +50,10 @@ pub(super) struct Primitive {
 /// A mesh of the file.
 pub(super) struct Mesh<'v> {
     pub(super) name: Option<&'v str>,
-    /// Those with triangles. The others are only counted, so that placing a mesh costs no more than its triangles.
+    /// Primitives with triangles. The others are only counted, so that placing a mesh costs no more than its triangles.
     pub(super) primitives: Vec<Primitive>,
     pub(super) triangle_count: u64,
-    /// What is counted each time that a node places the mesh.
+    /// Findings counted each time a node places the mesh.
     pub(super) findings: BTreeMap<&'static str, u64>,
 }
 
@@ -118,8 +118,8 @@ fn plan_primitive(
     let position_layout = Layout::of(document, positions)?;
     if !position_layout.is_positions() {
         return Err(Error::malformed(format!(
-            "`{place}.attributes.POSITION` is `accessors[{positions}]`, which does not hold positions (`VEC3` of floats, \
-             or of integers of one or two bytes); {MEND}"
+            "`{place}.attributes.POSITION` is `accessors[{positions}]`, which does not hold positions (`VEC3` of \
+             floats, or of integers of one or two bytes); {MEND}"
         )));
     }
     let mut corner_count = position_layout.count;
@@ -128,14 +128,14 @@ fn plan_primitive(
         let layout = Layout::of(document, indices)?;
         if !layout.is_indices() {
             return Err(Error::malformed(format!(
-                "`{place}.indices` is `accessors[{indices}]`, which does not hold indices (`SCALAR` of an unsigned type); \
-                 {MEND}"
+                "`{place}.indices` is `accessors[{indices}]`, which does not hold indices (`SCALAR` of an unsigned \
+                 type); {MEND}"
             )));
         }
         corner_count = layout.count;
         zero |= layout.is_zero();
     }
-    // An accessor without bytes is how a compressed primitive without a fallback looks to who does not know Draco.
+    // A reader without Draco sees a compressed primitive without a fallback as an accessor without bytes.
     if zero && primitive.has_extension(&[extension::DRACO])? {
         return Err(extension::draco(&format!("`{place}`")));
     }

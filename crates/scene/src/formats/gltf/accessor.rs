@@ -13,7 +13,7 @@ use glam::DVec3;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-/// Elements that no byte of the file backs: a longer accessor could make any number of triangles out of nothing.
+/// Most elements without bytes in the file: a longer accessor could make any number of triangles out of nothing.
 const BYTELESS_MAX: usize = 1 << 20;
 
 /// The type of one component.
@@ -58,7 +58,7 @@ impl Component {
         }
     }
 
-    /// The largest value of an index type: no index, but what restarts a primitive. `None` for other types.
+    /// The largest value of an index type: it restarts a primitive. `None` for other types.
     fn index_max(self) -> Option<u32> {
         match self {
             Self::U8 => Some(u8::MAX.into()),
@@ -68,7 +68,7 @@ impl Component {
         }
     }
 
-    /// Component `n` of an element that [`Layout`] found long enough.
+    /// Component `n` of an element long enough for it ([`Layout`] has checked).
     fn read(self, element: &[u8], n: usize, normalized: bool) -> f64 {
         let at = n * self.size();
         let two = || [element[at], element[at + 1]];
@@ -96,8 +96,7 @@ impl Component {
     }
 }
 
-/// Where an accessor's bytes are, from the first element's to the last one's, checked against what the buffer claims to
-/// hold.
+/// The range of an accessor's bytes, from the first element to the last, checked against the buffer's length.
 #[derive(Clone, Copy)]
 struct Span {
     buffer: usize,
@@ -113,7 +112,7 @@ struct SparseLayout {
     values: Span,
 }
 
-/// An accessor as the JSON describes it, found consistent.
+/// An accessor of the JSON, found consistent.
 pub(super) struct Layout {
     pub(super) count: usize,
     pub(super) component: Component,
@@ -123,7 +122,7 @@ pub(super) struct Layout {
     sparse: Option<SparseLayout>,
 }
 
-/// Number of components that an element of a type has.
+/// Number of components of an element type.
 fn width(kind: &str) -> Option<usize> {
     Some(match kind {
         "SCALAR" => 1,
@@ -182,8 +181,8 @@ impl Layout {
         };
         if elements.is_none() && count > BYTELESS_MAX {
             return Err(Error::malformed(format!(
-                "`{}` has {count} elements but no `bufferView`; more than {BYTELESS_MAX} elements without bytes are not \
-                 read; {MEND}",
+                "`{}` has {count} elements but no `bufferView`; more than {BYTELESS_MAX} elements without bytes are \
+                 not read; {MEND}",
                 accessor.place()
             )));
         }
@@ -208,17 +207,17 @@ impl Layout {
         self.width == 3 && self.component != Component::U32
     }
 
-    /// Returns whether no byte of the file stands behind the elements, which are then all zero.
+    /// Returns whether the elements have no bytes in the file: they are then all zero.
     pub(super) fn is_zero(&self) -> bool {
         self.elements.is_none() && self.sparse.is_none()
     }
 
-    /// Number of elements that are replaced.
+    /// Number of replaced elements.
     pub(super) fn sparse_count(&self) -> usize {
         self.sparse.as_ref().map_or(0, |sparse| sparse.count)
     }
 
-    /// The buffers that the elements lie in.
+    /// The buffers with the elements.
     pub(super) fn buffers(&self) -> impl Iterator<Item = usize> + use<> {
         let sparse = self.sparse.as_ref();
         [
@@ -231,7 +230,7 @@ impl Layout {
     }
 }
 
-/// Refuses accessors and views that refer to what is not there, also those that nothing uses: such a file lost a part.
+/// Refuses accessors and views with references to nothing, even unused ones: such a file lost a part.
 pub(super) fn check_references(document: &Document<'_>) -> Result<(), Error> {
     for view in document.buffer_views.iter() {
         view?.reference("buffer", &document.buffers)?;
@@ -251,8 +250,8 @@ pub(super) fn check_references(document: &Document<'_>) -> Result<(), Error> {
 }
 
 impl Span {
-    /// The bytes of `count` elements of `size` bytes that `object` (an accessor, or a part of a sparse one) describes;
-    /// `None` when it names no view.
+    /// The bytes of `count` elements of `size` bytes of `object` (an accessor, or a part of a sparse one); `None` if it
+    /// names no view.
     fn of(
         document: &Document<'_>,
         object: &Object<'_>,
@@ -274,7 +273,8 @@ impl Span {
             .is_none_or(|end| end > buffer_length)
         {
             return Err(Error::malformed(format!(
-                "`{}` is {view_length} bytes from byte {view_start} on, but `buffers[{buffer}]` has {buffer_length}; {MEND}",
+                "`{}` is {view_length} bytes from byte {view_start} on, but `buffers[{buffer}]` has {buffer_length}; \
+                 {MEND}",
                 view.place()
             )));
         }
@@ -299,8 +299,8 @@ impl Span {
             .filter(|&end| end <= view_length);
         let Some(end) = end else {
             return Err(Error::malformed(format!(
-                "`{place}` claims {count} elements of {size} bytes every {stride}, from byte {offset} of `{}` on, which \
-                 has {view_length} bytes; {MEND}",
+                "`{place}` claims {count} elements of {size} bytes every {stride}, from byte {offset} of `{}` on, \
+                 which has {view_length} bytes; {MEND}",
                 view.place()
             )));
         };
@@ -344,7 +344,7 @@ pub(super) struct Elements<'a> {
 }
 
 impl<'a> Elements<'a> {
-    /// Binds a layout to the bytes. Checks that sparse indices ascend, on which the search relies.
+    /// Binds a layout to the bytes. Checks that sparse indices ascend: the search relies on it.
     pub(super) fn new(
         accessor: usize,
         layout: &Layout,
@@ -390,7 +390,7 @@ impl<'a> Elements<'a> {
         self.count
     }
 
-    /// The bytes of element `n` < count; `None` for one that is zero because no byte backs it.
+    /// The bytes of element `n` < count; `None` for an element without bytes, zero.
     fn element(&self, n: usize) -> Option<&'a [u8]> {
         if let Some(sparse) = &self.sparse {
             let (mut low, mut high) = (0, sparse.count);
@@ -413,20 +413,21 @@ impl<'a> Elements<'a> {
         })
     }
 
-    /// Element `n` < count of indices, which must be below `vertex_count`.
+    /// Element `n` < count of indices, checked to be below `vertex_count`.
     pub(super) fn vertex(&self, n: usize, vertex_count: usize, primitive: &Primitive) -> Result<usize, Error> {
         let vertex = self.element(n).map_or(0, |bytes| self.component.read_index(bytes, 0));
         if Some(vertex) == self.component.index_max() {
             return Err(Error::malformed(format!(
-                "`meshes[{}].primitives[{}].indices`: index {n} is {vertex}, the value for primitive restart, which glTF \
-                 does not have; {MEND}",
+                "`meshes[{}].primitives[{}].indices`: index {n} is {vertex}, the value for primitive restart, which \
+                 glTF does not have; {MEND}",
                 primitive.mesh, primitive.number
             )));
         }
         let vertex = vertex as usize;
         if vertex >= vertex_count {
             return Err(Error::malformed(format!(
-                "`meshes[{}].primitives[{}].indices`: index {n} is {vertex}, but there are {vertex_count} positions; {MEND}",
+                "`meshes[{}].primitives[{}].indices`: index {n} is {vertex}, but there are {vertex_count} positions; \
+                 {MEND}",
                 primitive.mesh, primitive.number
             )));
         }

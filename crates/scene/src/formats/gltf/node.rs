@@ -1,4 +1,4 @@
-//! The node hierarchy: which node places which mesh where.
+//! The node hierarchy: the place of each mesh.
 //!
 //! World matrix = parent's · local, local = matrix or T · R · S, all in f64 (glTF 2.0, 3.5.3). A negative determinant
 //! turns the winding (3.7.4). The walk keeps its own stack, so that a deep hierarchy is no deep recursion.
@@ -8,7 +8,7 @@ use super::{MEND, extension};
 use crate::{Error, Findings};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-/// A mesh that a node places.
+/// A mesh placed by a node.
 pub(super) struct Placement {
     pub(super) node: usize,
     pub(super) mesh: usize,
@@ -17,10 +17,10 @@ pub(super) struct Placement {
     pub(super) mirrored: bool,
 }
 
-/// How far a quaternion's length may be from 1 without being counted: well above f32 rounding, well below a mistake.
+/// Deviation of a quaternion's length from 1 above which it is counted: well above f32 rounding, well below a mistake.
 const UNIT_TOLERANCE: f64 = 1e-3;
 
-/// The meshes that the scene shows, in reading order.
+/// The meshes of the scene, in reading order.
 pub(super) fn place(document: &Document<'_>, findings: &mut Findings) -> Result<Vec<Placement>, Error> {
     let nodes = &document.nodes;
     let mut children: Vec<Vec<usize>> = Vec::with_capacity(nodes.len());
@@ -71,7 +71,7 @@ pub(super) fn place(document: &Document<'_>, findings: &mut Findings) -> Result<
     Ok(placements)
 }
 
-/// The root nodes of the scene that is read. None has a parent and none is there twice, so no node is met twice.
+/// The root nodes of the scene. None has a parent and none is there twice, so no node is met twice.
 fn roots(document: &Document<'_>, parents: &[Option<usize>], findings: &mut Findings) -> Result<Vec<usize>, Error> {
     let chosen = document.root.reference("scene", &document.scenes)?;
     if document.scenes.len() == 0 {
@@ -108,7 +108,7 @@ fn roots(document: &Document<'_>, parents: &[Option<usize>], findings: &mut Find
     Ok(roots)
 }
 
-/// No node has two parents here, so a node that is not below any root is on a cycle or below one.
+/// No node has two parents here, so a node not below any root is on a cycle or below one.
 fn refuse_cycle(children: &[Vec<usize>], parents: &[Option<usize>]) -> Result<(), Error> {
     let mut reached: Vec<bool> = parents.iter().map(Option::is_none).collect();
     let mut stack: Vec<usize> = (0..parents.len()).filter(|&index| reached[index]).collect();
@@ -165,7 +165,7 @@ fn local_transform(node: &Object<'_>, findings: &mut Findings) -> Result<(DAffin
             if (length - 1.0).abs() > UNIT_TOLERANCE {
                 findings.count("rotation that is not of unit length, made so");
             }
-            // Always, as a quaternion written with seven digits would scale by 10⁻⁷.
+            // Always normalised: a quaternion written with seven digits would scale by 10⁻⁷.
             DQuat::from_array(q.map(|component| component / length))
         }
     };

@@ -1,24 +1,22 @@
-//! Reads glTF 2.0, `.gltf` and `.glb`: the triangles of the scene that the file shows first, in world coordinates.
+//! Reads glTF 2.0, `.gltf` and `.glb`: the triangles of the default scene, in world coordinates.
 //!
 //! Specification: Khronos Group, glTF 2.0, 2021 (3.5 nodes, 3.6 buffers and accessors, 3.7 meshes, 4 GLB), and the
 //! extension `KHR_mesh_quantization`.
 //!
-//! What is read, in reading order: the nodes of the default scene depth first, each node's mesh, its primitives in file
-//! order. A node is an object. Without a `scene` member the first scene is read; without scenes every node that has no
-//! parent is a root. A mesh that no node places is not part of the scene.
+//! Reads, in this order: the nodes of the default scene depth first, each node's mesh, its primitives in file order. A
+//! node is an object. Without a `scene` member the first scene is read; without scenes every node without a parent is a
+//! root. A mesh without a node is not part of the scene.
 //!
-//! What is refused: a file whose nodes, meshes, accessors and views refer to what is not there, whose accessors of
-//! positions and indices do not fit their buffers, or whose geometry only a decoder could open (Draco, meshopt). What
-//! the geometry does not need is never opened or checked: images, textures, animations, skins, cameras, and buffers
-//! that only those use.
+//! Refuses nodes, meshes, accessors and views with references to nothing, accessors of positions and indices that do
+//! not fit their buffers, and geometry in need of a decoder (Draco, meshopt). Never opens or checks the rest: images,
+//! textures, animations, skins, cameras, and buffers for those only.
 //!
 //! Not the crate `gltf-json`, because its types round node transforms to f32, take an index modulo 2³² (so that
 //! 4294967296 silently means 0), refuse legal scenes without nodes, and refuse the whole file for a fault in a part
-//! that no geometry needs. The JSON is held as `serde_json::Value` and typed where it is asked for.
+//! without geometry. The JSON is held as `serde_json::Value` and typed at each access.
 //!
-//! Work and memory: vertices are read straight from the buffers when a triangle asks for them, so both are in
-//! proportion to the size of the file and to the triangles that come out. The triangles are counted before the first is
-//! made.
+//! Work and memory: vertices are read straight from the buffers, triangle by triangle, so both are in proportion to the
+//! size of the file and to the number of triangles. The triangles are counted before the first is made.
 
 mod accessor;
 mod buffer;
@@ -42,7 +40,7 @@ use std::path::Path;
 /// More triangles than this could not all be patches; see [`crate::Patches::new`].
 const TRIANGLES_MAX: u64 = (1 << 31) - 16;
 
-/// The next step after a refusal of something that the file's writer got wrong.
+/// The next step after a refusal for the writer's mistake.
 const MEND: &str = "export the scene again (the glTF validator lists such faults)";
 
 /// Longer names are cut: one name can be used by many nodes, and the copies must not outgrow the file.
@@ -50,15 +48,15 @@ const NAME_BYTES_MAX: usize = 1024;
 
 /// Reads a scene from the bytes of a `.gltf` or `.glb` file. Buffers in files of their own are looked up in `base_dir`.
 ///
-/// Degenerate triangles (also those that join strips) and non-finite positions are kept: dropping them is
-/// [`crate::repair`]'s work. The up axis is y and the unit is the metre, as the format prescribes.
+/// Degenerate triangles (also those joining strips) and non-finite positions are kept: dropping them is
+/// [`crate::repair`]'s work. The up axis is y and the unit is the metre, by the format.
 ///
 /// With [`ReadOptions::optics`] a material's diffuse reflectance is its base colour × (1 − metallic factor), since only
 /// the non-metallic part of glTF's surface model is diffuse, and its emission is the emissive factor × the strength of
-/// `KHR_materials_emissive_strength`. Textures that would vary either are not read and are counted in the findings.
+/// `KHR_materials_emissive_strength`. Textures varying either are not read and are counted in the findings.
 ///
 /// # Errors
-/// When the bytes are not glTF 2, when nodes, meshes, accessors or buffers contradict one another or are not there, or
+/// When the bytes are not glTF 2, when nodes, meshes, accessors or buffers contradict one another or are missing, or
 /// when the geometry needs an extension that is not read. The message names the place in the file.
 ///
 /// ```
@@ -97,18 +95,18 @@ pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Resu
     findings.count_many("mesh that no node of the scene places", unplaced as u64);
     if triangle_count > TRIANGLES_MAX {
         return Err(Error::new(ErrorKind::TooLarge(format!(
-            "the nodes place {triangle_count} triangles, more than the {TRIANGLES_MAX} that are read; place fewer copies \
-             of the meshes"
+            "the nodes place {triangle_count} triangles, more than the {TRIANGLES_MAX} that are read; place fewer \
+             copies of the meshes"
         ))));
     }
 
     let (buffers, layouts) = open_buffers(&document, &meshes, &placed, container.bin, base_dir)?;
-    // What is within the file counts twice, which lets a file of copies have a few more.
+    // Buffers within the file count twice: a file of copies may have a few more.
     let beside = buffers
         .values()
         .fold(0_u64, |sum, bytes| sum.saturating_add(bytes.len() as u64));
     Bounds::new(bytes.len(), options).triangles(triangle_count, beside)?;
-    // Checking sparse indices costs time in their number, which accessors that share their bytes could multiply.
+    // Checking sparse indices costs time in their number, multiplied by accessors sharing their bytes.
     let sparse_count = layouts
         .values()
         .fold(0_usize, |sum, layout| sum.saturating_add(layout.sparse_count()));
@@ -130,12 +128,15 @@ pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Resu
         metres_per_unit: Some(1.0),
         ..Scene::default()
     };
-    usize::try_from(triangle_count).ok().and_then(|n| scene.triangles.try_reserve_exact(n).ok()).ok_or_else(|| {
-        Error::new(ErrorKind::TooLarge(format!(
-            "the {triangle_count} triangles that the nodes place do not fit in this machine's memory; place fewer copies \
-             of the meshes"
-        )))
-    })?;
+    usize::try_from(triangle_count)
+        .ok()
+        .and_then(|n| scene.triangles.try_reserve_exact(n).ok())
+        .ok_or_else(|| {
+            Error::new(ErrorKind::TooLarge(format!(
+                "the {triangle_count} triangles that the nodes place do not fit in this machine's memory; place fewer \
+             copies of the meshes"
+            )))
+        })?;
     let mut materials = Materials::new(&document, options);
     for placement in &placements {
         let mesh = &meshes[placement.mesh];
@@ -174,7 +175,7 @@ fn too_many_objects() -> Error {
     )))
 }
 
-/// The start of `name` that is short enough to be copied for every node.
+/// The start of `name`, short enough for a copy in every node.
 fn cut(name: &str) -> &str {
     let mut end = name.len().min(NAME_BYTES_MAX);
     while !name.is_char_boundary(end) {
@@ -183,7 +184,7 @@ fn cut(name: &str) -> &str {
     &name[..end]
 }
 
-/// The buffers that the placed meshes need, by index, and the layouts of their accessors, by index.
+/// The buffers of the placed meshes, by index, and the layouts of their accessors, by index.
 type Geometry<'a> = (BTreeMap<usize, Cow<'a, [u8]>>, BTreeMap<usize, Layout>);
 
 fn open_buffers<'a>(
@@ -212,7 +213,7 @@ fn open_buffers<'a>(
     Ok((buffers, layouts))
 }
 
-/// Appends the triangles of one primitive as one node places it; `triangle` holds what they share.
+/// Appends the triangles of one primitive under one node; `triangle` holds their common fields.
 fn emit(
     primitive: &Primitive,
     elements: &BTreeMap<usize, Elements<'_>>,

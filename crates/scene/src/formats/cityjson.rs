@@ -1,25 +1,26 @@
 //! Reads CityJSON cities, and CityJSON text sequences (a feature a line).
 //!
-//! Source: *CityJSON Specifications 2.0.1* (Open Geospatial Consortium community standard), of which 1.0 and 1.1 are
-//! read too; *CityJSON Text Sequences*, its part on streams.
+//! Source: *CityJSON Specifications 2.0.1* (Open Geospatial Consortium community standard), also 1.0 and 1.1; *CityJSON
+//! Text Sequences* for streams.
 //!
 //! # What becomes of what
-//! | in the file | here |
-//! | --- | --- |
-//! | `vertices`, `transform` | corners in f64, in metres of the file's coordinate system; z is up |
-//! | a city object's `geometry` | the one of the highest level of detail; geometry of level 0 (footprints) only where a building and its parts have no other. What is left out is counted |
-//! | `MultiSurface`, `CompositeSurface`, `Solid`, `MultiSolid`, `CompositeSolid` | a face for each surface, cut into triangles with its holes |
-//! | `GeometryInstance` | its template, placed |
-//! | points and lines | counted |
-//! | `semantics` | the object of a surface is `CITYOBJECT/RoofSurface`, its material `RoofSurface`; without semantics the city object and its type |
-//! | attributes, appearance, metadata, extensions | skipped |
+//! - `vertices`, `transform`: corners in f64, in metres of the file's coordinate system; z is up
+//! - a city object's `geometry`: the one of the highest level of detail; geometry of level 0 (footprints) only where a
+//!   building and its parts have no other. What is left out is counted
+//! - `MultiSurface`, `CompositeSurface`, `Solid`, `MultiSolid`, `CompositeSolid`: a face for each surface, cut into
+//!   triangles with its holes
+//! - `GeometryInstance`: its template, placed
+//! - points and lines: counted
+//! - `semantics`: the object of a surface is `CITYOBJECT/RoofSurface`, its material `RoofSurface`; without semantics
+//!   the city object and its type
+//! - attributes, appearance, metadata, extensions: skipped
 //!
-//! By serde and a few types of our own: what `cityjson` and `cjseq` do besides (validating, attributes, writing) is not
-//! needed here.
+//! By serde and a few types of our own: the other services of `cityjson` and `cjseq` (validating, attributes, writing)
+//! are not needed here.
 
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{Triangulation, push_triangles, triangulate_with_holes};
+use crate::polygon::{Labels, Triangulation, push_triangles, triangulate_with_holes};
 use crate::{Axis, Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::{DMat4, DVec3};
 use serde::Deserialize;
@@ -31,8 +32,8 @@ use std::path::Path;
 /// Reads a CityJSON city, or a sequence of features, from the bytes of a file.
 ///
 /// # Errors
-/// When the text is not JSON or not CityJSON, or a boundary names a vertex that is not there; the error names the line
-/// where JSON ends to make sense, or the city object.
+/// When the text is not JSON or not CityJSON, or a boundary names a missing vertex; the error names the line of the
+/// JSON error, or the city object.
 ///
 /// ```
 /// use hemicube_scene::{Axis, ReadOptions, cityjson};
@@ -99,7 +100,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
     Ok(city.scene())
 }
 
-/// serde_json's message without its own "at line … column …", as the error says the line itself.
+/// serde_json's message without its own "at line … column …": the error has the line itself.
 fn without_place(error: &serde_json::Error) -> String {
     let text = error.to_string();
     text.split(" at line ").next().unwrap_or_default().to_owned()
@@ -198,7 +199,7 @@ struct SemanticSurface {
     kind: String,
 }
 
-/// A JSON object's members in the order of the file, which is that of the patches.
+/// A JSON object's members in the order of the file: the order of the patches.
 struct InOrder<T>(Vec<(String, T)>);
 
 impl<T> Default for InOrder<T> {
@@ -229,13 +230,13 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for InOrder<T> {
     }
 }
 
-/// Where the vertices of a geometry are.
+/// The vertices of a geometry.
 struct Place<'a> {
     vertices: &'a [[f64; 3]],
     transform: &'a Transform,
-    /// Of an instance of a template.
+    /// Transformation of a template's instance; the identity for other geometry.
     matrix: DMat4,
-    /// Of an instance of a template.
+    /// Reference point of a template's instance.
     reference: DVec3,
 }
 
@@ -269,7 +270,7 @@ impl City {
         transform: &Transform,
         templates: Option<&Templates>,
     ) -> Result<(), Error> {
-        // The best level of a family, a building with its parts: footprints count only where there is nothing else.
+        // The best level of a family, a building with its parts: footprints count only if there is nothing else.
         let mut best: HashMap<&str, f64> = HashMap::new();
         let family = |id: &'_ String, object: &'_ CityObject| object.parents.first().unwrap_or(id).clone();
         let families: Vec<String> = objects.0.iter().map(|(id, object)| family(id, object)).collect();
@@ -317,7 +318,7 @@ impl City {
         templates: Option<&Templates>,
     ) -> Result<(), Error> {
         let broken = |what: &str| Error::malformed(format!("city object `{}`: {what}", shown(id)));
-        // How deep the surfaces lie in the boundaries.
+        // Depth of the surfaces in the boundaries.
         let depth = match geometry.kind.as_str() {
             "MultiSurface" | "CompositeSurface" => 0,
             "Solid" => 1,
@@ -395,7 +396,7 @@ impl City {
         Ok(())
     }
 
-    /// Cuts a surface. The error is `None` where the surface is not what CityJSON asks for.
+    /// Cuts a surface. Returns an error for one that breaks CityJSON's rules.
     fn surface(
         &mut self,
         id: &str,
@@ -446,7 +447,12 @@ impl City {
         };
         let object = self.objects.number(&name)?;
         let material = self.materials.number(material)?;
-        push_triangles(&self.corners, &self.cut, (object, material, face), &mut self.triangles);
+        push_triangles(
+            &self.corners,
+            &self.cut,
+            Labels { object, material, face },
+            &mut self.triangles,
+        );
         self.bounds.triangles(self.triangles.len() as u64, 0)?;
         Ok(())
     }
@@ -472,14 +478,21 @@ mod tests {
     use super::*;
 
     /// A cube of 2 m with a hole of 1 m² in its roof, as a building part under a building that has its footprint.
-    const CITY: &str = r#"{"type":"CityJSON","version":"2.0","transform":{"scale":[0.001,0.001,0.001],"translate":[80000.0,450000.0,0.0]},
-"CityObjects":{"b":{"type":"Building","children":["a"],"geometry":[{"type":"MultiSurface","lod":"0","boundaries":[[[0,1,2,3]]]}]},
+    const CITY: &str = r#"{"type":"CityJSON","version":"2.0","transform":{"scale":[0.001,0.001,0.001],
+"translate":[80000.0,450000.0,0.0]},
+"CityObjects":{"b":{"type":"Building","children":["a"],"geometry":[{"type":"MultiSurface","lod":"0","boundaries":[[[0,
+1,2,3]]]}]},
 "a":{"type":"BuildingPart","parents":["b"],"geometry":[{"type":"Solid","lod":"1.2","boundaries":[[[[0,3,2,1]]]]},
-{"type":"Solid","lod":"2.2","boundaries":[[[[0,3,2,1]],[[4,5,6,7],[8,9,10,11]],[[0,1,5,4]],[[1,2,6,5]],[[2,3,7,6]],[[3,0,4,7]]]],
-"semantics":{"surfaces":[{"type":"GroundSurface"},{"type":"RoofSurface"},{"type":"WallSurface"}],"values":[[0,1,2,2,2,2]]}}]},
-"t":{"type":"SolitaryVegetationObject","geometry":[{"type":"GeometryInstance","template":0,"boundaries":[4],"transformationMatrix":[2,0,0,0,0,2,0,0,0,0,2,5,0,0,0,1]}]}},
-"geometry-templates":{"templates":[{"type":"MultiSurface","lod":"2","boundaries":[[[0,1,2]]]}],"vertices-templates":[[0,0,0],[1,0,0],[0,1,0]]},
-"vertices":[[0,0,0],[2000,0,0],[2000,2000,0],[0,2000,0],[0,0,2000],[2000,0,2000],[2000,2000,2000],[0,2000,2000],[500,500,2000],[1500,500,2000],[1500,1500,2000],[500,1500,2000]]}"#;
+{"type":"Solid","lod":"2.2","boundaries":[[[[0,3,2,1]],[[4,5,6,7],[8,9,10,11]],[[0,1,5,4]],[[1,2,6,5]],[[2,3,7,6]],[[3,
+0,4,7]]]],
+"semantics":{"surfaces":[{"type":"GroundSurface"},{"type":"RoofSurface"},{"type":"WallSurface"}],"values":[[0,1,2,2,2,
+2]]}}]},
+"t":{"type":"SolitaryVegetationObject","geometry":[{"type":"GeometryInstance","template":0,"boundaries":[4],
+"transformationMatrix":[2,0,0,0,0,2,0,0,0,0,2,5,0,0,0,1]}]}},
+"geometry-templates":{"templates":[{"type":"MultiSurface","lod":"2","boundaries":[[[0,1,2]]]}],
+"vertices-templates":[[0,0,0],[1,0,0],[0,1,0]]},
+"vertices":[[0,0,0],[2000,0,0],[2000,2000,0],[0,2000,0],[0,0,2000],[2000,0,2000],[2000,2000,2000],[0,2000,2000],[500,
+500,2000],[1500,500,2000],[1500,1500,2000],[500,1500,2000]]}"#;
 
     fn open(text: &str) -> Result<Scene, Error> {
         read(text.as_bytes(), None, ReadOptions::default())
@@ -543,10 +556,12 @@ mod tests {
         let mut frame = whole.clone();
         frame["CityObjects"] = serde_json::json!({});
         frame["vertices"] = serde_json::json!([]);
-        let feature = serde_json::json!({"type": "CityJSONFeature", "id": "b", "CityObjects": whole["CityObjects"], "vertices": whole["vertices"]});
+        let feature = serde_json::json!({
+            "type": "CityJSONFeature", "id": "b", "CityObjects": whole["CityObjects"], "vertices": whole["vertices"],
+        });
         let text = format!("{frame}\n{feature}\n");
         let (scene, expected) = (open(&text).unwrap(), open(CITY).unwrap());
-        // The members of a JSON value are sorted, so that the order differs from the file above; the surfaces do not.
+        // The members of a JSON value are sorted, so the order differs from the file above; the surfaces do not.
         assert_eq!(scene.triangles.len(), expected.triangles.len());
         assert!((area(&scene, "a/WallSurface") - 16.0).abs() < 1e-6);
         assert!(
@@ -578,7 +593,7 @@ mod tests {
                 "`FeatureCollection`, not `CityJSON`",
             ),
             ("\"scale\":[0.001", "\"scale\":[", "line 1"),
-            ("[[[[0,3,2,1]],[[4", "7,[[[[0,3,2,1]],[[4", "line 4: is no CityJSON"),
+            ("[[[[0,3,2,1]],[[4", "7,[[[[0,3,2,1]],[[4", "line 6: is no CityJSON"),
         ] {
             let message = open(&CITY.replacen(from, to, 1)).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");

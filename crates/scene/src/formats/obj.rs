@@ -1,34 +1,36 @@
 //! Reads Wavefront OBJ scenes, and the reflectance and emission of their materials from `.mtl` libraries.
 //!
-//! Source: *Appendix B1. Object Files*, Advanced Visualizer manual (Wavefront 1993). The text is read by a parser of
-//! our own, as `tobj` cuts polygons into fans, names no lines, and refuses much of what real files hold; `tobj` reads
-//! the material libraries.
+//! Source: *Appendix B1. Object Files*, Advanced Visualizer manual (Wavefront 1993). By a parser of our own, because
+//! `tobj` cuts polygons into fans, names no lines, and refuses much of real files; it gives up a whole material library
+//! at one bad line, even of a kind unused here, and panics at a colour of fewer than three numbers.
 //!
 //! # What becomes of what
-//! | in the file | here |
-//! | --- | --- |
-//! | `v x y z …` | a vertex in full f64; a weight or a colour that follows is skipped. `nan`, `inf`, `1e400` are read: [`crate::repair`] drops the triangles that use them |
-//! | `f`, `fo` | triangles with the polygon's winding, concave ones by ear clipping. Of a corner `a/t/n` only `a` counts; negative ones count back from the last vertex |
-//! | a face with fewer than three corners, or without area | counted; it keeps its face number |
-//! | a corner 0, or of a vertex that is not there (yet) | an error |
-//! | a face with more than 65,536 corners | an error |
-//! | `o`, `g` | the name of the object of the faces that follow: the latest `g` since the latest `o`; an empty `g` goes back to the name of that `o`. The same name later is the same object. Several groups on one line are one name |
-//! | `usemtl` | the material of the faces that follow; an empty one is the material `""`, as before any |
-//! | `mtllib` | read only when optics are asked for: `Kd` as diffuse reflectance, `Ke` as emission, the numbers taken as linear; the first library and the first entry that has the name counts |
-//! | a library that cannot be read, or does not lie in the scene's folder or below it, links followed | a warning |
-//! | `l`, `p`, curves and surfaces, `call`, `csh` | skipped, counted |
-//! | `vt`, `vn`, `vp`, `s` and the other attributes | skipped |
-//! | other lines | skipped, counted, the first few named in a warning |
+//! - `v x y z …`: a vertex in full f64; a weight or a colour that follows is skipped. `nan`, `inf`, `1e400` are read:
+//!   [`crate::repair`] drops the triangles that use them
+//! - `f`, `fo`: triangles with the polygon's winding, concave ones by ear clipping. Of a corner `a/t/n` only `a`
+//!   counts; negative ones count back from the last vertex
+//! - a face with fewer than three corners, or without area: counted; it keeps its face number
+//! - a corner 0, or of a vertex that is not there (yet): an error
+//! - a face with more than 65,536 corners: an error
+//! - `o`, `g`: the name of the object of the faces that follow: the latest `g` since the latest `o`; an empty `g` goes
+//!   back to the name of that `o`. The same name later is the same object. Several groups on one line are one name
+//! - `usemtl`: the material of the faces that follow; an empty one is the material `""`, as before any
+//! - `mtllib`: read only when optics are asked for: `Kd` as diffuse reflectance, `Ke` as emission, the numbers taken as
+//!   linear; the first library and the first entry that has the name counts
+//! - a library that cannot be read, or does not lie in the scene's folder or below it, links followed: a warning
+//! - `l`, `p`, curves and surfaces, `call`, `csh`: skipped, counted
+//! - `vt`, `vn`, `vp`, `s` and the other attributes: skipped
+//! - other lines: skipped, counted, the first few named in a warning
 //!
 //! Lines end with LF, CRLF or CR; a `\` before that joins the next line. A `#` begins a comment, in names only after a
-//! blank (`wall#2` is a name). The text is UTF-8 with or without a byte order mark, or anything else that agrees with
-//! ASCII: names are decoded as UTF-8, other bytes as U+FFFD.
+//! blank (`wall#2` is a name). The text is UTF-8 with or without a byte order mark, or any extension of ASCII: names
+//! are decoded as UTF-8, other bytes as U+FFFD.
 //!
 //! No statement of OBJ announces how much is to follow, so memory is bounded by a multiple of the file's length.
 
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{Triangulation, area_excess, push_triangles, triangulate};
+use crate::polygon::{Labels, Triangulation, area_excess, push_triangles, triangulate};
 use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
@@ -40,8 +42,8 @@ use std::path::Path;
 /// `options` ask for optics.
 ///
 /// # Errors
-/// When a vertex has fewer than three numbers, a number or a face corner cannot be read, or a face names a vertex that
-/// does not come before it; the error names the line. A file without faces is no error: the scene has no triangles.
+/// When a vertex has fewer than three numbers, a number or a face corner cannot be read, or a face names a vertex not
+/// before it; the error names the line. A file without faces is no error: the scene has no triangles.
 ///
 /// ```
 /// use hemicube_scene::{ReadOptions, obj};
@@ -91,13 +93,14 @@ pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Resu
     Ok(reader.scene())
 }
 
-/// Number of lines not understood, or libraries not readable, that warnings name.
+/// Number of unknown lines, or of unreadable libraries, named by warnings.
 const NAMED: u64 = 3;
-/// Number of bytes of material libraries that are read for one scene.
+/// Most bytes of material libraries read for one scene.
 const LIBRARY_BYTES_MAX: u64 = 64 << 20;
-/// Number of material libraries that are opened for one scene.
+/// Most material libraries opened for one scene.
 const LIBRARIES_MAX: usize = 1000;
-/// By how much the triangles of a polygon may differ in area from its outline before it is counted as not planar.
+/// Relative difference in area between the triangles of a polygon and its outline from which it is counted as not
+/// planar.
 const AREA_EXCESS_MAX: f64 = 1e-6;
 
 fn is_blank(byte: u8) -> bool {
@@ -124,7 +127,7 @@ fn name(text: &[u8]) -> String {
         begins
     });
     let text = text.get(..end.unwrap_or(text.len())).unwrap_or_default();
-    // Blanks of Unicode too: `tobj` trims them.
+    // Blanks of Unicode, too.
     String::from_utf8_lossy(text).trim().to_owned()
 }
 
@@ -145,7 +148,7 @@ struct Line<'a> {
 }
 
 impl<'a> Line<'a> {
-    /// Whether the next line belongs to this one. A comment ends with its line whatever stands there: `C:\` does.
+    /// Returns whether the next line belongs to this one. A comment ends with its line, even after a backslash: `C:\`.
     fn continues(&self) -> bool {
         self.text.last() == Some(&b'\\') && !(self.hash && self.without_comment().len() < self.text.len())
     }
@@ -154,7 +157,8 @@ impl<'a> Line<'a> {
         self.text.split_last().map_or(&[], |(_, text)| text)
     }
 
-    /// The text up to a `#`. One in a number, as some C libraries print those that are not finite (`1.#INF`), is none.
+    /// The text up to a `#` comment. A `#` in a number, as some C libraries print non-finite ones (`1.#INF`), begins
+    /// none.
     fn without_comment(&self) -> &'a [u8] {
         let mut before = [b' ', b' '];
         let end = self.text.iter().position(|&b| {
@@ -198,7 +202,7 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
-/// Reads a number as C and OBJ writers print them.
+/// Reads a number in the spelling of C and OBJ writers.
 fn number(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;
     if let Ok(x) = text.parse() {
@@ -223,15 +227,15 @@ struct Reader {
     objects: Names,
     materials: Names,
     optics: HashMap<String, Material>,
-    /// Of the latest `o`.
+    /// The name of the latest `o`.
     object_name: String,
-    /// Of the latest `g` since, if it has one.
+    /// The name of the latest `g` since, if any.
     group_name: String,
     material_name: String,
     /// Numbers of the names above, once a face has used them.
     object: Option<u32>,
     material: Option<u32>,
-    /// What follows each `mtllib`, once each, and whether it is known.
+    /// The text after each `mtllib`, once each, and whether it is known.
     libraries: Vec<Vec<u8>>,
     known_libraries: HashSet<Vec<u8>>,
     findings: Findings,
@@ -253,7 +257,7 @@ impl Reader {
 
     fn other_line(&mut self, line: Line<'_>, word: &[u8], rest: &[u8]) -> Result<(), Error> {
         if line.hash && matches!(word.iter().position(|&b| b == b'#'), Some(at) if at > 0) {
-            // The comment touches the keyword, as in `g#`.
+            // The comment touches the keyword: `g#`.
             let (word, _) = keyword(line.without_comment());
             return self.other_line(Line { hash: false, ..line }, word, &[]);
         }
@@ -328,7 +332,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The vertex that a face corner such as `12`, `-1`, `3/1` or `3//2` names.
+    /// The vertex of a face corner such as `12`, `-1`, `3/1` or `3//2`.
     #[inline]
     fn corner(&self, word: &[u8]) -> Result<DVec3, Error> {
         let (index, rest) = word.split_at(word.iter().position(|&b| b == b'/').unwrap_or(word.len()));
@@ -419,7 +423,12 @@ impl Reader {
             Some(material) => material,
             None => *self.material.insert(self.materials.number(&self.material_name)?),
         };
-        push_triangles(&self.corners, &self.cut, (object, material, face), &mut self.triangles);
+        push_triangles(
+            &self.corners,
+            &self.cut,
+            Labels { object, material, face },
+            &mut self.triangles,
+        );
         Ok(())
     }
 
@@ -464,7 +473,7 @@ impl Reader {
                     return;
                 }
                 match open(base_dir, name).and_then(|file| text_of(file, &mut budget)) {
-                    Ok(text) => self.read_library(name, &text),
+                    Ok(text) => self.read_library(&text),
                     Err(reason) => self.warn_of_library(name, &reason),
                 }
             }
@@ -489,71 +498,68 @@ impl Reader {
         self.findings.count(counted);
     }
 
-    fn read_library(&mut self, name: &str, text: &[u8]) {
-        let lines = self.library_lines(text);
-        let materials = match tobj::load_mtl_buf(&mut lines.as_bytes()) {
-            Ok((materials, _)) => materials,
-            Err(error) => return self.warn_of_library(name, &error.to_string()),
-        };
-        for read in materials {
-            let mut diffuse = read.diffuse;
-            if let Some(rgb) = &mut diffuse {
-                let clamped = rgb.map(|x| x.clamp(0.0, 1.0));
-                if clamped != *rgb {
-                    self.findings.count("reflectance outside 0 to 1, clamped");
-                    *rgb = clamped;
+    /// Reads the `newmtl`, `Kd` and `Ke` lines of a material library.
+    fn read_library(&mut self, text: &[u8]) {
+        let text = crate::text::unmarked(text).unwrap_or(text);
+        let mut material = Material::default();
+        for line in (Lines { rest: text, number: 0 }) {
+            let (word, rest) = keyword(line.text);
+            match word {
+                b"newmtl" => {
+                    let next = Material {
+                        name: name(rest),
+                        ..Material::default()
+                    };
+                    let before = std::mem::replace(&mut material, next);
+                    self.end_material(before);
                 }
+                b"Kd" if !material.name.is_empty() => {
+                    material.diffuse = self.colour(line).or(material.diffuse);
+                }
+                b"Ke" if !material.name.is_empty() => {
+                    material.emission = self.colour(line).or(material.emission);
+                }
+                _ => {}
             }
-            let mut emission = read.emissive;
-            if emission.is_some_and(|rgb| rgb.iter().any(|&x| x < 0.0)) {
-                self.findings.count("negative emission, read as none");
-                emission = None;
+        }
+        self.end_material(material);
+    }
+
+    /// The three numbers of a `Kd` or `Ke` line; one number is all three, by the format's rules.
+    fn colour(&mut self, line: Line<'_>) -> Option<[f64; 3]> {
+        let (_, rest) = keyword(line.without_comment());
+        let mut numbers = words(rest).map_while(|word| {
+            let number = std::str::from_utf8(word).ok()?.parse::<f64>().ok()?;
+            number.is_finite().then_some(number)
+        });
+        match [numbers.next(), numbers.next(), numbers.next()] {
+            [Some(r), Some(g), Some(b)] => Some([r, g, b]),
+            [Some(r), None, _] if words(rest).count() == 1 => Some([r; 3]),
+            // A spectrum, in a file of its own or in other coordinates.
+            _ => {
+                self.findings.count("material colour that is no three numbers, skipped");
+                None
             }
-            self.optics.entry(read.name.clone()).or_insert(Material {
-                name: read.name,
-                diffuse,
-                emission,
-            });
         }
     }
 
-    /// The `newmtl`, `Kd` and `Ke` lines of a material library that `tobj` can read: it gives up at one it cannot,
-    /// including those that it has no use for here, and panics at a colour of fewer than three numbers.
-    fn library_lines(&mut self, text: &[u8]) -> String {
-        let text = crate::text::unmarked(text).unwrap_or(text);
-        let mut kept = String::new();
-        let mut named = false;
-        for line in (Lines { rest: text, number: 0 }) {
-            let (word, rest) = keyword(line.text);
-            let key = match word {
-                b"newmtl" => {
-                    let name = name(rest);
-                    named = !name.is_empty();
-                    if named {
-                        kept.extend(["newmtl ", &name, "\n"]);
-                    }
-                    continue;
-                }
-                b"Kd" if named => "Kd",
-                b"Ke" if named => "Ke",
-                _ => continue,
-            };
-            let (_, rest) = keyword(line.without_comment());
-            let mut numbers = words(rest).map_while(|word| {
-                let text = std::str::from_utf8(word).ok()?;
-                text.parse::<f64>().is_ok_and(f64::is_finite).then_some(text)
-            });
-            match [numbers.next(), numbers.next(), numbers.next()] {
-                [Some(r), Some(g), Some(b)] => kept.extend([key, " ", r, " ", g, " ", b, "\n"]),
-                // One number is all three, by the format's rules.
-                [Some(r), None, _] if words(rest).count() == 1 => {
-                    kept.extend([key, " ", r, " ", r, " ", r, "\n"]);
-                }
-                // A spectrum, in a file of its own or in other coordinates.
-                _ => self.findings.count("material colour that is no three numbers, skipped"),
+    /// Takes a material of a library, unless an earlier one has its name.
+    fn end_material(&mut self, mut material: Material) {
+        if material.name.is_empty() {
+            return;
+        }
+        if let Some(rgb) = &mut material.diffuse {
+            let clamped = rgb.map(|x| x.clamp(0.0, 1.0));
+            if clamped != *rgb {
+                self.findings.count("reflectance outside 0 to 1, clamped");
+                *rgb = clamped;
             }
         }
-        kept
+        if material.emission.is_some_and(|rgb| rgb.iter().any(|&x| x < 0.0)) {
+            self.findings.count("negative emission, read as none");
+            material.emission = None;
+        }
+        self.optics.entry(material.name.clone()).or_insert(material);
     }
 }
 
@@ -598,15 +604,17 @@ mod tests {
 
     fn library(text: &[u8]) -> Reader {
         let mut reader = Reader::default();
-        reader.read_library("test", text);
+        reader.read_library(text);
         reader
     }
 
     #[test]
     fn libraries_as_programs_write_them() {
         let reader = library(
-            b"\xEF\xBB\xBF# made by\r\nKd 9 9 9\r\nnewmtl\r\nKd 8 8 8\r\n  newmtl  red wall # of brick\r\nNs 10.0\r\n\tKd .63 0.065 5e-2 # measured\r\n\
-              illum x\r\nmap_Kd\r\nd\r\nnewmtl light\rKe 17 12 4\rKd 0.78\rKs 1 1\rnewmtl r\xF6d\nKd spectral red.rfl 1\nKe xyz 1 1 1\n\
+            b"\xEF\xBB\xBF# made by\r\nKd 9 9 9\r\nnewmtl\r\nKd 8 8 8\r\n  newmtl  red wall # of brick\r\n\
+                Ns 10.0\r\n\tKd .63 0.065 5e-2 # measured\r\n\
+              illum x\r\nmap_Kd\r\nd\r\nnewmtl light\rKe 17 12 4\rKd 0.78\rKs 1 1\r\
+              newmtl r\xF6d\nKd spectral red.rfl 1\nKe xyz 1 1 1\n\
               newmtl bright\nKd 1.5 -1 0.5\nKe -1 0 0\nnewmtl light\nKd 0 0 0\nnewmtl odd\nKd nan 0 0\nKe 1 2\n",
         );
         let of = |name: &str| reader.optics.get(name).map(|m| (m.diffuse, m.emission));
@@ -662,7 +670,8 @@ mod tests {
 
         #[test]
         fn libraries_of_any_words(words in prop::collection::vec(prop::sample::select(vec![
-            "newmtl", "Kd", "Ke", "Ns", "map_Kd", "illum", "a", "b", "1", "0.5", "nan", "1e400", "#", "\\", "\n", "\n", "\r", " ",
+            "newmtl", "Kd", "Ke", "Ns", "map_Kd", "illum", "a", "b", "1", "0.5", "nan", "1e400", "#", "\\", "\n",
+            "\n", "\r", " ",
             "\u{2028}", "é",
         ]), 0..60)) {
             let reader = library(words.join(" ").as_bytes());

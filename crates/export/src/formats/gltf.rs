@@ -1,18 +1,20 @@
 //! Binary glTF 2.0 (Khronos, *glTF 2.0 Specification*): the model in the colours of one result.
 //!
-//! A node and a mesh for each object. Every patch has three vertices of its own, which carry its colour (`COLOR_0`,
-//! linear, 16 bits) and its id (`_PATCH`, a float, exact below 2²⁴). The material is unlit and one-sided: a closed room
-//! can be looked into, and two patches on two sides of a surface each show their own colour. glTF is y up; the root
-//! node turns the scene, and moves it: positions are f32 relative to the middle of the scene, its place is a number of
-//! JSON.
+//! A node and a mesh for each object. Every patch has three vertices of its own, with its colour (`COLOR_0`, linear, 16
+//! bits) and its id (`_PATCH`, a float, exact below 2²⁴). The material is unlit and one-sided: a closed room can be
+//! looked into, and the two patches of a two-sided surface show their own colours. The root node turns the scene y up
+//! and moves it to its place: positions are f32 relative to the middle of the scene.
 
-use crate::{Colors, PatchResults, Values};
+use super::PatchWriter;
+use crate::write::{on_write, too_large, write_file};
+use crate::{Colors, PatchResults, Result, Values, WriteOptions};
 use hemicube_scene::Axis;
 use serde_json::{Value, json};
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::io::{self, BufWriter, Write};
+use std::path::Path;
 
-/// Ids that a float tells apart.
+/// Ids told apart by a float.
 const PATCHES_MAX: usize = 1 << 24;
 
 const MAGIC: &[u8; 4] = b"glTF";
@@ -23,10 +25,24 @@ const UNSIGNED_SHORT: u32 = 5123;
 const ARRAY_BUFFER: u32 = 34962;
 const TRIANGLES: u32 = 4;
 
-/// Bytes of a vertex in each of the three arrays: place, colour, id.
+/// Bytes of a vertex in each of the three arrays: position, colour, id.
 const STRIDES: [usize; 3] = [12, 8, 4];
 
-pub(crate) struct Glb {
+pub(super) struct BinaryGltf;
+
+impl PatchWriter for BinaryGltf {
+    fn write(&self, results: &PatchResults, path: &Path, options: WriteOptions<'_>) -> Result<u64> {
+        let layout = Layout::new(results, results.corners_for(path)?, results.colors_for(path)?);
+        let layout = layout.map_err(|reason| too_large(path, reason))?;
+        write_file(path, options, |mut file| {
+            layout.write(&mut file).map_err(|error| on_write(path, error))?;
+            Ok(file)
+        })
+    }
+}
+
+/// A file before it is written.
+struct Layout {
     json: Vec<u8>,
     positions: Vec<[f32; 3]>,
     colors: Vec<[u16; 3]>,
@@ -34,7 +50,7 @@ pub(crate) struct Glb {
     patches: Vec<u32>,
 }
 
-/// What an 8-bit channel of a screen is in linear light (IEC 61966-2-1), in 16 bits.
+/// Linear light (16 bits) of an 8-bit sRGB channel (IEC 61966-2-1).
 fn linear(channel: u8) -> u16 {
     let shown = f64::from(channel) / 255.0;
     let light = if shown <= 0.04045 {
@@ -49,7 +65,7 @@ fn linear(channel: u8) -> u16 {
 
 type Turn = fn([f64; 3]) -> [f64; 3];
 
-/// The rotation that makes `up` the y axis, as a quaternion, and what it makes of a point.
+/// The rotation of `up` to the y axis, as a quaternion and as a function of a point.
 fn upright(up: Axis) -> ([f64; 4], Turn) {
     let h = FRAC_1_SQRT_2;
     match up {
@@ -59,11 +75,77 @@ fn upright(up: Axis) -> ([f64; 4], Turn) {
     }
 }
 
-impl Glb {
-    /// Lays a file out.
-    ///
-    /// The error says what is too large.
-    pub(crate) fn new(
+/// The middle of the scene's box; the origin if there are no patches.
+fn middle(corners: &[[[f64; 3]; 3]]) -> [f64; 3] {
+    let all = || corners.as_flattened().iter();
+    let low = all().fold([f64::INFINITY; 3], |low, c| {
+        [0, 1, 2].map(|axis: usize| low[axis].min(c[axis]))
+    });
+    let high = all().fold([f64::NEG_INFINITY; 3], |high, c| {
+        [0, 1, 2].map(|axis: usize| high[axis].max(c[axis]))
+    });
+    [0, 1, 2].map(|axis: usize| {
+        if corners.is_empty() {
+            0.0
+        } else {
+            (low[axis] + high[axis]) / 2.0
+        }
+    })
+}
+
+/// A node, a mesh and three accessors for each object.
+#[derive(Default)]
+struct Objects {
+    nodes: Vec<Value>,
+    meshes: Vec<Value>,
+    accessors: Vec<Value>,
+    /// Number of patches of these objects.
+    patches: usize,
+}
+
+impl Objects {
+    /// Adds the object of the next `count` patches; `positions` are those of all.
+    fn push(&mut self, name: &str, positions: &[[f32; 3]], count: usize) {
+        let first = self.patches;
+        let vertices = &positions[3 * first..3 * (first + count)];
+        let least = vertices.iter().fold([f32::INFINITY; 3], |low, v| {
+            [0, 1, 2].map(|axis: usize| low[axis].min(v[axis]))
+        });
+        let most = vertices.iter().fold([f32::NEG_INFINITY; 3], |high, v| {
+            [0, 1, 2].map(|axis: usize| high[axis].max(v[axis]))
+        });
+        let place = self.accessors.len();
+        let accessor = |view: usize, component: u32, kind: &str| {
+            json!({
+                "bufferView": view,
+                "byteOffset": 3 * first * STRIDES[view],
+                "componentType": component,
+                "count": 3 * count,
+                "type": kind,
+            })
+        };
+        let mut position = accessor(0, FLOAT, "VEC3");
+        position["min"] = json!(least.map(f64::from));
+        position["max"] = json!(most.map(f64::from));
+        let mut color = accessor(1, UNSIGNED_SHORT, "VEC4");
+        color["normalized"] = json!(true);
+        self.accessors.extend([position, color, accessor(2, FLOAT, "SCALAR")]);
+        self.nodes.push(json!({ "name": name, "mesh": self.meshes.len() }));
+        self.meshes.push(json!({
+            "name": name,
+            "primitives": [{
+                "attributes": { "POSITION": place, "COLOR_0": place + 1, "_PATCH": place + 2 },
+                "material": 0,
+                "mode": TRIANGLES,
+            }],
+        }));
+        self.patches += count;
+    }
+}
+
+impl Layout {
+    /// Lays a file out. The error says what is too large.
+    fn new(
         results: &PatchResults,
         corners: &[[[f64; 3]; 3]],
         colors: &Colors,
@@ -83,20 +165,7 @@ impl Glb {
         let mut patches: Vec<u32> = (0..count as u32).collect();
         patches.sort_by_key(|&patch| object_of(patch));
 
-        let all = || corners.as_flattened().iter();
-        let low = all().fold([f64::INFINITY; 3], |low, c| {
-            [0, 1, 2].map(|axis: usize| low[axis].min(c[axis]))
-        });
-        let high = all().fold([f64::NEG_INFINITY; 3], |high, c| {
-            [0, 1, 2].map(|axis: usize| high[axis].max(c[axis]))
-        });
-        let middle = [0, 1, 2].map(|axis: usize| {
-            if count == 0 {
-                0.0
-            } else {
-                (low[axis] + high[axis]) / 2.0
-            }
-        });
+        let middle = middle(corners);
         #[allow(clippy::cast_possible_truncation, reason = "rounding is wanted")]
         let near = |corner: [f64; 3]| [0, 1, 2].map(|axis: usize| (corner[axis] - middle[axis]) as f32);
         let positions: Vec<[f32; 3]> = patches
@@ -115,48 +184,21 @@ impl Glb {
             })
             .collect();
         let total = 3 * count * STRIDES.iter().sum::<usize>();
-        let (mut nodes, mut meshes, mut accessors) = (Vec::new(), Vec::new(), Vec::new());
-        let mut first = 0;
+        let mut objects = Objects::default();
         for run in patches.chunk_by(|&a, &b| object_of(a) == object_of(b)) {
-            let vertices = &positions[3 * first..3 * (first + run.len())];
-            let least = vertices.iter().fold([f32::INFINITY; 3], |low, v| {
-                [0, 1, 2].map(|axis: usize| low[axis].min(v[axis]))
-            });
-            let most = vertices.iter().fold([f32::NEG_INFINITY; 3], |high, v| {
-                [0, 1, 2].map(|axis: usize| high[axis].max(v[axis]))
-            });
-            let place = accessors.len();
-            let accessor = |view: usize, component: u32, kind: &str| {
-                json!({
-                    "bufferView": view,
-                    "byteOffset": 3 * first * STRIDES[view],
-                    "componentType": component,
-                    "count": 3 * run.len(),
-                    "type": kind,
-                })
-            };
-            let mut position = accessor(0, FLOAT, "VEC3");
-            position["min"] = json!(least.map(f64::from));
-            position["max"] = json!(most.map(f64::from));
-            let mut color = accessor(1, UNSIGNED_SHORT, "VEC4");
-            color["normalized"] = json!(true);
-            accessors.extend([position, color, accessor(2, FLOAT, "SCALAR")]);
             let object = object_of(run[0]);
             let name = names
                 .get(object as usize)
                 .filter(|name| !name.is_empty())
                 .map_or_else(|| format!("object {object}"), Clone::clone);
-            nodes.push(json!({ "name": name, "mesh": meshes.len() }));
-            meshes.push(json!({
-                "name": name,
-                "primitives": [{
-                    "attributes": { "POSITION": place, "COLOR_0": place + 1, "_PATCH": place + 2 },
-                    "material": 0,
-                    "mode": TRIANGLES,
-                }],
-            }));
-            first += run.len();
+            objects.push(&name, &positions, run.len());
         }
+        let Objects {
+            mut nodes,
+            meshes,
+            accessors,
+            ..
+        } = objects;
         let children: Vec<usize> = (1..=nodes.len()).collect();
         nodes.insert(
             0,
@@ -211,7 +253,7 @@ impl Glb {
         })
     }
 
-    pub(crate) fn write(&self, out: &mut impl Write) -> io::Result<()> {
+    fn write(&self, out: &mut impl Write) -> io::Result<()> {
         let mut out = BufWriter::with_capacity(1 << 18, out);
         let binary = self.positions.len() * STRIDES.iter().sum::<usize>();
         let size = |bytes: usize| u32::try_from(bytes).map_err(io::Error::other).map(u32::to_le_bytes);
@@ -232,7 +274,7 @@ impl Glb {
             }
         }
         for &patch in &self.patches {
-            // Below 2²⁴, which is exact.
+            // Below 2²⁴: exact.
             #[allow(clippy::cast_precision_loss, reason = "exact")]
             let id = (patch as f32).to_le_bytes();
             for _ in 0..3 {

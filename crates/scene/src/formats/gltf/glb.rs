@@ -8,19 +8,19 @@
 use super::MEND;
 use crate::{Error, Findings};
 
-/// What a `.gltf` or `.glb` file holds.
+/// The contents of a `.gltf` or `.glb` file.
 pub(super) struct Container<'a> {
     pub(super) json: &'a [u8],
     /// The BIN chunk of a GLB.
     pub(super) bin: Option<&'a [u8]>,
-    /// True if the file is the JSON text itself, so that line numbers mean something.
+    /// True if the file is JSON text, so that line numbers mean something.
     pub(super) text: bool,
 }
 
 const JSON: u32 = 0x4e4f_534a;
 const BIN: u32 = 0x004e_4942;
 
-/// Splits a file, which is a GLB if it begins like one.
+/// Splits a file, taken for a GLB if it begins like one.
 pub(super) fn open<'a>(bytes: &'a [u8], findings: &mut Findings) -> Result<Container<'a>, Error> {
     if bytes.is_empty() {
         return Err(Error::malformed("is empty; export the scene again"));
