@@ -3,8 +3,8 @@
 //! A new format is a module of this folder, declared below, and a row of the table; extensions, messages, the program's
 //! help and Python's come of it.
 //!
-//! No tobj, no gltf crate, no stl_io, because they refuse or misread files that people have; the heads of the modules
-//! give the cases.
+//! No tobj for geometry, no gltf crate, no stl_io, because they refuse or misread files that people have; the heads of
+//! the modules give the cases. tobj reads material libraries.
 
 #[cfg(feature = "ac3d")]
 pub mod ac3d;

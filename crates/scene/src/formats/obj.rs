@@ -1,8 +1,8 @@
 //! Reads Wavefront OBJ scenes, and the reflectance and emission of their materials from `.mtl` libraries.
 //!
-//! Source: *Appendix B1. Object Files*, Advanced Visualizer manual (Wavefront 1993). By a parser of our own, because
-//! `tobj` cuts polygons into fans, names no lines, and refuses much of real files; it gives up a whole material library
-//! at one bad line, even of a kind unused here, and panics at a colour of fewer than three numbers.
+//! Source: *Appendix B1. Object Files*, Advanced Visualizer manual (Wavefront 1993). The text is read by a parser of
+//! our own, as `tobj` cuts polygons into fans, names no lines, and refuses much of what real files hold; `tobj` reads
+//! the material libraries.
 //!
 //! # What becomes of what
 //! - `v x y z …`: a vertex in full f64; a weight or a colour that follows is skipped. `nan`, `inf`, `1e400` are read:
@@ -127,7 +127,7 @@ fn name(text: &[u8]) -> String {
         begins
     });
     let text = text.get(..end.unwrap_or(text.len())).unwrap_or_default();
-    // Blanks of Unicode, too.
+    // Blanks of Unicode too: `tobj` trims them.
     String::from_utf8_lossy(text).trim().to_owned()
 }
 
@@ -473,7 +473,7 @@ impl Reader {
                     return;
                 }
                 match open(base_dir, name).and_then(|file| text_of(file, &mut budget)) {
-                    Ok(text) => self.read_library(&text),
+                    Ok(text) => self.read_library(name, &text),
                     Err(reason) => self.warn_of_library(name, &reason),
                 }
             }
@@ -498,68 +498,71 @@ impl Reader {
         self.findings.count(counted);
     }
 
-    /// Reads the `newmtl`, `Kd` and `Ke` lines of a material library.
-    fn read_library(&mut self, text: &[u8]) {
+    fn read_library(&mut self, name: &str, text: &[u8]) {
+        let lines = self.library_lines(text);
+        let materials = match tobj::load_mtl_buf(&mut lines.as_bytes()) {
+            Ok((materials, _)) => materials,
+            Err(error) => return self.warn_of_library(name, &error.to_string()),
+        };
+        for read in materials {
+            let mut diffuse = read.diffuse;
+            if let Some(rgb) = &mut diffuse {
+                let clamped = rgb.map(|x| x.clamp(0.0, 1.0));
+                if clamped != *rgb {
+                    self.findings.count("reflectance outside 0 to 1, clamped");
+                    *rgb = clamped;
+                }
+            }
+            let mut emission = read.emissive;
+            if emission.is_some_and(|rgb| rgb.iter().any(|&x| x < 0.0)) {
+                self.findings.count("negative emission, read as none");
+                emission = None;
+            }
+            self.optics.entry(read.name.clone()).or_insert(Material {
+                name: read.name,
+                diffuse,
+                emission,
+            });
+        }
+    }
+
+    /// The `newmtl`, `Kd` and `Ke` lines of a material library, fit for `tobj`. `tobj` gives up a whole library at one
+    /// bad line, even of a kind unused here, and panics at a colour of fewer than three numbers.
+    fn library_lines(&mut self, text: &[u8]) -> String {
         let text = crate::text::unmarked(text).unwrap_or(text);
-        let mut material = Material::default();
+        let mut kept = String::new();
+        let mut named = false;
         for line in (Lines { rest: text, number: 0 }) {
             let (word, rest) = keyword(line.text);
-            match word {
+            let key = match word {
                 b"newmtl" => {
-                    let next = Material {
-                        name: name(rest),
-                        ..Material::default()
-                    };
-                    let before = std::mem::replace(&mut material, next);
-                    self.end_material(before);
+                    let name = name(rest);
+                    named = !name.is_empty();
+                    if named {
+                        kept.extend(["newmtl ", &name, "\n"]);
+                    }
+                    continue;
                 }
-                b"Kd" if !material.name.is_empty() => {
-                    material.diffuse = self.colour(line).or(material.diffuse);
+                b"Kd" if named => "Kd",
+                b"Ke" if named => "Ke",
+                _ => continue,
+            };
+            let (_, rest) = keyword(line.without_comment());
+            let mut numbers = words(rest).map_while(|word| {
+                let text = std::str::from_utf8(word).ok()?;
+                text.parse::<f64>().is_ok_and(f64::is_finite).then_some(text)
+            });
+            match [numbers.next(), numbers.next(), numbers.next()] {
+                [Some(r), Some(g), Some(b)] => kept.extend([key, " ", r, " ", g, " ", b, "\n"]),
+                // One number is all three, by the format's rules.
+                [Some(r), None, _] if words(rest).count() == 1 => {
+                    kept.extend([key, " ", r, " ", r, " ", r, "\n"]);
                 }
-                b"Ke" if !material.name.is_empty() => {
-                    material.emission = self.colour(line).or(material.emission);
-                }
-                _ => {}
+                // A spectrum, in a file of its own or in other coordinates.
+                _ => self.findings.count("material colour that is no three numbers, skipped"),
             }
         }
-        self.end_material(material);
-    }
-
-    /// The three numbers of a `Kd` or `Ke` line; one number is all three, by the format's rules.
-    fn colour(&mut self, line: Line<'_>) -> Option<[f64; 3]> {
-        let (_, rest) = keyword(line.without_comment());
-        let mut numbers = words(rest).map_while(|word| {
-            let number = std::str::from_utf8(word).ok()?.parse::<f64>().ok()?;
-            number.is_finite().then_some(number)
-        });
-        match [numbers.next(), numbers.next(), numbers.next()] {
-            [Some(r), Some(g), Some(b)] => Some([r, g, b]),
-            [Some(r), None, _] if words(rest).count() == 1 => Some([r; 3]),
-            // A spectrum, in a file of its own or in other coordinates.
-            _ => {
-                self.findings.count("material colour that is no three numbers, skipped");
-                None
-            }
-        }
-    }
-
-    /// Takes a material of a library, unless an earlier one has its name.
-    fn end_material(&mut self, mut material: Material) {
-        if material.name.is_empty() {
-            return;
-        }
-        if let Some(rgb) = &mut material.diffuse {
-            let clamped = rgb.map(|x| x.clamp(0.0, 1.0));
-            if clamped != *rgb {
-                self.findings.count("reflectance outside 0 to 1, clamped");
-                *rgb = clamped;
-            }
-        }
-        if material.emission.is_some_and(|rgb| rgb.iter().any(|&x| x < 0.0)) {
-            self.findings.count("negative emission, read as none");
-            material.emission = None;
-        }
-        self.optics.entry(material.name.clone()).or_insert(material);
+        kept
     }
 }
 
@@ -604,7 +607,7 @@ mod tests {
 
     fn library(text: &[u8]) -> Reader {
         let mut reader = Reader::default();
-        reader.read_library(text);
+        reader.read_library("test", text);
         reader
     }
 
