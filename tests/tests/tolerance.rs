@@ -605,7 +605,7 @@ fn odd_rows_take_care_where_sums_are_known_and_no_more_where_they_are_not() {
         other => panic!("{other:?}"),
     };
     let room = generated(Kind::Room, 1500);
-    assert!(!settled(&room).0.open, "nothing escapes from a room");
+    assert!(!settled(&room).0.is_open, "nothing escapes from a room");
     let (refinement, resolution) = settled(&tile);
     assert!(refinement.is_open, "over a city there is the sky");
     let open = some_rows(&tile, refinement, resolution);
