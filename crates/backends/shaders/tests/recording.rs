@@ -60,7 +60,7 @@ fn missing(known: &mut BTreeSet<u32>, step: &Step) -> Option<u32> {
         if [stage::CULL_SEEN.entry, stage::CULL_OUTSIDE.entry].contains(&stage.entry));
     let found = reads
         .into_iter()
-        .find(|read| !known.contains(read) && !(is_blind && *read == b::PYRAMID));
+        .find(|read| !(known.contains(read) || is_blind && *read == b::PYRAMID));
     known.extend(writes);
     found
 }
