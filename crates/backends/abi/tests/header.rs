@@ -79,7 +79,7 @@ fn the_header_is_that_of_the_types() {
     );
 }
 
-/// The size of a struct and the offsets of its fields, as assertions in C. A field that is missing here does not compile.
+/// The size of a struct and the offsets of its fields, as assertions in C. A field missing here does not compile.
 macro_rules! layout {
     ($out:ident, $($struct:ident { $($field:ident),* $(,)? })*) => { $(
         // Names every field, so that one that is new cannot be forgotten.
@@ -126,7 +126,7 @@ fn layout() -> String {
     out
 }
 
-/// Compiles a source with all warnings as errors; what the compiler said if it refused.
+/// Compiles a source with all warnings as errors; returns the compiler's words if it refused.
 fn compile(compiler: &str, standard: &str, file: &str, text: &str) -> Result<(), String> {
     let place = tempfile::tempdir().expect("a temporary directory");
     let source = place.path().join(file);

@@ -1,5 +1,5 @@
-//! Occlusion culling by the host: finds the nodes of the hierarchy in front of the depths drawn so far. Only OpenGL
-//! hands out occlusion queries without a round trip for each hemicube, so only this backend has the file.
+//! Occlusion culling by the host: finds the nodes of the hierarchy in front of the depths drawn so far. The other
+//! backends cull on the device alone, so only this one has the file and [`crate::hierarchy`].
 //!
 //! Two queues, after the thesis (Vázquez and Guartes 2017, §3.2). Nodes seen by the hemicube before are drawn at once,
 //! as depths; they are asked about behind everything this hemicube sees, for the hemicube after. Of all others, the

@@ -1,4 +1,4 @@
-//! Rows of the OpenGL backend, with a context that checks: whatever the driver says of errors fails the call.
+//! Rows of the OpenGL backend, with a debug context: any error reported by the driver fails the call.
 
 use hemicube::Model;
 use hemicube::backend::{BackendError, Counters, Culling, RenderSettings};
@@ -69,7 +69,7 @@ fn rows_of_a_real_tile_agree_with_the_cpu_backend_and_do_not_depend_on_culling()
     ));
 }
 
-/// The share of a scene's triangles, times five faces, that was drawn; an error where too little was culled as hidden.
+/// The drawn share of a scene's triangles, times five faces; an error if too little was culled.
 fn culled(counters: &Counters, model: &Model) -> Result<f64, String> {
     let all = counters.hemicubes * 5 * model.geometry().surfaces.len() as u64;
     let share = counters.triangles_drawn as f64 / all as f64;
@@ -219,7 +219,7 @@ fn time_is_told_where_it_is_asked_for_and_culling_stops_where_it_does_not_pay() 
         counters.nodes_hidden, 0,
         "among few chunks nothing is looked for behind anything"
     );
-    // Where it is tried and does not pay, it is given up: every wall of this room is seen. And not in a city.
+    // Culling tried in vain is given up in this room, with every wall visible. And not in a city.
     let walls = model(hemicube_scene::generate::cornell_box(), Subdivision::Levels(5));
     for (scene, gives_up) in [(&walls, true), (&city, false)] {
         let mut session = gl("").expect("it was there");

@@ -1,4 +1,4 @@
-//! What is committed under `generated/` is what naga makes of `wgsl/`. `BLESS=1` writes it.
+//! The files under `generated/` are naga's translations of `wgsl/`. `BLESS=1` writes them.
 
 use hemicube_shaders::stage::{self, Kind, Stage, binding};
 use naga::back::{glsl, spv};

@@ -1,4 +1,4 @@
-//! Recordings of all kinds: each step finds what it reads, and leaves what must be 0 so.
+//! Recordings of all kinds: each step reads only what was written before.
 
 use hemicube::{HierarchyOptions, Model};
 use hemicube_contract::backend::{Culling, RenderSettings};
@@ -33,10 +33,10 @@ fn plan(upload: &Upload, covered: bool, edges: Edges, copies_depths: bool) -> Pl
     Plan::new(upload, settings, limits).expect("a small scene")
 }
 
-/// Buffers that begin at 0 and that stages leave so, or that count on.
+/// Buffers beginning at 0. Stages count on that, and leave them so.
 const ZEROED: [u32; 7] = [b::SEEN, b::TALLIES, b::VISIBLE, b::TOUCHED, b::NEAR, b::SIDES, b::DRAWN];
 
-/// The first binding that a step reads before anything wrote it.
+/// The first binding read by a step before it was written.
 fn missing(known: &mut BTreeSet<u32>, step: &Step) -> Option<u32> {
     let stages = |stages: &[&'static Stage]| -> (Vec<u32>, Vec<u32>) {
         (
@@ -60,7 +60,7 @@ fn missing(known: &mut BTreeSet<u32>, step: &Step) -> Option<u32> {
         if [stage::CULL_SEEN.entry, stage::CULL_OUTSIDE.entry].contains(&stage.entry));
     let found = reads
         .into_iter()
-        .find(|read| !known.contains(read) && !(is_blind && *read == b::PYRAMID));
+        .find(|read| !(known.contains(read) || is_blind && *read == b::PYRAMID));
     known.extend(writes);
     found
 }

@@ -1,5 +1,5 @@
-//! What is uploaded is the scene: every surface is drawn, once, with its patches on its sides, in a chunk whose box
-//! holds it.
+//! The upload is the scene: every surface is drawn, once, with its patches on its sides, in a chunk with a box around
+//! it.
 
 use glam::DVec3;
 use hemicube::{HierarchyOptions, Model};
@@ -73,7 +73,7 @@ fn every_surface_is_drawn_with_its_patches() {
                 let triangle = upload.triangle_of_patch[patch.0 as usize];
                 let turn = same(*own, corners(&upload, triangle));
                 assert_ne!(turn, 0, "patch {patch:?}");
-                // Of all patches on a side the smallest is seen.
+                // The smallest patch on a side is seen.
                 let vertex = &upload.vertices[upload.indices[3 * triangle as usize] as usize];
                 let seen = if turn * side == 1 { vertex[6] } else { vertex[7] };
                 assert!(seen <= patch.0);
@@ -199,7 +199,7 @@ fn what_does_not_fit_is_refused_and_named() {
         })
         .contains("768 rows")
     );
-    // Backs need ids of their own where edges are exact.
+    // Backs need their own ids with exact edges.
     let exact = Limits {
         edges: Edges::Exact,
         ..limits

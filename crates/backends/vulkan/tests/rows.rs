@@ -67,7 +67,7 @@ fn rows_of_a_real_tile_agree_with_the_cpu_backend_and_do_not_depend_on_culling()
     ));
 }
 
-/// The share of a scene's triangles, times five faces, that was drawn; an error where too little was culled as hidden.
+/// The drawn share of a scene's triangles, times five faces; an error if too little was culled.
 fn culled(counters: &Counters, model: &Model) -> Result<f64, String> {
     let all = counters.hemicubes * 5 * model.geometry().surfaces.len() as u64;
     let share = counters.triangles_drawn as f64 / all as f64;
@@ -224,7 +224,7 @@ fn time_is_told_where_it_is_asked_for_and_culling_stops_where_it_does_not_pay() 
         "{:?}",
         open_session.choices()
     );
-    // Where it is tried and does not pay, it is given up: every wall of this room is seen.
+    // Culling tried in vain is given up: every wall of this room is visible.
     let mut fine = vulkan("").expect("it was there");
     let walls = model(hemicube_scene::generate::cornell_box(), Subdivision::Levels(5));
     let (_, _) = render_with(

@@ -15,7 +15,7 @@ use hemicube_tests::rows::render_with;
 use hemicube_tests::scenes::{model, read, say, scenes_or_skip};
 use std::sync::{Mutex, PoisonError};
 
-/// What wgpu and the validation layer said.
+/// Complaints of wgpu and the validation layer.
 struct Complaints(Mutex<Vec<String>>);
 
 static COMPLAINTS: Complaints = Complaints(Mutex::new(Vec::new()));
@@ -53,7 +53,7 @@ fn wgpu(options: &str) -> Opened {
     Ok(Box::new(open(0, &format!("validation=on,{options}"))?))
 }
 
-/// Runs a test where there is a device, and fails it for any complaint.
+/// Runs a test if there is a device, and fails it for any complaint.
 fn on_a_device(test: impl FnOnce()) {
     if is_there("wgpu", &wgpu("")) {
         test();
