@@ -234,7 +234,7 @@ impl Canvas {
         let (width, height) = (self.width, self.height);
         let mut text = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} \
-             {height}\">\n
+             {height}\">\n\
              <image width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{}\"/>\n",
             BASE64.encode(self.png(false)?)
         );

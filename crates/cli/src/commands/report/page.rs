@@ -263,7 +263,7 @@ impl Page<'_> {
         let _ = write!(
             text,
             "<figure>\n<figcaption><b>Where the matrix has entries</b><br>rows down, columns across, in the order of \
-             the work (neighbours side by side), {} patches a cell; from few (dark) to all (yellow)</figcaption>\n
+             the work (neighbours side by side), {} patches a cell; from few (dark) to all (yellow)</figcaption>\n\
              <img alt=\"The filled cells of the matrix\" \
              src=\"data:image/png;base64,{}\">\n</figure>\n</div>\n</section>\n",
             figures(patches / self.sparsity.cells as f64),
@@ -371,7 +371,7 @@ impl Page<'_> {
     fn about(&self) -> String {
         format!(
             "<section aria-labelledby=\"about\">\n<h2 id=\"about\">This page</h2>\n<p>Written by <code>hemicube \
-             report</code> {}. Everything is in this one file; it loads nothing and sends nothing.</p>\n
+             report</code> {}. Everything is in this one file; it loads nothing and sends nothing.</p>\n\
              <details><summary>Licence of what it is shown with</summary><pre>{}</pre></details>\n</section>\n",
             env!("CARGO_PKG_VERSION"),
             html(THIRD_PARTY)
