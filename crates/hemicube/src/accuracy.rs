@@ -11,22 +11,21 @@
 //! cheapest on, and takes the first whose rows keep the tolerance with a margin, compared with rows of a quarter of the
 //! error. Its result is part of the settings and hashed.
 //!
-//! `refine` does a row. Its pairs are the patches that the hemicube saw, and those that `candidates` finds in the tree
-//! by bounds of F, seen or not. One multiplier λ between rays and squared error holds for the scene; calibration finds
-//! it from the expected errors of its rows. Pairs whose prior variance is worth a shaft at λ are measured, the rest
-//! keep their fraction. `shaft` lists the occluders between two triangles, as coplanar regions (`coplanar`): none, or
-//! one in front of all, is proof. Otherwise rays are cast at those few, by segments or, near contact, by directions of
-//! a scrambled Sobol sequence, as many as the rays so far ask for. Where that is dear, `exact` measures from points
-//! without rays. Scenes of up to 400 patches have all pairs measured, and at 0.2 % or less each to the tolerance by
-//! itself.
+//! `refine` does a row. Its pairs are the patches seen by the hemicube, and others found in the tree by bounds of F
+//! (`candidates`). One multiplier λ between rays and squared error holds for the scene; calibration finds it from the
+//! expected errors of its rows. Pairs whose prior variance is worth a shaft at λ are measured, the rest keep their
+//! fraction. `shaft` lists the occluders between two triangles, as coplanar regions (`coplanar`): none, or one in front
+//! of all, is proof. Otherwise rays are cast at those few, by segments or, near contact, by directions of a scrambled
+//! Sobol sequence, in numbers by the spread of the rays so far. If that is dear, `exact` measures from points without
+//! rays. Scenes of up to 400 patches have all pairs measured, and at 0.2 % or less each to the tolerance by itself.
 //!
 //! The level *area*, without a tolerance, does likewise for a few pairs (`Refiner::refine_selected`). No sample is
 //! compared with rays: prior variances are those measured in rooms and cities, and a pair is worth a shaft if its
-//! expected error is a given share of its row. Those are mostly patches that all but touch. A row is *inconsistent* if
-//! its hemicube loses a part that it should see, or if rays find much more than it did. It gets four hemicubes instead
-//! (`compute`): rays refine large pairs, not a street of small patches. At a tolerance, an inconsistent row is rendered
-//! again with 2 × 2 hemicubes; in a closed scene (`Refinement::is_open`), where hemicubes agree on their non-visible
-//! shares and the sum is known, once more with 4 × 4 and strict correction.
+//! expected error is a given share of its row. Most of them all but touch. A row is *inconsistent* if its hemicube
+//! loses a part that it should see, or if rays find much more than it did. It gets four hemicubes instead (`compute`):
+//! rays refine large pairs, not a street of small patches. At a tolerance, an inconsistent row is rendered again with 2
+//! × 2 hemicubes; in a closed scene (`Refinement::is_open`), where hemicubes agree on their non-visible shares and the
+//! sum is known, once more with 4 × 4 and strict correction.
 //!
 //! A row's work is bounded, in steps of about a nanosecond that are counted, never timed (`shaft`). Refining selected
 //! pairs has 400,000 + 1,000 an entry for a row of one hemicube, times max(n, n²/4) for one of n² hemicubes. A row of a
@@ -35,14 +34,14 @@
 //! the rest. A shaft of more than 256 triangles gives up its list, and its rays walk the tree of regions (`segments`):
 //! a ray costs the depth of the tree, whatever lies in between.
 //!
-//! A patch much larger than what stands on it has n² hemicubes, stratified over it, n ≤ 16 and one for every 16
-//! surfaces that stand on it (`grain`), at all levels but *pixel*. Every pair of its row is measured (`refine/large`),
-//! as most of what stands on it is nearer to it than its hemicubes are to each other, by the row's own form factors.
-//! These are small: the larger one of each pair is in the other row.
+//! A patch much larger than the surfaces on it has n² hemicubes, stratified over it, n ≤ 16 and one for every 16 of
+//! these surfaces (`grain`), at all levels but *pixel*. Every pair of its row is measured (`refine/large`), by the
+//! row's own form factors: most of these surfaces are nearer to the patch than its hemicubes to each other. The row's
+//! form factors are small; the larger one of each pair is in the other row.
 //!
-//! Non-visible shares are refined with the row (`store::shares`): by the residual of its sum, and where backs or
-//! unselected patches have a part in that, by rays from all over the patch (`ray_shares`, 256 to 16,384 of them). These
-//! also find the rows whose centroids lie in a solid: they get up to sixteen hemicubes.
+//! Non-visible shares are refined with the row (`store::shares`): by the residual of its sum, or, with backs or
+//! unselected patches in view, by 256 to 16,384 rays from all over the patch (`ray_shares`). These rays also find rows
+//! of centroids in a solid: they get up to sixteen hemicubes.
 
 pub mod correct;
 pub mod error_model;

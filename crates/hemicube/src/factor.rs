@@ -11,7 +11,7 @@ pub(crate) mod far;
 mod lanes;
 
 use crate::Model;
-use crate::geometry::{self, CompactTriangle, distance, quarters};
+use crate::geometry::{self, CompactTriangle, Sphere, distance, quarters};
 use coarse::{Found, Pairs, Reach, WIDTH};
 use contour::Precision;
 use far::{Others, Own};
@@ -464,16 +464,14 @@ impl Exchanges {
 
 /// Returns whether the spheres round two triangles are farther apart than `radii` radii of the outer one.
 fn is_far(outer: &[DVec3; 3], inner: &[DVec3; 3], radii: f64) -> bool {
-    let ((outer_center, outer_squared), (inner_center, inner_squared)) =
-        (geometry::sphere(outer), geometry::sphere(inner));
-    let (outer_radius, inner_radius) = (outer_squared.sqrt(), inner_squared.sqrt());
-    outer_center.distance(inner_center) - inner_radius > (radii + 1.0) * outer_radius
+    let (outer, inner) = (Sphere::of(outer), Sphere::of(inner));
+    outer.center.distance(inner.center) - inner.radius() > (radii + 1.0) * outer.radius()
 }
 
 /// The exchange area of a pair that is not far apart.
 fn near(outer: &[DVec3; 3], inner: &[DVec3; 3], normal: DVec3, area: f64, rule: &FactorRule) -> f64 {
-    let (center, squared_radius) = geometry::sphere(outer);
-    let radii = distance(center, inner) / squared_radius.sqrt() - 1.0;
+    let sphere = Sphere::of(outer);
+    let radii = distance(sphere.center, inner) / sphere.radius() - 1.0;
     if radii <= rule.twenty_four || is_cut(outer, inner) {
         return contour::exchange(outer, inner, rule.precision);
     }

@@ -23,12 +23,28 @@ pub(crate) fn centroid([a, b, c]: &[DVec3; 3]) -> DVec3 {
     (*a + *b + *c) / 3.0
 }
 
-/// The centroid of a triangle, and the squared radius of the sphere about it through the farthest corner.
-#[inline]
-pub(crate) fn sphere(triangle: &[DVec3; 3]) -> (DVec3, f64) {
-    let center = centroid(triangle);
-    let squared = triangle.iter().map(|p| p.distance_squared(center)).fold(0.0, f64::max);
-    (center, squared)
+/// The sphere about a triangle's centroid through its farthest corner.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sphere {
+    pub(crate) center: DVec3,
+    pub(crate) squared_radius: f64,
+}
+
+impl Sphere {
+    #[inline]
+    pub(crate) fn of(triangle: &[DVec3; 3]) -> Self {
+        let center = centroid(triangle);
+        let squared = triangle.iter().map(|p| p.distance_squared(center));
+        Self {
+            center,
+            squared_radius: squared.fold(0.0, f64::max),
+        }
+    }
+
+    #[inline]
+    pub(crate) fn radius(&self) -> f64 {
+        self.squared_radius.sqrt()
+    }
 }
 
 /// The least and the greatest coordinates of a triangle: its axis-aligned box.
@@ -86,7 +102,7 @@ pub(crate) fn crossing(p: DVec3, q: DVec3, hp: f64, hq: f64) -> DVec3 {
 /// A plane: all p with `normal` · p = `offset`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Plane {
-    /// Of unit length, or 0 for the plane of a triangle without area.
+    /// The normal of unit length, or 0 for a triangle without area.
     pub(crate) normal: DVec3,
     pub(crate) offset: f64,
 }
@@ -239,7 +255,7 @@ pub(crate) fn in_front(triangle: &[DVec3; 3], on: DVec3, normal: DVec3, toleranc
 #[repr(C, align(64))]
 pub(crate) struct CompactTriangle {
     pub(crate) center: [f64; 3],
-    /// Of unit length; 0 for a triangle without area.
+    /// Unit normal; 0 for a triangle without area.
     pub(crate) normal: [f32; 3],
     /// From corner 0 to corner 1.
     pub(crate) edge: [f32; 3],

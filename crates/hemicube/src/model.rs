@@ -32,7 +32,7 @@ impl Default for HierarchyOptions {
 const EXTENTS: std::ops::RangeInclusive<f64> = 1e-60..=1e60;
 
 /// Least length of a triangle's longest edge, in heights up to which corners count as in a plane. A room of triangles
-/// just above it has the rows of the room alone (`tests/tests/extremes.rs`); in one of edges as short as that height,
+/// just above it has the rows of the room alone (`tests/tests/extremes.rs`); with edges as short as the height itself,
 /// nothing sees anything.
 const DWARFED: f64 = 16.0;
 
@@ -45,8 +45,8 @@ pub enum ModelError {
     Empty,
     /// f64 cannot hold the scene's extent, or its areas.
     #[error(
-        "the scene's extent {extent:e} cannot be worked with; coordinates must be finite and not all alike, and half its box from \
-         {least:e} to {most:e} long: give them in another unit",
+        "the scene's extent {extent:e} cannot be worked with; coordinates must be finite and not all alike, and half \
+         its box from {least:e} to {most:e} long: give them in another unit",
         least = EXTENTS.start(), most = EXTENTS.end()
     )]
     Extent {
@@ -56,8 +56,9 @@ pub enum ModelError {
     /// Most triangles are too small beside the scene to be told from the planes of their neighbours: something stands
     /// far off, or the scene lies so far from the origin that coordinates lose their digits.
     #[error(
-        "{small} of {surfaces} triangles are less than {least:.1e} of the scene's extent {extent:.3e} long, too small to be told apart; is \
-         something far off? the farthest from the middle of all is patch {} at ({:.4e} {:.4e} {:.4e}): delete it, or move the scene to the origin",
+        "{small} of {surfaces} triangles are less than {least:.1e} of the scene's extent {extent:.3e} long, too small to be told \
+         apart; is something far off? the farthest from the middle of all is patch {} at ({:.4e} {:.4e} {:.4e}): delete it, \
+         or move the scene to the origin",
         farthest.0, at.x, at.y, at.z
     )]
     Dwarfed {
@@ -250,8 +251,8 @@ impl Model {
 
     /// The `n`² hemicubes of a patch, at the centroids of its equal sub-triangles; none for a patch without area.
     ///
-    /// They stand along the scene's axes as far as the normal allows ([`frame::axes_of`]). With `rotate`, a hash of the
-    /// patch turns them a little about the normal ([`frame::turn`]).
+    /// They stand along the scene's axes within the limits of the normal ([`frame::axes_of`]). With `rotate`, a hash of
+    /// the patch turns them a little about the normal ([`frame::turn`]).
     pub fn hemicubes(&self, patch: InputPatch, n: u32, rotate: bool) -> Vec<Hemicube> {
         let corners = self.normalised_corners(patch.0);
         let turn = if rotate { frame::turn(patch) } else { 0.0 };

@@ -1,7 +1,7 @@
 //! Visibility between two patches.
 //!
 //! A `shaft` lists the occluders between the two, as regions of coplanar surfaces (`coplanar`). An empty shaft proves
-//! that all is visible, one blocked by a single region that nothing is. Rays decide the rest, against the list or,
+//! full visibility, a single region in front of all of it full occlusion. Rays decide the rest, against the list or,
 //! where it is long, down the tree (`segments`), or `exact` polygons from points. `candidates` finds patches that could
 //! matter though no hemicube saw them.
 

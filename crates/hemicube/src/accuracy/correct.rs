@@ -3,8 +3,8 @@
 //! - *pixel*: F_ij = Σ visible weight. Aliasing falls with the resolution; the error of a point emitter does not.
 //! - *point*: F_ij = visible fraction × the closed form from the hemicube's centre.
 //! - *area*: F_ij = visible fraction × the closed form from the whole emitter, as symmetric as visibility allows. Rays
-//!   measure the few pairs about which one point is most wrong: patches that all but touch, seen or not, and large ones
-//!   that are partly seen.
+//!   measure the few pairs about which one point is most wrong: patches all but touching, seen or not, and large ones
+//!   partly seen.
 //! - *tolerance*: the level *area*, with rays for all pairs whose penumbra matters ([`Refinement`]).
 //!
 //! The *visible fraction* is a patch's visible weight over the weight it would cover alone, by the same rasteriser.
@@ -67,7 +67,7 @@ pub enum Correction {
     Point,
     /// Visible fraction × area-to-area closed form, integrated by this rule; some fractions by rays.
     Area(FactorRule),
-    /// The level *area* with as many rays at partly visible pairs as the tolerance asks for.
+    /// The level *area* with rays at all partly visible pairs, in numbers by the tolerance.
     Tolerance(Refinement),
 }
 
@@ -203,7 +203,7 @@ impl Seen {
     }
 }
 
-/// What the hemicubes of a row say before correction.
+/// The hemicubes' view of a row before correction.
 #[derive(Clone, Copy, Debug)]
 struct Weights {
     samples: usize,
@@ -698,7 +698,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         refined
     }
 
-    /// The non-visible shares of a finished row, as right as its form factors, which have this sum and this error.
+    /// The non-visible shares of a finished row, refined to form factors of this sum and this error.
     fn refined_shares(&mut self, factors: f64, error: f32) -> RowShares {
         let by_hemicubes = self.hemicubes.refined(factors, error.into());
         if !self.asks_rays(factors) {

@@ -1,8 +1,9 @@
 //! Number of hemicubes by the size of a patch.
 //!
-//! One hemicube at the centroid stands for a patch as small as the surfaces around it. On a ground of square kilometres
-//! with a city on it, the centroid may lie within a building, and other points of the ground see something else. Such a
-//! patch gets n² hemicubes, one in each of n² equal parts of it: n² in proportion to the surfaces that stand on it.
+//! One hemicube at the centroid stands for a patch no larger than the surfaces around it. On a ground of square
+//! kilometres with a city on it, the centroid may lie within a building, and other points of the ground see something
+//! else. Such a patch gets n² hemicubes, one in each of n² equal parts of it: n² in proportion to the surfaces that
+//! stand on it.
 
 use crate::Model;
 use crate::backend::Geometry;

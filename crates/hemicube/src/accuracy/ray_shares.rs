@@ -1,10 +1,10 @@
 //! Non-visible shares of a patch's view by rays: to the outside, to backs of one-sided patches, and to patches without
 //! a column.
 //!
-//! Hemicubes measure them from points. No point stands for a patch that reaches out of a solid or is large, and form
-//! factors of the whole patch do not say which of the three shares their sum lacks. Rays from all over the patch do: n
-//! of them, cosine distributed (Malley's method) at points of a scrambled Sobol sequence, leave the variance
-//! X (1 − X) n^(−5/4) of a share X.
+//! Hemicubes measure them from points. No point stands for a patch reaching out of a solid or for a large one, and form
+//! factors of the whole patch do not tell the three shares apart. Rays from all over the patch do: n of them, cosine
+//! distributed (Malley's method) at points of a scrambled Sobol sequence, leave the variance X (1 − X) n^(−5/4) of a
+//! share X.
 
 use crate::accuracy::row::Emitter;
 use crate::bvh::{Block, LANES, Tree, UNUSED};
@@ -114,8 +114,8 @@ struct Met {
     corners: [DVec3; 3],
 }
 
-/// The id seen where a segment first meets a triangle that rises above `horizon`. Of triangles in one plane at one
-/// place, as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs.
+/// The id of the first triangle on a segment, of those rising above `horizon`. Of triangles in one plane at one place,
+/// as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs.
 fn first_met(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<u32> {
     let along = end - start;
     let mut segment = Segment::new(start, end, tree.plane_tolerance);

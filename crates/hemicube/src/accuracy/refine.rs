@@ -1,16 +1,16 @@
 //! Refinement of visible fractions: rays and exact points go to the pairs that a row's error is made of.
 //!
 //! A row begins with one hemicube at the centroid and the area-to-area closed form of every pair. What is wrong then is
-//! the visible fraction of a few pairs. Candidates are the patches that the hemicube saw, and unseen ones whose form
-//! factor could be large ([`Candidates`]). Each has a prior variance ([`super::error_model`]); a pair whose prior
+//! the visible fraction of a few pairs. Candidates are the patches seen by the hemicube, and unseen ones with a
+//! possibly large form factor ([`Candidates`]). Each has a prior variance ([`super::error_model`]); a pair whose prior
 //! variance hardly matters to the row keeps its fraction. For the others, list the shaft between the two patches: an
-//! empty one proves that all is visible, one blocked by a single region that nothing is. Otherwise cast a few rays for
-//! the spread, then rays in proportion to the pair's part in the error, or measure exactly from points
-//! ([`ExactVisibility`]) where that is cheaper. The multiplier λ between rays and squared error is one for the scene,
+//! empty one proves full visibility, a single region in front of all of it full occlusion. Otherwise cast a few rays
+//! for the spread, then rays in proportion to the pair's part in the error, or measure exactly from points
+//! ([`ExactVisibility`]), whichever is cheaper. The multiplier λ between rays and squared error is one for the scene,
 //! from a sample of its rows ([`Refinement::with_multiplier_of`]).
 //!
-//! Where no tolerance is asked for, [`Refiner::refine_selected`] does the same for the few pairs that make most of a
-//! row's error: those that touch or all but touch, and large ones that are partly seen.
+//! Without a tolerance, [`Refiner::refine_selected`] does the same for the few pairs with most of a row's error:
+//! touching ones, or nearly so, and large ones partly seen.
 //!
 //! Spread, rays and points are the same in both directions of a pair, and so is the measured fraction, to the bit. Only
 //! fractions left as a row's own centroid has them are not reciprocal.
@@ -97,7 +97,7 @@ impl Refinement {
         }
     }
 
-    /// Sets the multiplier at which a sample of rows leaves the Σ (F − true F)² that the effort stands for.
+    /// Sets the multiplier at which a sample of rows leaves the effort's Σ (F − true F)².
     pub(crate) fn with_multiplier_of(self, rows: &[Vec<ErrorContribution>]) -> Self {
         let threshold = self.threshold();
         let squared = (self.tolerance * self.effort).powi(2);
@@ -149,7 +149,7 @@ pub(crate) struct Pair {
     /// z = `exchange_area` · `per_area`: √((1/A_i² + 1/A_j²) / 2), or 1/A_i where the own row alone counts.
     per_area: f64,
     cell: PriorCell,
-    /// True if `unoccluded` is an estimate from centroids: enough as long as nothing of the pair is seen.
+    /// True if `unoccluded` is an estimate from centroids: enough while nothing of the pair is seen.
     is_rough: bool,
 }
 
@@ -251,7 +251,7 @@ struct Measured {
     cost: Refined,
 }
 
-/// Errors of a group's measured pairs: Σ F² (error)² as found, and Σ F² d as expected.
+/// Errors of a group's measured pairs: Σ F² (error)² found, and Σ F² d expected.
 #[derive(Clone, Copy, Debug, Default)]
 struct GroupErrors {
     squared: f64,
@@ -443,11 +443,11 @@ impl<'c> Refiner<'c> {
         self.measured_of = Some(emitter);
     }
 
-    /// Measures the pairs of a row that make a good part of its expected error, by measured prior variances, and
-    /// inserts those that no hemicube saw.
+    /// Measures the pairs with a good part of a row's expected error, by measured prior variances, and inserts unseen
+    /// ones.
     ///
     /// A pair is selected if its expected error exceeds a share of √Σ F². A row that sees little counts for less in the
-    /// matrix: √Σ F² is then that of the geometric mean of what it sees and what it could. With n hemicubes, up to
+    /// matrix: its √Σ F² is then taken halfway, in the geometric mean, to that of a full view. With n hemicubes, up to
     /// four, the share falls by √n.
     pub(crate) fn refine_selected(
         &mut self,
@@ -1047,7 +1047,7 @@ fn inverse_area(i: f64, j: f64) -> f64 {
     (0.5 / (i * i) + 0.5 / (j * j)).sqrt()
 }
 
-/// Share of the tolerance that points may leave where each pair is measured. A choice.
+/// Error of points, in tolerances, if each pair is measured. A choice.
 const EACH_SHARE: f64 = 0.3;
 /// Form factor below which a pair's error there is relative to this instead of to the factor. A choice.
 const SMALL_FACTOR: f64 = 1e-2;

@@ -46,8 +46,8 @@ pub(crate) struct Entry {
 
 /// A row that is not finished: entries in ascending order of patches.
 ///
-/// Two forms implement it: [`RowLists`] of the level *area*, three lists that are filled sixteen pairs at a time, and
-/// the pairs of [`super::refine::Refiner`] of the level *tolerance*, which also carry their nearness and error.
+/// Two forms implement it: [`RowLists`] of the level *area*, three lists filled sixteen pairs at a time, and the pairs
+/// of [`super::refine::Refiner`] of the level *tolerance*, with their nearness and their cell of prior variances.
 pub(crate) trait UnfinishedRow {
     /// Σ F.
     fn sum(&self) -> f64;

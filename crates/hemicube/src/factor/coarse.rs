@@ -293,7 +293,7 @@ fn middle_portable(own: &CompactTriangle, others: &Pairs, out: &mut Found) {
     weigh(own, others, &kernels, out);
 }
 
-/// Multiplies kernels by areas. Apart from the loops before, as a loop has as many lanes as its widest numbers allow.
+/// Multiplies kernels by areas. Apart from the loops before: a loop has no more lanes than its widest numbers allow.
 #[inline(always)]
 fn weigh(own: &CompactTriangle, others: &Pairs, kernels: &[f32; WIDTH], out: &mut Found) {
     for l in 0..WIDTH {
@@ -353,7 +353,8 @@ mod tests {
             let (mut portable_far, mut portable_middle) = (Found::new(), Found::new());
             far_portable(&own, &pairs, &REACH, &mut portable_far);
             middle_portable(&own, &pairs, &mut portable_middle);
-            let same = |p: &Found, q: &Found| p.kind == q.kind && p.exchange.map(f64::to_bits) == q.exchange.map(f64::to_bits);
+            let bits = |of: &Found| of.exchange.map(f64::to_bits);
+            let same = |p: &Found, q: &Found| p.kind == q.kind && bits(p) == bits(q);
             for set in InstructionSet::all() {
                 let (mut found_far, mut found_middle) = (Found::new(), Found::new());
                 far_by(set, &own, &pairs, &REACH, &mut found_far);

@@ -26,7 +26,7 @@ pub(crate) struct Precision {
     pub(crate) absolute: f64,
     /// Error as a share of the value: between nearly coplanar triangles, terms of the size of the area cancel.
     pub(crate) relative: f64,
-    /// Error as a share of the smaller triangle's area below which no value is worth more effort.
+    /// Least error worth more effort, in areas of the smaller triangle.
     pub(crate) least: f64,
 }
 
@@ -186,7 +186,7 @@ fn apex(p: &Edge, q: &Edge) -> Option<FromApex> {
 
 /// Distance of lines, in units of the pair's extent, below which they meet: the error is its square.
 const MEET: f64 = 1e-8;
-/// Squared sine below which the point at which lines meet is not known well enough.
+/// Squared sine of the least angle between lines with a well-known meeting point.
 const SLENDER: f64 = 1e-4;
 /// Distance of an apex, in lengths of the edges, beyond which the closed form would lose its digits.
 const MEETING_REACH: f64 = 4.0;

@@ -70,7 +70,7 @@ pub(super) struct Far {
     pub(super) kind: [u64; LANES],
 }
 
-/// The exchange area is as good as the rule asks for, or 0: one triangle lies wholly behind the other.
+/// The exchange area is within the rule's error, or 0: one triangle lies wholly behind the other.
 pub(super) const DONE: u64 = 1;
 
 impl Far {

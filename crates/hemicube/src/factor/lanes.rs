@@ -228,7 +228,8 @@ mod tests {
             let (mut left, mut right) = (elements.clone(), elements.clone());
             for k in 0..3 {
                 for l in 0..LANES {
-                    let cut = elements.corners[3 + k][l] + (elements.corners[6 + k][l] - elements.corners[3 + k][l]) * u;
+                    let (p, q) = (elements.corners[3 + k][l], elements.corners[6 + k][l]);
+                    let cut = p + (q - p) * u;
                     left.corners[6 + k][l] = cut;
                     right.corners[3 + k][l] = cut;
                 }
@@ -236,7 +237,8 @@ mod tests {
             let (left, right) = (evaluate(&left), evaluate(&right));
             for l in 0..LANES {
                 prop_assert!((0.0..=1.0 + 1e-12).contains(&whole[l]));
-                prop_assert!((left[l] + right[l] - whole[l]).abs() < 1e-11, "{} + {} ≠ {}", left[l], right[l], whole[l]);
+                let (left, right, whole) = (left[l], right[l], whole[l]);
+                prop_assert!((left + right - whole).abs() < 1e-11, "{left} + {right} ≠ {whole}");
             }
         }
     }

@@ -9,7 +9,7 @@
 
 use super::visibility::Sight;
 use crate::Model;
-use crate::geometry;
+use crate::geometry::{self, Sphere};
 use glam::DVec3;
 use std::f64::consts::PI;
 
@@ -25,12 +25,11 @@ pub(super) struct Facing {
 impl Facing {
     pub(super) fn find(&mut self, model: &Model, emitter: &Sight) {
         let tolerance = model.geometry().plane_tolerance;
-        let (center, squared_radius) = geometry::sphere(&emitter.corners);
-        let radius = squared_radius.sqrt();
+        let sphere = Sphere::of(&emitter.corners);
         self.bounds.clear();
         self.patches.clear();
         for patch in 0..model.geometry().patch_count {
-            let bound = bound(emitter, (center, radius), &model.normalised_corners(patch), tolerance);
+            let bound = bound(emitter, &sphere, &model.normalised_corners(patch), tolerance);
             self.bounds.push(bound);
             if bound > 0.0 {
                 self.patches.push(patch);
@@ -66,7 +65,7 @@ impl Facing {
     }
 }
 
-fn bound(emitter: &Sight, (center, radius): (DVec3, f64), corners: &[DVec3; 3], tolerance: f64) -> f64 {
+fn bound(emitter: &Sight, sphere: &Sphere, corners: &[DVec3; 3], tolerance: f64) -> f64 {
     let height = corners.map(|p| emitter.height(p)).into_iter().fold(0.0, f64::max);
     if height <= tolerance {
         return 0.0;
@@ -84,9 +83,9 @@ fn bound(emitter: &Sight, (center, radius): (DVec3, f64), corners: &[DVec3; 3], 
     }
     let area = 0.5 * twice_area;
     let by_area = (area / emitter.area).min(1.0);
-    let (own, squared_radius) = geometry::sphere(corners);
-    let reach = radius + squared_radius.sqrt();
-    let distance = own.distance(center) - reach;
+    let own = Sphere::of(corners);
+    let reach = sphere.radius() + own.radius();
+    let distance = own.center.distance(sphere.center) - reach;
     if distance <= 0.0 {
         return by_area;
     }

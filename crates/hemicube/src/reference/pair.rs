@@ -9,7 +9,7 @@
 use super::random::{Random, point_of};
 use super::visibility::{Occluders, Sight};
 use crate::factor::{FactorRule, exchange};
-use crate::geometry::{self, area, clip, quarters};
+use crate::geometry::{Sphere, area, clip, quarters};
 use glam::DVec3;
 
 /// Independent batches of segments of a pair.
@@ -25,7 +25,7 @@ const STEPS: [f64; 4] = [
 
 /// Distance of centroids, in sums of both radii, below which a pair is sampled by solid angle.
 const NEAR: f64 = 4.0;
-/// Solid angle below which that of a spherical triangle is lost in rounding.
+/// Least solid angle of a spherical triangle above rounding.
 const LEAST_SOLID_ANGLE: f64 = 1e-6;
 
 /// A receiver seen from the emitter.
@@ -201,7 +201,7 @@ impl Pair {
 }
 
 fn radius(sight: &Sight) -> f64 {
-    geometry::sphere(&sight.corners).1.sqrt()
+    Sphere::of(&sight.corners).radius()
 }
 
 /// The part of a triangle in front of a plane: one or two triangles.

@@ -14,7 +14,7 @@
 
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
 use crate::factor::far::{Own, shape};
-use crate::geometry;
+use crate::geometry::{self, Sphere};
 use crate::simd::{InstructionSet, dispatch, dot, lanes, mask, minus, most};
 use glam::DVec3;
 
@@ -57,13 +57,14 @@ impl Candidates {
         self.patches.clear();
         let cross = geometry::cross(corners);
         let Some(normal) = cross.try_normalize() else { return };
-        let (center, squared_radius) = geometry::sphere(corners);
+        let sphere = Sphere::of(corners);
+        let center = sphere.center;
         let emitter = Emitter {
             corners: corners.map(|p| p.to_array()),
             center: center.to_array(),
             normal: normal.to_array(),
             offset: normal.dot(corners[0]),
-            radius: squared_radius.sqrt(),
+            radius: sphere.radius(),
             area: 0.5 * cross.length(),
             tolerance: tree.plane_tolerance,
         };
@@ -181,7 +182,10 @@ mod tests {
         let patches = Patches::new(&city.generate().expect("a city"), Subdivision::None).expect("patches");
         let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
         let tree = Tree::of(model.geometry());
-        let round = |patch: u32| geometry::sphere(&model.normalised_corners(patch));
+        let round = |patch: u32| {
+            let sphere = Sphere::of(&model.normalised_corners(patch));
+            (sphere.center, sphere.squared_radius)
+        };
         let (mut touching, mut others) = (0, 0);
         for InputPatch(patch) in model.order().step_by(17) {
             let found = |near, far| {

@@ -160,7 +160,7 @@ struct Mesh {
     corners: Vec<[u32; 3]>,
     places: Vec<DVec3>,
     /// The surface along each edge, from one corner to the other.
-    along: HashMap<(u32, u32), u32>,
+    along: HashMap<Edge, u32>,
 }
 
 impl Mesh {
@@ -189,10 +189,10 @@ impl Mesh {
     }
 
     /// The surface on the other side of an edge, if just one is on either side.
-    fn across(&self, (from, to): (u32, u32)) -> Option<u32> {
-        let is_single = self.along.get(&(from, to)) != Some(&TWICE);
+    fn across(&self, edge: Edge) -> Option<u32> {
+        let is_single = self.along.get(&edge) != Some(&TWICE);
         self.along
-            .get(&(to, from))
+            .get(&edge.reversed())
             .copied()
             .filter(|&of| is_single && of != TWICE)
     }
@@ -204,14 +204,15 @@ impl Mesh {
             return None;
         }
         let mut edges_of_region: HashMap<u32, u32> = HashMap::new();
-        let inside: HashMap<(u32, u32), ()> = region
+        let inside: HashMap<Edge, ()> = region
             .iter()
             .flat_map(|&s| edges(self.corners[s as usize]))
             .map(|edge| (edge, ()))
             .collect();
         let mut first = u32::MAX;
-        for &(from, to) in inside.keys() {
-            if inside.contains_key(&(to, from)) {
+        for edge in inside.keys() {
+            let Edge { from, to } = *edge;
+            if inside.contains_key(&edge.reversed()) {
                 continue;
             }
             if edges_of_region.insert(from, to).is_some() {
@@ -299,8 +300,24 @@ impl Growth<'_> {
     }
 }
 
-fn edges([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
-    [(a, b), (b, c), (c, a)]
+/// An edge between numbered corners.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Edge {
+    from: u32,
+    to: u32,
+}
+
+impl Edge {
+    fn reversed(self) -> Self {
+        Self {
+            from: self.to,
+            to: self.from,
+        }
+    }
+}
+
+fn edges([a, b, c]: [u32; 3]) -> [Edge; 3] {
+    [(a, b), (b, c), (c, a)].map(|(from, to)| Edge { from, to })
 }
 
 #[cfg(test)]
@@ -315,12 +332,12 @@ mod tests {
         /// Each surface by itself.
         pub(crate) fn pieces_of(model: &Model) -> Self {
             let surfaces = &model.geometry().surfaces;
-            let mut walls = Self::none(model.geometry());
+            let mut regions = Self::none(model.geometry());
             for (piece, surface) in (0u32..).zip(surfaces) {
-                walls.push(surfaces, &[piece], &surface.corners);
+                regions.push(surfaces, &[piece], &surface.corners);
             }
-            walls.plant(surfaces);
-            walls
+            regions.plant(surfaces);
+            regions
         }
     }
 
@@ -345,34 +362,37 @@ mod tests {
         }
     }
 
-    /// Every surface is a piece of one wall, lies in it, and walls have the area of their pieces. Returns how many
-    /// corners each wall has.
+    /// Every surface is a piece of one region, lies in it, and regions have the area of their pieces. Returns how many
+    /// corners each region has.
     fn sound(model: &Model) -> Vec<usize> {
-        let walls = CoplanarRegions::of(model);
+        let regions = CoplanarRegions::of(model);
         let surfaces = &model.geometry().surfaces;
         let mut seen = vec![0; surfaces.len()];
-        let counts = (0..walls.len()).map(|wall| {
-            let corners = walls.corners(wall);
+        let counts = (0..regions.len()).map(|region| {
+            let corners = regions.corners(region);
             let normal = cross(&[corners[0], corners[1], corners[2]]).normalize();
             let mut sum = 0.0;
-            for &piece in walls.pieces(wall) {
+            for &piece in regions.pieces(region) {
                 seen[piece as usize] += 1;
                 let surface = &surfaces[piece as usize];
                 sum += area(&surface.corners);
-                assert_eq!(walls.of_patch[surface.front.0 as usize], wall);
+                assert_eq!(regions.of_patch[surface.front.0 as usize], region);
                 for p in surface.corners {
-                    assert!(normal.dot(p - corners[0]).abs() < 1e-9, "wall {wall}: off its plane");
+                    assert!(
+                        normal.dot(p - corners[0]).abs() < 1e-9,
+                        "region {region}: off its plane"
+                    );
                     for k in 0..corners.len() {
                         let side = corners[(k + 1) % corners.len()] - corners[k];
                         let inside = normal.cross(side.normalize()).dot(p - corners[k]);
-                        assert!(inside > -1e-9, "wall {wall}: {inside} outside");
+                        assert!(inside > -1e-9, "region {region}: {inside} outside");
                     }
                 }
             }
             let fan: f64 = (1..corners.len() - 1)
                 .map(|k| area(&[corners[0], corners[k], corners[k + 1]]))
                 .sum();
-            assert!((fan - sum).abs() <= 1e-9 * sum, "wall {wall}: {fan} of {sum}");
+            assert!((fan - sum).abs() <= 1e-9 * sum, "region {region}: {fan} of {sum}");
             corners.len()
         });
         let counts: Vec<usize> = counts.collect();
@@ -400,14 +420,14 @@ mod tests {
             ..BlockCityParameters::for_target(1000, 1)
         };
         let model = model(&city.generate().expect("a city"), Subdivision::None);
-        let (walls, patches) = (sound(&model).len(), model.patches().len());
-        assert!(walls * 2 < patches, "{walls} walls of {patches} patches");
+        let (regions, patches) = (sound(&model).len(), model.patches().len());
+        assert!(regions * 2 < patches, "{regions} regions of {patches} patches");
     }
 
     #[test]
     fn what_is_not_one_convex_wall_stays_in_pieces() {
         let (a, b, c, d) = ([0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]);
-        // A square is one wall; bent by a hair it is two.
+        // A square is one region; bent by a hair it is two.
         assert_eq!(sound(&model(&scene(&[[a, b, c], [a, c, d]]), Subdivision::None)), [4]);
         let bent = [0., 1., 1e-6];
         assert_eq!(
@@ -417,7 +437,7 @@ mod tests {
         // Given twice, each triangle is by itself.
         let twice = [[a, b, c], [a, c, d], [a, b, c], [a, c, d]];
         assert_eq!(sound(&model(&scene(&twice), Subdivision::None)), [3; 4]);
-        // Three squares round a corner are not convex: cut, each triangle is a wall again.
+        // Three squares round a corner are not convex: cut, each triangle is a region again.
         let (e, f, g, h) = ([2., 0., 0.], [2., 1., 0.], [0., 2., 0.], [1., 2., 0.]);
         let angle = [[a, b, c], [a, c, d], [b, e, f], [b, f, c], [d, c, h], [d, h, g]];
         assert_eq!(sound(&model(&scene(&angle), Subdivision::None)), [3; 6]);

@@ -7,9 +7,9 @@
 //! do, and more only where neighbouring ones disagree: cells of the outer triangle are divided into four until that
 //! changes little. Rays would have to resolve a step in four dimensions instead.
 //!
-//! A point p lies on that side of the plane through x and an edge a, b that the sign of det (a − x, b − x, p − x)
-//! tells. The determinant is affine in x: its sign at the three corners of a cell holds all over the cell. So whole
-//! cells are proved to see all, or nothing, and occluders that cannot matter are left out of their parts.
+//! The sign of det (a − x, b − x, p − x) tells the side of a point p of the plane through x and an edge a, b. The
+//! determinant is affine in x: its sign at the three corners of a cell holds all over the cell. So whole cells are
+//! proved to see all, or nothing, and occluders that cannot matter are left out of their parts.
 
 use crate::factor::contour;
 use crate::factor::{SIX, point_to_polygon};
@@ -25,10 +25,10 @@ const MOST_PIECES: usize = 200;
 /// few points miss much more than many. A choice, checked by `cells_end_where_an_obstruction_sticks_through`.
 const UNPROVED: [f64; 4] = [0.1, 0.015, 0.006, 0.002];
 
-/// Bound of the pieces that the outer triangle is cut into along occluders that stand on it.
+/// Bound of the pieces of the outer triangle after cuts along occluders standing on it.
 const MOST_CUT: usize = 64;
 
-/// Volume in cubes of the pair's extent below which a point counts as on a plane.
+/// Greatest volume, in cubes of the pair's extent, of a point on a plane.
 const ROUNDING: f64 = 1e-12;
 
 /// Bound of the corners of a polygon: [`MANY`], and one more for each of the five planes of a cone over a pentagon that

@@ -1,9 +1,9 @@
 //! Segments between points of two triangles against the tree of coplanar regions: for pairs whose shaft holds too many
 //! triangles to list.
 //!
-//! Against a list, a ray costs as much as the list is long; down the tree, the tree's depth. So a ray's cost is bounded
-//! whatever lies between the two. All is in f64: what lies a hair from one of the two planes needs no list of its own,
-//! unlike with rays in f32.
+//! Against a list, a ray costs the list's length; down the tree, the tree's depth. So a ray's cost is bounded whatever
+//! lies between the two. All is in f64: what lies a hair from one of the two planes needs no list of its own, unlike
+//! with rays in f32.
 
 use crate::Model;
 use crate::backend::Surface;
@@ -36,7 +36,7 @@ pub(crate) struct Segments<'a> {
     /// The coplanar regions of the two.
     own: [u32; 2],
     receiver: u32,
-    /// Of the emitter and of the receiver.
+    /// The planes of the emitter and of the receiver.
     planes: [Plane; 2],
     tolerance: f64,
     pending: Vec<u32>,
@@ -206,7 +206,7 @@ pub(crate) fn crossing([a, b, c]: [[f64; 3]; 3], start: [f64; 3], end: [f64; 3],
     }
 }
 
-/// Masks of 16 triangles: those that rise above both planes and cross the segment strictly between its ends, and those
+/// Masks of 16 triangles: those rising above both planes and crossing the segment strictly between its ends, and those
 /// in the receiver's plane.
 #[inline(always)]
 fn crossed(block: &Block, segment: &Segment, planes: &[Plane; 2], tolerance: f64) -> (u16, u16) {

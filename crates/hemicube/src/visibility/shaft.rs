@@ -1,8 +1,8 @@
 //! The shaft between two triangles, and rays through it.
 //!
 //! The shaft (Haines & Wallace 1991) is the convex hull of the two triangles. Nothing outside one of its planes comes
-//! in between. An empty shaft proves that all is visible; a region that all nine segments between corners pass through
-//! proves that nothing is. Otherwise rays against the listed occluders measure the visible fraction.
+//! in between. An empty shaft proves full visibility; a region passed by all nine segments between corners proves full
+//! occlusion. Otherwise rays against the listed occluders measure the visible fraction.
 //!
 //! Below the emitter's plane and behind the receiver's nothing occludes. A patch in the receiver's own plane does if
 //! its id is smaller, as in a backend's rows.
@@ -16,7 +16,7 @@
 
 use crate::backend::Surface;
 use crate::bvh::{INNER, LANES, Tree, UNUSED, overlap};
-use crate::geometry::{self, Plane, in_front};
+use crate::geometry::{self, Plane, Sphere, in_front};
 use crate::sampling::sobol::{self, Sequence, fold};
 use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::visibility::coplanar::CoplanarRegions;
@@ -27,8 +27,8 @@ use std::ops::Range;
 /// Rays cast together.
 pub(crate) const RAYS: usize = sobol::BATCH;
 
-/// Depth inside a side of the shaft that still counts as outside, in parts of the pair's extent. A choice above the
-/// rounding of rays in f32.
+/// Depth inside a side of the shaft counted as outside, in parts of the pair's extent. A choice above the rounding of
+/// rays in f32.
 const OUTSIDE: f64 = 4e-6;
 /// Bound of that depth in parts of either triangle's greatest height above that side. A choice.
 const OUTSIDE_OF_RISE: f64 = 0.01;
@@ -89,10 +89,10 @@ struct Occluder {
 pub(crate) struct Shaft {
     sides: Sides,
     found: EdgeSides,
-    /// Of all pairs since [`Shaft::clear`].
+    /// The occluders of all pairs since [`Shaft::clear`].
     occluders: Vec<Occluder>,
     pending: Vec<u32>,
-    /// Blocks that reach into the shaft, with the mask of triangles that may.
+    /// Blocks reaching into the shaft, with the mask of triangles that may.
     reached: Vec<(u32, u16)>,
 }
 
@@ -106,7 +106,7 @@ const MOST_SIDES: usize = 24;
 #[repr(C, align(64))]
 struct Sides {
     normal: [[f64; MOST_SIDES]; 3],
-    /// Includes the depth that still counts as outside.
+    /// Includes the depth counted as outside.
     least: [f64; MOST_SIDES],
     count: usize,
     low: [f64; 3],
@@ -233,7 +233,7 @@ pub(crate) struct TrianglePair {
     /// The coplanar regions of the two.
     own_regions: [u32; 2],
     receiver_patch: u32,
-    /// Of the emitter and the receiver, relative to `origin`.
+    /// Planes of the emitter and the receiver, relative to `origin`.
     planes: [Plane; 2],
     /// Work of listing the occluders, in steps.
     pub(crate) steps: u64,
@@ -295,7 +295,7 @@ impl TrianglePair {
         }
     }
 
-    /// Marks segments that an occluder near a plane stops, or that end on a coplanar patch.
+    /// Marks segments stopped by an occluder near a plane or ending on a coplanar patch.
     fn mark_stopped(&self, drawn: &DrawnSegments, out: &mut [u64; RAYS]) {
         *out = [0; RAYS];
         if self.near_plane.is_empty() && self.coplanar.is_empty() {
@@ -382,11 +382,8 @@ impl Shaft {
             receiver[2],
         ];
         let size = points.iter().map(|p| p.length_squared()).fold(0.0, f64::max).sqrt();
-        let sphere = |t: &[DVec3; 3]| {
-            let (center, squared_radius) = geometry::sphere(t);
-            (center, squared_radius.sqrt())
-        };
-        let ((c0, r0), (c1, r1)) = (sphere(&emitter), sphere(&receiver));
+        let (of_emitter, of_receiver) = (Sphere::of(&emitter), Sphere::of(&receiver));
+        let (r0, r1) = (of_emitter.radius(), of_receiver.radius());
         let (mut low, mut high) = (DVec3::ZERO, DVec3::ZERO);
         for p in points {
             low = low.min(p);
@@ -408,9 +405,9 @@ impl Shaft {
             receiver,
             origin,
             is_near: if receiver_is_smaller {
-                geometry::distance(c1, &emitter) < (NEAR * r1).max(r0)
+                geometry::distance(of_receiver.center, &emitter) < (NEAR * r1).max(r0)
             } else {
-                geometry::distance(c0, &receiver) < (NEAR * r0).max(r1)
+                geometry::distance(of_emitter.center, &receiver) < (NEAR * r0).max(r1)
             },
             receiver_is_smaller,
             occluders: start..start,
@@ -630,8 +627,8 @@ impl Shaft {
 }
 
 impl Shaft {
-    /// Casts cosine-distributed directions from points of the smaller triangle (Malley's method), for pairs so near
-    /// that evenly drawn segments would hardly meet what carries the weight.
+    /// Casts cosine-distributed directions from points of the smaller triangle (Malley's method), for near pairs: a few
+    /// of many evenly drawn segments would carry most of the weight.
     ///
     /// Directions are drawn from bounds of the other triangle's image on the unit disc and weighted with the bounds'
     /// area; those that meet the triangle count. Stops when they are worth `wanted` equal ones, (Σ w)² / Σ w², or at
@@ -1026,12 +1023,11 @@ fn bound_projections_of<const CORNERS: usize>(
     }
 }
 
-/// Draws a direction in a quarter of the bounds from each point; returns the mask of those that meet the other triangle
-/// from its front.
+/// Draws a direction in a quarter of the bounds from each point; returns the mask of hits on the other triangle's
+/// front.
 ///
 /// At a given p, directions lie on the half circle q² + up² = 1 − p². An edge's plane cuts it at the roots of a
-/// quadratic equation in q; the side of the plane that has the ends of the half circle tells which root bounds q from
-/// which side.
+/// quadratic equation in q; the half circle's ends, by their side of the plane, tell the root on either side of q.
 #[inline(always)]
 fn draw_directions(
     sampler: &DirectionSampler,
@@ -1161,7 +1157,7 @@ fn find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeS
     }
 }
 
-/// Lists the blocks that reach into a shaft, with the mask of triangles that may. Returns false, with the list
+/// Lists the blocks reaching into a shaft, with the mask of triangles that may. Returns false, with the list
 /// unfinished, at more than [`MOST_LISTED`] triangles.
 #[inline(always)]
 fn list_reached(
@@ -1196,7 +1192,7 @@ fn list_reached(
     true
 }
 
-/// Marks the segments that a triangle of `near_plane` cuts, and those that end on one of `coplanar`.
+/// Marks the segments cut by a triangle of `near_plane`, and those ending on one of `coplanar`.
 #[inline(always)]
 fn mark_stopped(
     near_plane: &[[DVec3; 3]],
@@ -1257,8 +1253,8 @@ fn inside(corners: &[[f64; LANES]; 9], origin: [f64; 3], sides: &Sides) -> u16 {
     mask(&kept)
 }
 
-/// Marks the rays of a batch that an occluder stops strictly between their ends (Möller & Trumbore 1997), and those
-/// already marked as stopped.
+/// Marks the rays of a batch stopped by an occluder strictly between their ends (Möller & Trumbore 1997), or already
+/// marked as stopped.
 #[inline(always)]
 fn hits(occluders: &[Occluder], batch: &mut RayBatch) {
     let mut hit = batch.hit;
@@ -1297,22 +1293,49 @@ fn hits(occluders: &[Occluder], batch: &mut RayBatch) {
 }
 
 dispatch! {
-    fn list_reached_by = list_reached(tree: &Tree, sides: &Sides, origin: DVec3, pending: &mut Vec<u32>, out: &mut Vec<(u32, u16)>) -> bool
+    fn list_reached_by = list_reached(
+        tree: &Tree,
+        sides: &Sides,
+        origin: DVec3,
+        pending: &mut Vec<u32>,
+        out: &mut Vec<(u32, u16)>,
+    ) -> bool
 }
 dispatch! {
     fn find_sides_by = find_sides(points: &[[f64; 3]; 6], size: f64, tolerance: f64, out: &mut EdgeSides)
 }
 dispatch! {
-    fn draw_segments_by = draw_segments(sampler: &SegmentSampler, at: usize, drawn: &mut DrawnSegments, batch: &mut RayBatch)
+    fn draw_segments_by = draw_segments(
+        sampler: &SegmentSampler,
+        at: usize,
+        drawn: &mut DrawnSegments,
+        batch: &mut RayBatch,
+    )
 }
 dispatch! {
-    fn mark_stopped_by = mark_stopped(near_plane: &[[DVec3; 3]], coplanar: &[[DVec3; 3]], from: &[[f64; RAYS]; 3], to: &[[f64; RAYS]; 3], out: &mut [u64; RAYS])
+    fn mark_stopped_by = mark_stopped(
+        near_plane: &[[DVec3; 3]],
+        coplanar: &[[DVec3; 3]],
+        from: &[[f64; RAYS]; 3],
+        to: &[[f64; RAYS]; 3],
+        out: &mut [u64; RAYS],
+    )
 }
 dispatch! {
-    fn bound_projections_by = bound_projections(sampler: &DirectionSampler, at: usize, drawn: &mut DrawnSegments, out: &mut ProjectedBounds)
+    fn bound_projections_by = bound_projections(
+        sampler: &DirectionSampler,
+        at: usize,
+        drawn: &mut DrawnSegments,
+        out: &mut ProjectedBounds,
+    )
 }
 dispatch! {
-    fn draw_directions_by = draw_directions(sampler: &DirectionSampler, quarter: usize, bounds: &ProjectedBounds, drawn: &mut DrawnSegments) -> u16
+    fn draw_directions_by = draw_directions(
+        sampler: &DirectionSampler,
+        quarter: usize,
+        bounds: &ProjectedBounds,
+        drawn: &mut DrawnSegments,
+    ) -> u16
 }
 dispatch! {
     fn hits_by = hits(occluders: &[Occluder], batch: &mut RayBatch)
@@ -1375,8 +1398,8 @@ mod tests {
     fn fraction(model: &Model, i: u32, j: u32, rays: usize) -> (usize, f64) {
         let corners = |p: u32| model.normalised_corners(p);
         let mut shaft = Shaft::default();
-        let walls = CoplanarRegions::of(model);
-        let obstacles = obstacles(model, &walls);
+        let regions = CoplanarRegions::of(model);
+        let obstacles = obstacles(model, &regions);
         let pair = shaft.pair(
             obstacles,
             PatchTriangle::new(i, &corners(i)),
@@ -1395,21 +1418,21 @@ mod tests {
     #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
     fn walls_hide_what_their_pieces_hide() {
         let model = city(5, 5);
-        let (walls, pieces) = (CoplanarRegions::of(&model), CoplanarRegions::pieces_of(&model));
+        let (regions, pieces) = (CoplanarRegions::of(&model), CoplanarRegions::pieces_of(&model));
         let count = u64::try_from(model.patches().len()).expect("a number");
         let (mut state, mut partly, mut fewer, mut hidden) = (1, 0, [0, 0], [0, 0]);
         for _ in 0..20_000 {
             let ids = [0, 1].map(|_| u32::try_from(splitmix::next(&mut state) % count).expect("a patch"));
             let [emitter, receiver] = ids.map(|patch| model.normalised_corners(patch));
-            let fractions = [&*walls, &pieces].map(|walls| {
+            let fractions = [&*regions, &pieces].map(|regions| {
                 let mut shaft = Shaft::default();
-                let obstacles = obstacles(&model, walls);
+                let obstacles = obstacles(&model, regions);
                 let pair = shaft.pair(
                     obstacles,
                     PatchTriangle::new(ids[0], &emitter),
                     PatchTriangle::new(ids[1], &receiver),
                 );
-                let at = usize::from(!std::ptr::eq(walls, &pieces));
+                let at = usize::from(!std::ptr::eq(regions, &pieces));
                 hidden[at] += usize::from(pair.is_occluded);
                 fewer[at] += pair.occluders.len();
                 let mut cast = Cast::default();
@@ -1423,19 +1446,20 @@ mod tests {
             partly += usize::from(by_walls > 0.0 && by_walls < 1.0);
         }
         assert!(partly > 200, "{partly} pairs partly visible");
-        assert!(hidden[1] > hidden[0], "{hidden:?} proved hidden by pieces and walls");
-        assert!(fewer[1] < fewer[0], "{fewer:?} occluders of pieces and walls");
+        assert!(hidden[1] > hidden[0], "{hidden:?} proved hidden by pieces and regions");
+        assert!(fewer[1] < fewer[0], "{fewer:?} occluders of pieces and regions");
         eprintln!(
-            "{count} patches, 20,000 pairs: {fewer:?} pieces and walls in between, {hidden:?} pairs proved hidden by them"
+            "{count} patches, 20,000 pairs: {fewer:?} pieces and regions in between, {hidden:?} pairs proved hidden by \
+             them"
         );
     }
 
-    /// Rays that walk the tree of walls are stopped where rays held against the shaft's list are.
+    /// Rays down the tree of regions stop with rays against the shaft's list.
     #[test]
     fn a_tree_stops_the_rays_that_a_list_stops() {
         let model = city(5, 2);
-        let walls = CoplanarRegions::of(&model);
-        let obstacles = obstacles(&model, &walls);
+        let regions = CoplanarRegions::of(&model);
+        let obstacles = obstacles(&model, &regions);
         let count = u64::try_from(model.patches().len()).expect("a number");
         let (mut state, mut partly, mut near) = (3, 0, 0);
         for _ in 0..20_000 {
@@ -1503,7 +1527,7 @@ mod tests {
         });
     }
 
-    /// What directions are drawn from must be all that a point sees: what they are worth together is the form factor.
+    /// The bounds of directions must hold a point's full view: the directions' sum is the form factor.
     #[test]
     fn directions_between_near_patches_add_up_to_the_form_factor() {
         let model = scene(&[]);
@@ -1522,8 +1546,8 @@ mod tests {
             }
             tried += 1;
             let mut shaft = Shaft::default();
-            let walls = CoplanarRegions::of(&model);
-            let obstacles = obstacles(&model, &walls);
+            let regions = CoplanarRegions::of(&model);
+            let obstacles = obstacles(&model, &regions);
             let pair = shaft.pair(obstacles, PatchTriangle::new(0, &small), PatchTriangle::new(1, &large));
             let mut cast = Cast::default();
             shaft.cast_directions(obstacles, &pair, 1 << 13, 5, &mut cast);
@@ -1587,8 +1611,8 @@ mod tests {
         }
     }
 
-    /// A wall that stands before a small patch by next to nothing, but rises to more beyond it, as the walls of two
-    /// houses that were measured apart. Found in the real tile.
+    /// A wall a hair in front of a small patch, rising to more beyond it, like the regions of two houses measured apart.
+    /// Found in the real tile.
     #[test]
     fn a_wall_that_rises_slowly_hides_the_small_patch_below_it() {
         let p = DVec3::new;
@@ -1639,9 +1663,9 @@ mod tests {
         let model = scene(&[[p(0.2, 0.1, 0.5), p(0.9, 0.3, 0.4), p(0.4, 0.8, 0.6)]]);
         let corners = |k: u32| model.normalised_corners(k);
         let mut shaft = Shaft::default();
-        let walls = CoplanarRegions::of(&model);
+        let regions = CoplanarRegions::of(&model);
         let pair = shaft.pair(
-            obstacles(&model, &walls),
+            obstacles(&model, &regions),
             PatchTriangle::new(0, &corners(0)),
             PatchTriangle::new(2, &corners(2)),
         );

@@ -17,7 +17,7 @@ const FIRST: f64 = 1.0 / 16.0;
 const NEXT: f64 = 1.0 / 8.0;
 /// Number of bounds tried. A choice.
 const ROUNDS: usize = 7;
-/// Rest at which the search ends, in parts of what the row lacked. A choice.
+/// Rest at which the search ends, in parts of the row's lack. A choice.
 const ENOUGH: f64 = 0.05;
 /// Bound of the steps of the search at tolerances of 1 % and above; at finer ones, more in proportion, up to a hundred
 /// times. A choice.
@@ -164,8 +164,7 @@ impl Refiner<'_> {
         refined
     }
 
-    /// The standard error of an entry's form factor by one hemicube; 0 for one that nobody saw, as nothing says where
-    /// it is.
+    /// The standard error of an entry's form factor by one hemicube; 0 for an unseen one: nothing tells its error.
     fn error_of(&self, emitter: &Emitter<'_>, entry: Entry) -> f64 {
         let Entry {
             patch,
