@@ -703,7 +703,11 @@ fn escaped_pixels_are_those_of_item_buffers_and_rows() {
                 backend.escaped(hemicube, &table, &mut found).expect("renders");
                 by_items.take(&backend.items(hemicube).expect("renders"), &table);
                 let view = rows.row(row);
-                assert_eq!((found.weight(&table), found.blocked), (view.escaped, view.blocked), "{of}");
+                assert_eq!(
+                    (found.weight(&table), found.blocked),
+                    (view.escaped, view.blocked),
+                    "{of}"
+                );
                 if choice != EngineChoice::Order {
                     assert!(found == by_items, "{of}");
                 }

@@ -21,7 +21,7 @@ pub(crate) fn correction(name: Name) -> Correction {
     }
 }
 
-/// Calibrates a tolerance on a scene. The result does not depend on the rows computed, so `compute` and `tradeoff` agree.
+/// Calibrates a tolerance on a scene. The result does not depend on the rows computed: `compute` and `tradeoff` agree.
 pub(crate) fn within(
     model: &Model,
     selection: &Selection,

@@ -56,9 +56,9 @@ pub enum ModelError {
     /// Most triangles are too small beside the scene to be told from the planes of their neighbours: something stands
     /// far off, or the scene lies so far from the origin that coordinates lose their digits.
     #[error(
-        "{small} of {surfaces} triangles are less than {least:.1e} of the scene's extent {extent:.3e} long, too small to be told \
-         apart; is something far off? the farthest from the middle of all is patch {} at ({:.4e} {:.4e} {:.4e}): delete it, \
-         or move the scene to the origin",
+        "{small} of {surfaces} triangles are less than {least:.1e} of the scene's extent {extent:.3e} long, too small \
+         to be told apart; is something far off? the farthest from the middle of all is patch {} at ({:.4e} {:.4e} \
+         {:.4e}): delete it, or move the scene to the origin",
         farthest.0, at.x, at.y, at.z
     )]
     Dwarfed {

@@ -3,8 +3,8 @@
 use crate::delta::DeltaTable;
 use crate::face::{Face, Items};
 
-/// The pixels of one hemicube through which energy escapes: one bit a pixel, in the atlas's order. Each row of the atlas
-/// ([`crate::face`]) begins a word; pixel x of a row is bit x mod 64 of its word x / 64.
+/// The escaped pixels of one hemicube: one bit a pixel, in the atlas's order. Each row of the atlas ([`crate::face`])
+/// begins a word; pixel x of a row is bit x mod 64 of its word x / 64.
 ///
 /// ```
 /// use hemicube_contract::backend::WHOLE;

@@ -44,7 +44,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// #     let (plan, mut parts) = (room::plan(&model, correction), Vec::<Part>::new());
 /// #     let backend = Box::new(CpuBackend::new());
 /// #     compute(&model, &plan, room::RENDER, backend, Execution::default(), &mut parts, &mut |_| {})?;
-/// #     let rows_of = |part: &Part| (0..part.rows.len()).map(|row| (part.rows[row], part.row(row).1.to_vec())).collect();
+/// #     let row_of = |part: &Part, row: usize| (part.rows[row], part.row(row).1.to_vec());
+/// #     let rows_of = |part: &Part| (0..part.rows.len()).map(|row| row_of(part, row)).collect();
 /// #     let rows = parts.iter().flat_map::<Vec<_>, _>(rows_of);
 /// #     let of = |(patch, factors): (u32, Vec<f32>)| {
 /// #         model.patches().area(InputPatch(patch)) * factors.iter().map(|&f| f64::from(f)).sum::<f64>()

@@ -251,8 +251,8 @@ mod tests {
         measured.add(&model, 61);
         let (gains, pairs) = (measured.gains(), measured.pairs);
         eprintln!(
-            "16, 64, 256 and 1,024 rays do as well as {gains:.1?} times as many independent ones, over {pairs:?} distant \
-             and near pairs; {:.1} directions for a near ray's worth",
+            "16, 64, 256 and 1,024 rays do as well as {gains:.1?} times as many independent ones, over {pairs:?} \
+             distant and near pairs; {:.1} directions for a near ray's worth",
             measured.directions_a_ray()
         );
         assert!(pairs[0] > 100 && pairs[1] > 40, "{pairs:?} pairs");

@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! weights      visible + escaped + blocked + unselected = hemicubes · 2³¹, exactly, for every row
-//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ ε Σⱼ Fᵢⱼ: the rounding of each factor (pixel mode); ε is 2⁻²⁴ for
-//!              f32, 2⁻¹¹ more in the compact form, and 2⁻²⁴ more where small factors were left out and shared
+//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ ε Σⱼ Fᵢⱼ: the rounding of each factor (pixel mode); ε is
+//!              2⁻²⁴ for f32, 2⁻¹¹ more in the compact form, and 2⁻²⁴ more where small factors were left out and shared
 //! range        0 ≤ Fᵢⱼ ≤ 1
 //! columns      ascending, of patches that exist
 //! diagonal     Fᵢᵢ = 0: a planar patch does not see itself

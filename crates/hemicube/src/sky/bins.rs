@@ -34,7 +34,7 @@ pub(super) struct Bins<'a> {
 /// The columns of a row of pixels.
 #[derive(Default)]
 struct Walk {
-    /// Where each column of the row ends, ascending, and the column.
+    /// End pixel of each stretch of one column, ascending, and the column.
     ends: Vec<(u32, u32)>,
     /// For each ring the part of the line above its lower boundary; NaN where not yet asked for.
     above: Vec<[f64; 2]>,
@@ -115,8 +115,7 @@ impl Walk {
         }
     }
 
-    /// Finds the columns of the pixels `range` by the boundaries that the line crosses. `None` where a root is not known
-    /// well enough.
+    /// Finds the columns of the pixels `range` by the boundaries that the line crosses; `None` if a root is uncertain.
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -224,7 +223,7 @@ impl<'a> Bins<'a> {
         }
     }
 
-    /// Renders a hemicube, adds what escapes of it, and returns the weight that is blocked.
+    /// Renders a hemicube, adds its escaped pixels, and returns the blocked weight.
     pub(super) fn render(
         &mut self,
         backend: &mut dyn HemicubeBackend,
@@ -241,7 +240,7 @@ impl<'a> Bins<'a> {
         result.map(|()| blocked)
     }
 
-    /// Adds what escapes by an item buffer, tells `seen` of every patch's pixel, and returns the weight that is blocked.
+    /// Adds the escaped pixels of an item buffer and returns the blocked weight. Calls `seen` for every patch's pixel.
     pub(super) fn add_items(
         &mut self,
         items: &Items,
@@ -263,7 +262,7 @@ impl<'a> Bins<'a> {
         blocked
     }
 
-    /// Adds what escapes of a hemicube with these axes.
+    /// Adds the escaped pixels of a hemicube with these axes.
     pub(super) fn add(&mut self, escaped: &EscapedPixels, table: &DeltaTable, axes: &[DVec3; 3]) {
         let resolution = escaped.resolution();
         let axes = axes.map(|axis| self.horizon.local(axis));
@@ -308,7 +307,7 @@ impl<'a> Bins<'a> {
         }
     }
 
-    /// The row of what was added.
+    /// The row of all additions since the last one.
     pub(super) fn take(&mut self, blocked: u64, hemicubes: u32, change: f64) -> SkyRow {
         let columns: Vec<(u32, u64)> = (0u32..)
             .zip(&mut self.weights)
@@ -385,7 +384,9 @@ mod tests {
     fn weights_are_those_of_asking_for_every_pixel() {
         let mut state = 1u64;
         let mut random = move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state ^ (state >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9)
         };
         #[allow(clippy::cast_precision_loss, reason = "a random number")]
@@ -417,7 +418,13 @@ mod tests {
         for turn in [0.0, 6.0, 45.0] {
             let division = SkyDivision::new(2).expect("in range");
             let table = DeltaTable::new(64);
-            for normal in [DVec3::Z, DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z, DVec3::new(1.0, 1.0, 0.0)] {
+            for normal in [
+                DVec3::Z,
+                DVec3::X,
+                DVec3::NEG_Y,
+                DVec3::NEG_Z,
+                DVec3::new(1.0, 1.0, 0.0),
+            ] {
                 let axes = frame::axes_of(normal, 0.0).expect("a direction");
                 let mut escaped = EscapedPixels::default();
                 escaped.clear(64);
@@ -427,7 +434,10 @@ mod tests {
                 let (found, wanted) = (bins.weights.clone(), slowly(&bins, &escaped, &table, &axes));
                 assert_eq!(found.iter().sum::<u64>(), u64::from(crate::backend::WHOLE));
                 let moved: u64 = found.iter().zip(&wanted).map(|(a, b)| a.abs_diff(*b)).sum();
-                assert!(moved * 1000 < u64::from(crate::backend::WHOLE), "{normal}, {turn}°: {moved}");
+                assert!(
+                    moved * 1000 < u64::from(crate::backend::WHOLE),
+                    "{normal}, {turn}°: {moved}"
+                );
             }
         }
     }

@@ -1,7 +1,8 @@
 //! The `.npy` header: magic, version, and a Python dictionary of element type, order and shape, padded to 64 bytes.
 //!
 //! ```text
-//! 93 'N' 'U' 'M' 'P' 'Y' | major minor | length u16 (major 1) or u32 | {'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), } ␠…␠ \n
+//! 93 'N' 'U' 'M' 'P' 'Y' | major minor | length u16 (major 1) or u32
+//! {'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), } ␠…␠ \n
 //! ```
 //!
 //! Own code, because the crate at hand allocates any length claimed by a file, parses the dictionary recursively and

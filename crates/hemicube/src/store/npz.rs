@@ -251,8 +251,8 @@ impl Npz {
             let inflated_max = length.saturating_mul(INFLATED_RATIO_MAX).max(INFLATED_MIN);
             if inflated > inflated_max {
                 let reason = format!(
-                    "has compressed arrays of {inflated} bytes or more, and {inflated_max} at most are read of a file of its \
-                     size; save it uncompressed"
+                    "has compressed arrays of {inflated} bytes or more, and {inflated_max} at most are read of a file \
+                     of its size; save it uncompressed"
                 );
                 return Err(Error::unsupported(path, reason));
             }
@@ -328,7 +328,8 @@ impl Npz {
             return Ok(());
         }
         let reason = format!(
-            "has an array `{}` whose CRC is not that of its bytes: it is damaged; restore it from a copy or write it again",
+            "has an array `{}` whose CRC is not that of its bytes: it is damaged; restore it from a copy or write it \
+             again",
             member.name
         );
         Err(Error::malformed(&self.path, reason))

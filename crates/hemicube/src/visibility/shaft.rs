@@ -1611,7 +1611,7 @@ mod tests {
         }
     }
 
-    /// A wall a hair in front of a small patch, rising to more beyond it, like the regions of two houses measured apart.
+    /// A wall a hair in front of a small patch and farther beyond it, like the regions of two houses measured apart.
     /// Found in the real tile.
     #[test]
     fn a_wall_that_rises_slowly_hides_the_small_patch_below_it() {
