@@ -3,6 +3,7 @@
 use crate::driver::compute::Selection;
 use hemicube_scene::{Patches, Scene};
 use std::collections::BTreeSet;
+use wildmatch::WildMatch;
 
 /// Names listed by an error.
 const NAMES_SHOWN: usize = 5;
@@ -116,38 +117,17 @@ pub struct NoMatch {
     pub there: String,
 }
 
-/// Returns whether `name` matches `glob`, character by character and with case. Only the last star is tried again: the
-/// time is at most the product of the lengths.
+/// Returns whether `name` matches `glob`, with case: `?` is any character, `*` any number of them, all others themselves.
+/// Time is at most the product of the lengths.
 ///
 /// ```
 /// use hemicube::driver::selection::matches_glob;
 /// assert!(matches_glob("*_wall", "left_wall") && matches_glob("roof ?", "roof 7"));
 /// assert!(!matches_glob("wall", "left_wall") && !matches_glob("Wall", "wall"));
+/// assert!(matches_glob("*", "") && matches_glob("*ab*b?", "aabab\u{e9}") && !matches_glob("?", ""));
 /// ```
 pub fn matches_glob(glob: &str, name: &str) -> bool {
-    let (glob, name): (Vec<char>, Vec<char>) = (glob.chars().collect(), name.chars().collect());
-    let (mut at, mut place) = (0, 0);
-    let mut star: Option<(usize, usize)> = None;
-    while place < name.len() {
-        match glob.get(at) {
-            Some('*') => {
-                star = Some((at, place));
-                at += 1;
-            }
-            Some(&wanted) if wanted == '?' || wanted == name[place] => {
-                at += 1;
-                place += 1;
-            }
-            _ => {
-                let Some((star_at, star_place)) = star else {
-                    return false;
-                };
-                star = Some((star_at, star_place + 1));
-                (at, place) = (star_at + 1, star_place + 1);
-            }
-        }
-    }
-    glob[at..].iter().all(|&rest| rest == '*')
+    WildMatch::new(glob).matches(name)
 }
 
 /// True for each patch with an object or material that matches one of `globs`; `None` without a glob.

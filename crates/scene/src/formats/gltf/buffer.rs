@@ -3,6 +3,9 @@
 use super::json::Document;
 use super::{MEND, extension};
 use crate::{Error, ErrorKind};
+use base64::alphabet;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use base64::{DecodeError, Engine as _};
 use std::borrow::Cow;
 use std::io::{self, Read};
 use std::path::Path;
@@ -58,32 +61,16 @@ fn from_data_uri(uri: &str) -> Result<Vec<u8>, String> {
     from_base64(payload)
 }
 
-/// Base64 with or without the padding at the end.
+/// Decodes base64, with or without the padding at the end. Bits after the last byte are ignored.
 fn from_base64(text: &str) -> Result<Vec<u8>, String> {
-    let digits = text.trim_end_matches('=');
-    if text.len() - digits.len() > 2 || digits.len() % 4 == 1 {
-        return Err("the base64 text is cut off".to_owned());
-    }
-    let mut bytes = Vec::with_capacity(digits.len() / 4 * 3 + 2);
-    let (mut bits, mut held) = (0_u32, 0_u32);
-    for (position, digit) in digits.bytes().enumerate() {
-        let value = match digit {
-            b'A'..=b'Z' => digit - b'A',
-            b'a'..=b'z' => digit - b'a' + 26,
-            b'0'..=b'9' => digit - b'0' + 52,
-            b'+' => 62,
-            b'/' => 63,
-            _ => return Err(format!("character {position} is no base64 digit")),
-        };
-        bits = bits << 6 | u32::from(value);
-        held += 6;
-        if held >= 8 {
-            held -= 8;
-            #[allow(clippy::cast_possible_truncation, reason = "the low eight bits are meant")]
-            bytes.push((bits >> held) as u8);
-        }
-    }
-    Ok(bytes)
+    const CONFIG: GeneralPurposeConfig = GeneralPurposeConfig::new()
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+        .with_decode_allow_trailing_bits(true);
+    const ENGINE: GeneralPurpose = GeneralPurpose::new(&alphabet::STANDARD, CONFIG);
+    ENGINE.decode(text).map_err(|error| match error {
+        DecodeError::InvalidByte(position, _) => format!("character {position} is no base64 digit"),
+        _ => "the base64 text is cut off".to_owned(),
+    })
 }
 
 /// The first `length` bytes of a file in the scene's folder or below it.
