@@ -22,12 +22,12 @@ pub use files::{
     write_points, write_sky,
 };
 
-use bins::Bins;
 use crate::Model;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, RenderSettings, WHOLE};
 use crate::delta::DeltaTable;
 use crate::driver::compute::ComputeError;
 use crate::frame;
+use bins::Bins;
 use glam::DVec3;
 use hemicube_scene::{Axis, InputPatch};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -168,7 +168,11 @@ impl SkyDivision {
         for row in 0..7 * parts {
             let count = TREGENZA[(row / parts) as usize] * parts;
             let bearings: Vec<[f64; 2]> = (0..count)
-                .map(|k| (std::f64::consts::TAU * (f64::from(k) + 0.5) / f64::from(count)).sin_cos().into())
+                .map(|k| {
+                    (std::f64::consts::TAU * (f64::from(k) + 0.5) / f64::from(count))
+                        .sin_cos()
+                        .into()
+                })
                 .collect();
             let ends = bearings.iter().map(|&[sine, cosine]| diamond(sine, cosine)).collect();
             rings.push(Ring {
@@ -187,7 +191,12 @@ impl SkyDivision {
         });
         let squares = rings[1..].iter().map(|ring| ring.altitude[0].sin().powi(2)).collect();
         let tangents = rings.iter().map(|ring| ring.altitude[0].tan().powi(2)).collect();
-        Some(Self { parts, rings, squares, tangents })
+        Some(Self {
+            parts,
+            rings,
+            squares,
+            tangents,
+        })
     }
 
     /// Into how many a patch of Tregenza's is cut along each edge.

@@ -385,7 +385,9 @@ mod tests {
     fn weights_are_those_of_asking_for_every_pixel() {
         let mut state = 1u64;
         let mut random = move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state ^ (state >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9)
         };
         #[allow(clippy::cast_precision_loss, reason = "a random number")]
@@ -417,7 +419,13 @@ mod tests {
         for turn in [0.0, 6.0, 45.0] {
             let division = SkyDivision::new(2).expect("in range");
             let table = DeltaTable::new(64);
-            for normal in [DVec3::Z, DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z, DVec3::new(1.0, 1.0, 0.0)] {
+            for normal in [
+                DVec3::Z,
+                DVec3::X,
+                DVec3::NEG_Y,
+                DVec3::NEG_Z,
+                DVec3::new(1.0, 1.0, 0.0),
+            ] {
                 let axes = frame::axes_of(normal, 0.0).expect("a direction");
                 let mut escaped = EscapedPixels::default();
                 escaped.clear(64);
@@ -427,7 +435,10 @@ mod tests {
                 let (found, wanted) = (bins.weights.clone(), slowly(&bins, &escaped, &table, &axes));
                 assert_eq!(found.iter().sum::<u64>(), u64::from(crate::backend::WHOLE));
                 let moved: u64 = found.iter().zip(&wanted).map(|(a, b)| a.abs_diff(*b)).sum();
-                assert!(moved * 1000 < u64::from(crate::backend::WHOLE), "{normal}, {turn}°: {moved}");
+                assert!(
+                    moved * 1000 < u64::from(crate::backend::WHOLE),
+                    "{normal}, {turn}°: {moved}"
+                );
             }
         }
     }
