@@ -201,15 +201,16 @@ impl BspEngine {
     }
 
     /// The pixels that hit nothing, and the blocked weight.
-    pub(crate) fn escaped(
-        &mut self,
-        scene: &SharedScene,
-        bsp: &BspTree,
-        hemicube: &Hemicube,
-        out: &mut EscapedPixels,
-    ) {
+    pub(crate) fn escaped(&mut self, scene: &SharedScene, bsp: &BspTree, hemicube: &Hemicube, out: &mut EscapedPixels) {
         let mut row = RowBlock::default();
-        self.row::<false>(View { scene, frame: &frame(scene, hemicube) }, bsp, &mut row);
+        self.row::<false>(
+            View {
+                scene,
+                frame: &frame(scene, hemicube),
+            },
+            bsp,
+            &mut row,
+        );
         out.clear(scene.settings.resolution);
         self.canvas.now.write_uncovered(out);
         out.blocked = row.row(0).blocked;
