@@ -320,7 +320,11 @@ fn a_click_shows_the_row_that_the_store_has() {
 
 #[test]
 fn a_number_goes_to_its_patch_and_a_wrong_one_is_refused() {
-    let Some(browser) = Browser::start("report::a_number_goes_to_its_patch_and_a_wrong_one_is_refused", 1280, 1000) else {
+    let Some(browser) = Browser::start(
+        "report::a_number_goes_to_its_patch_and_a_wrong_one_is_refused",
+        1280,
+        1000,
+    ) else {
         return;
     };
     let folder = tempfile::tempdir().expect("a temporary directory");
@@ -344,7 +348,11 @@ fn a_number_goes_to_its_patch_and_a_wrong_one_is_refused() {
     }
     let error = "document.getElementById('patch-error')";
     assert_eq!(browser.script(&format!("return {error}.hidden")), true);
-    for (number, words) in [("2560", "There is no patch 2,560"), ("-2", "There is no patch -2"), ("1.5", "1.5")] {
+    for (number, words) in [
+        ("2560", "There is no patch 2,560"),
+        ("-2", "There is no patch -2"),
+        ("1.5", "1.5"),
+    ] {
         typed(number);
         browser.wait(&format!("!{error}.hidden"));
         let said = browser.script(&format!("return {error}.textContent"));
@@ -360,9 +368,7 @@ fn a_number_goes_to_its_patch_and_a_wrong_one_is_refused() {
     browser.wait(&format!("{error}.hidden"));
 
     // All of the row is in colour, on a scale that says that it is logarithmic.
-    browser.script(
-        "const f = document.getElementById('field'); f.value = 'row'; f.dispatchEvent(new Event('change'))",
-    );
+    browser.script("const f = document.getElementById('field'); f.value = 'row'; f.dispatchEvent(new Event('change'))");
     browser.wait("document.getElementById('legend-what').textContent.includes('patch 700')");
     let entries = largest(&store, 700, usize::MAX).len();
     let label = "return document.getElementById('legend-what').textContent";
@@ -376,7 +382,11 @@ fn a_number_goes_to_its_patch_and_a_wrong_one_is_refused() {
         "let n = 0; for (let p = 0; p < hemicube.head.patches; p++) if (hemicube.model.texels.subarray(4 * p, 4 * p + 3)\
          .every(c => c === 150)) n++; return n",
     );
-    assert_eq!(grey, 2560 - entries as u64 - 1, "all but the row and its patch are grey");
+    assert_eq!(
+        grey,
+        2560 - entries as u64 - 1,
+        "all but the row and its patch are grey"
+    );
     browser.script("const l = document.getElementById('log'); l.checked = false; l.dispatchEvent(new Event('change'))");
     assert!(!browser.script(label).as_str().expect("a label").contains("logarithmic"));
     sound(&browser);

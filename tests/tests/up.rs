@@ -38,7 +38,7 @@ fn every_command_asks_where_nothing_tells() {
     for line in [
         "sky cube.obj -o sky",
         "report F cube.obj -o F.html",
-        "view model F cube.obj -o F.png",
+        "view model F cube.obj --show seen -o F.png",
         "export F F.glb --scene cube.obj",
     ] {
         place
@@ -93,7 +93,9 @@ fn what_inspect_finds_is_what_the_others_use() {
             .says(&[&format!("up is {axis} (found: ")]);
         assert_eq!(of_page(&place, "F.html"), axis, "{scene}");
         place
-            .line(&format!("view model F {scene} -o F.png --overwrite --size 64x64"))
+            .line(&format!(
+                "view model F {scene} --show seen -o F.png --overwrite --size 64x64"
+            ))
             .is(0)
             .says(&[&format!("up is {axis} (found: ")]);
     }

@@ -5,8 +5,8 @@
 //! ```text
 //! names     Σ A q(n·e) / Σ A over triangles of objects or materials named for what they are; q is (n·e)² for a floor
 //!           and 1 − (n·e)² for a wall. At least 0.6 along one axis, and 0.2 less along the others
-//! uprights  Σ A [n·e < 0.15 or n·e > 0.985] / Σ A: walls stand in many directions and only along e are they upright and
-//!           floors level. At least 0.85 along one axis, 0.15 of it level, and 0.2 less along the others
+//! uprights  Σ A [n·e < 0.15 or n·e > 0.985] / Σ A: walls stand in many directions and only along e are they upright
+//!           and floors level. At least 0.85 along one axis, 0.15 of it level, and 0.2 less along the others
 //! open      (Σ A n·e) / Σ A at least 0.1 and four times that of the others', the extent along e at most half of the
 //!           others': ground and roofs without undersides
 //! ```

@@ -6,9 +6,9 @@
 //! quality       is it good enough?        closure error, blocked share, rows that look at backs, no entries at all
 //! ```
 //!
-//! Integrity and conservation fail. Quality fails where a bound was asked for, and is doubtful where a row's closure error is
-//! above the tolerance of the run ([`CLOSURE`] without one), more than [`BLOCKED`] of the view is blocked, or a row looks
-//! at backs with more than [`WARNED`] of its view.
+//! Integrity and conservation fail. Quality fails where a bound was asked for, and is doubtful where a row's closure
+//! error is above the tolerance of the run ([`CLOSURE`] without one), more than [`BLOCKED`] of the view is blocked, or a
+//! row looks at backs with more than [`WARNED`] of its view.
 
 use super::{Check, CheckReport, Failure};
 use serde::Serialize;
