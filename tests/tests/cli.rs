@@ -978,7 +978,7 @@ fn an_interrupt_keeps_what_was_computed() {
         (checked["rows"].as_u64(), &checked["complete"]),
         (Some(kept), &Value::Bool(false))
     );
-    assert!(place.line("check m").is(1).out.contains("FAILED complete"));
+    assert!(place.line("check m").is(1).out.contains("UNFINISHED: "));
     place.line("export m F.npz").fails_with(&["incomplete"]);
     place
         .line("compute city.obj -o m")

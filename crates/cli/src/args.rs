@@ -72,7 +72,7 @@ pub(crate) struct SceneSettings {
     /// Turn the one-sided triangles of these objects round (repeatable); all: of every object
     #[arg(long, value_name = "GLOB|all", hide_short_help = true)]
     pub(crate) flip: Vec<String>,
-    /// The axis that points up, where the file does not say or is wrong
+    /// The axis that points up [default: the file's, or as `inspect` finds it by names and normals]
     #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,
     /// Multiply all coordinates by FACTOR

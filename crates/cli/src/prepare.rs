@@ -1,6 +1,8 @@
 //! From a scene's file to a model: read, scale, repair, cut, order. Shared by all commands that read scenes.
 
-use crate::args::{AutoSwitch, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk};
+use crate::args::{
+    AutoSwitch, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk, UpAxis,
+};
 use crate::exit::hinted;
 use crate::forecast;
 use crate::report::{Input, counted, size};
@@ -12,7 +14,7 @@ use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::RepairReport;
-use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, Triangle};
+use hemicube_scene::{Axis, Patches, ReadOptions, Scene, Subdivision, Triangle};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -51,6 +53,36 @@ impl From<&RepairReport> for RepairCounts {
 }
 
 impl Prepared {
+    /// The axis that points up, for every command: `--up`, else the file's or the matrix's, else what names and normals
+    /// leave no doubt of.
+    ///
+    /// # Errors
+    /// When nothing tells.
+    pub(crate) fn up(&self, given: Option<UpAxis>) -> Result<Axis> {
+        if let Some(axis) = given {
+            return Ok(axis.into());
+        }
+        let found = hemicube_scene::up::up(&self.scene);
+        found.known().ok_or_else(|| {
+            hinted(
+                anyhow!("`{}` does not say which axis points up", self.input.path),
+                format!(
+                    "`--up x`, `--up y` or `--up z` does; {} is {}",
+                    axis_name(found.axis),
+                    found.reason
+                ),
+            )
+        })
+    }
+
+    /// Tells where [`Self::up`] comes from, unless a user or the file said it.
+    pub(crate) fn tell_up(&self, given: Option<UpAxis>, talk: Talk) {
+        let found = hemicube_scene::up::up(&self.scene);
+        if given.is_none() && found.source == hemicube_scene::up::Source::Found {
+            talk.say(&format!("up is {} ({})", axis_name(found.axis), found.reason));
+        }
+    }
+
     /// Tells the parts of the file that are not in the matrix.
     pub(crate) fn tell(&self, talk: Talk) {
         let Self { scene, .. } = self;

@@ -25,6 +25,7 @@ pub mod repair;
 mod subdivide;
 pub mod survey;
 pub mod text;
+pub mod up;
 pub mod write;
 
 pub use error::{Error, ErrorKind};

@@ -21,7 +21,6 @@ use hemicube::sky::{
     write_points, write_sky,
 };
 use hemicube::store::{FolderLock, Store, scene_hash};
-use hemicube_scene::Axis;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -379,7 +378,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let started = Instant::now();
     let prepared = prepare_scene(arguments, store.as_ref())?;
     prepared.tell(talk);
-    let up = up_axis(arguments, &prepared)?;
+    let up = prepared.up(arguments.patches.up)?;
+    prepared.tell_up(arguments.patches.up, talk);
     let horizon = Horizon::new(up, arguments.north);
     tell_of_suns(arguments, &suns, horizon, talk);
     let misplaced = misplaced(&prepared, &points, horizon);
@@ -456,17 +456,6 @@ fn prepare_scene(arguments: &Arguments, store: Option<&Store>) -> Result<Prepare
         ),
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, None),
     }
-}
-
-/// The axis that points up: given, otherwise the scene's.
-fn up_axis(arguments: &Arguments, prepared: &Prepared) -> Result<Axis> {
-    let up = arguments.patches.up.map(Into::into).or(prepared.scene.up);
-    up.ok_or_else(|| {
-        hinted(
-            anyhow!("`{}` does not say which axis points up", arguments.scene.display()),
-            "`--up y` or `--up z` does",
-        )
-    })
 }
 
 /// Points that are not in the open.

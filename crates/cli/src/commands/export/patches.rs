@@ -56,7 +56,12 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
     let mut results = read(&store, arguments, talk)?;
     if let Some(path) = &arguments.scene {
         let prepared = stored::scene(&store, path, &EngineSettings::default(), arguments.allow_large)?;
-        let up = arguments.up.map(Into::into).or(prepared.scene.up).unwrap_or(Axis::Z);
+        let up = if format.is_upright() {
+            prepared.tell_up(arguments.up, talk);
+            prepared.up(arguments.up)?
+        } else {
+            Axis::Z
+        };
         results.place(&prepared.patches, up)?;
     }
     if format.has_colors() {
