@@ -82,6 +82,11 @@ pub(crate) fn input(message: impl Into<String>) -> PyErr {
     Class::Input.raise(message.into())
 }
 
+/// Content of a file or a pickle that cannot be used.
+pub(crate) fn content(message: impl Into<String>) -> PyErr {
+    Class::Store.raise(message.into())
+}
+
 pub(crate) fn scene(error: &SceneError) -> PyErr {
     match &error.kind {
         ErrorKind::Io(source) => Class::of_io(source),
