@@ -12,6 +12,8 @@ pub mod ac3d;
 pub mod cityjson;
 #[cfg(feature = "gltf")]
 pub mod gltf;
+#[cfg(feature = "gmsh")]
+pub mod gmsh;
 #[cfg(feature = "obj")]
 pub mod obj;
 #[cfg(feature = "ply")]
@@ -101,6 +103,8 @@ formats! {
     Vs3, "View3D", ["vs3"], "vs3", vs3;
     /// CityJSON, `.json` or `.cityjson`, or a sequence of features, `.jsonl`.
     CityJson, "CityJSON", ["json", "cityjson", "jsonl"], "cityjson", cityjson;
+    /// Gmsh, `.msh`.
+    Gmsh, "Gmsh", ["msh"], "gmsh", gmsh;
 }
 
 impl Format {
@@ -111,7 +115,7 @@ impl Format {
         Self::ALL.iter().find(has).copied()
     }
 
-    /// The extensions of all formats, for people: `.obj, .gltf, … and .jsonl`.
+    /// The extensions of all formats, for people: `.obj, .gltf, … and .msh`.
     ///
     /// ```
     /// assert!(hemicube_scene::Format::listed().starts_with(".obj, .gltf, .glb, .ac"));
