@@ -329,6 +329,17 @@ impl CpuBackend {
         Ok(())
     }
 
+    /// The pixels of a hemicube that show nothing of the scene.
+    fn escaped_pixels(&mut self, hemicube: &Hemicube, out: &mut EscapedPixels) -> Result<(), BackendError> {
+        let loaded = self.loaded()?;
+        loaded.check(hemicube)?;
+        if !loaded.may_draw_parents(hemicube) {
+            return loaded.patch_by_patch()?.escaped_pixels(hemicube, out);
+        }
+        loaded.engines.escaped(&loaded.scene, hemicube, out);
+        Ok(())
+    }
+
     fn loaded(&mut self) -> Result<&mut Session, BackendError> {
         self.loaded.as_mut().ok_or_else(not_loaded)
     }
@@ -435,16 +446,10 @@ impl HemicubeBackend for CpuBackend {
     fn escaped(
         &mut self,
         hemicube: &Hemicube,
-        table: &DeltaTable,
+        _table: &DeltaTable,
         out: &mut EscapedPixels,
     ) -> Result<(), BackendError> {
-        let loaded = self.loaded()?;
-        loaded.check(hemicube)?;
-        if !loaded.may_draw_parents(hemicube) {
-            return loaded.patch_by_patch()?.escaped(hemicube, table, out);
-        }
-        loaded.engines.escaped(&loaded.scene, hemicube, out);
-        Ok(())
+        self.escaped_pixels(hemicube, out)
     }
 }
 
