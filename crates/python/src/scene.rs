@@ -3,6 +3,7 @@
 use crate::{errors, numbers};
 use glam::DVec3;
 use hemicube::driver::input::{SceneInput, SceneSettings};
+use hemicube::driver::room::{self, Work};
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
 use hemicube_scene::repair::RepairReport;
@@ -114,6 +115,10 @@ impl Scene {
         }
         if let Some(dropped) = dropped(&repaired) {
             warn(py, &dropped)?;
+        }
+        let (cut, room) = (input.settings.subdivision, room::free_memory().unwrap_or(u64::MAX));
+        if Patches::count(&input, cut) <= u64::from(hemicube::store::PATCH_COUNT_MAX) {
+            room::require(&input, cut, Work::Fractions, room).map_err(|error| errors::no_room(&error))?;
         }
         let model = py
             .detach(|| input.model(HierarchyOptions::default()))
