@@ -5,6 +5,7 @@ use crate::{errors, numbers};
 use glam::DVec3;
 use hemicube::driver::input::{SceneInput, SceneSettings};
 use hemicube::driver::settings::axis_name;
+use hemicube::driver::room::{self, Work};
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
 use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
@@ -122,6 +123,10 @@ impl Scene {
 
     /// The patches of repaired triangles.
     fn cut(py: Python<'_>, input: SceneInput) -> PyResult<Self> {
+        let (cut, room) = (input.settings.subdivision, room::free_memory().unwrap_or(u64::MAX));
+        if Patches::count(&input, cut) <= u64::from(hemicube::store::PATCH_COUNT_MAX) {
+            room::require(&input, cut, Work::Fractions, room).map_err(|error| errors::no_room(&error))?;
+        }
         let model = py
             .detach(|| input.model(HierarchyOptions::default()))
             .map_err(|error| errors::uncut(&error))?;

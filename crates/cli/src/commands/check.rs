@@ -80,7 +80,7 @@ struct Report<'a> {
 )]
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let mut options = CheckOptions::default();
     options.closure = arguments.closure;

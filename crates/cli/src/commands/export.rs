@@ -334,7 +334,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Target::Matrix(format) => format,
         Target::Patches(format) => return patches::run(arguments, format, json, talk),
     };
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let sky = if arguments.with_sky {
         Some(SkyColumns::open(
@@ -513,7 +513,7 @@ struct ZonesReport<'a> {
 
 fn export_zones(arguments: &Arguments, by: ZoneName, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
     let format = ZoneFormat::of(&arguments.output)?;
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let bar = Bar::spinner(talk, &format!("adding up `{}`", arguments.store.display()));
     let found = zones(&store, by.into())?;

@@ -129,7 +129,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if !arguments.output.extension().is_some_and(is_html) {
         bail!("`{}`: the name of a page ends in .html", arguments.output.display());
     }
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     store.require_complete()?;
     let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;

@@ -15,6 +15,7 @@ use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Culling, HemicubeBackend, RESOLUTIONS, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
+use hemicube::driver::room::Work;
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
     Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
@@ -441,7 +442,7 @@ fn read_if_any<T: Default>(path: Option<&Path>, read: impl Fn(&Path) -> Result<T
 
 fn open_store(arguments: &Arguments) -> Result<Option<Store>> {
     let Some(path) = &arguments.store else { return Ok(None) };
-    report::require(path)?;
+    report::require_matrix(path)?;
     Ok(Some(Store::open(path)?))
 }
 
@@ -454,7 +455,7 @@ fn prepare_scene(arguments: &Arguments, store: Option<&Store>) -> Result<Prepare
             &arguments.engine,
             arguments.patches.allow_large,
         ),
-        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, None),
+        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Fractions),
     }
 }
 

@@ -245,7 +245,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if let Some(picture) = &arguments.picture {
         PictureFormat::of(picture)?;
     }
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     require_up(arguments, &store)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;

@@ -34,7 +34,7 @@ struct Report<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     if !arguments.allow_incomplete {
         store.require_complete()?;
