@@ -390,8 +390,11 @@ impl Matrix {
         folder: Option<&Path>,
         work: impl FnOnce(&Store, &AtomicBool) -> PyResult<T> + Send,
     ) -> PyResult<T> {
-        let attend =
-            |store: &Store| attended(py, None, |attendant: Attendant<'_, (u64,)>| work(store, attendant.cancel()))?;
+        let attend = |store: &Store| {
+            attended(py, None, |attendant: Attendant<'_, (u64,)>| {
+                work(store, attendant.cancel())
+            })?
+        };
         if let Some(store) = self.store() {
             return attend(store);
         }
