@@ -22,6 +22,8 @@ pub mod ply;
 pub mod stl;
 #[cfg(feature = "vs3")]
 pub mod vs3;
+#[cfg(feature = "vtk")]
+pub mod vtk;
 
 use crate::{Error, ErrorKind, ReadOptions, Scene};
 use std::path::Path;
@@ -105,6 +107,8 @@ formats! {
     CityJson, "CityJSON", ["json", "cityjson", "jsonl"], "cityjson", cityjson;
     /// Gmsh, `.msh`.
     Gmsh, "Gmsh", ["msh"], "gmsh", gmsh;
+    /// VTK, `.vtu`, `.vtp` or `.vtk`.
+    Vtk, "VTK", ["vtu", "vtp", "vtk"], "vtk", vtk;
 }
 
 impl Format {
@@ -115,7 +119,7 @@ impl Format {
         Self::ALL.iter().find(has).copied()
     }
 
-    /// The extensions of all formats, for people: `.obj, .gltf, … and .msh`.
+    /// The extensions of all formats, for people: `.obj, .gltf, … and .vtk`.
     ///
     /// ```
     /// assert!(hemicube_scene::Format::listed().starts_with(".obj, .gltf, .glb, .ac"));
@@ -131,6 +135,32 @@ impl Format {
             None => String::new(),
         }
     }
+}
+
+/// The tree of an XML text, without document type definitions, whose entities may stand for gigabytes.
+#[cfg(feature = "_xml")]
+fn parse_xml(text: &str) -> Result<roxmltree::Document<'_>, Error> {
+    // The tree takes some 80 bytes a tag. `<Coordinate>0</Coordinate>`, the least of real files, has 13 bytes a tag.
+    let tags = text.bytes().filter(|&byte| byte == b'<').count();
+    if tags > text.len() / 10 + 100 {
+        return Err(Error::malformed(format!(
+            "has {tags} tags in {} bytes; it is damaged, or no data of a mesh or a building",
+            text.len()
+        )));
+    }
+    let options = roxmltree::ParsingOptions {
+        allow_dtd: false,
+        nodes_limit: u32::MAX,
+        ..roxmltree::ParsingOptions::default()
+    };
+    roxmltree::Document::parse_with_options(text, options).map_err(|error| {
+        let place = error.pos();
+        let reason = error.to_string();
+        // The place is said once, before the reason.
+        let reason = reason.rsplit_once(" at ").map_or(reason.as_str(), |(reason, _)| reason);
+        let reason: String = reason.chars().filter(|&c| !crate::is_unseen(c)).take(160).collect();
+        Error::malformed(format!("is no XML as it should be: {reason}")).at(u64::from(place.row))
+    })
 }
 
 /// Reads the scene in `path`.

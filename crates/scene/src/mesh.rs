@@ -87,21 +87,27 @@ impl Mesh {
         self.nodes.get(index as usize).copied().unwrap_or(DVec3::NAN)
     }
 
-    /// A side of a cell that faces out of it.
-    fn side(&self, cell: usize, side: usize) -> Vec<DVec3> {
-        let all: Vec<DVec3> = self.corners(cell).iter().map(|&corner| self.node(corner)).collect();
-        let numbers = self.cells[cell].shape.sides()[side];
-        let mut corners: Vec<DVec3> = numbers.iter().filter_map(|&n| all.get(n).copied()).collect();
-        let middle = |points: &[DVec3]| points.iter().sum::<DVec3>() / points.len() as f64;
-        let from = corners[0];
-        let normal: DVec3 = corners
-            .windows(2)
-            .map(|edge| (edge[0] - from).cross(edge[1] - from))
-            .sum();
-        if normal.dot(middle(&corners) - middle(&all)) < 0.0 {
+    /// The corners of a side, turned round if it faces into its cell, whose corners are `all`.
+    pub(crate) fn outward(&self, side: &[u32], all: &[u32]) -> Vec<u32> {
+        let point = |&corner: &u32| self.node(corner);
+        let middle = |corners: &[u32]| corners.iter().map(point).sum::<DVec3>() / corners.len() as f64;
+        let mut corners = side.to_vec();
+        let from = side.first().map_or(DVec3::ZERO, point);
+        let edge = |two: &[u32]| (self.node(two[0]) - from).cross(self.node(two[1]) - from);
+        let normal: DVec3 = side.windows(2).map(edge).sum();
+        if normal.dot(middle(side) - middle(all)) < 0.0 {
             corners.reverse();
         }
         corners
+    }
+
+    /// The corners of a side of a cell that faces out of it.
+    fn side(&self, cell: usize, side: usize) -> Vec<DVec3> {
+        let all = self.corners(cell);
+        let numbers = self.cells[cell].shape.sides()[side];
+        let corners: Vec<u32> = numbers.iter().filter_map(|&n| all.get(n).copied()).collect();
+        let outward = self.outward(&corners, all);
+        outward.iter().map(|&corner| self.node(corner)).collect()
     }
 
     /// The sides of volume cells that no second cell has, as cells and sides in their order.

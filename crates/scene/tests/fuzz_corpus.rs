@@ -1,9 +1,15 @@
 //! Replays the fuzz corpus (`fuzz/corpus`, one folder a reader) as an ordinary test. A file's name says what must
 //! become of it: `ok-…` is read, `bad-…` is refused, any other must only not panic.
 
-#![cfg(all(feature = "obj", feature = "gltf", feature = "ac3d", feature = "gmsh"))]
+#![cfg(all(
+    feature = "obj",
+    feature = "gltf",
+    feature = "ac3d",
+    feature = "gmsh",
+    feature = "vtk"
+))]
 
-use hemicube_scene::{Error, ReadOptions, Scene, ac3d, gltf, gmsh, obj};
+use hemicube_scene::{Error, ReadOptions, Scene, ac3d, gltf, gmsh, obj, vtk};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -97,6 +103,11 @@ fn ac3d_corpus() {
 #[test]
 fn gmsh_corpus() {
     replay_corpus("gmsh", gmsh::read, [15, 11, 26]);
+}
+
+#[test]
+fn vtk_corpus() {
+    replay_corpus("vtk", vtk::read, [8, 20, 28]);
 }
 
 #[test]

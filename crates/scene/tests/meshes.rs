@@ -1,9 +1,9 @@
 //! Meshes: the same room from every format, files of the programs' own writers, and what damaged files cost.
 
-#![cfg(all(feature = "obj", feature = "gmsh"))]
+#![cfg(all(feature = "obj", feature = "gmsh", feature = "vtk"))]
 
 use glam::DVec3;
-use hemicube_scene::{Error, ReadOptions, Scene, gmsh, load};
+use hemicube_scene::{Error, ReadOptions, Scene, gmsh, load, vtk};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -88,12 +88,47 @@ fn volume(scene: &Scene) -> f64 {
     corners(scene).iter().map(of).sum()
 }
 
-/// The room of `room.obj`, written by meshio 5.3 and Gmsh 4.15.
+/// The room of `room.obj`, written by meshio 5.3, Gmsh 4.15 and VTK 9.7, and whether with the names of objects.
 const ROOMS: &[(&str, bool)] = &[
     ("room-22-text.msh", true),
     ("room-22-binary.msh", true),
     ("room-41-text.msh", true),
     ("room-41-binary.msh", true),
+    ("meshio-room-42-binary.vtk", false),
+    ("meshio-room-42-text.vtk", false),
+    ("meshio-room-binary.vtk", false),
+    ("meshio-room-inline.vtu", false),
+    ("meshio-room-text.vtk", false),
+    ("meshio-room-text.vtu", false),
+    ("meshio-room-zlib.vtu", false),
+    ("room-appended-none.vtp", true),
+    ("room-appended-none.vtu", true),
+    ("room-appended-zlib.vtp", true),
+    ("room-appended-zlib.vtu", true),
+    ("room-ascii-none.vtp", true),
+    ("room-ascii-none.vtu", true),
+    ("room-grid-42-binary.vtk", true),
+    ("room-grid-42-text.vtk", true),
+    ("room-grid-51-binary.vtk", true),
+    ("room-grid-51-text.vtk", true),
+    ("room-inline-none-big.vtp", true),
+    ("room-inline-none-big.vtu", true),
+    ("room-inline-none.vtp", true),
+    ("room-inline-none.vtu", true),
+    ("room-inline-zlib-big.vtp", true),
+    ("room-inline-zlib-big.vtu", true),
+    ("room-inline-zlib.vtp", true),
+    ("room-inline-zlib.vtu", true),
+    ("room-polydata-42-binary.vtk", true),
+    ("room-polydata-42-text.vtk", true),
+    ("room-polydata-51-binary.vtk", true),
+    ("room-polydata-51-text.vtk", true),
+    ("room-raw-none-big.vtp", true),
+    ("room-raw-none-big.vtu", true),
+    ("room-raw-none.vtp", true),
+    ("room-raw-none.vtu", true),
+    ("room-raw-zlib.vtp", true),
+    ("room-raw-zlib.vtu", true),
 ];
 
 #[test]
@@ -147,6 +182,31 @@ fn surface_and_volume_elements_of_gmsh() {
             let higher = scene.findings.get("element of higher order, read by its corners");
             assert_eq!(higher > 0, name.contains("second-order"), "{name}");
         }
+    }
+}
+
+#[test]
+fn volume_cells_and_strips_of_vtk() {
+    let _alone = ALONE.lock();
+    for extension in ["vtu", "vtk"] {
+        let name = format!("vtk/ok-solid.{extension}");
+        let scene = open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(&name));
+        // A voxel and two wedges: 2 × 1 × 1.
+        let (area, vector) = areas(&scene);
+        assert!((area - 10.0).abs() < 1e-12 && vector.length() < 1e-12, "{name}: {area}");
+        assert!((volume(&scene) - 2.0).abs() < 1e-12, "{name}: {}", volume(&scene));
+        assert_eq!(scene.objects, ["CellEntityIds 5", "CellEntityIds 6"], "{name}");
+    }
+    for extension in ["vtp", "vtk"] {
+        let name = format!("vtk/ok-strip.{extension}");
+        let scene = open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(&name));
+        let (area, vector) = areas(&scene);
+        assert!(
+            (vector.length() - area).abs() < 1e-12,
+            "{name}: all of the strip faces one way"
+        );
+        assert_eq!(objects(&scene), ["zone 2"; 3], "{name}");
+        assert!(scene.triangles.iter().all(|t| t.face == 1), "{name}: after the vertex");
     }
 }
 
@@ -272,4 +332,11 @@ fn mutants(extension: &str, reader: &str, read: Read) {
 #[test]
 fn mutants_of_gmsh() {
     mutants("msh", "gmsh", gmsh::read);
+}
+
+#[test]
+fn mutants_of_vtk() {
+    for extension in ["vtu", "vtp", "vtk"] {
+        mutants(extension, "vtk", vtk::read);
+    }
 }
