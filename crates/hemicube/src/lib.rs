@@ -23,7 +23,8 @@
 //!
 //! for zone in zones(&store, GroupBy::Object)? {
 //!     let sum: f64 = zone.factors.iter().map(|&(_to, factor)| factor).sum();
-//!     assert!((sum - 1.0).abs() < 0.05, "the room is closed: all that leaves {} arrives somewhere", zone.name);
+//!     let all = sum + zone.escaped + zone.blocked;
+//!     assert!((all - 1.0).abs() < 0.05, "the energy that leaves {} ends somewhere: {all}", zone.name);
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
