@@ -74,12 +74,8 @@ impl Line {
             return None;
         }
         if discriminant < 0.0 {
-            // Above everywhere or nowhere: both nappes are missed only by a line between them.
-            return Some(if a > 0.0 && start.z > 0.0 {
-                [f64::NEG_INFINITY, f64::INFINITY]
-            } else {
-                NOWHERE
-            });
+            // Only a line flatter than the cone, a < 0, misses it.
+            return (a < 0.0).then_some(NOWHERE);
         }
         let far = -(b + discriminant.sqrt().copysign(b));
         let (one, other) = (far / a, c / far);
@@ -403,7 +399,6 @@ mod tests {
                     bins.add(&escaped, &table, &axes);
                     let (found, wanted) = (bins.weights.clone(), slowly(&bins, &escaped, &table, &axes));
                     let moved: u64 = found.iter().zip(&wanted).map(|(a, b)| a.abs_diff(*b)).sum();
-                    // Two pixels whose centres lie on a boundary, to the rounding of their directions.
                     assert_eq!(moved, 0, "{parts} parts, {resolution} pixels, case {case}");
                     bins.take(0, 1, f64::NAN);
                 }
@@ -413,8 +408,7 @@ mod tests {
 
     #[test]
     fn symmetric_frames_lose_nothing() {
-        // Boundaries run through centres of pixels here: who gets such a pixel hangs on rounding, that somebody does
-        // must not.
+        // Boundaries run through centres of pixels: rounding decides the column of such a pixel, and none may be lost.
         for turn in [0.0, 6.0, 45.0] {
             let division = SkyDivision::new(2).expect("in range");
             let table = DeltaTable::new(64);
