@@ -505,6 +505,23 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
         assert!(named.starts_with(within), "{hint}");
         assert!(!place.path("n").exists(), "nothing is left of it");
     }
+    // Every command counts first, by what it does with the patches.
+    for command in [
+        "compute room.obj -o n",
+        "inspect room.obj",
+        "tradeoff room.obj",
+        "sky room.obj --up y -o n.csv",
+        "view hemicube room.obj -o n.png",
+    ] {
+        for cut in ["--subdivide 8", "--split 300", "--patch-size 1"] {
+            at_once(&place, &format!("{command} {cut} --memory 60M")).is(2).says(&[
+                "`--memory` of 60",
+                "may take",
+                "hint: `--",
+                "allows it",
+            ]);
+        }
+    }
     let ran = place.line(&format!("{COMPUTE} --subdivide 8 --memory 100M -o n")).is(2);
     let hint = ran
         .err

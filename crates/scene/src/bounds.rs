@@ -9,6 +9,7 @@
 //!   and n³ where holes cross
 //! - steps of cutting: at most [`STEPS_A_BYTE`] a byte, and always [`STEPS`], because polygons of up to 2,000 corners
 //!   never reach it
+//! - bytes from compressed ones: at most [`INFLATED_A_BYTE`] a byte, and always [`INFLATED`]
 //!
 //! [`ReadOptions::allow_large`](crate::ReadOptions::allow_large) lifts all but [`CORNERS_MAX`].
 
@@ -17,6 +18,12 @@ use crate::{Error, ErrorKind, ReadOptions};
 /// Triangles allowed to any file.
 #[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson"))]
 const TRIANGLES: u64 = 1_000_000;
+/// Bytes from compressed ones allowed to any file.
+#[cfg(feature = "vtk")]
+const INFLATED: u64 = 1 << 20;
+/// Likewise for each byte.
+#[cfg(feature = "vtk")]
+const INFLATED_A_BYTE: u64 = 10;
 /// Corners of a polygon, whatever is allowed: simple ones take seconds.
 #[cfg(feature = "_polygons")]
 const CORNERS_MAX: usize = 1 << 16;
@@ -64,6 +71,20 @@ impl Bounds {
         Err(too_large(format!(
             "becomes {count} triangles or more by copies, and a file of {bytes} bytes may become {most}; place fewer \
              copies, or allow it (`--allow-large`)"
+        )))
+    }
+
+    /// Refuses more bytes from compressed ones than ten times the file's.
+    #[cfg(feature = "vtk")]
+    pub(crate) fn inflated(&self, bytes: u64) -> Result<(), Error> {
+        let most = INFLATED.max(INFLATED_A_BYTE.saturating_mul(self.bytes));
+        if self.allow_large || bytes <= most {
+            return Ok(());
+        }
+        Err(too_large(format!(
+            "has compressed arrays of {bytes} bytes or more, and a file of {} bytes may hold {most}; save it \
+             uncompressed, or allow it (`--allow-large`)",
+            self.bytes
         )))
     }
 

@@ -12,6 +12,8 @@ pub mod ac3d;
 pub mod cityjson;
 #[cfg(feature = "gltf")]
 pub mod gltf;
+#[cfg(feature = "gmsh")]
+pub mod gmsh;
 #[cfg(feature = "obj")]
 pub mod obj;
 #[cfg(feature = "ply")]
@@ -20,6 +22,8 @@ pub mod ply;
 pub mod stl;
 #[cfg(feature = "vs3")]
 pub mod vs3;
+#[cfg(feature = "vtk")]
+pub mod vtk;
 
 use crate::{Error, ErrorKind, ReadOptions, Scene};
 use std::path::Path;
@@ -101,6 +105,10 @@ formats! {
     Vs3, "View3D", ["vs3"], "vs3", vs3;
     /// CityJSON, `.json` or `.cityjson`, or a sequence of features, `.jsonl`.
     CityJson, "CityJSON", ["json", "cityjson", "jsonl"], "cityjson", cityjson;
+    /// Gmsh, `.msh`.
+    Gmsh, "Gmsh", ["msh"], "gmsh", gmsh;
+    /// VTK, `.vtu`, `.vtp` or `.vtk`.
+    Vtk, "VTK", ["vtu", "vtp", "vtk"], "vtk", vtk;
 }
 
 impl Format {
@@ -111,7 +119,7 @@ impl Format {
         Self::ALL.iter().find(has).copied()
     }
 
-    /// The extensions of all formats, for people: `.obj, .gltf, … and .jsonl`.
+    /// The extensions of all formats, for people: `.obj, .gltf, … and .vtk`.
     ///
     /// ```
     /// assert!(hemicube_scene::Format::listed().starts_with(".obj, .gltf, .glb, .ac"));
@@ -127,6 +135,32 @@ impl Format {
             None => String::new(),
         }
     }
+}
+
+/// The tree of an XML text, without document type definitions, whose entities may stand for gigabytes.
+#[cfg(feature = "_xml")]
+fn parse_xml(text: &str) -> Result<roxmltree::Document<'_>, Error> {
+    // The tree takes some 80 bytes a tag. `<Coordinate>0</Coordinate>`, the least of real files, has 13 bytes a tag.
+    let tags = text.bytes().filter(|&byte| byte == b'<').count();
+    if tags > text.len() / 10 + 100 {
+        return Err(Error::malformed(format!(
+            "has {tags} tags in {} bytes; it is damaged, or no data of a mesh or a building",
+            text.len()
+        )));
+    }
+    let options = roxmltree::ParsingOptions {
+        allow_dtd: false,
+        nodes_limit: u32::MAX,
+        ..roxmltree::ParsingOptions::default()
+    };
+    roxmltree::Document::parse_with_options(text, options).map_err(|error| {
+        let place = error.pos();
+        let reason = error.to_string();
+        // The place is said once, before the reason.
+        let reason = reason.rsplit_once(" at ").map_or(reason.as_str(), |(reason, _)| reason);
+        let reason: String = reason.chars().filter(|&c| !crate::is_unseen(c)).take(160).collect();
+        Error::malformed(format!("is no XML as it should be: {reason}")).at(u64::from(place.row))
+    })
 }
 
 /// Reads the scene in `path`.

@@ -1,5 +1,5 @@
 //! Scenes for form-factor computation: triangles in f64 with the names of their objects and materials and their sides,
-//! read from OBJ, glTF, AC3D, STL, PLY, View3D and CityJSON, repaired by documented rules, and cut into patches.
+//! read from OBJ, glTF, AC3D, STL, PLY, View3D, CityJSON and meshes, repaired by documented rules, and cut into patches.
 //!
 //! ```
 //! use hemicube_scene::{Patches, Subdivision, generate};
@@ -11,11 +11,21 @@
 
 #[cfg(feature = "_readers")]
 mod bounds;
+#[cfg(feature = "_meshes")]
+mod cursor;
 mod error;
 mod formats;
 #[cfg(feature = "generate")]
 pub mod generate;
-#[cfg(any(feature = "obj", feature = "stl", feature = "vs3", feature = "cityjson"))]
+#[cfg(feature = "_meshes")]
+mod mesh;
+#[cfg(any(
+    feature = "obj",
+    feature = "stl",
+    feature = "vs3",
+    feature = "cityjson",
+    feature = "_meshes"
+))]
 mod names;
 mod patch;
 #[cfg(feature = "_polygons")]
@@ -25,6 +35,7 @@ pub mod repair;
 mod subdivide;
 pub mod survey;
 pub mod text;
+pub mod up;
 pub mod write;
 
 pub use error::{Error, ErrorKind};

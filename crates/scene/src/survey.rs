@@ -52,7 +52,7 @@ pub struct Survey {
     pub up: Axis,
     /// The reason for this axis.
     pub up_reason: String,
-    /// True if the axis is a guess and not the format's word.
+    /// True if the axis is a guess: neither the format nor names and normals say it ([`crate::up`]).
     pub up_guessed: bool,
     /// Sentences about units and coordinates worth a second look.
     pub unit_hints: Vec<String>,
@@ -153,7 +153,7 @@ pub fn survey(scene: &Scene, report: &RepairReport) -> Survey {
     };
     let mut exact_edges = edges_of(&scene.triangles, exact);
     let mut rounded_edges = edges_of(&scene.triangles, rounded);
-    let (up, up_reason) = up(scene, extent, area);
+    let up = crate::up::up(scene);
     Survey {
         triangle_count: scene.triangles.len(),
         two_sided_count: scene.triangles.iter().filter(|t| t.two_sided).count(),
@@ -177,9 +177,9 @@ pub fn survey(scene: &Scene, report: &RepairReport) -> Survey {
                 area,
             })
             .collect(),
-        up,
-        up_reason,
-        up_guessed: scene.up.is_none(),
+        up: up.axis,
+        up_guessed: up.known().is_none(),
+        up_reason: up.reason,
         unit_hints: unit_hints(scene, bounds, extent, area),
     }
 }
@@ -245,40 +245,6 @@ fn closed_object_count(edges: &mut [Edge]) -> usize {
             tally.are_closed()
         })
         .count()
-}
-
-/// The axis pointing up, and the reason.
-fn up(scene: &Scene, extent: DVec3, area: f64) -> (Axis, String) {
-    if let Some(axis) = scene.up {
-        return (axis, "the format says so".to_owned());
-    }
-    // The area within 10° of perpendicular to each axis.
-    let mut across = [0.0; 3];
-    for triangle in &scene.triangles {
-        let [a, b, c] = triangle.corners;
-        let normal = (b - a).cross(c - a);
-        let doubled_area = normal.length();
-        for (sum, component) in across.iter_mut().zip(normal.to_array()) {
-            if component.abs() >= 0.985 * doubled_area {
-                *sum += 0.5 * doubled_area;
-            }
-        }
-    }
-    let [x, y, z] = across;
-    let flat = extent.z <= 0.5 * extent.x.min(extent.y);
-    if flat && z > x && z > y {
-        let share = 100.0 * z / area;
-        return (
-            Axis::Z,
-            format!("guessed: the scene is flattest along z and {share:.0} % of its area lies level across it"),
-        );
-    }
-    let reason = if flat {
-        "most of the area does not lie level across z"
-    } else {
-        "the scene is not flat along z"
-    };
-    (Axis::Y, format!("guessed: {reason}"))
 }
 
 fn unit_hints(scene: &Scene, bounds: Option<[DVec3; 2]>, extent: DVec3, area: f64) -> Vec<String> {

@@ -1,9 +1,15 @@
 //! Replays the fuzz corpus (`fuzz/corpus`, one folder a reader) as an ordinary test. A file's name says what must
 //! become of it: `ok-…` is read, `bad-…` is refused, any other must only not panic.
 
-#![cfg(all(feature = "obj", feature = "gltf", feature = "ac3d"))]
+#![cfg(all(
+    feature = "obj",
+    feature = "gltf",
+    feature = "ac3d",
+    feature = "gmsh",
+    feature = "vtk"
+))]
 
-use hemicube_scene::{Error, ReadOptions, Scene, ac3d, gltf, obj};
+use hemicube_scene::{Error, ReadOptions, Scene, ac3d, gltf, gmsh, obj, vtk};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -92,6 +98,16 @@ fn gltf_corpus() {
 #[test]
 fn ac3d_corpus() {
     replay_corpus("ac3d", ac3d::read, [20, 10, 36]);
+}
+
+#[test]
+fn gmsh_corpus() {
+    replay_corpus("gmsh", gmsh::read, [15, 11, 26]);
+}
+
+#[test]
+fn vtk_corpus() {
+    replay_corpus("vtk", vtk::read, [8, 20, 28]);
 }
 
 #[test]

@@ -1,0 +1,342 @@
+//! Meshes: the same room from every format, files of the programs' own writers, and what damaged files cost.
+
+#![cfg(all(feature = "obj", feature = "gmsh", feature = "vtk"))]
+
+use glam::DVec3;
+use hemicube_scene::{Error, ReadOptions, Scene, gmsh, load, vtk};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+type Read = fn(&[u8], Option<&Path>, ReadOptions) -> Result<Scene, Error>;
+
+/// Counts the bytes that are allocated, and the most at one time.
+struct Counting;
+
+static NOW: AtomicUsize = AtomicUsize::new(0);
+static MOST: AtomicUsize = AtomicUsize::new(0);
+/// Tests of this file run one at a time: the counts are of the process.
+static ALONE: Mutex<()> = Mutex::new(());
+
+fn grown(size: usize) {
+    let now = NOW.fetch_add(size, Ordering::Relaxed) + size;
+    MOST.fetch_max(now, Ordering::Relaxed);
+}
+
+// SAFETY: every call is passed on to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        grown(layout.size());
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        NOW.fetch_sub(layout.size(), Ordering::Relaxed);
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn file(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/meshes").join(name)
+}
+
+fn corpus(reader: &str) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(reader);
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    files.sort();
+    files
+}
+
+fn open(path: &Path) -> Scene {
+    load(path, ReadOptions::default()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn corners(scene: &Scene) -> Vec<[DVec3; 3]> {
+    scene.triangles.iter().map(|t| t.corners).collect()
+}
+
+fn objects(scene: &Scene) -> Vec<&str> {
+    scene
+        .triangles
+        .iter()
+        .map(|t| scene.objects[t.object as usize].as_str())
+        .collect()
+}
+
+/// The sum of the areas, and of the vector areas; the latter is 0 over a closed surface.
+fn areas(scene: &Scene) -> (f64, DVec3) {
+    let vectors = scene
+        .triangles
+        .iter()
+        .map(|t| 0.5 * (t.corners[1] - t.corners[0]).cross(t.corners[2] - t.corners[0]));
+    (vectors.clone().map(DVec3::length).sum(), vectors.sum())
+}
+
+/// The volume that a closed surface encloses; negative if it faces inwards.
+fn volume(scene: &Scene) -> f64 {
+    let of = |t: &[DVec3; 3]| t[0].dot(t[1].cross(t[2])) / 6.0;
+    corners(scene).iter().map(of).sum()
+}
+
+/// The room of `room.obj`, written by meshio 5.3, Gmsh 4.15 and VTK 9.7, and whether with the names of objects.
+const ROOMS: &[(&str, bool)] = &[
+    ("room-22-text.msh", true),
+    ("room-22-binary.msh", true),
+    ("room-41-text.msh", true),
+    ("room-41-binary.msh", true),
+    ("meshio-room-42-binary.vtk", false),
+    ("meshio-room-42-text.vtk", false),
+    ("meshio-room-binary.vtk", false),
+    ("meshio-room-inline.vtu", false),
+    ("meshio-room-text.vtk", false),
+    ("meshio-room-text.vtu", false),
+    ("meshio-room-zlib.vtu", false),
+    ("room-appended-none.vtp", true),
+    ("room-appended-none.vtu", true),
+    ("room-appended-zlib.vtp", true),
+    ("room-appended-zlib.vtu", true),
+    ("room-ascii-none.vtp", true),
+    ("room-ascii-none.vtu", true),
+    ("room-grid-42-binary.vtk", true),
+    ("room-grid-42-text.vtk", true),
+    ("room-grid-51-binary.vtk", true),
+    ("room-grid-51-text.vtk", true),
+    ("room-inline-none-big.vtp", true),
+    ("room-inline-none-big.vtu", true),
+    ("room-inline-none.vtp", true),
+    ("room-inline-none.vtu", true),
+    ("room-inline-zlib-big.vtp", true),
+    ("room-inline-zlib-big.vtu", true),
+    ("room-inline-zlib.vtp", true),
+    ("room-inline-zlib.vtu", true),
+    ("room-polydata-42-binary.vtk", true),
+    ("room-polydata-42-text.vtk", true),
+    ("room-polydata-51-binary.vtk", true),
+    ("room-polydata-51-text.vtk", true),
+    ("room-raw-none-big.vtp", true),
+    ("room-raw-none-big.vtu", true),
+    ("room-raw-none.vtp", true),
+    ("room-raw-none.vtu", true),
+    ("room-raw-zlib.vtp", true),
+    ("room-raw-zlib.vtu", true),
+];
+
+#[test]
+fn the_same_room_comes_from_every_format() {
+    let _alone = ALONE.lock();
+    let room = open(&file("room.obj"));
+    for &(name, named) in ROOMS {
+        let brought = open(&file(name));
+        assert_eq!(corners(&brought), corners(&room), "{name}");
+        let faces = |scene: &Scene| -> Vec<u32> { scene.triangles.iter().map(|t| t.face).collect() };
+        assert_eq!(faces(&brought), faces(&room), "{name}");
+        if named {
+            assert_eq!(objects(&brought), objects(&room), "{name}");
+        }
+    }
+}
+
+#[test]
+fn surface_and_volume_elements_of_gmsh() {
+    let _alone = ALONE.lock();
+    for path in corpus("gmsh") {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if !["surface", "volume", "second-order", "reversed"]
+            .iter()
+            .any(|kind| name.contains(kind))
+        {
+            continue;
+        }
+        let scene = open(&path);
+        if name.contains("reversed") {
+            let (area, vector) = areas(&scene);
+            assert!(
+                (area - 1.0).abs() < 1e-12 && (vector + DVec3::Z).length() < 1e-12,
+                "{name}: {vector}"
+            );
+            continue;
+        }
+        let (area, vector) = areas(&scene);
+        assert!((area - 2.0 * (12.0 + 10.0 + 7.5)).abs() < 1e-9, "{name}: {area}");
+        assert!(vector.length() < 1e-9, "{name}: {vector}");
+        assert!((volume(&scene) - 30.0).abs() < 1e-9, "{name}: {}", volume(&scene));
+        let mut names = scene.objects.clone();
+        names.sort();
+        if name.contains("volume") {
+            assert_eq!(names, ["air"], "{name}");
+            assert!(scene.findings.warnings[0].contains("no surface cells"), "{name}");
+        } else {
+            assert_eq!(names, ["ceiling", "floor", "walls", "window"], "{name}");
+            let of = |object: &str| objects(&scene).iter().filter(|&&name| name == object).count();
+            assert!(of("floor") >= 2 && of("window") >= 2, "{name}");
+            let higher = scene.findings.get("element of higher order, read by its corners");
+            assert_eq!(higher > 0, name.contains("second-order"), "{name}");
+        }
+    }
+}
+
+#[test]
+fn volume_cells_and_strips_of_vtk() {
+    let _alone = ALONE.lock();
+    for extension in ["vtu", "vtk"] {
+        let name = format!("vtk/ok-solid.{extension}");
+        let scene = open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(&name));
+        // A voxel and two wedges: 2 × 1 × 1.
+        let (area, vector) = areas(&scene);
+        assert!((area - 10.0).abs() < 1e-12 && vector.length() < 1e-12, "{name}: {area}");
+        assert!((volume(&scene) - 2.0).abs() < 1e-12, "{name}: {}", volume(&scene));
+        assert_eq!(scene.objects, ["CellEntityIds 5", "CellEntityIds 6"], "{name}");
+    }
+    for extension in ["vtp", "vtk"] {
+        let name = format!("vtk/ok-strip.{extension}");
+        let scene = open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(&name));
+        let (area, vector) = areas(&scene);
+        assert!(
+            (vector.length() - area).abs() < 1e-12,
+            "{name}: all of the strip faces one way"
+        );
+        assert_eq!(objects(&scene), ["zone 2"; 3], "{name}");
+        assert!(scene.triangles.iter().all(|t| t.face == 1), "{name}: after the vertex");
+    }
+}
+
+/// Numbers that look random (Marsaglia, *Xorshift RNGs*, 2003).
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, end: usize) -> usize {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        usize::try_from(self.0 % end as u64).unwrap()
+    }
+}
+
+/// Words in place of words, for counts, indices, sizes and names.
+const WORDS: [&str; 14] = [
+    "0",
+    "-1",
+    "1",
+    "3",
+    "255",
+    "2147483647",
+    "4294967296",
+    "18446744073709551616",
+    "1e308",
+    "nan",
+    "",
+    "\n",
+    ",",
+    "\"",
+];
+
+fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    for _ in 0..1 + random.below(3) {
+        let at = random.below(bytes.len() + 1);
+        let end = (at + 1 + random.below(40)).min(bytes.len());
+        match random.below(7) {
+            0 => bytes.truncate(at),
+            1 => drop(bytes.drain(at..end)),
+            2 if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
+            3 => {
+                let copy = bytes[at..end].to_vec();
+                bytes.splice(at..at, copy);
+            }
+            // Binary counts and sizes of four bytes.
+            4 if at + 4 <= bytes.len() => {
+                let number = [0, 1, u32::MAX, 0x7fff_ffff, 0x0100_0000][random.below(5)];
+                bytes[at..at + 4].copy_from_slice(&number.to_le_bytes());
+            }
+            _ => {
+                let word = WORDS[random.below(WORDS.len())].bytes();
+                let is_word = |b: &u8| b.is_ascii_alphanumeric() || b".-+".contains(b);
+                let end = at + bytes[at..].iter().take_while(|b| is_word(b)).count();
+                bytes.splice(at..end, word);
+            }
+        }
+    }
+    bytes
+}
+
+/// Reads 10,000 mutants of files: none panics, hangs or takes more than ten times its size beside 64 KiB.
+fn mutants(extension: &str, reader: &str, read: Read) {
+    let _alone = ALONE.lock();
+    let has = |path: &PathBuf| path.extension().is_some_and(|found| found == extension);
+    let rooms = std::fs::read_dir(file("")).unwrap().map(|entry| entry.unwrap().path());
+    let seeds: Vec<(PathBuf, Vec<u8>)> = corpus(reader)
+        .into_iter()
+        .chain(rooms)
+        .filter(has)
+        .map(|path| (path.clone(), std::fs::read(&path).unwrap()))
+        .collect();
+    assert!(seeds.len() > 3, "{} seeds", seeds.len());
+    let mut random = Random(0x9E37_79B9_7F4A_7C15);
+    let mut read_count = 0;
+    for mutant in 0..10_000 {
+        let (seed, bytes) = &seeds[random.below(seeds.len())];
+        let bytes = damaged(bytes, &mut random);
+        let of = || format!("mutant {mutant} of {}", seed.display());
+        let (started, before) = (Instant::now(), NOW.load(Ordering::Relaxed));
+        MOST.store(before, Ordering::Relaxed);
+        let scene = std::panic::catch_unwind(|| read(&bytes, None, ReadOptions::default()));
+        let taken = MOST.load(Ordering::Relaxed) - before;
+        let scene = scene.unwrap_or_else(|_| panic!("{} panicked", of()));
+        assert!(
+            taken <= 10 * bytes.len() + (1 << 16),
+            "{} took {taken} bytes of {}",
+            of(),
+            bytes.len()
+        );
+        assert!(
+            started.elapsed() < Duration::from_secs(10),
+            "{} took {:?}",
+            of(),
+            started.elapsed()
+        );
+        match scene {
+            Err(error) => {
+                let text = error.to_string();
+                assert!(
+                    !text.is_empty() && !text.contains('\n') && text.len() < 400,
+                    "{}: {error}",
+                    of()
+                );
+            }
+            Ok(scene) => {
+                read_count += 1;
+                for triangle in &scene.triangles {
+                    assert!((triangle.object as usize) < scene.objects.len(), "{}", of());
+                    assert!((triangle.material as usize) < scene.materials.len(), "{}", of());
+                }
+                assert!(scene.triangles.is_sorted_by_key(|t| t.face), "{}", of());
+            }
+        }
+    }
+    assert!(
+        (300..9_700).contains(&read_count),
+        "{read_count} of 10,000 mutants were read"
+    );
+}
+
+#[test]
+fn mutants_of_gmsh() {
+    mutants("msh", "gmsh", gmsh::read);
+}
+
+#[test]
+fn mutants_of_vtk() {
+    for extension in ["vtu", "vtp", "vtk"] {
+        mutants(extension, "vtk", vtk::read);
+    }
+}
