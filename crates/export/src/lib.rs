@@ -58,5 +58,5 @@ mod write;
 
 pub use formats::{ExportFormat, Named, PatchFormat, listed};
 pub use matrix::{ExportOptions, ExportReport, export, export_with_sky};
-pub use patches::{Colors, Column, Legend, PatchResults, Values};
+pub use patches::{Colors, Column, Legend, PatchResults, Values, scale_color};
 pub use write::{Error, Result, WriteOptions, write_patches};

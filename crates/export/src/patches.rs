@@ -78,6 +78,44 @@ pub struct Legend {
     pub range: Option<[f64; 2]>,
 }
 
+/// Viridis (Smith & van der Walt 2015) at equal steps: from dark to light, and told apart by any colour vision.
+const VIRIDIS: [[u8; 3]; 9] = [
+    [68, 1, 84],
+    [71, 45, 123],
+    [59, 82, 139],
+    [44, 114, 142],
+    [33, 145, 140],
+    [40, 174, 128],
+    [94, 201, 98],
+    [173, 220, 48],
+    [253, 231, 37],
+];
+/// The colour of a patch without a value.
+const UNKNOWN: [u8; 3] = [128; 3];
+
+/// The colour of a number from 0 to 1; others have the colour of the nearer end.
+///
+/// ```
+/// use hemicube_export::scale_color;
+/// assert_eq!((scale_color(-1.0), scale_color(2.0)), ([68, 1, 84], [253, 231, 37]));
+/// let light = |value: f64| scale_color(value).iter().map(|&channel| u32::from(channel)).sum::<u32>();
+/// assert!(light(0.2) < light(0.9));
+/// ```
+pub fn scale_color(value: f64) -> [u8; 3] {
+    let place = value.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f64;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 8")]
+    let low = (place as usize).min(VIRIDIS.len() - 2);
+    let share = place - low as f64;
+    let mut color = [0; 3];
+    for (channel, out) in color.iter_mut().enumerate() {
+        let (from, to) = (f64::from(VIRIDIS[low][channel]), f64::from(VIRIDIS[low + 1][channel]));
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 255")]
+        let mixed = (from + share * (to - from)).round().clamp(0.0, 255.0) as u8;
+        *out = mixed;
+    }
+    color
+}
+
 /// A colour for each patch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Colors {
@@ -85,6 +123,36 @@ pub struct Colors {
     pub srgb: Vec<[u8; 3]>,
     /// Their meaning.
     pub legend: Legend,
+}
+
+impl Colors {
+    /// The colours of numbers on a scale, by default from the least to the greatest. NaN is grey.
+    pub fn on_scale(quantity: &str, values: &[f64], range: Option<[f64; 2]>) -> Self {
+        let known = || values.iter().copied().filter(|value| !value.is_nan());
+        let [low, high] = range.unwrap_or_else(|| {
+            let (low, high) = (
+                known().fold(f64::INFINITY, f64::min),
+                known().fold(f64::NEG_INFINITY, f64::max),
+            );
+            // Nothing is known, or one value throughout: the first colour.
+            if low <= high { [low, high] } else { [0.0, 0.0] }
+        });
+        let color = |&value: &f64| {
+            if value.is_nan() {
+                UNKNOWN
+            } else {
+                scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE))
+            }
+        };
+        Self {
+            srgb: values.iter().map(color).collect(),
+            legend: Legend {
+                quantity: quantity.to_owned(),
+                color_map: "viridis".to_owned(),
+                range: Some([low, high]),
+            },
+        }
+    }
 }
 
 /// The patch table of a matrix, ready to be written.
@@ -221,6 +289,22 @@ impl PatchResults {
     /// Number of patches.
     pub fn patch_count(&self) -> usize {
         self.patch_count
+    }
+
+    /// The labels of all columns and components.
+    pub fn labels(&self) -> Vec<String> {
+        self.columns.iter().flat_map(Column::labels).collect()
+    }
+
+    /// The numbers of a column or of a component, by its label.
+    pub fn numbers(&self, label: &str) -> Option<Vec<f64>> {
+        self.columns.iter().find_map(|column| {
+            let component = column.labels().iter().position(|found| found == label)?;
+            Some(match &column.values {
+                Values::Whole(values) | Values::Named(values, _) => values.iter().map(|&value| value.into()).collect(),
+                Values::Real(values) => values.iter().copied().skip(component).step_by(column.width()).collect(),
+            })
+        })
     }
 
     /// A column by its name.

@@ -10,7 +10,7 @@ use hemicube::backend::{Culling, RESOLUTIONS};
 use hemicube::driver::compute::{Progress, RowChoice};
 use hemicube::driver::job::{Job, Observer, Run, Sessions, Stage, StorePlace};
 use hemicube::driver::level::Asked;
-use hemicube::store::{Form, Store};
+use hemicube::store::{Form, PatchTable, Store};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use std::cell::Cell;
@@ -162,8 +162,11 @@ impl Request {
 
 /// The matrix in memory.
 fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<Matrix> {
-    let settings = serde_json::to_value(&run.settings).map_err(|error| errors::input(error.to_string()))?;
-    let form = run.plan.form;
+    let (input, patches) = (&scene.input, &scene.patches);
+    let header = run
+        .settings
+        .header(input, patches, &input.file, &run.plan, run.backend().info())
+        .map_err(|error| errors::store(&error))?;
     let mut parts = Vec::new();
     let summary = run
         .compute(&mut parts, observer)
@@ -171,8 +174,7 @@ fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<M
     if summary.cancelled {
         return Err(interrupted());
     }
-    let areas = scene.patches.iter().map(|patch| scene.patches.area(patch)).collect();
-    Matrix::in_memory(areas, parts, form, settings)
+    Matrix::in_memory(header, PatchTable::new(input, patches), parts)
 }
 
 /// The exception of a cancelled run; the one that cancelled it takes precedence.

@@ -4,10 +4,11 @@ use hemicube::driver::compute::ComputeError;
 use hemicube::driver::input::InputError;
 use hemicube::driver::job::JobError;
 use hemicube::driver::level::LevelError;
+use hemicube::driver::room::NoRoom;
 use hemicube::solve::SolveError;
 use hemicube::store::Error as StoreError;
 use hemicube_host::OpenError;
-use hemicube_scene::{Error as SceneError, ErrorKind};
+use hemicube_scene::{Error as SceneError, ErrorKind, Subdivision};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::types::PyType;
@@ -82,6 +83,11 @@ pub(crate) fn input(message: impl Into<String>) -> PyErr {
     Class::Input.raise(message.into())
 }
 
+/// Content of a file or a pickle that cannot be used.
+pub(crate) fn content(message: impl Into<String>) -> PyErr {
+    Class::Store.raise(message.into())
+}
+
 pub(crate) fn scene(error: &SceneError) -> PyErr {
     match &error.kind {
         ErrorKind::Io(source) => Class::of_io(source),
@@ -95,6 +101,17 @@ pub(crate) fn uncut(error: &InputError) -> PyErr {
         InputError::Patches(error) => scene(error),
         error => input(message(error)),
     }
+}
+
+/// More patches than there is memory for, with the keyword that fits.
+pub(crate) fn no_room(error: &NoRoom) -> PyErr {
+    let step = match error.finest {
+        Some(Subdivision::Levels(levels)) => format!("`subdivide={levels}` is the finest that surely fits"),
+        Some(Subdivision::Split(pieces)) => format!("`split={pieces}` is the finest that surely fits"),
+        Some(Subdivision::PatchSize(length)) => format!("`patch_size={length}` is the finest that surely fits"),
+        Some(Subdivision::None) | None => "cut the scene into several".to_owned(),
+    };
+    input(format!("{error}; {step}"))
 }
 
 pub(crate) fn store(error: &StoreError) -> PyErr {

@@ -12,8 +12,10 @@
 mod attended;
 mod compute;
 mod errors;
+mod export;
 mod matrix;
 mod numbers;
+mod pickle;
 mod scene;
 mod session;
 mod sky;
@@ -28,12 +30,18 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<scene::Scene>()?;
     module.add_class::<matrix::Matrix>()?;
     module.add_class::<matrix::Rows>()?;
+    module.add_class::<export::Zones>()?;
     module.add_class::<solve::Solution>()?;
     module.add_class::<sky::Sky>()?;
     module.add_function(wrap_pyfunction!(compute::compute, module)?)?;
     module.add_function(wrap_pyfunction!(matrix::open, module)?)?;
     module.add_function(wrap_pyfunction!(solve::solve, module)?)?;
+    module.add_function(wrap_pyfunction!(solve::solve_heat, module)?)?;
     module.add_function(wrap_pyfunction!(sky::sky, module)?)?;
     module.add_function(wrap_pyfunction!(sky::sky_of_points, module)?)?;
+    module.add_function(wrap_pyfunction!(pickle::matrix_at, module)?)?;
+    module.add_function(wrap_pyfunction!(pickle::matrix_of, module)?)?;
+    module.add_function(wrap_pyfunction!(scene::scene_of, module)?)?;
+    module.add_function(wrap_pyfunction!(solve::solution_of, module)?)?;
     Ok(())
 }

@@ -1,16 +1,20 @@
 //! `hemicube.Matrix`: a form-factor matrix in memory or in a store.
 
-use crate::{errors, numbers};
+use crate::attended::{Attendant, attended};
+use crate::export::{self, Asked, Zones};
+use crate::scene::{Scene, axis};
+use crate::{errors, numbers, pickle};
 use hemicube::InputPatch;
 use hemicube::solve::{Block, Factors, OutOfCore, multiply};
-use hemicube::store::{Assembly, Error as StoreError, Form, Index, Part, RowTable, Store};
+use hemicube::store::{Assembly, Error as StoreError, Header, Index, Part, PatchTable, RowTable, Store, StoreWriter};
 use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Rows in a run of a matrix in memory.
 const RUN: usize = 1024;
@@ -116,10 +120,6 @@ impl<I: Index> Factors for Slices<'_, I> {
         let end = (first + RUN).min(self.patch_count());
         let (start, stop) = (bound(first), bound(end));
         let count = |number: usize| i64::try_from(number).unwrap_or(i64::MAX);
-        let column = |&column: &I| {
-            let column: usize = column.try_into().unwrap_or(0);
-            i32::try_from(column).unwrap_or(0)
-        };
         Ok(Arc::new(Part {
             rows: (first..end).filter_map(|row| u32::try_from(row).ok()).collect(),
             indptr: (first..=end).map(|row| count(bound(row) - start)).collect(),
@@ -128,6 +128,35 @@ impl<I: Index> Factors for Slices<'_, I> {
             ..Part::default()
         }))
     }
+}
+
+impl<I: Index> Slices<'_, I> {
+    /// The part of `head`, whose entries are here.
+    fn filled(&self, head: &Part) -> Part {
+        let mut part = head.clone();
+        let bound = |row: usize| -> usize { self.indptr[row].try_into().unwrap_or(0) };
+        for &patch in &head.rows {
+            let entries = bound(patch as usize)..bound(patch as usize + 1);
+            part.data.extend_from_slice(&self.data[entries.clone()]);
+            part.indices.extend(self.indices[entries].iter().map(column));
+        }
+        part
+    }
+
+    /// Writes a store with these entries. Its bytes are those of a run with an output.
+    fn write(&self, memory: &Memory, directory: &Path) -> Result<(), StoreError> {
+        let mut writer = StoreWriter::create(directory, memory.header.clone(), &memory.patches, false)?;
+        for head in &memory.heads {
+            writer.write_part(&self.filled(head))?;
+        }
+        writer.finish().map(drop)
+    }
+}
+
+/// A column as parts have it.
+fn column<I: Index>(column: &I) -> i32 {
+    let column: usize = (*column).try_into().unwrap_or(0);
+    i32::try_from(column).unwrap_or(0)
 }
 
 /// `indptr` and `indices`, as wide as the number of entries needs: SciPy wants both alike, and copies others.
@@ -203,9 +232,29 @@ pub(crate) trait Use<T> {
 struct Memory {
     whole: CompressedRows,
     table: RowTable,
-    areas: Vec<f64>,
-    settings: Value,
+    header: Header,
+    patches: PatchTable,
+    /// The parts without their entries.
+    heads: Vec<Part>,
     expected_error: Option<f64>,
+}
+
+impl Memory {
+    /// Writes the matrix as a store.
+    fn write(&self, py: Python<'_>, directory: &Path) -> PyResult<()> {
+        match &self.whole {
+            CompressedRows::Narrow(arrays) => {
+                let view = arrays.view(py);
+                let slices = view.slices()?;
+                stored(py.detach(|| slices.write(self, directory)))
+            }
+            CompressedRows::Wide(arrays) => {
+                let view = arrays.view(py);
+                let slices = view.slices()?;
+                stored(py.detach(|| slices.write(self, directory)))
+            }
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -224,8 +273,21 @@ pub(crate) struct Matrix {
     source: Source,
 }
 
-fn stored<T>(result: Result<T, StoreError>) -> PyResult<T> {
+pub(crate) fn stored<T>(result: Result<T, StoreError>) -> PyResult<T> {
     result.map_err(|error| errors::store(&error))
+}
+
+/// A folder below `folder`, or below the system's for temporary files, removed when it is dropped.
+pub(crate) fn temporary(folder: Option<&Path>) -> PyResult<tempfile::TempDir> {
+    let made = match folder {
+        Some(folder) => tempfile::TempDir::with_prefix_in(".hemicube-", folder),
+        None => tempfile::TempDir::with_prefix("hemicube-"),
+    };
+    made.map_err(|source| {
+        let path = folder.map_or_else(std::env::temp_dir, Path::to_owned);
+        let action = "written to";
+        errors::store(&StoreError::Io { path, action, source })
+    })
 }
 
 /// Relative Frobenius error by the rows' expected errors; `None` where no row has one.
@@ -250,37 +312,101 @@ impl Matrix {
         }
     }
 
-    /// The matrix of finished parts. Each part is dropped when its rows are in their places.
-    pub(crate) fn in_memory(areas: Vec<f64>, parts: Vec<Part>, form: Form, settings: Value) -> PyResult<Self> {
-        let mut table = RowTable::unknown(areas.len());
-        let mut entries = vec![0; areas.len()];
+    /// The matrix of finished parts. Their entries are dropped when they are in their places.
+    pub(crate) fn in_memory(header: Header, patches: PatchTable, mut parts: Vec<Part>) -> PyResult<Self> {
+        let mut table = RowTable::unknown(patches.len());
+        let mut entries = vec![0; patches.len()];
         let mut norm = 0.0;
         for part in &parts {
-            table.add(part, form);
+            table.add(part, header.form);
             norm += squared_norm(part);
             for (row, &patch) in part.rows.iter().enumerate() {
                 entries[patch as usize] = part.row(row).0.len() as u64;
             }
         }
         let mut whole = Assembled::new(&entries)?;
-        for part in parts {
-            whole.place(&part)?;
+        for part in &mut parts {
+            whole.place(part)?;
+            (part.indices, part.data) = (Vec::new(), Vec::new());
         }
         let memory = Memory {
             whole: Python::attach(|py| whole.into_arrays(py)),
             expected_error: relative(&table.error, norm),
             table,
-            areas,
-            settings,
+            header,
+            patches,
+            heads: parts,
         };
         Ok(Self {
             source: Source::Memory(Box::new(memory)),
         })
     }
 
+    /// The matrix of a complete store, in memory.
+    pub(crate) fn read(store: &Store) -> PyResult<Self> {
+        stored(store.require_complete())?;
+        let manifest = store.manifest().clone();
+        let places = 0..manifest.parts.len();
+        let parts = places.filter_map(|place| stored(store.part(place)).transpose());
+        let parts = parts.collect::<PyResult<Vec<Part>>>()?;
+        let header = Header {
+            program: manifest.program,
+            scene: manifest.scene,
+            settings: manifest.settings,
+            correction: manifest.correction,
+            patch_count: manifest.patch_count,
+            row_count: manifest.row_count,
+            rows_per_part: manifest.rows_per_part,
+            form: manifest.form,
+            min_factor: manifest.min_factor,
+            backend: manifest.backend,
+            objects: manifest.objects,
+            materials: manifest.materials,
+        };
+        Self::in_memory(header, stored(store.patches())?, parts)
+    }
+
+    /// The store of the matrix, if it has one.
+    pub(crate) fn store(&self) -> Option<&Store> {
+        match &self.source {
+            Source::Memory(_) => None,
+            Source::Store(store) => Some(store),
+        }
+    }
+
+    /// Writes a matrix in memory as a store; nothing for one that is in a store.
+    pub(crate) fn write(&self, py: Python<'_>, directory: &Path) -> PyResult<()> {
+        match &self.source {
+            Source::Memory(memory) => memory.write(py, directory),
+            Source::Store(_) => Ok(()),
+        }
+    }
+
+    /// Runs `work` on the store of the matrix, without the interpreter's lock. Of a matrix in memory, a store below
+    /// `folder` (by default the system's for temporary files) is written first and removed afterwards.
+    pub(crate) fn with_store<T: Send>(
+        &self,
+        py: Python<'_>,
+        folder: Option<&Path>,
+        work: impl FnOnce(&Store, &AtomicBool) -> PyResult<T> + Send,
+    ) -> PyResult<T> {
+        let attend = |store: &Store| {
+            attended(py, None, |attendant: Attendant<'_, (u64,)>| {
+                work(store, attendant.cancel())
+            })?
+        };
+        if let Some(store) = self.store() {
+            return attend(store);
+        }
+        let temporary = temporary(folder)?;
+        let directory = temporary.path().join("matrix.hemicube");
+        self.write(py, &directory)?;
+        attend(&stored(Store::open(&directory))?)
+    }
+
     pub(crate) fn patch_count(&self) -> usize {
         match &self.source {
-            Source::Memory(memory) => memory.areas.len(),
+            Source::Memory(memory) => memory.patches.len(),
             Source::Store(store) => store.patch_count() as usize,
         }
     }
@@ -294,7 +420,7 @@ impl Matrix {
 
     pub(crate) fn area(&self) -> PyResult<Vec<f64>> {
         match &self.source {
-            Source::Memory(memory) => Ok(memory.areas.clone()),
+            Source::Memory(memory) => Ok(memory.patches.area.clone()),
             Source::Store(store) => Ok(stored(store.patches())?.area),
         }
     }
@@ -447,7 +573,7 @@ impl Matrix {
         python(
             py,
             match &self.source {
-                Source::Memory(memory) => &memory.settings,
+                Source::Memory(memory) => &memory.header.settings,
                 Source::Store(store) => &store.manifest().settings,
             },
         )
@@ -594,6 +720,50 @@ impl Matrix {
         let x = Block::from_fn(values.len(), 1, |patch, _| values[patch]);
         let product = self.lend(py, 0, Product { py, x, threads })?;
         Ok(PyArray1::from_vec(py, product))
+    }
+
+    /// Writes the matrix, or what is known of its patches, to a file, whose extension names its format: `.npz`, `.mtx`,
+    /// `.txt`, `.npy` or `.parquet` for the matrix; `.vtp`, `.vtu`, `.glb`, `.ply` or `.csv` for the patches, `.npz` with
+    /// `patches=True`. Returns the file's size in bytes.
+    ///
+    /// `values` are more results of the patches, by name: (n,) numbers each, such as radiosities. Formats with the shape
+    /// of the patches need the `scene`; `.glb` and `.ply` are coloured by the result `show`, by default the last of
+    /// `values`, or the number of patches in sight. `up` is for `.glb`, by default the scene's.
+    #[pyo3(signature = (path, *, patches=false, scene=None, values=None, show=None, up=None, overwrite=false))]
+    #[allow(clippy::too_many_arguments, reason = "keywords")]
+    fn export(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        patches: bool,
+        scene: Option<&Bound<'_, Scene>>,
+        values: Option<&Bound<'_, PyDict>>,
+        show: Option<String>,
+        up: Option<&str>,
+        overwrite: bool,
+    ) -> PyResult<u64> {
+        let asked = Asked {
+            patches,
+            scene: scene.map(|scene| scene.get()),
+            values: values
+                .map(|values| export::values(values, self.patch_count()))
+                .transpose()?,
+            show,
+            up: up.map(axis).transpose()?,
+            overwrite,
+        };
+        export::export(py, self, &path, asked)
+    }
+
+    /// Form factors between zones: rows and columns added up by 'object', 'material' or 'face'.
+    #[pyo3(signature = (by="object"))]
+    fn zones(&self, py: Python<'_>, by: &str) -> PyResult<Zones> {
+        Zones::of(py, self, by)
+    }
+
+    /// Pickles a matrix in a store as its path, one in memory as the bytes of a store.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<pickle::Reduced<'py>> {
+        pickle::matrix(slf.py(), slf.get())
     }
 
     fn __matmul__<'py>(&self, py: Python<'py>, x: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<f64>>> {

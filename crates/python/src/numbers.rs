@@ -61,9 +61,14 @@ pub(crate) fn points(given: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<[f64;
     rows(array(given, what, "fiu", "numbers", "float64")?, what)
 }
 
+/// `N` indices or ids a row.
+pub(crate) fn rows_of_ids<const N: usize>(given: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<[i64; N]>> {
+    rows(array(given, what, "iu", "integers", "int64")?, what)
+}
+
 /// Three indices a row.
 pub(crate) fn triples(given: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<[i64; 3]>> {
-    rows(array(given, what, "iu", "integers", "int64")?, what)
+    rows_of_ids(given, what)
 }
 
 /// An id a row.

@@ -1,16 +1,19 @@
 //! Scenes: triangles from arrays or a file, cut into patches and made ready for hemicubes.
 
+use crate::pickle::{Reduced, maker};
 use crate::{errors, numbers};
 use glam::DVec3;
 use hemicube::driver::input::{SceneInput, SceneSettings};
+use hemicube::driver::room::{self, Work};
+use hemicube::driver::settings::axis_name;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
-use hemicube_scene::repair::RepairReport;
+use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
 use hemicube_scene::{Axis, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
-use pyo3::types::PyType;
+use pyo3::types::{PyDict, PyType};
 use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -114,6 +117,15 @@ impl Scene {
         }
         if let Some(dropped) = dropped(&repaired) {
             warn(py, &dropped)?;
+        }
+        Self::cut(py, input)
+    }
+
+    /// The patches of repaired triangles.
+    fn cut(py: Python<'_>, input: SceneInput) -> PyResult<Self> {
+        let (cut, room) = (input.settings.subdivision, room::free_memory().unwrap_or(u64::MAX));
+        if Patches::count(&input, cut) <= u64::from(hemicube::store::PATCH_COUNT_MAX) {
+            room::require(&input, cut, Work::Fractions, room).map_err(|error| errors::no_room(&error))?;
         }
         let model = py
             .detach(|| input.model(HierarchyOptions::default()))
@@ -418,9 +430,143 @@ impl Scene {
             .collect()
     }
 
+    /// Pickles the repaired triangles and the settings; patches are cut from them again.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
+        let (py, input) = (slf.py(), &slf.get().input);
+        let (triangles, settings) = (&input.scene.triangles, &input.settings);
+        let corners = triangles.iter().flat_map(|triangle| triangle.corners);
+        let corners: Vec<f64> = corners.flat_map(|corner| corner.to_array()).collect();
+        let of = |triangle: &Triangle| {
+            [
+                triangle.object,
+                triangle.material,
+                triangle.face,
+                u32::from(triangle.two_sided),
+            ]
+        };
+        let ids: Vec<i64> = triangles.iter().flat_map(of).map(i64::from).collect();
+        let (subdivide, split, patch_size) = match settings.subdivision {
+            Subdivision::None => (None, None, None),
+            Subdivision::Levels(levels) => (Some(levels), None, None),
+            Subdivision::Split(pieces) => (None, Some(pieces), None),
+            Subdivision::PatchSize(length) => (None, None, Some(length)),
+        };
+        let state = PyDict::new(py);
+        state.set_item(
+            "corners",
+            PyArray1::from_vec(py, corners).reshape([3 * triangles.len(), 3])?,
+        )?;
+        state.set_item("ids", PyArray1::from_vec(py, ids).reshape([triangles.len(), 4])?)?;
+        state.set_item("objects", slf.get().objects())?;
+        state.set_item("materials", slf.get().materials())?;
+        state.set_item("file", &input.file)?;
+        state.set_item("triangles_read", input.triangles_read)?;
+        state.set_item("scale", settings.scale)?;
+        state.set_item("two_sided", settings.two_sided)?;
+        state.set_item("flip", settings.flip.clone())?;
+        state.set_item("asked_up", settings.up.map(axis_name))?;
+        state.set_item("up", input.up_name())?;
+        state.set_item("keep_duplicates", settings.keep_duplicates)?;
+        state.set_item("subdivide", subdivide)?;
+        state.set_item("split", split)?;
+        state.set_item("patch_size", patch_size)?;
+        Ok((maker(py, "_scene_of")?, (state,).into_pyobject(py)?))
+    }
+
     /// The axis that points up: 'x', 'y', 'z', or None if unknown.
     #[getter]
     fn up(&self) -> Option<&'static str> {
         self.input.up_name()
     }
+}
+
+/// The state of a pickled scene.
+#[derive(Debug, FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct State<'py> {
+    corners: Bound<'py, PyAny>,
+    ids: Bound<'py, PyAny>,
+    objects: Vec<String>,
+    materials: Vec<String>,
+    file: PathBuf,
+    triangles_read: u64,
+    scale: f64,
+    two_sided: Option<bool>,
+    flip: Vec<String>,
+    asked_up: Option<String>,
+    up: Option<String>,
+    keep_duplicates: bool,
+    subdivide: Option<u32>,
+    split: Option<u32>,
+    patch_size: Option<f64>,
+}
+
+/// The scene of a pickle. Its triangles are repaired, flipped and scaled, and pass through the repair once more: it
+/// drops nothing of what it has passed.
+#[pyfunction]
+#[pyo3(name = "_scene_of", signature = (state))]
+pub(crate) fn scene_of(py: Python<'_>, state: State<'_>) -> PyResult<Scene> {
+    let keywords = Keywords {
+        up: state.asked_up.as_deref(),
+        flip: Some(state.flip),
+        subdivide: state.subdivide,
+        split: state.split,
+        patch_size: state.patch_size,
+        keep_duplicates: state.keep_duplicates,
+    };
+    let settings = SceneSettings {
+        scale: state.scale,
+        two_sided: state.two_sided,
+        ..keywords.settings()?
+    };
+    let corners = numbers::points(&state.corners, "corners")?;
+    let ids = numbers::rows_of_ids::<4>(&state.ids, "ids")?;
+    let (corners, rest) = corners.as_chunks::<3>();
+    if corners.len() != ids.len() || !rest.is_empty() {
+        return Err(errors::content(format!(
+            "a pickled scene has {} corners of {} triangles",
+            3 * corners.len() + rest.len(),
+            ids.len()
+        )));
+    }
+    let id = |given: i64, less_than: usize| match u32::try_from(given) {
+        Ok(id) if (id as usize) < less_than => Ok(id),
+        _ => Err(errors::content(format!(
+            "a pickled scene has the id {given}, of {less_than}"
+        ))),
+    };
+    let triangle = |(corners, &[object, material, face, two_sided]): (&[[f64; 3]; 3], &[i64; 4])| {
+        Ok(Triangle {
+            corners: corners.map(DVec3::from_array),
+            object: id(object, state.objects.len())?,
+            material: id(material, state.materials.len())?,
+            face: id(face, u32::MAX as usize)?,
+            two_sided: two_sided != 0,
+        })
+    };
+    let triangles = corners.iter().zip(&ids).map(triangle).collect::<PyResult<Vec<_>>>()?;
+    let material = |name| Material {
+        name,
+        ..Material::default()
+    };
+    let mut scene = Triangles {
+        triangles,
+        objects: state.objects,
+        materials: state.materials.into_iter().map(material).collect(),
+        up: state.up.as_deref().map(axis).transpose()?,
+        ..Triangles::default()
+    };
+    let keep_duplicates = settings.keep_duplicates;
+    let repaired = py.detach(|| repair(&mut scene, RepairOptions { keep_duplicates }));
+    if scene.triangles.is_empty() {
+        return Err(errors::content("a pickled scene has no triangle that can be used"));
+    }
+    let input = SceneInput {
+        scene,
+        file: state.file,
+        settings,
+        triangles_read: state.triangles_read,
+        repaired,
+    };
+    Scene::cut(py, input)
 }

@@ -174,9 +174,8 @@ impl Request {
         })?;
         let up = match up {
             Some(name) => axis(name)?,
-            None => scene
-                .input
-                .up
+            None => hemicube_scene::up::up(&scene.input)
+                .known()
                 .ok_or_else(|| errors::input("the scene does not say which axis points up; `up=\"z\"` does"))?,
         };
         if let Some(wrong) = tolerance.filter(|tolerance| !(1e-5..=0.5).contains(tolerance)) {

@@ -1,15 +1,17 @@
 //! `hemicube.solve`: light and heat from a matrix.
 
 use crate::attended::{Attendant, attended};
-use crate::matrix::{Matrix, Use, python};
+use crate::matrix::{Matrix, Use};
+use crate::pickle::{Reduced, maker};
 use crate::{errors, numbers};
 use hemicube::solve::{
-    Block, EnergyBalance, Factors, Method, Problem, Solution as Solved, SolveOptions, energy_balance,
+    Block, EnergyBalance, Factors, Method, Problem, STEFAN_BOLTZMANN, Solution as Solved, SolveOptions, energy_balance,
     solve as solve_for,
 };
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeWarning;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// Products with the matrix, and the residual then.
 type Steps = (u32, f64);
@@ -19,8 +21,33 @@ type Steps = (u32, f64);
 #[derive(Debug)]
 pub(crate) struct Solution {
     solved: Solved,
-    balance: Vec<EnergyBalance>,
+    balance: Vec<Terms>,
+    /// Of heat: the temperatures, patch by patch.
+    temperature: Option<Vec<f64>>,
     is_block: bool,
+}
+
+/// The terms of a power balance by their names.
+type Terms = Vec<(String, f64)>;
+
+/// The terms of balances, in their order.
+fn terms(balances: &[EnergyBalance]) -> Vec<Terms> {
+    let of = |b: &EnergyBalance| {
+        let terms = [
+            ("emitted", b.emitted),
+            ("from_outside", b.from_outside),
+            ("absorbed", b.absorbed),
+            ("escaped", b.escaped),
+            ("blocked", b.blocked),
+            ("unselected", b.unselected),
+            ("closure", b.closure),
+            ("returned", b.returned),
+            ("reciprocity", b.reciprocity),
+            ("residual", b.residual),
+        ];
+        terms.map(|(name, power)| (name.to_owned(), power)).to_vec()
+    };
+    balances.iter().map(of).collect()
 }
 
 fn array<'py>(py: Python<'py>, block: &Block, is_block: bool) -> PyResult<Bound<'py, PyAny>> {
@@ -66,9 +93,58 @@ impl Solution {
     /// The power balance of each right-hand side: a dict each. emitted + from_outside = absorbed + escaped + blocked +
     /// unselected + closure + reciprocity + residual.
     #[getter]
-    fn balance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let value = serde_json::to_value(&self.balance).map_err(|error| errors::input(error.to_string()))?;
-        python(py, &value)
+    fn balance<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let dict = |terms: &Terms| {
+            let dict = PyDict::new(py);
+            for (name, power) in terms {
+                dict.set_item(name, power)?;
+            }
+            Ok(dict)
+        };
+        self.balance.iter().map(dict).collect()
+    }
+
+    /// B − G, the net flux of each patch: of heat in W/m², positive where the patch gives off more than it receives.
+    #[getter]
+    fn flux<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let (sent, received) = (&self.solved.radiosity, &self.solved.irradiance);
+        let flux = Block::from_fn(sent.patches(), sent.columns(), |patch, side| {
+            sent.of(patch)[side] - received.of(patch)[side]
+        });
+        array(py, &flux, self.is_block)
+    }
+
+    /// The temperature of each patch in kelvin, of heat; None for light.
+    #[getter]
+    fn temperature<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let of = |values: &Vec<f64>| {
+            let columns = self.solved.radiosity.columns();
+            let block = Block::from_fn(self.solved.radiosity.patches(), columns, |patch, side| {
+                values[patch * columns + side]
+            });
+            array(py, &block, self.is_block)
+        };
+        self.temperature.as_ref().map(of).transpose()
+    }
+
+    /// Pickles the arrays and numbers.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
+        let (py, solution) = (slf.py(), slf.get());
+        let solved = &solution.solved;
+        let arguments = (
+            array(py, &solved.radiosity, true)?,
+            array(py, &solved.irradiance, true)?,
+            solved.residuals.clone(),
+            solved.iterations,
+            solved.converged,
+            solution.balance.clone(),
+            solution
+                .temperature
+                .clone()
+                .map(|values| PyArray1::from_vec(py, values)),
+            solution.is_block,
+        );
+        Ok((maker(py, "_solution_of")?, arguments.into_pyobject(py)?))
     }
 
     fn __repr__(&self) -> String {
@@ -163,6 +239,18 @@ pub(crate) fn solve(
         outside: outside.as_ref().map(|(values, columns, _)| block(values, *columns)),
         returned: Some(matrix.table()?.returned()),
     };
+    let options = options(method, restart, tolerance, max_iterations, threads)?;
+    let manner = Manner {
+        options,
+        memory,
+        progress,
+        is_block,
+    };
+    solution(py, matrix, &problem, manner)
+}
+
+/// The options of solving, looked at.
+fn options(method: &str, restart: u32, tolerance: f64, max_iterations: u32, threads: usize) -> PyResult<SolveOptions> {
     if !(1e-14..1.0).contains(&tolerance) {
         return Err(errors::input(format!(
             "`tolerance` is {tolerance}; a number from 1e-14 up to 1 is needed"
@@ -173,7 +261,7 @@ pub(crate) fn solve(
             "`restart` is {restart} and `max_iterations` {max_iterations}; 1 to 200, and 1 or more, are needed"
         )));
     }
-    let options = SolveOptions {
+    Ok(SolveOptions {
         method: match method {
             "gmres" => Method::Gmres { restart },
             "gauss-seidel" => Method::GaussSeidel,
@@ -187,15 +275,28 @@ pub(crate) fn solve(
         tolerance,
         max_iterations,
         threads,
-    };
+    })
+}
+
+/// How much memory solving has, and who is told.
+#[derive(Clone, Copy)]
+struct Manner<'a, 'py> {
+    options: SolveOptions,
+    memory: u64,
+    progress: Option<&'a Bound<'py, PyAny>>,
+    is_block: bool,
+}
+
+/// Solves a problem, and warns where it did not converge.
+fn solution<'py>(py: Python<'py>, matrix: &Matrix, problem: &Problem, manner: Manner<'_, 'py>) -> PyResult<Solution> {
     let solved = matrix.lend(
         py,
-        memory / 2,
+        manner.memory / 2,
         Solving {
             py,
-            problem: &problem,
-            options,
-            progress,
+            problem,
+            options: manner.options,
+            progress: manner.progress,
         },
     )?;
     if !solved.converged {
@@ -207,10 +308,153 @@ pub(crate) fn solve(
             1,
         )?;
     }
-    let balance = energy_balance(&problem, &solved, &matrix.area()?, &matrix.table()?);
+    let balance = energy_balance(problem, &solved, &matrix.area()?, &matrix.table()?);
+    Ok(Solution {
+        solved,
+        balance: terms(&balance),
+        temperature: None,
+        is_block: manner.is_block,
+    })
+}
+
+/// Heat between grey, diffuse surfaces, as the program's `solve --thermal`: radiosity B, irradiance G, `flux` B − G in
+/// W/m² and `temperature` in kelvin.
+///
+/// `emissivity` is a number or (n,), from 0 to 1; `temperature` in kelvin a number, (n,), or (n, k) for k right-hand
+/// sides at once. NaN is an adiabatic patch: it sends what it receives, whatever its emissivity, and its temperature is
+/// found. What leaves the scene goes to, and comes from, surroundings at `ambient` kelvin; 0 is cold space. The other
+/// keywords are those of `solve`.
+#[pyfunction]
+#[pyo3(signature = (
+    matrix, emissivity, temperature, *, ambient=0.0, method="gmres", restart=20, tolerance=1e-6, max_iterations=500,
+    memory=1_000_000_000, threads=0, progress=None
+))]
+#[allow(clippy::too_many_arguments, reason = "keywords")]
+pub(crate) fn solve_heat(
+    py: Python<'_>,
+    matrix: &Bound<'_, Matrix>,
+    emissivity: &Bound<'_, PyAny>,
+    temperature: &Bound<'_, PyAny>,
+    ambient: f64,
+    method: &str,
+    restart: u32,
+    tolerance: f64,
+    max_iterations: u32,
+    memory: u64,
+    threads: usize,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Solution> {
+    let matrix = matrix.get();
+    let count = matrix.patch_count();
+    let emissivity = match emissivity.extract::<f64>() {
+        Ok(number) => vec![number; count],
+        Err(_) => numbers::vector(emissivity, "emissivity", count)?,
+    };
+    let (kelvin, columns, is_block) = numbers::columns(temperature, "temperature", count)?;
+    if let Some(wrong) = emissivity.iter().find(|value| !(0.0..=1.0).contains(*value)) {
+        return Err(errors::input(format!("an emissivity is {wrong}; it is from 0 to 1")));
+    }
+    let is_wrong = |kelvin: &&f64| !kelvin.is_nan() && !(0.0..=KELVIN_MAX).contains(*kelvin);
+    if let Some(wrong) = kelvin.iter().chain([&ambient]).find(is_wrong) {
+        return Err(errors::input(format!(
+            "a temperature is {wrong}; it is in kelvin, from 0 on, or NaN for an adiabatic patch"
+        )));
+    }
+    if ambient.is_nan() {
+        return Err(errors::input("`ambient` is NaN; a temperature in kelvin is needed"));
+    }
+    let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
+    let of = |patch: usize, side: usize| kelvin[patch * columns + side];
+    let table = matrix.table()?;
+    let escaped = |patch: usize| Some(table.escaped[patch]).filter(|share| !share.is_nan());
+    let problem = Problem {
+        // Patches adiabatic at some right-hand sides only have a reflectance a side.
+        reflectance: Block::from_fn(count, columns, |patch, side| {
+            if of(patch, side).is_nan() {
+                1.0
+            } else {
+                1.0 - emissivity[patch]
+            }
+        }),
+        bands: (0..columns).collect(),
+        emission: Block::from_fn(count, columns, |patch, side| {
+            if of(patch, side).is_nan() {
+                0.0
+            } else {
+                emissivity[patch] * black(of(patch, side))
+            }
+        }),
+        outside: (ambient > 0.0).then(|| {
+            Block::from_fn(count, columns, |patch, _| {
+                escaped(patch).map_or(0.0, |share| share * black(ambient))
+            })
+        }),
+        returned: Some(table.returned()),
+    };
+    let manner = Manner {
+        options: options(method, restart, tolerance, max_iterations, threads)?,
+        memory,
+        progress,
+        is_block,
+    };
+    let mut found = solution(py, matrix, &problem, manner)?;
+    let radiosity = found.solved.radiosity.values();
+    // An adiabatic patch sends as much as a black one of its temperature.
+    let settled = |(&kelvin, &sent): (&f64, &f64)| match kelvin.is_nan() {
+        true => (sent / STEFAN_BOLTZMANN).max(0.0).powf(0.25),
+        false => kelvin,
+    };
+    found.temperature = Some(kelvin.iter().zip(radiosity).map(settled).collect());
+    Ok(found)
+}
+
+/// Hotter than any furnace: a unit mistaken, or a typing error.
+const KELVIN_MAX: f64 = 1e6;
+
+/// The solution of a pickle.
+#[pyfunction]
+#[pyo3(name = "_solution_of", signature = (
+    radiosity, irradiance, residuals, iterations, converged, balance, temperature, is_block
+))]
+#[allow(clippy::too_many_arguments, reason = "the state of a solution")]
+pub(crate) fn solution_of(
+    radiosity: &Bound<'_, PyAny>,
+    irradiance: &Bound<'_, PyAny>,
+    residuals: Vec<f64>,
+    iterations: u32,
+    converged: bool,
+    balance: Vec<Terms>,
+    temperature: Option<&Bound<'_, PyAny>>,
+    is_block: bool,
+) -> PyResult<Solution> {
+    let patches = radiosity.len()?;
+    let block = |given: &Bound<'_, PyAny>, what| {
+        let (values, columns, _) = numbers::columns(given, what, patches)?;
+        let block = Block::from_fn(patches, columns, |patch, side| values[patch * columns + side]);
+        Ok::<_, PyErr>(block)
+    };
+    let (radiosity, irradiance) = (block(radiosity, "radiosity")?, block(irradiance, "irradiance")?);
+    let sides = radiosity.columns();
+    let temperature = temperature
+        .map(|given| numbers::vector(given, "temperature", patches * sides))
+        .transpose()?;
+    if irradiance.columns() != sides || residuals.len() != sides || balance.len() != sides || (sides != 1 && !is_block)
+    {
+        return Err(errors::content(format!(
+            "a pickled solution of {sides} right-hand sides has arrays of others"
+        )));
+    }
+    let solved = Solved {
+        radiosity,
+        irradiance,
+        residuals,
+        iterations,
+        converged,
+    };
     Ok(Solution {
         solved,
         balance,
+        temperature,
         is_block,
     })
 }

@@ -92,6 +92,12 @@ def test_what_is_no_scene_is_refused_by_name(arguments: dict[str, object], messa
     assert isinstance(caught.value, hemicube.InputError)
 
 
+@pytest.mark.parametrize("cut", [{"subdivide": 15}, {"split": 20_000}, {"patch_size": 1e-4}])
+def test_more_patches_than_there_is_memory_for_are_refused_at_once(cut: dict[str, object]) -> None:
+    with pytest.raises(hemicube.InputError, match=f"patches .* of memory.*`{next(iter(cut))}=.* surely fits"):
+        hemicube.Scene(VERTICES, TRIANGLES[:1], **cut)  # type: ignore[arg-type]
+
+
 def test_files_that_are_not_there_or_no_scene(tmp_path: pathlib.Path) -> None:
     with pytest.raises(FileNotFoundError, match="nowhere.obj") as caught:
         hemicube.Scene.load(tmp_path / "nowhere.obj")

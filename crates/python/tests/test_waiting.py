@@ -111,8 +111,8 @@ def test_an_interrupt_ends_it_soon_and_keeps_what_is_done(when: str, tmp_path: p
     command = [sys.executable, "-c", INTERRUPTED, when, str(tmp_path / "store")]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert ended.returncode == 0, ended.stderr
-    # A part is finished first; it has at most 1024 rows of 30,000.
-    assert float(ended.stdout) < 30
+    # Half a second for the part under way, and what a loaded machine adds to it.
+    assert float(ended.stdout) < 5
     if when != "rows":
         return
     matrix = hemicube.open(tmp_path / "store")

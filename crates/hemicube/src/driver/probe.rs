@@ -5,6 +5,7 @@ use crate::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
 use crate::driver::compute::{ComputeError, Plan, load};
 use crate::row::RowBlock;
 use hemicube_scene::InputPatch;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Hemicubes that measure culling.
 const CULLING_PROBES: usize = 16;
@@ -27,7 +28,7 @@ const CULLING_PAYS_BELOW: f64 = 0.97;
 /// # let model = room::model()?;
 /// # let (plan, settings) = (room::plan(&model, Correction::Pixel), room::RENDER);
 ///
-/// let probe = Probe::render(&model, &plan, settings, &mut CpuBackend::new())?;
+/// let probe = Probe::render(&model, &plan, settings, &mut CpuBackend::new(), None)?;
 /// let forecast = probe.entries_per_row * plan.rows.len() as f64;
 /// let entries: usize = room::parts(&model, Correction::Pixel)?.iter().map(|part| part.data.len()).sum();
 /// assert!((forecast / entries as f64 - 1.0).abs() < 0.2, "{forecast} forecast, {entries} computed");
@@ -48,12 +49,13 @@ impl Probe {
     /// the plan's correction.
     ///
     /// # Errors
-    /// When the backend fails.
+    /// When the backend fails, and [`ComputeError::Cancelled`] when `cancel` becomes true.
     pub fn render(
         model: &Model,
         plan: &Plan,
         settings: RenderSettings,
         backend: &mut dyn HemicubeBackend,
+        cancel: Option<&AtomicBool>,
     ) -> Result<Self, ComputeError> {
         let probes: Vec<InputPatch> = (0..CULLING_PROBES)
             .filter_map(|probe| plan.rows.get(probe * plan.rows.len() / CULLING_PROBES).copied())
@@ -76,7 +78,13 @@ impl Probe {
             .filter_map(|probe| plan.rows.get((2 * probe + 1) * plan.rows.len() / (2 * count)))
             .flat_map(|&patch| model.hemicubes(patch, 1, plan.rotate))
             .collect();
-        let seen = counters.hemicubes + backend.rows(&more, &mut block).map_err(failed)?.hemicubes;
+        let mut seen = counters.hemicubes;
+        for batch in more.chunks(backend.info().preferred_rows.max(1)) {
+            if cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
+                return Err(ComputeError::Cancelled);
+            }
+            seen += backend.rows(batch, &mut block).map_err(failed)?.hemicubes;
+        }
         Ok(Self {
             hemicubes: counters.hemicubes,
             left: share_left(&counters, model.geometry().surfaces.len()),

@@ -24,12 +24,14 @@ from hemicube._native import (
     Scene,
     Sky,
     Solution,
+    Zones,
     __version__,
     compute,
     open,
     sky,
     sky_of_points,
     solve,
+    solve_heat,
 )
 
 __all__ = [
@@ -45,10 +47,12 @@ __all__ = [
     "Sky",
     "Solution",
     "StoreError",
+    "Zones",
     "__version__",
     "compute",
     "open",
     "sky",
     "sky_of_points",
     "solve",
+    "solve_heat",
 ]

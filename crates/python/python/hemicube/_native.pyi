@@ -72,6 +72,7 @@ class Scene:
     def materials(self) -> list[str]: ...
     @property
     def up(self) -> _Axis | None: ...
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
 
 @final
 class Matrix:
@@ -111,6 +112,38 @@ class Matrix:
     def __iter__(self) -> Rows: ...
     def multiply(self, x: ArrayLike, *, threads: int = 0) -> _Floats: ...
     def __matmul__(self, x: ArrayLike, /) -> _Floats: ...
+    def export(
+        self,
+        path: _Path,
+        *,
+        patches: bool = False,
+        scene: Scene | None = None,
+        values: dict[str, ArrayLike] | None = None,
+        show: str | None = None,
+        up: _Axis | None = None,
+        overwrite: bool = False,
+    ) -> int: ...
+    def zones(self, by: Literal["object", "material", "face"] = "object") -> Zones: ...
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
+
+@final
+class Zones:
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def areas(self) -> _Floats: ...
+    @property
+    def patches(self) -> NDArray[np.uint32]: ...
+    @property
+    def escaped(self) -> _Floats: ...
+    @property
+    def blocked(self) -> _Floats: ...
+    @property
+    def unselected(self) -> _Floats: ...
+    @property
+    def factors(self) -> _Floats: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, key: tuple[str, str], /) -> float: ...
 
 @final
 class Rows(Iterator[_Row]):
@@ -132,6 +165,11 @@ class Solution:
     def converged(self) -> bool: ...
     @property
     def balance(self) -> list[dict[str, float]]: ...
+    @property
+    def flux(self) -> _Floats: ...
+    @property
+    def temperature(self) -> _Floats | None: ...
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
 
 @final
 class Sky:
@@ -183,6 +221,20 @@ def solve(
     emission: ArrayLike,
     *,
     outside: ArrayLike | None = None,
+    method: Literal["gmres", "gauss-seidel", "jacobi"] = "gmres",
+    restart: int = 20,
+    tolerance: float = 1e-6,
+    max_iterations: int = 500,
+    memory: int = 1_000_000_000,
+    threads: int = 0,
+    progress: Callable[[int, float], object] | None = None,
+) -> Solution: ...
+def solve_heat(
+    matrix: Matrix,
+    emissivity: ArrayLike,
+    temperature: ArrayLike,
+    *,
+    ambient: float = 0.0,
     method: Literal["gmres", "gauss-seidel", "jacobi"] = "gmres",
     restart: int = 20,
     tolerance: float = 1e-6,

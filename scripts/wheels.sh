@@ -1,0 +1,78 @@
+#!/usr/bin/env bash
+# Builds the wheels of the Python package for Linux: one a processor, for every Python from 3.10 on (abi3).
+#
+#   scripts/wheels.sh FOLDER [PROCESSOR ...]    PROCESSOR: x86_64 or aarch64; both without any
+#
+# maturin and Zig come from PyPI into the target folder, Rust's standard library for the other processor from rustup.
+# Zig links against glibc 2.17 on any machine (manylinux2014). A processor whose wheel cannot be built has a line
+# `SKIP PROCESSOR: the reason`, and the script ends with 3; HEMICUBE_REQUIRE_WHEELS=1 makes that a failure, 1.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+[ $# -ge 1 ] || { printf 'usage: scripts/wheels.sh FOLDER [x86_64|aarch64 ...]\n' >&2; exit 2; }
+folder=$1
+shift
+[ $# -gt 0 ] || set -- x86_64 aarch64
+for processor in "$@"; do
+    case $processor in
+        x86_64 | aarch64) ;;
+        *) printf 'error: no wheel is built for `%s`; x86_64 or aarch64 is needed\n' "$processor" >&2; exit 2 ;;
+    esac
+done
+
+. scripts/ensure.sh
+ensure_linker
+ensure_rust
+target=${CARGO_TARGET_DIR:-target}
+mkdir -p "$target" "$folder"
+target=$(cd "$target" && pwd)
+folder=$(cd "$folder" && pwd)
+
+skipped=
+skip() {
+    skipped=1
+    printf 'SKIP %s: %s\n' "$1" "$2"
+}
+
+tools=$target/wheel-tools
+if ! "$tools/bin/maturin" --version >/dev/null 2>&1 || ! "$tools/bin/python" -m ziglang version >/dev/null 2>&1; then
+    python3 -c 'import ensurepip' 2>/dev/null || ensure_packages ensurepip:python3-venv
+    rm -rf "$tools"
+    if ! { python3 -m venv "$tools" &&
+        "$tools/bin/python" -m pip install -q --disable-pip-version-check 'maturin>=1.9,<2' 'ziglang>=0.13'; }; then
+        for processor in "$@"; do skip "$processor" "maturin and ziglang could not be installed from PyPI"; done
+        set --
+    fi
+fi
+
+for processor in "$@"; do
+    triple=$processor-unknown-linux-gnu
+    if ! [ -d "$(rustc --print sysroot)/lib/rustlib/$triple/lib" ] &&
+        ! { command -v rustup >/dev/null 2>&1 && rustup target add "$triple" >&2; }; then
+        skip "$processor" "Rust's standard library for $triple is not there, and rustup cannot bring it"
+        continue
+    fi
+    # The linker comes from the tools' own packages: `--zig` finds `ziglang` beside maturin.
+    if ! PATH=$tools/bin:$PATH "$tools/bin/maturin" build --release --locked --zig --target "$triple" \
+        --compatibility manylinux2014 --manifest-path crates/python/Cargo.toml --out "$folder" >&2; then
+        printf 'error: the wheel for %s could not be built\n' "$processor" >&2
+        exit 1
+    fi
+    wheel=$(ls -t "$folder"/hemicube-*"$processor".whl | head -n1)
+    # What is in it is for that processor, and for every Python.
+    case $wheel in *-abi3-*manylinux*_"$processor".whl) ;; *)
+        printf 'error: `%s` is not named as a wheel for every Python on %s\n' "$wheel" "$processor" >&2
+        exit 1 ;;
+    esac
+    python3 - "$wheel" "$processor" <<'PY'
+import struct, sys, zipfile
+wheel, processor = sys.argv[1:]
+machine = {"x86_64": 62, "aarch64": 183}[processor]
+with zipfile.ZipFile(wheel) as archive:
+    (name,) = [name for name in archive.namelist() if name.endswith(".so")]
+    head = archive.open(name).read(20)
+found = struct.unpack("<H", head[18:20])[0]
+sys.exit(None if head[:4] == b"\x7fELF" and found == machine else f"error: {name} is for machine {found}, not {machine}")
+PY
+    printf '%s\n' "$wheel"
+done
+[ -z "$skipped" ] || exit $([ -n "${HEMICUBE_REQUIRE_WHEELS:-}" ] && echo 1 || echo 3)
