@@ -254,7 +254,7 @@ fn an_existing_matrix_is_not_replaced_unasked() {
     let before = files(&place.path("m"));
     place.line("compute room.obj -o m --resolution 16").fails_with(&[
         "`m` holds another matrix",
-        "`resolution` is 32",
+        "it was computed with `--resolution 32`, and here it is with `--resolution 16`",
         "--overwrite",
     ]);
     assert_eq!(files(&place.path("m")), before);
@@ -635,6 +635,109 @@ fn settings_come_in_layers() {
 }
 
 #[test]
+fn settings_that_do_nothing_are_refused() {
+    let mut place = Place::new();
+    place.line("generate room --patches 40 -o room.obj -q").is(0);
+    place
+        .line("compute room.obj -o m --tolerance 1% --resolution 512")
+        .fails_with(&["`--resolution` and `--tolerance` exclude each other"]);
+    place.write("hemicube.toml", "tolerance = 0.01\nresolution = 512\n");
+    place
+        .line("compute room.obj -o m")
+        .fails_with(&["hemicube.toml:1", "hemicube.toml:2", "exclude each other"]);
+    // What changes nothing is no contradiction, and the stronger layer holds.
+    place.write("hemicube.toml", "resolution = 512\n");
+    let ran = place.line("compute room.obj -o m --tolerance 5% --print-config").is(0);
+    assert!(ran.out.contains("resolution = \"auto\""), "{}", ran.out);
+    std::fs::remove_file(place.path("hemicube.toml")).expect("a file");
+    place.line("inspect room.obj -q --tolerance 5% --resolution auto").is(0);
+
+    for (name, words) in [
+        (
+            "HEMICUBE_RESOLUTOIN",
+            [
+                "there is no setting of the variable `HEMICUBE_RESOLUTOIN`",
+                "`HEMICUBE_RESOLUTION`",
+            ],
+        ),
+        ("HEMICUBE_SHARD", ["`HEMICUBE_SHARD`", "give `--shard`"]),
+        ("HEMICUBE_VERIFY", ["`HEMICUBE_VERIFY`", "give `--verify`"]),
+    ] {
+        place.variables = vec![(name.into(), "2".into())];
+        place.line("compute room.obj -o m").fails_with(&words);
+        assert!(!place.path("m").exists(), "{name}");
+    }
+    place.variables = vec![("HEMICUBE_COLOURS".into(), "2".into())];
+    let ran = place.line("compute room.obj -o m").is(0);
+    assert!(
+        ran.err
+            .contains("warning: the variable `HEMICUBE_COLOURS` is no setting, and nothing reads it"),
+        "{}",
+        ran.err
+    );
+    place.variables = vec![("HEMICUBE_MEMORY".into(), "2M".into())];
+    place
+        .line("compute room.obj -o n --subdivide 8")
+        .fails_with(&["`--memory` of 2.00 MB", "may take"]);
+}
+
+#[test]
+fn words_in_place_of_commands_are_understood() {
+    let place = Place::new();
+    place.line("generate room --patches 40 -o room.obj -q").is(0);
+    assert_eq!(place.line("help").is(0).out, place.line("--help").is(0).out);
+    assert_eq!(place.line("help check").is(0).out, place.line("check --help").is(0).out);
+    assert_eq!(place.line("version").is(0).out, place.line("--version").is(0).out);
+    let scene = [
+        "and no command is given",
+        "hint: `hemicube compute room.obj -o room.hemicube`",
+    ];
+    place.line("room.obj").fails_with(&scene);
+    place.line("gone/room.ply").fails_with(&["`gone/room.ply` is a scene"]);
+    // Hidden commands are not suggested.
+    let ran = place.line("comp").is(2);
+    assert!(
+        ran.err.contains("'compute'") && !ran.err.contains("completions"),
+        "{}",
+        ran.err
+    );
+
+    // A matrix has its scene's name where none is given.
+    place.line("compute room.obj -q --resolution 32").is(0);
+    place.line("check room.hemicube").is(0);
+    place
+        .line("compute room.obj -q --resolution 64")
+        .fails_with(&["`room.hemicube` holds another matrix"]);
+    place
+        .line("room.hemicube")
+        .fails_with(&["no command is given", "hemicube check room.hemicube"]);
+    for command in ["check", "report", "solve", "merge", "balance"] {
+        place.line(&format!("{command} room.obj")).fails_with(&[
+            "`room.obj` is a file, and a matrix is a directory",
+            "hint: `hemicube compute room.obj -o room.hemicube`",
+        ]);
+    }
+}
+
+#[test]
+fn the_only_solution_is_shown() {
+    let place = Place::new();
+    place.line("generate room --patches 40 -o room.obj -q").is(0);
+    place.line("compute room.obj -q --resolution 32").is(0);
+    place.write("m.toml", "[default]\nreflectance = 0.5\nemission = 1.0\n");
+    let solve = "solve room.hemicube --scene room.obj --materials m.toml -q --name";
+    let view = "view model room.hemicube room.obj -q -o";
+    place.line(&format!("{solve} noon")).is(0);
+    place.line(&format!("{view} noon.png")).is(0);
+    place.line(&format!("{solve} night")).is(0);
+    place
+        .line(&format!("{view} two.png"))
+        .fails_with(&["`night`, `noon`", "`--solution`"]);
+    place.line(&format!("{solve} radiosity")).is(0);
+    place.line(&format!("{view} usual.png")).is(0);
+}
+
+#[test]
 fn wrong_usage_is_refused() {
     let place = Place::new();
     place.line("generate room --patches 40 -o room.obj").is(0);
@@ -667,7 +770,7 @@ fn wrong_usage_is_refused() {
         );
         assert!(!place.path("m").exists(), "{settings}");
     }
-    place.line("compute room.obj").is(2);
+    place.line("compute").is(2);
     place.line("compute -o m").is(2);
     place.line("generate castle -o castle.obj").is(2);
     place.line("generate room -o room.stl").fails_with(&[".obj"]);
@@ -978,11 +1081,11 @@ fn an_interrupt_keeps_what_was_computed() {
         (checked["rows"].as_u64(), &checked["complete"]),
         (Some(kept), &Value::Bool(false))
     );
-    assert!(place.line("check m").is(1).out.contains("FAILED complete"));
+    assert!(place.line("check m").is(1).out.contains("UNFINISHED: "));
     place.line("export m F.npz").fails_with(&["incomplete"]);
     place
         .line("compute city.obj -o m")
-        .fails_with(&["`m` holds another matrix", "`correction`", "--overwrite"]);
+        .fails_with(&["`m` holds another matrix", "with `--correction ", "--overwrite"]);
 
     // Twice: at once.
     let child = spawn(&format!("{slow} -o n -q"));

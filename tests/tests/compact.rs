@@ -201,7 +201,7 @@ fn a_tolerance_and_what_is_kept_are_held_against_each_other() {
     assert!(!place.path().join("F").exists(), "a refused run left a directory");
     let said = stderr(&run(
         &place,
-        "compute city.obj -o F --tolerance 1% --sample-rows 40 --min-factor 3e-3 --resolution 64",
+        "compute city.obj -o F --tolerance 1% --sample-rows 40 --min-factor 3e-3",
         0,
     ));
     assert!(
@@ -210,7 +210,7 @@ fn a_tolerance_and_what_is_kept_are_held_against_each_other() {
     );
     let said = stderr(&run(
         &place,
-        "compute city.obj -o F --overwrite --tolerance 1% --sample-rows 40 --store compact --resolution 64",
+        "compute city.obj -o F --overwrite --tolerance 1% --sample-rows 40 --store compact",
         0,
     ));
     assert!(said.contains("tolerance 1%") && !said.contains("warning"), "{said}");

@@ -208,19 +208,19 @@ fn another_scene_and_other_settings_are_refused_by_name() {
     for (line, words) in [
         (
             "compute city.obj -q --correction pixel --resolution 64",
-            &["its `resolution` is 32, here it is 64"][..],
+            &["it was computed with `--resolution 32`, and here it is with `--resolution 64`"][..],
         ),
         (
             "compute city.obj -q --resolution 32",
-            &["its `correction` is \"pixel\", here it is \"area\""],
+            &["with `--correction pixel`, and here it is with `--correction area`"],
         ),
         (
             "compute city.obj -q --correction pixel --resolution 32 --rows 0..100",
-            &["its `rows` is \"all\", here"],
+            &["with all rows, and here it is with `--rows 0..100`"],
         ),
         (
             "compute city.obj -q --correction pixel --resolution 32 --min-factor 1e-4",
-            &["its `min_factor` is not set"],
+            &["without `--min-factor`, and here it is with `--min-factor 0.0001`"],
         ),
         (
             "compute city.obj -q --correction pixel --resolution 32 --store compact",
@@ -228,7 +228,7 @@ fn another_scene_and_other_settings_are_refused_by_name() {
         ),
         (
             "compute city.obj -q --correction pixel --resolution 32 --subdivide 1",
-            &["its `subdivision`"],
+            &["with uncut triangles, and here it is with `--subdivide 1`"],
         ),
         (
             "compute other.obj -q --correction pixel --resolution 32",

@@ -123,7 +123,7 @@ impl Run {
             Some(0),
             "an unfinished store passed for a finished one: {said}"
         );
-        assert!(said.contains("FAILED complete"), "{said}");
+        assert!(said.contains("UNFINISHED: "), "{said}");
         let checked = self.program(&["check", "m", "--allow-incomplete"]);
         let said = format!("{}{}", text(&checked.stdout), text(&checked.stderr));
         assert_eq!(checked.status.code(), Some(0), "{said}");

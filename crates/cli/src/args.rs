@@ -72,7 +72,7 @@ pub(crate) struct SceneSettings {
     /// Turn the one-sided triangles of these objects round (repeatable); all: of every object
     #[arg(long, value_name = "GLOB|all", hide_short_help = true)]
     pub(crate) flip: Vec<String>,
-    /// The axis that points up, where the file does not say or is wrong
+    /// The axis that points up [default: the file's, or as `inspect` finds it by names and normals]
     #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,
     /// Multiply all coordinates by FACTOR
@@ -92,6 +92,9 @@ pub(crate) struct SceneSettings {
     /// Read a scene of which more would come than a file of its size may become (docs/security.md)
     #[arg(long, hide_short_help = true)]
     pub(crate) allow_large: bool,
+    /// Take no more than SIZE of memory: 800M, 4G. Before triangles are cut, patches are counted
+    #[arg(long, value_name = "SIZE", value_parser = bytes, hide_short_help = true)]
+    pub(crate) memory: Option<u64>,
 }
 
 /// The backend and its parameters. They change the time, never the rows.
@@ -487,6 +490,36 @@ pub(crate) fn tolerance(text: &str) -> Result<Tolerance, String> {
     }
 }
 
+/// `800M`, `4G`, `1.5 GiB` or a number of bytes.
+fn bytes(text: &str) -> Result<u64, String> {
+    let needed = || "a size such as `800M` or `4G` is needed".to_owned();
+    let text = text.trim();
+    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit: f64 = match text[digits.len()..].to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kb" => 1e3,
+        "m" | "mb" => 1e6,
+        "g" | "gb" => 1e9,
+        "t" | "tb" => 1e12,
+        "kib" => 1024.0,
+        "mib" => 1_048_576.0,
+        "gib" => 1_073_741_824.0,
+        "tib" => 1_099_511_627_776.0,
+        _ => return Err(needed()),
+    };
+    let number: f64 = digits.trim().parse().map_err(|_| needed())?;
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "held against its range"
+    )]
+    if (1e6..1e18).contains(&(number * unit)) {
+        Ok((number * unit) as u64)
+    } else {
+        Err(needed())
+    }
+}
+
 pub(crate) fn resolution(text: &str) -> Result<Auto, String> {
     if text == "auto" {
         return Ok(Auto::Auto);
@@ -557,6 +590,16 @@ mod tests {
         assert_eq!("2.5%".parse(), Ok(SampleSize::Percent(2.5)));
         for wrong in ["0", "0%", "101%", "NaN%", "-3", "few", "%"] {
             assert!(wrong.parse::<SampleSize>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn sizes_have_units() {
+        assert_eq!(bytes("800M"), Ok(800_000_000));
+        assert_eq!(bytes("1.5 GiB"), Ok(3 << 29));
+        assert_eq!(bytes("4g"), Ok(4_000_000_000));
+        for wrong in ["", "4", "M", "4X", "-4G", "nan", "1e30"] {
+            assert!(bytes(wrong).is_err(), "{wrong}");
         }
     }
 

@@ -3,11 +3,16 @@
 
 use crate::args::Talk;
 use crate::commands;
+use crate::exit::{Exit, hinted};
 use crate::help::examples;
 use crate::outputs::Paths;
+use crate::report::matrix_of;
+use crate::shell::word;
+use anyhow::{Result, anyhow};
+use clap::error::{ContextKind, ContextValue};
 use clap::{Parser, Subcommand};
 use std::ffi::{OsStr, OsString};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Form-factor (view-factor) matrices of triangle scenes by the hemicube method.
 #[derive(Debug, Parser)]
@@ -90,6 +95,67 @@ impl Command {
             Self::Bench(_) | Self::Interactive(_) | Self::Manual(_) | Self::Completions(_) => Paths::default(),
         }
     }
+}
+
+/// Takes the commands `help`, `help COMMAND` and `version` for the flags.
+pub(crate) fn words_for_flags(mut arguments: Vec<OsString>) -> Vec<OsString> {
+    match arguments.get(1).and_then(|word| word.to_str()) {
+        Some("help") => {
+            arguments.remove(1);
+            arguments.push("--help".into());
+        }
+        Some("version") => arguments[1] = "--version".into(),
+        _ => {}
+    }
+    arguments
+}
+
+/// Ends the program by its help or its usage. A path in place of a command is said to lack one, and hidden commands
+/// are not suggested.
+///
+/// # Errors
+/// For a path.
+pub(crate) fn misused(mut error: clap::Error, definition: &clap::Command) -> Result<Exit> {
+    let Some(ContextValue::String(given)) = error.get(ContextKind::InvalidSubcommand) else {
+        error.exit()
+    };
+    let path = PathBuf::from(given);
+    if path.exists() || hemicube_scene::Format::from_path(&path).is_some() {
+        return Err(without_command(&path));
+    }
+    if let Some(ContextValue::Strings(names)) = error.get(ContextKind::SuggestedSubcommand) {
+        let is_shown = |name: &&String| {
+            definition
+                .find_subcommand(name)
+                .is_some_and(|command| !command.is_hide_set())
+        };
+        let shown: Vec<String> = names.iter().filter(is_shown).cloned().collect();
+        if shown.is_empty() {
+            error.remove(ContextKind::SuggestedSubcommand);
+        } else {
+            error.insert(ContextKind::SuggestedSubcommand, ContextValue::Strings(shown));
+        }
+    }
+    error.exit()
+}
+
+/// The error of a path in place of a command.
+fn without_command(path: &Path) -> anyhow::Error {
+    let shown = word(path);
+    if path.is_dir() {
+        return hinted(
+            anyhow!("`{}` is a directory, and no command is given", path.display()),
+            format!("for a matrix: `hemicube check {shown}`, `hemicube report {shown}`"),
+        );
+    }
+    let output = word(&matrix_of(path));
+    hinted(
+        anyhow!("`{}` is a scene, and no command is given", path.display()),
+        format!(
+            "`hemicube compute {shown} -o {output}` computes its form factors, `hemicube inspect {shown}` says what \
+             that takes"
+        ),
+    )
 }
 
 /// Joins `--json` with a following file name into one word. The value is optional, so `--json scene.obj` would

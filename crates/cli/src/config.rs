@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// Flags accepted as settings in files and in the environment.
-const SETTINGS: [&str; 31] = [
+const SETTINGS: [&str; 32] = [
     "backend",
     "backend-dir",
     "backend-option",
@@ -47,20 +47,25 @@ const SETTINGS: [&str; 31] = [
     "store",
     "min-factor",
     "threads",
+    "memory",
     "batch",
     "scenes",
 ];
 
 /// Groups of settings that exclude each other: the strongest layer's holds.
-pub(crate) const EXCLUSIVE: [&[&str]; 4] = [
+pub(crate) const EXCLUSIVE: [&[&str]; 5] = [
     &["subdivide", "split", "patch-size"],
     &["rows", "sample-rows"],
     &["correction", "tolerance"],
     &["samples", "tolerance"],
+    &["resolution", "tolerance"],
 ];
 
-/// A value compatible with its group: a tolerance is of the area rung.
-const AGREES: (&str, &str) = ("correction", "area");
+/// Values compatible with their group: a tolerance is of the area rung, and chooses the pixels.
+const AGREES: [(&str, &str); 2] = [("correction", "area"), ("resolution", "auto")];
+
+/// Variables that are no settings of a command, read in other places.
+const OTHER_VARIABLES: [&str; 3] = ["HEMICUBE_BACKEND_PATH", "HEMICUBE_NO_PROGRESS", "HEMICUBE_LOG"];
 
 /// Settings with another meaning to a subcommand, taken from its command line only.
 const OWN: [(&str, &str); 1] = [("tradeoff", "sample-rows")];
@@ -126,6 +131,17 @@ pub(crate) struct Setting {
 /// The values of all layers below the command line, the strongest of each setting.
 #[derive(Debug, Default)]
 pub(crate) struct Layers(BTreeMap<&'static str, Layered>);
+
+/// Variables `HEMICUBE_…` of this process that nothing reads and that are like no setting's.
+///
+/// # Errors
+/// For a misspelt one, or one of an option that is no setting.
+pub(crate) fn unread_variables(command: &Command) -> Result<Vec<String>> {
+    unread(
+        command,
+        std::env::vars_os().filter_map(|(name, _)| name.into_string().ok()),
+    )
+}
 
 impl Layers {
     /// Gathers the layers of a subcommand. `matches` is the parsed command line.
@@ -245,19 +261,19 @@ impl Layers {
         Ok(())
     }
 
-    /// Returns whether a setting has the value of [`AGREES`], compatible with its group.
+    /// Returns whether a setting has its value of [`AGREES`], compatible with its group.
     fn agrees(&self, matches: &ArgMatches, name: &str) -> bool {
-        if name != AGREES.0 {
+        let Some((_, value)) = AGREES.iter().find(|(setting, _)| *setting == name) else {
             return false;
-        }
+        };
         if is_given(matches, name) {
             return matches
                 .get_raw(&id(name))
-                .is_some_and(|mut values| values.any(|value| value == AGREES.1));
+                .is_some_and(|mut values| values.any(|given| given == *value));
         }
         self.0
             .get(name)
-            .is_some_and(|layered| layered.words.iter().any(|word| word == AGREES.1))
+            .is_some_and(|layered| layered.words.iter().any(|word| word == value))
     }
 
     fn read(&mut self, path: &Path, origin: fn(PathBuf, usize) -> Origin) -> Result<()> {
@@ -551,6 +567,45 @@ fn nearest(name: &str) -> Option<&'static str> {
         .and_then(|(distance, setting)| (distance <= 2).then_some(setting))
 }
 
+/// Returns the variables `HEMICUBE_…` that nothing reads and that are like no setting's, for a warning.
+///
+/// # Errors
+/// For a variable that is an option of `command` but no setting, or is misspelt.
+fn unread(command: &Command, names: impl Iterator<Item = String>) -> Result<Vec<String>> {
+    let mut unread = Vec::new();
+    for given in names.filter(|name| name.starts_with("HEMICUBE_")) {
+        let is_read = |name: &str| given == variable(name);
+        if SETTINGS.into_iter().any(is_read) || OTHER_VARIABLES.contains(&given.as_str()) {
+            continue;
+        }
+        if let Some(long) = command
+            .get_arguments()
+            .filter_map(clap::Arg::get_long)
+            .find(|long| is_read(long))
+        {
+            return Err(hinted(
+                anyhow!("the variable `{given}` is set, and `--{long}` is read from the command line only"),
+                format!("give `--{long}`, and unset the variable"),
+            ));
+        }
+        let known = SETTINGS
+            .into_iter()
+            .map(variable)
+            .chain(OTHER_VARIABLES.map(str::to_owned));
+        match known.map(|known| (edits(&given, &known), known)).min() {
+            // A fourth of its letters, so that no other short word is taken for a misspelt one.
+            Some((distance, known)) if distance <= ((given.len() - "HEMICUBE_".len()) / 4).clamp(1, 2) => {
+                return Err(hinted(
+                    anyhow!("there is no setting of the variable `{given}`"),
+                    format!("did you mean `{known}`?"),
+                ));
+            }
+            _ => unread.push(given),
+        }
+    }
+    Ok(unread)
+}
+
 /// Levenshtein's distance, by rows (Wagner & Fischer 1974).
 fn edits(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
@@ -606,7 +661,6 @@ mod tests {
             // Each process has its own.
             "shard",
             "progress-file",
-            "memory",
             // For this scene, not for all.
             "allow-large",
             "help",
@@ -678,15 +732,15 @@ mod tests {
     fn a_file_is_changed_where_it_must_be_and_nowhere_else() {
         let command = compute();
         let changed = |text: &str, changes: &[(&str, &str)]| changed(text, Path::new("f"), changes, &command);
-        let text = "# mine\nresolution = 512 # fine\ntolerance = '1%'\n\nthreads=2";
+        let text = "# mine\noctree-levels = 12 # fine\ntolerance = '1%'\n\nthreads=2";
         assert_eq!(
-            changed(text, &[("resolution", "64"), ("store", "compact")]).unwrap(),
-            "# mine\nresolution = 64 # fine\ntolerance = '1%'\n\nthreads=2\nstore = \"compact\"\n"
+            changed(text, &[("octree-levels", "6"), ("store", "compact")]).unwrap(),
+            "# mine\noctree-levels = 6 # fine\ntolerance = '1%'\n\nthreads=2\nstore = \"compact\"\n"
         );
         // A tolerance and the pixel rung exclude each other, the area rung and a tolerance do not.
         assert_eq!(
             changed(text, &[("correction", "pixel")]).unwrap(),
-            "# mine\nresolution = 512 # fine\n# tolerance = '1%'\n\nthreads=2\ncorrection = \"pixel\"\n"
+            "# mine\noctree-levels = 12 # fine\n# tolerance = '1%'\n\nthreads=2\ncorrection = \"pixel\"\n"
         );
         assert_eq!(changed("", &[("tolerance", "0.3%")]).unwrap(), "tolerance = \"0.3%\"\n");
         for (text, changes, words) in [
@@ -697,6 +751,27 @@ mod tests {
         ] {
             let error = changed(text, &changes).unwrap_err().to_string();
             assert!(error.contains(words), "{error}");
+        }
+    }
+
+    #[test]
+    fn variables_that_nothing_reads_are_named() {
+        let of = |name: &str| unread(&compute(), std::iter::once(name.to_owned()));
+        for read in ["HEMICUBE_RESOLUTION", "HEMICUBE_MEMORY", "HEMICUBE_LOG", "HOME"] {
+            assert_eq!(of(read).unwrap(), [""; 0], "{read}");
+        }
+        for other in ["HEMICUBE_COLOUR", "HEMICUBE_"] {
+            assert_eq!(of(other).unwrap(), [other]);
+        }
+        for (wrong, right) in [
+            ("HEMICUBE_RESOLUTOIN", "did you mean `HEMICUBE_RESOLUTION`?"),
+            ("HEMICUBE_TOLERENCE", "did you mean `HEMICUBE_TOLERANCE`?"),
+            ("HEMICUBE_BACKENDPATH", "did you mean `HEMICUBE_BACKEND_PATH`?"),
+            ("HEMICUBE_SHARD", "give `--shard`"),
+            ("HEMICUBE_VERIFY", "give `--verify`"),
+        ] {
+            let error = format!("{:?}", of(wrong).unwrap_err());
+            assert!(error.contains(wrong) && error.contains(right), "{error}");
         }
     }
 

@@ -10,6 +10,7 @@
 //!
 //! `docs/store.md` compares this with measured runs.
 
+use hemicube::driver::room;
 use hemicube::store::Form;
 use std::path::Path;
 
@@ -47,46 +48,13 @@ pub(crate) fn threads_within(limit: u64, resident: u64, threads: usize, rows: Ro
         .find(|&threads| memory(resident, threads, rows) <= limit)
 }
 
-/// Lower bound of the bytes of `count` patches: corners, tree and tables of an uncut scene (`docs/limits.md`).
-pub(crate) fn patches_at_least(count: u64) -> u64 {
-    count.saturating_mul(400)
-}
-
-/// Upper bound of the bytes of `count` patches until the first row, the search for their parent triangles included.
-pub(crate) fn patches_at_most(count: u64) -> u64 {
-    count.saturating_mul(1_400).saturating_add(20_000_000)
-}
-
 /// The bytes allowed to a run: as asked, otherwise the machine's; in either case at most the process's limit. `None` if
 /// unknown.
 pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
-    let least = |limits: &[Option<u64>]| limits.iter().flatten().copied().min();
-    least(&[asked.or_else(free_memory), address_space()])
-}
-
-/// Bytes available from the system: free or reclaimable memory and swap, within the limit of the control group.
-fn free_memory() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let field = |name: &str| {
-        let line = text.lines().find_map(|line| line.strip_prefix(name))?;
-        line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()
-    };
-    let free = 1024 * (field("MemAvailable:")? + field("SwapFree:").unwrap_or(0));
-    // `max` means no limit.
-    let group = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok();
-    let group = group.and_then(|text| text.trim().parse::<u64>().ok());
-    Some(group.map_or(free, |group| group.min(free)))
-}
-
-/// Limit of the process's address space (`ulimit -v`), if any.
-#[cfg(unix)]
-fn address_space() -> Option<u64> {
-    rustix::process::getrlimit(rustix::process::Resource::As).current
-}
-
-#[cfg(not(unix))]
-fn address_space() -> Option<u64> {
-    None
+    match asked {
+        Some(asked) => Some(room::address_space().map_or(asked, |most| most.min(asked))),
+        None => room::free_memory(),
+    }
 }
 
 /// Bytes of rows on the disk, within some percent.

@@ -3,7 +3,8 @@
 /// End of every `--help`.
 pub(crate) const AFTER_LONG_HELP: &str = "\
 Environment:
-  HEMICUBE_NAME         the setting `--name` of `compute`, `inspect` and `tradeoff`: HEMICUBE_RESOLUTION=512
+  HEMICUBE_NAME         a setting of `compute`, `inspect` and `tradeoff`: HEMICUBE_RESOLUTION=512. Those that
+                        `hemicube compute --print-config` lists
   HEMICUBE_BACKEND_PATH folders with further backends
   HEMICUBE_NO_PROGRESS  1: no progress bar
   HEMICUBE_LOG          what the libraries log: error, warn, info, debug, trace
@@ -16,7 +17,7 @@ Exit status:
 const SETTINGS_HELP: &str = "\
 Settings, strongest first:
   1. the command line
-  2. variables HEMICUBE_NAME
+  2. variables HEMICUBE_NAME, of the settings that `--print-config` lists
   3. ./hemicube.toml, which holds the long names: `resolution = 512`
   4. $XDG_CONFIG_HOME/hemicube/hemicube.toml, or ~/.config/hemicube/hemicube.toml
   5. what is built in

@@ -63,31 +63,40 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
     if arguments.len() == 1 && commands::interactive::is_wanted() {
         arguments.push("interactive".into());
     }
+    let arguments = command_line::words_for_flags(arguments);
     // Help and wrong usage end the program here, before anything is read.
     let definition = Cli::command();
-    let first = definition.clone().get_matches_from(&arguments);
+    let first = match definition.clone().try_get_matches_from(&arguments) {
+        Ok(matches) => matches,
+        Err(error) => return command_line::misused(error, &definition),
+    };
     let (subcommand, matches) = match first.subcommand() {
         Some((name @ ("compute" | "inspect" | "tradeoff" | "interactive"), matches)) => (name, matches),
-        _ => return dispatch(Cli::from_arg_matches(&first)?, None),
+        _ => return dispatch(Cli::from_arg_matches(&first)?, None, &[]),
     };
     let known = definition.find_subcommand(subcommand).cloned().unwrap_or_default();
     let layers = Layers::gather(&known, matches)?;
+    let unread = config::unread_variables(&known)?;
     let layered = layers.apply(definition, subcommand).get_matches_from(&arguments);
     let cli = Cli::from_arg_matches(&layered)?;
     let settings = layered
         .subcommand_matches(subcommand)
         .map(|matches| layers.print(&known, matches));
-    dispatch(cli, settings)
+    dispatch(cli, settings, &unread)
 }
 
-fn dispatch(mut cli: Cli, settings: Option<String>) -> Result<Exit> {
+/// Runs a command, with its settings in force and the variables that nothing reads.
+fn dispatch(mut cli: Cli, settings: Option<String>, unread: &[String]) -> Result<Exit> {
     let talk = cli.talk;
     match &mut cli.command {
-        Command::Compute(compute) => compute.render.settle(),
+        Command::Compute(compute) => compute.settle(),
         Command::Inspect(inspect) => inspect.render.settle(),
         _ => {}
     }
     log::start(talk);
+    for name in unread {
+        talk.warn(&format!("the variable `{name}` is no setting, and nothing reads it"));
+    }
     let print_config = match &cli.command {
         Command::Compute(compute) => compute.config.print_config,
         Command::Inspect(inspect) => inspect.config.print_config,

@@ -1,18 +1,22 @@
 //! From a scene's file to a model: read, scale, repair, cut, order. Shared by all commands that read scenes.
 
-use crate::args::{AutoSwitch, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk};
+use crate::args::{
+    AutoSwitch, Correction, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk,
+    UpAxis,
+};
 use crate::exit::hinted;
 use crate::forecast;
 use crate::report::{Input, counted, size};
 use anyhow::{Context, Result, anyhow};
 use hemicube::backend::HemicubeBackend;
 use hemicube::driver::input::{SceneInput, SceneSettings as GivenSettings};
+use hemicube::driver::room::{self, Work};
 pub(crate) use hemicube::driver::settings::axis_name;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::RepairReport;
-use hemicube_scene::{Patches, ReadOptions, Scene, Subdivision, Triangle};
+use hemicube_scene::{Axis, Patches, ReadOptions, Scene, Subdivision, Triangle};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -51,6 +55,36 @@ impl From<&RepairReport> for RepairCounts {
 }
 
 impl Prepared {
+    /// The axis that points up, for every command: `--up`, else the file's or the matrix's, else what names and normals
+    /// leave no doubt of.
+    ///
+    /// # Errors
+    /// When nothing tells.
+    pub(crate) fn up(&self, given: Option<UpAxis>) -> Result<Axis> {
+        if let Some(axis) = given {
+            return Ok(axis.into());
+        }
+        let found = hemicube_scene::up::up(&self.scene);
+        found.known().ok_or_else(|| {
+            hinted(
+                anyhow!("`{}` does not say which axis points up", self.input.path),
+                format!(
+                    "`--up x`, `--up y` or `--up z` does; {} is {}",
+                    axis_name(found.axis),
+                    found.reason
+                ),
+            )
+        })
+    }
+
+    /// Tells where [`Self::up`] comes from, unless a user or the file said it.
+    pub(crate) fn tell_up(&self, given: Option<UpAxis>, talk: Talk) {
+        let found = hemicube_scene::up::up(&self.scene);
+        if given.is_none() && found.source == hemicube_scene::up::Source::Found {
+            talk.say(&format!("up is {} ({})", axis_name(found.axis), found.reason));
+        }
+    }
+
     /// Tells the parts of the file that are not in the matrix.
     pub(crate) fn tell(&self, talk: Talk) {
         let Self { scene, .. } = self;
@@ -143,6 +177,15 @@ impl RenderArguments {
     /// Number of worker threads.
     pub(crate) fn thread_count(&self) -> usize {
         self.engine.thread_count()
+    }
+
+    /// The work that memory is asked for.
+    pub(crate) fn work(&self) -> Work {
+        match (self.tolerance, self.correction) {
+            (Some(_), _) => Work::Tolerance,
+            (None, Correction::Pixel) => Work::Pixels,
+            (None, Correction::Point | Correction::Area) => Work::Fractions,
+        }
     }
 
     /// Opens the backend asked for.
@@ -245,7 +288,7 @@ pub(crate) fn registry(backend_dir: Option<&Path>) -> Registry {
     Registry::new(Search::new(&given, &Environment::of_process()), &[BUILT_IN])
 }
 
-/// Reads the scene at `path` and makes a model of it, within `memory` bytes or the machine's memory.
+/// Reads the scene at `path` and makes a model of it for `work`, within `--memory` or the machine's memory.
 ///
 /// # Errors
 /// When it cannot be read, no triangle of it can be used, or there would be too many patches.
@@ -253,10 +296,9 @@ pub(crate) fn prepare(
     path: &Path,
     settings: &SceneSettings,
     engine: &impl AsRef<EngineSettings>,
-    memory: Option<u64>,
+    work: Work,
 ) -> Result<Prepared> {
-    prepare_of(path, settings, engine, memory, None)?
-        .with_context(|| format!("`{}` cannot be computed", path.display()))
+    prepare_of(path, settings, engine, work, None)?.with_context(|| format!("`{}` cannot be computed", path.display()))
 }
 
 /// Likewise for a scene of `patch_count` patches; `None`, before it is cut, where it has another number.
@@ -267,7 +309,7 @@ pub(crate) fn prepare_of(
     path: &Path,
     settings: &SceneSettings,
     engine: &impl AsRef<EngineSettings>,
-    memory: Option<u64>,
+    work: Work,
     patch_count: Option<u32>,
 ) -> Result<Option<Prepared>> {
     let started = Instant::now();
@@ -312,7 +354,7 @@ pub(crate) fn prepare_of(
         }
     }
     let started = Instant::now();
-    require_room(path, &scene, settings.subdivision(), memory)?;
+    require_room(path, &scene, settings, work)?;
     let patches = Patches::new(&scene, settings.subdivision()).map_err(|error| error.in_file(path))?;
     let patches = Arc::new(patches);
     let model = Model::new(Arc::clone(&patches), engine.as_ref().hierarchy())
@@ -329,71 +371,49 @@ pub(crate) fn prepare_of(
 }
 
 /// Refuses to cut a scene into more patches than fit the memory, and names the finest subdivision that fits.
-fn require_room(path: &Path, scene: &Scene, cut: Subdivision, asked: Option<u64>) -> Result<()> {
+fn require_room(path: &Path, scene: &Scene, settings: &SceneSettings, work: Work) -> Result<()> {
+    let cut = settings.subdivision();
+    let asked = settings.memory;
     let Some(limit) = forecast::memory_limit(asked) else {
         return Ok(());
     };
-    let count = Patches::count(scene, cut);
-    let least = forecast::patches_at_least(count);
     // More than a matrix can have: refused with another message.
-    if least <= limit || count > u64::from(hemicube::store::PATCH_COUNT_MAX) {
+    if Patches::count(scene, cut) > u64::from(hemicube::store::PATCH_COUNT_MAX) {
         return Ok(());
     }
-    let fits = |cut| forecast::patches_at_most(Patches::count(scene, cut)) <= limit;
-    let advice = match cut {
-        Subdivision::None => None,
-        Subdivision::Levels(levels) => (0..levels)
-            .rev()
-            .find(|&levels| fits(Subdivision::Levels(levels)))
-            .map(|levels| format!("`--subdivide {levels}`")),
-        Subdivision::Split(pieces) => {
-            // The first that does not fit.
-            let (mut low, mut high) = (1, pieces);
-            while low < high {
-                let middle = low + (high - low) / 2;
-                if fits(Subdivision::Split(middle)) {
-                    low = middle + 1;
-                } else {
-                    high = middle;
-                }
-            }
-            (low > 1).then(|| format!("`--split {}`", low - 1))
-        }
-        Subdivision::PatchSize(length) => {
-            // In steps of a tenth, as fine as lengths are chosen.
-            let lengths = std::iter::successors(Some(length), |length| Some(1.1 * length)).take(2000);
-            lengths
-                .map(round_up)
-                .find(|&length| fits(Subdivision::PatchSize(length)))
-                .map(|length| format!("`--patch-size {length}`"))
-        }
+    let Err(refused) = room::require(scene, cut, work, limit) else {
+        return Ok(());
     };
     let of = if asked.is_some() {
         format!("`--memory` of {}", size(limit))
     } else {
         format!("this machine has {} of memory", size(limit))
     };
+    let takes = if refused.is_least {
+        format!("take {} or more", size(refused.bytes))
+    } else {
+        format!("may take {}", size(refused.bytes))
+    };
     let error = anyhow!(
-        "{of}: `{}` would be {}, which take {} or more",
+        "{of}: `{}` would be {}, which {takes}",
         path.display(),
-        counted(count, "patch"),
-        size(least)
+        counted(refused.patch_count, "patch"),
     );
+    let finest = match refused.finest {
+        Some(Subdivision::Levels(levels)) => Some(format!("--subdivide {levels}")),
+        Some(Subdivision::Split(pieces)) => Some(format!("--split {pieces}")),
+        Some(Subdivision::PatchSize(length)) => Some(format!("--patch-size {length}")),
+        Some(Subdivision::None) | None => None,
+    };
+    // In whole megabytes, so that it does suffice.
+    let allows = format!("`--memory {}M` allows it", refused.bytes.div_ceil(1_000_000));
     Err(hinted(
         error,
-        match advice {
-            Some(setting) => format!("{setting} is the finest that surely fits"),
-            None => "give it more memory, or cut the scene into several".to_owned(),
+        match finest {
+            Some(setting) => format!("`{setting}` is the finest that surely fits; {allows}"),
+            None => format!("{allows}; otherwise cut the scene into several"),
         },
     ))
-}
-
-/// The next length of two digits.
-fn round_up(length: f64) -> f64 {
-    let unit = 10f64.powf(length.log10().floor() - 1.0);
-    let rounded = (length / unit).ceil() * unit;
-    // Without the last digits of the unit.
-    format!("{rounded:.2e}").parse().unwrap_or(length).max(length)
 }
 
 fn are(count: u64) -> String {

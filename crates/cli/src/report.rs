@@ -2,8 +2,9 @@
 
 use crate::args::Report;
 use crate::escape::{shown, shown_lines};
-use crate::exit::OutputClosed;
-use anyhow::{Context, Result, bail};
+use crate::exit::{OutputClosed, hinted};
+use crate::shell::word;
+use anyhow::{Context, Result, anyhow, bail};
 use hemicube::store::{self, DurableFile};
 use hemicube_scene::is_unseen;
 use serde::Serialize;
@@ -73,6 +74,34 @@ pub(crate) fn require(path: &Path) -> Result<()> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => bail!("`{}` does not exist", path.display()),
         Err(error) => Err(error).with_context(|| format!("`{}` cannot be read", path.display())),
     }
+}
+
+/// Name of a scene's matrix, where none is given: `room.hemicube` of `scenes/room.obj`.
+pub(crate) fn matrix_of(scene: &Path) -> PathBuf {
+    let mut name = scene.file_stem().unwrap_or_default().to_owned();
+    name.push(".hemicube");
+    name.into()
+}
+
+/// Refuses what cannot be a matrix: nothing, or a file.
+///
+/// # Errors
+/// When there is no directory.
+pub(crate) fn require_matrix(path: &Path) -> Result<()> {
+    require(path)?;
+    if path.is_dir() {
+        return Ok(());
+    }
+    let error = anyhow!("`{}` is a file, and a matrix is a directory", path.display());
+    let scene = word(path);
+    let step = match hemicube_scene::Format::from_path(path) {
+        Some(_) => format!(
+            "`hemicube compute {scene} -o {}` makes one of it",
+            word(&matrix_of(path))
+        ),
+        None => "give the directory that `hemicube compute` wrote".to_owned(),
+    };
+    Err(hinted(error, step))
 }
 
 /// A JSON report. Its file is opened before the work that it reports.

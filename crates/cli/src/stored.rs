@@ -4,6 +4,7 @@ use crate::args::{AutoSwitch, Division, EngineSettings, SceneSettings, Switch, U
 use crate::exit::hinted;
 use crate::prepare::{Prepared, prepare_of};
 use anyhow::{Context, Result, anyhow, bail};
+use hemicube::driver::room::Work;
 use hemicube::sky::{SkyDivision, sky_beside};
 use hemicube::store::{Store, scene_hash};
 use serde_json::Value;
@@ -73,6 +74,7 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
             Switch::Off
         },
         allow_large: false,
+        memory: None,
     })
 }
 
@@ -90,7 +92,7 @@ pub(crate) fn scene(
         allow_large,
         ..settings(store)?
     };
-    let prepared = prepare_of(path, &settings, engine, None, Some(store.patch_count()))?;
+    let prepared = prepare_of(path, &settings, engine, Work::Pixels, Some(store.patch_count()))?;
     let is_scene =
         |prepared: &Prepared| scene_hash(&prepared.scene, &prepared.patches) == store.manifest().scene.blake3;
     let Some(prepared) = prepared.filter(is_scene) else {

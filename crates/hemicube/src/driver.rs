@@ -8,6 +8,7 @@ pub mod level;
 mod plan;
 pub mod probe;
 mod queue;
+pub mod room;
 pub mod selection;
 pub mod settings;
 pub mod storage_policy;

@@ -764,7 +764,7 @@ fn shards_and_resumed_runs_write_the_bytes_of_one_run() {
     finish(writer);
     let error = merge(&together, std::slice::from_ref(&foreign), 1).unwrap_err();
     assert!(
-        matches!(&error, Error::OtherRun { path, difference } if *path == foreign && difference.contains("`resolution` is 512")),
+        matches!(&error, Error::OtherRun { path, difference } if *path == foreign && difference.contains("`--resolution 512`")),
         "{error}"
     );
     let mut later = sample.header.clone();

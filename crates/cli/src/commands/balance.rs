@@ -100,7 +100,7 @@ struct Report<'a> {
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let options = BalanceOptions {
         closure: arguments.closure,

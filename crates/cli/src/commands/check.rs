@@ -9,6 +9,7 @@ use crate::report::{self, JsonReport, Listing, SCHEMA, counted, figures, percent
 use anyhow::Result;
 use clap::Args;
 use hemicube::analysis::balance::BalanceEntry;
+use hemicube::analysis::check::verdict::{Doubt, State, Subject, Verdict};
 use hemicube::analysis::check::{Check, CheckOptions, CheckReport, check};
 use hemicube::store::Store;
 use serde::Serialize;
@@ -19,16 +20,21 @@ const NEARLY_CLOSED: f64 = 0.05;
 
 const EXAMPLES: &str = "  \
   hemicube check room.hemicube
-  hemicube check room.hemicube --reciprocity 0.05";
+  hemicube check room.hemicube --reciprocity 0.05
+  hemicube check room.hemicube --strict";
 
-/// Check a matrix: closure, reciprocity, range, checksums; exit 1 when a bound is broken
+/// Check a matrix: integrity, conservation, quality; exit 1 when a law or a bound is broken, or parts are missing
+///
+/// Integrity: checksums, structure, all parts. Conservation: weights, the sky's sums, reciprocity with a bound.
+/// Quality: doubtful where a row sums to 1 only beyond the run's tolerance (2 % without one), more than 1 % of the view
+/// is blocked, or backs take more than half of a row's view. A doubt alone is exit 0, and 1 with `--strict`.
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
-    /// Bound on how far from 1 a row may sum [default: 1e-6]
+    /// Bound on how far from 1 a row may sum [default: for sums of pixels 1e-6 and the form's rounding; else none]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) closure: Option<f64>,
     /// Bound on the part of a row that escapes, for closed scenes: 0.001 [default: none, it is reported only]
@@ -37,6 +43,9 @@ pub(crate) struct Arguments {
     /// Bound on the relative difference of A_i F_ij and A_j F_ji [default: none, it is reported only]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) reciprocity: Option<f64>,
+    /// Exit 1 where the quality is doubtful, too
+    #[arg(long)]
+    pub(crate) strict: bool,
     /// Accept a matrix of which parts are missing, such as that of an interrupted run
     #[arg(long)]
     pub(crate) allow_incomplete: bool,
@@ -71,7 +80,7 @@ struct Report<'a> {
 )]
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let mut options = CheckOptions::default();
     options.closure = arguments.closure;
@@ -94,7 +103,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if !arguments.report.is_to_stdout() {
         report::print(&text(&found, &store))?;
     }
-    Ok(if found.ok { Exit::Done } else { Exit::NotHeld })
+    let holds = found.ok && (found.verdicts.are_ok() || !arguments.strict);
+    Ok(if holds { Exit::Done } else { Exit::NotHeld })
 }
 
 /// Facts about the matrix, and where its rows' weight went. A page is given to others, and does not name the directory.
@@ -180,15 +190,87 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
     list
 }
 
+/// A verdict in words.
+pub(super) struct Sentence {
+    pub(super) subject: &'static str,
+    pub(super) state: State,
+    pub(super) what: String,
+}
+
+/// The three verdicts in words.
+pub(super) fn sentences(found: &CheckReport) -> [Sentence; 3] {
+    found.verdicts.each().map(|(subject, verdict)| Sentence {
+        subject: match subject {
+            Subject::Integrity => "integrity",
+            Subject::Conservation => "conservation",
+            Subject::Quality => "quality",
+        },
+        state: verdict.state,
+        what: reasons(found, subject, verdict),
+    })
+}
+
+/// The word for a state in a table.
+pub(super) fn word(state: State) -> &'static str {
+    match state {
+        State::Ok => "ok",
+        State::Doubtful => "DOUBTFUL",
+        State::Unfinished => "UNFINISHED",
+        State::Failed => "FAILED",
+    }
+}
+
+fn reasons(found: &CheckReport, subject: Subject, verdict: &Verdict) -> String {
+    if verdict.state == State::Ok {
+        return match subject {
+            Subject::Integrity if !found.complete => "what is there is as it was written; parts are missing".to_owned(),
+            Subject::Integrity => "the files are as they were written".to_owned(),
+            Subject::Conservation => "what leaves a patch adds up".to_owned(),
+            Subject::Quality if found.closure.rows == 0 => "no row to judge by".to_owned(),
+            Subject::Quality => format!(
+                "every row sums to 1 within {}, and backs take {} of the view",
+                figures(found.quality.closure_limit),
+                percent(found.blocked)
+            ),
+        };
+    }
+    let failed = verdict.failed.iter().map(|&check| match check {
+        Check::Complete => "parts are still to be computed".to_owned(),
+        other => format!("{} failed", name(other)),
+    });
+    let doubts = verdict.doubts.iter().map(|doubt| match doubt {
+        Doubt::Closure => format!(
+            "{} to 1 only beyond {}, the worst by {}",
+            number_of_rows(found.quality.closure_rows, "sums", "sum"),
+            figures(found.quality.closure_limit),
+            figures(found.closure.max)
+        ),
+        Doubt::Blocked => format!(
+            "{} of the view ends on backs of one-sided surfaces",
+            percent(found.blocked)
+        ),
+        Doubt::Warned => format!(
+            "{} backs in more than half of the view",
+            number_of_rows(found.quality.warned_rows, "sees", "see")
+        ),
+    });
+    failed.chain(doubts).collect::<Vec<_>>().join("; ")
+}
+
+/// `1 row sums`, `4,103 rows sum`.
+fn number_of_rows(rows: u64, one: &str, many: &str) -> String {
+    format!("{} {}", counted(rows, "row"), if rows == 1 { one } else { many })
+}
+
 /// A group of checks and their outcome.
-pub(super) struct Verdict {
+pub(super) struct Group {
     pub(super) name: &'static str,
     /// `ok`, `FAILED`, or `-` for figures without a bound.
     pub(super) state: &'static str,
     pub(super) what: String,
 }
 
-impl Verdict {
+impl Group {
     /// By whether one of `checks` failed.
     fn by(found: &CheckReport, checks: &[Check], name: &'static str, what: impl Into<String>) -> Self {
         Self {
@@ -200,10 +282,10 @@ impl Verdict {
 
     /// By a check with an optional bound.
     fn bounded(found: &CheckReport, check: Check, bound: Option<f64>, name: &'static str, what: String) -> Self {
-        let verdict = Self::by(found, &[check], name, what);
+        let group = Self::by(found, &[check], name, what);
         match bound {
-            Some(_) => verdict,
-            None => Self { state: "-", ..verdict },
+            Some(_) => group,
+            None => Self { state: "-", ..group },
         }
     }
 }
@@ -218,18 +300,18 @@ fn bound_text(bound: Option<f64>, without: &str) -> String {
 }
 
 /// The outcome of all checks, in the order of the report.
-pub(super) fn verdicts(found: &CheckReport) -> Vec<Verdict> {
-    let files = [Check::Files, Check::Table, Check::Manifest, Check::Complete];
+pub(super) fn groups(found: &CheckReport) -> Vec<Group> {
+    let files = [Check::Files, Check::Table, Check::Manifest];
     let range = [Check::Range, Check::Diagonal, Check::Columns];
-    let mut verdicts = vec![
-        Verdict::by(found, &files, "files", "checksums, patch table, totals"),
-        Verdict::by(
+    let mut groups = vec![
+        Group::by(found, &files, "files", "checksums, patch table, totals"),
+        Group::by(
             found,
             &[Check::Weights, Check::Visible],
             "weights",
             "every row's weights are its hemicubes', exactly",
         ),
-        Verdict::by(
+        Group::by(
             found,
             &range,
             "range",
@@ -237,27 +319,27 @@ pub(super) fn verdicts(found: &CheckReport) -> Vec<Verdict> {
         ),
         closure(found),
     ];
-    verdicts.extend(escaped(found));
+    groups.extend(escaped(found));
     if has_failed(found, &[Check::Entries]) {
-        verdicts.push(Verdict::by(found, &[Check::Entries], "entries", "no row has an entry"));
+        groups.push(Group::by(found, &[Check::Entries], "entries", "no row has an entry"));
     }
-    verdicts.push(reciprocity(found));
-    verdicts.extend(sky(found));
-    verdicts
+    groups.push(reciprocity(found));
+    groups.extend(sky(found));
+    groups
 }
 
-fn closure(found: &CheckReport) -> Verdict {
+fn closure(found: &CheckReport) -> Group {
     let what = format!(
         "|sum of F + escaped + blocked - 1| is at most {}, on average {}; {}",
         figures(found.closure.max),
         figures(found.closure.mean),
         bound_text(found.closure.bound, "no bound (`--closure X` sets one)")
     );
-    Verdict::bounded(found, Check::Closure, found.closure.bound, "closure", what)
+    Group::bounded(found, Check::Closure, found.closure.bound, "closure", what)
 }
 
 /// The escaped share, of nearly closed scenes or with a bound.
-fn escaped(found: &CheckReport) -> Option<Verdict> {
+fn escaped(found: &CheckReport) -> Option<Group> {
     let is_told = found.escaped_bound.is_some() || (found.escaped > 0.0 && found.escaped <= NEARLY_CLOSED);
     let bound = bound_text(
         found.escaped_bound,
@@ -267,10 +349,10 @@ fn escaped(found: &CheckReport) -> Option<Verdict> {
         "at most {} of a row leaves the scene; {bound}",
         percent(found.escaped_max)
     );
-    is_told.then(|| Verdict::bounded(found, Check::Escaped, found.escaped_bound, "escaped", what))
+    is_told.then(|| Group::bounded(found, Check::Escaped, found.escaped_bound, "escaped", what))
 }
 
-fn reciprocity(found: &CheckReport) -> Verdict {
+fn reciprocity(found: &CheckReport) -> Group {
     let pairs = found.reciprocity;
     let what = if pairs.pairs == 0 {
         "no pair of rows to compare".to_owned()
@@ -283,11 +365,11 @@ fn reciprocity(found: &CheckReport) -> Verdict {
             bound_text(pairs.bound, "no bound (`--reciprocity X` sets one)")
         )
     };
-    Verdict::bounded(found, Check::Reciprocity, pairs.bound, "reciprocity", what)
+    Group::bounded(found, Check::Reciprocity, pairs.bound, "reciprocity", what)
 }
 
 /// The sky rows beside the matrix, if there are any or they should be.
-fn sky(found: &CheckReport) -> Option<Verdict> {
+fn sky(found: &CheckReport) -> Option<Group> {
     let what = found.sky.map(|sky| {
         let others = if sky.rows_as_in_matrix == sky.rows {
             String::new()
@@ -306,7 +388,7 @@ fn sky(found: &CheckReport) -> Option<Verdict> {
     });
     let is_told = what.is_some() || has_failed(found, &[Check::Sky]);
     let what = what.unwrap_or_else(|| "sky rows beside the matrix".to_owned());
-    is_told.then(|| Verdict::by(found, &[Check::Sky], "sky", what))
+    is_told.then(|| Group::by(found, &[Check::Sky], "sky", what))
 }
 
 /// The name of a check in messages.
@@ -318,7 +400,7 @@ fn text(found: &CheckReport, store: &Store) -> String {
     let mut text = facts(found, store, true).text();
     text.push('\n');
     let mut checks = Listing::default();
-    for Verdict { name, state, what } in verdicts(found) {
+    for Group { name, state, what } in groups(found) {
         checks.add(name, format!("{state:6}  {what}"));
     }
     text.push_str(&checks.text());
@@ -339,15 +421,33 @@ fn text(found: &CheckReport, store: &Store) -> String {
     }
     text.push('\n');
     for failure in &found.failures {
-        text.push_str(&format!(
-            "FAILED {}: {}, the first: {}\n",
-            name(failure.check),
-            counted(failure.count, "case"),
-            failure.first
-        ));
+        text.push_str(&if failure.check == Check::Complete {
+            format!(
+                "UNFINISHED: {}; the command that began it goes on, `--allow-incomplete` accepts what is there\n",
+                failure.first
+            )
+        } else {
+            format!(
+                "FAILED {}: {}, the first: {}\n",
+                name(failure.check),
+                counted(failure.count, "case"),
+                failure.first
+            )
+        });
     }
-    if found.ok {
-        text.push_str("Everything holds.\n");
+    if !found.failures.is_empty() {
+        text.push('\n');
     }
+    let mut verdicts = Listing::default();
+    for Sentence { subject, state, what } in sentences(found) {
+        verdicts.add(subject, format!("{:10}  {what}", word(state)));
+    }
+    text.push_str(&verdicts.text());
+    text.push_str(match (found.ok, found.verdicts.quality.state) {
+        (true, State::Ok) if found.complete => "Everything holds.\n",
+        (true, State::Ok) => "What is there holds.\n",
+        (true, _) => "No bound is broken, and the quality is doubtful (`--strict` makes that exit 1).\n",
+        (false, _) => "",
+    });
     text
 }

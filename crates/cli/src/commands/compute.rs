@@ -263,9 +263,9 @@ impl Tally {
 }
 
 pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
-    // clap requires both; only `--print-config` goes without.
+    // clap requires a scene; only `--print-config` goes without.
     let (Some(scene_path), Some(directory)) = (arguments.scene.as_deref(), arguments.output.as_deref()) else {
-        bail!("a scene and `--output` are needed");
+        bail!("a scene is needed");
     };
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let shard = arguments
@@ -417,7 +417,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     } = opened;
     let watch = Watch::new(status, cancel, talk);
     let stage = status.stage("load");
-    let mut prepared = prepare(scene, &arguments.patches, &arguments.render, arguments.process.memory)?;
+    let mut prepared = prepare(scene, &arguments.patches, &arguments.render, arguments.render.work())?;
     drop(stage);
     prepared.tell(talk);
     let sessions = Sessions {
@@ -429,7 +429,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
         .map_err(explain)?;
     tell_backend(&run, &prepared, talk);
     let entries_per_row = run.probe.map_or(0.0, |probe| probe.entries_per_row);
-    if let Some(limit) = arguments.process.memory {
+    if let Some(limit) = arguments.patches.memory {
         let rows = forecast_rows(&run, entries_per_row, arguments.batch);
         run.threads = keep_within(limit, run.threads, rows, talk)?;
     }
@@ -733,8 +733,8 @@ fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> 
     let peak = report::peak_memory_bytes().unwrap_or(0);
     if peak > limit {
         return Err(hinted(
-            anyhow!("`--memory` of {}: reading the scene took {}", size(limit), size(peak)),
-            "give it more, or cut the scene",
+            anyhow!("`--memory` of {}: making it ready took {}", size(limit), size(peak)),
+            "give it more, or cut its triangles into fewer patches",
         ));
     }
     let Some(within) = forecast::threads_within(limit, resident, threads, rows) else {
@@ -745,7 +745,7 @@ fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> 
                 size(resident),
                 size(forecast::memory(resident, 1, rows))
             ),
-            "give it more, or cut the scene",
+            "give it more, or cut its triangles into fewer patches",
         ));
     };
     if within < threads {

@@ -95,7 +95,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "Patches")]
     range: Option<[f64; 2]>,
     #[arg(long, value_name = "x|y|z", hide_possible_values = true, help_heading = "Patches", help = format!(
-        "The axis that points up, for {}, where that is y [default: the scene's, or z where it does not say]",
+        "The axis that points up, for {}, where that is y [default: the scene's, or as `inspect` finds it]",
         patch_extensions(PatchFormat::is_upright, " and "),
     ))]
     up: Option<UpAxis>,
@@ -334,7 +334,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Target::Matrix(format) => format,
         Target::Patches(format) => return patches::run(arguments, format, json, talk),
     };
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let sky = if arguments.with_sky {
         Some(SkyColumns::open(
@@ -513,7 +513,7 @@ struct ZonesReport<'a> {
 
 fn export_zones(arguments: &Arguments, by: ZoneName, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
     let format = ZoneFormat::of(&arguments.output)?;
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let bar = Bar::spinner(talk, &format!("adding up `{}`", arguments.store.display()));
     let found = zones(&store, by.into())?;

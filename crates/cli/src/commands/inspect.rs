@@ -68,7 +68,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     };
     let json = JsonReport::open(&arguments.report)?;
     let mut backend = arguments.render.open_backend(talk)?;
-    let prepared = prepare(path, &arguments.patches, &arguments.render, None)?;
+    let prepared = prepare(path, &arguments.patches, &arguments.render, arguments.render.work())?;
     let reading = peak_memory_bytes();
     let mut surveyed = survey(&prepared.scene, &prepared.scene.repaired);
     if arguments.patches.up.is_some() {

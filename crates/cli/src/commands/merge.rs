@@ -66,10 +66,10 @@ struct Report {
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     if arguments.sources.is_empty() {
-        report::require(&arguments.store)?;
+        report::require_matrix(&arguments.store)?;
     }
     for source in &arguments.sources {
-        report::require(source)?;
+        report::require_matrix(source)?;
     }
     let threads = match arguments.threads {
         0 => std::thread::available_parallelism().map_or(1, usize::from),

@@ -1,8 +1,8 @@
 //! `hemicube report`: one page about a matrix, to be opened from the disk.
 //!
 //! `page.rs` writes one HTML file: sections as text, histograms as SVG, and arrays (`blocks.rs`: deflated, in base64,
-//! each in a `<script>` that no browser runs). The largest entries of each row (`rows.rs`) are unpacked a thousand rows
-//! at a time, on a click. `viewer/` runs in the page. It draws all patches at once without an index, so that a vertex's
+//! each in a `<script>` that no browser runs). The entries of each row (`rows.rs`), all of them or the largest, are
+//! unpacked 65,536 at a time, on a click. `viewer/` runs in the page. It draws all patches at once without an index, so that a vertex's
 //! number gives its patch; colours come from a texture, and the patch under the mouse from one pixel drawn in colours
 //! of ids. It is bundled with three.js by `scripts/viewer.sh` and committed, so that the program is built without Node;
 //! `./test` bundles it again and compares. The page's own policy forbids it to load anything.
@@ -20,7 +20,7 @@ mod plot;
 mod rows;
 mod worst;
 
-use crate::args::{EngineSettings, Report as ReportArguments, Talk};
+use crate::args::{EngineSettings, Report as ReportArguments, Talk, UpAxis};
 use crate::exit::Exit;
 use crate::help::examples;
 use crate::outputs::Paths;
@@ -32,6 +32,7 @@ use anyhow::{Context, Result, bail};
 use blocks::Blocks;
 use clap::Args;
 use columns::{Columns, columns};
+use hemicube::analysis::check::verdict::Verdicts;
 use hemicube::analysis::check::{CheckOptions, CheckReport, check};
 use hemicube::store::{PatchTable, Store};
 use rows::RowPacker;
@@ -40,8 +41,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use worst::{WORST_ROWS, worst};
 
-/// Built-in number of a row's largest entries.
+/// Number of a row's largest entries in a page that cannot have all.
 const ENTRIES: u32 = 32;
+/// Bytes of a page that rows may take in full, unasked, and those of an entry: a gap and 16 bits, deflated, in base64.
+const ROW_BYTES_MAX: u64 = 32_000_000;
+const BYTES_PER_ENTRY: u64 = 5;
+/// `--entries all`.
+const ALL: u32 = u32::MAX;
 /// Above this number of patches, a page has rows only on request: it would be too large to open.
 const PATCHES_WITH_ROWS_MAX: u32 = 250_000;
 /// Cells of the picture of the matrix.
@@ -67,12 +73,16 @@ pub(crate) struct Arguments {
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// How many of the largest entries of each row the page has; 0: no rows [default: 32, and 0 above 250,000 patches]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    /// How many of the largest entries of each row the page has; 0: no rows [default: all where they take 32 MB at most,
+    /// 6.4 million entries; else 32; 0 above 250,000 patches]
+    #[arg(long, value_name = "N|all", value_parser = entries)]
     pub(crate) entries: Option<u32>,
     /// A solution to colour the model by (repeatable) [default: all that there are]
     #[arg(long, value_name = "NAME")]
     pub(crate) solution: Vec<String>,
+    /// The axis that points up [default: the scene's, or as `inspect` finds it]
+    #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
+    pub(crate) up: Option<UpAxis>,
     /// Read a scene of which more would come than a file of its size may become (docs/security.md)
     #[arg(long, hide_short_help = true)]
     pub(crate) allow_large: bool,
@@ -105,6 +115,7 @@ struct Summary<'a> {
     entries_per_row: u32,
     fields: Vec<&'a str>,
     ok: bool,
+    verdicts: &'a Verdicts,
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "the page has f32")]
@@ -118,14 +129,16 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if !arguments.output.extension().is_some_and(is_html) {
         bail!("`{}`: the name of a page ends in .html", arguments.output.display());
     }
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     store.require_complete()?;
     let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;
+    let up = prepared.up(arguments.up)?;
+    prepared.tell_up(arguments.up, talk);
     let bar = Bar::spinner(talk, "checking");
     let checked = checked(&store)?;
     bar.message("reading the rows");
-    let entries = entries_per_row(arguments, &store);
+    let entries = entries_per_row(arguments, &store, &checked);
     let (table, of_rows) = (store.patches()?, store.row_table()?);
     let rows = read_rows(&store, &table, entries)?;
     let mut columns = columns(&store, &of_rows, rows.seen, &arguments.solution, talk)?;
@@ -143,7 +156,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         columns: &columns,
         sparsity: &rows.sparsity,
         bounds,
-        up: prepared.scene.up,
+        up,
         packed,
     };
     let text = page.html(&blocks)?;
@@ -156,6 +169,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         counted(store.patch_count().into(), "patch"),
         if entries == 0 {
             "no rows".to_owned()
+        } else if u64::from(entries) >= checked.entries_per_row.max {
+            "rows in full".to_owned()
         } else {
             format!("the largest {} of each row", counted(entries.into(), "entry"))
         }
@@ -171,6 +186,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             entries_per_row: entries,
             fields: columns.fields.iter().map(|field| field.key.as_str()).collect(),
             ok: checked.ok,
+            verdicts: &checked.verdicts,
         })?;
     }
     if checked.ok {
@@ -192,14 +208,29 @@ fn checked(store: &Store) -> Result<CheckReport> {
     Ok(check(store, &options)?)
 }
 
-/// Number of entries a row: as asked, otherwise none above [`PATCHES_WITH_ROWS_MAX`].
-fn entries_per_row(arguments: &Arguments, store: &Store) -> u32 {
+fn entries(text: &str) -> Result<u32, String> {
+    match text.parse() {
+        Ok(number) if number <= 1024 => Ok(number),
+        _ if text == "all" => Ok(ALL),
+        _ => Err("a number from 0 to 1024, or `all`, is needed".to_owned()),
+    }
+}
+
+/// Number of entries a row: as asked; otherwise none above [`PATCHES_WITH_ROWS_MAX`], all within [`ROW_BYTES_MAX`], or
+/// [`ENTRIES`]. At most those of the longest row.
+fn entries_per_row(arguments: &Arguments, store: &Store, checked: &CheckReport) -> u32 {
     let usual = if store.patch_count() > PATCHES_WITH_ROWS_MAX {
         0
+    } else if checked.entries * BYTES_PER_ENTRY <= ROW_BYTES_MAX {
+        ALL
     } else {
         ENTRIES
     };
-    arguments.entries.unwrap_or(usual)
+    let longest = u32::try_from(checked.entries_per_row.max).unwrap_or(ALL);
+    match arguments.entries.unwrap_or(usual) {
+        0 => 0,
+        entries => entries.min(longest.max(1)),
+    }
 }
 
 /// Rows of the matrix, for the page.

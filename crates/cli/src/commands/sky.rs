@@ -15,13 +15,13 @@ use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Culling, HemicubeBackend, RESOLUTIONS, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
+use hemicube::driver::room::Work;
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
     Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
     write_points, write_sky,
 };
 use hemicube::store::{FolderLock, Store, scene_hash};
-use hemicube_scene::Axis;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -379,7 +379,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let started = Instant::now();
     let prepared = prepare_scene(arguments, store.as_ref())?;
     prepared.tell(talk);
-    let up = up_axis(arguments, &prepared)?;
+    let up = prepared.up(arguments.patches.up)?;
+    prepared.tell_up(arguments.patches.up, talk);
     let horizon = Horizon::new(up, arguments.north);
     tell_of_suns(arguments, &suns, horizon, talk);
     let misplaced = misplaced(&prepared, &points, horizon);
@@ -441,7 +442,7 @@ fn read_if_any<T: Default>(path: Option<&Path>, read: impl Fn(&Path) -> Result<T
 
 fn open_store(arguments: &Arguments) -> Result<Option<Store>> {
     let Some(path) = &arguments.store else { return Ok(None) };
-    report::require(path)?;
+    report::require_matrix(path)?;
     Ok(Some(Store::open(path)?))
 }
 
@@ -454,19 +455,8 @@ fn prepare_scene(arguments: &Arguments, store: Option<&Store>) -> Result<Prepare
             &arguments.engine,
             arguments.patches.allow_large,
         ),
-        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, None),
+        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Fractions),
     }
-}
-
-/// The axis that points up: given, otherwise the scene's.
-fn up_axis(arguments: &Arguments, prepared: &Prepared) -> Result<Axis> {
-    let up = arguments.patches.up.map(Into::into).or(prepared.scene.up);
-    up.ok_or_else(|| {
-        hinted(
-            anyhow!("`{}` does not say which axis points up", arguments.scene.display()),
-            "`--up y` or `--up z` does",
-        )
-    })
 }
 
 /// Points that are not in the open.

@@ -245,8 +245,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if let Some(picture) = &arguments.picture {
         PictureFormat::of(picture)?;
     }
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
+    require_up(arguments, &store)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let table = store.patches()?;
@@ -269,7 +270,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     for output in &arguments.output {
         write_output(&stored, &store, &table, &record, output)?;
     }
-    draw_picture(arguments, &store, &stored)?;
+    draw_picture(arguments, &store, &stored, talk)?;
     let seconds = started.elapsed().as_secs_f64();
     talk.say(text(&record, &store, &path, seconds).trim_end());
     if !record.converged {
@@ -336,11 +337,24 @@ impl Arguments {
     }
 }
 
-fn draw_picture(arguments: &Arguments, store: &Store, stored: &StoredSolution) -> Result<()> {
+/// Refuses a picture of a scene that does not say where up is, before anything is solved.
+fn require_up(arguments: &Arguments, store: &Store) -> Result<()> {
+    match (&arguments.picture, &arguments.scene) {
+        (Some(_), Some(scene)) if arguments.camera.up.is_none() => {
+            let engine = EngineSettings::default();
+            stored::scene(store, scene, &engine, arguments.allow_large)?.up(None)?;
+            Ok(())
+        }
+        _ => Ok(()),
+    }
+}
+
+fn draw_picture(arguments: &Arguments, store: &Store, stored: &StoredSolution, talk: Talk) -> Result<()> {
     let (Some(picture), Some(scene)) = (&arguments.picture, &arguments.scene) else {
         return Ok(());
     };
     let prepared = stored::scene(store, scene, &EngineSettings::default(), arguments.allow_large)?;
+    prepared.tell_up(arguments.camera.up, talk);
     let values = model::of_solution(stored, arguments.quantity().shown)?;
     model::draw(&prepared, &values, &arguments.camera, picture)
 }

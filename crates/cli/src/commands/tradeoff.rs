@@ -29,6 +29,7 @@ use clap::{Args, FromArgMatches};
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::driver::compute::{Plan, Progress, RowChoice, Selection};
+use hemicube::driver::room::Work;
 use hemicube::reference::{Reference, ReferenceRow, noise_of};
 use hemicube::row::RowBlock;
 use hemicube::{InputPatch, Model};
@@ -110,7 +111,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     let mut backend = arguments.engine.open_backend(talk)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
-    let prepared = prepare(path, &arguments.patches, &arguments.engine, None)?;
+    let prepared = prepare(path, &arguments.patches, &arguments.engine, Work::Tolerance)?;
     prepared.tell(talk);
     // An interrupt ends the current work, and unfinished files are removed.
     let guard = exit::InterruptGuard::new();
@@ -158,7 +159,7 @@ pub(super) fn measure_scene(words: Vec<OsString>, cancel: &AtomicBool, talk: Tal
         bail!("a scene is needed")
     };
     let mut backend = arguments.engine.open_backend(talk)?;
-    let prepared = prepare(path, &arguments.patches, &arguments.engine, None)?;
+    let prepared = prepare(path, &arguments.patches, &arguments.engine, Work::Tolerance)?;
     measure(arguments, prepared, backend.as_mut(), cancel, talk)
 }
 
@@ -353,8 +354,7 @@ fn recommend(
 
 /// The command line for the whole matrix.
 fn command(trial: &Trial, arguments: &Arguments, path: &Path) -> String {
-    let mut output = path.file_stem().map_or_else(|| PathBuf::from("matrix"), PathBuf::from);
-    output.as_mut_os_string().push(".hemicube");
+    let output = crate::report::matrix_of(path);
     let mut words = vec![format!("hemicube compute {} -o {}", word(path), word(&output))];
     words.extend(scene_words(&arguments.patches, &arguments.engine));
     words.push(trial.words.clone());

@@ -8,6 +8,8 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use std::io::Write;
 use std::path::Path;
 
+pub(crate) use hemicube_export::scale_color;
+
 /// An sRGB colour.
 pub(crate) type Color = [u8; 3];
 
@@ -15,33 +17,6 @@ pub(crate) const WHITE: Color = [255; 3];
 pub(crate) const INK: Color = [34; 3];
 /// Colour of an empty view.
 pub(crate) const NOTHING: Color = [245, 245, 242];
-
-/// Viridis (Smith & van der Walt 2015) at equal steps: from dark to light, and told apart by any colour vision.
-const VIRIDIS: [Color; 9] = [
-    [68, 1, 84],
-    [71, 45, 123],
-    [59, 82, 139],
-    [44, 114, 142],
-    [33, 145, 140],
-    [40, 174, 128],
-    [94, 201, 98],
-    [173, 220, 48],
-    [253, 231, 37],
-];
-
-/// The colour of a number from 0 to 1.
-pub(crate) fn scale_color(value: f64) -> Color {
-    let place = value.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f64;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 8")]
-    let low = (place as usize).min(VIRIDIS.len() - 2);
-    let share = place - low as f64;
-    let mut color = [0; 3];
-    for (channel, out) in color.iter_mut().enumerate() {
-        let (from, to) = (f64::from(VIRIDIS[low][channel]), f64::from(VIRIDIS[low + 1][channel]));
-        *out = byte(from + share * (to - from));
-    }
-    color
-}
 
 /// A colour for an id; neighbouring ids differ.
 pub(crate) fn id_color(id: u32) -> Color {
@@ -320,11 +295,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colours_run_from_dark_to_light() {
-        assert_eq!(scale_color(-1.0), VIRIDIS[0]);
-        assert_eq!(scale_color(2.0), VIRIDIS[8]);
-        let light = |value: f64| scale_color(value).iter().map(|&c| u32::from(c)).sum::<u32>();
-        assert!(light(0.2) < light(0.9));
+    fn bytes_of_light_and_back() {
         for value in 0..=255u8 {
             assert_eq!(byte(shown(linear(value))), value);
         }

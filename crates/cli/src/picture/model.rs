@@ -42,7 +42,7 @@ pub(crate) struct Camera {
     /// What it looks at [default: the middle of the scene]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub(crate) look_at: Option<Point>,
-    /// The axis that points up in the picture [default: the scene's, or z where it does not say]
+    /// The axis that points up in the picture [default: the scene's, or as `inspect` finds it]
     #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,
     /// Angle of view from the lower to the upper edge, in degrees
@@ -183,7 +183,7 @@ impl Camera {
         let low = corners().fold(DVec3::INFINITY, DVec3::min);
         let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
         let middle = (low + high) / 2.0;
-        let up = match self.up.map(Into::into).or(prepared.scene.up).unwrap_or(Axis::Z) {
+        let up = match prepared.up(self.up)? {
             Axis::X => DVec3::X,
             Axis::Y => DVec3::Y,
             Axis::Z => DVec3::Z,

@@ -8,6 +8,8 @@ const started = performance.now();
 const $ = (id) => document.getElementById(id);
 const head = JSON.parse($("head").textContent);
 const numbers = new Intl.NumberFormat("en");
+/** Entries of a row in the table beside the model. */
+const LISTED = 100;
 
 /** Four significant figures, without an exponent where that is readable. */
 function figures(value) {
@@ -43,20 +45,22 @@ function scaled(values, logarithmic) {
   // A hundredth at either end may be far off the rest; it is shown in the colour of the end.
   let [low, high] = [quantile(values, 0), quantile(values, 1)];
   if (logarithmic) {
-    if (!(low > 0)) low = high * 1e-4;
-    low = Math.max(low, high * 1e-4);
+    const cut = !(low >= high * 1e-4);
+    if (cut) low = high * 1e-4;
     const [from, to] = [Math.log(low), Math.log(high)];
-    return { low, high, of: (value) => (value > 0 ? (Math.log(value) - from) / (to - from || 1) : 0) };
+    return { low, high, cut, of: (value) => (value > 0 ? (Math.log(value) - from) / (to - from || 1) : 0) };
   }
   return { low, high, of: (value) => (value - low) / (high - low || 1) };
 }
 
-function legend(low, high, what) {
+/** Tells what the colours mean; `scale` is undefined where they are no scale. */
+function legend(scale, what, logarithmic = false) {
   $("legend-bar").style.background = GRADIENT;
-  $("legend").hidden = low === undefined;
-  $("legend-low").textContent = figures(low);
-  $("legend-high").textContent = figures(high);
-  $("legend-what").textContent = what;
+  $("legend").hidden = scale === undefined;
+  // Values below the lowest decade have its colour.
+  $("legend-low").textContent = `${scale?.cut ? "\u2264 " : ""}${figures(scale?.low)}`;
+  $("legend-high").textContent = figures(scale?.high);
+  $("legend-what").textContent = logarithmic ? `${what}; logarithmic scale` : what;
 }
 
 function paint() {
@@ -71,23 +75,26 @@ function paint() {
     const factors = new Map((selectedRow?.entries ?? []).map((entry) => [entry.patch, entry.factor]));
     const found = [...factors.values()].filter((value) => value > 0);
     if (found.length === 0) {
-      legend(undefined, undefined, selected < 0 ? "click a patch to see its row" : "this patch has no row with entries");
+      legend(undefined, selected < 0 ? "click a patch to see its row" : "this patch has no row with entries");
       of = () => NOTHING;
     } else {
       const scale = scaled(Float32Array.from(found), logarithmic);
-      legend(scale.low, scale.high, `form factor from patch ${numbers.format(selected)} (red), its largest ${found.length} entries`);
+      const all = columns.seen[selected];
+      const entries = selectedRow.entries.length;
+      const which = entries < all ? `its largest ${numbers.format(entries)} of ${numbers.format(all)} entries` : `all ${numbers.format(all)} entries`;
+      legend(scale, `form factor from patch ${numbers.format(selected)} (red), ${which}`, logarithmic);
       of = (patch) => (factors.has(patch) ? scaleColor(scale.of(factors.get(patch))) : NOTHING);
     }
   } else if (field.light) {
-    legend(undefined, undefined, field.note);
+    legend(undefined, field.note);
     of = lightColors(field.columns.map((name) => columns[name]));
   } else if (field.key === "object") {
-    legend(undefined, undefined, field.note);
+    legend(undefined, field.note);
     of = (patch) => idColor(columns.object[patch]);
   } else {
     const values = columns[field.columns[0]];
     const scale = scaled(values, logarithmic);
-    legend(scale.low, scale.high, field.note);
+    legend(scale, field.note, logarithmic);
     of = (patch) => (Number.isNaN(values[patch]) ? NOTHING : scaleColor(scale.of(values[patch])));
   }
   model.paint((patch) => (patch === selected ? SELECTED : of(patch)));
@@ -126,9 +133,26 @@ function button(patch) {
   return made;
 }
 
-/** Selects a patch, and shows its row; -1 selects none. */
+/** Says why a number is refused, or that none is. */
+function refuse(reason) {
+  $("patch-error").hidden = !reason;
+  $("patch-error").textContent = reason;
+  $("patch-number").setAttribute("aria-invalid", String(reason !== ""));
+}
+
+/** Selects the patch of a typed number or of a button, and moves the view to it. */
+async function visit(patch) {
+  if (await select(patch) && patch >= 0) await model.goTo(patch);
+}
+
+/** Selects a patch, and shows its row; -1 selects none. False for a number that is no patch's: the selection stays. */
 async function select(patch) {
-  if (!Number.isInteger(patch) || patch < -1 || patch >= head.patches) return;
+  if (!Number.isInteger(patch) || patch < -1 || patch >= head.patches) {
+    const what = Number.isNaN(patch) ? "That is no number" : `There is no patch ${numbers.format(patch)}`;
+    refuse(`${what}: patches are 0 to ${numbers.format(head.patches - 1)}.`);
+    return false;
+  }
+  refuse("");
   selected = patch;
   $("patch-number").value = patch < 0 ? "" : patch;
   $("patch").hidden = patch < 0;
@@ -138,7 +162,7 @@ async function select(patch) {
     $("patch-name").textContent = `Patch ${numbers.format(patch)}`;
     describe(patch);
     const found = head.rows ? await row(patch, head.rows.per_block) : null;
-    if (selected !== patch) return;
+    if (selected !== patch) return false;
     selectedRow = found;
     $("row").hidden = !found;
     $("row-none").hidden = !!found;
@@ -147,11 +171,13 @@ async function select(patch) {
       const all = columns.seen[patch];
       const total = columns.row_sum[patch];
       const shown = found.entries.reduce((sum, entry) => sum + entry.factor, 0);
+      const listed = found.entries.slice(0, LISTED);
       $("row-summary").textContent = all > found.entries.length
         ? `Of ${numbers.format(all)} entries, which sum to ${figures(total)}, these are the largest ${found.entries.length}; they sum to ${figures(shown)}.`
-        : `All ${numbers.format(all)} entries; they sum to ${figures(total)}.`;
+        : `All ${numbers.format(all)} entries are in colour; they sum to ${figures(total)}.`;
+      if (listed.length < found.entries.length) $("row-summary").textContent += ` The largest ${LISTED} are listed.`;
       const largest = found.entries[0]?.factor || 1;
-      table($("row-entries"), found.entries.map((entry) => {
+      table($("row-entries"), listed.map((entry) => {
         const bar = element("span", undefined, { class: "bar" });
         bar.style.width = `${(100 * entry.factor) / largest}%`;
         const factor = element("span", figures(entry.factor));
@@ -166,6 +192,7 @@ async function select(patch) {
     }
   }
   paint();
+  return true;
 }
 
 // ---- the page -------------------------------------------------------------------------------------------------------
@@ -202,10 +229,14 @@ try {
   for (const what of ["shade", "edges", "backs"]) $(what).addEventListener("change", () => model.set(what, $(what).checked));
   $("fit").addEventListener("click", () => model.fit());
   $("top").addEventListener("click", () => model.top());
-  $("patch-number").addEventListener("change", () => select($("patch-number").value === "" ? -1 : $("patch-number").valueAsNumber));
+  $("patch-number").addEventListener("change", () => {
+    // What is typed and no number is empty, too.
+    const field = $("patch-number");
+    visit(field.value === "" && !field.validity.badInput ? -1 : field.valueAsNumber).catch(fail);
+  });
   document.addEventListener("click", (event) => {
     const patch = event.target.closest?.("button.patch")?.dataset.patch;
-    if (patch !== undefined) select(Number(patch));
+    if (patch !== undefined) visit(Number(patch)).catch(fail);
   });
   // A click is a press that did not move.
   let pressed = null;
@@ -220,7 +251,7 @@ try {
   $("loading").hidden = true;
   /** For scripts in the browser's console: docs/report.md. */
   window.hemicube = {
-    head, columns, select, row: (patch) => row(patch, head.rows.per_block),
+    head, columns, select, visit, row: (patch) => row(patch, head.rows.per_block),
     pick: (x, y) => model.pick(x, y), placeOf: (patch) => model.placeOf(patch),
     frames: () => model.frames, drawNow: () => model.drawNow(), model,
     milliseconds: performance.now() - started, sinceNavigation: performance.now(),

@@ -156,6 +156,31 @@ export class Model {
     this.look(aside.add(this.camera.up).normalize());
   }
 
+  /** Centres a patch where it is seen from its front: from where the camera is, from straight ahead, nearer and nearer. */
+  async goTo(patch) {
+    const [a, b, c] = [0, 1, 2].map((k) => {
+      const place = 4 * (3 * patch + k);
+      return new Vector3(...this.positions.subarray(place, place + 3)).divideScalar(65535).applyMatrix4(this.mesh.matrix);
+    });
+    const middle = a.clone().add(b).add(c).divideScalar(3);
+    const normal = b.clone().sub(a).cross(c.clone().sub(a)).normalize();
+    const size = Math.max(a.distanceTo(b), b.distanceTo(c), c.distanceTo(a));
+    const now = this.camera.position.clone().sub(this.controls.target);
+    const kept = now.length();
+    const ahead = normal.clone().addScaledVector(this.camera.up, 0.2).normalize();
+    const ways = [now.normalize(), ahead, normal].filter((way) => way.dot(normal) > 0.2);
+    for (const distance of [Math.min(kept, 1), 0.4, 0.15, 0.05, 0.02]) {
+      for (const way of ways) {
+        this.controls.target.copy(middle);
+        this.camera.position.copy(middle).addScaledVector(way, Math.max(distance, 2 * size));
+        this.controls.update();
+        this.drawNow();
+        const { clientWidth: width, clientHeight: height } = this.canvas;
+        if ((await this.pick(width / 2, height / 2)) === patch) return;
+      }
+    }
+  }
+
   look(back) {
     const right = this.camera.up.clone().cross(back).normalize();
     const above = back.clone().cross(right);

@@ -14,14 +14,17 @@
 //! reciprocity  √(Σ (Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ)²) / √(Σ (Aᵢ Fᵢⱼ)²), over the entries of sampled rows i whose row j exists
 //! ```
 //!
-//! and of its files against their checksums. Reciprocity has no bound of its own in pixel mode: the two sides are two
+//! and of its files against their checksums. [`verdict`] sums them up. Reciprocity has no bound of its own in pixel mode: the two sides are two
 //! hemicubes at two points.
+
+pub mod verdict;
 
 use crate::sky::{SkyCheck, check_sky, sky_beside};
 use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Result, RowShares, RowSums, Store};
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
+use verdict::{CLOSURE, Quality, Verdicts, WARNED};
 
 /// Bounds of a check.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -197,6 +200,10 @@ pub struct CheckReport {
     pub closure: Closure,
     /// Difference of A_i F_ij and A_j F_ji.
     pub reciprocity: Reciprocity,
+    /// What the verdict on quality rests on besides bounds.
+    pub quality: Quality,
+    /// Integrity, conservation and quality.
+    pub verdicts: Verdicts,
     /// The rows with the largest closure error, largest first.
     pub worst_rows: Vec<WorstRow>,
     /// The sky rows beside the matrix, if there are any.
@@ -220,6 +227,7 @@ pub struct CheckReport {
 ///
 /// let report = check(&store, &CheckOptions::default())?;
 /// assert!(report.ok && report.closure.max < 1e-6, "{:?}", report.failures);
+/// assert!(report.verdicts.are_ok());
 ///
 /// // One bit of the matrix, on a disk that forgets.
 /// let part = directory.join(&store.manifest().parts[0].file);
@@ -236,6 +244,8 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     let is_pixel = manifest.correction == "pixel";
     let closure_bound = options.closure.or(is_pixel.then_some(1e-6 + manifest.value_error));
     let mut tally = Tally::new(store, is_pixel, closure_bound, options.worst_rows);
+    let tolerance = manifest.settings["tolerance"].as_f64();
+    tally.quality.closure_limit = closure_bound.or(tolerance).unwrap_or(CLOSURE);
     tally.escaped_bound = options.escaped;
     if !manifest.complete && !options.allow_incomplete {
         let missing = format!("{} of {} parts are there", manifest.parts.len(), manifest.part_count);
@@ -334,10 +344,12 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
         },
         _ => None,
     };
-    Ok(CheckReport {
+    let mut report = CheckReport {
         sky,
         ..tally.finish(store, reciprocity)
-    })
+    };
+    report.verdicts = Verdicts::of(&report);
+    Ok(report)
 }
 
 /// Sum of the form factors, shares, and the hemicubes' shares, by the same operations as in the table.
@@ -366,6 +378,7 @@ struct Tally {
     escaped_bound: Option<f64>,
     closure: Closure,
     closure_sum: f64,
+    quality: Quality,
     worst: Vec<WorstRow>,
 }
 
@@ -399,6 +412,7 @@ impl Tally {
                 ..Closure::default()
             },
             closure_sum: 0.0,
+            quality: Quality::default(),
             worst: Vec::new(),
         }
     }
@@ -504,6 +518,7 @@ impl Tally {
             *total += lost;
         }
         self.blocked_rows += u64::from(shares.blocked > 0.0);
+        self.quality.warned_rows += u64::from(shares.blocked > WARNED);
         self.escaped_max = self.escaped_max.max(lost[0]);
         if let Some(bound) = self.escaped_bound.filter(|&bound| lost[0] > bound) {
             self.fail(
@@ -519,6 +534,7 @@ impl Tally {
         let error = if error.is_nan() { f64::INFINITY } else { error };
         self.closure.rows += 1;
         self.closure_sum += error;
+        self.quality.closure_rows += u64::from(error > self.quality.closure_limit);
         self.closure.max = self.closure.max.max(error);
         if self.closure.bound.is_some_and(|bound| error > bound) {
             self.fail(
@@ -585,6 +601,8 @@ impl Tally {
                 ..self.closure
             },
             reciprocity,
+            quality: self.quality,
+            verdicts: Verdicts::default(),
             worst_rows: self.worst,
             sky: None,
         }

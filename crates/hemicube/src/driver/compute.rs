@@ -100,7 +100,7 @@ pub struct Execution<'a> {
     /// Hemicubes a call of the backend; 0: its preference.
     pub batch: usize,
     /// When this becomes true, the run ends, [`Summary::cancelled`]. The part under way is finished if that takes no
-    /// longer than two seconds; otherwise its rows are computed again when the run is resumed.
+    /// longer than half a second; otherwise its rows are computed again when the run is resumed.
     pub cancel: Option<&'a AtomicBool>,
 }
 
@@ -821,7 +821,7 @@ impl<'a> Collector<'a> {
 }
 
 /// Time that a cancelled run may take to finish the part under way.
-const PATIENCE: Duration = Duration::from_secs(2);
+const PATIENCE: Duration = Duration::from_millis(500);
 
 fn append(part: &mut Part, batch: Part) {
     let base = part.indptr.last().copied().unwrap_or(0);

@@ -334,7 +334,7 @@ impl Job {
         };
         let mut probe = None;
         if self.forecasts || self.culling.is_none() {
-            let found = Probe::render(model, &plan, render, backend.as_mut())?;
+            let found = Probe::render(model, &plan, render, backend.as_mut(), execution.cancel)?;
             if self.culling.is_none() {
                 render.culling = found.culling();
                 observer.note(Note::Culling(&found));

@@ -213,10 +213,39 @@ fn is_zero(number: &f64) -> bool {
     *number == 0.0
 }
 
-/// Names the settings that differ, by their path.
+/// A setting as the option that asks for it: ``with `--split 2` ``, ``without `--min-factor` ``.
+fn option(name: &str, value: &Value) -> String {
+    let flag = name.replace('_', "-");
+    let with = |value: &dyn std::fmt::Display| format!("with `--{flag} {value}`");
+    match value {
+        Value::Null => format!("without `--{flag}`"),
+        Value::Array(globs) if globs.is_empty() => format!("without `--{flag}`"),
+        Value::Array(globs) => {
+            let globs: Vec<String> = globs.iter().map(|glob| option(name, glob)).collect();
+            globs.join(" and ")
+        }
+        Value::Bool(on) => with(&if *on { "on" } else { "off" }),
+        Value::String(text) if name == "subdivision" && text == "none" => "with uncut triangles".to_owned(),
+        Value::String(text) if name == "rows" && text == "all" => "with all rows".to_owned(),
+        Value::String(text) => with(text),
+        Value::Object(map) => match (name, map.iter().next()) {
+            ("subdivision", Some((kind, fineness))) => option(kind, fineness),
+            ("rows", Some((kind, rows))) if kind == "range" => {
+                format!("with `--rows {}..{}`", rows["start"], rows["end"])
+            }
+            ("rows", Some((_, rows))) => format!("with `--sample-rows {} --seed {}`", rows["count"], rows["seed"]),
+            _ => with(value),
+        },
+        Value::Number(_) => with(value),
+    }
+}
+
+/// Names the settings that differ, by their options. Settings of other programs have their path as a name.
 fn differing(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) {
     match (theirs, ours) {
-        (Value::Object(theirs), Value::Object(ours)) => {
+        // Follows from the tolerance and the scene.
+        _ if name == "reason" => {}
+        (Value::Object(theirs), Value::Object(ours)) if !matches!(name, "subdivision" | "rows") => {
             let keys: std::collections::BTreeSet<&String> = theirs.keys().chain(ours.keys()).collect();
             for key in keys {
                 let inner = if name.is_empty() {
@@ -229,11 +258,8 @@ fn differing(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) 
             }
         }
         _ if theirs != ours => {
-            let shown = |value: &Value| match value {
-                Value::Null => "not set".to_owned(),
-                value => value.to_string(),
-            };
-            found.push(format!("its `{name}` is {}, here it is {}", shown(theirs), shown(ours)));
+            let [theirs, ours] = [theirs, ours].map(|value| option(name, value));
+            found.push(format!("it was computed {theirs}, and here it is {ours}"));
         }
         _ => {}
     }

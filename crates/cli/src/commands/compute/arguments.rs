@@ -5,13 +5,14 @@ use crate::args::{
 };
 use crate::help::{examples, scene_help};
 use crate::outputs::Paths;
+use crate::report::matrix_of;
 use clap::{Args, ValueEnum};
 use hemicube::store::Form;
 use std::path::PathBuf;
 
 /// Compute the form-factor matrix of a scene, or go on where a run stopped
 #[derive(Args, Debug)]
-#[command(override_usage = "hemicube compute [OPTIONS] SCENE -o DIR", after_long_help = examples(
+#[command(override_usage = "hemicube compute [OPTIONS] SCENE [-o DIR]", after_long_help = examples(
     "  hemicube compute room.obj -o room.hemicube
   hemicube compute room.obj -o room.hemicube --tolerance 0.5% --verify 32
   hemicube compute city.obj -o city.hemicube --sample-rows 1% --seed 7
@@ -23,8 +24,8 @@ use std::path::PathBuf;
 pub(crate) struct Arguments {
     #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
     pub(crate) scene: Option<PathBuf>,
-    /// The directory to write the matrix to
-    #[arg(short, long, value_name = "DIR", required_unless_present = "print_config")]
+    /// The directory to write the matrix to; `room.hemicube` here for `room.obj`, where none is given
+    #[arg(short, long, value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
     /// Replace a matrix that is there, instead of going on with it
     #[arg(long)]
@@ -86,7 +87,16 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) report: Report,
 }
+
 impl Arguments {
+    /// Fills in what the user leaves open: the matrix's name, the resolution.
+    pub(crate) fn settle(&mut self) {
+        self.render.settle();
+        if self.output.is_none() {
+            self.output = self.scene.as_deref().map(matrix_of);
+        }
+    }
+
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
@@ -105,9 +115,6 @@ pub(crate) struct ProcessSettings {
     /// Compute share I of N; auto: as Slurm, MPI or Kubernetes says
     #[arg(long, value_name = "I/N|auto", conflicts_with_all = ["overwrite", "verify"])]
     pub(crate) shard: Option<ShardChoice>,
-    /// Take no more than SIZE of memory: 800M, 4G. With fewer threads, if need be
-    #[arg(long, value_name = "SIZE", value_parser = bytes, hide_short_help = true)]
-    pub(crate) memory: Option<u64>,
     /// Write how far it has come to FILE (JSON), once a second
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     pub(crate) progress_file: Option<PathBuf>,
@@ -140,49 +147,9 @@ fn share_or_none(text: &str) -> Result<f64, String> {
     if number(text)? == 0.0 { Ok(0.0) } else { share(text) }
 }
 
-/// `800M`, `4G`, `1.5 GiB` or a number of bytes.
-fn bytes(text: &str) -> Result<u64, String> {
-    let needed = || "a size such as `800M` or `4G` is needed".to_owned();
-    let text = text.trim();
-    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
-    let unit: f64 = match text[digits.len()..].to_ascii_lowercase().as_str() {
-        "" | "b" => 1.0,
-        "k" | "kb" => 1e3,
-        "m" | "mb" => 1e6,
-        "g" | "gb" => 1e9,
-        "t" | "tb" => 1e12,
-        "kib" => 1024.0,
-        "mib" => 1_048_576.0,
-        "gib" => 1_073_741_824.0,
-        "tib" => 1_099_511_627_776.0,
-        _ => return Err(needed()),
-    };
-    let number: f64 = digits.trim().parse().map_err(|_| needed())?;
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "held against its range"
-    )]
-    if (1e6..1e18).contains(&(number * unit)) {
-        Ok((number * unit) as u64)
-    } else {
-        Err(needed())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn sizes_have_units() {
-        assert_eq!(bytes("800M"), Ok(800_000_000));
-        assert_eq!(bytes("1.5 GiB"), Ok(3 << 29));
-        assert_eq!(bytes("4g"), Ok(4_000_000_000));
-        for wrong in ["", "4", "M", "4X", "-4G", "nan", "1e30"] {
-            assert!(bytes(wrong).is_err(), "{wrong}");
-        }
-    }
 
     #[test]
     fn a_least_factor_may_be_none() {

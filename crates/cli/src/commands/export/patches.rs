@@ -3,7 +3,7 @@
 use super::Arguments;
 use crate::args::{EngineSettings, Talk};
 use crate::exit::{Exit, hinted};
-use crate::picture::canvas::{byte, scale_color, shown};
+use crate::picture::canvas::{byte, shown};
 use crate::picture::model::Tone;
 use crate::report::{self, JsonReport, SCHEMA, counted, figures, size};
 use crate::stored;
@@ -16,8 +16,6 @@ use hemicube_scene::Axis;
 use serde::Serialize;
 use std::path::Path;
 
-/// The colour of a patch without a value.
-const UNKNOWN: [u8; 3] = [128, 128, 128];
 /// `solve`'s names for the bands of an eye.
 const EYE: [&str; 3] = ["red", "green", "blue"];
 
@@ -36,7 +34,7 @@ struct Report<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
-    report::require(&arguments.store)?;
+    report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     if !arguments.allow_incomplete {
         store.require_complete()?;
@@ -56,7 +54,12 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
     let mut results = read(&store, arguments, talk)?;
     if let Some(path) = &arguments.scene {
         let prepared = stored::scene(&store, path, &EngineSettings::default(), arguments.allow_large)?;
-        let up = arguments.up.map(Into::into).or(prepared.scene.up).unwrap_or(Axis::Z);
+        let up = if format.is_upright() {
+            prepared.tell_up(arguments.up, talk);
+            prepared.up(arguments.up)?
+        } else {
+            Axis::Z
+        };
         results.place(&prepared.patches, up)?;
     }
     if format.has_colors() {
@@ -170,22 +173,12 @@ fn colors(results: &PatchResults, name: &str, range: Option<[f64; 2]>) -> Result
         }
         return Ok(of_light(results, name, values.as_chunks::<3>().0));
     }
-    for column in &results.columns {
-        let labels = column.labels();
-        let Some(component) = labels.iter().position(|label| label == name) else {
-            continue;
-        };
-        let values: Vec<f64> = match &column.values {
-            Values::Whole(values) | Values::Named(values, _) => values.iter().map(|&value| value.into()).collect(),
-            Values::Real(values) => values.iter().copied().skip(component).step_by(column.width()).collect(),
-            _ => continue,
-        };
-        return Ok(on_scale(name, &values, range));
+    if let Some(values) = results.numbers(name) {
+        return Ok(Colors::on_scale(name, &values, range));
     }
-    let labels: Vec<String> = results.columns.iter().flat_map(Column::labels).collect();
     Err(hinted(
         anyhow!("there is no `{name}` to show"),
-        format!("there are {}", labels.join(", ")),
+        format!("there are {}", results.labels().join(", ")),
     ))
 }
 
@@ -205,33 +198,6 @@ fn of_light(results: &PatchResults, name: &str, light: &[[f64; 3]]) -> Colors {
             quantity: name.to_owned(),
             color_map: "red, green and blue as an eye sees them, tone-mapped (Reinhard et al. 2002)".to_owned(),
             range: None,
-        },
-    }
-}
-
-fn on_scale(name: &str, values: &[f64], range: Option<[f64; 2]>) -> Colors {
-    let known = || values.iter().copied().filter(|value| !value.is_nan());
-    let [low, high] = range.unwrap_or_else(|| {
-        let (low, high) = (
-            known().fold(f64::INFINITY, f64::min),
-            known().fold(f64::NEG_INFINITY, f64::max),
-        );
-        // Nothing is known, or one value throughout: the first colour.
-        if low <= high { [low, high] } else { [0.0, 0.0] }
-    });
-    let color = |&value: &f64| {
-        if value.is_nan() {
-            UNKNOWN
-        } else {
-            scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE))
-        }
-    };
-    Colors {
-        srgb: values.iter().map(color).collect(),
-        legend: Legend {
-            quantity: name.to_owned(),
-            color_map: "viridis".to_owned(),
-            range: Some([low, high]),
         },
     }
 }

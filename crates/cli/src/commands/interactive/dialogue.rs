@@ -172,9 +172,7 @@ impl Dialogue<'_> {
         let Some(scene) = self.scene("Select the scene to process")? else {
             return Ok(());
         };
-        let mut name = scene.file_stem().unwrap_or_default().to_owned();
-        name.push(".hemicube");
-        let mut output = self.in_here(Path::new(&name));
+        let mut output = self.in_here(&crate::report::matrix_of(&scene));
         loop {
             let line = |dialogue: &Self, replaces: bool| {
                 let line = dialogue.line("compute").with_path(&scene).with("-o").with_path(&output);

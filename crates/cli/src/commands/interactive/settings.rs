@@ -374,15 +374,14 @@ mod tests {
         settings.choose("resolution", "64").expect("it is a value");
         assert_eq!(line(&settings, "compute"), "--correction pixel --resolution 64");
         settings.choose("tolerance", "1%").expect("it is a value");
-        assert_eq!(line(&settings, "compute"), "--resolution 64 --tolerance 1%");
+        assert_eq!(line(&settings, "compute"), "--tolerance 1%");
         assert_eq!(settings.value("correction"), Some("area"));
         settings.choose("store", "compact").expect("it is a value");
         assert_eq!(
             line(&settings, "inspect"),
-            "--resolution 64 --tolerance 1%",
+            "--tolerance 1%",
             "`inspect` has no `--store`"
         );
-        settings.unset("resolution").expect("it goes");
         settings.choose("store", "auto").expect("it is a value");
         assert_eq!(line(&settings, "compute"), "--tolerance 1%");
         settings.clear().expect("all go");

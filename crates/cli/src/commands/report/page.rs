@@ -9,7 +9,7 @@ use super::geometry::Bounds;
 use super::plot::histogram;
 use super::rows::Packed;
 use super::worst::Worst;
-use crate::commands::check::{facts, name, verdicts};
+use crate::commands::check::{Sentence, facts, groups, name, sentences, word};
 use crate::picture::sparsity::Sparsity;
 use crate::prepare::axis_name;
 use crate::report::{count, counted, figures, percent};
@@ -17,6 +17,7 @@ use anyhow::{Context, Result};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use hemicube::analysis::check::CheckReport;
+use hemicube::analysis::check::verdict::State;
 use hemicube::store::Store;
 use hemicube_scene::Axis;
 use serde::Serialize;
@@ -40,7 +41,7 @@ pub(super) struct Page<'a> {
     pub(super) columns: &'a Columns,
     pub(super) sparsity: &'a Sparsity,
     pub(super) bounds: Bounds,
-    pub(super) up: Option<Axis>,
+    pub(super) up: Axis,
     pub(super) packed: Option<Packed>,
 }
 
@@ -71,6 +72,15 @@ fn definitions<'a>(lines: impl Iterator<Item = (&'a str, &'a str)>) -> String {
         .map(|(label, value)| format!("<dt>{}</dt><dd>{}</dd>\n", html(label), html(value)))
         .collect();
     format!("<dl>\n{lines}</dl>\n")
+}
+
+/// The class of a state in the page's style.
+fn class(state: State) -> &'static str {
+    match state {
+        State::Ok => "ok",
+        State::Doubtful | State::Unfinished => "doubtful",
+        State::Failed => "failed",
+    }
 }
 
 /// The settings, one a line; tables within tables by their names with a dot.
@@ -127,7 +137,7 @@ impl Page<'_> {
             patches: manifest.patch_count,
             low: self.bounds.low.to_array(),
             high: self.bounds.high.to_array(),
-            up: axis_name(self.up.unwrap_or(Axis::Z)),
+            up: axis_name(self.up),
             objects: &manifest.objects,
             materials: &manifest.materials,
             columns: &blocks.columns,
@@ -161,17 +171,16 @@ impl Page<'_> {
         if found.blocked > 0.0 {
             cards.push((percent(found.blocked), "is blocked by backs".to_owned()));
         }
-        let state = if found.ok {
-            ("ok", "Everything holds".to_owned())
-        } else {
-            let failed = found.failures.len() as u64;
-            ("failed", format!("{} failed", counted(failed, "check")))
-        };
-        let mut text = format!(
-            "<section aria-label=\"Summary\" class=\"cards\">\n<div class=\"card {}\"><b>{}</b><span>the checks <a \
-             href=\"#checks\">below</a></span></div>\n",
-            state.0, state.1
-        );
+        let mut text = "<section aria-label=\"Summary\" class=\"cards\">\n".to_owned();
+        for Sentence { subject, state, what } in sentences(found) {
+            let _ = writeln!(
+                text,
+                "<div class=\"card {}\"><b>{subject}: {}</b><span>{}; <a href=\"#checks\">checks</a></span></div>",
+                class(state),
+                word(state),
+                html(&what)
+            );
+        }
         for (number, what) in cards {
             let _ = writeln!(text, "<div class=\"card\"><b>{number}</b><span>{what}</span></div>");
         }
@@ -181,12 +190,18 @@ impl Page<'_> {
 
     fn view(&self) -> String {
         let rows = match self.packed {
-            Some(packed) => format!(
-                "Of each row the page has the largest {} and the sums to the {} objects that most of it goes to; the \
-                 matrix has all.",
-                counted(packed.entries as u64, "entry"),
-                packed.objects
-            ),
+            Some(packed) => {
+                let entries = packed.entries as u64;
+                let which = if entries >= self.checked.entries_per_row.max {
+                    "all entries".to_owned()
+                } else {
+                    format!("the largest {} (the matrix has all)", counted(entries, "entry"))
+                };
+                format!(
+                    "Of each row the page has {which} and the sums to the {} objects that most of it goes to.",
+                    packed.objects
+                )
+            }
             None => "The page was written without rows (<code>--entries N</code> adds them).".to_owned(),
         };
         format!(
@@ -199,22 +214,18 @@ impl Page<'_> {
 
     fn checks(&self) -> String {
         let mut rows = String::new();
-        for verdict in verdicts(self.checked) {
-            let class = match verdict.state {
+        for group in groups(self.checked) {
+            let class = match group.state {
                 "ok" => "ok",
                 "FAILED" => "failed",
                 _ => "measured",
             };
-            let state = if verdict.state == "-" {
-                "measured"
-            } else {
-                verdict.state
-            };
+            let state = if group.state == "-" { "measured" } else { group.state };
             let _ = writeln!(
                 rows,
                 "<tr><th scope=\"row\">{}</th><td><span class=\"state {class}\">{state}</span></td><td>{}</td></tr>",
-                verdict.name,
-                html(&verdict.what)
+                group.name,
+                html(&group.what)
             );
         }
         let mut text = format!(

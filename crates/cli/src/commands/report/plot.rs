@@ -24,12 +24,9 @@ pub(super) fn histogram(values: &[f64], what: &str, logarithmic: bool) -> Option
     if shown.is_empty() {
         return None;
     }
-    // All equal: one bar in the middle.
-    let (from, to) = if high > low {
-        (low, high)
-    } else {
-        (low - 0.5, low + 0.5)
-    };
+    // All equal: one bar in the middle, over their value alone.
+    let is_spread = high > low;
+    let (from, to) = if is_spread { (low, high) } else { (low - 0.5, low + 0.5) };
     let mut bins = [0u64; BINS];
     for value in &shown {
         let place = (value - from) / (to - from) * BINS as f64;
@@ -38,9 +35,10 @@ pub(super) fn histogram(values: &[f64], what: &str, logarithmic: bool) -> Option
         bins[bin] += 1;
     }
     let most = bins.iter().copied().max().unwrap_or(1).max(1);
+    let axis = if logarithmic { ", logarithmic axis" } else { "" };
     let number = |value: f64| figures(if logarithmic { 10f64.powf(value) } else { value });
     let mut svg = format!(
-        "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"histogram of {what}\" class=\"plot\">\n"
+        "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"histogram of {what}{axis}\" class=\"plot\">\n"
     );
     let base = HEIGHT - BOTTOM;
     let wide = WIDTH / BINS as f64;
@@ -51,20 +49,26 @@ pub(super) fn histogram(values: &[f64], what: &str, logarithmic: bool) -> Option
         // A bar of one row is still seen.
         let tall = ((base - TOP) * rows as f64 / most as f64).max(1.0);
         let at = |bin: usize| number(from + (to - from) * bin as f64 / BINS as f64);
+        let range = if is_spread {
+            format!("{} to {}", at(bin), at(bin + 1))
+        } else {
+            number(low)
+        };
         let _ = writeln!(
             svg,
-            "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{tall:.1}\"><title>{} to {}: {}</title></rect>",
+            "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{tall:.1}\"><title>{range}: {}</title></rect>",
             wide * bin as f64,
             base - tall,
             wide - 1.0,
-            at(bin),
-            at(bin + 1),
             count(rows)
         );
     }
     let _ = writeln!(svg, "<path d=\"M0 {base}H{WIDTH}\"/>");
     let _ = writeln!(svg, "<text x=\"0\" y=\"12\">{} rows</text>", count(most));
     for (share, anchor) in [(0.0, "start"), (0.5, "middle"), (1.0, "end")] {
+        if !is_spread && share != 0.5 {
+            continue;
+        }
         let _ = writeln!(
             svg,
             "<text x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\">{}</text>",
@@ -77,12 +81,16 @@ pub(super) fn histogram(values: &[f64], what: &str, logarithmic: bool) -> Option
     let mut order = known.clone();
     order.sort_by(f64::total_cmp);
     let at = |share: usize| figures(order[(order.len() - 1) * share / 100]);
-    let mut caption = format!("median {}, a tenth above {}, at most {}", at(50), at(90), at(100));
+    let mut caption = if is_spread || shown.len() < known.len() {
+        format!("median {}, a tenth above {}, at most {}", at(50), at(90), at(100))
+    } else {
+        format!("{} in each of {} rows", at(50), count(known.len() as u64))
+    };
     if shown.len() < known.len() {
         let _ = write!(caption, "; {} rows are at 0", count((known.len() - shown.len()) as u64));
     }
     if logarithmic {
-        caption.push_str("; logarithmic");
+        caption.push_str("; logarithmic axis");
     }
     Some(format!(
         "<figure>\n<figcaption><b>{what}</b><br>{caption}</figcaption>\n{svg}</figure>\n"
@@ -99,7 +107,12 @@ mod tests {
         assert_eq!(svg.matches("<rect").count(), 3);
         assert!(svg.contains("median 0.5"));
         let svg = histogram(&[3.0; 7], "x", false).expect("a plot");
-        assert!(svg.contains(": 7</title>"));
+        assert!(
+            svg.contains("<title>3.00: 7</title>") && svg.contains("3.00 in each of 7 rows"),
+            "{svg}"
+        );
+        let zeros = histogram(&[0.0; 7], "x", false).expect("a plot");
+        assert!(!zeros.contains("0.5") && zeros.contains(">0</text>"), "{zeros}");
         let svg = histogram(&[0.0, 1e-6, 1e-2], "x", true).expect("a plot");
         assert!(svg.contains("1 rows are at 0") && svg.contains("logarithmic"));
         assert_eq!(histogram(&[f64::NAN], "x", false), None);

@@ -13,8 +13,9 @@ use anyhow::{Result, bail};
 use hemicube::store::{Form, PatchTable};
 use serde::Serialize;
 
-/// Rows deflated together: one click unpacks all of them.
+/// Most rows deflated together, and about the most entries: one click unpacks all of them.
 const PER_BLOCK: usize = 1024;
+const ENTRIES_PER_BLOCK: usize = 1 << 16;
 /// Objects named for a row.
 const OBJECTS: usize = 8;
 
@@ -33,6 +34,8 @@ pub(super) struct RowPacker<'a> {
     /// Range in `bytes` of each patch's row.
     places: Vec<(usize, usize)>,
     bytes: Vec<u8>,
+    /// Entries packed.
+    packed: usize,
     /// Σ F by object of the current row, and the objects with any.
     sums: Vec<f64>,
     reached: Vec<u32>,
@@ -66,6 +69,7 @@ impl<'a> RowPacker<'a> {
             entries,
             places: vec![(0, 0); table.len()],
             bytes: Vec::new(),
+            packed: 0,
             sums: vec![0.0; objects],
             reached: Vec::new(),
             largest: Vec::new(),
@@ -104,6 +108,7 @@ impl<'a> RowPacker<'a> {
             self.largest.select_nth_unstable_by(self.entries - 1, order);
             self.largest.truncate(self.entries);
         }
+        self.packed += self.largest.len();
         self.largest.sort_unstable_by_key(|&(column, _)| column);
         let begin = self.bytes.len();
         put(
@@ -143,7 +148,9 @@ impl<'a> RowPacker<'a> {
         if self.entries == 0 {
             return None;
         }
-        for (number, places) in self.places.chunks(PER_BLOCK).enumerate() {
+        let per_row = (self.packed / self.places.len().max(1)).max(1);
+        let per_block = (ENTRIES_PER_BLOCK / per_row).clamp(1, PER_BLOCK);
+        for (number, places) in self.places.chunks(per_block).enumerate() {
             let mut bytes = Vec::new();
             for &(begin, end) in places {
                 if begin == end {
@@ -155,7 +162,7 @@ impl<'a> RowPacker<'a> {
             blocks.bytes(&format!("rows-{number}"), &bytes);
         }
         Some(Packed {
-            per_block: PER_BLOCK,
+            per_block,
             entries: self.entries,
             objects: OBJECTS,
         })

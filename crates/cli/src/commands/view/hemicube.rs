@@ -15,6 +15,7 @@ use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Culling, Hemicube, RESOLUTIONS, RenderSettings, WHOLE};
 use hemicube::delta::DeltaTable;
+use hemicube::driver::room::Work;
 use hemicube::face::{Face, Items};
 use hemicube::store::Store;
 use std::path::PathBuf;
@@ -150,7 +151,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             &arguments.engine,
             arguments.patches.allow_large,
         )?,
-        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, None)?,
+        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels)?,
     };
     let patch = InputPatch(arguments.patch.unwrap_or(0));
     if patch.0 as usize >= prepared.patches.len() {

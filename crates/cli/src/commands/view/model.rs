@@ -38,9 +38,9 @@ pub(crate) struct Arguments {
     /// The patch whose row is shown
     #[arg(long, value_name = "I", required_if_eq("show", "row"))]
     pub(crate) patch: Option<u32>,
-    /// Which solution
-    #[arg(long, value_name = "NAME", default_value = "radiosity")]
-    pub(crate) solution: String,
+    /// Which solution: `radiosity`, or the only one, where none is given
+    #[arg(long, value_name = "NAME")]
+    pub(crate) solution: Option<String>,
     /// Read a scene of which more would come than a file of its size may become (docs/security.md)
     #[arg(long, hide_short_help = true)]
     pub(crate) allow_large: bool,
@@ -89,11 +89,11 @@ impl FromStr for Show {
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Format::of(&arguments.output)?;
-    crate::report::require(&arguments.store)?;
+    crate::report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let patches = store.patch_count() as usize;
     let values = match &arguments.show {
-        Show::Quantity(quantity) => of_solution(&StoredSolution::open(&store, &arguments.solution)?, quantity)?,
+        Show::Quantity(quantity) => of_solution(&solution(&store, arguments.solution.as_deref())?, quantity)?,
         Show::Seen => Values::Scale(Scale::linear("patches in sight", in_sight(&store)?)),
         Show::Row => Values::Scale(row(&store, arguments.patch.unwrap_or(0))?),
         Show::Error => Values::Scale(expected_errors(&store)?),
@@ -104,6 +104,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         }
     };
     let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;
+    prepared.tell_up(arguments.camera.up, talk);
     draw(&prepared, &values, &arguments.camera, &arguments.output)?;
     let backs = prepared
         .patches
@@ -117,6 +118,22 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         count(patches as u64)
     ));
     Ok(Exit::Done)
+}
+
+/// The solution of a name; without one, `radiosity` or the only one.
+fn solution(store: &Store, name: Option<&str>) -> Result<StoredSolution> {
+    const USUAL: &str = "radiosity";
+    let names = StoredSolution::names(store);
+    let name = match (name, &names[..]) {
+        (Some(name), _) => name,
+        (None, [only]) => only,
+        (None, names) if names.len() > 1 && names.iter().all(|name| name != USUAL) => bail!(
+            "the matrix has the solutions `{}`; choose one by `--solution`",
+            names.join("`, `")
+        ),
+        _ => USUAL,
+    };
+    Ok(StoredSolution::open(store, name)?)
 }
 
 /// Number of patches in sight of each patch; NaN without a row.

@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Format::of(&arguments.output)?;
-    crate::report::require(&arguments.store)?;
+    crate::report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let patches = store.patch_count() as usize;
     let mut found = Sparsity::new(&store, arguments.order, arguments.size)?;

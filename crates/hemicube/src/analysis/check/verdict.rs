@@ -1,0 +1,166 @@
+//! Three verdicts on a store, by the question that each answers:
+//!
+//! ```text
+//! integrity     is it what was written?   files, table, manifest, columns, range, diagonal, all parts there
+//! conservation  does energy add up?       weights, visible, sky, reciprocity with a bound
+//! quality       is it good enough?        closure error, blocked share, rows that look at backs, no entries at all
+//! ```
+//!
+//! Integrity and conservation fail. Quality fails where a bound was asked for, and is doubtful where a row's closure
+//! error is above the tolerance of the run ([`CLOSURE`] without one), more than [`BLOCKED`] of the view is blocked, or a
+//! row looks at backs with more than [`WARNED`] of its view.
+
+use super::{Check, CheckReport, Failure};
+use serde::Serialize;
+
+/// Closure error of a row from which on the quality is doubtful, where neither a bound nor a tolerance was asked for.
+pub const CLOSURE: f64 = 0.02;
+/// Mean blocked share from which on the quality is doubtful.
+pub const BLOCKED: f64 = 0.01;
+/// Blocked share of a row from which on `compute` warns of it.
+pub const WARNED: f64 = 0.5;
+
+/// The question that a verdict answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Subject {
+    /// Files and structure are those that were written.
+    Integrity,
+    /// What leaves a patch adds up.
+    Conservation,
+    /// Form factors are near enough to be used.
+    Quality,
+}
+
+impl Check {
+    /// The subject that it belongs to.
+    pub fn subject(self) -> Subject {
+        match self {
+            Self::Complete
+            | Self::Files
+            | Self::Manifest
+            | Self::Table
+            | Self::Range
+            | Self::Columns
+            | Self::Diagonal => Subject::Integrity,
+            Self::Weights | Self::Visible | Self::Reciprocity | Self::Sky => Subject::Conservation,
+            Self::Closure | Self::Escaped | Self::Entries => Subject::Quality,
+        }
+    }
+}
+
+/// The outcome of a verdict, from good to bad.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum State {
+    /// It holds.
+    #[default]
+    Ok,
+    /// No bound is broken, and a reader should look.
+    Doubtful,
+    /// Parts are still to be computed; what is there holds.
+    Unfinished,
+    /// A law or a bound is broken.
+    Failed,
+}
+
+/// What makes the quality doubtful, without a broken bound.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Doubt {
+    /// [`Quality::closure_rows`] is above 0.
+    Closure,
+    /// [`CheckReport::blocked`] is above [`BLOCKED`].
+    Blocked,
+    /// [`Quality::warned_rows`] is above 0.
+    Warned,
+}
+
+/// A verdict and its reasons.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Verdict {
+    /// The outcome.
+    pub state: State,
+    /// The failed checks.
+    pub failed: Vec<Check>,
+    /// What else speaks against it.
+    pub doubts: Vec<Doubt>,
+}
+
+/// The verdicts on a store.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Verdicts {
+    /// Files and structure.
+    pub integrity: Verdict,
+    /// Sums of weights, the sky's sums, reciprocity against a bound.
+    pub conservation: Verdict,
+    /// Closure, blocked share, rows warned of.
+    pub quality: Verdict,
+}
+
+impl Verdicts {
+    /// Judges a finished report.
+    pub(super) fn of(found: &CheckReport) -> Self {
+        Self {
+            integrity: by_failures(&found.failures, Subject::Integrity),
+            conservation: by_failures(&found.failures, Subject::Conservation),
+            quality: quality(found),
+        }
+    }
+
+    /// The verdicts in order, with their subjects.
+    pub fn each(&self) -> [(Subject, &Verdict); 3] {
+        [
+            (Subject::Integrity, &self.integrity),
+            (Subject::Conservation, &self.conservation),
+            (Subject::Quality, &self.quality),
+        ]
+    }
+
+    /// Returns whether all three are [`State::Ok`].
+    pub fn are_ok(&self) -> bool {
+        self.each().iter().all(|(_, verdict)| verdict.state == State::Ok)
+    }
+}
+
+/// What the verdict on quality rests on besides bounds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Quality {
+    /// Closure error from which on a row is doubtful: the bound asked for, the run's tolerance, or [`CLOSURE`].
+    pub closure_limit: f64,
+    /// Rows beyond it.
+    pub closure_rows: u64,
+    /// Rows of which more than [`WARNED`] is blocked.
+    pub warned_rows: u64,
+}
+
+fn by_failures(failures: &[Failure], subject: Subject) -> Verdict {
+    let mut verdict = Verdict::default();
+    for failure in failures.iter().filter(|failure| failure.check.subject() == subject) {
+        let state = if failure.check == Check::Complete {
+            State::Unfinished
+        } else {
+            State::Failed
+        };
+        verdict.state = verdict.state.max(state);
+        verdict.failed.push(failure.check);
+    }
+    verdict
+}
+
+fn quality(found: &CheckReport) -> Verdict {
+    let mut verdict = by_failures(&found.failures, Subject::Quality);
+    let is_told = verdict.failed.contains(&Check::Closure);
+    verdict.doubts = [
+        (Doubt::Closure, found.quality.closure_rows > 0 && !is_told),
+        (Doubt::Blocked, found.blocked > BLOCKED),
+        (Doubt::Warned, found.quality.warned_rows > 0),
+    ]
+    .into_iter()
+    .filter_map(|(doubt, holds)| holds.then_some(doubt))
+    .collect();
+    if !verdict.doubts.is_empty() {
+        verdict.state = verdict.state.max(State::Doubtful);
+    }
+    verdict
+}
