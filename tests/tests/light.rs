@@ -607,6 +607,59 @@ fn the_sky_over_a_street_is_that_of_the_closed_form() {
     }
 }
 
+/// Where the matrix lost nothing, its sky is not rendered: the bytes are those of rendering it.
+#[test]
+fn nothing_escapes_from_a_closed_cube() {
+    let place = Place::new();
+    place.write("cube.obj", &cube());
+    place.line("compute cube.obj --subdivide 1 --samples 4 --resolution 64 -o F --no-config");
+    let beside = place.json("sky cube.obj --store F --up z --json");
+    assert_eq!(beside["sky_view_factor"]["max"].as_f64(), Some(0.0));
+    assert_eq!(beside["rows_as_in_matrix"], beside["patches"]);
+    let alone = place.json("sky cube.obj -o sky --subdivide 1 --samples 4 --resolution 64 --up z --json");
+    assert_eq!(beside["hemicubes"], alone["hemicubes"]);
+    let bytes = |folder: &str| std::fs::read(place.path(folder).join("sky.npz")).expect("a file");
+    assert_eq!(bytes("F/sky"), bytes("sky"));
+}
+
+fn read(place: &Place, file: &str) -> String {
+    std::fs::read_to_string(place.path(file)).expect("a file")
+}
+
+/// A table needs no matrix: a line a patch, whose numbers are those of the arrays.
+#[test]
+fn the_sky_as_a_table() {
+    let place = Place::new();
+    place.line("generate city --patches 400 --seed 5 -o city.obj");
+    place.line("sky city.obj --up y --csv sky.csv -o sky --resolution 64");
+    let table = read(&place, "sky.csv");
+    let mut lines = table.lines();
+    let names: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    let at = |name: &str| names.iter().position(|found| *found == name).expect("a column");
+    let factors = hemicube::sky::read_sky_view_factors(&place.path("sky/sky.npz")).expect("factors");
+    let mut count = 0;
+    for (line, factor) in lines.zip(&factors) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let number = |name: &str| cells[at(name)].parse::<f64>().expect("a number");
+        assert!((number("sky_view_factor") - factor).abs() < 1e-6, "{line}");
+        assert!(number("sky_view_factor") + number("ground") + number("blocked") <= 1.0 + 1e-6);
+        count += 1;
+    }
+    assert_eq!(count, factors.len());
+    place.line("sky city.obj --up y --csv alone.csv --resolution 64");
+    assert_eq!(read(&place, "alone.csv"), table);
+    place.fails(
+        "sky city.obj --up y -o out.csv",
+        &["names a directory", "--csv out.csv"],
+    );
+    place.fails("sky city.obj --up y --csv alone.csv", &["--overwrite"]);
+    place.write("suns.txt", "0 1 0\n");
+    place.fails(
+        "sky city.obj --up y --csv b.csv --suns suns.txt",
+        &["no place for what `--suns`"],
+    );
+}
+
 /// Columns of a row add up to what escaped, exactly; beside a matrix they are what the matrix lost, to the last unit.
 #[test]
 fn sky_and_ground_are_what_escaped() {

@@ -4,7 +4,7 @@ use crate::{Error, Result};
 use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::solve::StoredSolution;
-use hemicube::store::Store;
+use hemicube::store::{PatchTable, Store};
 use hemicube_scene::{Axis, Patches};
 use serde::Serialize;
 use serde_json::Value;
@@ -194,39 +194,22 @@ impl PatchResults {
     /// # Errors
     /// When the store cannot be read, or a solution has too many right-hand sides for columns.
     pub fn read(store: &Store, solutions: &[&str]) -> Result<Self> {
-        let table = store.patches()?;
         let rows = store.row_table()?;
         let manifest = store.manifest();
-        let whole = |name: &str, values: Vec<u32>| Column {
-            name: name.to_owned(),
-            components: Vec::new(),
-            values: Values::Whole(values),
-        };
-        let named = |name: &str, values: Vec<u32>, names: &[String]| Column {
-            name: name.to_owned(),
-            components: Vec::new(),
-            values: Values::Named(values, names.to_vec()),
-        };
-        let mut seen = Vec::with_capacity(table.len());
+        let mut seen = Vec::with_capacity(store.patch_count() as usize);
         for patch in 0..store.patch_count() {
             let entries = store.entries_of_row(InputPatch(patch))?;
             seen.push(entries.map_or(f64::NAN, |entries| entries as f64));
         }
-        let mut columns = vec![
-            whole("patch", (0..store.patch_count()).collect()),
-            named("object", table.object, &manifest.objects),
-            named("material", table.material, &manifest.materials),
-            whole("face", table.face),
-            whole("side", table.side.into_iter().map(u32::from).collect()),
-            Column::real("area", table.area),
-            Column::vectors("centroid", &table.centroid),
-            Column::vectors("normal", &table.normal),
+        let names = [&manifest.objects[..], &manifest.materials[..]];
+        let Self { mut columns, .. } = Self::of_table(store.patches()?, names, &manifest.scene.file);
+        columns.extend([
             Column::real("seen", seen),
             Column::real("row_sum", rows.row_sum),
             Column::real("escaped", rows.escaped),
             Column::real("blocked", rows.blocked),
             Column::real("unselected", rows.unselected),
-        ];
+        ]);
         // Without a tolerance nothing estimates it.
         if rows.error.iter().any(|error| !error.is_nan()) {
             columns.push(Column::real("error", rows.error));
@@ -250,6 +233,39 @@ impl PatchResults {
             scene: manifest.scene.file.clone(),
             patch_count: store.patch_count() as usize,
         })
+    }
+
+    /// The patch table alone: patch, object, material, face, side, area, centroid, normal. `names` are the objects' and
+    /// the materials'.
+    pub fn of_table(table: PatchTable, names: [&[String]; 2], scene: &str) -> Self {
+        let patch_count = table.len();
+        let whole = |name: &str, values: Vec<u32>| Column {
+            name: name.to_owned(),
+            components: Vec::new(),
+            values: Values::Whole(values),
+        };
+        let named = |name: &str, values: Vec<u32>, names: &[String]| Column {
+            name: name.to_owned(),
+            components: Vec::new(),
+            values: Values::Named(values, names.to_vec()),
+        };
+        Self {
+            columns: vec![
+                whole("patch", (0..).take(patch_count).collect()),
+                named("object", table.object, names[0]),
+                named("material", table.material, names[1]),
+                whole("face", table.face),
+                whole("side", table.side.into_iter().map(u32::from).collect()),
+                Column::real("area", table.area),
+                Column::vectors("centroid", &table.centroid),
+                Column::vectors("normal", &table.normal),
+            ],
+            corners: None,
+            up: Axis::Z,
+            colors: None,
+            scene: scene.to_owned(),
+            patch_count,
+        }
     }
 
     /// Adds a number for each patch, such as its sky view factor.

@@ -21,7 +21,8 @@ use hemicube::sky::{
     Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
     write_points, write_sky,
 };
-use hemicube::store::{FolderLock, Store, scene_hash};
+use hemicube::store::{FolderLock, PatchTable, Store, scene_hash};
+use hemicube_export::{PatchFormat, PatchResults, WriteOptions, write_patches};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -39,12 +40,13 @@ pub(crate) const FILES: [&str; 3] = ["sky.npz", "sky.json", "points-sky.npz"];
 const EXAMPLES: &str = "  \
   hemicube sky city.obj --up z -o city-sky --tolerance 0.5%
   hemicube sky city.obj --store city.hemicube
+  hemicube sky city.obj --up z --csv sky.csv
   hemicube sky street.obj -o sky --division reinhart:4 --points people.txt --suns june.txt";
 
 /// What patches and points see of the sky, of the ground below the horizon, and of the sun
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
-#[command(group = clap::ArgGroup::new("place").required(true))]
+#[command(group = clap::ArgGroup::new("place").required(true).multiple(true))]
 pub(crate) struct Arguments {
     #[arg(value_name = "SCENE", help = scene_help())]
     pub(crate) scene: PathBuf,
@@ -57,9 +59,12 @@ pub(crate) struct Arguments {
     )]
     pub(crate) store: Option<PathBuf>,
     /// The directory to write to
-    #[arg(short, long, value_name = "DIR", group = "place")]
+    #[arg(short, long, value_name = "DIR", group = "place", conflicts_with = "store")]
     pub(crate) output: Option<PathBuf>,
-    /// Replace what `-o` names
+    /// A table to write: a line a patch with its sky view factor, ground, and what ends on backs
+    #[arg(long, value_name = "FILE", group = "place")]
+    pub(crate) csv: Option<PathBuf>,
+    /// Replace what `-o` and `--csv` name
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// How the sky is divided: tregenza (145 patches) or reinhart:N (144 N² + 1)
@@ -106,6 +111,7 @@ impl Arguments {
             .reads(&self.points)
             .reads(&self.suns)
             .writes("-o", &files, self.overwrite)
+            .writes("--csv", &self.csv, self.overwrite)
             .reports(&self.report)
     }
 }
@@ -196,7 +202,10 @@ struct Report<'a> {
     schema: u32,
     version: &'static str,
     inputs: Vec<Input>,
-    output: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    output: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    csv: Option<String>,
     #[serde(flatten)]
     record: &'a Record,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -338,9 +347,12 @@ fn tell_of_points(arguments: &Arguments, points: usize, misplaced: &[Misplaced],
     }
 }
 
-/// The matrix's hemicubes: n of the n² of each patch, the escaped weight, and the refined escaped share.
+/// The matrix's hemicubes: how many of each patch, n with n² of them, the escaped weight, the weight on backs, and the
+/// refined escaped share.
 struct OfMatrix {
+    hemicubes: Vec<u32>,
     samples: Vec<u32>,
+    blocked: Vec<u64>,
     escaped: Vec<Option<u64>>,
     shares: Vec<Option<f64>>,
 }
@@ -348,7 +360,9 @@ struct OfMatrix {
 fn of_matrix(store: &Store) -> Result<OfMatrix> {
     let count = store.patch_count() as usize;
     let mut found = OfMatrix {
+        hemicubes: vec![0; count],
         samples: vec![1; count],
+        blocked: vec![0; count],
         escaped: vec![None; count],
         shares: vec![None; count],
     };
@@ -356,7 +370,9 @@ fn of_matrix(store: &Store) -> Result<OfMatrix> {
         let Some(part) = store.part(place)? else { continue };
         let rows = part.rows.iter().zip(&part.sums).zip(&part.hemicubes).zip(&part.shares);
         for (((&patch, sums), &hemicubes), shares) in rows {
+            found.hemicubes[patch as usize] = hemicubes;
             found.samples[patch as usize] = hemicubes.isqrt().max(1);
+            found.blocked[patch as usize] = sums.blocked;
             found.escaped[patch as usize] = (hemicubes > 0).then_some(sums.escaped);
             found.shares[patch as usize] = (hemicubes > 0).then_some(shares.escaped);
         }
@@ -370,11 +386,11 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let points = read_if_any(arguments.points.as_deref(), read_points)?;
     let suns = read_if_any(arguments.suns.as_deref(), read_suns)?;
     let store = open_store(arguments)?;
-    let output = match (&store, &arguments.output) {
-        (Some(store), _) => store.directory().join("sky"),
-        (None, Some(output)) => output.clone(),
-        (None, None) => bail!("`--store` or `--output` is needed"),
+    let output = match &store {
+        Some(store) => Some(store.directory().join("sky")),
+        None => arguments.output.clone(),
     };
+    require_places(arguments, output.as_deref())?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let prepared = prepare_scene(arguments, store.as_ref())?;
@@ -396,44 +412,69 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         suns: suns.items,
         matrix,
     };
-    std::fs::create_dir_all(&output).with_context(|| format!("`{}` cannot be created", output.display()))?;
     // Files of two runs side by side would claim to belong together.
-    let _lock = FolderLock::take(&output)?;
+    let _lock = output.as_deref().map(taken).transpose()?;
     let backend = arguments.engine.open_backend(talk)?;
     require_items(backend.as_ref())?;
     let guard = exit::InterruptGuard::new();
     let Some(of_patches) = task.of_patches(backend, cancel, talk)? else {
         return Ok(Exit::Interrupted);
     };
-    let lit = sunlit(&prepared, &task.suns, horizon, task.options.threads)?;
-    write_sky(
-        &output.join("sky.npz"),
-        task.division.columns(),
-        &of_patches,
-        lit.as_deref().map(|lit| (task.suns.len(), lit)),
-    )?;
     let Some(of_points) = task.of_points(cancel)? else {
         return Ok(Exit::Interrupted);
     };
-    if !of_points.is_empty() {
-        task.keep_points(&output, &of_points)?;
-    }
     let record = task.record(axis_name(up), &of_patches, &of_points, misplaced.clone());
-    write_record(&output, &record)?;
+    if let Some(output) = &output {
+        task.keep(output, &of_patches, &of_points, &record)?;
+    }
+    if let Some(path) = &arguments.csv {
+        task.write_table(path, &of_patches, cancel)?;
+    }
     drop(guard);
     let seconds = started.elapsed().as_secs_f64();
-    talk.say(summary(&record, &of_points, &misplaced, &output, seconds).trim_end());
+    let written: Vec<&Path> = output.iter().chain(&arguments.csv).map(PathBuf::as_path).collect();
+    talk.say(summary(&record, &of_points, &misplaced, &written, seconds).trim_end());
     if let Some(json) = json {
         json.write(&Report {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),
             inputs: vec![prepared.input],
-            output: output.display().to_string(),
+            output: output.map(|output| output.display().to_string()),
+            csv: arguments.csv.as_ref().map(|path| path.display().to_string()),
             record: &record,
             seconds: (!arguments.report.no_timings).then_some(seconds),
         })?;
     }
     Ok(Exit::Done)
+}
+
+/// Refuses outputs that would leave out what was asked for.
+fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
+    if let Some(path) = output
+        && path.extension().is_some_and(|end| end.eq_ignore_ascii_case("csv"))
+        && !path.is_dir()
+    {
+        return Err(hinted(
+            anyhow!("`-o {}` names a directory of several files", path.display()),
+            format!("`--csv {}` writes a table", path.display()),
+        ));
+    }
+    let alone = [("--points", &arguments.points), ("--suns", &arguments.suns)];
+    for (option, file) in alone {
+        if file.is_some() && output.is_none() {
+            return Err(hinted(
+                anyhow!("the table of `--csv` has no place for what `{option}` asks for"),
+                "name a directory for it, with `-o`",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Makes a directory and takes it.
+fn taken(output: &Path) -> Result<FolderLock> {
+    std::fs::create_dir_all(output).with_context(|| format!("`{}` cannot be created", output.display()))?;
+    Ok(FolderLock::take(output)?)
 }
 
 fn read_if_any<T: Default>(path: Option<&Path>, read: impl Fn(&Path) -> Result<T>) -> Result<T> {
@@ -508,10 +549,13 @@ impl Task<'_> {
         cancel: &AtomicBool,
         talk: Talk,
     ) -> Result<Option<Vec<SkyRow>>> {
-        let rows: Vec<(InputPatch, u32)> = self
+        let closed: Vec<Option<SkyRow>> = self.prepared.patches.iter().map(|patch| self.closed(patch)).collect();
+        let open = self
             .prepared
             .patches
             .iter()
+            .filter(|patch| closed[patch.0 as usize].is_none());
+        let rows: Vec<(InputPatch, u32)> = open
             .map(|patch| {
                 let of_matrix = self
                     .matrix
@@ -534,13 +578,30 @@ impl Task<'_> {
             backend,
             &mut go_on,
         )?;
-        let Some(mut found) = found else { return Ok(None) };
+        let Some(found) = found else { return Ok(None) };
+        let mut found = found.into_iter();
+        let rows = closed.into_iter().map(|row| row.or_else(|| found.next()));
+        let mut found: Vec<SkyRow> = rows.collect::<Option<_>>().context("a row of the sky is missing")?;
         if let Some(matrix) = &self.matrix {
             for (row, share) in found.iter_mut().zip(&matrix.shares) {
                 share.map(|share| row.refine(share));
             }
         }
         Ok(Some(found))
+    }
+
+    /// The row of a patch without any escaped weight in the matrix's hemicubes, if its row is to be of these.
+    fn closed(&self, patch: InputPatch) -> Option<SkyRow> {
+        let matrix = self.matrix.as_ref()?;
+        let patch = patch.0 as usize;
+        let is_of_matrix =
+            self.options.tolerance.is_none() && self.arguments.resolution.is_none() && self.arguments.samples.is_none();
+        (is_of_matrix && matrix.escaped[patch] == Some(0)).then(|| SkyRow {
+            blocked: matrix.blocked[patch],
+            hemicubes: matrix.hemicubes[patch],
+            change: f64::NAN,
+            ..SkyRow::default()
+        })
     }
 
     /// Computes the rows of all points; `None` where interrupted.
@@ -560,6 +621,40 @@ impl Task<'_> {
             sessions,
             &mut |_| !cancel.load(Ordering::SeqCst),
         )?)
+    }
+
+    /// Writes the directory's files.
+    fn keep(&self, output: &Path, of_patches: &[SkyRow], of_points: &[PointRow], record: &Record) -> Result<()> {
+        let lit = sunlit(self.prepared, &self.suns, self.horizon, self.options.threads)?;
+        write_sky(
+            &output.join("sky.npz"),
+            self.division.columns(),
+            of_patches,
+            lit.as_deref().map(|lit| (self.suns.len(), lit)),
+        )?;
+        if !of_points.is_empty() {
+            self.keep_points(output, of_points)?;
+        }
+        write_record(output, record)
+    }
+
+    /// Writes a line a patch.
+    fn write_table(&self, path: &Path, rows: &[SkyRow], cancel: &AtomicBool) -> Result<()> {
+        let (scene, patches) = (&self.prepared.scene, &self.prepared.patches);
+        let table = PatchTable::new(scene, patches);
+        let name = self.arguments.scene.file_name().unwrap_or_default().to_string_lossy();
+        let materials: Vec<String> = scene.materials.iter().map(|material| material.name.clone()).collect();
+        let mut results = PatchResults::of_table(table, [&scene.objects, &materials], &name);
+        let of = |share: &dyn Fn(&SkyRow) -> f64| rows.iter().map(share).collect();
+        results.push("sky_view_factor", of(&SkyRow::sky_view_factor))?;
+        results.push("ground", of(&|row| row.escaped_share() - row.sky_view_factor()))?;
+        results.push("blocked", of(&|row| row.blocked as f64 / row.whole() as f64))?;
+        let options = WriteOptions {
+            overwrite: self.arguments.overwrite,
+            cancel,
+        };
+        write_patches(&results, path, PatchFormat::Csv, options)?;
+        Ok(())
     }
 
     /// Writes the rows of points, and the suns lighting each.
@@ -749,7 +844,7 @@ fn sunlit(prepared: &Prepared, suns: &[DVec3], horizon: Horizon, threads: usize)
     Ok(Some(lit))
 }
 
-fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced], output: &Path, seconds: f64) -> String {
+fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced], written: &[&Path], seconds: f64) -> String {
     let mut list = Listing::default();
     list.add(
         "sky",
@@ -821,7 +916,9 @@ fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced], output
             ),
         );
     }
-    list.add("written", format!("`{}`", output.display()));
+    for path in written {
+        list.add("written", format!("`{}`", path.display()));
+    }
     list.text()
 }
 
