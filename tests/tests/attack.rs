@@ -510,7 +510,7 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
         "compute room.obj -o n",
         "inspect room.obj",
         "tradeoff room.obj",
-        "sky room.obj --up y -o n.csv",
+        "sky room.obj --up y -o n",
         "view hemicube room.obj -o n.png",
     ] {
         for cut in ["--subdivide 8", "--split 300", "--patch-size 1"] {

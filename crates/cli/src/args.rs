@@ -172,7 +172,13 @@ pub(crate) struct RenderSettings {
     #[arg(long, value_name = "K", default_value = "1", value_parser = samples)]
     pub(crate) samples: Samples,
     /// Turn each hemicube by a hash of its patch
-    #[arg(long, value_name = "on|off", default_value = "on", hide_possible_values = true)]
+    #[arg(
+        long,
+        value_name = "on|off",
+        default_value = "on",
+        hide_possible_values = true,
+        hide_short_help = true
+    )]
     pub(crate) rotation: Switch,
     #[command(flatten)]
     pub(crate) engine: EngineSettings,
@@ -203,7 +209,7 @@ pub(crate) struct ConfigFiles {
     #[arg(long, hide_short_help = true)]
     pub(crate) no_config: bool,
     /// Print every setting and where it came from, and do nothing else
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub(crate) print_config: bool,
 }
 
@@ -230,7 +236,7 @@ pub(crate) struct SelectionSettings {
     #[arg(long, value_name = "N|P%")]
     pub(crate) sample_rows: Option<SampleSize>,
     /// Which sample
-    #[arg(long, value_name = "S", default_value = "1")]
+    #[arg(long, value_name = "S", default_value = "1", hide_short_help = true)]
     pub(crate) seed: u64,
     /// Rows only for objects or materials that match (repeatable)
     #[arg(long, value_name = "GLOB")]

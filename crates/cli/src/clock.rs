@@ -22,6 +22,21 @@ pub(crate) fn process_seconds() -> f64 {
         .unwrap_or_else(wall_seconds)
 }
 
+/// Processor seconds of all threads that this process has had, ended ones too.
+#[cfg(unix)]
+pub(crate) fn processor_seconds() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    #[allow(clippy::cast_precision_loss, reason = "seconds of a process")]
+    let seconds = time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9;
+    seconds
+}
+
+/// Seconds of the wall clock, where no other is known.
+#[cfg(not(unix))]
+pub(crate) fn processor_seconds() -> f64 {
+    wall_seconds()
+}
+
 /// Seconds since the program first asked.
 pub(crate) fn wall_seconds() -> f64 {
     static START: OnceLock<Instant> = OnceLock::new();

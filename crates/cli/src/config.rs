@@ -626,6 +626,7 @@ fn edits(a: &str, b: &str) -> usize {
 mod tests {
     use super::*;
     use crate::command_line::Cli;
+    use crate::exit::hint;
     use clap::CommandFactory;
 
     fn compute() -> Command {
@@ -770,8 +771,12 @@ mod tests {
             ("HEMICUBE_SHARD", "give `--shard`"),
             ("HEMICUBE_VERIFY", "give `--verify`"),
         ] {
-            let error = format!("{:?}", of(wrong).unwrap_err());
-            assert!(error.contains(wrong) && error.contains(right), "{error}");
+            let error = of(wrong).unwrap_err();
+            let hint = hint(&error).expect("a hint");
+            assert!(
+                error.to_string().contains(wrong) && hint.contains(right),
+                "{error}: {hint}"
+            );
         }
     }
 

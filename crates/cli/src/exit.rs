@@ -93,13 +93,18 @@ fn message(error: &anyhow::Error) -> String {
     text
 }
 
+/// The hint of an error, beneath its context.
+pub(crate) fn hint(error: &anyhow::Error) -> Option<&str> {
+    let hinted = error.chain().find_map(|cause| cause.downcast_ref::<Hinted>());
+    hinted.map(|hinted| hinted.hint.as_str())
+}
+
 /// Reports the error, once, and returns its exit code.
 pub(crate) fn failed(error: &anyhow::Error) -> ExitCode {
     if error.is::<OutputClosed>() {
         return Exit::Done.into();
     }
-    let hint = error.chain().find_map(|cause| cause.downcast_ref::<Hinted>());
-    crate::log::error(&message(error), hint.map(|hinted| hinted.hint.as_str()));
+    crate::log::error(&message(error), hint(error));
     ExitCode::from(FAILED)
 }
 

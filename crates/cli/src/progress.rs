@@ -6,7 +6,7 @@ use crate::report::SCHEMA;
 use anyhow::{Context, Result};
 use hemicube::driver::compute::Progress;
 use hemicube::store::TemporaryFile;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde::Serialize;
 use std::cell::{Cell, RefCell};
 use std::ffi::OsStr;
@@ -41,8 +41,7 @@ pub(crate) fn is_dumb(term: Option<&OsStr>) -> bool {
 impl Bar {
     /// A bar of `row_count` rows with rate and time left, if standard error is a terminal. `kept` rows are done.
     pub(crate) fn rows(talk: Talk, row_count: u64, kept: u64) -> Self {
-        let mut bar = Self::counting(talk, row_count, "rows");
-        bar.kept = kept;
+        let bar = Self::counting_from(talk, row_count, kept, "rows");
         if let Some(bar) = &bar.bar {
             bar.set_position(kept);
             bar.reset_eta();
@@ -52,21 +51,42 @@ impl Bar {
 
     /// A bar that counts `what`.
     pub(crate) fn counting(talk: Talk, count: u64, what: &str) -> Self {
+        Self::counting_from(talk, count, 0, what)
+    }
+
+    fn counting_from(talk: Talk, count: u64, kept: u64, what: &str) -> Self {
         if !is_watched(talk) {
             return Self { bar: None, kept: 0 };
         }
         let bar = ProgressBar::with_draw_target(Some(count), ProgressDrawTarget::stderr_with_hz(10));
-        let template = format!("{{wide_bar}} {{human_pos}}/{{human_len}} {what}, {{rate}}/s, {{eta}} left");
+        let template = format!("{{wide_bar}} {{human_pos}}/{{human_len}} {what}, {{rate}}/s, {{left}} left");
         if let Ok(style) = ProgressStyle::with_template(&template) {
             let rate = |state: &ProgressState, out: &mut dyn Write| {
                 let _ = write!(out, "{:.0}", state.per_sec());
             };
-            bar.set_style(style.progress_chars("=> ").with_key("rate", rate));
+            let left = move |state: &ProgressState, out: &mut dyn Write| {
+                let (done, count) = (state.pos(), state.len().unwrap_or(0));
+                let _ = match seconds_left(
+                    state.elapsed().as_secs_f64(),
+                    done.saturating_sub(kept),
+                    count - done.min(count),
+                ) {
+                    Some(seconds) => write!(
+                        out,
+                        "{:#}",
+                        HumanDuration(Duration::from_secs_f64(seconds.min(MOST_SECONDS)))
+                    ),
+                    None => write!(out, "?"),
+                };
+            };
+            bar.set_style(
+                style
+                    .progress_chars("=> ")
+                    .with_key("rate", rate)
+                    .with_key("left", left),
+            );
         }
-        Self {
-            bar: Some(bar),
-            kept: 0,
-        }
+        Self { bar: Some(bar), kept }
     }
 
     /// A spinner with a word on the current task.
@@ -106,6 +126,15 @@ impl Bar {
             bar.set_position(self.kept + progress.rows);
         }
     }
+}
+
+/// Longest time left that a bar shows.
+const MOST_SECONDS: f64 = 1e9;
+
+/// Seconds left at the mean rate since the start. They grow while nothing is done: a slow row is no reason to foretell
+/// that the next ones are as fast as those before.
+fn seconds_left(elapsed: f64, done: u64, left: u64) -> Option<f64> {
+    (done > 0).then(|| elapsed * left as f64 / done as f64)
 }
 
 impl Drop for Bar {
@@ -239,11 +268,8 @@ impl Stage<'_> {
             let mut reached = self.status.reached.borrow_mut();
             reached.rows = reached.rows_kept + progress.rows;
             reached.entries = progress.entries;
-            let (done, left) = (
-                progress.rows as f64,
-                progress.row_count.saturating_sub(progress.rows) as f64,
-            );
-            reached.seconds_left = (done > 0.0).then(|| self.started.elapsed().as_secs_f64() * left / done);
+            let left = progress.row_count.saturating_sub(progress.rows);
+            reached.seconds_left = seconds_left(self.started.elapsed().as_secs_f64(), progress.rows, left);
         }
         let is_due = self.status.written.get().is_none_or(|at| at.elapsed() >= WRITTEN_EVERY);
         if is_due || progress.rows == progress.row_count {
@@ -255,6 +281,14 @@ impl Stage<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn time_left_grows_while_a_row_is_slow() {
+        assert_eq!(seconds_left(1.0, 0, 10), None);
+        assert_eq!(seconds_left(10.0, 5, 10), Some(20.0));
+        assert_eq!(seconds_left(15.0, 5, 10), Some(30.0));
+        assert_eq!(seconds_left(15.0, 15, 0), Some(0.0));
+    }
 
     #[test]
     fn terminals_that_can_write_lines_only() {

@@ -1,7 +1,7 @@
 //! The folders searched for backends, in order.
 //!
-//! `--backend-dir`, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, `../lib/hemicube/backends`
-//! from there, the user's data folder, the system's. Not recursive.
+//! `--backend-dir`, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, the program's own folder,
+//! `../lib/hemicube/backends` from there, the user's data folder, the system's. Not recursive.
 //!
 //! No manifest, because the file's name says it all. With raised privileges, folders chosen by the program's caller are
 //! left out.
@@ -145,11 +145,11 @@ fn is_raised() -> bool {
 ///     let search = Search::new(&[PathBuf::from("/home/ann/backends")], environment);
 ///     search.folders().iter().map(|folder| folder.origin).collect()
 /// };
-/// assert_eq!(origins(&environment), [Origin::Flag, Origin::Program, Origin::Program]);
+/// assert_eq!(origins(&environment), [Origin::Flag, Origin::Program, Origin::Program, Origin::Program]);
 ///
 /// // A program with raised privileges loads nothing put there by others.
 /// let raised = Environment { raised: true, ..environment.clone() };
-/// assert_eq!(origins(&raised), [Origin::Program, Origin::Program]);
+/// assert_eq!(origins(&raised), [Origin::Program; 3]);
 /// ```
 #[derive(Clone, Debug)]
 pub struct Search {
@@ -180,6 +180,7 @@ impl Search {
         }
         if let Some(beside) = environment.program.as_deref().and_then(Path::parent) {
             add(beside.join("backends"), Origin::Program);
+            add(beside.to_owned(), Origin::Program);
             if let Some(prefix) = beside.parent() {
                 add(prefix.join("lib/hemicube/backends"), Origin::Program);
             }
@@ -242,6 +243,7 @@ mod tests {
                 "/b",
                 "/a",
                 "/opt/hemicube/bin/backends",
+                "/opt/hemicube/bin",
                 "/opt/hemicube/lib/hemicube/backends",
                 "/home/u/.local/share/hemicube/backends",
                 "/usr/lib/hemicube/backends",
@@ -261,6 +263,7 @@ mod tests {
             paths(&Search::new(&["/mine".into()], &raised)),
             [
                 "/opt/hemicube/bin/backends",
+                "/opt/hemicube/bin",
                 "/opt/hemicube/lib/hemicube/backends",
                 "/usr/lib/hemicube/backends",
             ]

@@ -93,7 +93,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     // In vast scenes, reading and cutting them takes more than the rows do.
     forecast.memory_bytes = forecast.memory_bytes.max(reading);
     if arguments.report.no_timings {
-        forecast.seconds = None;
+        (forecast.seconds, forecast.seconds_range) = (None, None);
         forecast.memory_bytes = None;
     }
     let device = backend.info().clone();

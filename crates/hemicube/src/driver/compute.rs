@@ -151,6 +151,8 @@ pub struct Summary {
     pub slowest: Option<(InputPatch, Duration)>,
     /// Sum of the rows' times.
     pub row_time: Duration,
+    /// Sum of the squares of the rows' times, in s².
+    pub row_time_squared: f64,
     /// Time in the sink, in parallel with the rows.
     pub sink: Duration,
 }
@@ -438,6 +440,7 @@ struct Batch {
     counters: Counters,
     slowest: Option<(InputPatch, Duration)>,
     row_time: Duration,
+    row_time_squared: f64,
 }
 
 /// A batch by its number, or its failure.
@@ -523,6 +526,7 @@ impl<'a> Worker<'a> {
             let share = row.hemicubes.len() as f64 / hemicubes.len().max(1) as f64;
             let took = began.elapsed() + rendering.mul_f64(share);
             batch.row_time += took;
+            batch.row_time_squared += took.as_secs_f64().powi(2);
             if batch.slowest.is_none_or(|(_, longest)| took > longest) {
                 batch.slowest = Some((row.emitter, took));
             }
@@ -733,6 +737,7 @@ impl<'a> Collector<'a> {
             };
             let batch = batch?;
             self.summary.row_time += batch.row_time;
+            self.summary.row_time_squared += batch.row_time_squared;
             self.summary.cut_short += batch.cut_short;
             if let Some((patch, took)) = batch.slowest
                 && self.summary.slowest.is_none_or(|(_, longest)| took > longest)

@@ -2,7 +2,7 @@
 
 use crate::Model;
 use crate::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
-use crate::driver::compute::{ComputeError, Plan, load};
+use crate::driver::compute::{ComputeError, Plan, load, sample};
 use crate::row::RowBlock;
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -100,6 +100,51 @@ impl Probe {
             Culling::On
         }
     }
+}
+
+/// Rows of a plan with about the same work, and some drawn from them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stratum {
+    /// Number of its rows.
+    pub rows: usize,
+    /// The rows drawn.
+    pub sample: Vec<InputPatch>,
+}
+
+/// The rows of `plan` in strata by expected work, the most first, with up to `each` rows drawn from every one.
+///
+/// A row's work grows with its hemicubes, which are many for a large patch with much on it, and then with its area. The
+/// first stratum has `each` rows, and is drawn whole; each of the others has three times as many rows as all before it.
+/// So the few rows that take most of the time are in the sample, which a random one misses.
+///
+/// ```
+/// use hemicube::driver::probe::strata;
+/// # use hemicube::accuracy::correct::Correction;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+/// # let model = room::model()?;
+/// # let plan = room::plan(&model, Correction::Pixel);
+///
+/// let strata = strata(&model, &plan, 8, 1);
+/// assert_eq!(strata.iter().map(|stratum| stratum.rows).collect::<Vec<_>>(), [8, 24, 96, 32]);
+/// assert!(strata.iter().all(|stratum| stratum.sample.len() == 8));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn strata(model: &Model, plan: &Plan, each: usize, seed: u64) -> Vec<Stratum> {
+    let work = |&patch: &InputPatch| (plan.per_edge(model, patch), model.patches().area(patch));
+    let mut rows: Vec<((u32, f64), InputPatch)> = plan.rows.iter().map(|patch| (work(patch), *patch)).collect();
+    // Stable: patches of one size stay in the order of work.
+    rows.sort_by(|(a, _), (b, _)| b.0.cmp(&a.0).then(b.1.total_cmp(&a.1)));
+    let rows: Vec<InputPatch> = rows.into_iter().map(|(_, patch)| patch).collect();
+    let (mut found, mut start, mut end) = (Vec::new(), 0, each.max(1));
+    while start < rows.len() {
+        let of = &rows[start..end.min(rows.len())];
+        found.push(Stratum {
+            rows: of.len(),
+            sample: sample(of, each, seed),
+        });
+        (start, end) = (end, end.saturating_mul(4));
+    }
+    found
 }
 
 /// Share of the triangles that were transformed, over the hemicubes.

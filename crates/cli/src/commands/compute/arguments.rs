@@ -50,7 +50,8 @@ pub(crate) struct Arguments {
         value_name = "auto|on|off",
         default_value = "auto",
         hide_possible_values = true,
-        help_heading = "Hemicubes"
+        help_heading = "Hemicubes",
+        hide_short_help = true
     )]
     pub(crate) culling: AutoSwitch,
     /// Hemicubes a call of the backend; 0: what it likes best
@@ -79,7 +80,8 @@ pub(crate) struct Arguments {
         value_name = "F",
         value_parser = share_or_none,
         allow_negative_numbers = true,
-        help_heading = "What is kept"
+        help_heading = "What is kept",
+        hide_short_help = true
     )]
     pub(crate) min_factor: Option<f64>,
     #[command(flatten)]

@@ -1,22 +1,28 @@
 //! The forecast of a matrix: entries, bytes, memory and seconds, from the hemicubes of a random sample of patches.
 
 use crate::args::{RenderSettings as RenderArguments, Switch, Talk};
+use crate::clock::processor_seconds;
 use crate::forecast::{self, Rows};
+use crate::prepare::BUILT_IN;
 use crate::report;
 use anyhow::Result;
-use hemicube::Model;
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
-use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, Summary, compute};
+use hemicube::driver::probe::strata;
 use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
 use hemicube::store::Part;
+use hemicube::{InputPatch, Model};
 use serde::Serialize;
+use std::time::Instant;
 
 /// Patches rendered for the statistics of a row.
 const SAMPLE: u32 = 64;
-/// Rows for the forecast of entries and time: some see a hundred times as much as others.
-const FORECAST_ROWS: u32 = 256;
+/// Rows of each stratum for the forecast of entries and time.
+const ROWS_EACH: usize = 32;
+/// Standard errors on either side of the forecast.
+const STANDARD_ERRORS: f64 = 2.0;
 
 /// Bytes of a store: an entry's column and value; a row's ends, patch, weights and hemicubes; a patch in the table.
 const ENTRY_BYTES: f64 = 8.0;
@@ -44,6 +50,9 @@ pub(super) struct Forecast {
     pub(super) memory_bytes: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) seconds: Option<f64>,
+    /// The interval of the seconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) seconds_range: Option<[f64; 2]>,
 }
 
 /// Patches in sight of sampled rows, and the work of their hemicubes.
@@ -108,35 +117,95 @@ impl Sight {
     }
 }
 
-/// Entries and one thread's seconds of all rows, from rows computed with the built-in settings of `compute`.
-fn entries_and_seconds(
-    model: &Model,
-    render: &RenderArguments,
-    plan: &Plan,
-    settings: RenderSettings,
-) -> Result<(f64, f64)> {
-    let mut summary = None;
-    // The first round fetches the scene into the caches, like the start of a full run; the second is measured.
-    for _ in 0..2 {
-        let mut parts: Vec<Part> = Vec::new();
-        summary = Some(compute(
-            model,
-            plan,
-            settings,
-            render.open_backend(Talk::SILENT)?,
-            Execution {
+/// Entries of all rows, and one thread's seconds for them, by a stratified sample (Cochran 1977, *Sampling Techniques*,
+/// chapter 5).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Work {
+    entries: f64,
+    seconds: f64,
+    /// Square of the standard error of `seconds`.
+    variance: f64,
+    /// Seconds of the rows of the sample.
+    measured: f64,
+    /// Seconds of its slowest row.
+    slowest: f64,
+}
+
+impl Work {
+    /// Adds a stratum of `rows` rows. `share` is the processor's share of the time that passed.
+    fn add(&mut self, rows: usize, found: &Summary, share: f64) {
+        let (all, n) = (rows as f64, found.rows as f64);
+        if n == 0.0 {
+            return;
+        }
+        let sum = found.row_time.as_secs_f64() * share;
+        let squares = found.row_time_squared * share * share;
+        self.entries += all / n * found.entries as f64;
+        self.seconds += all / n * sum;
+        self.measured += sum;
+        if n > 1.0 {
+            let spread = ((squares - sum * sum / n) / (n - 1.0)).max(0.0);
+            self.variance += all * (all - n).max(0.0) * spread / n;
+        }
+        let slowest = found.slowest.map_or(0.0, |(_, took)| took.as_secs_f64() * share);
+        self.slowest = self.slowest.max(slowest);
+    }
+
+    /// The least and the most seconds of a run by some threads. At its end, all but one may wait for the slowest row.
+    fn range(&self, threads: usize) -> [f64; 2] {
+        let threads = threads.max(1) as f64;
+        let error = STANDARD_ERRORS * self.variance.sqrt();
+        let least = (self.seconds - error).max(self.measured) / threads;
+        let most = (self.seconds + error) / threads + self.slowest * (1.0 - 1.0 / threads);
+        [least.max(self.slowest), most.max(self.slowest)]
+    }
+
+    /// Measures rows of every stratum with the built-in settings of `compute`, on one thread.
+    fn measure(
+        model: &Model,
+        render: &RenderArguments,
+        plan: &Plan,
+        settings: RenderSettings,
+        seed: u64,
+    ) -> Result<Self> {
+        let mut work = Self::default();
+        let strata = strata(model, plan, ROWS_EACH, seed);
+        let run = |sample: &[InputPatch]| {
+            let some = Plan {
+                rows: sample.to_vec(),
+                ..plan.clone()
+            };
+            let execution = Execution {
                 threads: 1,
                 ..Execution::default()
-            },
-            &mut parts,
-            &mut |_| {},
-        )?);
+            };
+            let (mut parts, mut begun) = (Vec::<Part>::new(), None);
+            // The first report comes once the scene is loaded.
+            let mut progress = |_| {
+                begun.get_or_insert_with(|| (processor_seconds(), Instant::now()));
+            };
+            let backend = render.open_backend(Talk::SILENT)?;
+            let is_processor = backend.info().name == BUILT_IN;
+            let summary = compute(model, &some, settings, backend, execution, &mut parts, &mut progress)?;
+            let share = match begun {
+                // Other programs take the rest.
+                Some((processor, wall)) if is_processor => {
+                    (processor_seconds() - processor) / wall.elapsed().as_secs_f64().max(1e-9)
+                }
+                _ => 1.0,
+            };
+            anyhow::Ok((summary, share.min(1.0)))
+        };
+        // The first rows fetch the scene into the caches, like the start of a full run.
+        if let Some(last) = strata.last() {
+            run(&last.sample)?;
+        }
+        for stratum in &strata {
+            let (summary, share) = run(&stratum.sample)?;
+            work.add(stratum.rows, &summary, share);
+        }
+        Ok(work)
     }
-    let patch_count = model.patches().len() as f64;
-    Ok(summary.map_or((0.0, 0.0), |s| {
-        let share = patch_count / (s.rows.max(1)) as f64;
-        (s.entries as f64 * share, s.elapsed.as_secs_f64() * share)
-    }))
 }
 
 /// Forecasts a run of all rows by the settings.
@@ -150,19 +219,17 @@ pub(super) fn forecast(
     backend: &mut dyn HemicubeBackend,
 ) -> Result<Forecast> {
     let rotate = render.rotation == Switch::On;
-    let plan = |count: u32| {
-        let choice = RowChoice::Sample { count, seed };
-        Plan::new(model, choice, Selection::default(), render.samples.per_edge, rotate)
-    };
+    let plan = |choice| Plan::new(model, choice, Selection::default(), render.samples.per_edge, rotate);
     let settings = RenderSettings {
         resolution: render.resolution,
         culling: Culling::On,
         covered: false,
     };
     backend.load(model.geometry(), settings)?;
-    let sight = Sight::measure(model, render, &plan(SAMPLE), backend)?;
-    let corrected = plan(FORECAST_ROWS).with_correction(Correction::Area(FactorRule::for_tolerance(1e-2)));
-    let (entries, seconds) = entries_and_seconds(model, render, &corrected, settings)?;
+    let sight = Sight::measure(model, render, &plan(RowChoice::Sample { count: SAMPLE, seed }), backend)?;
+    let corrected = plan(RowChoice::All).with_correction(Correction::Area(FactorRule::for_tolerance(1e-2)));
+    let work = Work::measure(model, render, &corrected, settings, seed)?;
+    let entries = work.entries;
     let patch_count = model.patches().len() as f64;
     let threads = render.thread_count();
     let rows = Rows {
@@ -185,6 +252,52 @@ pub(super) fn forecast(
         bytes_compact: entries * COMPACT_ENTRY_BYTES + patch_count * (ROW_BYTES + PATCH_BYTES),
         memory_bytes,
         threads,
-        seconds: Some(seconds / threads as f64),
+        seconds: Some((work.seconds / threads as f64).max(work.slowest)),
+        seconds_range: Some(work.range(threads)),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    fn found(rows: u64, seconds: &[f64]) -> Summary {
+        Summary {
+            rows,
+            entries: 10 * rows,
+            row_time: Duration::from_secs_f64(seconds.iter().sum()),
+            row_time_squared: seconds.iter().map(|s| s * s).sum(),
+            slowest: seconds
+                .iter()
+                .copied()
+                .reduce(f64::max)
+                .map(|s| (InputPatch(0), Duration::from_secs_f64(s))),
+            ..Summary::default()
+        }
+    }
+
+    #[test]
+    fn slow_rows_that_were_all_measured_are_certain_and_the_rest_is_an_interval() {
+        let mut work = Work::default();
+        work.add(2, &found(2, &[20.0, 40.0]), 1.0);
+        assert_eq!((work.seconds, work.variance), (60.0, 0.0));
+        assert_eq!(work.range(1), [60.0, 60.0]);
+        // One row may keep two threads waiting.
+        assert_eq!(work.range(2), [40.0, 50.0]);
+        work.add(1000, &found(4, &[0.1, 0.1, 0.2, 0.2]), 1.0);
+        assert!((work.seconds - 210.0).abs() < 1e-9 && work.entries == 10_020.0);
+        let [least, most] = work.range(1);
+        assert!(
+            100.0 < least && least < 210.0 && 210.0 < most && most < 320.0,
+            "{least} to {most}"
+        );
+    }
+
+    #[test]
+    fn time_that_other_programs_take_is_not_counted() {
+        let mut work = Work::default();
+        work.add(10, &found(10, &[1.0; 10]), 0.25);
+        assert_eq!((work.seconds, work.measured, work.slowest), (2.5, 2.5, 0.25));
+    }
 }

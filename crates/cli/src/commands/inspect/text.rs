@@ -202,6 +202,9 @@ fn add_views(list: &mut Listing, report: &Report) {
     );
 }
 
+/// Ratio of the ends of an interval of seconds from which on both are said.
+const WIDE: f64 = 1.3;
+
 /// Adds disk, time and memory of all rows.
 fn add_cost(list: &mut Listing, report: &Report) {
     let forecast = &report.forecast;
@@ -239,7 +242,11 @@ fn add_cost(list: &mut Listing, report: &Report) {
         let memory = forecast
             .memory_bytes
             .map_or_else(String::new, |bytes| format!(", in at most {} of memory", size(bytes)));
-        list.add("", format!("about {} on {device}{memory}", duration(seconds)));
+        let time = match forecast.seconds_range {
+            Some([least, most]) if most > WIDE * least => format!("{} to {}", duration(least), duration(most)),
+            _ => format!("about {}", duration(seconds)),
+        };
+        list.add("", format!("{time} on {device}{memory}"));
     }
 }
 

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! Integrity and conservation fail. Quality fails where a bound was asked for, and is doubtful where a row's closure
-//! error is above the tolerance of the run ([`CLOSURE`] without one), more than [`BLOCKED`] of the view is blocked, or a
-//! row looks at backs with more than [`WARNED`] of its view.
+//! error is above the tolerance of the run ([`CLOSURE`] without one), more than [`BLOCKED`] of the view is blocked, or
+//! more than [`WARNED_ROWS`] of the rows look at backs with more than [`WARNED`] of their view.
 
 use super::{Check, CheckReport, Failure};
 use serde::Serialize;
@@ -19,6 +19,8 @@ pub const CLOSURE: f64 = 0.02;
 pub const BLOCKED: f64 = 0.01;
 /// Blocked share of a row from which on `compute` warns of it.
 pub const WARNED: f64 = 0.5;
+/// Share of rows that look at backs from which on the quality is doubtful. Floors under furniture are below it.
+pub const WARNED_ROWS: f64 = 0.01;
 
 /// The question that a verdict answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -72,7 +74,7 @@ pub enum Doubt {
     Closure,
     /// [`CheckReport::blocked`] is above [`BLOCKED`].
     Blocked,
-    /// [`Quality::warned_rows`] is above 0.
+    /// [`Quality::warned_rows`] is above [`WARNED_ROWS`] of the rows.
     Warned,
 }
 
@@ -154,7 +156,10 @@ fn quality(found: &CheckReport) -> Verdict {
     verdict.doubts = [
         (Doubt::Closure, found.quality.closure_rows > 0 && !is_told),
         (Doubt::Blocked, found.blocked > BLOCKED),
-        (Doubt::Warned, found.quality.warned_rows > 0),
+        (
+            Doubt::Warned,
+            found.quality.warned_rows as f64 > WARNED_ROWS * found.closure.rows as f64,
+        ),
     ]
     .into_iter()
     .filter_map(|(doubt, holds)| holds.then_some(doubt))
