@@ -31,12 +31,10 @@
 mod files;
 mod kernel;
 mod parallel;
-mod rays;
 mod view;
 
 pub use files::{Table, write_rows};
 pub(crate) use parallel::{in_parallel, threads_of};
-pub use rays::{PointReference, PointReferenceRow};
 
 use crate::Model;
 use crate::backend::{BackendError, HemicubeBackend, RESOLUTIONS, RenderSettings};
@@ -44,7 +42,8 @@ use crate::driver::compute::ComputeError;
 use crate::frame::{self, Horizon};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
-use kernel::{Kernel, Tables};
+pub(crate) use kernel::Kernel;
+use kernel::Tables;
 use std::sync::{Mutex, PoisonError};
 use view::{Scratch, Sum};
 
@@ -82,7 +81,7 @@ impl Body {
     }
 
     /// The parts of each row, by direction, kernel and weight. Weights of a row sum to 1.
-    fn parts(self, horizon: &Horizon) -> Vec<Vec<Part>> {
+    pub(crate) fn parts(self, horizon: &Horizon) -> Vec<Vec<Part>> {
         let plane = |axis: DVec3, weight: f64| Part {
             axis,
             kernel: Kernel::Cosine,
@@ -113,7 +112,13 @@ impl Body {
                     PERSON_END,
                     PERSON_END,
                 ];
-                vec![sides.iter().zip(weights).map(|(&side, weight)| plane(side, weight)).collect()]
+                vec![
+                    sides
+                        .iter()
+                        .zip(weights)
+                        .map(|(&side, weight)| plane(side, weight))
+                        .collect(),
+                ]
             }
         }
     }
@@ -162,10 +167,10 @@ pub fn sides(horizon: &Horizon) -> [DVec3; 6] {
 
 /// A hemicube's share of a body.
 #[derive(Clone, Copy, Debug)]
-struct Part {
-    axis: DVec3,
-    kernel: Kernel,
-    weight: f64,
+pub(crate) struct Part {
+    pub(crate) axis: DVec3,
+    pub(crate) kernel: Kernel,
+    pub(crate) weight: f64,
 }
 
 /// A sensor in the scene's coordinates.
@@ -204,6 +209,14 @@ impl PointOptions {
         let finer = (1..8).map(|level| first << level);
         let finer = finer.filter(|n| self.tolerance.is_some() && RESOLUTIONS.contains(n));
         std::iter::once(first).chain(finer).collect()
+    }
+}
+
+/// The resolution to begin with: 256, or 128 for tolerances that the next level mostly keeps.
+pub fn first_resolution(tolerance: Option<f64>) -> u32 {
+    match tolerance {
+        Some(tolerance) if tolerance >= 0.005 => 128,
+        _ => 256,
     }
 }
 
@@ -384,14 +397,7 @@ impl Worker<'_> {
     }
 
     /// Renders a hemicube of a part and adds what it shows.
-    fn add(
-        &mut self,
-        level: usize,
-        origin: DVec3,
-        part: &Part,
-        turn: u32,
-        sum: &mut Sum,
-    ) -> Result<(), ComputeError> {
+    fn add(&mut self, level: usize, origin: DVec3, part: &Part, turn: u32, sum: &mut Sum) -> Result<(), ComputeError> {
         if self.sessions[level].is_none() {
             self.sessions[level] = Some(self.levels[level].session(self.model)?);
         }
@@ -427,7 +433,11 @@ impl Worker<'_> {
         let mut patches: Vec<(InputPatch, f64)> = Vec::new();
         for (part, sum) in parts.iter().zip(sums) {
             let seen = self.scratch.factors(self.model, origin, part, sum);
-            patches.extend(seen.patches.iter().map(|&(patch, factor)| (patch, part.weight * factor)));
+            patches.extend(
+                seen.patches
+                    .iter()
+                    .map(|&(patch, factor)| (patch, part.weight * factor)),
+            );
             row.sky += part.weight * seen.sky;
             row.ground += part.weight * seen.ground;
             row.blocked += part.weight * seen.blocked;

@@ -30,9 +30,11 @@ mod hemisphere;
 mod measure;
 mod pair;
 mod random;
+mod sensors;
 mod visibility;
 
 pub use measure::{EstimatedRow, Interval, Measured, errors_against};
+pub use sensors::{PointReference, PointReferenceRow};
 
 use crate::Model;
 use facing::Facing;

@@ -20,7 +20,8 @@ use hemicube::backend::{Culling, RESOLUTIONS, RenderSettings};
 use hemicube::diagnose::Place;
 use hemicube::driver::room::Work;
 use hemicube::frame::Horizon;
-use hemicube::points::{Body, PointOptions, PointReference, Sensor, SensorRow, rows_of_sensors};
+use hemicube::points::{Body, PointOptions, Sensor, SensorRow, first_resolution, rows_of_sensors};
+use hemicube::reference::PointReference;
 use output::{Groups, Kept, Written};
 use sensors::{Sensors, Source};
 use serde::Serialize;
@@ -28,8 +29,6 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Pixels along an edge, without an option.
-const RESOLUTION: u32 = 256;
 /// The integral over a piece at which reference rays cut no more.
 const REFERENCE_PIECE: f64 = 1e-7;
 /// Points in the summary.
@@ -67,8 +66,12 @@ pub(crate) struct Arguments {
     pub(crate) offset: Option<f64>,
     /// The form of a sensor: plane, by its normal; sphere; cube, a row a side; person, standing, by six weighted sides;
     /// cylinder, upright [default: plane with normals, sphere without]
-    #[arg(long = "as", value_name = "plane|sphere|cube|person|cylinder", hide_possible_values = true,
-        help_heading = "Points")]
+    #[arg(
+        long = "as",
+        value_name = "plane|sphere|cube|person|cylinder",
+        hide_possible_values = true,
+        help_heading = "Points"
+    )]
     pub(crate) body: Option<BodyName>,
     /// Mean radiant temperature by the radiosities of a solution of `solve --thermal`: a matrix of the scene, and the
     /// solution's name [default: thermal]
@@ -88,7 +91,8 @@ pub(crate) struct Arguments {
     /// Refine each row until it changes by no more than this share: 1%, 0.001
     #[arg(long, value_name = "T", value_parser = share)]
     pub(crate) tolerance: Option<f64>,
-    /// Pixels along an edge of the first hemicubes: a multiple of 16 up to 1024 [default: 256]
+    /// Pixels along an edge of the first hemicubes: a multiple of 16 up to 1024 [default: 256; 128 for a
+    /// tolerance from 0.5%]
     #[arg(long, value_name = "N", value_parser = resolution)]
     pub(crate) resolution: Option<u32>,
     /// Compare so many points with rows by rays
@@ -101,7 +105,12 @@ pub(crate) struct Arguments {
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// Columns of .csv and .json
-    #[arg(long, value_name = "object|material|patch", default_value = "object", hide_possible_values = true)]
+    #[arg(
+        long,
+        value_name = "object|material|patch",
+        default_value = "object",
+        hide_possible_values = true
+    )]
     pub(crate) by: By,
     /// What a picture shows: sky, ground, blocked, mrt, or an object or material [default: mrt with `--solution`, else
     /// sky]
@@ -249,7 +258,12 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let store = arguments.solution.as_deref().map(heat::open).transpose()?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let prepared = match &store {
-        Some((store, _)) => stored::scene(store, &arguments.scene, &arguments.engine, arguments.patches.allow_large),
+        Some((store, _)) => stored::scene(
+            store,
+            &arguments.scene,
+            &arguments.engine,
+            arguments.patches.allow_large,
+        ),
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels),
     }?;
     prepared.tell(talk);
@@ -326,7 +340,10 @@ impl Task<'_> {
     fn options(&self) -> PointOptions {
         PointOptions {
             render: RenderSettings {
-                resolution: self.arguments.resolution.unwrap_or(RESOLUTION),
+                resolution: self
+                    .arguments
+                    .resolution
+                    .unwrap_or(first_resolution(self.arguments.tolerance)),
                 culling: Culling::On,
                 covered: false,
             },
@@ -438,13 +455,23 @@ impl Task<'_> {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),
             inputs: vec![self.prepared.input.clone()],
-            outputs: self.arguments.output.iter().map(|path| path.display().to_string()).collect(),
+            outputs: self
+                .arguments
+                .output
+                .iter()
+                .map(|path| path.display().to_string())
+                .collect(),
             body: self.sensors.body,
             up,
             points: self.sensors.items.len() as u64,
             rows: rows.len() as u64,
             left_out: self.sensors.raster.as_ref().map(|raster| raster.left_out),
-            not_in_the_open: self.sensors.places.iter().filter(|&&place| place != Place::Open).count() as u64,
+            not_in_the_open: self
+                .sensors
+                .places
+                .iter()
+                .filter(|&&place| place != Place::Open)
+                .count() as u64,
             tolerance: self.arguments.tolerance,
             resolution: self.options().render.resolution,
             hemicubes: self.hemicubes(rows),
@@ -473,12 +500,15 @@ impl Task<'_> {
             BodyName::Person => "standing persons",
             BodyName::Cylinder => "upright cylinders",
         };
-        list.add("points", format!("{}, as {form}, in {}", count(points), duration(seconds)));
+        list.add(
+            "points",
+            format!("{}, as {form}, in {}", count(points), duration(seconds)),
+        );
         if let Some(raster) = &self.sensors.raster {
             list.add(
                 "grid",
                 format!(
-                    "{} × {} cells; {} left out: without ground, or in solids",
+                    "{} × {} cells; {} left out: without a surface, or in solids",
                     count(raster.columns as u64),
                     count(raster.rows as u64),
                     count(raster.left_out)
@@ -487,7 +517,11 @@ impl Task<'_> {
         }
         list.add(
             "hemicubes",
-            format!("{}, {:.1} a point", count(hemicubes), hemicubes as f64 / points.max(1) as f64),
+            format!(
+                "{}, {:.1} a point",
+                count(hemicubes),
+                hemicubes as f64 / points.max(1) as f64
+            ),
         );
         list.add(
             "on average",

@@ -6,7 +6,9 @@ use crate::help::{examples, scene_help};
 use crate::outputs::Paths;
 use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
-use crate::report::{self, Input, JsonReport, Listing, PendingFile, SCHEMA, Spread, count, counted, duration, lines, percent};
+use crate::report::{
+    self, Input, JsonReport, Listing, PendingFile, SCHEMA, Spread, count, counted, duration, lines, percent,
+};
 use crate::stored;
 use crate::table;
 use anyhow::{Context, Result, anyhow, bail};

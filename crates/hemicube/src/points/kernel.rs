@@ -23,7 +23,7 @@ const HALF: f64 = 2.0;
 
 /// A density over the half sphere about an axis, integrating to 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kernel {
+pub(crate) enum Kernel {
     /// cos θ / π.
     Cosine,
     /// 1 / 2π.
@@ -77,15 +77,13 @@ impl Kernel {
 
     /// The integral over a convex polygon above the horizon, seen from the origin; corners in any order of winding.
     /// `normal` is the axis.
-    pub(super) fn over(self, normal: DVec3, polygon: &[DVec3]) -> f64 {
+    pub(crate) fn over(self, normal: DVec3, polygon: &[DVec3]) -> f64 {
         // The contour sum is of corners counter-clockwise seen from the front.
         let cosine = || point_to_polygon(DVec3::ZERO, normal, polygon);
         match self {
             Self::Cosine => cosine(),
             Self::Solid => solid_angle(polygon) / TAU,
-            Self::Upright => {
-                HALF * (MANTLE * FRAC_1_PI * FRAC_1_PI * mantle(normal, polygon) + PERSON_END * cosine())
-            }
+            Self::Upright => HALF * (MANTLE * FRAC_1_PI * FRAC_1_PI * mantle(normal, polygon) + PERSON_END * cosine()),
         }
     }
 }
@@ -183,7 +181,13 @@ fn along(point: impl Fn(f64) -> DVec3, pole: DVec3, from: f64, to: f64) -> f64 {
             let height = p.dot(pole);
             let flat = (p - pole * height).length();
             let theta = angle(flat, height);
-            sum += half * weight * if flat < 1e-3 { theta / 3.0 } else { (theta - flat * height) / (2.0 * flat * flat) };
+            sum += half
+                * weight
+                * if flat < 1e-3 {
+                    theta / 3.0
+                } else {
+                    (theta - flat * height) / (2.0 * flat * flat)
+                };
         }
     }
     sum
@@ -221,7 +225,10 @@ mod tests {
     fn sines_are_the_library_s() {
         for k in 0..=1000 {
             let s = f64::from(k) * 1e-3 * std::f64::consts::PI;
-            assert!((sine_of(s) - s.sin()).abs() < 2e-15 && (cosine_of(s) - s.cos()).abs() < 2e-15, "{s}");
+            assert!(
+                (sine_of(s) - s.sin()).abs() < 2e-15 && (cosine_of(s) - s.cos()).abs() < 2e-15,
+                "{s}"
+            );
         }
     }
 
@@ -278,7 +285,12 @@ mod tests {
                             p[w] = sw;
                             DVec3::from_array(p)
                         };
-                        let mut pixel = [corner(0.0, 0.0), corner(step, 0.0), corner(step, step), corner(0.0, step)];
+                        let mut pixel = [
+                            corner(0.0, 0.0),
+                            corner(step, 0.0),
+                            corner(step, step),
+                            corner(0.0, step),
+                        ];
                         if pixel[0].dot(pixel[1].cross(pixel[2])) > 0.0 {
                             pixel.reverse();
                         }
@@ -286,7 +298,10 @@ mod tests {
                         let weight = f64::from(table.weight(face, x, y));
                         // Two roundings, and two points of quadrature; at the zenith the mantle's density has a kink.
                         let slack = 2.0 + if kernel == Kernel::Upright { 6e-3 * closed } else { 0.0 };
-                        assert!((weight - closed).abs() < slack, "{kernel:?} {face:?} {x} {y}: {weight} {closed}");
+                        assert!(
+                            (weight - closed).abs() < slack,
+                            "{kernel:?} {face:?} {x} {y}: {weight} {closed}"
+                        );
                     }
                 }
             }

@@ -1,7 +1,7 @@
 //! One hemicube's view: weights of an item buffer by patch, and their view factors.
 
-use super::kernel::Kernel;
 use super::Part;
+use super::kernel::Kernel;
 use crate::Model;
 use crate::backend::{BackendError, Hemicube, WHOLE};
 use crate::delta::DeltaTable;
@@ -128,7 +128,11 @@ impl Scratch {
             });
             let (certain, within) = weights_within(&corners, table);
             let is_whole = visible >= u64::from(certain);
-            let covered = if is_whole { visible } else { u64::from(within).max(visible) };
+            let covered = if is_whole {
+                visible
+            } else {
+                u64::from(within).max(visible)
+            };
             let seen = sum.seen.entry(patch).or_insert(Seen {
                 visible: 0,
                 covered: 0,

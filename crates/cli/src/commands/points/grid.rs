@@ -176,7 +176,8 @@ impl Layout {
         }
         let size = high - low;
         let cells = (size / step).ceil().max(DVec3::ONE);
-        if !(cells.x * cells.y <= CELLS_MAX) {
+        // Infinite where a coordinate all but overflows.
+        if cells.x * cells.y > CELLS_MAX || !cells.is_finite() {
             return Err(hinted(
                 anyhow!(
                     "a step of {step} makes {:.3e} cells of {:.6} × {:.6}; a grid has {} at most",
@@ -190,11 +191,7 @@ impl Layout {
         }
         // The grid lies in the middle of its surfaces.
         let rest = (cells * step - size) * 0.5;
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "bounded above"
-        )]
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded above")]
         let (columns, rows) = (cells.x as usize, cells.y as usize);
         Ok(Self {
             frame,
@@ -205,6 +202,15 @@ impl Layout {
             rows,
             extent: size.max_element(),
         })
+    }
+
+    /// Takes all triangles of the scene in place of the chosen ones; the cells stay.
+    fn take_all(&mut self, prepared: &Prepared) {
+        let triangles = prepared.scene.triangles.iter().enumerate();
+        let frame = &self.frame;
+        self.triangles = triangles
+            .map(|(place, triangle)| (triangle.corners.map(|corner| frame.local(corner)), place))
+            .collect();
     }
 
     fn middle(&self, column: usize, row: usize) -> DVec2 {
@@ -255,13 +261,17 @@ impl Layout {
         if positions.is_empty() {
             return Err(hinted(
                 anyhow!(
-                    "no middle of {} of the grid lies on a surface",
+                    "no middle of {} of the grid has a point in the open",
                     counted(cells.len() as u64, "cell")
                 ),
-                "take a smaller step, and look whether `--up` is right",
+                "take a smaller step, and look at `--height`, `--on`, `--up`, and whether surfaces face outwards \
+                 (`hemicube inspect`)",
             ));
         }
-        let level = positions.iter().map(|&p| self.frame.local(p).z).fold(f64::INFINITY, f64::min);
+        let level = positions
+            .iter()
+            .map(|&p| self.frame.local(p).z)
+            .fold(f64::INFINITY, f64::min);
         let left_out = cells.iter().filter(|cell| cell.is_none()).count() as u64;
         Ok(Grid {
             positions,
@@ -279,22 +289,56 @@ impl Layout {
     }
 }
 
-/// Points above the lowest surface that looks up.
+/// The side of the first surface above a point.
+#[derive(Clone, Copy)]
+struct Above {
+    height: f64,
+    is_back: bool,
+}
+
+/// Points above the lowest surface that looks up, but those below the back of a surface: in a solid, or under the ground.
+/// Inside a solid that stands wall to wall with others, fronts of theirs are all round, and only its roof tells.
 fn above_ground(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f64, height: f64) -> Result<Grid> {
     let frame = Frame([horizon.east, horizon.north, horizon.up]);
-    let layout = Layout::new(prepared, frame, chosen, step)?;
-    let mut ground: Vec<Option<(f64, DVec3)>> = vec![None; layout.columns * layout.rows];
-    layout.each(|cell, at, place| {
+    let mut layout = Layout::new(prepared, frame, chosen, step)?;
+    let looks_up = |place: usize| {
         let triangle = &prepared.scene.triangles[place];
         let [a, b, c] = triangle.corners;
-        let looks_up = (b - a).cross(c - a).dot(horizon.up) > 0.0;
+        ((b - a).cross(c - a).dot(horizon.up) > 0.0, triangle.two_sided)
+    };
+    let mut ground: Vec<Option<(f64, DVec3)>> = vec![None; layout.columns * layout.rows];
+    layout.each(|cell, at, place| {
+        let (is_up, two_sided) = looks_up(place);
         let is_lower = ground[cell].is_none_or(|(lowest, _)| at < lowest);
-        if (looks_up || triangle.two_sided) && is_lower {
+        if (is_up || two_sided) && is_lower {
             ground[cell] = Some((at, horizon.up));
         }
     });
     for (at, _) in ground.iter_mut().flatten() {
         *at += height;
+    }
+    layout.take_all(prepared);
+    let near = ONE * layout.extent;
+    let mut above: Vec<Option<Above>> = vec![None; ground.len()];
+    layout.each(|cell, at, place| {
+        let (is_up, two_sided) = looks_up(place);
+        let found = Above {
+            height: at,
+            is_back: is_up && !two_sided,
+        };
+        if ground[cell].is_none_or(|(point, _)| at < point) {
+            return;
+        }
+        // Of surfaces in one place, a front.
+        let wins = above[cell].is_none_or(|before| {
+            at < before.height - near || (at <= before.height + near && before.is_back && !found.is_back)
+        });
+        if wins {
+            above[cell] = Some(found);
+        }
+    });
+    for (point, above) in ground.iter_mut().zip(&above) {
+        *point = point.filter(|_| above.is_none_or(|above| !above.is_back));
     }
     layout.grid(&ground, false)
 }

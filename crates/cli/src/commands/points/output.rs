@@ -84,11 +84,19 @@ impl Groups {
         let scene = &prepared.scene;
         let of = |index: fn(&hemicube_scene::Triangle) -> u32| {
             let patches = prepared.patches.iter();
-            Some(patches.map(|patch| index(&scene.triangles[prepared.patches.triangle(patch)])).collect())
+            Some(
+                patches
+                    .map(|patch| index(&scene.triangles[prepared.patches.triangle(patch)]))
+                    .collect(),
+            )
         };
         let named = |names: Vec<&String>, what: &str| {
             let name = |(at, name): (usize, &String)| {
-                if name.is_empty() { format!("{what} {at}") } else { name.clone() }
+                if name.is_empty() {
+                    format!("{what} {at}")
+                } else {
+                    name.clone()
+                }
             };
             names.into_iter().enumerate().map(name).collect()
         };
@@ -98,7 +106,10 @@ impl Groups {
                 of_patch: of(|triangle| triangle.object),
             },
             By::Material => Self {
-                names: named(scene.materials.iter().map(|material| &material.name).collect(), "material"),
+                names: named(
+                    scene.materials.iter().map(|material| &material.name).collect(),
+                    "material",
+                ),
                 of_patch: of(|triangle| triangle.material),
             },
             By::Patch => Self {
@@ -144,7 +155,14 @@ impl Kept {
             sensor,
             groups: sums.into_iter().collect(),
             temperature: heat.map_or(f64::NAN, |heat| heat.temperature(&row)),
-            row: if keeps { row } else { SensorRow { patches: Vec::new(), ..row } },
+            row: if keeps {
+                row
+            } else {
+                SensorRow {
+                    patches: Vec::new(),
+                    ..row
+                }
+            },
         }
     }
 }
@@ -183,7 +201,10 @@ impl Column {
                 Some(group) => Ok(Self::Group(u32::try_from(group).unwrap_or(u32::MAX))),
                 None => Err(hinted(
                     anyhow!("`--column {name}` is neither sky, ground, blocked, mrt nor a column of the table"),
-                    format!("there are {} columns by `--by`; `hemicube inspect` names them", count(groups.names.len() as u64)),
+                    format!(
+                        "there are {} columns by `--by`; `hemicube inspect` names them",
+                        count(groups.names.len() as u64)
+                    ),
                 )),
             },
         }
@@ -265,7 +286,12 @@ impl Written<'_> {
 
     /// Groups seen by any row, ascending.
     fn seen(&self, path: &Path) -> Result<Vec<u32>> {
-        let mut seen: Vec<u32> = self.rows.iter().flat_map(|row| &row.groups).map(|(group, _)| *group).collect();
+        let mut seen: Vec<u32> = self
+            .rows
+            .iter()
+            .flat_map(|row| &row.groups)
+            .map(|(group, _)| *group)
+            .collect();
         seen.sort_unstable();
         seen.dedup();
         if seen.len() > COLUMNS_MAX {
@@ -292,7 +318,11 @@ impl Written<'_> {
         if let Some(normals) = &self.sensors.normals {
             return normals.get(row.sensor).copied();
         }
-        let first = self.rows[..at].iter().rev().take_while(|before| before.sensor == row.sensor).count();
+        let first = self.rows[..at]
+            .iter()
+            .rev()
+            .take_while(|before| before.sensor == row.sensor)
+            .count();
         (self.sensors.body == super::BodyName::Cube).then(|| sides(&self.sensors.horizon)[first.min(5)])
     }
 
@@ -305,7 +335,11 @@ impl Written<'_> {
         let mut header = "point,x,y,z".to_owned();
         header.push_str(if self.has_normals() { ",nx,ny,nz" } else { "" });
         header.push_str(",place,sky,ground,blocked");
-        header.push_str(if self.arguments.tolerance.is_some() { ",change" } else { "" });
+        header.push_str(if self.arguments.tolerance.is_some() {
+            ",change"
+        } else {
+            ""
+        });
         header.push_str(if self.has_heat() { ",mrt" } else { "" });
         for &group in &seen {
             header.push(',');
@@ -322,7 +356,10 @@ impl Written<'_> {
                 line.push_str(&format!(",{},{},{}", n.x, n.y, n.z));
             }
             let place = place_name(self.sensors.places[row.sensor]);
-            line.push_str(&format!(",{place},{},{},{}", row.row.sky, row.row.ground, row.row.blocked));
+            line.push_str(&format!(
+                ",{place},{},{},{}",
+                row.row.sky, row.row.ground, row.row.blocked
+            ));
             if self.arguments.tolerance.is_some() {
                 line.push_str(&format!(",{}", row.row.change));
             }
@@ -366,7 +403,10 @@ impl Written<'_> {
         let mut factors = Map::new();
         for &(group, factor) in &row.groups {
             // Groups of one name are one.
-            let before = factors.get(&self.groups.name(group)).and_then(Value::as_f64).unwrap_or(0.0);
+            let before = factors
+                .get(&self.groups.name(group))
+                .and_then(Value::as_f64)
+                .unwrap_or(0.0);
             factors.insert(self.groups.name(group), json!(before + factor));
         }
         let mut of_row = json!({
@@ -397,9 +437,15 @@ impl Written<'_> {
             let values = (0..self.rows.len()).flat_map(|at| of(at).to_array()).collect();
             Table::Real(vec![count, 3], values)
         };
-        let points = self.rows.iter().map(|row| i64::try_from(row.sensor).unwrap_or(i64::MAX));
+        let points = self
+            .rows
+            .iter()
+            .map(|row| i64::try_from(row.sensor).unwrap_or(i64::MAX));
         let mut more = vec![
-            ("points", triples(&|at| self.sensors.items[self.rows[at].sensor].position)),
+            (
+                "points",
+                triples(&|at| self.sensors.items[self.rows[at].sensor].position),
+            ),
             ("point", Table::Whole(vec![count], points.collect())),
         ];
         if self.has_normals() {
@@ -411,13 +457,15 @@ impl Written<'_> {
         }
         if let Some(raster) = &self.sensors.raster {
             let each = self.sensors.items[0].body.rows();
-            let row_of = |cell: &Option<usize>| {
-                cell.map_or(-1, |point| i64::try_from(point * each).unwrap_or(i64::MAX))
-            };
+            let row_of =
+                |cell: &Option<usize>| cell.map_or(-1, |point| i64::try_from(point * each).unwrap_or(i64::MAX));
             let shape = vec![raster.rows as u64, raster.columns as u64];
             more.push(("grid", Table::Whole(shape, raster.cells.iter().map(row_of).collect())));
             more.push(("grid_origin", Table::Real(vec![3], raster.origin.to_array().to_vec())));
-            let steps = [raster.right, raster.up].iter().flat_map(|step| step.to_array()).collect();
+            let steps = [raster.right, raster.up]
+                .iter()
+                .flat_map(|step| step.to_array())
+                .collect();
             more.push(("grid_steps", Table::Real(vec![2, 3], steps)));
         }
         let patches = u32::try_from(self.prepared.patches.len()).context("too many patches")?;
@@ -432,16 +480,17 @@ impl Written<'_> {
         let each = self.sensors.items[0].body.rows();
         let values: Vec<f64> = self.rows.iter().step_by(each).map(|row| column.value(row)).collect();
         let known = || values.iter().copied().filter(|value| value.is_finite());
-        let (low, high) = (known().fold(f64::INFINITY, f64::min), known().fold(f64::NEG_INFINITY, f64::max));
+        let (low, high) = (
+            known().fold(f64::INFINITY, f64::min),
+            known().fold(f64::NEG_INFINITY, f64::max),
+        );
         let size = (PICTURE / raster.columns.max(raster.rows)).max(1);
         let (width, height) = (size * raster.columns, size * raster.rows);
         let mut canvas = Canvas::new(width.max(480), height + 56, WHITE);
         let left = (canvas.width - width) / 2;
         for (cell, point) in raster.cells.iter().enumerate() {
             let color: Color = match point.map(|point| values[point]) {
-                Some(value) if value.is_finite() => {
-                    scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE))
-                }
+                Some(value) if value.is_finite() => scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE)),
                 _ => NOTHING,
             };
             let (x, y) = (cell % raster.columns, raster.rows - 1 - cell / raster.columns);
@@ -449,7 +498,12 @@ impl Written<'_> {
         }
         let wide = (canvas.width / 3).max(120);
         let labels = [figures(low), figures(high)];
-        canvas.scale((16, height + 12), wide, [&labels[0], &labels[1]], &column.title(self.groups));
+        canvas.scale(
+            (16, height + 12),
+            wide,
+            [&labels[0], &labels[1]],
+            &column.title(self.groups),
+        );
         let note = format!("a cell is {}", figures(raster.right.length()));
         let at = ((canvas.width - 16) as f64, (height + 40) as f64);
         canvas.write(&note, at, 13.0, Anchor::End);

@@ -81,7 +81,11 @@ impl Sensors {
             Source::Listed(listed) => (listed.positions, listed.normals, listed.lines, None),
             Source::Grid(grid) => (grid.positions, grid.normals, Vec::new(), Some(grid.raster)),
         };
-        let default = if normals.is_some() { BodyName::Plane } else { BodyName::Sphere };
+        let default = if normals.is_some() {
+            BodyName::Plane
+        } else {
+            BodyName::Sphere
+        };
         let body = arguments.body.unwrap_or(default);
         if body == BodyName::Plane && normals.is_none() {
             return Err(hinted(
@@ -98,7 +102,13 @@ impl Sensors {
                 normal: normal(at),
             })
             .collect();
-        let mut places = places_of(prepared, &looks, horizon, threads, body);
+        // A grid above the ground has left out what is in solids.
+        let is_placed = arguments.height.is_some();
+        let mut places = if is_placed {
+            vec![Place::Open; looks.len()]
+        } else {
+            places_of(prepared, &looks, horizon, threads, body)
+        };
         let mut items: Vec<Sensor> = looks
             .iter()
             .map(|look| Sensor {
@@ -204,7 +214,11 @@ fn places_of(
     });
     if body != BodyName::Plane {
         for place in &mut found {
-            *place = if *place == Place::BehindSheet { Place::Open } else { *place };
+            *place = if *place == Place::BehindSheet {
+                Place::Open
+            } else {
+                *place
+            };
         }
     }
     found

@@ -5,12 +5,12 @@
 //! others are cut into four, until that integral is less than a limit, and are then shared by their rays. An edge of
 //! what is seen separates corners of every piece that it crosses: what is missed is smaller than a first piece.
 
-use super::{Body, Part, Sensor, SensorRow, in_parallel, threads_of};
+use super::{RayEnd, Reference, ReferenceError, ReferenceSettings};
 use crate::Model;
 use crate::driver::compute::ComputeError;
 use crate::frame::Horizon;
 use crate::geometry::{in_front, quarters};
-use crate::reference::{RayEnd, Reference, ReferenceError, ReferenceSettings};
+use crate::points::{Body, Part, Sensor, SensorRow, in_parallel, threads_of};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::collections::BTreeMap;
@@ -104,9 +104,10 @@ impl<'m> PointReference<'m> {
             DVec3::new(-0.48, -0.64, 0.6),
         );
         let mut pending: Vec<([DVec3; 3], u32)> = Vec::new();
-        for (x, y, z) in [a, -a].into_iter().flat_map(|x| {
-            [b, -b].into_iter().flat_map(move |y| [c, -c].map(|z| (x, y, z)))
-        }) {
+        for (x, y, z) in [a, -a]
+            .into_iter()
+            .flat_map(|x| [b, -b].into_iter().flat_map(move |y| [c, -c].map(|z| (x, y, z))))
+        {
             pending.push(([x, y, z], 0));
         }
         while let Some((corners, level)) = pending.pop() {
