@@ -91,6 +91,7 @@ const GIVEN: &[(&str, &str)] = &[
          hemicube generate room --patches 1000 -o room.obj
          hemicube compute room.obj -o room.hemicube",
     ),
+    ("docs/points.md", "hemicube generate city --patches 1000 -o city.obj"),
     (
         "docs/report.md",
         "hemicube generate city --patches 1000 -o city.obj
@@ -189,6 +190,7 @@ page_tests! {
     interactive: "docs/interactive.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
     light: "docs/light.md",
+    points: "docs/points.md",
     report: "docs/report.md",
     formats: "docs/formats.md",
     store: "docs/store.md",

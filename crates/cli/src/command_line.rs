@@ -54,6 +54,7 @@ pub(crate) enum Command {
     Export(Box<commands::export::Arguments>),
     Solve(Box<commands::solve::Arguments>),
     Sky(Box<commands::sky::Arguments>),
+    Points(Box<commands::points::Arguments>),
     /// Draw pictures: the hemicube of a patch, the model in the colours of a result, the matrix
     View {
         /// What to draw.
@@ -87,6 +88,7 @@ impl Command {
             Self::Export(arguments) => arguments.paths(),
             Self::Solve(arguments) => arguments.paths(),
             Self::Sky(arguments) => arguments.paths(),
+            Self::Points(arguments) => arguments.paths(),
             Self::View { command } => command.paths(),
             Self::Report(arguments) => arguments.paths(),
             Self::Generate(arguments) => arguments.paths(),

@@ -12,6 +12,7 @@ pub(crate) mod inspect;
 pub(crate) mod interactive;
 pub(crate) mod manual;
 pub(crate) mod merge;
+pub(crate) mod points;
 pub(crate) mod report;
 pub(crate) mod sky;
 pub(crate) mod solve;

@@ -123,6 +123,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>, unread: &[String]) -> Result
         Command::Export(arguments) => commands::export::run(&arguments, talk),
         Command::Solve(arguments) => commands::solve::run(&arguments, talk),
         Command::Sky(arguments) => commands::sky::run(&arguments, talk),
+        Command::Points(arguments) => commands::points::run(&arguments, talk),
         Command::View { command } => commands::view::run(&command, talk),
         Command::Report(arguments) => commands::report::run(&arguments, talk),
         Command::Generate(arguments) => commands::generate::run(&arguments, talk),

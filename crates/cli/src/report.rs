@@ -319,6 +319,20 @@ pub(crate) fn count(number: u64) -> String {
     text
 }
 
+/// `line 4`, `lines 4, 6 and 9`, `lines 1, 2, 3, 4, 5 and 20 more`.
+pub(crate) fn lines(of: &[u64]) -> String {
+    const SHOWN: usize = 5;
+    let mut shown: Vec<String> = of.iter().take(SHOWN).map(u64::to_string).collect();
+    if of.len() > SHOWN {
+        shown.push(format!("{} more", count((of.len() - SHOWN) as u64)));
+    }
+    match shown.split_last() {
+        Some((last, [])) => format!("line {last}"),
+        Some((last, rest)) => format!("lines {} and {last}", rest.join(", ")),
+        None => String::new(),
+    }
+}
+
 /// `1 row`, `2,000 rows`.
 pub(crate) fn counted(number: u64, what: &str) -> String {
     let plural = match what.strip_suffix("ch") {

@@ -57,11 +57,6 @@ impl<const N: usize> Header<N> {
     fn read(text: &str, names: [&str; N]) -> Result<Self> {
         let separator = Separator::of(text);
         let fields = separator.fields(text);
-        // `x`, `X`, `x (m)` and `x [m]` are one name.
-        let short = |field: &str| {
-            let name = field.split(['(', '[']).next().unwrap_or(field);
-            name.trim().to_ascii_lowercase()
-        };
         let mut places = [0; N];
         for (place, name) in places.iter_mut().zip(names) {
             let mut found = fields.iter().enumerate().filter(|(_, field)| short(field) == name);
@@ -81,6 +76,12 @@ impl<const N: usize> Header<N> {
             places,
         })
     }
+}
+
+/// The name of a column: `x`, `X`, `x (m)` and `x [m]` are one.
+fn short(field: &str) -> String {
+    let name = field.split(['(', '[']).next().unwrap_or(field);
+    name.trim().to_ascii_lowercase()
 }
 
 fn excerpt(text: &str) -> String {
@@ -132,6 +133,60 @@ fn number(field: &str) -> Result<f64> {
 /// # Errors
 /// When the file cannot be read, is no UTF-8, holds no row, or a line is malformed: the error names it.
 pub(crate) fn read<const N: usize>(path: &Path, names: [&str; N]) -> Result<Vec<Row<N>>> {
+    let text = text(path)?;
+    rows(&text, names).map_err(|error| located(path, error))
+}
+
+/// Rows of one of two sets of columns.
+#[derive(Debug)]
+pub(crate) enum Either<const A: usize, const B: usize> {
+    First(Vec<Row<A>>),
+    Second(Vec<Row<B>>),
+}
+
+/// The rows of a file with the columns `first`, or more of them, `second`: the header's names or the number of fields
+/// in the first row tell which.
+///
+/// # Errors
+/// Those of [`read`].
+pub(crate) fn read_either<const A: usize, const B: usize>(
+    path: &Path,
+    first: [&str; A],
+    second: [&str; B],
+) -> Result<Either<A, B>> {
+    let text = text(path)?;
+    let has_more = has_more(&text, A, &second);
+    let found = if has_more {
+        rows(&text, second).map(Either::Second)
+    } else {
+        rows(&text, first).map(Either::First)
+    };
+    found.map_err(|error| located(path, error))
+}
+
+/// Returns whether a table has columns beyond the first `count` of `names`.
+fn has_more(text: &str, count: usize, names: &[&str]) -> bool {
+    let mut lines = text.lines().map(|line| line.split('#').next().unwrap_or(""));
+    let Some(line) = lines.find(|line| !is_empty(line)) else {
+        return false;
+    };
+    if is_header(line) {
+        let fields = Separator::of(line).fields(line);
+        return fields.iter().any(|field| names[count..].contains(&&*short(field)));
+    }
+    fields_of(line).is_ok_and(|fields| fields.len() > count)
+}
+
+/// An error by its line.
+fn located(path: &Path, (line, error): (Option<u64>, anyhow::Error)) -> anyhow::Error {
+    match line {
+        Some(line) => anyhow!("{}:{line}: {error}", path.display()),
+        None => anyhow!("`{}` {error}", path.display()),
+    }
+}
+
+/// The text of a file, without a byte-order mark.
+fn text(path: &Path) -> Result<String> {
     let bytes = hemicube_scene::read_regular(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
     let text = hemicube_scene::text::unmarked(&bytes).map_err(|error| error.in_file(path))?;
     let text = std::str::from_utf8(text).map_err(|error| {
@@ -141,10 +196,13 @@ pub(crate) fn read<const N: usize>(path: &Path, names: [&str; N]) -> Result<Vec<
             .count();
         anyhow!("{}:{line}: is no UTF-8 text; save it as UTF-8", path.display())
     })?;
-    rows(text, names).map_err(|(line, error)| match line {
-        Some(line) => anyhow!("{}:{line}: {error}", path.display()),
-        None => anyhow!("`{}` {error}", path.display()),
-    })
+    Ok(text.to_owned())
+}
+
+/// Returns whether a line has no field.
+fn is_empty(text: &str) -> bool {
+    text.trim_matches(|c: char| c.is_whitespace() || c == ',' || c == ';')
+        .is_empty()
 }
 
 fn rows<const N: usize>(text: &str, names: [&str; N]) -> Result<Vec<Row<N>>, (Option<u64>, anyhow::Error)> {
@@ -153,10 +211,7 @@ fn rows<const N: usize>(text: &str, names: [&str; N]) -> Result<Vec<Row<N>>, (Op
     for (line, text) in (1..).zip(text.lines()) {
         let at = |error| (Some(line), error);
         let text = text.split('#').next().unwrap_or("");
-        if text
-            .trim_matches(|c: char| c.is_whitespace() || c == ',' || c == ';')
-            .is_empty()
-        {
+        if is_empty(text) {
             continue;
         }
         if header.is_none() && rows.is_empty() && is_header(text) {
@@ -245,6 +300,21 @@ mod tests {
         }
         let rows = rows("x y z\n\n0 0 1\n# noon\n0 1 1\n", ["x", "y", "z"]).expect("suns");
         assert_eq!(rows.iter().map(|row| row.line).collect::<Vec<_>>(), [3, 5]);
+    }
+
+    #[test]
+    fn the_first_line_tells_which_columns_there_are() {
+        for (text, more) in [
+            ("1 2 3\n", false),
+            ("# a point\n\n1,2,3,0,0,1\n", true),
+            ("x,y,z\n1,2,3\n", false),
+            ("name;x;y;z\nhere;1;2;3\n", false),
+            ("X (m),Y (m),Z (m),NX,NY,NZ\n1,2,3,0,0,1\n", true),
+            ("x y z nx\n1 2 3 0\n", true),
+            ("", false),
+        ] {
+            assert_eq!(has_more(text, 3, &POINT), more, "{text}");
+        }
     }
 
     #[test]

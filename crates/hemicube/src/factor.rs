@@ -95,6 +95,11 @@ pub(crate) fn point_to_polygon(point: DVec3, normal: DVec3, polygon: &[DVec3]) -
     (sum * (-0.5 * std::f64::consts::FRAC_1_PI)).max(0.0)
 }
 
+/// The angle in 0..=π of the vector (x, y), y ≥ 0: the same bits on every machine.
+pub(crate) fn angle(y: f64, x: f64) -> f64 {
+    lanes::angle(y, x)
+}
+
 /// Form factors from several elements to one triangle, eight at a time.
 ///
 /// ```

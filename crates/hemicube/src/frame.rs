@@ -8,7 +8,7 @@
 
 use crate::sampling::splitmix;
 use glam::DVec3;
-use hemicube_scene::InputPatch;
+use hemicube_scene::{Axis, InputPatch};
 
 /// Tangent, bitangent and normal of a triangle, orthonormal and right-handed: the tangent along its first edge, then
 /// turned about the normal by `turn` (0 to 1: 0° to 90°, after which a hemicube repeats itself).
@@ -71,6 +71,44 @@ pub fn turn(patch: InputPatch) -> f64 {
 
 /// Bound of [`turn`] either way: 11° from the scene's axes. See the head of this module for the choice.
 pub const MOST_TURN: f64 = 0.1;
+
+/// Directions of east, north and up: unit vectors, east × north = up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Horizon {
+    /// East.
+    pub east: DVec3,
+    /// North.
+    pub north: DVec3,
+    /// Up.
+    pub up: DVec3,
+}
+
+impl Horizon {
+    /// The horizon of a scene with the axis `up` pointing up, and north turned clockwise, seen from above, by `turn`
+    /// degrees. North is +y with z up, −z with y up (x is east in both), and +z with x up (y is east).
+    pub fn new(up: Axis, turn: f64) -> Self {
+        let (east, north, up) = match up {
+            Axis::Z => (DVec3::X, DVec3::Y, DVec3::Z),
+            Axis::Y => (DVec3::X, DVec3::NEG_Z, DVec3::Y),
+            Axis::X => (DVec3::Y, DVec3::Z, DVec3::X),
+        };
+        let (sine, cosine) = turn.to_radians().sin_cos();
+        Self {
+            north: north * cosine + east * sine,
+            east: east * cosine - north * sine,
+            up,
+        }
+    }
+
+    /// A direction by its parts along east, north and up.
+    pub(crate) fn local(&self, direction: DVec3) -> DVec3 {
+        DVec3::new(
+            direction.dot(self.east),
+            direction.dot(self.north),
+            direction.dot(self.up),
+        )
+    }
+}
 
 /// The sample points of K = n² hemicubes on a triangle: the centroids of K equal sub-triangles.
 pub fn sample_points([a, b, c]: [DVec3; 3], n: u32) -> Vec<DVec3> {

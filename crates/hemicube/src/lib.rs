@@ -37,6 +37,7 @@ pub mod factor;
 pub mod frame;
 mod geometry;
 mod model;
+pub mod points;
 pub mod reference;
 mod sampling;
 mod simd;

@@ -30,9 +30,11 @@ mod hemisphere;
 mod measure;
 mod pair;
 mod random;
+mod sensors;
 mod visibility;
 
 pub use measure::{EstimatedRow, Interval, Measured, errors_against};
+pub use sensors::{PointReference, PointReferenceRow};
 
 use crate::Model;
 use facing::Facing;
@@ -64,6 +66,17 @@ impl Default for ReferenceSettings {
             seed: 1,
         }
     }
+}
+
+/// The end of a ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RayEnd {
+    /// It meets nothing.
+    Nothing,
+    /// The back of a one-sided surface.
+    Back,
+    /// This patch.
+    Patch(InputPatch),
 }
 
 /// Reason for which there are no reference rows.
@@ -312,6 +325,18 @@ impl<'m> Reference<'m> {
             return Ok(false);
         };
         Ok(sight.normal.dot(direction) > 0.0 && self.occluders.first(&sight, from, direction) == Met::Nothing)
+    }
+
+    /// The end of a ray from a free point; both in the scene's coordinates, the direction of any length but 0. Of surfaces
+    /// in one plane the patch with the smaller id is met, and any patch before a back.
+    pub fn first(&self, from: DVec3, direction: DVec3) -> RayEnd {
+        let (from, direction) = (self.model.normalise(from), direction.normalize_or_zero());
+        // Nothing behind the point is met.
+        match self.occluders.first(&Sight::free(from, direction), from, direction) {
+            Met::Nothing => RayEnd::Nothing,
+            Met::Back => RayEnd::Back,
+            Met::Patch(patch) => RayEnd::Patch(InputPatch(patch)),
+        }
     }
 
     /// The row of one emitter.

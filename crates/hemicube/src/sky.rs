@@ -27,11 +27,11 @@ use crate::backend::{BackendError, Hemicube, HemicubeBackend, RenderSettings, WH
 use crate::delta::DeltaTable;
 use crate::driver::compute::ComputeError;
 use crate::frame;
+pub use crate::frame::Horizon;
+use crate::points::{in_parallel, threads_of};
 use bins::Bins;
 use glam::DVec3;
-use hemicube_scene::{Axis, InputPatch};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc;
+use hemicube_scene::InputPatch;
 
 /// Patches of Tregenza's rings, from the horizon up.
 const TREGENZA: [u32; 7] = [30, 30, 24, 24, 18, 12, 6];
@@ -41,44 +41,6 @@ pub const PARTS_MAX: u32 = 16;
 pub const LEVELS: u32 = 4;
 /// Relative to the sky view factor, no error below this share of the hemisphere is worth a hemicube.
 const NEGLIGIBLE: f64 = 1e-5;
-
-/// Directions of east, north and up: unit vectors, east × north = up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Horizon {
-    /// East.
-    pub east: DVec3,
-    /// North.
-    pub north: DVec3,
-    /// Up.
-    pub up: DVec3,
-}
-
-impl Horizon {
-    /// The horizon of a scene with the axis `up` pointing up, and north turned clockwise, seen from above, by `turn`
-    /// degrees. North is +y with z up, −z with y up (x is east in both), and +z with x up (y is east).
-    pub fn new(up: Axis, turn: f64) -> Self {
-        let (east, north, up) = match up {
-            Axis::Z => (DVec3::X, DVec3::Y, DVec3::Z),
-            Axis::Y => (DVec3::X, DVec3::NEG_Z, DVec3::Y),
-            Axis::X => (DVec3::Y, DVec3::Z, DVec3::X),
-        };
-        let (sine, cosine) = turn.to_radians().sin_cos();
-        Self {
-            north: north * cosine + east * sine,
-            east: east * cosine - north * sine,
-            up,
-        }
-    }
-
-    /// A direction by its parts along east, north and up.
-    fn local(&self, direction: DVec3) -> DVec3 {
-        DVec3::new(
-            direction.dot(self.east),
-            direction.dot(self.north),
-            direction.dot(self.up),
-        )
-    }
-}
 
 /// A ring of the sky, or the cap.
 #[derive(Clone, Debug)]
@@ -463,53 +425,6 @@ fn point_row(
     Ok(row)
 }
 
-/// Does something for each of `count` rows by several threads, each with a state of its own, and keeps the order.
-fn in_parallel<S: Send, R: Send>(
-    count: usize,
-    states: Vec<S>,
-    work: impl Fn(&mut S, usize) -> Result<R, ComputeError> + Sync,
-    progress: &mut dyn FnMut(usize) -> bool,
-) -> Result<Option<Vec<R>>, ComputeError> {
-    let next = AtomicUsize::new(0);
-    let mut rows: Vec<Option<R>> = (0..count).map(|_| None).collect();
-    let finished = std::thread::scope(|scope| {
-        let (sender, receiver) = mpsc::sync_channel(64);
-        for mut state in states {
-            let (sender, next, work) = (sender.clone(), &next, &work);
-            scope.spawn(move || {
-                loop {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    if index >= count {
-                        break;
-                    }
-                    let result = work(&mut state, index);
-                    let failed = result.is_err();
-                    if sender.send((index, result)).is_err() || failed {
-                        break;
-                    }
-                }
-            });
-        }
-        drop(sender);
-        for (done, (index, result)) in receiver.into_iter().enumerate() {
-            rows[index] = Some(result?);
-            if !progress(done + 1) {
-                return Ok::<bool, ComputeError>(false);
-            }
-        }
-        Ok(true)
-    })?;
-    // Every row is there unless a thread ended early, and then there was an error.
-    Ok(finished.then(|| rows.into_iter().flatten().collect()))
-}
-
-fn threads_of(options: SkyOptions) -> usize {
-    match options.threads {
-        0 => std::thread::available_parallelism().map_or(1, usize::from),
-        threads => threads,
-    }
-}
-
 /// Sky rows of patches, in the order asked for; with each patch, n of its n² hemicubes for runs without a tolerance.
 /// `progress` is called with the number of rows done and returns whether to go on; `None` when it returned false.
 ///
@@ -548,7 +463,7 @@ pub fn sky_of_patches(
         .load(model.geometry(), options.render)
         .map_err(|error| failed(backend.as_ref(), error))?;
     let mut states = Vec::new();
-    for _ in 1..threads_of(options).clamp(1, rows.len().max(1)) {
+    for _ in 1..threads_of(options.threads).clamp(1, rows.len().max(1)) {
         let session = backend.fork().map_err(|error| failed(backend.as_ref(), error))?;
         states.push((session, Bins::new(division, horizon)));
     }
@@ -617,7 +532,7 @@ pub fn rows_of_points(
         loaded.push((backend, DeltaTable::new(resolution)));
     }
     let mut states = Vec::new();
-    for _ in 1..threads_of(options).clamp(1, points.len().max(1)) {
+    for _ in 1..threads_of(options.threads).clamp(1, points.len().max(1)) {
         let mut sessions = Vec::new();
         for (backend, table) in &loaded {
             let session = backend.fork().map_err(|error| failed(backend.as_ref(), error))?;
@@ -637,6 +552,7 @@ pub fn rows_of_points(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hemicube_scene::Axis;
 
     #[test]
     fn tregenza_and_reinhart_have_as_many_patches_as_they_should() {

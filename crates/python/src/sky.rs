@@ -224,11 +224,11 @@ impl Request {
 }
 
 /// The exception of a cancelled run; the one that cancelled it takes precedence.
-fn interrupted() -> PyErr {
+pub(crate) fn interrupted() -> PyErr {
     PyKeyboardInterrupt::new_err("the computation was cancelled")
 }
 
-fn pairs(options: Option<BTreeMap<String, String>>) -> Vec<(String, String)> {
+pub(crate) fn pairs(options: Option<BTreeMap<String, String>>) -> Vec<(String, String)> {
     options.unwrap_or_default().into_iter().collect()
 }
 
@@ -288,7 +288,7 @@ pub(crate) fn sky(
 }
 
 /// Warns of points that are not in the open, by their numbers.
-fn warn_of_places(py: Python<'_>, scene: &Scene, points: &[SensorPoint], horizon: Horizon) -> PyResult<()> {
+pub(crate) fn warn_of_places(py: Python<'_>, scene: &Scene, points: &[SensorPoint], horizon: Horizon) -> PyResult<()> {
     const SHOWN: usize = 5;
     let found = py.detach(|| places(&scene.model, points, horizon.up));
     for (place, what) in [

@@ -70,6 +70,49 @@ impl DeltaTable {
         Self { resolution, top, side }
     }
 
+    /// The table of other weights than form factors: `share` is the integral of their density over a pixel, of the top
+    /// (true) or of a side, from its lower left corner (u₀, v₀) with edges of `step` on a face at distance 1. Shares
+    /// need not sum to 1: they are scaled, and rounded as running sums, so that the whole is 2³¹ exactly.
+    ///
+    /// ```
+    /// use hemicube_contract::backend::WHOLE;
+    /// use hemicube_contract::delta::DeltaTable;
+    /// use hemicube_contract::face::Face;
+    ///
+    /// // Solid angles: the top of half a cube has a third of the half sphere.
+    /// let solid = DeltaTable::of(64, |_top, [u, v], step| {
+    ///     let r = 1.0 + (u + 0.5 * step).powi(2) + (v + 0.5 * step).powi(2);
+    ///     step * step / (r * r.sqrt())
+    /// });
+    /// assert_eq!(solid.weights().iter().sum::<u32>(), WHOLE);
+    /// let top = f64::from(solid.running(Face::Top)[64 * 64]) / f64::from(WHOLE);
+    /// assert!((top - 1.0 / 3.0).abs() < 1e-4, "{top}");
+    /// ```
+    ///
+    /// # Panics
+    /// When the resolution is not a multiple of 16 in [`RESOLUTIONS`].
+    pub fn of(resolution: u32, share: impl Fn(bool, [f64; 2], f64) -> f64) -> Self {
+        assert!(
+            is_resolution(resolution),
+            "resolution {resolution} is not a multiple of 16 in {RESOLUTIONS:?}"
+        );
+        let step = 2.0 / f64::from(resolution);
+        let at = |k: u32| f64::from(k) * step;
+        let top = sums(resolution, resolution, |x, y| {
+            share(true, [at(x) - 1.0, at(y) - 1.0], step)
+        });
+        let side = sums(resolution, resolution / 2, |x, y| {
+            share(false, [at(x) - 1.0, at(y)], step)
+        });
+        let whole = last(&top) + 4.0 * last(&side);
+        let side_weight = round_weight(last(&side) / whole * f64::from(WHOLE));
+        Self {
+            resolution,
+            top: scaled(&top, WHOLE - 4 * side_weight),
+            side: scaled(&side, side_weight),
+        }
+    }
+
     /// Pixels along the edge of the top face.
     pub fn resolution(&self) -> u32 {
         self.resolution
@@ -115,6 +158,11 @@ fn round_weight(weight: f64) -> u32 {
 }
 
 fn running_sum(width: u32, height: u32, total: u32, share: impl Fn(u32, u32) -> f64) -> Vec<u32> {
+    scaled(&sums(width, height, share), total)
+}
+
+/// The running sum of the pixels' shares, row by row, from 0.
+fn sums(width: u32, height: u32, share: impl Fn(u32, u32) -> f64) -> Vec<f64> {
     let mut sums = Vec::with_capacity(width as usize * height as usize + 1);
     let mut sum = 0.0;
     sums.push(sum);
@@ -124,8 +172,17 @@ fn running_sum(width: u32, height: u32, total: u32, share: impl Fn(u32, u32) -> 
             sums.push(sum);
         }
     }
-    let scale = f64::from(total) / sum;
-    sums.into_iter().map(|s| round_weight(s * scale)).collect()
+    sums
+}
+
+/// A running sum scaled to end at `total`, and rounded.
+fn scaled(sums: &[f64], total: u32) -> Vec<u32> {
+    let scale = f64::from(total) / last(sums);
+    sums.iter().map(|s| round_weight(s * scale)).collect()
+}
+
+fn last(sums: &[f64]) -> f64 {
+    sums.last().copied().unwrap_or(0.0)
 }
 
 fn rectangle(corner: impl Fn(f64, f64) -> f64, a0: f64, a1: f64, b0: f64, b1: f64) -> f64 {

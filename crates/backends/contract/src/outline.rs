@@ -106,83 +106,100 @@ impl Outlines {
             let from = corner - hemicube.origin;
             hemicube.axes.map(|axis| axis.dot(from))
         });
-        let (mut certain, mut within) = (0, 0);
-        for face in Face::ALL {
-            let (more, all) = self.on_face(face, &corners);
-            certain += more;
-            within += all;
-        }
+        let (certain, within) = weights_within(&corners, &self.table);
         if visible >= certain {
             visible
         } else {
             within.max(visible)
         }
     }
+}
 
-    /// Returns the weight of a face's pixels certainly inside the outline of a triangle, and of those inside. Corners
-    /// are in the patch frame.
-    ///
-    /// A ray through a pixel meets the triangle if it is on the inner side of the three planes through the eye and an
-    /// edge; this holds for triangles reaching behind the eye, too.
-    fn on_face(&self, face: Face, corners: &[[f64; 3]; 3]) -> (u32, u32) {
-        let (from, sign) = face.axes();
-        let [a, b, c] = corners.map(|corner| {
-            DVec3::new(
-                sign[0] * corner[from[0]],
-                sign[1] * corner[from[1]],
-                sign[2] * corner[from[2]],
-            )
-        });
-        let front = [a, b, c].map(|corner| corner.z > 0.0);
-        if front == [false; 3] {
-            return (0, 0);
-        }
-        let resolution = self.table.resolution();
-        let (n, rows) = (f64::from(resolution), face.rows(resolution));
-        // Rows of pixels go from −1 on the top face, and from 0 on the sides.
-        let lowest = if face.is_top() { -1.0 } else { 0.0 };
-        let center = |k: u32| (2.0 * f64::from(k) + 1.0) / n;
-        let mut between = 0..rows;
-        if front == [true; 3] {
-            let heights = [a, b, c].map(|corner| (corner.y / corner.z - lowest) * 0.5 * n);
-            let low = heights.into_iter().fold(f64::INFINITY, f64::min).floor();
-            let high = heights.into_iter().fold(f64::NEG_INFINITY, f64::max).ceil();
-            between = pixel(low, rows)..pixel(high, rows);
-        }
-        // A triangle seen from behind has its edges the other way round.
-        let turn = a.dot(b.cross(c)).signum();
-        let edges = [(a, b), (b, c), (c, a)].map(|(p, q)| turn * p.cross(q));
-        let within = |y: f64, margin: f64| {
-            let (mut low, mut high) = (-1.0f64, 1.0f64);
-            for edge in edges {
-                let rest = edge.y * y + edge.z - margin * edge.x.hypot(edge.y);
-                if edge.x > 0.0 {
-                    low = low.max(-rest / edge.x);
-                } else if edge.x < 0.0 {
-                    high = high.min(-rest / edge.x);
-                } else if rest <= 0.0 {
-                    return 0..0;
-                }
-            }
-            // The first centre at or after `low`, and the first after `high`.
-            let place = |x: f64| ((x + 1.0) * 0.5 * n - 0.5).ceil();
-            pixel(place(low), resolution)..pixel(place(high), resolution)
-        };
-        let (mut certain, mut all) = (0, 0);
-        for row in between {
-            let y = lowest + center(row);
-            let sum = |x: std::ops::Range<u32>| {
-                if x.is_empty() {
-                    0
-                } else {
-                    self.table.span(face, row, x.start, x.end)
-                }
-            };
-            all += sum(within(y, 0.0));
-            certain += sum(within(y, SNAPPED * 2.0 / n));
-        }
-        (certain, all)
+/// The weight of a hemicube's pixels certainly inside the outline of a triangle, whatever the driver, and of those
+/// inside. Corners are in the frame of the hemicube (tangent, bitangent, normal).
+///
+/// ```
+/// use hemicube_contract::delta::DeltaTable;
+/// use hemicube_contract::outline::weights_within;
+///
+/// // Half of the top face.
+/// let table = DeltaTable::new(64);
+/// let (certain, within) = weights_within(&[[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, 1.0]], &table);
+/// assert!(certain < within && f64::from(within) / f64::from(1u32 << 31) > 0.26);
+/// ```
+pub fn weights_within(corners: &[[f64; 3]; 3], table: &DeltaTable) -> (u32, u32) {
+    let mut sums = (0, 0);
+    for face in Face::ALL {
+        let (certain, within) = on_face(face, corners, table);
+        sums.0 += certain;
+        sums.1 += within;
     }
+    sums
+}
+
+/// Returns the weight of a face's pixels certainly inside the outline of a triangle, and of those inside. Corners are in
+/// the patch frame.
+///
+/// A ray through a pixel meets the triangle if it is on the inner side of the three planes through the eye and an edge;
+/// this holds for triangles reaching behind the eye, too.
+fn on_face(face: Face, corners: &[[f64; 3]; 3], table: &DeltaTable) -> (u32, u32) {
+    let (from, sign) = face.axes();
+    let [a, b, c] = corners.map(|corner| {
+        DVec3::new(
+            sign[0] * corner[from[0]],
+            sign[1] * corner[from[1]],
+            sign[2] * corner[from[2]],
+        )
+    });
+    let front = [a, b, c].map(|corner| corner.z > 0.0);
+    if front == [false; 3] {
+        return (0, 0);
+    }
+    let resolution = table.resolution();
+    let (n, rows) = (f64::from(resolution), face.rows(resolution));
+    // Rows of pixels go from −1 on the top face, and from 0 on the sides.
+    let lowest = if face.is_top() { -1.0 } else { 0.0 };
+    let center = |k: u32| (2.0 * f64::from(k) + 1.0) / n;
+    let mut between = 0..rows;
+    if front == [true; 3] {
+        let heights = [a, b, c].map(|corner| (corner.y / corner.z - lowest) * 0.5 * n);
+        let low = heights.into_iter().fold(f64::INFINITY, f64::min).floor();
+        let high = heights.into_iter().fold(f64::NEG_INFINITY, f64::max).ceil();
+        between = pixel(low, rows)..pixel(high, rows);
+    }
+    // A triangle seen from behind has its edges the other way round.
+    let turn = a.dot(b.cross(c)).signum();
+    let edges = [(a, b), (b, c), (c, a)].map(|(p, q)| turn * p.cross(q));
+    let within = |y: f64, margin: f64| {
+        let (mut low, mut high) = (-1.0f64, 1.0f64);
+        for edge in edges {
+            let rest = edge.y * y + edge.z - margin * edge.x.hypot(edge.y);
+            if edge.x > 0.0 {
+                low = low.max(-rest / edge.x);
+            } else if edge.x < 0.0 {
+                high = high.min(-rest / edge.x);
+            } else if rest <= 0.0 {
+                return 0..0;
+            }
+        }
+        // The first centre at or after `low`, and the first after `high`.
+        let place = |x: f64| ((x + 1.0) * 0.5 * n - 0.5).ceil();
+        pixel(place(low), resolution)..pixel(place(high), resolution)
+    };
+    let (mut certain, mut all) = (0, 0);
+    for row in between {
+        let y = lowest + center(row);
+        let sum = |x: std::ops::Range<u32>| {
+            if x.is_empty() {
+                0
+            } else {
+                table.span(face, row, x.start, x.end)
+            }
+        };
+        all += sum(within(y, 0.0));
+        certain += sum(within(y, SNAPPED * 2.0 / n));
+    }
+    (certain, all)
 }
 
 /// A place along a row or column, of so many pixels.

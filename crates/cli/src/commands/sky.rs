@@ -6,7 +6,9 @@ use crate::help::{examples, scene_help};
 use crate::outputs::Paths;
 use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
-use crate::report::{self, Input, JsonReport, Listing, PendingFile, SCHEMA, Spread, count, counted, duration, percent};
+use crate::report::{
+    self, Input, JsonReport, Listing, PendingFile, SCHEMA, Spread, count, counted, duration, lines, percent,
+};
 use crate::stored;
 use crate::table;
 use anyhow::{Context, Result, anyhow, bail};
@@ -269,20 +271,6 @@ fn read_suns(path: &Path) -> Result<Listed<DVec3>> {
 /// Returns whether a sun has set.
 fn is_below(sun: DVec3, horizon: Horizon) -> bool {
     sun.dot(horizon.up) < 0.0
-}
-
-/// `line 4`, `lines 4, 6 and 9`, `lines 1, 2, 3, 4, 5 and 20 more`.
-fn lines(of: &[u64]) -> String {
-    const SHOWN: usize = 5;
-    let mut shown: Vec<String> = of.iter().take(SHOWN).map(u64::to_string).collect();
-    if of.len() > SHOWN {
-        shown.push(format!("{} more", count((of.len() - SHOWN) as u64)));
-    }
-    match shown.split_last() {
-        Some((last, [])) => format!("line {last}"),
-        Some((last, rest)) => format!("lines {} and {last}", rest.join(", ")),
-        None => String::new(),
-    }
 }
 
 /// Warns of suns below the horizon.

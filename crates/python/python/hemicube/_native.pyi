@@ -187,6 +187,30 @@ class Sky:
     def to_scipy(self) -> csr_matrix: ...
     def patches_to_scipy(self) -> csr_matrix | None: ...
 
+@final
+class Points:
+    def __len__(self) -> int: ...
+    @property
+    def sky(self) -> _Floats: ...
+    @property
+    def ground(self) -> _Floats: ...
+    @property
+    def blocked(self) -> _Floats: ...
+    @property
+    def changes(self) -> _Floats: ...
+    @property
+    def settled(self) -> NDArray[np.bool_]: ...
+    def to_scipy(self) -> csr_matrix: ...
+    def zones(self, by: Literal["object", "material"] = "object") -> _Floats: ...
+    def mean_radiant_temperature(
+        self,
+        radiosity: ArrayLike,
+        *,
+        sky: float,
+        ground: float | None = None,
+        backs: float | None = None,
+    ) -> _Floats: ...
+
 def compute(
     scene: Scene,
     *,
@@ -278,3 +302,19 @@ def sky_of_points(
     threads: int = 0,
     progress: Callable[[int, int], object] | None = None,
 ) -> Sky: ...
+def points(
+    scene: Scene,
+    positions: ArrayLike,
+    *,
+    normals: ArrayLike | None = None,
+    body: Literal["plane", "sphere", "cube", "person", "cylinder"] | None = None,
+    up: _Axis | None = None,
+    tolerance: float | None = None,
+    resolution: int | None = None,
+    backend: str = "cpu",
+    backend_dir: _Path | None = None,
+    backend_options: Mapping[str, str] | None = None,
+    engine: Literal["auto", "depth", "order", "claims"] = "auto",
+    threads: int = 0,
+    progress: Callable[[int, int], object] | None = None,
+) -> Points: ...

@@ -1,0 +1,594 @@
+//! `hemicube points`: view factors of sensors to patches, objects, sky and ground, and no row of a patch.
+
+mod grid;
+mod heat;
+mod output;
+mod sensors;
+
+use crate::args::{EngineSettings, Report as ReportArguments, SceneSettings, Talk};
+use crate::exit::{self, Exit, hinted};
+use crate::help::{examples, scene_help};
+use crate::outputs::Paths;
+use crate::prepare::{Prepared, axis_name, prepare};
+use crate::progress::Bar;
+use crate::report::{Input, JsonReport, Listing, SCHEMA, count, counted, duration, figures, percent};
+use crate::stored;
+use anyhow::{Context, Result, anyhow};
+use clap::{Args, ValueEnum};
+use heat::Heat;
+use hemicube::backend::{Culling, RESOLUTIONS, RenderSettings};
+use hemicube::diagnose::Place;
+use hemicube::driver::room::Work;
+use hemicube::frame::Horizon;
+use hemicube::points::{Body, PointOptions, Sensor, SensorRow, first_resolution, rows_of_sensors};
+use hemicube::reference::PointReference;
+use output::{Groups, Kept, Written};
+use sensors::{Sensors, Source};
+use serde::Serialize;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// The integral over a piece at which reference rays cut no more.
+const REFERENCE_PIECE: f64 = 1e-7;
+/// Points in the summary.
+const SHOWN: usize = 5;
+
+const EXAMPLES: &str = "  \
+  hemicube points city.obj --points people.txt --as person -o people.csv
+  hemicube points city.obj --grid 1.0 --height 1.5 --tolerance 1% -o sky.png -o sky.npz
+  hemicube points room.obj --grid 0.5 --on \"floor*\" -o floor.csv
+  hemicube points room.obj --points seats.csv --as cylinder --solution room.hemicube -o comfort.csv";
+
+/// What sensors see of patches, objects, the sky and the ground: rows of points alone
+#[derive(Args, Debug)]
+#[command(after_long_help = examples(EXAMPLES, false))]
+#[command(group = clap::ArgGroup::new("where").required(true))]
+pub(crate) struct Arguments {
+    #[arg(value_name = "SCENE", help = scene_help())]
+    pub(crate) scene: PathBuf,
+    /// The points: `x y z` or `x y z nx ny nz` a line, or columns of these names
+    #[arg(long, value_name = "FILE", group = "where", help_heading = "Points")]
+    pub(crate) points: Option<PathBuf>,
+    /// Points every STEP, in the scene's unit: with `--height` above the ground, with `--on` on surfaces
+    #[arg(long, value_name = "STEP", value_parser = length, group = "where", help_heading = "Points")]
+    pub(crate) grid: Option<f64>,
+    /// Height of the grid above the lowest surface that looks up; those in solids are left out
+    #[arg(long, value_name = "HEIGHT", value_parser = real, requires = "grid", allow_negative_numbers = true,
+        help_heading = "Points")]
+    pub(crate) height: Option<f64>,
+    /// Surfaces of the grid, by object or material (repeatable): to stand on, or with `--height` the ground
+    #[arg(long, value_name = "GLOB", requires = "grid", help_heading = "Points")]
+    pub(crate) on: Vec<String>,
+    /// Distance of the grid from the surfaces of `--on`, along their normals [default: a thousandth of the step]
+    #[arg(long, value_name = "LENGTH", value_parser = length, requires = "on", conflicts_with = "height",
+        help_heading = "Points")]
+    pub(crate) offset: Option<f64>,
+    /// The form of a sensor: plane, by its normal; sphere; cube, a row a side; person, standing, by six weighted sides;
+    /// cylinder, upright [default: plane with normals, sphere without]
+    #[arg(
+        long = "as",
+        value_name = "plane|sphere|cube|person|cylinder",
+        hide_possible_values = true,
+        help_heading = "Points"
+    )]
+    pub(crate) body: Option<BodyName>,
+    /// Mean radiant temperature by the radiosities of a solution of `solve --thermal`: a matrix of the scene, and the
+    /// solution's name [default: thermal]
+    #[arg(
+        long,
+        value_name = "DIR[:NAME]",
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"],
+        help_heading = "Heat"
+    )]
+    pub(crate) solution: Option<PathBuf>,
+    /// Temperature of the sky, in kelvin [default: what lay outside for the solution]
+    #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "solution", help_heading = "Heat")]
+    pub(crate) sky_temperature: Option<f64>,
+    /// Temperature of what is below the horizon, in kelvin [default: what lay outside for the solution]
+    #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "solution", help_heading = "Heat")]
+    pub(crate) ground_temperature: Option<f64>,
+    /// Refine each row until it changes by no more than this share: 1%, 0.001
+    #[arg(long, value_name = "T", value_parser = share)]
+    pub(crate) tolerance: Option<f64>,
+    /// Pixels along an edge of the first hemicubes: a multiple of 16 up to 1024 [default: 256; 128 for a
+    /// tolerance from 0.5%]
+    #[arg(long, value_name = "N", value_parser = resolution)]
+    pub(crate) resolution: Option<u32>,
+    /// Compare so many points with rows by rays
+    #[arg(long, value_name = "POINTS", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) verify: Option<u32>,
+    /// Write the rows to FILE: .csv, .json, .npz, or as a picture of a grid .png, .svg (repeatable)
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: Vec<PathBuf>,
+    /// Replace files that are there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    /// Columns of .csv and .json
+    #[arg(
+        long,
+        value_name = "object|material|patch",
+        default_value = "object",
+        hide_possible_values = true
+    )]
+    pub(crate) by: By,
+    /// What a picture shows: sky, ground, blocked, mrt, or an object or material [default: mrt with `--solution`, else
+    /// sky]
+    #[arg(long, value_name = "COLUMN")]
+    pub(crate) column: Option<String>,
+    #[command(flatten)]
+    pub(crate) patches: SceneSettings,
+    #[command(flatten)]
+    pub(crate) engine: EngineSettings,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        let store = self.solution.as_ref().map(|given| heat::parts_of(given).0);
+        Paths::default()
+            .reads([&self.scene])
+            .reads(&self.points)
+            .store(&store)
+            .writes("-o", &self.output, self.overwrite)
+            .reports(&self.report)
+    }
+}
+
+/// The forms, by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum BodyName {
+    /// By its normal.
+    Plane,
+    /// From all round.
+    Sphere,
+    /// Six sides.
+    Cube,
+    /// Six weighted sides.
+    Person,
+    /// Upright.
+    Cylinder,
+}
+
+/// Columns of tables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum By {
+    /// Objects.
+    Object,
+    /// Materials.
+    Material,
+    /// Patches.
+    Patch,
+}
+
+fn real(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err("a number is needed".to_owned()),
+    }
+}
+
+fn length(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(length) if length > 0.0 && length.is_finite() => Ok(length),
+        _ => Err("a length above 0 is needed, in the scene's unit".to_owned()),
+    }
+}
+
+fn kelvin(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(kelvin) if (0.0..=1e6).contains(&kelvin) => Ok(kelvin),
+        _ => Err("a temperature in kelvin, from 0 on, is needed".to_owned()),
+    }
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let share = match text.strip_suffix('%') {
+        Some(percent) => percent.trim().parse::<f64>().map(|percent| percent / 100.0),
+        None => text.parse::<f64>(),
+    };
+    match share {
+        Ok(share) if (1e-5..=0.5).contains(&share) => Ok(share),
+        _ => Err("a share from 0.001% to 50% is needed, such as `0.1%`".to_owned()),
+    }
+}
+
+fn resolution(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(n) if n % 16 == 0 && RESOLUTIONS.contains(&n) => Ok(n),
+        _ => Err(format!(
+            "a multiple of 16 from {} to {} is needed",
+            RESOLUTIONS.start(),
+            RESOLUTIONS.end()
+        )),
+    }
+}
+
+/// A comparison with rays.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct Verified {
+    points: u64,
+    /// ‖F − F_rays‖ / ‖F_rays‖ over the points.
+    error: f64,
+    /// The part of it that the rays explain.
+    noise: f64,
+    /// The greatest difference of sky, ground or blocked share.
+    share: f64,
+    rays: u64,
+}
+
+/// The report.
+#[derive(Serialize)]
+struct Report {
+    schema: u32,
+    version: &'static str,
+    inputs: Vec<Input>,
+    outputs: Vec<String>,
+    body: BodyName,
+    up: &'static str,
+    points: u64,
+    rows: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    left_out: Option<u64>,
+    not_in_the_open: u64,
+    tolerance: Option<f64>,
+    resolution: u32,
+    hemicubes: u64,
+    unsettled: u64,
+    sky: f64,
+    ground: f64,
+    blocked: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mean_radiant_temperature: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    verified: Option<Verified>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seconds: Option<f64>,
+}
+
+pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    arguments.patches.require_one_cut()?;
+    output::require(arguments)?;
+    let json = JsonReport::open(&arguments.report)?;
+    let listed = arguments.points.as_deref().map(sensors::read).transpose()?;
+    let store = arguments.solution.as_deref().map(heat::open).transpose()?;
+    let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
+    let prepared = match &store {
+        Some((store, _)) => stored::scene(
+            store,
+            &arguments.scene,
+            &arguments.engine,
+            arguments.patches.allow_large,
+        ),
+        None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels),
+    }?;
+    prepared.tell(talk);
+    let up = prepared.up(arguments.patches.up)?;
+    prepared.tell_up(arguments.patches.up, talk);
+    let horizon = Horizon::new(up, 0.0);
+    let started = Instant::now();
+    let source = match listed {
+        Some(listed) => Source::Listed(listed),
+        None => Source::Grid(grid::grid(arguments, &prepared, &horizon)?),
+    };
+    let sensors = Sensors::new(arguments, source, &prepared, &horizon)?;
+    sensors.tell(arguments, talk);
+    let heat = match &store {
+        Some((store, solution)) => Some(Heat::new(arguments, store, solution)?),
+        None => None,
+    };
+    let groups = Groups::new(arguments.by, &prepared);
+    output::require_column(arguments, &groups, heat.is_some())?;
+    let task = Task {
+        arguments,
+        prepared: &prepared,
+        horizon,
+        sensors: &sensors,
+        groups: &groups,
+        heat: heat.as_ref(),
+    };
+    let guard = exit::InterruptGuard::new();
+    let Some(rows) = task.rows(cancel, talk)? else {
+        return Ok(Exit::Interrupted);
+    };
+    let Some(verified) = task.verify(&rows, cancel)? else {
+        return Ok(Exit::Interrupted);
+    };
+    let written = Written {
+        arguments,
+        prepared: &prepared,
+        sensors: &sensors,
+        groups: &groups,
+        rows: &rows,
+    };
+    for path in &arguments.output {
+        written.write(path)?;
+    }
+    drop(guard);
+    let seconds = started.elapsed().as_secs_f64();
+    talk.say(task.summary(&rows, verified, seconds).trim_end());
+    let unsettled = rows.iter().filter(|row| !row.row.is_settled).count() as u64;
+    if let (true, Some(tolerance)) = (unsettled > 0, arguments.tolerance) {
+        talk.warn(&format!(
+            "{} still changed by more than {} with the finest hemicubes: their `change` says by how much",
+            counted(unsettled, "row"),
+            percent(tolerance)
+        ));
+    }
+    let is_held = task.is_held(&rows, verified);
+    if let Some(json) = json {
+        json.write(&task.report(axis_name(up), &rows, verified, seconds))?;
+    }
+    Ok(if is_held { Exit::Done } else { Exit::NotHeld })
+}
+
+/// A run.
+struct Task<'a> {
+    arguments: &'a Arguments,
+    prepared: &'a Prepared,
+    horizon: Horizon,
+    sensors: &'a Sensors,
+    groups: &'a Groups,
+    heat: Option<&'a Heat>,
+}
+
+impl Task<'_> {
+    fn options(&self) -> PointOptions {
+        PointOptions {
+            render: RenderSettings {
+                resolution: self
+                    .arguments
+                    .resolution
+                    .unwrap_or(first_resolution(self.arguments.tolerance)),
+                culling: Culling::On,
+                covered: false,
+            },
+            tolerance: self.arguments.tolerance,
+            threads: self.arguments.engine.thread_count(),
+        }
+    }
+
+    /// The rows; `None` where interrupted.
+    fn rows(&self, cancel: &AtomicBool, talk: Talk) -> Result<Option<Vec<Kept>>> {
+        let options = self.options();
+        let mut sessions = Vec::new();
+        for level in 0..options.resolutions().len() {
+            let talk = if level == 0 { talk } else { Talk::SILENT };
+            let backend = self.arguments.engine.open_backend(talk)?;
+            if !backend.info().capabilities.items {
+                return Err(hinted(
+                    anyhow!(
+                        "backend `{}` hands out no item buffers, from which points are computed",
+                        backend.info().name
+                    ),
+                    "`--backend cpu` does",
+                ));
+            }
+            sessions.push(backend);
+        }
+        let bar = Bar::counting(talk, self.sensors.items.len() as u64, "points");
+        let keeps_patches = output::keeps_patches(self.arguments);
+        let verified = self.verified_places();
+        let keep = |sensor: usize, row: SensorRow| {
+            let keeps = keeps_patches || verified.binary_search(&sensor).is_ok();
+            Kept::new(sensor, row, self.groups, self.heat, keeps)
+        };
+        let found = rows_of_sensors(
+            &self.prepared.model,
+            &self.sensors.items,
+            self.horizon,
+            options,
+            sessions,
+            &keep,
+            &mut |done| {
+                bar.at(done as u64);
+                !cancel.load(Ordering::SeqCst)
+            },
+        )?;
+        Ok(found)
+    }
+
+    /// Sensors that are compared with rays, evenly over all.
+    fn verified_places(&self) -> Vec<usize> {
+        let (all, wanted) = (self.sensors.items.len(), self.arguments.verify.unwrap_or(0) as usize);
+        let wanted = wanted.min(all);
+        (0..wanted).map(|k| k * all / wanted).collect()
+    }
+
+    /// Compares with rays; the outer `None` where interrupted.
+    fn verify(&self, rows: &[Kept], cancel: &AtomicBool) -> Result<Option<Option<Verified>>> {
+        let places = self.verified_places();
+        if places.is_empty() {
+            return Ok(Some(None));
+        }
+        let sensors: Vec<Sensor> = places.iter().map(|&place| self.sensors.items[place]).collect();
+        let reference = PointReference::new(&self.prepared.model, self.horizon, REFERENCE_PIECE)?;
+        let threads = self.arguments.engine.thread_count();
+        let found = reference.rows(&sensors, threads, &mut |_| !cancel.load(Ordering::SeqCst))?;
+        let Some(found) = found else { return Ok(None) };
+        let ours = rows.iter().filter(|row| places.binary_search(&row.sensor).is_ok());
+        let (mut squared, mut norm, mut noise, mut share, mut rays) = (0.0, 0.0, 0.0, 0.0f64, 0);
+        for (ours, theirs) in ours.zip(&found) {
+            squared += output::squared_difference(&ours.row, &theirs.row);
+            norm += theirs.row.squared_norm();
+            noise += theirs.error * theirs.error;
+            rays += theirs.rays;
+            for (a, b) in [
+                (ours.row.sky, theirs.row.sky),
+                (ours.row.ground, theirs.row.ground),
+                (ours.row.blocked, theirs.row.blocked),
+            ] {
+                share = share.max((a - b).abs());
+            }
+        }
+        let of_norm = |squared: f64| if norm > 0.0 { (squared / norm).sqrt() } else { 0.0 };
+        Ok(Some(Some(Verified {
+            points: sensors.len() as u64,
+            error: of_norm(squared),
+            noise: of_norm(noise),
+            share,
+            rays,
+        })))
+    }
+
+    /// Returns whether the tolerance holds, by refinement and, where they were asked for, by rays.
+    fn is_held(&self, rows: &[Kept], verified: Option<Verified>) -> bool {
+        let Some(tolerance) = self.arguments.tolerance else {
+            return true;
+        };
+        let by_rays = verified.is_none_or(|verified| {
+            verified.error <= tolerance + verified.noise && verified.share <= tolerance + verified.noise
+        });
+        by_rays && rows.iter().all(|row| row.row.is_settled)
+    }
+
+    fn mean(&self, rows: &[Kept], of: impl Fn(&Kept) -> f64) -> f64 {
+        rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64
+    }
+
+    fn report(&self, up: &'static str, rows: &[Kept], verified: Option<Verified>, seconds: f64) -> Report {
+        Report {
+            schema: SCHEMA,
+            version: env!("CARGO_PKG_VERSION"),
+            inputs: vec![self.prepared.input.clone()],
+            outputs: self
+                .arguments
+                .output
+                .iter()
+                .map(|path| path.display().to_string())
+                .collect(),
+            body: self.sensors.body,
+            up,
+            points: self.sensors.items.len() as u64,
+            rows: rows.len() as u64,
+            left_out: self.sensors.raster.as_ref().map(|raster| raster.left_out),
+            not_in_the_open: self
+                .sensors
+                .places
+                .iter()
+                .filter(|&&place| place != Place::Open)
+                .count() as u64,
+            tolerance: self.arguments.tolerance,
+            resolution: self.options().render.resolution,
+            hemicubes: self.hemicubes(rows),
+            unsettled: rows.iter().filter(|row| !row.row.is_settled).count() as u64,
+            sky: self.mean(rows, |row| row.row.sky),
+            ground: self.mean(rows, |row| row.row.ground),
+            blocked: self.mean(rows, |row| row.row.blocked),
+            mean_radiant_temperature: self.heat.map(|_| self.mean(rows, |row| row.temperature)),
+            verified,
+            seconds: (!self.arguments.report.no_timings).then_some(seconds),
+        }
+    }
+
+    fn hemicubes(&self, rows: &[Kept]) -> u64 {
+        let of_rows: u64 = rows.iter().map(|row| u64::from(row.row.hemicubes)).sum();
+        of_rows / if self.sensors.body == BodyName::Cube { 6 } else { 1 }
+    }
+
+    fn summary(&self, rows: &[Kept], verified: Option<Verified>, seconds: f64) -> String {
+        let mut list = Listing::default();
+        let (points, hemicubes) = (self.sensors.items.len() as u64, self.hemicubes(rows));
+        let form = match self.sensors.body {
+            BodyName::Plane => "planes",
+            BodyName::Sphere => "spheres",
+            BodyName::Cube => "cubes, a row a side",
+            BodyName::Person => "standing persons",
+            BodyName::Cylinder => "upright cylinders",
+        };
+        list.add(
+            "points",
+            format!("{}, as {form}, in {}", count(points), duration(seconds)),
+        );
+        if let Some(raster) = &self.sensors.raster {
+            list.add(
+                "grid",
+                format!(
+                    "{} × {} cells; {} left out: without a surface, or in solids",
+                    count(raster.columns as u64),
+                    count(raster.rows as u64),
+                    count(raster.left_out)
+                ),
+            );
+        }
+        list.add(
+            "hemicubes",
+            format!(
+                "{}, {:.1} a point",
+                count(hemicubes),
+                hemicubes as f64 / points.max(1) as f64
+            ),
+        );
+        list.add(
+            "on average",
+            format!(
+                "sky {:.4}, ground below the horizon {:.4}, backs of surfaces {:.4}",
+                self.mean(rows, |row| row.row.sky),
+                self.mean(rows, |row| row.row.ground),
+                self.mean(rows, |row| row.row.blocked)
+            ),
+        );
+        if self.heat.is_some() {
+            let of = |fold: fn(f64, f64) -> f64, start: f64| rows.iter().map(|row| row.temperature).fold(start, fold);
+            list.add(
+                "radiant",
+                format!(
+                    "{:.2} K on average, from {:.2} to {:.2}: mean radiant temperature",
+                    self.mean(rows, |row| row.temperature),
+                    of(f64::min, f64::INFINITY),
+                    of(f64::max, f64::NEG_INFINITY)
+                ),
+            );
+        }
+        if let Some(verified) = verified {
+            list.add(
+                "by rays",
+                format!(
+                    "{} off over {}, of which rays explain {}; shares by {} at most",
+                    percent(verified.error),
+                    counted(verified.points, "point"),
+                    percent(verified.noise),
+                    figures(verified.share)
+                ),
+            );
+        }
+        for row in rows.iter().take(SHOWN) {
+            list.add(&format!("point {}", row.sensor), self.line(row));
+        }
+        for path in &self.arguments.output {
+            list.add("written", format!("`{}`", path.display()));
+        }
+        list.text()
+    }
+
+    fn line(&self, row: &Kept) -> String {
+        let place = match self.sensors.places.get(row.sensor) {
+            Some(Place::InSolid) => ": it is in a solid",
+            Some(Place::BelowGround) => ": it is below the ground",
+            Some(Place::BehindSheet) => ": it is behind a surface",
+            _ => "",
+        };
+        let most = row.groups.iter().max_by(|a, b| a.1.total_cmp(&b.1));
+        let most = most.map_or_else(String::new, |(group, factor)| {
+            format!(", most of `{}` {factor:.4}", self.groups.name(*group))
+        });
+        format!("sky {:.4}, ground {:.4}{most}{place}", row.row.sky, row.row.ground)
+    }
+}
+
+impl BodyName {
+    /// The form of a sensor with this normal.
+    fn with(self, normal: glam::DVec3) -> Body {
+        match self {
+            Self::Plane => Body::Plane(normal),
+            Self::Sphere => Body::Sphere,
+            Self::Cube => Body::Cube,
+            Self::Person => Body::Person,
+            Self::Cylinder => Body::Cylinder,
+        }
+    }
+}

@@ -1,0 +1,409 @@
+//! Points on a grid: at a height above the ground, or on surfaces; and the raster of their cells.
+
+use super::Arguments;
+use crate::exit::hinted;
+use crate::prepare::Prepared;
+use crate::report::{count, counted};
+use crate::selection::matches_glob;
+use anyhow::{Result, anyhow, bail};
+use glam::{DVec2, DVec3};
+use hemicube::frame::{Horizon, axes_of};
+use std::collections::BTreeSet;
+
+/// Most cells of a grid.
+const CELLS_MAX: f64 = 4_000_000.0;
+/// Offset from surfaces, in steps.
+const OFFSET: f64 = 1e-3;
+/// Heights of two surfaces in a cell that are one, in parts of the grid's extent.
+const ONE: f64 = 1e-6;
+/// Least cosine between a surface's normal and the way that a grid looks.
+const FACING: f64 = 0.1;
+/// Least length of the mean normal of the surfaces of a grid.
+const COMMON: f64 = 0.2;
+/// Names in an error.
+const NAMES_SHOWN: usize = 5;
+
+/// A grid's points.
+pub(super) struct Grid {
+    pub(super) positions: Vec<DVec3>,
+    /// On surfaces alone.
+    pub(super) normals: Option<Vec<DVec3>>,
+    pub(super) raster: Raster,
+}
+
+/// The cells of a grid.
+pub(super) struct Raster {
+    /// Cells along `right`.
+    pub(super) columns: usize,
+    /// Cells along `up`.
+    pub(super) rows: usize,
+    /// The point of each cell, row by row from the corner of `origin`.
+    pub(super) cells: Vec<Option<usize>>,
+    /// The middle of the first cell, and the steps to the next cells.
+    pub(super) origin: DVec3,
+    pub(super) right: DVec3,
+    pub(super) up: DVec3,
+    /// Cells without a point.
+    pub(super) left_out: u64,
+}
+
+impl Raster {
+    /// Leaves out the points that do not stay, and numbers the others anew.
+    pub(super) fn keep(&mut self, stays: &[bool]) {
+        let mut next = 0;
+        let numbers: Vec<Option<usize>> = stays
+            .iter()
+            .map(|&stay| {
+                let number = next;
+                next += usize::from(stay);
+                stay.then_some(number)
+            })
+            .collect();
+        for cell in &mut self.cells {
+            *cell = cell.and_then(|point| numbers[point]);
+        }
+        self.left_out = self.cells.iter().filter(|cell| cell.is_none()).count() as u64;
+    }
+}
+
+/// The frame of a grid: right, up and out of it.
+struct Frame([DVec3; 3]);
+
+impl Frame {
+    fn local(&self, point: DVec3) -> DVec3 {
+        let [right, up, out] = self.0;
+        DVec3::new(right.dot(point), up.dot(point), out.dot(point))
+    }
+
+    fn world(&self, point: DVec3) -> DVec3 {
+        let [right, up, out] = self.0;
+        right * point.x + up * point.y + out * point.z
+    }
+}
+
+/// Lays out the grid of the arguments.
+///
+/// # Errors
+/// When nothing is there to lay it on, or it would have too many cells.
+pub(super) fn grid(arguments: &Arguments, prepared: &Prepared, horizon: &Horizon) -> Result<Grid> {
+    let Some(step) = arguments.grid else {
+        bail!("`--grid` needs a step")
+    };
+    if arguments.height.is_none() && arguments.on.is_empty() {
+        return Err(hinted(
+            anyhow!("`--grid {step}` says neither a height nor surfaces"),
+            "`--height 1.5` puts it above the ground, `--on \"floor*\"` on surfaces",
+        ));
+    }
+    let chosen = chosen(arguments, prepared)?;
+    match arguments.height {
+        Some(height) => above_ground(prepared, horizon, &chosen, step, height),
+        None => on_surfaces(
+            prepared,
+            horizon,
+            &chosen,
+            step,
+            arguments.offset.unwrap_or(OFFSET * step),
+        ),
+    }
+}
+
+/// The triangles of `--on`; all without it.
+fn chosen(arguments: &Arguments, prepared: &Prepared) -> Result<Vec<bool>> {
+    let scene = &prepared.scene;
+    let mut chosen = vec![arguments.on.is_empty(); scene.triangles.len()];
+    for glob in &arguments.on {
+        let objects: Vec<bool> = scene.objects.iter().map(|name| matches_glob(glob, name)).collect();
+        let materials: Vec<bool> = scene.materials.iter().map(|m| matches_glob(glob, &m.name)).collect();
+        let is = |names: &[bool], index: u32| names.get(index as usize).copied().unwrap_or(false);
+        let mut any = false;
+        for (chosen, triangle) in chosen.iter_mut().zip(&scene.triangles) {
+            if is(&objects, triangle.object) || is(&materials, triangle.material) {
+                (*chosen, any) = (true, true);
+            }
+        }
+        if !any {
+            let objects = scene.objects.iter().map(String::as_str);
+            let materials = scene.materials.iter().map(|material| material.name.as_str());
+            let names: BTreeSet<&str> = objects.chain(materials).filter(|name| !name.is_empty()).collect();
+            let shown: Vec<String> = names.iter().take(NAMES_SHOWN).map(|name| format!("`{name}`")).collect();
+            let more = names.len().saturating_sub(NAMES_SHOWN);
+            return Err(hinted(
+                anyhow!("`--on {glob}` matches no object and no material"),
+                if shown.is_empty() {
+                    "the scene has no names".to_owned()
+                } else if more > 0 {
+                    format!("the scene has {} and {more} more", shown.join(", "))
+                } else {
+                    format!("the scene has {}", shown.join(", "))
+                },
+            ));
+        }
+    }
+    Ok(chosen)
+}
+
+/// The chosen triangles in a grid's frame.
+struct Layout {
+    frame: Frame,
+    step: f64,
+    /// Corners along right and up, height out of the grid, and the place of the triangle in the scene.
+    triangles: Vec<([DVec3; 3], usize)>,
+    low: DVec2,
+    columns: usize,
+    rows: usize,
+    extent: f64,
+}
+
+impl Layout {
+    fn new(prepared: &Prepared, frame: Frame, chosen: &[bool], step: f64) -> Result<Self> {
+        let mut triangles = Vec::new();
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for (place, (triangle, _)) in prepared
+            .scene
+            .triangles
+            .iter()
+            .zip(chosen)
+            .enumerate()
+            .filter(|(_, (_, chosen))| **chosen)
+        {
+            let corners = triangle.corners.map(|corner| frame.local(corner));
+            for corner in corners {
+                low = low.min(corner);
+                high = high.max(corner);
+            }
+            triangles.push((corners, place));
+        }
+        let size = high - low;
+        let cells = (size / step).ceil().max(DVec3::ONE);
+        // Infinite where a coordinate all but overflows.
+        if cells.x * cells.y > CELLS_MAX || !cells.is_finite() {
+            return Err(hinted(
+                anyhow!(
+                    "a step of {step} makes {:.3e} cells of {:.6} × {:.6}; a grid has {} at most",
+                    cells.x * cells.y,
+                    size.x,
+                    size.y,
+                    count(4_000_000)
+                ),
+                "take a larger step, or `--on` a part of the scene",
+            ));
+        }
+        // The grid lies in the middle of its surfaces.
+        let rest = (cells * step - size) * 0.5;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded above")]
+        let (columns, rows) = (cells.x as usize, cells.y as usize);
+        Ok(Self {
+            frame,
+            step,
+            triangles,
+            low: (low - rest).truncate(),
+            columns,
+            rows,
+            extent: size.max_element(),
+        })
+    }
+
+    /// Takes all triangles of the scene in place of the chosen ones; the cells stay.
+    fn take_all(&mut self, prepared: &Prepared) {
+        let triangles = prepared.scene.triangles.iter().enumerate();
+        let frame = &self.frame;
+        self.triangles = triangles
+            .map(|(place, triangle)| (triangle.corners.map(|corner| frame.local(corner)), place))
+            .collect();
+    }
+
+    fn middle(&self, column: usize, row: usize) -> DVec2 {
+        self.low + (DVec2::new(column as f64, row as f64) + 0.5) * self.step
+    }
+
+    /// Calls `meet` for every cell with its middle on a triangle, with the height there.
+    fn each(&self, mut meet: impl FnMut(usize, f64, usize)) {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped to the grid"
+        )]
+        let cell = |at: f64, count: usize| at.clamp(0.0, count as f64) as usize;
+        for &([a, b, c], place) in &self.triangles {
+            let (p, q, r) = (a.truncate(), b.truncate(), c.truncate());
+            let area = (q - p).perp_dot(r - p);
+            if area == 0.0 {
+                continue;
+            }
+            let low = (p.min(q).min(r) - self.low) / self.step - 0.5;
+            let high = (p.max(q).max(r) - self.low) / self.step - 0.5;
+            for row in cell(low.y.ceil(), self.rows)..cell(high.y.floor() + 1.0, self.rows) {
+                for column in cell(low.x.ceil(), self.columns)..cell(high.x.floor() + 1.0, self.columns) {
+                    let at = self.middle(column, row);
+                    let of_b = (at - p).perp_dot(r - p) / area;
+                    let of_c = (q - p).perp_dot(at - p) / area;
+                    if of_b >= 0.0 && of_c >= 0.0 && of_b + of_c <= 1.0 {
+                        let height = a.z + (b.z - a.z) * of_b + (c.z - a.z) * of_c;
+                        meet(row * self.columns + column, height, place);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The grid with a point at each cell that has a height and, on surfaces, a normal.
+    fn grid(&self, heights: &[Option<(f64, DVec3)>], has_normals: bool) -> Result<Grid> {
+        let (mut positions, mut normals, mut cells) = (Vec::new(), Vec::new(), Vec::with_capacity(heights.len()));
+        for (cell, found) in heights.iter().enumerate() {
+            cells.push(found.map(|_| positions.len()));
+            if let Some((height, normal)) = found {
+                let at = self.middle(cell % self.columns, cell / self.columns);
+                positions.push(self.frame.world(at.extend(*height)));
+                normals.push(*normal);
+            }
+        }
+        if positions.is_empty() {
+            return Err(hinted(
+                anyhow!(
+                    "no middle of {} of the grid has a point in the open",
+                    counted(cells.len() as u64, "cell")
+                ),
+                "take a smaller step, and look at `--height`, `--on`, `--up`, and whether surfaces face outwards \
+                 (`hemicube inspect`)",
+            ));
+        }
+        let level = positions
+            .iter()
+            .map(|&p| self.frame.local(p).z)
+            .fold(f64::INFINITY, f64::min);
+        let left_out = cells.iter().filter(|cell| cell.is_none()).count() as u64;
+        Ok(Grid {
+            positions,
+            normals: has_normals.then_some(normals),
+            raster: Raster {
+                columns: self.columns,
+                rows: self.rows,
+                cells,
+                origin: self.frame.world(self.middle(0, 0).extend(level)),
+                right: self.frame.0[0] * self.step,
+                up: self.frame.0[1] * self.step,
+                left_out,
+            },
+        })
+    }
+}
+
+/// The side of the first surface above a point.
+#[derive(Clone, Copy)]
+struct Above {
+    height: f64,
+    is_back: bool,
+}
+
+/// Points above the lowest surface that looks up, but those below the back of a surface: in a solid, or under the ground.
+/// Inside a solid that stands wall to wall with others, fronts of theirs are all round, and only its roof tells.
+fn above_ground(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f64, height: f64) -> Result<Grid> {
+    let frame = Frame([horizon.east, horizon.north, horizon.up]);
+    let mut layout = Layout::new(prepared, frame, chosen, step)?;
+    let looks_up = |place: usize| {
+        let triangle = &prepared.scene.triangles[place];
+        let [a, b, c] = triangle.corners;
+        ((b - a).cross(c - a).dot(horizon.up) > 0.0, triangle.two_sided)
+    };
+    let mut ground: Vec<Option<(f64, DVec3)>> = vec![None; layout.columns * layout.rows];
+    layout.each(|cell, at, place| {
+        let (is_up, two_sided) = looks_up(place);
+        let is_lower = ground[cell].is_none_or(|(lowest, _)| at < lowest);
+        if (is_up || two_sided) && is_lower {
+            ground[cell] = Some((at, horizon.up));
+        }
+    });
+    for (at, _) in ground.iter_mut().flatten() {
+        *at += height;
+    }
+    layout.take_all(prepared);
+    let near = ONE * layout.extent;
+    let mut above: Vec<Option<Above>> = vec![None; ground.len()];
+    layout.each(|cell, at, place| {
+        let (is_up, two_sided) = looks_up(place);
+        let found = Above {
+            height: at,
+            is_back: is_up && !two_sided,
+        };
+        if ground[cell].is_none_or(|(point, _)| at < point) {
+            return;
+        }
+        // Of surfaces in one place, a front.
+        let wins = above[cell].is_none_or(|before| {
+            at < before.height - near || (at <= before.height + near && before.is_back && !found.is_back)
+        });
+        if wins {
+            above[cell] = Some(found);
+        }
+    });
+    for (point, above) in ground.iter_mut().zip(&above) {
+        *point = point.filter(|_| above.is_none_or(|above| !above.is_back));
+    }
+    layout.grid(&ground, false)
+}
+
+/// Points on the chosen surfaces, off them by `offset` along their normals.
+fn on_surfaces(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f64, offset: f64) -> Result<Grid> {
+    let normal_of = |place: usize| {
+        let [a, b, c] = prepared.scene.triangles[place].corners;
+        0.5 * (b - a).cross(c - a)
+    };
+    let places: Vec<usize> = (0..chosen.len()).filter(|&place| chosen[place]).collect();
+    let sum: DVec3 = places.iter().map(|&place| normal_of(place)).sum();
+    let area: f64 = places.iter().map(|&place| normal_of(place).length()).sum();
+    if !(sum.length() >= COMMON * area && area > 0.0) {
+        return Err(hinted(
+            anyhow!("the surfaces of `--on` look to all sides: a grid lies on surfaces that look one way"),
+            "name those of one side, such as `floor*`",
+        ));
+    }
+    let out = sum.normalize();
+    let frame = match axes_of(out, 0.0) {
+        // As a map where it looks up, and as an elevation where it stands.
+        Some(_) if out.dot(horizon.up) > 0.999_999 => Frame([horizon.east, horizon.north, horizon.up]),
+        Some([tangent, bitangent, normal]) => {
+            let steep = horizon.up - normal * normal.dot(horizon.up);
+            match steep.try_normalize().filter(|_| steep.length() > 1e-3) {
+                Some(up) => Frame([up.cross(normal), up, normal]),
+                None => Frame([tangent, bitangent, normal]),
+            }
+        }
+        None => bail!("the surfaces of `--on` have no area"),
+    };
+    let layout = Layout::new(prepared, frame, chosen, step)?;
+    let mut found: Vec<Option<(f64, DVec3)>> = vec![None; layout.columns * layout.rows];
+    let mut over = None;
+    layout.each(|cell, at, place| {
+        let normal = normal_of(place).normalize_or_zero();
+        if normal.dot(out) < FACING {
+            return;
+        }
+        match found[cell] {
+            Some((before, _)) if (before - at).abs() > ONE * layout.extent => over = Some((cell, before, at)),
+            Some(_) => {}
+            None => found[cell] = Some((at, normal)),
+        }
+    });
+    if let Some((cell, one, other)) = over {
+        let at = layout.middle(cell % layout.columns, cell / layout.columns);
+        let at = layout.frame.world(at.extend(one));
+        return Err(hinted(
+            anyhow!(
+                "surfaces of `--on` lie over one another, {:.6} apart at ({:.6} {:.6} {:.6}): a cell has one point",
+                (one - other).abs(),
+                at.x,
+                at.y,
+                at.z
+            ),
+            "name those of one storey",
+        ));
+    }
+    let mut grid = layout.grid(&found, true)?;
+    if let Some(normals) = &grid.normals {
+        for (position, normal) in grid.positions.iter_mut().zip(normals) {
+            *position += *normal * offset;
+        }
+    }
+    Ok(grid)
+}

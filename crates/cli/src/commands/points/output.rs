@@ -1,0 +1,512 @@
+//! Rows of sensors as tables, arrays and pictures.
+
+use super::heat::Heat;
+use super::sensors::Sensors;
+use super::{Arguments, By};
+use crate::exit::hinted;
+use crate::picture::canvas::{Anchor, Canvas, Color, Format as PictureFormat, NOTHING, Rect, WHITE, scale_color};
+use crate::prepare::Prepared;
+use crate::report::{PendingFile, SCHEMA, count, figures};
+use anyhow::{Context, Result, anyhow, bail};
+use glam::DVec3;
+use hemicube::analysis::zones::table_text;
+use hemicube::diagnose::Place;
+use hemicube::points::{SensorRow, Table, sides, write_rows};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::Path;
+
+/// Most columns of a table.
+const COLUMNS_MAX: usize = 16_384;
+/// Pixels along the longer edge of a picture, about.
+const PICTURE: usize = 900;
+
+/// Formats, by the names' extensions.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Csv,
+    Json,
+    Npz,
+    Picture,
+}
+
+impl Format {
+    fn of(path: &Path) -> Result<Self> {
+        let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+        match extension.as_ref().and_then(|extension| extension.to_str()) {
+            Some("csv") => Ok(Self::Csv),
+            Some("json") => Ok(Self::Json),
+            Some("npz") => Ok(Self::Npz),
+            Some("png" | "svg") => Ok(Self::Picture),
+            _ => bail!(
+                "`--output {}`: a name that ends in .csv, .json, .npz, .png or .svg is needed",
+                path.display()
+            ),
+        }
+    }
+}
+
+/// Refuses outputs that cannot be, before anything is read.
+///
+/// # Errors
+/// For a name of no format, and a picture without a grid.
+pub(super) fn require(arguments: &Arguments) -> Result<()> {
+    for path in &arguments.output {
+        if Format::of(path)? == Format::Picture && arguments.grid.is_none() {
+            return Err(hinted(
+                anyhow!("`{}`: a picture is of a grid, and `--points` are none", path.display()),
+                "`--grid STEP --height HEIGHT` makes one",
+            ));
+        }
+    }
+    if arguments.column.is_some() && !arguments.output.iter().any(|path| PictureFormat::of(path).is_ok()) {
+        bail!("`--column` is of a picture, and no `-o` ends in .png or .svg");
+    }
+    Ok(())
+}
+
+/// Returns whether rows are kept by patch.
+pub(super) fn keeps_patches(arguments: &Arguments) -> bool {
+    let is_npz = |path: &std::path::PathBuf| Format::of(path).is_ok_and(|format| format == Format::Npz);
+    arguments.output.iter().any(is_npz)
+}
+
+/// Groups of patches: the columns of tables.
+pub(super) struct Groups {
+    names: Vec<String>,
+    /// By patch; `None`: each patch is a group.
+    of_patch: Option<Vec<u32>>,
+}
+
+impl Groups {
+    pub(super) fn new(by: By, prepared: &Prepared) -> Self {
+        let scene = &prepared.scene;
+        let of = |index: fn(&hemicube_scene::Triangle) -> u32| {
+            let patches = prepared.patches.iter();
+            Some(
+                patches
+                    .map(|patch| index(&scene.triangles[prepared.patches.triangle(patch)]))
+                    .collect(),
+            )
+        };
+        let named = |names: Vec<&String>, what: &str| {
+            let name = |(at, name): (usize, &String)| {
+                if name.is_empty() {
+                    format!("{what} {at}")
+                } else {
+                    name.clone()
+                }
+            };
+            names.into_iter().enumerate().map(name).collect()
+        };
+        match by {
+            By::Object => Self {
+                names: named(scene.objects.iter().collect(), "object"),
+                of_patch: of(|triangle| triangle.object),
+            },
+            By::Material => Self {
+                names: named(
+                    scene.materials.iter().map(|material| &material.name).collect(),
+                    "material",
+                ),
+                of_patch: of(|triangle| triangle.material),
+            },
+            By::Patch => Self {
+                names: Vec::new(),
+                of_patch: None,
+            },
+        }
+    }
+
+    /// The name of a group.
+    pub(super) fn name(&self, group: u32) -> String {
+        self.names
+            .get(group as usize)
+            .cloned()
+            .unwrap_or_else(|| format!("patch {group}"))
+    }
+
+    fn of(&self, patch: u32) -> u32 {
+        self.of_patch
+            .as_ref()
+            .map_or(patch, |groups| groups.get(patch as usize).copied().unwrap_or(0))
+    }
+}
+
+/// What is kept of a row.
+pub(super) struct Kept {
+    pub(super) sensor: usize,
+    /// Without patches, unless they are asked for.
+    pub(super) row: SensorRow,
+    /// Groups seen, ascending, and their view factors.
+    pub(super) groups: Vec<(u32, f64)>,
+    /// Mean radiant temperature in kelvin; NaN without a solution.
+    pub(super) temperature: f64,
+}
+
+impl Kept {
+    pub(super) fn new(sensor: usize, row: SensorRow, groups: &Groups, heat: Option<&Heat>, keeps: bool) -> Self {
+        let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
+        for &(patch, factor) in &row.patches {
+            *sums.entry(groups.of(patch.0)).or_default() += factor;
+        }
+        Self {
+            sensor,
+            groups: sums.into_iter().collect(),
+            temperature: heat.map_or(f64::NAN, |heat| heat.temperature(&row)),
+            row: if keeps {
+                row
+            } else {
+                SensorRow {
+                    patches: Vec::new(),
+                    ..row
+                }
+            },
+        }
+    }
+}
+
+/// ‖a − b‖² over the patches.
+pub(super) fn squared_difference(a: &SensorRow, b: &SensorRow) -> f64 {
+    let mut differences: BTreeMap<u32, f64> = a.patches.iter().map(|&(patch, factor)| (patch.0, factor)).collect();
+    for &(patch, factor) in &b.patches {
+        *differences.entry(patch.0).or_default() -= factor;
+    }
+    differences.values().map(|difference| difference * difference).sum()
+}
+
+/// A column of a picture.
+enum Column {
+    Sky,
+    Ground,
+    Blocked,
+    Temperature,
+    Group(u32),
+}
+
+impl Column {
+    fn of(arguments: &Arguments, groups: &Groups, has_heat: bool) -> Result<Self> {
+        match arguments.column.as_deref() {
+            None if has_heat => Ok(Self::Temperature),
+            None | Some("sky") => Ok(Self::Sky),
+            Some("ground") => Ok(Self::Ground),
+            Some("blocked") => Ok(Self::Blocked),
+            Some("mrt") if has_heat => Ok(Self::Temperature),
+            Some("mrt") => Err(hinted(
+                anyhow!("`--column mrt` needs radiosities"),
+                "`--solution DIR` has them",
+            )),
+            Some(name) => match groups.names.iter().position(|known| known == name) {
+                Some(group) => Ok(Self::Group(u32::try_from(group).unwrap_or(u32::MAX))),
+                None => Err(hinted(
+                    anyhow!("`--column {name}` is neither sky, ground, blocked, mrt nor a column of the table"),
+                    format!(
+                        "there are {} columns by `--by`; `hemicube inspect` names them",
+                        count(groups.names.len() as u64)
+                    ),
+                )),
+            },
+        }
+    }
+
+    fn value(&self, row: &Kept) -> f64 {
+        match self {
+            Self::Sky => row.row.sky,
+            Self::Ground => row.row.ground,
+            Self::Blocked => row.row.blocked,
+            Self::Temperature => row.temperature,
+            Self::Group(group) => {
+                let at = row.groups.binary_search_by_key(group, |(group, _)| *group);
+                at.map_or(0.0, |at| row.groups[at].1)
+            }
+        }
+    }
+
+    fn title(&self, groups: &Groups) -> String {
+        match self {
+            Self::Sky => "sky view factor".to_owned(),
+            Self::Ground => "view factor of what is below the horizon".to_owned(),
+            Self::Blocked => "share on backs of surfaces".to_owned(),
+            Self::Temperature => "mean radiant temperature, K".to_owned(),
+            Self::Group(group) => format!("view factor of {}", groups.name(*group)),
+        }
+    }
+}
+
+/// Refuses a column that does not exist, before anything is computed.
+///
+/// # Errors
+/// When `--column` names nothing.
+pub(super) fn require_column(arguments: &Arguments, groups: &Groups, has_heat: bool) -> Result<()> {
+    Column::of(arguments, groups, has_heat).map(|_| ())
+}
+
+/// A run's rows, ready to be written.
+pub(super) struct Written<'a> {
+    pub(super) arguments: &'a Arguments,
+    pub(super) prepared: &'a Prepared,
+    pub(super) sensors: &'a Sensors,
+    pub(super) groups: &'a Groups,
+    pub(super) rows: &'a [Kept],
+}
+
+/// A field of a table; names may hold anything.
+fn field(text: &str) -> String {
+    let text = &*table_text(text);
+    if text.contains(['"', ',', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+fn place_name(place: Place) -> &'static str {
+    match place {
+        Place::InSolid => "in-solid",
+        Place::BelowGround => "below-ground",
+        Place::BehindSheet => "behind-sheet",
+        _ => "open",
+    }
+}
+
+impl Written<'_> {
+    /// Writes the rows in the format of the file's name.
+    ///
+    /// # Errors
+    /// When it cannot be written, or a table would have too many columns.
+    pub(super) fn write(&self, path: &Path) -> Result<()> {
+        match Format::of(path)? {
+            Format::Csv => self.csv(path),
+            Format::Json => self.json(path),
+            Format::Npz => self.npz(path),
+            Format::Picture => self.picture()?.save(path),
+        }
+    }
+
+    /// Groups seen by any row, ascending.
+    fn seen(&self, path: &Path) -> Result<Vec<u32>> {
+        let mut seen: Vec<u32> = self
+            .rows
+            .iter()
+            .flat_map(|row| &row.groups)
+            .map(|(group, _)| *group)
+            .collect();
+        seen.sort_unstable();
+        seen.dedup();
+        if seen.len() > COLUMNS_MAX {
+            return Err(hinted(
+                anyhow!(
+                    "`{}` would have {} columns; a table has {} at most",
+                    path.display(),
+                    count(seen.len() as u64),
+                    count(COLUMNS_MAX as u64)
+                ),
+                "write a .npz, or `--by material`",
+            ));
+        }
+        Ok(seen)
+    }
+
+    fn has_heat(&self) -> bool {
+        self.arguments.solution.is_some()
+    }
+
+    /// The direction of a row: a plane's normal, or that of a cube's side.
+    fn normal(&self, at: usize) -> Option<DVec3> {
+        let row = &self.rows[at];
+        if let Some(normals) = &self.sensors.normals {
+            return normals.get(row.sensor).copied();
+        }
+        let first = self.rows[..at]
+            .iter()
+            .rev()
+            .take_while(|before| before.sensor == row.sensor)
+            .count();
+        (self.sensors.body == super::BodyName::Cube).then(|| sides(&self.sensors.horizon)[first.min(5)])
+    }
+
+    fn has_normals(&self) -> bool {
+        self.sensors.normals.is_some() || self.sensors.body == super::BodyName::Cube
+    }
+
+    fn csv(&self, path: &Path) -> Result<()> {
+        let seen = self.seen(path)?;
+        let mut header = "point,x,y,z".to_owned();
+        header.push_str(if self.has_normals() { ",nx,ny,nz" } else { "" });
+        header.push_str(",place,sky,ground,blocked");
+        header.push_str(if self.arguments.tolerance.is_some() {
+            ",change"
+        } else {
+            ""
+        });
+        header.push_str(if self.has_heat() { ",mrt" } else { "" });
+        for &group in &seen {
+            header.push(',');
+            header.push_str(&field(&self.groups.name(group)));
+        }
+        let mut file = PendingFile::create(path)?;
+        let cannot = || format!("`{}` cannot be written", path.display());
+        let mut out = std::io::BufWriter::with_capacity(1 << 20, &mut file);
+        writeln!(out, "{header}").with_context(cannot)?;
+        for (at, row) in self.rows.iter().enumerate() {
+            let p = self.sensors.items[row.sensor].position;
+            let mut line = format!("{},{},{},{}", row.sensor, p.x, p.y, p.z);
+            if let Some(n) = self.normal(at) {
+                line.push_str(&format!(",{},{},{}", n.x, n.y, n.z));
+            }
+            let place = place_name(self.sensors.places[row.sensor]);
+            line.push_str(&format!(
+                ",{place},{},{},{}",
+                row.row.sky, row.row.ground, row.row.blocked
+            ));
+            if self.arguments.tolerance.is_some() {
+                line.push_str(&format!(",{}", row.row.change));
+            }
+            if self.has_heat() {
+                line.push_str(&format!(",{}", row.temperature));
+            }
+            let mut groups = row.groups.iter().peekable();
+            for group in &seen {
+                match groups.next_if(|(found, _)| found == group) {
+                    Some((_, factor)) => line.push_str(&format!(",{factor}")),
+                    None => line.push_str(",0"),
+                }
+            }
+            writeln!(out, "{line}").with_context(cannot)?;
+        }
+        out.flush().with_context(cannot)?;
+        drop(out);
+        file.commit()
+    }
+
+    fn json(&self, path: &Path) -> Result<()> {
+        let points: Vec<Value> = (0..self.rows.len()).map(|at| self.json_of(at)).collect();
+        let whole = json!({
+            "schema": SCHEMA,
+            "program": env!("CARGO_PKG_VERSION"),
+            "body": self.sensors.body,
+            "by": self.arguments.by,
+            "tolerance": self.arguments.tolerance,
+            "rows": points,
+        });
+        let mut file = PendingFile::create(path)?;
+        let mut text = serde_json::to_string_pretty(&whole).context("the rows are no JSON")?;
+        text.push('\n');
+        file.write_all(text.as_bytes())
+            .with_context(|| format!("`{}` cannot be written", path.display()))?;
+        file.commit()
+    }
+
+    fn json_of(&self, at: usize) -> Value {
+        let row = &self.rows[at];
+        let mut factors = Map::new();
+        for &(group, factor) in &row.groups {
+            // Groups of one name are one.
+            let before = factors
+                .get(&self.groups.name(group))
+                .and_then(Value::as_f64)
+                .unwrap_or(0.0);
+            factors.insert(self.groups.name(group), json!(before + factor));
+        }
+        let mut of_row = json!({
+            "point": row.sensor,
+            "position": self.sensors.items[row.sensor].position.to_array(),
+            "place": place_name(self.sensors.places[row.sensor]),
+            "sky": row.row.sky,
+            "ground": row.row.ground,
+            "blocked": row.row.blocked,
+            "view_factors": factors,
+        });
+        if let Some(normal) = self.normal(at) {
+            of_row["normal"] = json!(normal.to_array());
+        }
+        if self.arguments.tolerance.is_some() {
+            of_row["change"] = json!(row.row.change);
+        }
+        if self.has_heat() {
+            of_row["mean_radiant_temperature"] = json!(row.temperature);
+        }
+        of_row
+    }
+
+    fn npz(&self, path: &Path) -> Result<()> {
+        let rows: Vec<SensorRow> = self.rows.iter().map(|row| row.row.clone()).collect();
+        let count = rows.len() as u64;
+        let triples = |of: &dyn Fn(usize) -> DVec3| {
+            let values = (0..self.rows.len()).flat_map(|at| of(at).to_array()).collect();
+            Table::Real(vec![count, 3], values)
+        };
+        let points = self
+            .rows
+            .iter()
+            .map(|row| i64::try_from(row.sensor).unwrap_or(i64::MAX));
+        let mut more = vec![
+            (
+                "points",
+                triples(&|at| self.sensors.items[self.rows[at].sensor].position),
+            ),
+            ("point", Table::Whole(vec![count], points.collect())),
+        ];
+        if self.has_normals() {
+            more.push(("normals", triples(&|at| self.normal(at).unwrap_or(DVec3::NAN))));
+        }
+        if self.has_heat() {
+            let temperatures = self.rows.iter().map(|row| row.temperature).collect();
+            more.push(("mean_radiant_temperature", Table::Real(vec![count], temperatures)));
+        }
+        if let Some(raster) = &self.sensors.raster {
+            let each = self.sensors.items[0].body.rows();
+            let row_of =
+                |cell: &Option<usize>| cell.map_or(-1, |point| i64::try_from(point * each).unwrap_or(i64::MAX));
+            let shape = vec![raster.rows as u64, raster.columns as u64];
+            more.push(("grid", Table::Whole(shape, raster.cells.iter().map(row_of).collect())));
+            more.push(("grid_origin", Table::Real(vec![3], raster.origin.to_array().to_vec())));
+            let steps = [raster.right, raster.up]
+                .iter()
+                .flat_map(|step| step.to_array())
+                .collect();
+            more.push(("grid_steps", Table::Real(vec![2, 3], steps)));
+        }
+        let patches = u32::try_from(self.prepared.patches.len()).context("too many patches")?;
+        Ok(write_rows(path, patches, &rows, &more)?)
+    }
+
+    fn picture(&self) -> Result<Canvas> {
+        let Some(raster) = &self.sensors.raster else {
+            bail!("a picture is of a grid")
+        };
+        let column = Column::of(self.arguments, self.groups, self.has_heat())?;
+        let each = self.sensors.items[0].body.rows();
+        let values: Vec<f64> = self.rows.iter().step_by(each).map(|row| column.value(row)).collect();
+        let known = || values.iter().copied().filter(|value| value.is_finite());
+        let (low, high) = (
+            known().fold(f64::INFINITY, f64::min),
+            known().fold(f64::NEG_INFINITY, f64::max),
+        );
+        let size = (PICTURE / raster.columns.max(raster.rows)).max(1);
+        let (width, height) = (size * raster.columns, size * raster.rows);
+        let mut canvas = Canvas::new(width.max(480), height + 56, WHITE);
+        let left = (canvas.width - width) / 2;
+        for (cell, point) in raster.cells.iter().enumerate() {
+            let color: Color = match point.map(|point| values[point]) {
+                Some(value) if value.is_finite() => scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE)),
+                _ => NOTHING,
+            };
+            let (x, y) = (cell % raster.columns, raster.rows - 1 - cell / raster.columns);
+            canvas.fill(Rect::square(left + size * x, size * y, size), color);
+        }
+        let wide = (canvas.width / 3).max(120);
+        let labels = [figures(low), figures(high)];
+        canvas.scale(
+            (16, height + 12),
+            wide,
+            [&labels[0], &labels[1]],
+            &column.title(self.groups),
+        );
+        let note = format!("a cell is {}", figures(raster.right.length()));
+        let at = ((canvas.width - 16) as f64, (height + 40) as f64);
+        canvas.write(&note, at, 13.0, Anchor::End);
+        Ok(canvas)
+    }
+}

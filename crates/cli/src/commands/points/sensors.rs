@@ -1,0 +1,225 @@
+//! The sensors of a run: read from a table or laid out on a grid, and where they are.
+
+use super::grid::Raster;
+use super::{Arguments, BodyName};
+use crate::args::Talk;
+use crate::exit::hinted;
+use crate::prepare::Prepared;
+use crate::report::{count, counted};
+use crate::table::{self, Either};
+use anyhow::{Result, anyhow, bail};
+use glam::DVec3;
+use hemicube::diagnose::{Place, places};
+use hemicube::frame::Horizon;
+use hemicube::points::Sensor;
+use hemicube::sky::SensorPoint;
+use std::path::Path;
+
+/// Points and, where they have them, normals.
+pub(super) struct Listed {
+    pub(super) positions: Vec<DVec3>,
+    pub(super) normals: Option<Vec<DVec3>>,
+    pub(super) lines: Vec<u64>,
+}
+
+/// Where the sensors come from.
+pub(super) enum Source {
+    Listed(Listed),
+    Grid(super::grid::Grid),
+}
+
+/// Reads `x y z` or `x y z nx ny nz` a line.
+///
+/// # Errors
+/// When the file cannot be read, or a line is malformed: the error names it.
+pub(super) fn read(path: &Path) -> Result<Listed> {
+    match table::read_either(path, ["x", "y", "z"], ["x", "y", "z", "nx", "ny", "nz"])? {
+        Either::First(rows) => Ok(Listed {
+            positions: rows.iter().map(|row| DVec3::from_array(row.values)).collect(),
+            normals: None,
+            lines: rows.iter().map(|row| row.line).collect(),
+        }),
+        Either::Second(rows) => {
+            let mut normals = Vec::new();
+            for row in &rows {
+                let [x, y, z, nx, ny, nz] = row.values;
+                let normal = DVec3::new(nx, ny, nz);
+                if normal.try_normalize().is_none() {
+                    bail!(
+                        "{}:{}: the point ({x}, {y}, {z}) has no direction to look in: its normal has no length",
+                        path.display(),
+                        row.line
+                    );
+                }
+                normals.push(normal);
+            }
+            let position = |[x, y, z, ..]: [f64; 6]| DVec3::new(x, y, z);
+            Ok(Listed {
+                positions: rows.iter().map(|row| position(row.values)).collect(),
+                normals: Some(normals),
+                lines: rows.iter().map(|row| row.line).collect(),
+            })
+        }
+    }
+}
+
+/// The sensors of a run.
+pub(super) struct Sensors {
+    pub(super) items: Vec<Sensor>,
+    pub(super) body: BodyName,
+    pub(super) normals: Option<Vec<DVec3>>,
+    pub(super) places: Vec<Place>,
+    lines: Vec<u64>,
+    pub(super) raster: Option<Raster>,
+    pub(super) horizon: Horizon,
+}
+
+impl Sensors {
+    pub(super) fn new(arguments: &Arguments, source: Source, prepared: &Prepared, horizon: &Horizon) -> Result<Self> {
+        let threads = arguments.engine.thread_count();
+        let (positions, normals, lines, mut raster) = match source {
+            Source::Listed(listed) => (listed.positions, listed.normals, listed.lines, None),
+            Source::Grid(grid) => (grid.positions, grid.normals, Vec::new(), Some(grid.raster)),
+        };
+        let default = if normals.is_some() {
+            BodyName::Plane
+        } else {
+            BodyName::Sphere
+        };
+        let body = arguments.body.unwrap_or(default);
+        if body == BodyName::Plane && normals.is_none() {
+            return Err(hinted(
+                anyhow!("`--as plane` needs the direction of each point, its normal"),
+                "give `x y z nx ny nz` a line, or `--as sphere`",
+            ));
+        }
+        let used = normals.filter(|_| body == BodyName::Plane);
+        let normal = |at: usize| used.as_ref().map_or(horizon.up, |normals| normals[at]);
+        let looks: Vec<SensorPoint> = (0..)
+            .zip(&positions)
+            .map(|(at, &position)| SensorPoint {
+                position,
+                normal: normal(at),
+            })
+            .collect();
+        // A grid above the ground has left out what is in solids.
+        let is_placed = arguments.height.is_some();
+        let mut places = if is_placed {
+            vec![Place::Open; looks.len()]
+        } else {
+            places_of(prepared, &looks, horizon, threads, body)
+        };
+        let mut items: Vec<Sensor> = looks
+            .iter()
+            .map(|look| Sensor {
+                position: look.position,
+                body: body.with(look.normal),
+            })
+            .collect();
+        let mut normals = used;
+        if let Some(raster) = &mut raster {
+            // A grid leaves out what is in solids or below the ground.
+            let stays: Vec<bool> = places
+                .iter()
+                .map(|place| !matches!(place, Place::InSolid | Place::BelowGround))
+                .collect();
+            raster.keep(&stays);
+            let mut stay = stays.iter();
+            items.retain(|_| stay.next().copied().unwrap_or(false));
+            let mut stay = stays.iter();
+            places.retain(|_| stay.next().copied().unwrap_or(false));
+            if let Some(normals) = &mut normals {
+                let mut stay = stays.iter();
+                normals.retain(|_| stay.next().copied().unwrap_or(false));
+            }
+        }
+        if items.is_empty() {
+            return Err(hinted(
+                anyhow!("no point of the grid is in the open"),
+                "look at `--height`, `--on` and `--up`, and whether surfaces face outwards (`hemicube inspect`)",
+            ));
+        }
+        Ok(Self {
+            items,
+            body,
+            normals,
+            places,
+            lines,
+            raster,
+            horizon: *horizon,
+        })
+    }
+
+    /// Warns of points that are not in the open, by place.
+    pub(super) fn tell(&self, arguments: &Arguments, talk: Talk) {
+        let Some(path) = &arguments.points else { return };
+        for (place, what, next) in [
+            (
+                Place::InSolid,
+                "in solids, surrounded by backs of one-sided surfaces",
+                "move them out, or turn the surfaces round (`--flip`) if it is an inside that they are in",
+            ),
+            (
+                Place::BelowGround,
+                "below the ground, with its back above them",
+                "raise them above it, and look whether `--up` is right",
+            ),
+            (
+                Place::BehindSheet,
+                "behind surfaces, with backs in more than half of their view",
+                "move them to the other side, turn their normals, or `--two-sided on` if the surfaces are sheets",
+            ),
+        ] {
+            let there: Vec<u64> = self
+                .places
+                .iter()
+                .zip(&self.lines)
+                .filter(|(at, _)| **at == place)
+                .map(|(_, &line)| line)
+                .collect();
+            if !there.is_empty() {
+                talk.warn(&format!(
+                    "{} of {} in `{}` {} {what}: {}; {next}",
+                    count(there.len() as u64),
+                    counted(self.items.len() as u64, "point"),
+                    path.display(),
+                    if there.len() == 1 { "is" } else { "are" },
+                    crate::report::lines(&there)
+                ));
+            }
+        }
+    }
+}
+
+/// The place of each point, on several threads. Without a normal, a point is behind nothing.
+fn places_of(
+    prepared: &Prepared,
+    looks: &[SensorPoint],
+    horizon: &Horizon,
+    threads: usize,
+    body: BodyName,
+) -> Vec<Place> {
+    let share = looks.len().div_ceil(threads.max(1)).max(1);
+    let mut found: Vec<Place> = std::thread::scope(|scope| {
+        let workers: Vec<_> = looks
+            .chunks(share)
+            .map(|looks| scope.spawn(|| places(&prepared.model, looks, horizon.up)))
+            .collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, Vec<Place>>| {
+            worker
+                .join()
+                .unwrap_or_else(|payload| std::panic::resume_unwind(payload))
+        };
+        workers.into_iter().flat_map(join).collect()
+    });
+    if body != BodyName::Plane {
+        for place in &mut found {
+            *place = if *place == Place::BehindSheet {
+                Place::Open
+            } else {
+                *place
+            };
+        }
+    }
+    found
+}

@@ -1,0 +1,198 @@
+//! Reference rows of sensors by rays: no hemicube, and no closed form of a patch.
+//!
+//! The sphere of directions is an octahedron, cut evenly into [`START`] pieces a face. Rays through the corners and the
+//! middle of a piece tell what it shows. A piece that shows one thing counts for it with the kernel's integral over it;
+//! others are cut into four, until that integral is less than a limit, and are then shared by their rays. An edge of
+//! what is seen separates corners of every piece that it crosses: what is missed is smaller than a first piece.
+
+use super::{RayEnd, Reference, ReferenceError, ReferenceSettings};
+use crate::Model;
+use crate::driver::compute::ComputeError;
+use crate::frame::Horizon;
+use crate::geometry::{in_front, quarters};
+use crate::points::{Body, Part, Sensor, SensorRow, in_parallel, threads_of};
+use glam::DVec3;
+use hemicube_scene::InputPatch;
+use std::collections::BTreeMap;
+
+/// Levels of the even cut: 8 · 4⁶ pieces of 4 · 10⁻⁴ steradians.
+const START: u32 = 6;
+/// Levels at which a piece is cut no more, whatever its integral.
+const DEEPEST: u32 = 16;
+/// Corners of a piece are moved in by this share: the rays of neighbours then do not run along one edge.
+const INWARDS: f64 = 1e-3;
+
+/// A row of the reference.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointReferenceRow {
+    /// The row; its `change` is NaN.
+    pub row: SensorRow,
+    /// Standard error of the row, Euclidean, in shares of the whole: of the pieces that were shared by their rays.
+    pub error: f64,
+    /// Rays traced.
+    pub rays: u64,
+}
+
+/// Makes reference rows.
+#[derive(Debug)]
+pub struct PointReference<'m> {
+    model: &'m Model,
+    reference: Reference<'m>,
+    horizon: Horizon,
+    limit: f64,
+}
+
+/// Sums of one row.
+#[derive(Default)]
+struct Sums {
+    /// Weight by what is seen: sky, ground, backs, then patches.
+    weights: BTreeMap<u64, f64>,
+    squared_error: f64,
+    rays: u64,
+}
+
+const SKY: u64 = 0;
+const GROUND: u64 = 1;
+const BACK: u64 = 2;
+const PATCHES: u64 = 3;
+
+impl<'m> PointReference<'m> {
+    /// `limit` is the integral of a kernel over a piece below which it is cut no more; 10⁻⁷ finds rows within 10⁻⁴.
+    ///
+    /// # Errors
+    /// Those of [`Reference::new`].
+    pub fn new(model: &'m Model, horizon: Horizon, limit: f64) -> Result<Self, ReferenceError> {
+        Ok(Self {
+            model,
+            reference: Reference::new(model, ReferenceSettings::default())?,
+            horizon,
+            limit: limit.max(1e-9),
+        })
+    }
+
+    /// The rows of sensors, [`Body::rows`] each, in order; `None` when `progress` returned false.
+    ///
+    /// # Errors
+    /// None of its own.
+    pub fn rows(
+        &self,
+        sensors: &[Sensor],
+        threads: usize,
+        progress: &mut dyn FnMut(usize) -> bool,
+    ) -> Result<Option<Vec<PointReferenceRow>>, ComputeError> {
+        let threads = threads_of(threads).clamp(1, sensors.len().max(1));
+        let rows = in_parallel(
+            sensors.len(),
+            vec![(); threads],
+            |(), index| Ok(self.of(&sensors[index])),
+            progress,
+        )?;
+        Ok(rows.map(|rows| rows.into_iter().flatten().collect()))
+    }
+
+    fn of(&self, sensor: &Sensor) -> Vec<PointReferenceRow> {
+        let parts = Body::parts(sensor.body, &self.horizon);
+        parts.iter().map(|parts| self.row(sensor.position, parts)).collect()
+    }
+
+    fn row(&self, position: DVec3, parts: &[Part]) -> PointReferenceRow {
+        let mut sums = Sums::default();
+        // An octahedron turned off the scene's axes, so that its edges run along nothing.
+        let (a, b, c) = (
+            DVec3::new(0.36, 0.48, 0.8),
+            DVec3::new(-0.8, 0.6, 0.0),
+            DVec3::new(-0.48, -0.64, 0.6),
+        );
+        let mut pending: Vec<([DVec3; 3], u32)> = Vec::new();
+        for (x, y, z) in [a, -a]
+            .into_iter()
+            .flat_map(|x| [b, -b].into_iter().flat_map(move |y| [c, -c].map(|z| (x, y, z))))
+        {
+            pending.push(([x, y, z], 0));
+        }
+        while let Some((corners, level)) = pending.pop() {
+            let cut = |pending: &mut Vec<([DVec3; 3], u32)>| {
+                let parts = quarters(&corners).map(|part| (part.map(DVec3::normalize), level + 1));
+                pending.extend(parts.into_iter().rev());
+            };
+            let weight = weight(parts, corners);
+            if weight <= 0.0 {
+                continue;
+            }
+            if level < START {
+                cut(&mut pending);
+                continue;
+            }
+            let middle = (corners[0] + corners[1] + corners[2]).normalize();
+            let seen = [
+                self.seen(position, corners[0].lerp(middle, INWARDS)),
+                self.seen(position, corners[1].lerp(middle, INWARDS)),
+                self.seen(position, corners[2].lerp(middle, INWARDS)),
+                self.seen(position, middle),
+            ];
+            sums.rays += 4;
+            if seen.iter().all(|what| *what == seen[0]) {
+                *sums.weights.entry(seen[0]).or_default() += weight;
+            } else if weight > self.limit && level < DEEPEST {
+                cut(&mut pending);
+            } else {
+                sums.squared_error += (0.3 * weight).powi(2);
+                for what in seen {
+                    *sums.weights.entry(what).or_default() += 0.25 * weight;
+                }
+            }
+        }
+        sums.finish()
+    }
+
+    /// What a ray meets.
+    fn seen(&self, position: DVec3, direction: DVec3) -> u64 {
+        match self.reference.first(position, direction) {
+            RayEnd::Nothing if direction.dot(self.horizon.up) >= 0.0 => SKY,
+            RayEnd::Nothing => GROUND,
+            RayEnd::Back => BACK,
+            RayEnd::Patch(patch) => PATCHES + u64::from(patch.0),
+        }
+    }
+
+    /// The model.
+    pub fn model(&self) -> &'m Model {
+        self.model
+    }
+}
+
+/// The integral of the kernels of some parts over a piece of the sphere.
+fn weight(parts: &[Part], [a, b, c]: [DVec3; 3]) -> f64 {
+    // Counter-clockwise as a front seen from the middle.
+    let corners = if a.dot(b.cross(c)) > 0.0 { [a, c, b] } else { [a, b, c] };
+    let of_part = |part: &Part| {
+        let axis = part.axis.normalize_or_zero();
+        let polygon = in_front(&corners, DVec3::ZERO, axis, 0.0);
+        polygon.map_or(0.0, |polygon| part.weight * part.kernel.over(axis, polygon.corners()))
+    };
+    parts.iter().map(of_part).sum()
+}
+
+impl Sums {
+    fn finish(self) -> PointReferenceRow {
+        let whole: f64 = self.weights.values().sum();
+        let share = |what: u64| self.weights.get(&what).copied().unwrap_or(0.0) / whole;
+        let patches = self.weights.range(PATCHES..).map(|(&what, &weight)| {
+            let patch = u32::try_from(what - PATCHES).unwrap_or(u32::MAX);
+            (InputPatch(patch), weight / whole)
+        });
+        PointReferenceRow {
+            row: SensorRow {
+                patches: patches.collect(),
+                sky: share(SKY),
+                ground: share(GROUND),
+                blocked: share(BACK),
+                change: f64::NAN,
+                is_settled: true,
+                hemicubes: 0,
+            },
+            error: self.squared_error.sqrt(),
+            rays: self.rays,
+        }
+    }
+}

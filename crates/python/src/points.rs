@@ -1,0 +1,282 @@
+//! `hemicube.points`: rows of sensors.
+
+use crate::attended::attended;
+use crate::scene::{Scene, axis};
+use crate::session::BackendChoice;
+use crate::sky::{interrupted, pairs, warn_of_places};
+use crate::{compute, errors, numbers};
+use glam::DVec3;
+use hemicube::backend::{Culling, RenderSettings};
+use hemicube::frame::Horizon;
+use hemicube::points::{Body, PointOptions, Sensor, SensorRow, first_resolution, rows_of_sensors};
+use hemicube::sky::SensorPoint;
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// View factors of sensors: a row each, of a cube one for each of its six sides (east, north, west, south, up, down).
+#[pyclass(frozen, module = "hemicube")]
+#[derive(Debug)]
+pub(crate) struct Points {
+    rows: Vec<SensorRow>,
+    scene: Py<Scene>,
+}
+
+impl Points {
+    fn column<'py>(&self, py: Python<'py>, of: impl Fn(&SensorRow) -> f64) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.rows.iter().map(of).collect())
+    }
+}
+
+#[pymethods]
+impl Points {
+    fn __len__(&self) -> usize {
+        self.rows.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<hemicube.Points of {} rows>", self.rows.len())
+    }
+
+    /// View factor of the sky of each row: what escapes above the horizon.
+    #[getter]
+    fn sky<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |row| row.sky)
+    }
+
+    /// Share of each row that escapes below the horizon.
+    #[getter]
+    fn ground<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |row| row.ground)
+    }
+
+    /// Share of each row on backs of one-sided patches.
+    #[getter]
+    fn blocked<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |row| row.blocked)
+    }
+
+    /// Change of each row by its last refinement; NaN without a tolerance.
+    #[getter]
+    fn changes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |row| row.change)
+    }
+
+    /// True for rows that settled within the tolerance, and without one for all.
+    #[getter]
+    fn settled<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        PyArray1::from_vec(py, self.rows.iter().map(|row| row.is_settled).collect())
+    }
+
+    /// View factors to each patch: a `scipy.sparse.csr_matrix`. Its row sums, `sky`, `ground` and `blocked` add up to 1.
+    fn to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let (mut indptr, mut indices, mut data) = (vec![0_i64], Vec::<i64>::new(), Vec::new());
+        for row in &self.rows {
+            for &(patch, factor) in &row.patches {
+                indices.push(patch.0.into());
+                data.push(factor);
+            }
+            indptr.push(i64::try_from(data.len()).unwrap_or(i64::MAX));
+        }
+        let shape = (self.rows.len(), self.scene.get().patches.len());
+        let arrays = (
+            PyArray1::from_vec(py, data),
+            PyArray1::from_vec(py, indices),
+            PyArray1::from_vec(py, indptr),
+        );
+        let named = PyDict::new(py);
+        named.set_item("shape", shape)?;
+        py.import("scipy.sparse")?
+            .call_method("csr_matrix", (arrays,), Some(&named))
+    }
+
+    /// View factors to each object, or with `by='material'` to each material, in the order of the scene's `objects` or
+    /// `materials`: one row a row, one column each.
+    #[pyo3(signature = (by="object"))]
+    fn zones<'py>(&self, py: Python<'py>, by: &str) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let scene = self.scene.get();
+        let (count, of): (usize, fn(&hemicube_scene::Triangle) -> u32) = match by {
+            "object" => (scene.input.objects.len(), |triangle| triangle.object),
+            "material" => (scene.input.materials.len(), |triangle| triangle.material),
+            other => {
+                return Err(errors::input(format!(
+                    "`by` is `{other}`; object or material is needed"
+                )));
+            }
+        };
+        let mut sums = vec![0.0; self.rows.len() * count];
+        for (row, sums) in self.rows.iter().zip(sums.chunks_mut(count.max(1))) {
+            for &(patch, factor) in &row.patches {
+                let zone = of(&scene.input.triangles[scene.patches.triangle(patch)]) as usize;
+                if let Some(sum) = sums.get_mut(zone) {
+                    *sum += factor;
+                }
+            }
+        }
+        PyArray1::from_vec(py, sums).reshape([self.rows.len(), count])
+    }
+
+    /// Mean radiant temperature of each row in kelvin, by the radiosity of each patch in W/m² (`solve_heat`'s) and the
+    /// temperatures of sky, ground and backs in kelvin; `ground` and `backs` are the sky's where they are not given.
+    #[pyo3(signature = (radiosity, *, sky, ground=None, backs=None))]
+    fn mean_radiant_temperature<'py>(
+        &self,
+        py: Python<'py>,
+        radiosity: &Bound<'_, PyAny>,
+        sky: f64,
+        ground: Option<f64>,
+        backs: Option<f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let radiosity = numbers::vector(radiosity, "radiosity", self.scene.get().patches.len())?;
+        let outside = [sky, ground.unwrap_or(sky), backs.unwrap_or(sky)];
+        if let Some(wrong) = outside.iter().find(|kelvin| !(0.0..=1e6).contains(*kelvin)) {
+            return Err(errors::input(format!(
+                "a temperature is {wrong}; kelvin from 0 on are needed"
+            )));
+        }
+        Ok(self.column(py, |row| row.mean_radiant_temperature(&radiosity, outside)))
+    }
+}
+
+/// The form of sensors by its name; planes have normals.
+fn body(name: Option<&str>, normal: Option<DVec3>) -> PyResult<Body> {
+    match (name, normal) {
+        (None | Some("plane"), Some(normal)) => Ok(Body::Plane(normal)),
+        (None | Some("sphere"), _) => Ok(Body::Sphere),
+        (Some("cube"), _) => Ok(Body::Cube),
+        (Some("person"), _) => Ok(Body::Person),
+        (Some("cylinder"), _) => Ok(Body::Cylinder),
+        (Some("plane"), None) => Err(errors::input(
+            "`body` is `plane`, and a plane needs a direction to look in; give `normals`",
+        )),
+        (Some(other), _) => Err(errors::input(format!(
+            "`body` is `{other}`; plane, sphere, cube, person or cylinder is needed"
+        ))),
+    }
+}
+
+/// View factors of free points to patches, sky and ground: sensors, measurements, people; no row of a patch is computed.
+///
+/// `positions` are (m, 3), in the scene's coordinates. `body` is 'plane' (with `normals`, (m, 3)), 'sphere', 'cube' (six
+/// rows a point), 'person' (standing, six weighted sides) or 'cylinder' (upright); by default a plane with normals and a
+/// sphere without. `up` is needed where the scene does not say. `tolerance` refines each row until it changes by no more
+/// than this share. `progress(done, total)` is called with numbers of points some times a second.
+#[pyfunction]
+#[pyo3(signature = (
+    scene, positions, *, normals=None, body=None, up=None, tolerance=None, resolution=None, backend="cpu",
+    backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None
+))]
+#[allow(clippy::too_many_arguments, reason = "keywords")]
+pub(crate) fn points(
+    py: Python<'_>,
+    scene: &Bound<'_, Scene>,
+    positions: &Bound<'_, PyAny>,
+    normals: Option<&Bound<'_, PyAny>>,
+    body: Option<&str>,
+    up: Option<&str>,
+    tolerance: Option<f64>,
+    resolution: Option<u32>,
+    backend: &str,
+    backend_dir: Option<PathBuf>,
+    backend_options: Option<BTreeMap<String, String>>,
+    engine: &str,
+    threads: usize,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Points> {
+    let given = scene;
+    let scene = scene.get();
+    let backend = BackendChoice::new(backend, backend_dir, pairs(backend_options), engine)?;
+    let up = match up {
+        Some(name) => axis(name)?,
+        None => hemicube_scene::up::up(&scene.input)
+            .known()
+            .ok_or_else(|| errors::input("the scene does not say which axis points up; `up=\"z\"` does"))?,
+    };
+    if let Some(wrong) = tolerance.filter(|tolerance| !(1e-5..=0.5).contains(tolerance)) {
+        return Err(errors::input(format!(
+            "`tolerance` is {wrong}; a share from 0.00001 to 0.5 is needed"
+        )));
+    }
+    let horizon = Horizon::new(up, 0.0);
+    let options = PointOptions {
+        render: RenderSettings {
+            resolution: compute::resolution(resolution.unwrap_or(first_resolution(tolerance)))?,
+            culling: Culling::On,
+            covered: false,
+        },
+        tolerance,
+        threads,
+    };
+    let sensors = sensors(positions, normals, body)?;
+    let looks: Vec<SensorPoint> = sensors
+        .iter()
+        .map(|sensor| SensorPoint {
+            position: sensor.position,
+            normal: match sensor.body {
+                Body::Plane(normal) => normal,
+                _ => horizon.up,
+            },
+        })
+        .collect();
+    warn_of_places(py, scene, &looks, horizon)?;
+    let found = attended(py, progress, |attendant| -> PyResult<Option<Vec<SensorRow>>> {
+        let mut sessions = Vec::new();
+        for _ in options.resolutions() {
+            let session = backend.open()?;
+            if !session.info().capabilities.items {
+                return Err(errors::backend(format!(
+                    "backend `{}` hands out no item buffers, from which points are computed; `backend=\"cpu\"` does",
+                    session.info().name
+                )));
+            }
+            sessions.push(session);
+        }
+        rows_of_sensors(
+            &scene.model,
+            &sensors,
+            horizon,
+            options,
+            sessions,
+            &|_, row| row,
+            &mut |done| attendant.tell((done, sensors.len())),
+        )
+        .map_err(|error| errors::compute(&error))
+    })??;
+    Ok(Points {
+        rows: found.ok_or_else(interrupted)?,
+        scene: given.clone().unbind(),
+    })
+}
+
+/// Sensors of arrays.
+fn sensors(
+    positions: &Bound<'_, PyAny>,
+    normals: Option<&Bound<'_, PyAny>>,
+    name: Option<&str>,
+) -> PyResult<Vec<Sensor>> {
+    let positions = numbers::points(positions, "positions")?;
+    let normals = normals.map(|normals| numbers::points(normals, "normals")).transpose()?;
+    if let Some(normals) = normals.as_ref().filter(|normals| normals.len() != positions.len()) {
+        return Err(errors::input(format!(
+            "there are {} positions and {} normals; as many are needed",
+            positions.len(),
+            normals.len()
+        )));
+    }
+    let sensor = |(point, position): (usize, &[f64; 3])| {
+        let position = DVec3::from_array(*position);
+        let normal = normals.as_ref().map(|normals| DVec3::from_array(normals[point]));
+        if !position.is_finite() || normal.is_some_and(|normal| normal.try_normalize().is_none()) {
+            return Err(errors::input(format!(
+                "point {point} has no place, or no direction to look in"
+            )));
+        }
+        Ok(Sensor {
+            position,
+            body: body(name, normal)?,
+        })
+    };
+    positions.iter().enumerate().map(sensor).collect()
+}

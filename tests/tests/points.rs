@@ -1,0 +1,547 @@
+//! `hemicube points`: rows of sensors against solid angles, plane elements and quadrature in closed form, by rays, on
+//! real scenes, and from every kind of table.
+//!
+//! The binary is the one beside this test: build it with the same profile and target directory before.
+
+use glam::DVec3;
+use hemicube::frame::Horizon;
+use hemicube::points::{Body, Sensor};
+use hemicube::reference::PointReference;
+use hemicube_scene::{Axis, Subdivision};
+use hemicube_tests::runs::{Place, Ran};
+use hemicube_tests::scenes::{read, scenes_or_skip};
+use serde_json::Value;
+use std::f64::consts::PI;
+use std::fmt::Write as _;
+
+/// A box from the origin, its sides objects of their own that look inwards, without those left out.
+fn room(size: [f64; 3], without: &[&str]) -> String {
+    let [x, y, z] = size;
+    let mut text =
+        format!("v 0 0 0\nv {x} 0 0\nv {x} {y} 0\nv 0 {y} 0\nv 0 0 {z}\nv {x} 0 {z}\nv {x} {y} {z}\nv 0 {y} {z}\n");
+    for (name, face) in [
+        ("floor", "1 2 3 4"),
+        ("ceiling", "8 7 6 5"),
+        ("south", "1 5 6 2"),
+        ("north", "3 7 8 4"),
+        ("east", "2 6 7 3"),
+        ("west", "1 4 8 5"),
+    ] {
+        if !without.contains(&name) {
+            writeln!(text, "o {name}\nf {face}").expect("a string");
+        }
+    }
+    text
+}
+
+/// Runs `points` with the words of `line` and reads what it wrote as JSON.
+fn rows(place: &Place, line: &str) -> Vec<Value> {
+    place.line(&format!("points {line} -o rows.json --overwrite")).is(0);
+    let text = std::fs::read_to_string(place.path("rows.json")).expect("the rows");
+    let whole: Value = serde_json::from_str(&text).expect("JSON");
+    whole["rows"].as_array().expect("rows").clone()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(0.0)
+}
+
+/// The view factors of a row to objects, with sky, ground and blocked share, sum to 1.
+fn sums_to_one(row: &Value) {
+    let seen: f64 = row["view_factors"]
+        .as_object()
+        .expect("objects")
+        .values()
+        .map(number)
+        .sum();
+    let sum = seen + number(&row["sky"]) + number(&row["ground"]) + number(&row["blocked"]);
+    assert!((sum - 1.0).abs() < 1e-9, "{sum}: {row}");
+}
+
+/// ∫ over the rectangle [u₀, u₁] × [v₀, v₁] at a distance h of a primitive that vanishes on the axes.
+fn rectangle(primitive: impl Fn(f64, f64) -> f64, [u0, u1]: [f64; 2], [v0, v1]: [f64; 2]) -> f64 {
+    primitive(u1, v1) - primitive(u0, v1) - primitive(u1, v0) + primitive(u0, v0)
+}
+
+/// The solid angle of a rectangle with a corner at the foot of the point: atan(uv / h√(u² + v² + h²)).
+fn solid(h: f64) -> impl Fn(f64, f64) -> f64 {
+    move |u, v| (u * v / (h * (u * u + v * v + h * h).sqrt())).atan()
+}
+
+/// The sides of a box about a point: name, distance, and the two extents of the side from the foot of the point.
+fn sides_of(size: [f64; 3], p: [f64; 3]) -> Vec<(&'static str, f64, [f64; 2], [f64; 2])> {
+    let [x, y, z] = size;
+    let extent = |length: f64, at: f64| [-at, length - at];
+    let (along_x, along_y, along_z) = (extent(x, p[0]), extent(y, p[1]), extent(z, p[2]));
+    vec![
+        ("floor", p[2], along_x, along_y),
+        ("ceiling", z - p[2], along_x, along_y),
+        ("south", p[1], along_x, along_z),
+        ("north", y - p[1], along_x, along_z),
+        ("east", x - p[0], along_y, along_z),
+        ("west", p[0], along_y, along_z),
+    ]
+}
+
+#[test]
+fn spherical_factors_in_a_box_are_solid_angles_and_sum_to_one() {
+    let place = Place::new();
+    let size = [5.0, 4.0, 3.0];
+    place.write("box.obj", room(size, &[]));
+    let points = [[2.5, 2.0, 1.5], [0.4, 3.1, 0.2], [4.9, 0.05, 2.8]];
+    let lines: Vec<String> = points.iter().map(|p| format!("{} {} {}", p[0], p[1], p[2])).collect();
+    place.write("points.txt", lines.join("\n"));
+    for cut in ["", "--split 7"] {
+        let rows = rows(&place, &format!("box.obj --points points.txt --up z {cut}"));
+        for (row, point) in rows.iter().zip(points) {
+            sums_to_one(row);
+            for (name, h, u, v) in sides_of(size, point) {
+                let exact = rectangle(solid(h), u, v) / (4.0 * PI);
+                let found = number(&row["view_factors"][name]);
+                assert!((found - exact).abs() < 1e-5, "{name} {cut}: {found} {exact}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_escapes_above_the_horizon_is_sky_and_below_it_ground() {
+    let place = Place::new();
+    let size = [5.0, 4.0, 3.0];
+    place.write("tub.obj", room(size, &["ceiling"]));
+    place.write("lid.obj", room(size, &["floor", "south"]));
+    place.write("point.txt", "x;y;z\n1.2;3.3;1.1\n");
+    let sides = sides_of(size, [1.2, 3.3, 1.1]);
+    let exact = |name: &str| {
+        let (_, h, u, v) = sides.iter().find(|side| side.0 == name).expect("a side");
+        rectangle(solid(*h), *u, *v) / (4.0 * PI)
+    };
+    let tub = &rows(&place, "tub.obj --points point.txt --up z")[0];
+    sums_to_one(tub);
+    assert!(
+        (number(&tub["sky"]) - exact("ceiling")).abs() < 1e-9 && number(&tub["ground"]) == 0.0,
+        "{tub}"
+    );
+    // The missing south wall shows sky above the horizon and ground below it, in parts of its own.
+    let (_, h, u, [down, up]) = *sides.iter().find(|side| side.0 == "south").expect("a side");
+    let lid = &rows(&place, "lid.obj --points point.txt --up z --tolerance 0.1%")[0];
+    sums_to_one(lid);
+    let above = rectangle(solid(h), u, [0.0, up]) / (4.0 * PI);
+    let below = rectangle(solid(h), u, [down, 0.0]) / (4.0 * PI) + exact("floor");
+    assert!((number(&lid["sky"]) - above).abs() < 2e-4, "{lid} {above}");
+    assert!((number(&lid["ground"]) - below).abs() < 2e-4, "{lid} {below}");
+}
+
+#[test]
+fn a_plane_sees_a_rectangle_as_the_catalogue_says() {
+    // Howell's catalogue, B-3 and B-4: a plane element and a rectangle parallel and perpendicular to it.
+    let parallel = |h: f64| {
+        move |u: f64, v: f64| {
+            let (p, q) = ((u * u + h * h).sqrt(), (v * v + h * h).sqrt());
+            (u / p * (v / p).atan() + v / q * (u / q).atan()) / (2.0 * PI)
+        }
+    };
+    let place = Place::new();
+    let size = [5.0, 4.0, 3.0];
+    place.write("box.obj", room(size, &[]));
+    let point = [1.3, 2.9, 0.8];
+    // A cube's six sides in the middle of a table, and the same as planes.
+    place.write("point.csv", "\u{feff}name,X (m),Y (m),Z (m)\nhere,1.3,2.9,0.8\n");
+    let cube = rows(&place, "box.obj --points point.csv --as cube --up z --split 3");
+    assert_eq!(cube.len(), 6);
+    let opposite = ["east", "north", "west", "south", "ceiling", "floor"];
+    for (row, name) in cube.iter().zip(opposite) {
+        sums_to_one(row);
+        let sides = sides_of(size, point);
+        let (_, h, u, v) = *sides.iter().find(|side| side.0 == name).expect("a side");
+        let exact = rectangle(parallel(h), u, v);
+        let found = number(&row["view_factors"][name]);
+        assert!((found - exact).abs() < 1e-7, "{name}: {found} {exact}");
+    }
+    let mut text = String::from("# planes\n");
+    for row in &cube {
+        let n: Vec<f64> = row["normal"].as_array().expect("a normal").iter().map(number).collect();
+        // Of any length.
+        writeln!(text, "1.3 2.9 0.8  {} {} {}", 3.0 * n[0], 3.0 * n[1], 3.0 * n[2]).expect("a string");
+    }
+    place.write("planes.txt", text);
+    let planes = rows(&place, "box.obj --points planes.txt --up z --split 3");
+    for (plane, side) in planes.iter().zip(&cube) {
+        assert_eq!(plane["view_factors"], side["view_factors"]);
+    }
+}
+
+/// ∫ k dω over a wall at x = `distance` from y = −2 to 3 and z = −1.2 to 1.6 about a body at the origin, by the midpoint
+/// rule.
+fn wall_by_quadrature(kernel: impl Fn(DVec3) -> f64, distance: f64) -> f64 {
+    let n = 1200;
+    let (step_y, step_z) = (5.0 / f64::from(n), 2.8 / f64::from(n));
+    let mut sum = 0.0;
+    for i in 0..n {
+        for j in 0..n {
+            let p = DVec3::new(
+                distance,
+                -2.0 + step_y * (f64::from(i) + 0.5),
+                -1.2 + step_z * (f64::from(j) + 0.5),
+            );
+            let r = p.length();
+            sum += kernel(p / r) * distance / (r * r * r) * step_y * step_z;
+        }
+    }
+    sum
+}
+
+#[test]
+fn a_person_beside_a_wall_is_what_quadrature_finds() {
+    let place = Place::new();
+    place.write(
+        "wall.obj",
+        "o wall\nv 0.7 -2 -1.2\nv 0.7 -2 1.6\nv 0.7 3 1.6\nv 0.7 3 -1.2\nf 1 2 3 4\n",
+    );
+    place.write("person.txt", "0 0 0\n");
+    // Written here by hand: sides of 0.22, ends of 0.06; and the mantle and ends of a cylinder.
+    let person = |d: DVec3| (0.22 * (d.x.abs() + d.y.abs()) + 0.06 * d.z.abs()) / PI;
+    let cylinder = |d: DVec3| 0.88 * (1.0 - d.z * d.z).sqrt() / (PI * PI) + 0.06 * d.z.abs() / PI;
+    let sphere = |_: DVec3| 1.0 / (4.0 * PI);
+    let kernels: [(&str, &dyn Fn(DVec3) -> f64); 3] =
+        [("person", &person), ("cylinder", &cylinder), ("sphere", &sphere)];
+    let mut found = Vec::new();
+    for (name, kernel) in kernels {
+        let exact = wall_by_quadrature(kernel, 0.7);
+        for cut in ["", "--split 5"] {
+            let row = &rows(
+                &place,
+                &format!("wall.obj --points person.txt --as {name} --up z {cut}"),
+            )[0];
+            sums_to_one(row);
+            let factor = number(&row["view_factors"]["wall"]);
+            assert!((factor - exact).abs() < 1e-6, "{name} {cut}: {factor} {exact}");
+        }
+        found.push(exact);
+    }
+    assert!(
+        found[0] > found[2] + 0.01 && found[1] > found[2] + 0.01,
+        "a wall is a person's broad side: {found:?}"
+    );
+}
+
+/// Two blocks in a room that hide parts of its walls.
+fn furnished() -> String {
+    let mut text = room([6.0, 5.0, 3.0], &[]);
+    let mut first = 9;
+    for (name, [x, y, z], [a, b, c]) in [
+        ("desk", [2.0, 1.0, 0.0], [1.5, 0.7, 0.8]),
+        ("shelf", [4.0, 3.5, 0.0], [0.4, 1.2, 2.1]),
+    ] {
+        for (dx, dy, dz) in [
+            (0, 0, 0),
+            (1, 0, 0),
+            (1, 1, 0),
+            (0, 1, 0),
+            (0, 0, 1),
+            (1, 0, 1),
+            (1, 1, 1),
+            (0, 1, 1),
+        ] {
+            let at = |low: f64, size: f64, d: i32| low + size * f64::from(d);
+            writeln!(text, "v {} {} {}", at(x, a, dx), at(y, b, dy), at(z, c, dz)).expect("a string");
+        }
+        writeln!(text, "o {name}").expect("a string");
+        for face in [[5, 6, 7, 8], [1, 2, 6, 5], [2, 3, 7, 6], [3, 4, 8, 7], [4, 1, 5, 8]] {
+            let [p, q, r, s] = face.map(|corner| corner - 1 + first);
+            writeln!(text, "f {p} {q} {r} {s}").expect("a string");
+        }
+        first += 8;
+    }
+    text
+}
+
+#[test]
+fn a_tolerance_holds_against_rays_and_a_coarse_hemicube_misses_it() {
+    let place = Place::new();
+    place.write("room.obj", furnished());
+    place.write(
+        "seats.txt",
+        "1.0 0.5 1.1\n3.1 2.4 1.1\n5.2 4.4 0.3\n4.7 1.9 2.7\n2.6 0.4 0.4\n",
+    );
+    for body in ["sphere", "person", "cylinder", "cube"] {
+        let line = format!("points room.obj --points seats.txt --as {body} --up z --split 2 --verify 5 --json");
+        let fine = place.line(&format!("{line} --tolerance 0.2%")).is(0).json();
+        let coarse = place.line(&format!("{line} --resolution 16")).is(0).json();
+        let of = |report: &Value, key: &str| number(&report["verified"][key]);
+        assert_eq!(number(&fine["unsettled"]), 0.0);
+        assert!(of(&fine, "error") <= 0.002 + of(&fine, "noise"), "{body}: {fine}");
+        assert!(of(&fine, "noise") < 1e-3, "{body}: {fine}");
+        assert!(
+            of(&coarse, "error") > 0.005,
+            "rays find a coarse hemicube's error: {body} {coarse}"
+        );
+    }
+    // A tolerance that the finest hemicubes cannot keep is said not to be kept.
+    let missed = place
+        .line("points room.obj --points seats.txt --up z --tolerance 0.001%")
+        .is(1);
+    missed.says(&["still changed by more than"]);
+}
+
+#[test]
+fn reference_rays_find_solid_angles() {
+    let scene = hemicube_scene::obj::read(room([5.0, 4.0, 3.0], &[]).as_bytes(), None, Default::default());
+    let model = hemicube_tests::scenes::model(scene.expect("a room"), Subdivision::None);
+    let horizon = Horizon::new(Axis::Z, 0.0);
+    let reference = PointReference::new(&model, horizon, 1e-7).expect("a reference");
+    let point = [1.2, 3.3, 1.1];
+    let sensor = Sensor {
+        position: DVec3::from_array(point),
+        body: Body::Sphere,
+    };
+    let rows = reference
+        .rows(&[sensor], 0, &mut |_| true)
+        .expect("rows")
+        .expect("not told to stop");
+    let row = &rows[0].row;
+    // Triangles of a side are neighbours, in the file's order of sides.
+    for (side, (name, h, u, v)) in (0u32..).zip(sides_of([5.0, 4.0, 3.0], point)) {
+        let of_side = row.patches.iter().filter(|(patch, _)| patch.0 / 2 == side);
+        let found: f64 = of_side.map(|(_, factor)| factor).sum();
+        let exact = rectangle(solid(h), u, v) / (4.0 * PI);
+        assert!((found - exact).abs() < 3e-5, "{name}: {found} {exact}");
+    }
+}
+
+#[test]
+fn rows_are_the_same_bits_whatever_the_threads_and_the_other_points() {
+    let place = Place::new();
+    place.write("room.obj", furnished());
+    place.write(
+        "seats.txt",
+        "1.0 0.5 1.1\n3.1 2.4 1.1\n5.2 4.4 0.3\n4.7 1.9 2.7\n2.6 0.4 0.4\n",
+    );
+    place.write("one.txt", "5.2 4.4 0.3\n");
+    for body in ["sphere", "person"] {
+        let line = format!("points room.obj --as {body} --up z --split 3 --tolerance 0.5% --no-progress");
+        let bytes = |name: &str, line: &str| {
+            place.line(line).is(0);
+            std::fs::read(place.path(name)).expect("a file")
+        };
+        for name in ["csv", "npz", "json"] {
+            let of = |threads: u32| {
+                let file = format!("t{threads}.{name}");
+                bytes(
+                    &file,
+                    &format!("{line} --points seats.txt --threads {threads} -o {file} --overwrite"),
+                )
+            };
+            assert!(of(1) == of(2) && of(1) == of(5), "{body} {name}");
+        }
+        let line = line.trim_start_matches("points ");
+        let all = rows(&place, &format!("{line} --points seats.txt"));
+        let one = rows(&place, &format!("{line} --points one.txt"));
+        for key in ["view_factors", "sky", "ground", "blocked", "change"] {
+            assert_eq!(all[2][key], one[0][key], "{body} {key}");
+        }
+    }
+}
+
+/// A case of the field; `None` after a loud skip.
+fn case(name: &str) -> Option<std::path::PathBuf> {
+    let path = scenes_or_skip("points")?.join("../cases/sensor-points").join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    hemicube_tests::scenes::skip(
+        "points",
+        &format!("no ../shared/cases/sensor-points/{name}"),
+        "HEMICUBE_REQUIRE_CASES",
+    );
+    None
+}
+
+#[test]
+fn the_cases_of_the_field_are_read_and_solids_are_named() {
+    let (Some(scene), Some(points)) = (case("two.obj"), case("pts.txt")) else {
+        return;
+    };
+    let (Some(spherical), Some(header)) = (case("spherical.txt"), case("header.csv")) else {
+        return;
+    };
+    let place = Place::new();
+    let line = |points: &std::path::Path| format!("{} --points {} --up z", scene.display(), points.display());
+    let ran = place.line(&format!("points {} -o rows.csv", line(&points))).is(0);
+    // Between the blocks lies the open street.
+    ran.says(&["in solids", "below the ground"]);
+    let found = rows(&place, &line(&points));
+    let places: Vec<&str> = found
+        .iter()
+        .map(|row| row["place"].as_str().expect("a place"))
+        .collect();
+    assert_eq!(places, ["open", "in-solid", "open", "below-ground", "open", "in-solid"]);
+    found.iter().for_each(sums_to_one);
+    // On the roof the whole sky; in the street what the blocks leave of it, whichever way it is read.
+    assert!(number(&found[2]["sky"]) > 0.999);
+    let street = &rows(&place, &line(&header))[0];
+    assert_eq!(street["view_factors"], found[0]["view_factors"]);
+    let all_round = &rows(&place, &line(&spherical))[0];
+    sums_to_one(all_round);
+    // The ground fills the lower half but for the blocks, and the rim beyond its edge.
+    assert!(
+        number(&all_round["ground"]) < 0.02 && number(&all_round["sky"]) < 0.5,
+        "{all_round}"
+    );
+    assert!(number(&all_round["blocked"]) == 0.0);
+}
+
+fn says(place: &Place, line: &str, words: &[&str]) -> Ran {
+    place.line(&format!("points {line}")).is(2).says(words)
+}
+
+#[test]
+fn what_is_wrong_is_said_by_its_line_and_with_the_next_step() {
+    let place = Place::new();
+    place.write("room.obj", room([5.0, 4.0, 3.0], &[]));
+    place.write("mixed.txt", "1 1 1\n1 1 1 0 0 1\n");
+    place.write("flat.txt", "# a\n1 1 1 0 0 0\n");
+    place.write("word.csv", "x,y,z\n1,2,here\n");
+    place.write("half.csv", "x,y,z,nx\n1,2,1,0\n");
+    place.write("one.txt", "1 1 1\n");
+    place.write("empty.txt", "# nothing\n");
+    says(
+        &place,
+        "room.obj --up z --points mixed.txt",
+        &["mixed.txt:2: ", "6 numbers"],
+    );
+    says(
+        &place,
+        "room.obj --up z --points flat.txt",
+        &["flat.txt:2: ", "no length"],
+    );
+    says(
+        &place,
+        "room.obj --up z --points word.csv",
+        &["word.csv:2: ", "`here` is no finite number"],
+    );
+    says(
+        &place,
+        "room.obj --up z --points half.csv",
+        &["half.csv:1: ", "no column `ny`"],
+    );
+    says(&place, "room.obj --up z --points empty.txt", &["holds no line"]);
+    says(
+        &place,
+        "room.obj --up z --points one.txt --as plane",
+        &["direction of each point", "--as sphere"],
+    );
+    says(
+        &place,
+        "room.obj --up z --points one.txt -o a.png",
+        &["a picture is of a grid"],
+    );
+    says(&place, "room.obj --up z --points one.txt -o a.txt", &["ends in .csv"]);
+    says(
+        &place,
+        "room.obj --up z --points one.txt --grid 1",
+        &["cannot be used with"],
+    );
+    says(&place, "room.obj --up z", &["required"]);
+    says(&place, "room.obj --up z --grid 1", &["neither a height nor surfaces"]);
+    says(&place, "room.obj --up z --grid 1e-5 --height 1", &["larger step"]);
+    says(
+        &place,
+        "room.obj --up z --grid 1 --on roof",
+        &["`--on roof` matches no object", "`floor`"],
+    );
+    says(&place, "room.obj --up z --grid 1 --on *", &["look to all sides"]);
+    says(
+        &place,
+        "room.obj --up z --grid 1 --height -1",
+        &["has a point in the open"],
+    );
+    says(
+        &place,
+        "room.obj --up z --grid 1 --height 1 -o a.png --column roof",
+        &["--column roof"],
+    );
+    says(
+        &place,
+        "room.obj --up z --grid 1 --height 1 -o a.png --column mrt",
+        &["--solution"],
+    );
+}
+
+#[test]
+fn a_grid_above_the_ground_leaves_out_what_is_in_solids_and_is_a_picture() {
+    let place = Place::new();
+    place.write("room.obj", furnished());
+    let line = "points room.obj --up z --grid 0.5 --height 0.5 -o g.npz -o g.png -o g.csv --json";
+    let report = place.line(line).is(0).json();
+    // 12 × 10 cells over the floor; the middles of 3 × 1 lie in the desk, and of 1 × 2 in the shelf.
+    let text = std::fs::read_to_string(place.path("g.csv")).expect("rows");
+    assert_eq!(number(&report["points"]) + number(&report["left_out"]), 120.0);
+    assert_eq!(text.lines().count() as f64, number(&report["points"]) + 1.0);
+    let solid = |x: f64, y: f64| {
+        (2.0..3.5).contains(&x) && (1.0..1.7).contains(&y) || (4.0..4.4).contains(&x) && (3.5..4.7).contains(&y)
+    };
+    let expected = (0..120).filter(|cell| {
+        let (x, y) = (f64::from(cell % 12) * 0.5 + 0.25, f64::from(cell / 12) * 0.5 + 0.25);
+        solid(x, y)
+    });
+    assert_eq!(number(&report["left_out"]), expected.count() as f64);
+    for row in text.lines().skip(1) {
+        let fields: Vec<&str> = row.split(',').collect();
+        let at = |field: usize| fields[field].parse::<f64>().expect("a number");
+        assert!((at(3) - 0.5).abs() < 1e-12 && !solid(at(1), at(2)), "{row}");
+    }
+    let decoder = png::Decoder::new(std::io::BufReader::new(
+        std::fs::File::open(place.path("g.png")).expect("a file"),
+    ));
+    let picture = decoder.read_info().expect("a picture");
+    assert!(picture.info().width >= 900 && picture.info().height > 750);
+}
+
+#[test]
+fn a_grid_on_surfaces_stands_off_them_along_their_normals() {
+    let place = Place::new();
+    place.write("room.obj", room([5.0, 4.0, 3.0], &[]));
+    for (name, fixed, at) in [("floor", 2, 0.0), ("east", 0, 5.0), ("ceiling", 2, 3.0)] {
+        let rows = rows(&place, &format!("room.obj --up z --grid 0.5 --on {name} --offset 0.01"));
+        let cells = if fixed == 2 { 80 } else { 48 };
+        assert_eq!(rows.len(), cells, "{name}");
+        for row in &rows {
+            sums_to_one(row);
+            let p: Vec<f64> = row["position"]
+                .as_array()
+                .expect("a position")
+                .iter()
+                .map(number)
+                .collect();
+            assert!((p[fixed] - at).abs() - 0.01 < 1e-12, "{name} {row}");
+            assert!(row["view_factors"].get(name).is_none(), "it does not see itself");
+        }
+    }
+}
+
+#[test]
+fn one_point_of_a_city_takes_a_tenth_of_a_second_and_a_grid_of_it_is_kept_by_rays() {
+    let Some(folder) = scenes_or_skip("one_point_of_a_city") else {
+        return;
+    };
+    let scene = folder.join("city/denhaag-8897.obj");
+    let place = Place::new();
+    let model = read(&folder, "city/denhaag-8897.obj").expect("a city");
+    let corners = || model.triangles.iter().flat_map(|triangle| triangle.corners);
+    let (low, high) = (
+        corners().fold(DVec3::INFINITY, DVec3::min),
+        corners().fold(DVec3::NEG_INFINITY, DVec3::max),
+    );
+    let middle = 0.5 * (low + high);
+    place.write("point.txt", format!("{} {} {}\n", middle.x, middle.y, high.z));
+    let ran = place.line(&format!(
+        "points {} --up z --split 2 --points point.txt --tolerance 1% --threads 1 -o one.npz -o one.csv --verify 1 --json",
+        scene.display()
+    ));
+    let report = ran.is(0).json();
+    let of = |key: &str| number(&report["verified"][key]);
+    assert!(of("error") <= 0.01 + of("noise"), "{report}");
+    let bytes = |name: &str| std::fs::metadata(place.path(name)).expect("a file").len();
+    assert!(bytes("one.npz") < 1_000_000 && bytes("one.csv") < 1_000_000);
+}
