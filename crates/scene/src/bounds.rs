@@ -16,7 +16,7 @@
 use crate::{Error, ErrorKind, ReadOptions};
 
 /// Triangles allowed to any file.
-#[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson"))]
+#[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson", feature = "abaqus"))]
 const TRIANGLES: u64 = 1_000_000;
 /// Bytes from compressed ones allowed to any file.
 #[cfg(feature = "vtk")]
@@ -61,7 +61,7 @@ impl Bounds {
     }
 
     /// Refuses more triangles than a file of this size, with `others` bytes beside it, may become.
-    #[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson"))]
+    #[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson", feature = "abaqus"))]
     pub(crate) fn triangles(&self, count: u64, others: u64) -> Result<(), Error> {
         let bytes = self.bytes.saturating_add(others);
         let most = TRIANGLES.max(bytes);

@@ -6,6 +6,8 @@
 //! No tobj for geometry, no gltf crate, no stl_io, because they refuse or misread files that people have; the heads of
 //! the modules give the cases. tobj reads material libraries.
 
+#[cfg(feature = "abaqus")]
+pub mod abaqus;
 #[cfg(feature = "ac3d")]
 pub mod ac3d;
 #[cfg(feature = "cityjson")]
@@ -109,6 +111,8 @@ formats! {
     Gmsh, "Gmsh", ["msh"], "gmsh", gmsh;
     /// VTK, `.vtu`, `.vtp` or `.vtk`.
     Vtk, "VTK", ["vtu", "vtp", "vtk"], "vtk", vtk;
+    /// Abaqus and CalculiX, `.inp`.
+    Abaqus, "Abaqus, CalculiX", ["inp"], "abaqus", abaqus;
 }
 
 impl Format {
