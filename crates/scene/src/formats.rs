@@ -12,6 +12,10 @@ pub mod abaqus;
 pub mod ac3d;
 #[cfg(feature = "cityjson")]
 pub mod cityjson;
+#[cfg(feature = "energyplus")]
+pub mod energyplus;
+#[cfg(feature = "gbxml")]
+pub mod gbxml;
 #[cfg(feature = "gltf")]
 pub mod gltf;
 #[cfg(feature = "gmsh")]
@@ -113,6 +117,10 @@ formats! {
     Vtk, "VTK", ["vtu", "vtp", "vtk"], "vtk", vtk;
     /// Abaqus and CalculiX, `.inp`.
     Abaqus, "Abaqus, CalculiX", ["inp"], "abaqus", abaqus;
+    /// EnergyPlus, `.idf` or `.epJSON`.
+    EnergyPlus, "EnergyPlus", ["idf", "epjson"], "energyplus", energyplus;
+    /// Green Building XML, `.gbxml` or `.xml`.
+    GbXml, "gbXML", ["gbxml", "xml"], "gbxml", gbxml;
 }
 
 impl Format {

@@ -162,6 +162,9 @@ impl Mesh {
         let is_surface = |cell: &Cell| cell.shape == Shape::Polygon;
         let surfaces = self.cells.iter().filter(|cell| is_surface(cell)).count();
         if surfaces > 0 {
+            let corners = (0..self.cells.len()).filter(|&cell| is_surface(&self.cells[cell]));
+            let corners = corners.map(|cell| self.corners(cell).len().saturating_sub(2));
+            faces.triangles.reserve_exact(corners.sum());
             let volumes = (self.cells.len() - surfaces) as u64;
             faces
                 .findings
@@ -176,6 +179,7 @@ impl Mesh {
             }
         } else if !self.cells.is_empty() {
             let boundary = self.boundary();
+            faces.triangles.reserve(boundary.len());
             faces.findings.warnings.push(format!(
                 "there are no surface cells: {} faces that belong to one volume cell only are taken, and face out of \
                  it; turn them round (`--flip all`) if what radiates surrounds the volume that is meshed",
@@ -196,6 +200,7 @@ impl Mesh {
     #[cfg(feature = "abaqus")]
     pub(crate) fn scene_of(mut self, sides: &[Side], bounds: Bounds) -> Result<Scene, Error> {
         let mut faces = Faces::new(bounds, std::mem::take(&mut self.findings));
+        faces.triangles.reserve(sides.len());
         for (face, side) in (0..).zip(sides) {
             let cell = side.cell as usize;
             let mut corners = match self.cells[cell].shape {

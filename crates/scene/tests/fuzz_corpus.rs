@@ -7,10 +7,12 @@
     feature = "ac3d",
     feature = "gmsh",
     feature = "vtk",
-    feature = "abaqus"
+    feature = "abaqus",
+    feature = "energyplus",
+    feature = "gbxml"
 ))]
 
-use hemicube_scene::{Error, ReadOptions, Scene, abaqus, ac3d, gltf, gmsh, obj, vtk};
+use hemicube_scene::{Error, ReadOptions, Scene, abaqus, ac3d, energyplus, gbxml, gltf, gmsh, obj, vtk};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -114,6 +116,16 @@ fn vtk_corpus() {
 #[test]
 fn abaqus_corpus() {
     replay_corpus("abaqus", abaqus::read, [16, 21, 40]);
+}
+
+#[test]
+fn energyplus_corpus() {
+    replay_corpus("energyplus", energyplus::read, [17, 28, 45]);
+}
+
+#[test]
+fn gbxml_corpus() {
+    replay_corpus("gbxml", gbxml::read, [13, 15, 30]);
 }
 
 #[test]

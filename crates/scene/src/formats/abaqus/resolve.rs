@@ -37,11 +37,13 @@ pub(super) fn scene(mut model: Model, bounds: Bounds) -> Result<Scene, Error> {
     if resolver.model.sides.is_empty() {
         let objects = resolver.objects()?;
         resolver.cells(&objects, &materials)?;
+        drop(resolver.model);
         return resolver.mesh.scene(resolver.bounds);
     }
     let cells = resolver.cell_count()?;
     resolver.cells(&vec![0; cells], &materials)?;
     let sides = resolver.sides()?;
+    drop(resolver.model);
     resolver.mesh.scene_of(&sides, resolver.bounds)
 }
 
