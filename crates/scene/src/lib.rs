@@ -14,6 +14,8 @@ mod bounds;
 #[cfg(feature = "_meshes")]
 mod cursor;
 mod error;
+#[cfg(feature = "_polygons")]
+pub mod faces;
 mod formats;
 #[cfg(feature = "generate")]
 pub mod generate;

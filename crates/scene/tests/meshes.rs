@@ -538,11 +538,23 @@ fn mutants_of_gbxml() {
 fn large_files() -> Vec<(&'static str, Read, String)> {
     use std::fmt::Write as _;
     let n = 150_u32;
-    let [mut inp, mut idf, mut json, mut xml] = [(); 4].map(|()| String::new());
+    let [mut inp, mut idf, mut json, mut xml, mut msh, mut vtk, mut names] = [(); 7].map(|()| String::new());
     inp += "*NODE\n";
+    write!(msh, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{}\n", n * n).unwrap();
+    let cells = (n - 1) * (n - 1);
+    write!(
+        vtk,
+        "# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS {} float\n",
+        n * n
+    )
+    .unwrap();
     for at in 0..n * n {
         writeln!(inp, "{},{},{},0", at + 1, at % n, at / n).unwrap();
+        writeln!(msh, "{} {} {} 0", at + 1, at % n, at / n).unwrap();
+        writeln!(vtk, "{} {} 0", at % n, at / n).unwrap();
     }
+    write!(msh, "$EndNodes\n$Elements\n{cells}\n").unwrap();
+    writeln!(vtk, "POLYGONS {cells} {}", 5 * cells).unwrap();
     inp += "*ELEMENT,TYPE=S4,ELSET=a\n";
     idf += "GlobalGeometryRules,,Counterclockwise,World;\nZone,z;\n";
     json += "{\"Zone\":{\"z\":{}},\"BuildingSurface:Detailed\":{";
@@ -552,7 +564,11 @@ fn large_files() -> Vec<(&'static str, Read, String)> {
         if x + 1 == n {
             continue;
         }
+        writeln!(vtk, "4 {at} {} {} {}", at + 1, at + n + 1, at + n).unwrap();
         let at = at + 1;
+        // A surface of its own, and a name of its own.
+        writeln!(msh, "{at} 3 2 0 {at} {at} {} {} {}", at + 1, at + n + 1, at + n).unwrap();
+        writeln!(names, "{at:x}").unwrap();
         writeln!(inp, "{at},{at},{},{},{}", at + 1, at + n + 1, at + n).unwrap();
         let corners = [(x, y), (x, y + 1), (x + 1, y + 1), (x + 1, y)];
         write!(idf, "Wall:Detailed,{at},,z,,,,,,,").unwrap();
@@ -576,6 +592,8 @@ fn large_files() -> Vec<(&'static str, Read, String)> {
         json += "]}";
         xml += "</PolyLoop></PlanarGeometry></Surface>\n";
     }
+    msh += "$EndElements\n";
+    write!(vtk, "CELL_DATA {cells}\nFIELD f 1\nzone 1 {cells} string\n{names}").unwrap();
     json += "}}";
     xml += "</Campus></gbXML>";
     vec![
@@ -583,6 +601,8 @@ fn large_files() -> Vec<(&'static str, Read, String)> {
         ("idf", energyplus::read, idf),
         ("epJSON", energyplus::read, json),
         ("gbxml", gbxml::read, xml),
+        ("msh", gmsh::read, msh),
+        ("vtk", vtk::read, vtk),
     ]
 }
 
@@ -594,6 +614,7 @@ fn large_files_take_no_more_than_ten_times_their_size() {
         MOST.store(before, Ordering::Relaxed);
         let scene = read(text.as_bytes(), None, ReadOptions::default()).unwrap();
         let taken = MOST.load(Ordering::Relaxed) - before;
+        println!("{name}: {:.1}", taken as f64 / text.len() as f64);
         assert_eq!(scene.triangles.len(), 149 * 149 * 2, "{name}");
         assert!(taken <= 10 * text.len(), "{name}: {taken} bytes of {}", text.len());
     }

@@ -17,6 +17,7 @@ from hemicube._errors import (
     MissingFileError,
     StoreError,
 )
+from hemicube._meshes import cell_data, from_meshio, from_pyvista, from_trimesh
 from hemicube._native import (
     STEFAN_BOLTZMANN,
     Matrix,
@@ -49,7 +50,11 @@ __all__ = [
     "StoreError",
     "Zones",
     "__version__",
+    "cell_data",
     "compute",
+    "from_meshio",
+    "from_pyvista",
+    "from_trimesh",
     "open",
     "sky",
     "sky_of_points",

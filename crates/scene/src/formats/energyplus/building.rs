@@ -81,7 +81,7 @@ impl Class {
                 Self::Refused,
             ),
         ];
-        let found = known.iter().find(|(names, _)| names.iter().any(|name| is(name)));
+        let found = known.iter().find(|(names, _)| names.iter().any(is));
         found.map(|&(_, class)| class)
     }
 }

@@ -45,7 +45,7 @@ struct Reader {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(untagged)]
 enum Number {
-    Number(f64),
+    Value(f64),
     Text(String),
     #[default]
     Nothing,
@@ -54,7 +54,7 @@ enum Number {
 impl Number {
     fn value(&self) -> Option<f64> {
         match self {
-            Self::Number(number) => Some(*number),
+            Self::Value(number) => Some(*number),
             Self::Text(text) => text.trim().parse().ok(),
             Self::Nothing => None,
         }

@@ -171,7 +171,7 @@ impl Object<'_> {
             line: Some(self.line),
         };
         let count = self.fields.len();
-        let fits = |&header: &usize| count >= header + 9 && (count - header) % 3 == 0;
+        let fits = |&header: &usize| count >= header + 9 && (count - header).is_multiple_of(3);
         let Some(header) = before.into_iter().find(fits) else {
             return Err(face.fail(&format!(
                 "has {count} fields, and after the first {} three for each of three corners or more are due",
