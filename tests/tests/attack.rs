@@ -416,6 +416,32 @@ fn a_scene_names_files_of_its_own_folder_only() {
             .line("compute scene/s.gltf -o m --overwrite --resolution 32 --two-sided on -q")
             .is(0);
     }
+    // Files that an input file of CalculiX includes.
+    let shell = "1,0,0,0\n2,4,0,0\n3,4,3,0\n";
+    write(&place, "outside.inp", shell);
+    write(&place, "scene/sub/nodes.inp", shell);
+    symlink(place.path("outside.inp"), place.path("scene/link.inp")).expect("a link");
+    let whole = place.path("outside.inp").display().to_string();
+    for (name, is_read) in [
+        (whole.as_str(), false),
+        ("../outside.inp", false),
+        ("..\\outside.inp", false),
+        ("link.inp", false),
+        ("sub/../../outside.inp", false),
+        ("sub/nodes.inp", true),
+        ("sub\\nodes.inp", true),
+    ] {
+        for include in ["*NODE\n*INCLUDE, INPUT=", "*NODE, INPUT="] {
+            let text = format!("{include}{name}\n*ELEMENT, TYPE=S3\n1, 1, 2, 3\n");
+            write(&place, "scene/s.inp", text);
+            let ran = at_once(&place, "inspect scene/s.inp");
+            if is_read {
+                ran.is(0);
+            } else {
+                ran.is(2).says(&["scene/s.inp:", "leads out of the scene's folder"]);
+            }
+        }
+    }
     // A library of materials is not worth an error: it is left out, and said.
     write(&place, "library.mtl", "newmtl a\nKd 0.25 0.25 0.25\n");
     for (name, is_read) in [("../library.mtl", false), ("own.mtl", true)] {
@@ -483,6 +509,8 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
         .is(2)
         .says(&["with holes has 60004 corners", "--allow-large"]);
 
+    copies_of_instances_and_windows(&place);
+
     place.line("generate room --patches 40 -o room.obj -q").is(0);
     let (over, finest) = (
         "`--memory` of 300 MB: `room.obj` would be",
@@ -534,6 +562,42 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
             "{COMPUTE} {named} --rows 0..16 --threads 1 --memory 100M -o n"
         ))
         .is(0);
+}
+
+/// Instances of a part, sets of sets, and windows that cross.
+fn copies_of_instances_and_windows(place: &Place) {
+    let mut text = "*PART, NAME=P\n*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n*ELEMENT, TYPE=S3\n".to_owned();
+    (1..=3000).for_each(|at| text += &format!("{at},1,2,3\n"));
+    text += "*END PART\n";
+    (0..1000).for_each(|at| text += &format!("*INSTANCE,NAME={at},PART=P\n*END INSTANCE\n"));
+    write(place, "copies.inp", text);
+    at_once(place, "inspect copies.inp")
+        .is(2)
+        .says(&["3000000 triangles", "may become 1000000"]);
+
+    let mut text = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n*ELEMENT, TYPE=S3\n".to_owned();
+    (1..=20_000).for_each(|at| text += &format!("{at},1,2,3\n"));
+    (0..20_000).for_each(|at| text += &format!("*ELSET, ELSET=s{at}, GENERATE\n1,19999\n"));
+    write(place, "sets.inp", text);
+    let ran = at_once(place, "inspect sets.inp");
+    assert!(
+        ran.code == Some(0) || ran.err.contains("take too long to be resolved"),
+        "{}",
+        ran.err
+    );
+
+    let mut text = "GlobalGeometryRules,, Counterclockwise, World;\nZone, z;\n\
+        Wall:Detailed, w, , z, , , , , , , , 0,0,0, 9999,0,0, 9999,0,9999, 0,0,9999;\n"
+        .to_owned();
+    for k in 0..4000_usize {
+        let (x, y) = (k * 7919 % 9900 + 1, k * 104_729 % 9900 + 1);
+        let (right, top) = (x + 90, y + 90);
+        text += &format!("FenestrationSurface:Detailed, {k}, , , w, , , , , , ");
+        text += &format!("{x},0,{y}, {right},0,{y}, {right},0,{top}, {x},0,{top};\n");
+    }
+    write(place, "windows.idf", text);
+    let ran = at_once(place, "inspect windows.idf");
+    assert!(ran.code == Some(0) || ran.err.contains("--allow-large"), "{}", ran.err);
 }
 
 #[test]

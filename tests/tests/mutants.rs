@@ -5,7 +5,10 @@
 //! A short run each time; `cargo test --release -p hemicube-tests --test mutants -- --ignored` is the long one.
 
 use hemicube_scene::repair::{RepairOptions, repair};
-use hemicube_scene::{Error, Patches, ReadOptions, Scene, Subdivision, ac3d, cityjson, gltf, obj, ply, stl, vs3};
+use hemicube_scene::{
+    Error, Patches, ReadOptions, Scene, Subdivision, abaqus, ac3d, cityjson, energyplus, gbxml, gltf, gmsh, obj, ply,
+    stl, vs3, vtk,
+};
 use hemicube_tests::random::Random;
 use hemicube_tests::scenes::workspace;
 use std::path::{Path, PathBuf};
@@ -30,6 +33,11 @@ fn reader(path: &Path) -> Option<Read> {
         "stl" => stl::read,
         "vs3" => vs3::read,
         "json" | "jsonl" => cityjson::read,
+        "msh" => gmsh::read,
+        "vtu" | "vtp" | "vtk" => vtk::read,
+        "inp" => abaqus::read,
+        "idf" | "epJSON" => energyplus::read,
+        "gbxml" | "xml" => gbxml::read,
         _ => return None,
     })
 }

@@ -13,6 +13,7 @@ mod attended;
 mod compute;
 mod errors;
 mod export;
+mod faces;
 mod matrix;
 mod numbers;
 mod pickle;
@@ -45,6 +46,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(pickle::matrix_at, module)?)?;
     module.add_function(wrap_pyfunction!(pickle::matrix_of, module)?)?;
     module.add_function(wrap_pyfunction!(scene::scene_of, module)?)?;
+    module.add_function(wrap_pyfunction!(faces::triangles_of, module)?)?;
     module.add_function(wrap_pyfunction!(solve::solution_of, module)?)?;
     Ok(())
 }

@@ -86,8 +86,8 @@ pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
 ///
 /// Triangles are cut by at most one of: `subdivide` (halve all edges so many times), `split` (each edge in so many
 /// pieces), `patch_size` (until no edge is longer). Triangles without area, with coordinates that are not finite, or
-/// that lie exactly on others (unless `keep_duplicates`) are dropped with a warning; `face` says which triangle each
-/// patch is of.
+/// that lie exactly on others (unless `keep_duplicates`) are dropped with a warning; the property `face` says which
+/// triangle each patch is of, or which face, where `face` gives the triangles of a polygon one number.
 #[pyclass(frozen, module = "hemicube")]
 #[derive(Debug)]
 pub(crate) struct Scene {
@@ -188,12 +188,27 @@ fn named(ids: &[i64], names: Option<Vec<String>>, what: &str) -> PyResult<(Vec<u
     Ok((ids, names))
 }
 
+/// The face of each triangle: its place, or as given, which must not fall.
+fn faces(given: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<Vec<u32>> {
+    let Some(given) = given else {
+        return Ok((0..).take(count).collect());
+    };
+    let ids = numbers::ids(given, "face", count)?;
+    let faces: Option<Vec<u32>> = ids
+        .iter()
+        .map(|&id| u32::try_from(id).ok().filter(|&id| id < u32::MAX))
+        .collect();
+    faces
+        .filter(|faces| faces.is_sorted())
+        .ok_or_else(|| errors::input("`face` must be from 0 on, and rise from triangle to triangle or stay"))
+}
+
 #[pymethods]
 impl Scene {
     #[new]
     #[pyo3(signature = (
-        vertices, triangles, *, object=None, material=None, objects=None, materials=None, two_sided=None, flip=None,
-        up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false
+        vertices, triangles, *, object=None, material=None, face=None, objects=None, materials=None, two_sided=None,
+        flip=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false
     ))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn new(
@@ -202,6 +217,7 @@ impl Scene {
         triangles: &Bound<'_, PyAny>,
         object: Option<&Bound<'_, PyAny>>,
         material: Option<&Bound<'_, PyAny>>,
+        face: Option<&Bound<'_, PyAny>>,
         objects: Option<Vec<String>>,
         materials: Option<Vec<String>>,
         two_sided: Option<&Bound<'_, PyAny>>,
@@ -243,6 +259,7 @@ impl Scene {
             unnamed(materials, material.is_some()),
             "material",
         )?;
+        let faces = faces(face, count)?;
         let two_sided = match two_sided {
             Some(given) => numbers::flags(given, "two_sided", count)?,
             None => vec![false; count],
@@ -258,24 +275,23 @@ impl Scene {
                 .collect(),
             ..Triangles::default()
         };
-        for (face, corners) in (0..).zip(&triangles) {
+        for (place, corners) in triangles.iter().enumerate() {
             let mut points = [DVec3::ZERO; 3];
             for (point, &index) in points.iter_mut().zip(corners) {
                 let vertex = usize::try_from(index).ok().and_then(|index| vertices.get(index));
                 let Some(vertex) = vertex else {
                     return Err(errors::input(format!(
-                        "triangle {face} has the vertex {index}, and there are {}, from 0 on",
+                        "triangle {place} has the vertex {index}, and there are {}, from 0 on",
                         vertices.len()
                     )));
                 };
                 *point = DVec3::from_array(*vertex);
             }
-            let place = face as usize;
             scene.triangles.push(Triangle {
                 corners: points,
                 object: object_ids[place],
                 material: material_ids[place],
-                face,
+                face: faces[place],
                 two_sided: two_sided[place],
             });
         }

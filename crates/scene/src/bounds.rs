@@ -16,7 +16,13 @@
 use crate::{Error, ErrorKind, ReadOptions};
 
 /// Triangles allowed to any file.
-#[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson"))]
+#[cfg(any(
+    feature = "gltf",
+    feature = "vs3",
+    feature = "cityjson",
+    feature = "abaqus",
+    feature = "_buildings"
+))]
 const TRIANGLES: u64 = 1_000_000;
 /// Bytes from compressed ones allowed to any file.
 #[cfg(feature = "vtk")]
@@ -28,7 +34,7 @@ const INFLATED_A_BYTE: u64 = 10;
 #[cfg(feature = "_polygons")]
 const CORNERS_MAX: usize = 1 << 16;
 /// Corners of a polygon with holes: from here on, crossing holes take minutes.
-#[cfg(feature = "cityjson")]
+#[cfg(any(feature = "cityjson", feature = "_buildings"))]
 const HOLED_CORNERS_MAX: usize = 1 << 14;
 /// Steps of cutting allowed to any file: half a minute at most.
 #[cfg(any(feature = "_polygons", feature = "vs3"))]
@@ -61,7 +67,13 @@ impl Bounds {
     }
 
     /// Refuses more triangles than a file of this size, with `others` bytes beside it, may become.
-    #[cfg(any(feature = "gltf", feature = "vs3", feature = "cityjson"))]
+    #[cfg(any(
+        feature = "gltf",
+        feature = "vs3",
+        feature = "cityjson",
+        feature = "abaqus",
+        feature = "_buildings"
+    ))]
     pub(crate) fn triangles(&self, count: u64, others: u64) -> Result<(), Error> {
         let bytes = self.bytes.saturating_add(others);
         let most = TRIANGLES.max(bytes);
@@ -100,7 +112,7 @@ impl Bounds {
     }
 
     /// Likewise for a polygon with holes, whose corners count, too.
-    #[cfg(feature = "cityjson")]
+    #[cfg(any(feature = "cityjson", feature = "_buildings"))]
     pub(crate) fn polygon_with_holes(&mut self, corners: usize, holes: usize) -> Result<(), Error> {
         if holes == 0 {
             return self.polygon(corners);

@@ -6,10 +6,16 @@
 //! No tobj for geometry, no gltf crate, no stl_io, because they refuse or misread files that people have; the heads of
 //! the modules give the cases. tobj reads material libraries.
 
+#[cfg(feature = "abaqus")]
+pub mod abaqus;
 #[cfg(feature = "ac3d")]
 pub mod ac3d;
 #[cfg(feature = "cityjson")]
 pub mod cityjson;
+#[cfg(feature = "energyplus")]
+pub mod energyplus;
+#[cfg(feature = "gbxml")]
+pub mod gbxml;
 #[cfg(feature = "gltf")]
 pub mod gltf;
 #[cfg(feature = "gmsh")]
@@ -109,6 +115,12 @@ formats! {
     Gmsh, "Gmsh", ["msh"], "gmsh", gmsh;
     /// VTK, `.vtu`, `.vtp` or `.vtk`.
     Vtk, "VTK", ["vtu", "vtp", "vtk"], "vtk", vtk;
+    /// Abaqus and CalculiX, `.inp`.
+    Abaqus, "Abaqus, CalculiX", ["inp"], "abaqus", abaqus;
+    /// EnergyPlus, `.idf` or `.epJSON`.
+    EnergyPlus, "EnergyPlus", ["idf", "epjson"], "energyplus", energyplus;
+    /// Green Building XML, `.gbxml` or `.xml`.
+    GbXml, "gbXML", ["gbxml", "xml"], "gbxml", gbxml;
 }
 
 impl Format {

@@ -1,5 +1,5 @@
 //! Scenes for form-factor computation: triangles in f64 with the names of their objects and materials and their sides,
-//! read from OBJ, glTF, AC3D, STL, PLY, View3D, CityJSON and meshes, repaired by documented rules, and cut into patches.
+//! read from OBJ, glTF, AC3D, STL, PLY, View3D, CityJSON, EnergyPlus, gbXML and meshes, repaired by documented rules, and cut into patches.
 //!
 //! ```
 //! use hemicube_scene::{Patches, Subdivision, generate};
@@ -14,6 +14,8 @@ mod bounds;
 #[cfg(feature = "_meshes")]
 mod cursor;
 mod error;
+#[cfg(feature = "_polygons")]
+pub mod faces;
 mod formats;
 #[cfg(feature = "generate")]
 pub mod generate;
@@ -24,9 +26,12 @@ mod mesh;
     feature = "stl",
     feature = "vs3",
     feature = "cityjson",
+    feature = "_buildings",
     feature = "_meshes"
 ))]
 mod names;
+#[cfg(any(feature = "vs3", feature = "_buildings"))]
+mod openings;
 mod patch;
 #[cfg(feature = "_polygons")]
 mod polygon;

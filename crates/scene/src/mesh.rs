@@ -111,7 +111,7 @@ impl Mesh {
     }
 
     /// The sides of volume cells that no second cell has, as cells and sides in their order.
-    fn boundary(&self) -> Vec<(usize, usize)> {
+    pub(crate) fn boundary(&self) -> Vec<(usize, usize)> {
         let mut sides = Vec::new();
         for (number, cell) in self.cells.iter().enumerate() {
             let corners = self.corners(number);
@@ -144,38 +144,43 @@ impl Mesh {
         alone
     }
 
+    /// Number of cells.
+    #[cfg(feature = "abaqus")]
+    pub(crate) fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// The shape of a cell.
+    #[cfg(feature = "abaqus")]
+    pub(crate) fn shape(&self, cell: usize) -> Option<Shape> {
+        self.cells.get(cell).map(|cell| cell.shape)
+    }
+
     /// The scene of the surface cells, or of the boundary of the volume cells.
-    pub(crate) fn scene(mut self, mut bounds: Bounds) -> Result<Scene, Error> {
-        let mut triangles = Vec::new();
-        let mut findings = std::mem::take(&mut self.findings);
+    pub(crate) fn scene(mut self, bounds: Bounds) -> Result<Scene, Error> {
+        let mut faces = Faces::new(bounds, std::mem::take(&mut self.findings));
         let is_surface = |cell: &Cell| cell.shape == Shape::Polygon;
         let surfaces = self.cells.iter().filter(|cell| is_surface(cell)).count();
-        let mut cut = Vec::new();
-        let mut add = |corners: &[DVec3], labels: Labels, findings: &mut Findings, out: &mut Vec<Triangle>| {
-            bounds.polygon(corners.len())?;
-            cut.clear();
-            match triangulate(corners, &mut cut) {
-                Triangulation::Done => {}
-                Triangulation::TooFewCorners => findings.count("face with fewer than 3 corners"),
-                Triangulation::NoArea => findings.count("face without area"),
-            }
-            push_triangles(corners, &cut, labels, out);
-            Ok::<(), Error>(())
-        };
         if surfaces > 0 {
+            let corners = (0..self.cells.len()).filter(|&cell| is_surface(&self.cells[cell]));
+            let corners = corners.map(|cell| self.corners(cell).len().saturating_sub(2));
+            faces.triangles.reserve_exact(corners.sum());
             let volumes = (self.cells.len() - surfaces) as u64;
-            findings.count_many("volume cell beside surface cells, not used", volumes);
+            faces
+                .findings
+                .count_many("volume cell beside surface cells, not used", volumes);
             let mut corners = Vec::new();
             for (number, cell) in self.cells.iter().enumerate() {
                 if is_surface(cell) {
                     corners.clear();
                     corners.extend(self.corners(number).iter().map(|&corner| self.node(corner)));
-                    add(&corners, cell.labels, &mut findings, &mut triangles)?;
+                    faces.add(&corners, cell.labels)?;
                 }
             }
         } else if !self.cells.is_empty() {
             let boundary = self.boundary();
-            findings.warnings.push(format!(
+            faces.triangles.reserve(boundary.len());
+            faces.findings.warnings.push(format!(
                 "there are no surface cells: {} faces that belong to one volume cell only are taken, and face out of \
                  it; turn them round (`--flip all`) if what radiates surrounds the volume that is meshed",
                 boundary.len()
@@ -185,25 +190,91 @@ impl Mesh {
                     face,
                     ..self.cells[cell].labels
                 };
-                add(&self.side(cell, side), labels, &mut findings, &mut triangles)?;
+                faces.add(&self.side(cell, side), labels)?;
             }
         }
-        Ok(Scene {
-            triangles,
-            objects: self.objects.names,
-            materials: self
-                .materials
-                .names
-                .into_iter()
-                .map(|name| Material {
-                    name,
-                    ..Material::default()
-                })
-                .collect(),
+        Ok(faces.scene(self.objects, self.materials))
+    }
+
+    /// The scene of some sides of cells, numbered in the order given; the material is the cell's.
+    #[cfg(feature = "abaqus")]
+    pub(crate) fn scene_of(mut self, sides: &[Side], bounds: Bounds) -> Result<Scene, Error> {
+        let mut faces = Faces::new(bounds, std::mem::take(&mut self.findings));
+        faces.triangles.reserve(sides.len());
+        for (face, side) in (0..).zip(sides) {
+            let cell = side.cell as usize;
+            let mut corners = match self.cells[cell].shape {
+                Shape::Polygon => self.corners(cell).iter().map(|&corner| self.node(corner)).collect(),
+                _ => self.side(cell, usize::from(side.side)),
+            };
+            if self.cells[cell].shape == Shape::Polygon && side.side == 0 {
+                corners.reverse();
+            }
+            let material = self.cells[cell].labels.material;
+            faces.add(
+                &corners,
+                Labels {
+                    object: side.object,
+                    material,
+                    face,
+                },
+            )?;
+        }
+        Ok(faces.scene(self.objects, self.materials))
+    }
+}
+
+/// A side of a cell: of a volume cell by the order of [`Shape::sides`], of a surface cell 0 its back, 1 its front.
+#[cfg(feature = "abaqus")]
+pub(crate) struct Side {
+    pub(crate) cell: u32,
+    pub(crate) side: u8,
+    pub(crate) object: u32,
+}
+
+/// Faces of a mesh while they become triangles.
+struct Faces {
+    bounds: Bounds,
+    findings: Findings,
+    cut: Vec<[u32; 3]>,
+    triangles: Vec<Triangle>,
+}
+
+impl Faces {
+    fn new(bounds: Bounds, findings: Findings) -> Self {
+        Self {
+            bounds,
             findings,
+            cut: Vec::new(),
+            triangles: Vec::new(),
+        }
+    }
+
+    fn add(&mut self, corners: &[DVec3], labels: Labels) -> Result<(), Error> {
+        self.bounds.polygon(corners.len())?;
+        self.cut.clear();
+        match triangulate(corners, &mut self.cut) {
+            Triangulation::Done => {}
+            Triangulation::TooFewCorners => self.findings.count("face with fewer than 3 corners"),
+            Triangulation::NoArea => self.findings.count("face without area"),
+        }
+        push_triangles(corners, &self.cut, labels, &mut self.triangles);
+        Ok(())
+    }
+
+    fn scene(self, objects: Names, materials: Names) -> Scene {
+        let material = |name| Material {
+            name,
+            ..Material::default()
+        };
+        Scene {
+            triangles: self.triangles,
+            objects: objects.names,
+            materials: materials.names.into_iter().map(material).collect(),
+            findings: self.findings,
             up: None,
             metres_per_unit: None,
-        })
+        }
     }
 }
 
@@ -236,5 +307,13 @@ impl Tags {
                 Some(self.sorted[at].1)
             }
         }
+    }
+
+    /// The numbers from `first` to `last` with their places.
+    #[cfg(feature = "abaqus")]
+    pub(crate) fn within(&self, first: u64, last: u64) -> &[(u64, u32)] {
+        let begin = self.sorted.partition_point(|&(number, _)| number < first);
+        let end = self.sorted.partition_point(|&(number, _)| number <= last);
+        self.sorted.get(begin..end).unwrap_or_default()
     }
 }

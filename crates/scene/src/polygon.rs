@@ -78,7 +78,7 @@ pub(crate) fn triangulate(corners: &[DVec3], out: &mut Vec<[u32; 3]>) -> Triangu
 /// `holes` has the index of each hole's first corner. A hole may wind either way.
 ///
 /// A hole without area, or with a non-finite corner, is left out.
-#[cfg(feature = "cityjson")]
+#[cfg(any(feature = "cityjson", feature = "_buildings"))]
 pub(crate) fn triangulate_with_holes(corners: &[DVec3], holes: &[usize], out: &mut Vec<[u32; 3]>) -> Triangulation {
     let outline = &corners[..holes.first().copied().unwrap_or(corners.len())];
     let mut kept = distinct(outline);

@@ -2,7 +2,7 @@
 
 use std::fs::{File, FileType, Metadata};
 use std::io;
-#[cfg(any(feature = "obj", feature = "gltf"))]
+#[cfg(any(feature = "obj", feature = "gltf", feature = "abaqus"))]
 use std::path::Component;
 use std::path::Path;
 
@@ -64,7 +64,7 @@ pub fn read_regular_text(path: &Path) -> io::Result<String> {
 ///
 /// # Errors
 /// As [`open_regular`]; [`io::ErrorKind::PermissionDenied`] for a name that leads out of the folder.
-#[cfg(any(feature = "obj", feature = "gltf"))]
+#[cfg(any(feature = "obj", feature = "gltf", feature = "abaqus"))]
 pub(crate) fn open_beside(folder: &Path, name: &str) -> io::Result<File> {
     let folder = if folder.as_os_str().is_empty() {
         Path::new(".")
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    #[cfg(any(feature = "obj", feature = "gltf"))]
+    #[cfg(any(feature = "obj", feature = "gltf", feature = "abaqus"))]
     fn what_a_scene_names_lies_beside_it() {
         let place = tempfile::tempdir().expect("a folder");
         let folder = place.path().join("scene");

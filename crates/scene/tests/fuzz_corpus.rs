@@ -6,10 +6,13 @@
     feature = "gltf",
     feature = "ac3d",
     feature = "gmsh",
-    feature = "vtk"
+    feature = "vtk",
+    feature = "abaqus",
+    feature = "energyplus",
+    feature = "gbxml"
 ))]
 
-use hemicube_scene::{Error, ReadOptions, Scene, ac3d, gltf, gmsh, obj, vtk};
+use hemicube_scene::{Error, ReadOptions, Scene, abaqus, ac3d, energyplus, gbxml, gltf, gmsh, obj, vtk};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -108,6 +111,21 @@ fn gmsh_corpus() {
 #[test]
 fn vtk_corpus() {
     replay_corpus("vtk", vtk::read, [8, 20, 28]);
+}
+
+#[test]
+fn abaqus_corpus() {
+    replay_corpus("abaqus", abaqus::read, [16, 21, 40]);
+}
+
+#[test]
+fn energyplus_corpus() {
+    replay_corpus("energyplus", energyplus::read, [17, 28, 45]);
+}
+
+#[test]
+fn gbxml_corpus() {
+    replay_corpus("gbxml", gbxml::read, [13, 15, 30]);
 }
 
 #[test]

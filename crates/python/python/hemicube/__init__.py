@@ -17,6 +17,7 @@ from hemicube._errors import (
     MissingFileError,
     StoreError,
 )
+from hemicube._meshes import cell_data, from_meshio, from_pyvista, from_trimesh
 from hemicube._native import (
     STEFAN_BOLTZMANN,
     Matrix,
@@ -52,7 +53,11 @@ __all__ = [
     "StoreError",
     "Zones",
     "__version__",
+    "cell_data",
     "compute",
+    "from_meshio",
+    "from_pyvista",
+    "from_trimesh",
     "open",
     "points",
     "sky",

@@ -23,6 +23,7 @@ class Scene:
         *,
         object: ArrayLike | None = None,
         material: ArrayLike | None = None,
+        face: ArrayLike | None = None,
         objects: Sequence[str] | None = None,
         materials: Sequence[str] | None = None,
         two_sided: bool | ArrayLike | None = None,
@@ -318,3 +319,6 @@ def points(
     threads: int = 0,
     progress: Callable[[int, int], object] | None = None,
 ) -> Points: ...
+def _triangles_of(
+    points: ArrayLike, corners: ArrayLike, ends: ArrayLike
+) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]: ...

@@ -53,7 +53,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         size: 8,
         names: HashMap::new(),
         groups: HashMap::new(),
-        labels: HashMap::new(),
+        labels: None,
         tags: Vec::new(),
         places: Tags::default(),
         elements: 0,
@@ -80,8 +80,8 @@ struct Reader<'a> {
     names: HashMap<(i64, i64), String>,
     /// The first physical group of an entity, by dimension and number (version 4).
     groups: HashMap<(i64, i64), i64>,
-    /// Labels by dimension, physical group and entity.
-    labels: HashMap<(i64, i64, i64), Labels>,
+    /// The labels of the last element, by its dimension, physical group and entity.
+    labels: Option<((i64, i64, i64), Labels)>,
     /// The nodes' numbers.
     tags: Vec<u64>,
     places: Tags,
@@ -493,7 +493,7 @@ impl Reader<'_> {
 
     fn labels(&mut self, dimension: i64, group: i64, entity: i64) -> Result<Labels, Error> {
         let key = (dimension, group, if group == 0 { entity } else { 0 });
-        if let Some(&labels) = self.labels.get(&key) {
+        if let Some((_, labels)) = self.labels.filter(|(last, _)| *last == key) {
             return Ok(labels);
         }
         let (object, material) = match self.names.get(&(dimension, group)) {
@@ -507,7 +507,7 @@ impl Reader<'_> {
             material: self.mesh.materials.number(&material)?,
             face: 0,
         };
-        self.labels.insert(key, labels);
+        self.labels = Some((key, labels));
         Ok(labels)
     }
 }

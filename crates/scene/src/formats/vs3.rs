@@ -23,6 +23,7 @@
 
 use crate::bounds::Bounds;
 use crate::names::Names;
+use crate::openings::outside;
 use crate::{Error, Findings, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::collections::VecDeque;
@@ -363,64 +364,6 @@ fn sin_cos_degrees(degrees: f64) -> (f64, f64) {
         270.0 => (-1.0, 0.0),
         other => other.to_radians().sin_cos(),
     }
-}
-
-/// The part of a convex polygon outside another in its plane, in convex pieces: the lines of the other's edges cut it
-/// in turn, and the part beyond each line is a piece.
-fn outside(polygon: &[DVec3], hole: &[DVec3]) -> Vec<Vec<DVec3>> {
-    let Some(normal) = hole.first().map(|&a| {
-        let relative: Vec<DVec3> = hole.iter().map(|&p| p - a).collect();
-        relative
-            .windows(2)
-            .fold(DVec3::ZERO, |sum, edge| sum + edge[0].cross(edge[1]))
-    }) else {
-        return vec![polygon.to_vec()];
-    };
-    // Lengths below this are rounding.
-    let touch = 1e-12
-        * polygon
-            .iter()
-            .chain(hole)
-            .fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
-    let mut pieces = Vec::new();
-    let mut rest = polygon.to_vec();
-    for (at, &a) in hole.iter().enumerate() {
-        let b = hole[(at + 1) % hole.len()];
-        let Some(outward) = (b - a).cross(normal).try_normalize() else {
-            continue;
-        };
-        let side = |p: DVec3| (p - a).dot(outward);
-        let beyond = clip(&rest, side, touch);
-        if beyond.len() >= 3 {
-            pieces.push(beyond);
-        }
-        rest = clip(&rest, |p| -side(p), touch);
-        if rest.len() < 3 {
-            // The two do not overlap.
-            return vec![polygon.to_vec()];
-        }
-    }
-    pieces
-}
-
-/// The part of a convex polygon where `side` is above 0 (Sutherland & Hodgman 1974); nothing if it is no wider than
-/// `touch`.
-fn clip(polygon: &[DVec3], side: impl Fn(DVec3) -> f64, touch: f64) -> Vec<DVec3> {
-    if !polygon.iter().any(|&p| side(p) > touch) {
-        return Vec::new();
-    }
-    let mut kept = Vec::new();
-    for (at, &p) in polygon.iter().enumerate() {
-        let q = polygon[(at + 1) % polygon.len()];
-        let (d, e) = (side(p), side(q));
-        if d >= -touch {
-            kept.push(p);
-        }
-        if (d > touch && e < -touch) || (d < -touch && e > touch) {
-            kept.push(p + (q - p) * (d / (d - e)));
-        }
-    }
-    kept
 }
 
 fn shown(word: &str) -> String {

@@ -85,7 +85,29 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
 enum Values {
     Whole(Vec<i64>),
     Real(Vec<f64>),
-    Names(Vec<String>),
+    Names(Texts),
+}
+
+/// Texts one after the other: a file may have one of a letter for each cell.
+#[derive(Debug, Default)]
+struct Texts {
+    all: String,
+    /// Where each ends, in bytes.
+    ends: Vec<usize>,
+}
+
+impl Texts {
+    fn push(&mut self, text: &str) {
+        self.all += text;
+        self.ends.push(self.all.len());
+    }
+
+    fn get(&self, at: usize) -> Option<&str> {
+        let begin = at
+            .checked_sub(1)
+            .map_or(Some(0), |before| self.ends.get(before).copied())?;
+        self.all.get(begin..*self.ends.get(at)?)
+    }
 }
 
 impl Values {
@@ -138,7 +160,7 @@ struct Piece {
 struct Grid {
     mesh: Mesh,
     /// String arrays of field data by name in lower case.
-    names: HashMap<String, Vec<String>>,
+    names: HashMap<String, Texts>,
     cells: u32,
 }
 
@@ -228,7 +250,7 @@ impl Grid {
     /// The name of a cell's group.
     fn group(&self, array: &str, values: &Values, cell: usize) -> String {
         let number = match values {
-            Values::Names(names) => return names.get(cell).cloned().unwrap_or_default(),
+            Values::Names(names) => return names.get(cell).unwrap_or_default().to_owned(),
             Values::Whole(numbers) => numbers.get(cell).copied(),
             // ParaView's filters make floating-point numbers of whole ones.
             #[allow(clippy::cast_possible_truncation, reason = "saturates; a name only")]
@@ -237,7 +259,7 @@ impl Grid {
         let Some(number) = number else { return String::new() };
         let names = self.names.get(&format!("{}_names", array.to_ascii_lowercase()));
         let name = usize::try_from(number).ok().and_then(|at| names?.get(at));
-        name.cloned().unwrap_or_else(|| format!("{array} {number}"))
+        name.map_or_else(|| format!("{array} {number}"), str::to_owned)
     }
 
     /// Adds a cell of one of VTK's types.

@@ -14,7 +14,7 @@ pub(super) struct SceneFile {
 }
 
 /// Bytes inspected of a JSON file.
-const JSON_LOOKED_AT: u64 = 64 << 10;
+const LOOKED_AT: u64 = 64 << 10;
 
 /// The scenes of a folder, by name. In the current folder, `.`, names are bare.
 ///
@@ -45,15 +45,18 @@ fn has_extension(path: &Path, wanted: &str) -> bool {
         .is_some_and(|extension| extension.eq_ignore_ascii_case(wanted))
 }
 
-/// Returns whether a reader takes the file. JSON may be anything, and is looked into.
+/// Returns whether a reader takes the file. JSON and XML may be anything, and are looked into.
 fn is_scene(path: &Path) -> bool {
+    let begins_with = |word: &[u8]| {
+        let mut begin = Vec::new();
+        let read = hemicube_scene::open_regular(path).and_then(|file| file.take(LOOKED_AT).read_to_end(&mut begin));
+        // Every second byte of UTF-16 is 0.
+        begin.retain(|&byte| byte != 0);
+        read.is_ok() && begin.windows(word.len()).any(|window| window == word)
+    };
     match Format::from_path(path) {
-        Some(Format::CityJson) if !has_extension(path, "cityjson") => {
-            let mut begin = Vec::new();
-            let read =
-                hemicube_scene::open_regular(path).and_then(|file| file.take(JSON_LOOKED_AT).read_to_end(&mut begin));
-            read.is_ok() && begin.windows(9).any(|window| window == b"\"CityJSON")
-        }
+        Some(Format::CityJson) if !has_extension(path, "cityjson") => begins_with(b"\"CityJSON"),
+        Some(Format::GbXml) if !has_extension(path, "gbxml") => begins_with(b"<gbXML"),
         format => format.is_some(),
     }
 }
@@ -250,6 +253,8 @@ mod tests {
         }
         write("package.json", "{\"name\": \"viewer\"}");
         write("city.json", "{\"type\":\"CityJSON\"}");
+        write("pom.xml", "<project/>");
+        write("house.xml", "<?xml version=\"1.0\"?>\n<gbXML lengthUnit=\"Feet\"/>");
         write("city.jsonl", "{ \"type\": \"CityJSONFeature\"}");
         std::fs::create_dir(place.path().join("folder.obj")).unwrap();
         let found = scenes(place.path()).unwrap();
@@ -257,7 +262,10 @@ mod tests {
             .iter()
             .map(|scene| scene.path.file_name().unwrap().to_str().unwrap())
             .collect();
-        assert_eq!(names, ["a.ac", "b.OBJ", "city.json", "city.jsonl", "e.glb"]);
+        assert_eq!(
+            names,
+            ["a.ac", "b.OBJ", "city.json", "city.jsonl", "e.glb", "house.xml"]
+        );
         assert_eq!(found[0].bytes, 4);
         assert!(scenes(&place.path().join("missing")).is_err());
     }

@@ -1,6 +1,6 @@
 //! The legacy format: keywords in text, arrays in text or in binary, highest byte first.
 
-use super::{Cells, Grid, Kind, Piece, Values, is_group};
+use super::{Cells, Grid, Kind, Piece, Texts, Values, is_group};
 use crate::cursor::{Cursor, shown};
 use crate::{Error, ErrorKind};
 
@@ -291,15 +291,17 @@ impl Reader<'_> {
         }
         if !self.binary {
             return if real {
-                (0..number)
-                    .map(|_| self.cursor.real())
-                    .collect::<Result<_, _>>()
-                    .map(Values::Real)
+                let mut values = Vec::with_capacity(number);
+                for _ in 0..number {
+                    values.push(self.cursor.real()?);
+                }
+                Ok(Values::Real(values))
             } else {
-                (0..number)
-                    .map(|_| self.cursor.whole(8))
-                    .collect::<Result<_, _>>()
-                    .map(Values::Whole)
+                let mut values = Vec::with_capacity(number);
+                for _ in 0..number {
+                    values.push(self.cursor.whole(8)?);
+                }
+                Ok(Values::Whole(values))
             };
         }
         let bytes = self.cursor.bytes(bytes)?;
@@ -321,7 +323,7 @@ impl Reader<'_> {
 
     /// Names: a line each, or in binary each after its length.
     fn strings(&mut self, count: usize) -> Result<Values, Error> {
-        let mut names = Vec::new();
+        let mut names = Texts::default();
         for _ in 0..count {
             let text = if self.binary {
                 // The two highest bits say how many bytes the length has.
@@ -341,7 +343,7 @@ impl Reader<'_> {
                 let line = self.cursor.line().ok_or_else(|| self.cursor.cut_short())?;
                 unescaped(&String::from_utf8_lossy(line))
             };
-            names.push(text);
+            names.push(&text);
         }
         Ok(Values::Names(names))
     }

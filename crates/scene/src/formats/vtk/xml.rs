@@ -1,6 +1,6 @@
 //! The XML formats. Raw bytes at the end of a file are no XML, so the document is cut before `<AppendedData`.
 
-use super::{Cells, Grid, Kind, Piece, Values, is_group};
+use super::{Cells, Grid, Kind, Piece, Texts, Values, is_group};
 use crate::bounds::Bounds;
 use crate::cursor::shown;
 use crate::{Error, ErrorKind};
@@ -229,16 +229,12 @@ impl Reader<'_> {
             // Bytes of names, with a 0 after each.
             Values::Whole(bytes) if kind == "String" => {
                 let bytes: Vec<u8> = bytes.iter().map(|&byte| u8::try_from(byte).unwrap_or(b'?')).collect();
-                let mut names: Vec<&[u8]> = bytes.split(|&byte| byte == 0).collect();
-                if names.last().is_some_and(|last| last.is_empty()) {
-                    names.pop();
+                let mut names = Texts::default();
+                let whole = bytes.strip_suffix(&[0]).unwrap_or(&bytes);
+                for name in whole.split(|&byte| byte == 0).filter(|_| !bytes.is_empty()) {
+                    names.push(&String::from_utf8_lossy(name));
                 }
-                Values::Names(
-                    names
-                        .iter()
-                        .map(|name| String::from_utf8_lossy(name).into_owned())
-                        .collect(),
-                )
+                Values::Names(names)
             }
             values => values,
         })
@@ -326,12 +322,19 @@ impl Reader<'_> {
 fn words(node: Node<'_, '_>, text: &str, real: bool) -> Result<Values, Error> {
     let wrong = |word: &str| at(node, format!("`{}` in an array of numbers", shown(word.as_bytes())));
     let words = text.split_ascii_whitespace();
+    let count = words.clone().count();
     if real {
-        let numbers: Result<_, _> = words.map(|word| word.parse().map_err(|_| wrong(word))).collect();
-        return numbers.map(Values::Real);
+        let mut numbers = Vec::with_capacity(count);
+        for word in words {
+            numbers.push(word.parse().map_err(|_| wrong(word))?);
+        }
+        return Ok(Values::Real(numbers));
     }
-    let numbers: Result<_, _> = words.map(|word| word.parse().map_err(|_| wrong(word))).collect();
-    numbers.map(Values::Whole)
+    let mut numbers = Vec::with_capacity(count);
+    for word in words {
+        numbers.push(word.parse().map_err(|_| wrong(word))?);
+    }
+    Ok(Values::Whole(numbers))
 }
 
 /// Bytes of base64. The header is encoded on its own or with the data, so `=` may stand in the middle.
