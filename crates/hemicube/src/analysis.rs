@@ -3,4 +3,5 @@
 pub mod balance;
 pub mod check;
 pub mod compare;
+pub mod surfaces;
 pub mod zones;

@@ -13,6 +13,7 @@ mod attended;
 mod compute;
 mod errors;
 mod export;
+mod heat;
 mod matrix;
 mod numbers;
 mod pickle;
@@ -32,6 +33,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<matrix::Rows>()?;
     module.add_class::<export::Zones>()?;
     module.add_class::<solve::Solution>()?;
+    module.add_class::<heat::HeatBySurface>()?;
     module.add_class::<sky::Sky>()?;
     module.add_function(wrap_pyfunction!(compute::compute, module)?)?;
     module.add_function(wrap_pyfunction!(matrix::open, module)?)?;

@@ -78,7 +78,7 @@ pub(super) fn gmres(work: &mut Work<'_>, mut b: Block, restart: u32) -> Result<B
     while !work.is_out_of_iterations() {
         // r = E + R H + R F b − b
         let product = work.product(&b)?;
-        let mut residual = work.problem.reflect(product);
+        let mut residual = work.reflect(product);
         residual.add_scaled(&ones, &work.source);
         residual.add_scaled(&vec![-1.0; columns], &b);
         let norms = residual.norms();
@@ -102,7 +102,7 @@ pub(super) fn gmres(work: &mut Work<'_>, mut b: Block, restart: u32) -> Result<B
             }
             // w = (I − R F) v
             let product = work.product(&basis[step])?;
-            let mut next = work.problem.reflect(product);
+            let mut next = work.reflect(product);
             next.scale(&vec![-1.0; columns]);
             next.add_scaled(&ones, &basis[step]);
             let lengths = next.norms();
