@@ -355,6 +355,8 @@ struct Work<'a> {
     norms: Vec<f64>,
     options: SolveOptions,
     iterations: u32,
+    /// Former corrections that GMRES goes along.
+    corrections_kept: usize,
     progress: &'a mut dyn FnMut(Step) -> bool,
 }
 
@@ -457,7 +459,16 @@ pub fn solve(
     options: SolveOptions,
     progress: &mut dyn FnMut(Step) -> bool,
 ) -> Result<Solution, SolveError> {
-    solve_coupled(factors, problem, &[], options, progress)
+    let coupling = Coupling::default();
+    solve_coupled(factors, problem, coupling, options, progress)
+}
+
+/// What a problem of heat has besides.
+#[derive(Clone, Copy, Debug, Default)]
+struct Coupling<'a> {
+    nodes: &'a [Node],
+    /// Former corrections that GMRES goes along.
+    corrections_kept: usize,
 }
 
 /// E + R H, with the nodes' blocks.
@@ -475,11 +486,12 @@ fn source(problem: &Problem, nodes: &[Node]) -> Block {
 fn solve_coupled(
     factors: &dyn Factors,
     problem: &Problem,
-    nodes: &[Node],
+    coupling: Coupling<'_>,
     options: SolveOptions,
     progress: &mut dyn FnMut(Step) -> bool,
 ) -> Result<Solution, SolveError> {
     problem.check(factors.patch_count())?;
+    let nodes = coupling.nodes;
     let source_of = |problem: &Problem| source(problem, nodes);
     let source = source_of(problem);
     let exponents: Vec<i32> = (0..source.columns())
@@ -506,6 +518,7 @@ fn solve_coupled(
         norms,
         options,
         iterations: 0,
+        corrections_kept: coupling.corrections_kept,
         progress,
     };
     let mut radiosity = work.source.clone();

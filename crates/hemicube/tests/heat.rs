@@ -297,13 +297,13 @@ fn a_node_is_one_temperature_and_its_heat_adds_up() {
     let heat = conditions(
         6,
         |i| if i < 4 { Given::Node(0) } else { Given::Temperature(290.0 + 5.0 * i as f64) },
-        &[-777.0],
+        &[-77.0],
         &room,
     );
     let found = solved(&room, &heat, METHODS[1]);
     assert!(found.temperature[..4].iter().all(|kelvin| *kelvin == found.temperature[0]));
     let sum: f64 = (0..4).map(|i| flux(&found, i)).sum();
-    assert!((sum + 777.0).abs() < 1e-3, "{sum}");
+    assert!((sum + 77.0).abs() < 1e-3, "{sum}");
     let fluxes: Vec<f64> = (0..4).map(|i| flux(&found, i)).collect();
     assert!((fluxes[0] - fluxes[3]).abs() > 1.0, "its patches differ: {fluxes:?}");
 }
@@ -311,7 +311,7 @@ fn a_node_is_one_temperature_and_its_heat_adds_up() {
 /// A long row of rooms, of which only the first has a temperature: what reaches the last goes through all others.
 #[test]
 fn a_long_way_to_the_only_temperature_converges() {
-    let count = 400;
+    let count = 60;
     let mut factors = vec![vec![0.0; count]; count];
     for i in 0..count {
         if i > 0 {

@@ -61,13 +61,14 @@ pub(crate) fn ground(
     }
 }
 
-fn wrong(error: PropertyError) -> PyErr {
+/// An error of properties, with its next step.
+pub(crate) fn wrong(error: PropertyError) -> PyErr {
     let step = error.step.map(|step| format!("; {step}"));
     errors::input(error.reason + &step.unwrap_or_default())
 }
 
 /// Properties of a matrix's patches from a dictionary.
-pub(crate) fn properties(matrix: &Matrix, table: &PatchTable, given: &Bound<'_, PyAny>) -> PyResult<Properties> {
+pub(crate) fn properties_of(matrix: &Matrix, table: &PatchTable, given: &Bound<'_, PyAny>) -> PyResult<Properties> {
     let py = given.py();
     let keywords = PyDict::new(py);
     // NumPy's numbers are numbers.
@@ -123,7 +124,7 @@ pub(crate) fn solve(
     manner: Manner<'_, '_>,
 ) -> PyResult<(HeatSolution, Option<Vec<f64>>)> {
     let (table, rows) = (matrix.patches()?, matrix.table()?);
-    let properties = properties(matrix, &table, given)?;
+    let properties = properties_of(matrix, &table, given)?;
     let thermal = properties.thermal().map_err(wrong)?;
     let heat = Heat::new(&thermal, properties.kind_of_patch(), &table.area, &rows);
     let mut heat = heat.map_err(|error| errors::solving(&error))?;

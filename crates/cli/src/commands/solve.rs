@@ -138,6 +138,10 @@ pub(crate) struct Arguments {
         hide_possible_values = true
     )]
     pub(crate) by: Option<surfaces::By>,
+    /// Take each surface of `--by` for one of a textbook: one radiosity, one temperature, and form factors between
+    /// surfaces as a whole
+    #[arg(long, requires = "thermal")]
+    pub(crate) network: bool,
     /// Write heat, flux and temperature by surface to FILE: .csv or .json (repeatable)
     #[arg(long, value_name = "FILE", requires = "thermal")]
     pub(crate) surfaces: Vec<PathBuf>,
@@ -287,6 +291,9 @@ struct Record {
     iterations: u32,
     residuals: Vec<f64>,
     balance: Vec<EnergyBalance>,
+    /// The surfaces with most of what a solution that did not converge leaves.
+    #[serde(skip)]
+    unsettled: Option<String>,
     /// Heat by surface, where it is asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     by_surface: Option<surfaces::Results>,
@@ -360,8 +367,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     }
     if !record.converged {
         talk.warn(&format!(
-            "the residual did not reach {}; allow more with `--max-iterations`, or look for surfaces that reflect all",
-            figures(record.tolerance)
+            "the residual did not reach {}; allow more with `--max-iterations`, or look for surfaces that reflect all{}",
+            figures(record.tolerance),
+            record.unsettled.as_deref().unwrap_or_default()
         ));
     }
     if let Some(json) = json {
@@ -527,6 +535,7 @@ impl<'a> Task<'a> {
             iterations: 0,
             residuals: Vec::new(),
             balance: Vec::new(),
+            unsettled: None,
             by_surface: None,
         })
     }
@@ -574,6 +583,7 @@ impl<'a> Task<'a> {
                         let of = (&found.problem, &found.solution);
                         let balance = energy_balance(of.0, of.1, &self.table.area, self.row_table);
                         record.by_surface = exchange.by_surface(self.table, self.row_table, &found);
+                        record.unsettled = exchange.unsettled(&found);
                         (found.solution, balance, Some(found.temperature))
                     }),
             };

@@ -26,8 +26,11 @@ pub struct SurfaceHeat {
     pub heat: f64,
     /// Mean net flux in W/m².
     pub flux: f64,
-    /// Mean, least and greatest temperature in kelvin; `None` where nothing determines one.
+    /// Mean, least and greatest temperature in kelvin; `None` where nothing determines one. The mean is that of T⁴, the
+    /// temperature at which the surface would emit what it emits: (Σ A T⁴ / Σ A)^¼.
     pub temperature: Option<[f64; 3]>,
+    /// Mean of T by area, in kelvin.
+    pub mean_of_kelvin: Option<f64>,
     /// Mean radiosity in W/m².
     pub radiosity: f64,
     /// Mean irradiance in W/m².
@@ -78,6 +81,7 @@ pub fn heat_by_surface(
             heat: 0.0,
             flux: 0.0,
             temperature: Some([0.0, f64::INFINITY, f64::NEG_INFINITY]),
+            mean_of_kelvin: Some(0.0),
             radiosity: 0.0,
             irradiance: 0.0,
         })
@@ -92,7 +96,8 @@ pub fn heat_by_surface(
         surface.irradiance += area * received;
         match (&mut surface.temperature, temperature[patch]) {
             (Some([mean, least, most]), kelvin) if !kelvin.is_nan() => {
-                *mean += area * kelvin;
+                *mean += area * kelvin.powi(4);
+                surface.mean_of_kelvin = surface.mean_of_kelvin.map(|sum| sum + area * kelvin);
                 (*least, *most) = (least.min(kelvin), most.max(kelvin));
             }
             (known, _) => *known = None,
@@ -109,11 +114,13 @@ pub fn heat_by_surface(
         surface.flux = mean(surface.heat);
         surface.radiosity = mean(surface.radiosity);
         surface.irradiance = mean(surface.irradiance);
-        // Without area there is no mean, and an equal temperature needs no rounding.
+        // Without area there is no mean; rounding does not leave what is between the ends.
         surface.temperature = surface.temperature.filter(|_| surface.area > 0.0).map(|[sum, least, most]| {
-            let mean = if least == most { least } else { mean(sum).clamp(least, most) };
+            let mean = mean(sum).powf(0.25).clamp(least, most);
             [mean, least, most]
         });
+        surface.mean_of_kelvin = (surface.mean_of_kelvin.zip(surface.temperature))
+            .map(|(sum, [_, least, most])| mean(sum).clamp(least, most));
         if surface.heat > 0.0 {
             balance.given_off += surface.heat;
         } else {

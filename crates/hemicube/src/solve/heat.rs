@@ -18,7 +18,7 @@
 //! does not add up to 0 heats it for ever, and heat that does leaves its level open. Both are refused.
 
 use super::{
-    Block, Condition, Enclosures, Factors, Method, Named, Node, Problem, STEFAN_BOLTZMANN, Solution, SolveError,
+    Block, Condition, Coupling, Enclosures, Factors, Method, Named, Node, Problem, STEFAN_BOLTZMANN, Solution, SolveError,
     SolveOptions, Step, Thermal, solve_coupled,
 };
 use crate::store::RowTable;
@@ -29,6 +29,8 @@ const OPEN_LEAST: f64 = 1e-6;
 const SUM_LEAST: f64 = 1e-9;
 /// A black radiosity below 0 by less than this part of the greatest is 0: the residual of the iteration.
 const NEGATIVE_LEAST: f64 = 1e-4;
+/// Former corrections that GMRES goes along where a level is to be found.
+const CORRECTIONS_KEPT: usize = 3;
 /// Names in an error.
 const NAMES_SHOWN: usize = 4;
 
@@ -301,15 +303,6 @@ impl Heat {
         if let Some(bad) = self.area.iter().find(|area| !(area.is_finite() && **area >= 0.0)) {
             return wrong(format!("an area is {bad}; it is from 0 on"));
         }
-        let members = self.members();
-        for (node, (patches, heat)) in members.iter().zip(&self.nodes).enumerate() {
-            let absorbing = |&patch: &u32| self.area[patch as usize] * self.emissivity[patch as usize];
-            if !heat.is_finite() || patches.iter().map(absorbing).sum::<f64>() <= 0.0 {
-                return wrong(format!(
-                    "surface {node} of one temperature has a heat of {heat} W, and no patch that gives it off"
-                ));
-            }
-        }
         for (patch, given) in self.given.iter().enumerate() {
             match *given {
                 Given::Temperature(kelvin) if !(kelvin.is_finite() && kelvin >= 0.0) => {
@@ -322,6 +315,15 @@ impl Heat {
                     return wrong(format!("patch {patch} is of surface {node}, which has no heat"));
                 }
                 _ => {}
+            }
+        }
+        let members = self.members();
+        for (node, (patches, heat)) in members.iter().zip(&self.nodes).enumerate() {
+            let absorbing = |&patch: &u32| self.area[patch as usize] * self.emissivity[patch as usize];
+            if !heat.is_finite() || patches.iter().map(absorbing).sum::<f64>() <= 0.0 {
+                return wrong(format!(
+                    "surface {node} of one temperature has a heat of {heat} W, and no patch that gives it off"
+                ));
             }
         }
         Ok(())
@@ -457,7 +459,12 @@ pub fn solve_heat(
             "isothermal surfaces are solved by GMRES or Jacobi's method: their patches change together".to_owned(),
         ));
     }
-    let solution = solve_coupled(factors, &problem, &nodes, options, progress)?;
+    let coupling = Coupling {
+        nodes: &nodes,
+        // Without an unknown level there is no slow direction, and results stay what they were.
+        corrections_kept: if heat.is_mixed() { CORRECTIONS_KEPT } else { 0 },
+    };
+    let solution = solve_coupled(factors, &problem, coupling, options, progress)?;
     let (temperature, problem) = heat.temperatures(problem, &solution)?;
     Ok(HeatSolution {
         solution,

@@ -5,14 +5,15 @@ use super::{Arguments, Surfaces};
 use crate::args::Talk;
 use crate::exit::hinted;
 use crate::materials;
-use crate::report::{count, counted, percent};
+use crate::report::{count, counted, figures, percent};
 use crate::stored;
 use anyhow::{Result, anyhow, bail};
+use hemicube::analysis::exchange::Network;
 use hemicube::analysis::surfaces::heat_by_surface;
 use hemicube::sky::StoredSky;
 use hemicube::solve::{
-    Condition, Enclosures, Heat, HeatSolution, Named, OutOfCore, Properties, SolveError, SolveOptions, Step, Thermal,
-    Undetermined, enclosures, solve_heat,
+    Block, Condition, Enclosures, Heat, HeatSolution, Named, OutOfCore, Properties, SolveError, SolveOptions, Step, Thermal,
+    Problem, Solution, Undetermined, enclosures, solve_heat,
 };
 use hemicube::store::{Manifest, PatchTable, RowTable, Store};
 use serde::Serialize;
@@ -20,6 +21,8 @@ use serde::Serialize;
 /// Temperatures below this, in kelvin, are asked about, and how many of them are named.
 const COLD: f64 = 100.0;
 const COLD_SHOWN: usize = 3;
+/// Surfaces named of a solution that did not converge.
+const UNSETTLED_SHOWN: usize = 3;
 /// A scene is open when more than this part of its view leaves it.
 const OPEN: f64 = 0.01;
 
@@ -75,6 +78,8 @@ pub(super) struct Exchange {
     ground: Option<f64>,
     /// Grouping of the results by surface, where they are asked for.
     by: Option<By>,
+    /// Surfaces of one radiosity in place of patches.
+    network: Option<(Network, Heat)>,
     manifest: Manifest,
     /// Where something has a temperature that is found, or surfaces are asked for.
     enclosures: Option<Enclosures>,
@@ -104,7 +109,7 @@ impl Exchange {
             }
         }
         let of_scene = properties.emissivities_of_scene();
-        let is_asked = arguments.by.is_some() || !arguments.surfaces.is_empty();
+        let is_asked = arguments.by.is_some() || !arguments.surfaces.is_empty() || arguments.network;
         let is_new = is_asked || properties.has_objects() || heat.is_mixed() || ground.is_some() || of_scene.is_some();
         let by = match arguments.by {
             None if !is_new => None,
@@ -116,8 +121,22 @@ impl Exchange {
             has && kind.is_used && kind.emissivity != Some(0.0)
         };
         let manifest = store.manifest().clone();
+        let network = match by.filter(|_| arguments.network) {
+            None => None,
+            Some(by) => {
+                let network = Network::new(store, Some(by.group()))?;
+                let of_surfaces = network.heat(&heat).map_err(|name| {
+                    hinted(
+                        anyhow!("the patches of `{name}` have several conditions or emissivities, and a surface has one"),
+                        "give its object one in a table `[object.\"…\"]`, or take smaller surfaces: `--by face`",
+                    )
+                })?;
+                Some((network, of_surfaces))
+            }
+        };
         let mut exchange = Self {
             by,
+            network,
             manifest,
             heat,
             ambient,
@@ -222,7 +241,37 @@ impl Exchange {
         options: SolveOptions,
         progress: &mut dyn FnMut(Step) -> bool,
     ) -> Result<HeatSolution, SolveError> {
-        solve_heat(factors, &self.heat, options, progress)
+        match &self.network {
+            None => solve_heat(factors, &self.heat, options, progress),
+            Some((network, heat)) => match solve_heat(&network.factors, heat, options, progress) {
+                Ok(found) => Ok(spread(network, found)),
+                Err(SolveError::Impossible { patch: surface, count }) => Err(SolveError::Impossible {
+                    patch: network.of_patch.iter().position(|&of| of as usize == surface).unwrap_or(0),
+                    count,
+                }),
+                Err(error) => Err(error),
+            },
+        }
+    }
+
+    /// The surfaces with most of the residual of a solution that did not converge, as the end of a sentence.
+    pub(super) fn unsettled(&self, found: &HeatSolution) -> Option<String> {
+        if found.solution.converged {
+            return None;
+        }
+        let mut left: Vec<(f64, usize)> = (0..self.thermal.len()).map(|kind| (0.0, kind)).collect();
+        for (patch, &kind) in self.kind_of_patch.iter().enumerate() {
+            let (sent, received) = (found.solution.radiosity.of(patch)[0], found.solution.irradiance.of(patch)[0]);
+            let reflected = found.problem.reflectance.of(patch)[0] * received;
+            let off = found.problem.emission.of(patch)[0] + reflected - sent;
+            left[kind as usize].0 += self.heat.area[patch] * off.abs();
+        }
+        left.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let worst = left.iter().take(UNSETTLED_SHOWN).filter(|(off, _)| *off > 0.0);
+        let worst: Vec<String> = worst
+            .map(|&(off, kind)| format!("{} ({} W)", self.thermal[kind].shown(), figures(off)))
+            .collect();
+        Some(format!("; most is left of {}", worst.join(", ")))
     }
 
     /// Results by surface, where they are asked for.
@@ -240,6 +289,35 @@ impl Exchange {
         let (surfaces, balance) = heat_by_surface(of, by.group(), &found.solution, outside, &temperature);
         let enclosures = self.enclosures.as_ref();
         Some(Results::new(by, surfaces, balance, enclosures.map(|found| (found, of))).with_emissivities(self.of_scene))
+    }
+}
+
+/// The solution of a network, given to the patches of its surfaces.
+fn spread(network: &Network, found: HeatSolution) -> HeatSolution {
+    let patches = network.of_patch.len();
+    let of = |block: &Block| {
+        Block::from_fn(patches, block.columns(), |patch, column| {
+            block.of(network.of_patch[patch] as usize)[column]
+        })
+    };
+    let vector = |values: &[f64]| -> Vec<f64> {
+        let surfaces = network.of_patch.iter();
+        surfaces.map(|&surface| values[surface as usize]).collect()
+    };
+    HeatSolution {
+        temperature: vector(&found.temperature),
+        problem: Problem {
+            reflectance: of(&found.problem.reflectance),
+            bands: found.problem.bands,
+            emission: of(&found.problem.emission),
+            outside: found.problem.outside.as_ref().map(of),
+            returned: found.problem.returned.as_deref().map(vector),
+        },
+        solution: Solution {
+            radiosity: of(&found.solution.radiosity),
+            irradiance: of(&found.solution.irradiance),
+            ..found.solution
+        },
     }
 }
 

@@ -236,7 +236,7 @@ impl Results {
     /// The surfaces and, last, the surroundings: heat adds up to the error.
     fn csv(&self) -> String {
         let mut text = format!(
-            "{},patches,area,heat_W,flux_W_per_m2,mean_K,least_K,most_K,radiosity_W_per_m2,irradiance_W_per_m2\n",
+            "{},patches,area,heat_W,flux_W_per_m2,mean_K,least_K,most_K,mean_of_K,radiosity_W_per_m2,irradiance_W_per_m2\n",
             self.by.name()
         );
         for surface in &self.surfaces {
@@ -244,18 +244,19 @@ impl Results {
                 .temperature
                 .map_or_else(|| [const { String::new() }; 3], |values| values.map(|kelvin| kelvin.to_string()));
             text.push_str(&format!(
-                "{},{},{},{},{},{mean},{least},{most},{},{}\n",
+                "{},{},{},{},{},{mean},{least},{most},{},{},{}\n",
                 field(&surface.name),
                 surface.patches,
                 surface.area,
                 surface.heat,
                 surface.flux,
+                surface.mean_of_kelvin.map_or_else(String::new, |kelvin| kelvin.to_string()),
                 surface.radiosity,
                 surface.irradiance
             ));
         }
         if self.balance.surroundings != 0.0 {
-            text.push_str(&format!("(surroundings),,,{},,,,,,\n", -self.balance.surroundings));
+            text.push_str(&format!("(surroundings),,,{},,,,,,,\n", -self.balance.surroundings));
         }
         text
     }
@@ -366,6 +367,7 @@ mod tests {
             heat: at as f64,
             flux: at as f64,
             temperature: None,
+            mean_of_kelvin: None,
             radiosity: 0.0,
             irradiance: 0.0,
         };
@@ -378,6 +380,6 @@ mod tests {
         let text = results.text();
         assert!(text.contains("wall, 49") && !text.contains("wall, 9 ") && text.contains("10 with less heat"));
         let csv = results.csv();
-        assert!(csv.contains("\n\"wall, 3\",1,1,3,3,,,,0,0\n") && csv.ends_with("(surroundings),,,-2,,,,,,\n"));
+        assert!(csv.contains("\n\"wall, 3\",1,1,3,3,,,,,0,0\n") && csv.ends_with("(surroundings),,,-2,,,,,,,\n"));
     }
 }
