@@ -93,6 +93,24 @@ const GIVEN: &[(&str, &str)] = &[
     ),
     ("docs/points.md", "hemicube generate city --patches 1000 -o city.obj"),
     (
+        "docs/heat.md",
+        r#"wall() {
+             printf 'solid %s\n' "$1"
+             printf 'facet normal 0 0 0\nouter loop\nvertex %s\nvertex %s\nvertex %s\nendloop\nendfacet\n' \
+               "$2" "$3" "$4" "$2" "$4" "$5"
+             printf 'endsolid %s\n' "$1"
+           }
+           {
+             wall floor '0 0 0' '6 0 0' '6 5 0' '0 5 0'
+             wall ceiling '0 0 2.7' '0 5 2.7' '6 5 2.7' '6 0 2.7'
+             wall south '0 0 0' '0 0 2.7' '6 0 2.7' '6 0 0'
+             wall north '0 5 0' '6 5 0' '6 5 2.7' '0 5 2.7'
+             wall west '0 0 0' '0 5 0' '0 5 2.7' '0 0 2.7'
+             wall east '6 0 0' '6 0 2.7' '6 5 2.7' '6 5 0'
+           } > room.stl
+           hemicube generate city --patches 300 -o city.obj"#,
+    ),
+    (
         "docs/report.md",
         "hemicube generate city --patches 1000 -o city.obj
          hemicube compute city.obj -o city.hemicube",
@@ -191,6 +209,7 @@ page_tests! {
     choosing_accuracy: "docs/choosing-accuracy.md",
     light: "docs/light.md",
     points: "docs/points.md",
+    heat: "docs/heat.md",
     report: "docs/report.md",
     formats: "docs/formats.md",
     store: "docs/store.md",

@@ -53,6 +53,7 @@ pub(crate) enum Command {
     Compare(commands::compare::Arguments),
     Export(Box<commands::export::Arguments>),
     Solve(Box<commands::solve::Arguments>),
+    Exchange(commands::exchange::Arguments),
     Sky(Box<commands::sky::Arguments>),
     Points(Box<commands::points::Arguments>),
     /// Draw pictures: the hemicube of a patch, the model in the colours of a result, the matrix
@@ -87,6 +88,7 @@ impl Command {
             Self::Compare(arguments) => arguments.paths(),
             Self::Export(arguments) => arguments.paths(),
             Self::Solve(arguments) => arguments.paths(),
+            Self::Exchange(arguments) => arguments.paths(),
             Self::Sky(arguments) => arguments.paths(),
             Self::Points(arguments) => arguments.paths(),
             Self::View { command } => command.paths(),

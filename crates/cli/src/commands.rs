@@ -6,6 +6,7 @@ pub(crate) mod bench;
 pub(crate) mod check;
 pub(crate) mod compare;
 pub(crate) mod compute;
+pub(crate) mod exchange;
 pub(crate) mod export;
 pub(crate) mod generate;
 pub(crate) mod inspect;

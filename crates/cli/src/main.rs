@@ -122,6 +122,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>, unread: &[String]) -> Result
         Command::Compare(arguments) => commands::compare::run(&arguments, talk),
         Command::Export(arguments) => commands::export::run(&arguments, talk),
         Command::Solve(arguments) => commands::solve::run(&arguments, talk),
+        Command::Exchange(arguments) => commands::exchange::run(&arguments, talk),
         Command::Sky(arguments) => commands::sky::run(&arguments, talk),
         Command::Points(arguments) => commands::points::run(&arguments, talk),
         Command::View { command } => commands::view::run(&command, talk),

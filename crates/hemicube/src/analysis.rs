@@ -3,4 +3,6 @@
 pub mod balance;
 pub mod check;
 pub mod compare;
+pub mod exchange;
+pub mod surfaces;
 pub mod zones;

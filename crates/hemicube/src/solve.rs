@@ -21,7 +21,8 @@
 //! left, and in a white furnace no contrast, however large the rows' own errors are.
 //!
 //! Thermal exchange is the same with reflectance 1 − ε, emission ε σ T⁴ and a net flux q = B − G, in W/m² for kelvin
-//! (Modest 2013, chapter 5; Oppenheim 1956).
+//! (Modest 2013, chapter 5; Oppenheim 1956). A given flux is reflectance 1 and emission q; a surface of one unknown
+//! temperature couples its patches (`solve/heat.rs`).
 //!
 //! The matrix is gone through in runs of rows and is never whole in memory ([`Factors`]). Each method needs F times
 //! some vectors, once an iteration, for all right-hand sides together:
@@ -44,14 +45,23 @@
 //! entries, so threads change no bit.
 
 mod block;
+mod enclosures;
 mod factors;
 mod files;
 mod gmres;
+mod heat;
+mod properties;
 mod stationary;
 
 pub use block::Block;
+pub use enclosures::{Enclosures, enclosures};
 pub use factors::{Factors, InMemory, OutOfCore, multiply};
 pub use files::{ArrayFile, SolutionWriter, StoredSolution};
+pub use heat::{Given, Heat, HeatSolution, Undetermined, solve_heat};
+pub use properties::{
+    Condition, Entry, Named, Optics, PrintedTable, Properties, PropertyError, RGB, Spectrum, Tables, Temperature,
+    Thermal,
+};
 
 use crate::store::{Error as StoreError, RowTable};
 use serde::Serialize;
@@ -171,6 +181,17 @@ pub enum SolveError {
         /// The residual.
         residual: f64,
     },
+    /// Surfaces are to lose more heat than reaches them.
+    #[error(
+        "{count} patches, from patch {patch} on, are to lose more heat than reaches them, even at 0 K: a flux or heat \
+         below 0 takes too much"
+    )]
+    Impossible {
+        /// The first of them.
+        patch: usize,
+        /// Their number.
+        count: usize,
+    },
     /// Whoever watches the progress asked to stop.
     #[error("the solution was interrupted")]
     Interrupted,
@@ -281,21 +302,72 @@ impl Problem {
     }
 }
 
+/// Patches that share what they absorb, so that their emission is one black radiosity e times εᵢ: R has the further
+/// block εᵢ wⱼ, with wⱼ = Aⱼ εⱼ / Σ A ε. Its rows still sum to 1 at most.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Node {
+    patches: Vec<u32>,
+    /// εᵢ.
+    emissivity: Vec<f64>,
+    /// wᵢ.
+    weight: Vec<f64>,
+}
+
+impl Node {
+    /// Σⱼ wⱼ xⱼ, a number a column.
+    fn shared(&self, x: &Block) -> Vec<f64> {
+        let mut sums = vec![0.0; x.columns()];
+        for (&patch, weight) in self.patches.iter().zip(&self.weight) {
+            for (sum, x) in sums.iter_mut().zip(x.of(patch as usize)) {
+                *sum += weight * x;
+            }
+        }
+        sums
+    }
+
+    /// Adds εᵢ `shared`.
+    fn share(&self, shared: &[f64], to: &mut Block) {
+        for (&patch, emissivity) in self.patches.iter().zip(&self.emissivity) {
+            for (value, shared) in to.of_mut(patch as usize).iter_mut().zip(shared) {
+                *value += emissivity * shared;
+            }
+        }
+    }
+}
+
+/// R X, with the nodes' blocks.
+fn reflect(problem: &Problem, nodes: &[Node], x: Block) -> Block {
+    let shared: Vec<Vec<f64>> = nodes.iter().map(|node| node.shared(&x)).collect();
+    let mut reflected = problem.reflect(x);
+    for (node, shared) in nodes.iter().zip(&shared) {
+        node.share(shared, &mut reflected);
+    }
+    reflected
+}
+
 /// State shared by the methods: the problem, the matrix, the progress.
 struct Work<'a> {
     factors: &'a dyn Factors,
     problem: &'a Problem,
+    nodes: &'a [Node],
     source: Block,
     /// ‖E + R H‖, or 1 where that and the solution are 0.
     norms: Vec<f64>,
     options: SolveOptions,
     iterations: u32,
+    /// Former corrections that GMRES goes along.
+    corrections_kept: usize,
     progress: &'a mut dyn FnMut(Step) -> bool,
 }
 
 impl Work<'_> {
     fn columns(&self) -> usize {
         self.source.columns()
+    }
+
+    /// R X.
+    fn reflect(&self, x: Block) -> Block {
+        reflect(self.problem, self.nodes, x)
     }
 
     /// F X + S X.
@@ -387,8 +459,41 @@ pub fn solve(
     options: SolveOptions,
     progress: &mut dyn FnMut(Step) -> bool,
 ) -> Result<Solution, SolveError> {
+    let coupling = Coupling::default();
+    solve_coupled(factors, problem, coupling, options, progress)
+}
+
+/// What a problem of heat has besides.
+#[derive(Clone, Copy, Debug, Default)]
+struct Coupling<'a> {
+    nodes: &'a [Node],
+    /// Former corrections that GMRES goes along.
+    corrections_kept: usize,
+}
+
+/// E + R H, with the nodes' blocks.
+fn source(problem: &Problem, nodes: &[Node]) -> Block {
+    let mut source = problem.source();
+    if let Some(outside) = &problem.outside {
+        for node in nodes {
+            node.share(&node.shared(outside), &mut source);
+        }
+    }
+    source
+}
+
+/// [`solve`], with patches coupled by nodes.
+fn solve_coupled(
+    factors: &dyn Factors,
+    problem: &Problem,
+    coupling: Coupling<'_>,
+    options: SolveOptions,
+    progress: &mut dyn FnMut(Step) -> bool,
+) -> Result<Solution, SolveError> {
     problem.check(factors.patch_count())?;
-    let source = problem.source();
+    let nodes = coupling.nodes;
+    let source_of = |problem: &Problem| source(problem, nodes);
+    let source = source_of(problem);
     let exponents: Vec<i32> = (0..source.columns())
         .map(|column| exponent(source.largest(column)))
         .collect();
@@ -399,7 +504,7 @@ pub fn solve(
         outside.scale_by_powers(&down);
     }
     let problem = &scaled;
-    let source = problem.source();
+    let source = source_of(problem);
     let norms = source
         .norms()
         .into_iter()
@@ -408,10 +513,12 @@ pub fn solve(
     let mut work = Work {
         factors,
         problem,
+        nodes,
         source,
         norms,
         options,
         iterations: 0,
+        corrections_kept: coupling.corrections_kept,
         progress,
     };
     let mut radiosity = work.source.clone();
@@ -426,7 +533,7 @@ pub fn solve(
             irradiance.add_scaled(&vec![1.0; outside.columns()], outside);
         }
         // E + R G − B = E + R H − (I − R F) B.
-        let mut residual = problem.reflect(irradiance.clone());
+        let mut residual = work.reflect(irradiance.clone());
         let columns = work.columns();
         residual.add_scaled(&vec![1.0; columns], &problem.emission);
         residual.add_scaled(&vec![-1.0; columns], &radiosity);

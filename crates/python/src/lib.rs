@@ -12,8 +12,10 @@
 mod attended;
 mod compute;
 mod errors;
+mod exchange;
 mod export;
 mod faces;
+mod heat;
 mod matrix;
 mod numbers;
 mod pickle;
@@ -34,12 +36,15 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<matrix::Rows>()?;
     module.add_class::<export::Zones>()?;
     module.add_class::<solve::Solution>()?;
+    module.add_class::<heat::HeatBySurface>()?;
+    module.add_class::<exchange::Exchange>()?;
     module.add_class::<sky::Sky>()?;
     module.add_class::<points::Points>()?;
     module.add_function(wrap_pyfunction!(compute::compute, module)?)?;
     module.add_function(wrap_pyfunction!(matrix::open, module)?)?;
     module.add_function(wrap_pyfunction!(solve::solve, module)?)?;
     module.add_function(wrap_pyfunction!(solve::solve_heat, module)?)?;
+    module.add_function(wrap_pyfunction!(exchange::exchange, module)?)?;
     module.add_function(wrap_pyfunction!(sky::sky, module)?)?;
     module.add_function(wrap_pyfunction!(sky::sky_of_points, module)?)?;
     module.add_function(wrap_pyfunction!(points::points, module)?)?;

@@ -418,6 +418,22 @@ impl Matrix {
         }
     }
 
+    /// The patch table.
+    pub(crate) fn patches(&self) -> PyResult<PatchTable> {
+        match &self.source {
+            Source::Memory(memory) => Ok(memory.patches.clone()),
+            Source::Store(store) => stored(store.patches()),
+        }
+    }
+
+    /// Names of objects and of materials.
+    pub(crate) fn names(&self) -> [&[String]; 2] {
+        match &self.source {
+            Source::Memory(memory) => [&memory.header.objects, &memory.header.materials],
+            Source::Store(store) => [&store.manifest().objects, &store.manifest().materials],
+        }
+    }
+
     pub(crate) fn area(&self) -> PyResult<Vec<f64>> {
         match &self.source {
             Source::Memory(memory) => Ok(memory.patches.area.clone()),

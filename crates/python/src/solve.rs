@@ -1,6 +1,7 @@
 //! `hemicube.solve`: light and heat from a matrix.
 
 use crate::attended::{Attendant, attended};
+use crate::heat::{self, HeatBySurface};
 use crate::matrix::{Matrix, Use};
 use crate::pickle::{Reduced, maker};
 use crate::{errors, numbers};
@@ -24,6 +25,8 @@ pub(crate) struct Solution {
     balance: Vec<Terms>,
     /// Of heat: the temperatures, patch by patch.
     temperature: Option<Vec<f64>>,
+    /// Of heat: the irradiance from the surroundings, patch by patch, where there is one state.
+    outside: Option<Vec<f64>>,
     is_block: bool,
 }
 
@@ -127,6 +130,18 @@ impl Solution {
         self.temperature.as_ref().map(of).transpose()
     }
 
+    /// Heat, flux and temperature by surface of the `matrix` that was solved: by 'object', 'material' or 'face'. Of one
+    /// state of heat only.
+    #[pyo3(signature = (matrix, by="object"))]
+    fn by_surface(&self, matrix: &Bound<'_, Matrix>, by: &str) -> PyResult<HeatBySurface> {
+        let Some(temperature) = self.temperature.as_ref().filter(|_| self.solved.radiosity.columns() == 1) else {
+            return Err(errors::input(
+                "`by_surface` is of one state of heat, as `solve_heat` finds it with one temperature a patch",
+            ));
+        };
+        heat::by_surface(matrix.get(), &self.solved, self.outside.as_deref(), temperature, by)
+    }
+
     /// Pickles the arrays and numbers.
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
         let (py, solution) = (slf.py(), slf.get());
@@ -143,6 +158,7 @@ impl Solution {
                 .clone()
                 .map(|values| PyArray1::from_vec(py, values)),
             solution.is_block,
+            solution.outside.clone().map(|values| PyArray1::from_vec(py, values)),
         );
         Ok((maker(py, "_solution_of")?, arguments.into_pyobject(py)?))
     }
@@ -280,10 +296,10 @@ fn options(method: &str, restart: u32, tolerance: f64, max_iterations: u32, thre
 
 /// How much memory solving has, and who is told.
 #[derive(Clone, Copy)]
-struct Manner<'a, 'py> {
-    options: SolveOptions,
-    memory: u64,
-    progress: Option<&'a Bound<'py, PyAny>>,
+pub(crate) struct Manner<'a, 'py> {
+    pub(crate) options: SolveOptions,
+    pub(crate) memory: u64,
+    pub(crate) progress: Option<&'a Bound<'py, PyAny>>,
     is_block: bool,
 }
 
@@ -299,43 +315,60 @@ fn solution<'py>(py: Python<'py>, matrix: &Matrix, problem: &Problem, manner: Ma
             progress: manner.progress,
         },
     )?;
-    if !solved.converged {
-        PyErr::warn(
-            py,
-            &py.get_type::<PyRuntimeWarning>(),
-            c"the residual did not reach the tolerance; allow more with `max_iterations`, or look for surfaces that \
-              reflect all",
-            1,
-        )?;
-    }
+    warn_unconverged(py, &solved)?;
     let balance = energy_balance(problem, &solved, &matrix.area()?, &matrix.table()?);
     Ok(Solution {
         solved,
         balance: terms(&balance),
         temperature: None,
+        outside: None,
         is_block: manner.is_block,
     })
+}
+
+/// Warns of a residual above the tolerance.
+fn warn_unconverged(py: Python<'_>, solved: &Solved) -> PyResult<()> {
+    if solved.converged {
+        return Ok(());
+    }
+    PyErr::warn(
+        py,
+        &py.get_type::<PyRuntimeWarning>(),
+        c"the residual did not reach the tolerance; allow more with `max_iterations`, or look for surfaces that \
+          reflect all",
+        1,
+    )
 }
 
 /// Heat between grey, diffuse surfaces, as the program's `solve --thermal`: radiosity B, irradiance G, `flux` B − G in
 /// W/m² and `temperature` in kelvin.
 ///
-/// `emissivity` is a number or (n,), from 0 to 1; `temperature` in kelvin a number, (n,), or (n, k) for k right-hand
-/// sides at once. NaN is an adiabatic patch: it sends what it receives, whatever its emissivity, and its temperature is
-/// found. What leaves the scene goes to, and comes from, surroundings at `ambient` kelvin; 0 is cold space. The other
-/// keywords are those of `solve`.
+/// Either `properties`, a dictionary as the program's file of materials (docs/heat.md): `{"default": {"emissivity":
+/// 0.9, "temperature": "20 °C"}, "object": {"floor": {"flux": 40}, "Zone 3*": {"heat": 500, "isothermal": True}},
+/// "material": {…}}`, with the conditions `temperature`, `adiabatic`, `flux` (W/m²), `heat` (W in all) and `isothermal`.
+///
+/// Or arrays: `emissivity` is a number or (n,), from 0 to 1; `temperature` in kelvin a number, (n,), or (n, k) for k
+/// right-hand sides at once. NaN is an adiabatic patch: it sends what it receives, whatever its emissivity, and its
+/// temperature is found.
+///
+/// What leaves the scene goes to, and comes from, surroundings at `ambient`, in kelvin or as '20 °C'; 0 is cold space.
+/// `ground`, with `properties`, is the temperature of what lies below the horizon, and `below_horizon` (n,) the share of
+/// each patch's view that ends there, such as `sky(scene).ground`. The other keywords are those of `solve`.
 #[pyfunction]
 #[pyo3(signature = (
-    matrix, emissivity, temperature, *, ambient=0.0, method="gmres", restart=20, tolerance=1e-6, max_iterations=500,
-    memory=1_000_000_000, threads=0, progress=None
+    matrix, emissivity=None, temperature=None, *, properties=None, ambient=None, ground=None, below_horizon=None,
+    method="gmres", restart=20, tolerance=1e-6, max_iterations=500, memory=1_000_000_000, threads=0, progress=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn solve_heat(
     py: Python<'_>,
     matrix: &Bound<'_, Matrix>,
-    emissivity: &Bound<'_, PyAny>,
-    temperature: &Bound<'_, PyAny>,
-    ambient: f64,
+    emissivity: Option<&Bound<'_, PyAny>>,
+    temperature: Option<&Bound<'_, PyAny>>,
+    properties: Option<&Bound<'_, PyAny>>,
+    ambient: Option<&Bound<'_, PyAny>>,
+    ground: Option<&Bound<'_, PyAny>>,
+    below_horizon: Option<&Bound<'_, PyAny>>,
     method: &str,
     restart: u32,
     tolerance: f64,
@@ -344,7 +377,64 @@ pub(crate) fn solve_heat(
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Solution> {
-    let matrix = matrix.get();
+    let ambient = ambient.map_or(Ok(0.0), |given| heat::kelvin(given, "ambient"))?;
+    let manner = |is_block| {
+        options(method, restart, tolerance, max_iterations, threads).map(|options| Manner {
+            options,
+            memory,
+            progress,
+            is_block,
+        })
+    };
+    match (properties, emissivity, temperature) {
+        (Some(properties), None, None) => {
+            let ground = heat::ground(matrix.get(), ground, below_horizon)?;
+            heat_of_properties(py, matrix.get(), properties, (ambient, ground), manner(false)?)
+        }
+        (None, ..) if ground.is_some() || below_horizon.is_some() => {
+            Err(errors::input("`ground` and `below_horizon` are for `properties`"))
+        }
+        (None, Some(emissivity), Some(temperature)) => {
+            let arrays = [emissivity, temperature];
+            heat_of_arrays(py, matrix.get(), arrays, ambient, manner)
+        }
+        _ => Err(errors::input(
+            "`properties`, or both `emissivity` and `temperature`, are needed",
+        )),
+    }
+}
+
+/// Heat by names.
+fn heat_of_properties(
+    py: Python<'_>,
+    matrix: &Matrix,
+    properties: &Bound<'_, PyAny>,
+    surroundings: (f64, Option<(f64, Vec<f64>)>),
+    manner: Manner<'_, '_>,
+) -> PyResult<Solution> {
+    let (found, outside) = heat::solve(py, matrix, properties, surroundings, manner)?;
+    warn_unconverged(py, &found.solution)?;
+    let balance = energy_balance(&found.problem, &found.solution, &matrix.area()?, &matrix.table()?);
+    Ok(Solution {
+        solved: found.solution,
+        balance: terms(&balance),
+        temperature: Some(found.temperature),
+        outside,
+        is_block: false,
+    })
+}
+
+/// Heat by arrays.
+fn heat_of_arrays<'a, 'py>(
+    py: Python<'py>,
+    matrix: &Matrix,
+    [emissivity, temperature]: [&Bound<'py, PyAny>; 2],
+    ambient: f64,
+    manner: impl Fn(bool) -> PyResult<Manner<'a, 'py>>,
+) -> PyResult<Solution>
+where
+    'py: 'a,
+{
     let count = matrix.patch_count();
     let emissivity = match emissivity.extract::<f64>() {
         Ok(number) => vec![number; count],
@@ -355,13 +445,10 @@ pub(crate) fn solve_heat(
         return Err(errors::input(format!("an emissivity is {wrong}; it is from 0 to 1")));
     }
     let is_wrong = |kelvin: &&f64| !kelvin.is_nan() && !(0.0..=KELVIN_MAX).contains(*kelvin);
-    if let Some(wrong) = kelvin.iter().chain([&ambient]).find(is_wrong) {
+    if let Some(wrong) = kelvin.iter().find(is_wrong) {
         return Err(errors::input(format!(
             "a temperature is {wrong}; it is in kelvin, from 0 on, or NaN for an adiabatic patch"
         )));
-    }
-    if ambient.is_nan() {
-        return Err(errors::input("`ambient` is NaN; a temperature in kelvin is needed"));
     }
     let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
     let of = |patch: usize, side: usize| kelvin[patch * columns + side];
@@ -391,13 +478,7 @@ pub(crate) fn solve_heat(
         }),
         returned: Some(table.returned()),
     };
-    let manner = Manner {
-        options: options(method, restart, tolerance, max_iterations, threads)?,
-        memory,
-        progress,
-        is_block,
-    };
-    let mut found = solution(py, matrix, &problem, manner)?;
+    let mut found = solution(py, matrix, &problem, manner(is_block)?)?;
     let radiosity = found.solved.radiosity.values();
     // An adiabatic patch sends as much as a black one of its temperature.
     let settled = |(&kelvin, &sent): (&f64, &f64)| match kelvin.is_nan() {
@@ -405,16 +486,17 @@ pub(crate) fn solve_heat(
         false => kelvin,
     };
     found.temperature = Some(kelvin.iter().zip(radiosity).map(settled).collect());
+    found.outside = problem.outside.filter(|_| columns == 1).map(|outside| outside.values().to_vec());
     Ok(found)
 }
 
 /// Hotter than any furnace: a unit mistaken, or a typing error.
-const KELVIN_MAX: f64 = 1e6;
+pub(crate) const KELVIN_MAX: f64 = 1e6;
 
 /// The solution of a pickle.
 #[pyfunction]
 #[pyo3(name = "_solution_of", signature = (
-    radiosity, irradiance, residuals, iterations, converged, balance, temperature, is_block
+    radiosity, irradiance, residuals, iterations, converged, balance, temperature, is_block, outside=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "the state of a solution")]
 pub(crate) fn solution_of(
@@ -426,6 +508,7 @@ pub(crate) fn solution_of(
     balance: Vec<Terms>,
     temperature: Option<&Bound<'_, PyAny>>,
     is_block: bool,
+    outside: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Solution> {
     let patches = radiosity.len()?;
     let block = |given: &Bound<'_, PyAny>, what| {
@@ -437,6 +520,9 @@ pub(crate) fn solution_of(
     let sides = radiosity.columns();
     let temperature = temperature
         .map(|given| numbers::vector(given, "temperature", patches * sides))
+        .transpose()?;
+    let outside = outside
+        .map(|given| numbers::vector(given, "outside", patches))
         .transpose()?;
     if irradiance.columns() != sides || residuals.len() != sides || balance.len() != sides || (sides != 1 && !is_block)
     {
@@ -455,6 +541,7 @@ pub(crate) fn solution_of(
         solved,
         balance,
         temperature,
+        outside,
         is_block,
     })
 }

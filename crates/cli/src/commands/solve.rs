@@ -1,10 +1,13 @@
 //! `hemicube solve`: radiosity or thermal exchange from a matrix.
 
+mod heat;
+mod surfaces;
+
 use crate::args::EngineSettings;
 use crate::args::{Report as ReportArguments, Talk};
 use crate::exit::{self, Exit, hinted};
 use crate::help::examples;
-use crate::materials::{Materials, Optics, Thermal};
+use crate::materials;
 use crate::outputs::Paths;
 use crate::picture::canvas::Format as PictureFormat;
 use crate::picture::model::{self, Camera};
@@ -15,8 +18,8 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use hemicube::sky::sky_product;
 use hemicube::solve::{
-    ArrayFile, Block, EnergyBalance, Method, OutOfCore, Problem, STEFAN_BOLTZMANN, Solution, SolutionWriter,
-    SolveError, SolveOptions, StoredSolution, energy_balance, solve,
+    ArrayFile, Block, EnergyBalance, Method, Optics, OutOfCore, Problem, Solution, SolutionWriter, SolveError,
+    SolveOptions, Step, StoredSolution, Temperature, energy_balance, solve,
 };
 use hemicube::store::{PatchTable, RowTable, Store};
 use serde::Serialize;
@@ -27,11 +30,6 @@ use std::time::Instant;
 
 /// Most right-hand sides in a table: more columns nobody opens.
 const CSV_COLUMNS_MAX: u64 = 256;
-/// Temperatures below this, in kelvin, are asked about, and how many of them are named.
-const COLD: f64 = 100.0;
-const COLD_SHOWN: usize = 3;
-/// A scene is open when more than this part of its view leaves it.
-const OPEN: f64 = 0.01;
 /// Right-hand sides with a printed balance.
 const BALANCES_SHOWN: usize = 6;
 /// Least returned share of the input to be printed.
@@ -42,7 +40,9 @@ const VECTORS: u64 = 9;
 const EXAMPLES: &str = "  \
   hemicube solve room.hemicube --scene room.obj
   hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv
-  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient 293";
+  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient '20 °C'
+  hemicube solve room.hemicube --print-materials > room.toml
+  hemicube solve room.hemicube --thermal --materials room.toml --by object --surfaces room.csv";
 
 /// Solve for light or heat: radiosity of every patch from a matrix and its materials
 #[derive(Args, Debug)]
@@ -57,15 +57,36 @@ pub(crate) struct Arguments {
     /// Read a scene of which more would come than a file of its size may become (docs/security.md)
     #[arg(long, requires = "scene", help_heading = "Materials", hide_short_help = true)]
     pub(crate) allow_large: bool,
-    /// Materials by name (TOML): reflectance, emission, emissivity, temperature; they go before the scene's
+    /// Properties of objects and materials by name (TOML): reflectance, emission, emissivity, temperature, flux, heat;
+    /// they go before the scene's
     #[arg(long, value_name = "FILE", help_heading = "Materials")]
     pub(crate) materials: Option<PathBuf>,
+    /// Print a file for `--materials` with all objects, materials and the values that hold, and solve nothing
+    #[arg(long, help_heading = "Materials")]
+    pub(crate) print_materials: bool,
     /// Exchange heat instead of light: emissivity and temperature to net flux
     #[arg(long, help_heading = "Materials")]
     pub(crate) thermal: bool,
-    /// What lies outside, for heat that leaves the scene, in kelvin [default: 0, cold space]
-    #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "thermal", help_heading = "Materials")]
-    pub(crate) ambient: Option<f64>,
+    /// What lies outside, for heat that leaves the scene, in kelvin, or as `20 °C` [default: 0, cold space]
+    #[arg(
+        long,
+        value_name = "KELVIN",
+        value_parser = kelvin,
+        requires = "thermal",
+        allow_hyphen_values = true,
+        help_heading = "Materials"
+    )]
+    pub(crate) ambient: Option<Temperature>,
+    /// The ground, for heat that leaves the scene below the horizon, by the sky rows of `hemicube sky --store`
+    #[arg(
+        long,
+        value_name = "KELVIN",
+        value_parser = kelvin,
+        requires = "thermal",
+        allow_hyphen_values = true,
+        help_heading = "Materials"
+    )]
+    pub(crate) ground: Option<Temperature>,
     /// Emission of each patch: one row a right-hand side (.npy), row r of band r modulo the number of bands
     #[arg(
         long,
@@ -109,6 +130,21 @@ pub(crate) struct Arguments {
     /// Write the solution to FILE too: .npz or .csv (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
+    /// Show heat, flux and temperature by surface [default with `--surfaces`: object]
+    #[arg(
+        long,
+        value_name = "object|material|face",
+        requires = "thermal",
+        hide_possible_values = true
+    )]
+    pub(crate) by: Option<surfaces::By>,
+    /// Take each surface of `--by` for one of a textbook: one radiosity, one temperature, and form factors between
+    /// surfaces as a whole
+    #[arg(long, requires = "thermal")]
+    pub(crate) network: bool,
+    /// Write heat, flux and temperature by surface to FILE: .csv or .json (repeatable)
+    #[arg(long, value_name = "FILE", requires = "thermal")]
+    pub(crate) surfaces: Vec<PathBuf>,
     /// Replace files that are there
     #[arg(long)]
     pub(crate) overwrite: bool,
@@ -121,11 +157,19 @@ pub(crate) struct Arguments {
     )]
     pub(crate) sky_radiance: Option<PathBuf>,
     /// The division of the sky that it is of [default: DIR/sky/sky.npz, from `hemicube sky --store`]
-    #[arg(long, value_name = "FILE.npz", requires = "sky_radiance", help_heading = "Materials")]
+    #[arg(long, value_name = "FILE.npz", help_heading = "Materials")]
     pub(crate) sky: Option<PathBuf>,
     /// Draw the solution: .png or .svg; needs `--scene`
     #[arg(long, value_name = "FILE", requires = "scene")]
     pub(crate) picture: Option<PathBuf>,
+    /// What colours the picture [default: radiosity; with `--thermal`: flux]
+    #[arg(
+        long,
+        value_name = "radiosity|irradiance|flux|temperature",
+        requires = "picture",
+        hide_possible_values = true
+    )]
+    pub(crate) show: Option<Shown>,
     #[command(flatten)]
     pub(crate) camera: Camera,
     #[command(flatten)]
@@ -143,6 +187,7 @@ impl Arguments {
             .reads(&self.sky_radiance)
             .reads(&self.sky)
             .writes("-o", &self.output, self.overwrite)
+            .writes("--surfaces", &self.surfaces, self.overwrite)
             .writes("--picture", &self.picture, self.overwrite)
             .reports(&self.report)
     }
@@ -159,10 +204,32 @@ pub(crate) enum MethodName {
     Jacobi,
 }
 
-fn kelvin(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(kelvin) if (0.0..=1e6).contains(&kelvin) => Ok(kelvin),
-        _ => Err("a temperature in kelvin, from 0 on, is needed".to_owned()),
+fn kelvin(text: &str) -> Result<Temperature, String> {
+    text.parse()
+        .map_err(|_: String| "a temperature in kelvin, from 0 on, is needed, or one such as `20 °C`".to_owned())
+}
+
+/// Quantities that can colour a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Shown {
+    /// What leaves.
+    Radiosity,
+    /// What arrives.
+    Irradiance,
+    /// Their difference.
+    Flux,
+    /// Kelvin.
+    Temperature,
+}
+
+impl Shown {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Radiosity => "radiosity",
+            Self::Irradiance => "irradiance",
+            Self::Flux => "flux",
+            Self::Temperature => "temperature",
+        }
     }
 }
 
@@ -201,7 +268,12 @@ pub(crate) fn bytes(text: &str) -> Result<u64, String> {
 #[serde(rename_all = "snake_case")]
 enum Surfaces {
     Light(Vec<Optics>),
-    Heat { materials: Vec<Thermal>, ambient: f64 },
+    Heat {
+        materials: Vec<heat::Recorded>,
+        ambient: f64,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        ground: Option<f64>,
+    },
 }
 
 /// Record beside the solution. No clock and no machine.
@@ -219,6 +291,12 @@ struct Record {
     iterations: u32,
     residuals: Vec<f64>,
     balance: Vec<EnergyBalance>,
+    /// The surfaces with most of what a solution that did not converge leaves.
+    #[serde(skip)]
+    unsettled: Option<String>,
+    /// Heat by surface, where it is asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    by_surface: Option<surfaces::Results>,
 }
 
 #[derive(Serialize)]
@@ -242,18 +320,24 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     for output in &arguments.output {
         OutputFormat::of(output)?;
     }
+    for file in &arguments.surfaces {
+        surfaces::Format::of(file)?;
+    }
     if let Some(picture) = &arguments.picture {
         PictureFormat::of(picture)?;
     }
+    arguments.require_quantities()?;
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
+    if arguments.print_materials {
+        return print_materials(arguments, &store);
+    }
     require_up(arguments, &store)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let table = store.patches()?;
     let rows = store.row_table()?;
-    let task = Task::new(arguments, &store, &table, &rows)?;
-    task.question(arguments, talk);
+    let task = Task::new(arguments, &store, &table, &rows, talk)?;
     let name = arguments.name.as_deref().unwrap_or(arguments.quantity().name);
     let factors = OutOfCore::new(&store, arguments.memory / 2)?;
     let mut writer = SolutionWriter::create(&store, name, task.quantities(), task.rows)?;
@@ -270,13 +354,22 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     for output in &arguments.output {
         write_output(&stored, &store, &table, &record, output)?;
     }
+    for file in &arguments.surfaces {
+        if let Some(results) = &record.by_surface {
+            results.write(file)?;
+        }
+    }
     draw_picture(arguments, &store, &stored, talk)?;
     let seconds = started.elapsed().as_secs_f64();
     talk.say(text(&record, &store, &path, seconds).trim_end());
+    if let Some(results) = &record.by_surface {
+        talk.say(results.text().trim_end());
+    }
     if !record.converged {
         talk.warn(&format!(
-            "the residual did not reach {}; allow more with `--max-iterations`, or look for surfaces that reflect all",
-            figures(record.tolerance)
+            "the residual did not reach {}; allow more with `--max-iterations`, or look for surfaces that reflect all{}",
+            figures(record.tolerance),
+            record.unsettled.as_deref().unwrap_or_default()
         ));
     }
     if let Some(json) = json {
@@ -323,6 +416,24 @@ impl Arguments {
         }
     }
 
+    /// Quantity on the picture.
+    fn shown(&self) -> &'static str {
+        self.show.map_or(self.quantity().shown, Shown::name)
+    }
+
+    /// Refuses a picture of what is not solved for, and a sky that nothing is asked of.
+    fn require_quantities(&self) -> Result<()> {
+        if let Some(shown @ (Shown::Flux | Shown::Temperature)) = self.show
+            && !self.thermal
+        {
+            bail!("`--show {}` is of heat; add `--thermal`", shown.name());
+        }
+        if self.sky.is_some() && self.sky_radiance.is_none() && self.ground.is_none() {
+            bail!("`--sky` divides the sky for `--sky-radiance` or `--ground`, and neither is given");
+        }
+        Ok(())
+    }
+
     fn options(&self) -> SolveOptions {
         SolveOptions {
             method: match self.method {
@@ -349,13 +460,21 @@ fn require_up(arguments: &Arguments, store: &Store) -> Result<()> {
     }
 }
 
+/// Prints the file of materials to begin with.
+fn print_materials(arguments: &Arguments, store: &Store) -> Result<Exit> {
+    let (scene, file) = (arguments.scene.as_deref(), arguments.materials.as_deref());
+    let properties = materials::read(store.manifest(), &store.patches()?, scene, file, arguments.allow_large)?;
+    report::print(&materials::file_of(&properties.by_object(), &arguments.store))?;
+    Ok(Exit::Done)
+}
+
 fn draw_picture(arguments: &Arguments, store: &Store, stored: &StoredSolution, talk: Talk) -> Result<()> {
     let (Some(picture), Some(scene)) = (&arguments.picture, &arguments.scene) else {
         return Ok(());
     };
     let prepared = stored::scene(store, scene, &EngineSettings::default(), arguments.allow_large)?;
     prepared.tell_up(arguments.camera.up, talk);
-    let values = model::of_solution(stored, arguments.quantity().shown)?;
+    let values = model::of_solution(stored, arguments.shown())?;
     model::draw(&prepared, &values, &arguments.camera, picture)
 }
 
@@ -386,15 +505,16 @@ struct Sky {
 }
 
 enum Kind {
-    Light {
-        optics: Vec<Optics>,
-        emission: Option<ArrayFile>,
-        sky: Option<Sky>,
-    },
-    Heat {
-        materials: Vec<Thermal>,
-        ambient: f64,
-    },
+    Light(Light),
+    Heat(Box<heat::Exchange>),
+}
+
+struct Light {
+    optics: Vec<Optics>,
+    /// Index of each patch into `optics`.
+    kind_of_patch: Vec<u32>,
+    emission: Option<ArrayFile>,
+    sky: Option<Sky>,
 }
 
 impl<'a> Task<'a> {
@@ -405,13 +525,18 @@ impl<'a> Task<'a> {
             quantity: arguments.quantity().kind,
             bands: self.bands.clone(),
             band_of_row: (0..self.rows).map(|row| self.band(row)).collect(),
-            surfaces: self.surfaces(arguments)?,
+            surfaces: match &self.kind {
+                Kind::Light(light) => Surfaces::Light(light.optics.clone()),
+                Kind::Heat(exchange) => exchange.recorded(),
+            },
             method: self.options.method,
             tolerance: self.options.tolerance,
             converged: true,
             iterations: 0,
             residuals: Vec::new(),
             balance: Vec::new(),
+            unsettled: None,
+            by_surface: None,
         })
     }
 
@@ -429,8 +554,7 @@ impl<'a> Task<'a> {
         let mut first = 0;
         while first < self.rows {
             let end = (first + at_once).min(self.rows);
-            let problem = self.problem(first..end)?;
-            let solved = solve(factors, &problem, self.options, &mut |step| {
+            let mut progress = |step: Step| {
                 let text = format!(
                     "iteration {}, residual {}{}",
                     step.iteration,
@@ -444,53 +568,82 @@ impl<'a> Task<'a> {
                 bar.message(&text);
                 talk.detail(&text);
                 !cancel.load(Ordering::SeqCst)
-            });
-            let solution = match solved {
-                Ok(solution) => solution,
+            };
+            let solved = match &self.kind {
+                Kind::Light(light) => {
+                    let problem = self.problem(light, first..end)?;
+                    solve(factors, &problem, self.options, &mut progress).map(|solution| {
+                        let balance = energy_balance(&problem, &solution, &self.table.area, self.row_table);
+                        (solution, balance, None)
+                    })
+                }
+                Kind::Heat(exchange) => exchange
+                    .solve(factors, self.options, &mut progress)
+                    .map(|found| {
+                        let of = (&found.problem, &found.solution);
+                        let balance = energy_balance(of.0, of.1, &self.table.area, self.row_table);
+                        record.by_surface = exchange.by_surface(self.table, self.row_table, &found);
+                        record.unsettled = exchange.unsettled(&found);
+                        (found.solution, balance, Some(found.temperature))
+                    }),
+            };
+            let (solution, balance, temperature) = match solved {
+                Ok(solved) => solved,
                 Err(SolveError::Interrupted) => return Ok(None),
-                Err(error) => return Err(error.into()),
+                Err(error) => return Err(self.told(error)),
             };
             record.converged &= solution.converged;
             record.iterations = record.iterations.max(solution.iterations);
             record.residuals.extend(&solution.residuals);
-            record
-                .balance
-                .extend(energy_balance(&problem, &solution, &self.table.area, self.row_table));
-            self.keep(writer, &solution)?;
+            record.balance.extend(balance);
+            keep(writer, &solution, temperature.as_deref())?;
             first = end;
         }
         Ok(Some(()))
     }
 
-    fn new(arguments: &Arguments, store: &Store, table: &'a PatchTable, row_table: &'a RowTable) -> Result<Self> {
-        let manifest = store.manifest();
-        let materials = Materials::read(
-            &manifest.materials,
+    /// An error of solving, with the surface that it is about.
+    fn told(&self, error: SolveError) -> anyhow::Error {
+        match (&self.kind, &error) {
+            (Kind::Heat(exchange), SolveError::Impossible { patch, .. }) => {
+                let surface = exchange.shown(*patch);
+                anyhow::Error::new(error).context(format!("{surface} cannot be"))
+            }
+            _ => error.into(),
+        }
+    }
+
+    fn new(
+        arguments: &Arguments,
+        store: &Store,
+        table: &'a PatchTable,
+        row_table: &'a RowTable,
+        talk: Talk,
+    ) -> Result<Self> {
+        let properties = materials::read(
+            store.manifest(),
+            table,
             arguments.scene.as_deref(),
             arguments.materials.as_deref(),
             arguments.allow_large,
         )?;
-        let mut used = vec![false; manifest.materials.len()];
-        for &material in &table.material {
-            if let Some(used) = used.get_mut(material as usize) {
-                *used = true;
-            }
+        for note in properties.notes() {
+            talk.warn(note);
         }
         if arguments.thermal {
+            let exchange = heat::Exchange::new(arguments, store, (table, row_table), &properties)?;
+            exchange.question(arguments, (table, row_table), talk);
             return Ok(Self {
                 bands: vec!["total".to_owned()],
                 rows: 1,
                 table,
                 row_table,
                 options: arguments.options(),
-                kind: Kind::Heat {
-                    materials: materials.thermal(&used)?,
-                    ambient: arguments.ambient.unwrap_or(0.0),
-                },
+                kind: Kind::Heat(Box::new(exchange)),
             });
         }
-        let bands = materials.bands.clone();
-        let optics = materials.optics(&used)?;
+        let bands = properties.bands().to_vec();
+        let optics = properties.optics().map_err(materials::told)?;
         let emission = arguments.emission.as_deref().map(ArrayFile::open).transpose()?;
         if let (Some(array), Some(path)) = (&emission, &arguments.emission) {
             if array.columns() != u64::from(store.patch_count()) {
@@ -503,33 +656,10 @@ impl<'a> Task<'a> {
             }
             require_bands(array, path, &bands)?;
         }
-        let sky = match &arguments.sky_radiance {
-            Some(path) => {
-                let radiance = ArrayFile::open(path)?;
-                require_bands(&radiance, path, &bands)?;
-                if let Some(emission) = &emission
-                    && emission.rows() != radiance.rows()
-                {
-                    bail!(
-                        "`{}` has {} right-hand sides, and the emission {}",
-                        path.display(),
-                        radiance.rows(),
-                        emission.rows()
-                    );
-                }
-                let division = match &arguments.sky {
-                    Some(division) => division.clone(),
-                    None => stored::sky(store)?,
-                };
-                Some(Sky { radiance, division })
-            }
-            None => None,
-        };
-        let dark = optics
-            .iter()
-            .zip(&used)
-            .all(|(o, &used)| !used || o.emission.iter().all(|&e| e == 0.0));
-        if dark && emission.is_none() && sky.is_none() {
+        let sky = Sky::read(arguments, store, &bands, emission.as_ref())?;
+        let kind_of_patch = properties.kind_of_patch().to_vec();
+        let dark = |kind: &u32| optics[*kind as usize].emission.iter().all(|&emission| emission == 0.0);
+        if emission.is_none() && sky.is_none() && kind_of_patch.iter().all(dark) {
             return Err(hinted(
                 anyhow!("nothing emits: every material has an emission of 0"),
                 "give one an `emission` by `--materials FILE`, patches theirs by `--emission FILE.npy`, or the sky by \
@@ -545,51 +675,13 @@ impl<'a> Task<'a> {
             table,
             row_table,
             options: arguments.options(),
-            kind: Kind::Light { optics, emission, sky },
+            kind: Kind::Light(Light {
+                optics,
+                kind_of_patch,
+                emission,
+                sky,
+            }),
         })
-    }
-
-    /// Asks once whether temperatures are in kelvin, and about the surroundings of an open scene.
-    fn question(&self, arguments: &Arguments, talk: Talk) {
-        let Kind::Heat { materials, ambient } = &self.kind else {
-            return;
-        };
-        let mut cold: Vec<String> = Vec::new();
-        for (index, material) in (0..).zip(materials) {
-            if let Some(kelvin) = material.temperature.filter(|&kelvin| kelvin < COLD)
-                && self.table.material.contains(&index)
-            {
-                cold.push(format!("{kelvin} K of material `{}`", material.name));
-            }
-        }
-        if arguments.ambient.is_some() && *ambient > 0.0 && *ambient < COLD {
-            cold.push(format!("{ambient} K of `--ambient`"));
-        }
-        let more = cold.len().saturating_sub(COLD_SHOWN);
-        cold.truncate(COLD_SHOWN);
-        if more > 0 {
-            cold.push(format!("{} more", count(more as u64)));
-        }
-        if !cold.is_empty() {
-            talk.warn(&format!(
-                "{}: below {COLD} K; if degrees Celsius are meant, add 273.15, for temperatures are in kelvin",
-                cold.join(", ")
-            ));
-        }
-        let (mut escaped, mut area) = (0.0, 0.0);
-        for (&share, &of) in self.row_table.escaped.iter().zip(&self.table.area) {
-            if !share.is_nan() {
-                escaped += share * of;
-                area += of;
-            }
-        }
-        if arguments.ambient.is_none() && escaped > OPEN * area {
-            talk.warn(&format!(
-                "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--ambient KELVIN` \
-                 says how warm it is, and `--ambient 0` that it is cold space",
-                percent(escaped / area)
-            ));
-        }
     }
 
     fn band(&self, row: u64) -> usize {
@@ -598,116 +690,104 @@ impl<'a> Task<'a> {
 
     fn quantities(&self) -> &'static [&'static str] {
         match self.kind {
-            Kind::Light { .. } => &["radiosity", "irradiance"],
-            Kind::Heat { .. } => &["radiosity", "irradiance", "flux", "temperature"],
+            Kind::Light(_) => &["radiosity", "irradiance"],
+            Kind::Heat(_) => &["radiosity", "irradiance", "flux", "temperature"],
         }
     }
 
-    fn surfaces(&self, arguments: &Arguments) -> Result<Surfaces> {
-        Ok(match &self.kind {
-            Kind::Light { optics, .. } => Surfaces::Light(optics.clone()),
-            Kind::Heat { materials, .. } => Surfaces::Heat {
-                materials: materials.clone(),
-                ambient: arguments.ambient.unwrap_or(0.0),
-            },
-        })
-    }
-
-    fn problem(&self, rows: std::ops::Range<u64>) -> Result<Problem> {
+    fn problem(&self, light: &Light, rows: std::ops::Range<u64>) -> Result<Problem> {
         let patches = self.table.len();
-        let material = |patch: usize| self.table.material[patch] as usize;
+        let optics = |patch: usize| &light.optics[light.kind_of_patch[patch] as usize];
         let bands: Vec<usize> = rows.clone().map(|row| self.band(row)).collect();
-        Ok(match &self.kind {
-            Kind::Light { optics, emission, sky } => {
-                let mut returned = self.row_table.returned();
-                let outside = match sky {
-                    // A patch of the sky sends π times its radiance, like a white wall.
-                    Some(sky) => {
-                        let mut radiances = Vec::new();
-                        for row in rows.clone() {
-                            let radiance = sky.radiance.row(row)?;
-                            radiances.push(radiance.into_iter().map(|l| std::f64::consts::PI * l).collect());
-                        }
-                        // Sum over the patches of the sky: all known surroundings.
-                        radiances.push(vec![1.0; radiances.first().map_or(0, Vec::len)]);
-                        let product = sky_product(&sky.division, &radiances)?;
-                        let (last, columns) = (radiances.len() - 1, product.patches());
-                        let outside = Block::from_fn(columns, last, |patch, row| product.of(patch)[row]);
-                        let seen: Vec<f64> = (0..columns).map(|patch| product.of(patch)[last]).collect();
-                        if outside.patches() != patches {
-                            bail!(
-                                "`{}` is of another number of patches than the matrix",
-                                sky.division.display()
-                            );
-                        }
-                        returned = self.row_table.returned_beside(&seen);
-                        Some(outside)
-                    }
-                    None => None,
-                };
-                let emission = match emission {
-                    None => Block::from_fn(patches, bands.len(), |patch, column| {
-                        optics[material(patch)].emission[bands[column]]
-                    }),
-                    Some(array) => {
-                        let read: Vec<Vec<f64>> = rows.map(|row| array.row(row)).collect::<Result<_, _>>()?;
-                        Block::from_fn(patches, bands.len(), |patch, column| read[column][patch])
-                    }
-                };
-                Problem {
-                    reflectance: Block::from_fn(patches, self.bands.len(), |patch, band| {
-                        optics[material(patch)].reflectance[band]
-                    }),
-                    bands,
-                    emission,
-                    outside,
-                    returned: Some(returned),
+        let mut returned = self.row_table.returned();
+        let outside = match &light.sky {
+            // A patch of the sky sends π times its radiance, like a white wall.
+            Some(sky) => {
+                let mut radiances = Vec::new();
+                for row in rows.clone() {
+                    let radiance = sky.radiance.row(row)?;
+                    radiances.push(radiance.into_iter().map(|l| std::f64::consts::PI * l).collect());
                 }
-            }
-            Kind::Heat { materials, ambient } => {
-                let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
-                Problem {
-                    reflectance: Block::from_fn(patches, 1, |patch, _| 1.0 - materials[material(patch)].emissivity),
-                    bands,
-                    emission: Block::from_fn(patches, 1, |patch, _| {
-                        let material = &materials[material(patch)];
-                        material.emissivity * black(material.temperature.unwrap_or(0.0))
-                    }),
-                    outside: (*ambient > 0.0).then(|| {
-                        Block::from_fn(patches, 1, |patch, _| {
-                            let escaped = self.row_table.escaped[patch];
-                            if escaped.is_nan() {
-                                0.0
-                            } else {
-                                escaped * black(*ambient)
-                            }
-                        })
-                    }),
-                    returned: Some(self.row_table.returned()),
+                // Sum over the patches of the sky: all known surroundings.
+                radiances.push(vec![1.0; radiances.first().map_or(0, Vec::len)]);
+                let product = sky_product(&sky.division, &radiances)?;
+                let (last, columns) = (radiances.len() - 1, product.patches());
+                let outside = Block::from_fn(columns, last, |patch, row| product.of(patch)[row]);
+                let seen: Vec<f64> = (0..columns).map(|patch| product.of(patch)[last]).collect();
+                if outside.patches() != patches {
+                    bail!(
+                        "`{}` is of another number of patches than the matrix",
+                        sky.division.display()
+                    );
                 }
+                returned = self.row_table.returned_beside(&seen);
+                Some(outside)
             }
+            None => None,
+        };
+        let emission = match &light.emission {
+            None => Block::from_fn(patches, bands.len(), |patch, column| {
+                optics(patch).emission[bands[column]]
+            }),
+            Some(array) => {
+                let read: Vec<Vec<f64>> = rows.map(|row| array.row(row)).collect::<Result<_, _>>()?;
+                Block::from_fn(patches, bands.len(), |patch, column| read[column][patch])
+            }
+        };
+        Ok(Problem {
+            reflectance: Block::from_fn(patches, self.bands.len(), |patch, band| optics(patch).reflectance[band]),
+            bands,
+            emission,
+            outside,
+            returned: Some(returned),
         })
     }
+}
 
-    fn keep(&self, writer: &mut SolutionWriter, solution: &Solution) -> Result<()> {
-        writer.append(0, &solution.radiosity)?;
-        writer.append(1, &solution.irradiance)?;
-        if let Kind::Heat { materials, .. } = &self.kind {
-            let (b, g) = (&solution.radiosity, &solution.irradiance);
-            writer.append(
-                2,
-                &Block::from_fn(b.patches(), 1, |patch, _| b.of(patch)[0] - g.of(patch)[0]),
-            )?;
-            // An adiabatic surface sends as much as a black one of its temperature.
-            let temperature = Block::from_fn(b.patches(), 1, |patch, _| {
-                materials[self.table.material[patch] as usize]
-                    .temperature
-                    .unwrap_or_else(|| (b.of(patch)[0] / STEFAN_BOLTZMANN).max(0.0).powf(0.25))
-            });
-            writer.append(3, &temperature)?;
+impl Sky {
+    /// The radiances of `--sky-radiance`, and the division that they are of.
+    fn read(
+        arguments: &Arguments,
+        store: &Store,
+        bands: &[String],
+        emission: Option<&ArrayFile>,
+    ) -> Result<Option<Self>> {
+        let Some(path) = &arguments.sky_radiance else {
+            return Ok(None);
+        };
+        let radiance = ArrayFile::open(path)?;
+        require_bands(&radiance, path, bands)?;
+        if let Some(emission) = emission
+            && emission.rows() != radiance.rows()
+        {
+            bail!(
+                "`{}` has {} right-hand sides, and the emission {}",
+                path.display(),
+                radiance.rows(),
+                emission.rows()
+            );
         }
-        Ok(())
+        let division = match &arguments.sky {
+            Some(division) => division.clone(),
+            None => stored::sky(store)?,
+        };
+        Ok(Some(Self { radiance, division }))
     }
+}
+
+/// Writes right-hand sides: radiosity and irradiance, and of heat flux and temperature.
+fn keep(writer: &mut SolutionWriter, solution: &Solution, temperature: Option<&[f64]>) -> Result<()> {
+    writer.append(0, &solution.radiosity)?;
+    writer.append(1, &solution.irradiance)?;
+    if let Some(temperature) = temperature {
+        let (b, g) = (&solution.radiosity, &solution.irradiance);
+        writer.append(
+            2,
+            &Block::from_fn(b.patches(), 1, |patch, _| b.of(patch)[0] - g.of(patch)[0]),
+        )?;
+        writer.append(3, &Block::from_fn(b.patches(), 1, |patch, _| temperature[patch]))?;
+    }
+    Ok(())
 }
 
 fn require_bands(array: &ArrayFile, path: &Path, bands: &[String]) -> Result<()> {

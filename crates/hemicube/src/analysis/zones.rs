@@ -55,16 +55,17 @@ impl Zone {
     }
 }
 
-/// The zones of the patches, in order of their first patch, and the zone of each patch.
-fn zones_of(table: &PatchTable, manifest: &Manifest, by: GroupBy) -> (Vec<Zone>, Vec<u32>) {
+/// The zones of the patches, in order of their first patch, and the zone of each patch. `objects` and `materials` are
+/// the names that the table counts into.
+pub(super) fn zones_of(table: &PatchTable, [objects, materials]: [&[String]; 2], by: GroupBy) -> (Vec<Zone>, Vec<u32>) {
     let mut zones: Vec<Zone> = Vec::new();
     let mut by_name: HashMap<(&str, u32, u8), u32> = HashMap::new();
     let mut zone_of = Vec::with_capacity(table.len());
     for patch in 0..table.len() {
         let named = |names: &'_ [String], index: u32| names.get(index as usize).cloned().unwrap_or_default();
         let key = match by {
-            GroupBy::Object => (name_in(&manifest.objects, table.object[patch]), 0, 0),
-            GroupBy::Material => (name_in(&manifest.materials, table.material[patch]), 0, 0),
+            GroupBy::Object => (name_in(objects, table.object[patch]), 0, 0),
+            GroupBy::Material => (name_in(materials, table.material[patch]), 0, 0),
             GroupBy::Face => ("", table.face[patch], table.side[patch]),
         };
         #[allow(clippy::cast_possible_truncation, reason = "no more zones than patches")]
@@ -73,8 +74,8 @@ fn zones_of(table: &PatchTable, manifest: &Manifest, by: GroupBy) -> (Vec<Zone>,
         if zone == next {
             zones.push(Zone {
                 name: match by {
-                    GroupBy::Object => named(&manifest.objects, table.object[patch]),
-                    GroupBy::Material => named(&manifest.materials, table.material[patch]),
+                    GroupBy::Object => named(objects, table.object[patch]),
+                    GroupBy::Material => named(materials, table.material[patch]),
                     GroupBy::Face if table.side[patch] == 0 => table.face[patch].to_string(),
                     GroupBy::Face => format!("{} back", table.face[patch]),
                 },
@@ -92,6 +93,11 @@ fn zones_of(table: &PatchTable, manifest: &Manifest, by: GroupBy) -> (Vec<Zone>,
         zone_of.push(zone);
     }
     (zones, zone_of)
+}
+
+/// Names of objects and of materials.
+pub(super) fn names_of(manifest: &Manifest) -> [&[String]; 2] {
+    [&manifest.objects, &manifest.materials]
 }
 
 fn name_in(names: &[String], index: u32) -> &str {
@@ -127,7 +133,7 @@ fn name_in(names: &[String], index: u32) -> &str {
 pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
     store.require_complete()?;
     let table = store.patches()?;
-    let (mut zones, zone_of) = zones_of(&table, store.manifest(), by);
+    let (mut zones, zone_of) = zones_of(&table, names_of(store.manifest()), by);
     let lost = store.row_table()?;
     // Rows come in the order of patches: every sum has one order.
     let mut sums: Vec<HashMap<u32, f64>> = vec![HashMap::new(); zones.len()];

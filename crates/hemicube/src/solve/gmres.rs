@@ -1,6 +1,9 @@
 //! GMRES for several right-hand sides: Krylov spaces of their own, products with the matrix in common.
 //!
-//! Source: Saad & Schultz 1986, algorithm 4, with modified Gram–Schmidt and Givens rotations.
+//! Source: Saad & Schultz 1986, algorithm 4, with modified Gram–Schmidt and Givens rotations. Where it is asked for, the
+//! last steps of a cycle go along the corrections of the cycles before (LGMRES: Baker, Jessup & Manteuffel 2005, *SIAM
+//! J. Matrix Anal. Appl.* 26, 962): restarts then no longer forget the slow directions, such as the level of a whole
+//! room in which one small surface alone has a temperature.
 
 use super::{Block, SolveError, Work};
 
@@ -71,14 +74,50 @@ impl Column {
     }
 }
 
+/// Moves `b` along the directions of a cycle; the correction, each column of length 1.
+fn corrected(b: &mut Block, directions: &[&Block], spaces: &[Column], wants_correction: bool) -> Option<Block> {
+    let coefficients: Vec<Vec<f64>> = spaces.iter().map(Column::coefficients).collect();
+    let mut correction = wants_correction.then(|| Block::zeros(b.patches(), b.columns()));
+    for (step, vector) in directions.iter().enumerate() {
+        let factors: Vec<f64> = coefficients
+            .iter()
+            .map(|y| y.get(step).copied().unwrap_or(0.0))
+            .collect();
+        b.add_scaled(&factors, vector);
+        if let Some(correction) = &mut correction {
+            correction.add_scaled(&factors, vector);
+        }
+    }
+    let mut correction = correction?;
+    let lengths = correction.norms();
+    correction.scale(&inverse(&lengths));
+    lengths.iter().all(|&length| length > 0.0).then_some(correction)
+}
+
+/// 1 / n; 0 for 0.
+fn inverse(norms: &[f64]) -> Vec<f64> {
+    norms.iter().map(|&n| if n > 0.0 { 1.0 / n } else { 0.0 }).collect()
+}
+
+/// The direction of a step: the newest vector of the basis, or, in the last steps of a cycle, a former correction.
+fn direction<'a>(basis: &'a [Block], corrections: &'a [Block], step: usize, restart: u32) -> &'a Block {
+    let last = (restart as usize).saturating_sub(corrections.len());
+    match step.checked_sub(last.max(1)) {
+        Some(place) => &corrections[place],
+        None => &basis[step],
+    }
+}
+
 /// From `b` until the residual is within the tolerance.
 pub(super) fn gmres(work: &mut Work<'_>, mut b: Block, restart: u32) -> Result<Block, SolveError> {
     let columns = work.columns();
     let ones = vec![1.0; columns];
+    // Corrections of the last cycles, the newest last.
+    let mut corrections: Vec<Block> = Vec::new();
     while !work.is_out_of_iterations() {
         // r = E + R H + R F b − b
         let product = work.product(&b)?;
-        let mut residual = work.problem.reflect(product);
+        let mut residual = work.reflect(product);
         residual.add_scaled(&ones, &work.source);
         residual.add_scaled(&vec![-1.0; columns], &b);
         let norms = residual.norms();
@@ -86,12 +125,6 @@ pub(super) fn gmres(work: &mut Work<'_>, mut b: Block, restart: u32) -> Result<B
         if work.tell(&relative)? {
             break;
         }
-        let inverse = |norms: &[f64]| {
-            norms
-                .iter()
-                .map(|&n| if n > 0.0 { 1.0 / n } else { 0.0 })
-                .collect::<Vec<_>>()
-        };
         residual.scale(&inverse(&norms));
         let mut basis = vec![residual];
         let mut spaces: Vec<Column> = norms.iter().map(|&norm| Column::new(norm)).collect();
@@ -101,10 +134,11 @@ pub(super) fn gmres(work: &mut Work<'_>, mut b: Block, restart: u32) -> Result<B
                 break;
             }
             // w = (I − R F) v
-            let product = work.product(&basis[step])?;
-            let mut next = work.problem.reflect(product);
+            let direction = direction(&basis, &corrections, step, restart);
+            let product = work.product(direction)?;
+            let mut next = work.reflect(product);
             next.scale(&vec![-1.0; columns]);
-            next.add_scaled(&ones, &basis[step]);
+            next.add_scaled(&ones, direction);
             let lengths = next.norms();
             let mut hessenberg = vec![Vec::with_capacity(step + 1); columns];
             for vector in &basis {
@@ -136,13 +170,13 @@ pub(super) fn gmres(work: &mut Work<'_>, mut b: Block, restart: u32) -> Result<B
                 break;
             }
         }
-        let coefficients: Vec<Vec<f64>> = spaces.iter().map(Column::coefficients).collect();
-        for (step, vector) in basis.iter().enumerate() {
-            let factors: Vec<f64> = coefficients
-                .iter()
-                .map(|y| y.get(step).copied().unwrap_or(0.0))
-                .collect();
-            b.add_scaled(&factors, vector);
+        let directions: Vec<&Block> = (0..basis.len().min(restart as usize))
+            .map(|step| direction(&basis, &corrections, step, restart))
+            .collect();
+        let correction = corrected(&mut b, &directions, &spaces, work.corrections_kept > 0);
+        corrections.extend(correction);
+        if corrections.len() > work.corrections_kept {
+            corrections.remove(0);
         }
         if finished {
             break;

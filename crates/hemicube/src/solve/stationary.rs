@@ -8,7 +8,7 @@ pub(super) fn jacobi(work: &mut Work<'_>, mut b: Block) -> Result<Block, SolveEr
     let minus = vec![-1.0; work.columns()];
     while !work.is_out_of_iterations() {
         let product = work.product(&b)?;
-        let mut next = work.problem.reflect(product);
+        let mut next = work.reflect(product);
         next.add_scaled(&vec![1.0; work.columns()], &work.source);
         // The change of a step is the residual of its start.
         for patch in 0..next.patches() {

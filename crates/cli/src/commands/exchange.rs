@@ -1,0 +1,303 @@
+//! `hemicube exchange`: Gebhart factors, total exchange areas, conductances and resistances between surfaces.
+
+mod files;
+
+use crate::args::{Report as ReportArguments, Talk};
+use crate::exit::{self, Exit, hinted};
+use crate::help::examples;
+use crate::materials;
+use crate::outputs::Paths;
+use crate::progress::Bar;
+use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, percent, table};
+use anyhow::{Context, Result, anyhow, bail};
+use clap::{Args, ValueEnum};
+use files::{Format, Found};
+use hemicube::analysis::exchange::{Exchange, Network};
+use hemicube::analysis::zones::GroupBy;
+use hemicube::solve::{Enclosures, Properties, SolveError, enclosures};
+use hemicube::store::Store;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+
+/// Surfaces whose exchange areas are printed as a square.
+const SQUARE_MAX: usize = 8;
+/// Rows of G that add up to 1 within this are conserved.
+const CONSERVED: f64 = 1e-6;
+/// Enclosures named.
+const ENCLOSURES_SHOWN: usize = 6;
+/// Names of an enclosure.
+const NAMES_SHOWN: usize = 3;
+
+const EXAMPLES: &str = "  \
+  hemicube exchange oven.hemicube --materials oven.toml -o oven.csv
+  hemicube exchange room.hemicube --materials room.toml --by material -o room.npz -o room.json";
+
+/// Find what surfaces exchange: Gebhart factors, total exchange areas (script F), conductances, resistances
+#[derive(Args, Debug)]
+#[command(after_long_help = examples(EXAMPLES, false))]
+pub(crate) struct Arguments {
+    /// The matrix
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// Properties of objects and materials by name (TOML): emissivity, one number or one a band
+    #[arg(long, value_name = "FILE")]
+    pub(crate) materials: Option<PathBuf>,
+    /// What a surface is: patches of one name, faces of the scene's file, or each patch
+    #[arg(
+        long,
+        value_name = "object|material|face|patch",
+        default_value = "object",
+        hide_possible_values = true
+    )]
+    pub(crate) by: By,
+    /// Write the factors to FILE: .csv (a line a pair), .json or .npz (repeatable)
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: Vec<PathBuf>,
+    /// Replace files that are there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    /// Worker threads; 0: one for each core
+    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub(crate) threads: u32,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+}
+
+impl Arguments {
+    /// Paths to read and to write.
+    pub(crate) fn paths(&self) -> Paths {
+        Paths::default()
+            .store([&self.store])
+            .reads(&self.materials)
+            .writes("-o", &self.output, self.overwrite)
+            .reports(&self.report)
+    }
+}
+
+/// Grouping of patches into surfaces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum By {
+    /// Objects of one name
+    Object,
+    /// Materials of one name
+    Material,
+    /// Faces of the scene's file
+    Face,
+    /// The matrix's patches
+    Patch,
+}
+
+impl By {
+    fn group(self) -> Option<GroupBy> {
+        match self {
+            Self::Object => Some(GroupBy::Object),
+            Self::Material => Some(GroupBy::Material),
+            Self::Face => Some(GroupBy::Face),
+            Self::Patch => None,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    schema: u32,
+    version: &'static str,
+    store: String,
+    by: By,
+    surfaces: usize,
+    bands: &'a [String],
+    /// Largest |Σ G − 1| of a row, band by band.
+    conservation: Vec<f64>,
+    /// Relative difference of A[i] script-F[i, j] and A[j] script-F[j, i], band by band.
+    reciprocity: Vec<f64>,
+    /// Number of surfaces of each enclosure of two or more.
+    enclosures: Vec<usize>,
+    products: u32,
+}
+
+pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    let json = JsonReport::open(&arguments.report)?;
+    for output in &arguments.output {
+        Format::of(output)?;
+    }
+    report::require_matrix(&arguments.store)?;
+    let store = Store::open(&arguments.store)?;
+    let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
+    let patches = store.patches()?;
+    let file = arguments.materials.as_deref();
+    let properties = materials::read(store.manifest(), &patches, None, file, false)?;
+    for note in properties.notes() {
+        talk.warn(note);
+    }
+    let network = Network::new(&store, arguments.by.group())?;
+    let emissivity = emissivities(&network, &properties)?;
+    let bands = match emissivity.len() {
+        1 => vec!["total".to_owned()],
+        _ => properties.bands().to_vec(),
+    };
+    let bar = Bar::spinner(talk, "solving");
+    let guard = exit::InterruptGuard::new();
+    let found = Exchange::new(&network, &emissivity, arguments.threads as usize, &mut |done, all| {
+        bar.message(&format!("{} of {} columns", count(done as u64), count(all as u64)));
+        !cancel.load(Ordering::SeqCst)
+    });
+    let exchange = match found {
+        Ok(exchange) => exchange,
+        Err(SolveError::Interrupted) => return Ok(Exit::Interrupted),
+        Err(error) => return Err(error.into()),
+    };
+    drop((bar, guard));
+    let enclosures = enclosures(&network.factors)?;
+    let found = Found {
+        network: &network,
+        exchange: &exchange,
+        bands: &bands,
+        enclosure: enclosures.of_patch(),
+    };
+    for output in &arguments.output {
+        found.write(output)?;
+    }
+    let of_scene = properties.emissivities_of_scene();
+    talk.say(text(&found, &enclosures, of_scene)?.trim_end());
+    let conservation: Vec<f64> = (0..bands.len()).map(|band| exchange.conservation(band)).collect();
+    let is_conserved = conservation.iter().all(|off| *off <= CONSERVED);
+    if let Some(json) = json {
+        let sizes = enclosures.patches().into_iter().map(|surfaces| surfaces.len());
+        json.write(&Report {
+            schema: SCHEMA,
+            version: env!("CARGO_PKG_VERSION"),
+            store: arguments.store.display().to_string(),
+            by: arguments.by,
+            surfaces: network.len(),
+            bands: &bands,
+            reciprocity: (0..bands.len()).map(|band| exchange.reciprocity(&network, band)).collect(),
+            conservation,
+            enclosures: sizes.filter(|size| *size > 1).collect(),
+            products: exchange.products,
+        })?;
+    }
+    Ok(if is_conserved { Exit::Done } else { Exit::NotHeld })
+}
+
+/// Emissivity of each surface, band by band.
+fn emissivities(network: &Network, properties: &Properties) -> Result<Vec<Vec<f64>>> {
+    let kinds = properties.emissivities().map_err(materials::told)?;
+    let of_patch = |patch: usize| &kinds[properties.kind_of_patch()[patch] as usize];
+    let surfaces = network.of_surfaces(|patch| of_patch(patch).clone()).map_err(|name| {
+        hinted(
+            anyhow!("the patches of `{name}` have several emissivities, and a surface has one"),
+            "give its object one in a table `[object.\"…\"]`, or take smaller surfaces: `--by face`, `--by patch`",
+        )
+    })?;
+    let bands = surfaces.first().map_or(1, Vec::len);
+    if surfaces.is_empty() {
+        bail!("the matrix has no surfaces");
+    }
+    Ok((0..bands)
+        .map(|band| surfaces.iter().map(|values| values[band]).collect())
+        .collect())
+}
+
+fn text(found: &Found<'_>, enclosures: &Enclosures, of_scene: Option<(usize, f64, f64)>) -> Result<String> {
+    let (network, exchange) = (found.network, found.exchange);
+    let mut list = Listing::default();
+    list.add(
+        "surfaces",
+        format!(
+            "{} of {}, {}",
+            count(network.len() as u64),
+            counted(network.of_patch.len() as u64, "patch"),
+            counted(network.pairs()?.len() as u64, "pair")
+        ),
+    );
+    if let Some((number, least, most)) = of_scene {
+        let range = if least == most {
+            format!("{least}")
+        } else {
+            format!("{least} to {most}")
+        };
+        let surfaces = counted(number as u64, "surface");
+        list.add("emissivity", format!("of {surfaces} as the scene's file has it: {range}"));
+    }
+    for (band, name) in found.bands.iter().enumerate() {
+        list.add(
+            &format!("conservation of {name}"),
+            format!(
+                "each row of Gebhart factors adds up to 1 within {}; A[i] script-F[i, j] and A[j] script-F[j, i] differ \
+                 by {}",
+                figures(exchange.conservation(band)),
+                percent(exchange.reciprocity(network, band))
+            ),
+        );
+    }
+    let mut all = enclosures.patches();
+    let alone = all.iter().filter(|surfaces| surfaces.len() < 2).count();
+    all.retain(|surfaces| surfaces.len() > 1);
+    all.sort_by_key(|surfaces| std::cmp::Reverse(surfaces.len()));
+    for (at, surfaces) in all.iter().enumerate().take(ENCLOSURES_SHOWN) {
+        list.add(&format!("enclosure {}", at + 1), enclosure(network, surfaces));
+    }
+    if all.len() > ENCLOSURES_SHOWN {
+        let more = count((all.len() - ENCLOSURES_SHOWN) as u64);
+        list.add("enclosures", format!("{more} more"));
+    }
+    if alone > 0 {
+        list.add("alone", format!("{} that see no other", counted(alone as u64, "surface")));
+    }
+    let mut text = list.text();
+    if network.len() <= SQUARE_MAX && found.bands.len() == 1 {
+        text.push('\n');
+        text.push_str(&square(found));
+    }
+    Ok(text)
+}
+
+/// An enclosure in words.
+fn enclosure(network: &Network, surfaces: &[u32]) -> String {
+    let names: Vec<&str> = surfaces
+        .iter()
+        .take(NAMES_SHOWN)
+        .map(|&surface| network.names[surface as usize].as_str())
+        .collect();
+    let more = match surfaces.len().saturating_sub(NAMES_SHOWN) {
+        0 => String::new(),
+        more => format!(" and {} more", count(more as u64)),
+    };
+    let (mut area, mut escaped) = (0.0, 0.0);
+    for &surface in surfaces {
+        area += network.area[surface as usize];
+        escaped += network.area[surface as usize] * network.escaped[surface as usize];
+    }
+    let lost = if escaped > 0.0 {
+        format!("{} of its view leaves the scene", percent(escaped / area))
+    } else {
+        "closed".to_owned()
+    };
+    let size = counted(surfaces.len() as u64, "surface");
+    format!("{size}: {}{more}; {lost}", names.join(", "))
+}
+
+/// The total exchange areas of a few surfaces as a table of pairs.
+fn square(found: &Found<'_>) -> String {
+    let (network, exchange) = (found.network, found.exchange);
+    let count = network.len();
+    let mut rows = Vec::new();
+    for from in 0..count {
+        for to in from..=count {
+            let area = exchange.area(network, 0, from, to);
+            if area > 0.0 {
+                let name = network.names.get(to).map_or("(surroundings)", String::as_str);
+                rows.push([
+                    network.names[from].clone(),
+                    name.to_owned(),
+                    format!("{:.6}", exchange.gebhart(0, from, to)),
+                    format!("{area:.5e}"),
+                    format!("{:.5e}", exchange.conductance(network, 0, from, to)),
+                ]);
+            }
+        }
+    }
+    table(["from", "to", "Gebhart factor", "exchange area", "σ A F, W/K⁴"], rows)
+}

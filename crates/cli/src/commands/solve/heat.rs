@@ -1,0 +1,367 @@
+//! Heat for `hemicube solve`: conditions, surroundings, and what is asked about them.
+
+use super::surfaces::{By, Results};
+use super::{Arguments, Surfaces};
+use crate::args::Talk;
+use crate::exit::hinted;
+use crate::materials;
+use crate::report::{count, counted, figures, percent};
+use crate::stored;
+use anyhow::{Result, anyhow, bail};
+use hemicube::analysis::exchange::Network;
+use hemicube::analysis::surfaces::heat_by_surface;
+use hemicube::sky::StoredSky;
+use hemicube::solve::{
+    Block, Condition, Enclosures, Heat, HeatSolution, Named, OutOfCore, Properties, SolveError, SolveOptions, Step, Thermal,
+    Problem, Solution, Undetermined, enclosures, solve_heat,
+};
+use hemicube::store::{Manifest, PatchTable, RowTable, Store};
+use serde::Serialize;
+
+/// Temperatures below this, in kelvin, are asked about, and how many of them are named.
+const COLD: f64 = 100.0;
+const COLD_SHOWN: usize = 3;
+/// Surfaces named of a solution that did not converge.
+const UNSETTLED_SHOWN: usize = 3;
+/// A scene is open when more than this part of its view leaves it.
+const OPEN: f64 = 0.01;
+
+/// A surface in the report: a material, or an object's patches of one material.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Recorded {
+    name: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    object: Option<String>,
+    emissivity: f64,
+    /// In kelvin; `None` where it is found.
+    temperature: Option<f64>,
+    /// In W/m².
+    #[serde(skip_serializing_if = "Option::is_none")]
+    flux: Option<f64>,
+    /// In W.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    heat: Option<f64>,
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    isothermal: bool,
+}
+
+impl Recorded {
+    fn of(kind: &Thermal) -> Self {
+        let mut recorded = Self {
+            name: kind.material.clone(),
+            object: kind.object.clone(),
+            emissivity: kind.emissivity.unwrap_or(0.0),
+            temperature: None,
+            flux: None,
+            heat: None,
+            isothermal: false,
+        };
+        match kind.condition {
+            Condition::Temperature(given) => recorded.temperature = Some(given.kelvin()),
+            // An adiabatic surface reflects all, whatever its emissivity.
+            Condition::Flux(0.0) => recorded.emissivity = 0.0,
+            Condition::Flux(flux) => recorded.flux = Some(flux),
+            Condition::Heat(heat) => recorded.heat = Some(heat),
+            Condition::IsothermalFlux(flux) => (recorded.flux, recorded.isothermal) = (Some(flux), true),
+            Condition::IsothermalHeat(heat) => (recorded.heat, recorded.isothermal) = (Some(heat), true),
+        }
+        recorded
+    }
+}
+
+/// An exchange of heat between the patches of a matrix.
+pub(super) struct Exchange {
+    thermal: Vec<Thermal>,
+    kind_of_patch: Vec<u32>,
+    heat: Heat,
+    ambient: f64,
+    ground: Option<f64>,
+    /// Grouping of the results by surface, where they are asked for.
+    by: Option<By>,
+    /// Surfaces of one radiosity in place of patches.
+    network: Option<(Network, Heat)>,
+    manifest: Manifest,
+    /// Where something has a temperature that is found, or surfaces are asked for.
+    enclosures: Option<Enclosures>,
+    undetermined: Undetermined,
+    /// Where emissivities are the scene's: how many surfaces', from, to.
+    of_scene: Option<(usize, f64, f64)>,
+}
+
+impl Exchange {
+    pub(super) fn new(
+        arguments: &Arguments,
+        store: &Store,
+        (table, rows): (&PatchTable, &RowTable),
+        properties: &Properties,
+    ) -> Result<Self> {
+        let thermal = properties.thermal().map_err(materials::told)?;
+        let mut heat = Heat::new(&thermal, properties.kind_of_patch(), &table.area, rows)?;
+        let ambient = arguments.ambient.map_or(0.0, hemicube::solve::Temperature::kelvin);
+        let ground = arguments.ground.map(hemicube::solve::Temperature::kelvin);
+        match ground {
+            None => heat.surround(&[(ambient, &rows.escaped)]),
+            Some(ground) => {
+                let below = below_horizon(arguments, store, &rows.escaped)?;
+                let above = rows.escaped.iter().zip(&below).map(|(escaped, below)| escaped - below);
+                let above: Vec<f64> = above.collect();
+                heat.surround(&[(ambient, &above), (ground, &below)]);
+            }
+        }
+        let of_scene = properties.emissivities_of_scene();
+        let is_asked = arguments.by.is_some() || !arguments.surfaces.is_empty() || arguments.network;
+        let is_new = is_asked || properties.has_objects() || heat.is_mixed() || ground.is_some() || of_scene.is_some();
+        let by = match arguments.by {
+            None if !is_new => None,
+            None if !is_asked && !properties.has_objects() => Some(By::Material),
+            given => Some(given.unwrap_or(By::Object)),
+        };
+        let is_known = |kind: &Thermal| {
+            let has = matches!(kind.condition, Condition::Temperature(_));
+            has && kind.is_used && kind.emissivity != Some(0.0)
+        };
+        let manifest = store.manifest().clone();
+        let network = match by.filter(|_| arguments.network) {
+            None => None,
+            Some(by) => {
+                let network = Network::new(store, Some(by.group()))?;
+                let of_surfaces = network.heat(&heat).map_err(|name| {
+                    hinted(
+                        anyhow!("the patches of `{name}` have several conditions or emissivities, and a surface has one"),
+                        "give its object one in a table `[object.\"…\"]`, or take smaller surfaces: `--by face`",
+                    )
+                })?;
+                Some((network, of_surfaces))
+            }
+        };
+        let mut exchange = Self {
+            by,
+            network,
+            manifest,
+            heat,
+            ambient,
+            ground,
+            enclosures: None,
+            undetermined: Undetermined::default(),
+            of_scene,
+            kind_of_patch: properties.kind_of_patch().to_vec(),
+            thermal,
+        };
+        if by.is_some() || !exchange.thermal.iter().any(is_known) {
+            exchange.find_enclosures(&OutOfCore::new(store, arguments.memory / 2)?, (table, rows))?;
+        }
+        Ok(exchange)
+    }
+
+    /// Finds the enclosures, and refuses those without a temperature.
+    fn find_enclosures(&mut self, factors: &OutOfCore<'_>, (table, rows): (&PatchTable, &RowTable)) -> Result<()> {
+        let found = enclosures(factors)?;
+        let named = Named {
+            objects: &self.manifest.objects,
+            materials: &self.manifest.materials,
+            object: &table.object,
+            material: &table.material,
+        };
+        self.undetermined = self.heat.require_temperatures(&found, &rows.escaped, named)?;
+        self.enclosures = Some(found);
+        Ok(())
+    }
+
+    /// Asks once whether temperatures are in kelvin, and about the surroundings of an open scene.
+    pub(super) fn question(&self, arguments: &Arguments, (table, rows): (&PatchTable, &RowTable), talk: Talk) {
+        let mut cold: Vec<String> = Vec::new();
+        for kind in self.thermal.iter().filter(|kind| kind.is_used) {
+            if let Condition::Temperature(given) = kind.condition
+                && given.kelvin() < COLD
+                && !given.is_celsius()
+            {
+                cold.push(format!("{} K of {}", given.kelvin(), kind.shown()));
+            }
+        }
+        for (given, name) in [(arguments.ambient, "--ambient"), (arguments.ground, "--ground")] {
+            if let Some(given) = given.filter(|given| !given.is_celsius())
+                && given.kelvin() > 0.0
+                && given.kelvin() < COLD
+            {
+                cold.push(format!("{} K of `{name}`", given.kelvin()));
+            }
+        }
+        let more = cold.len().saturating_sub(COLD_SHOWN);
+        cold.truncate(COLD_SHOWN);
+        if more > 0 {
+            cold.push(format!("{} more", count(more as u64)));
+        }
+        if !cold.is_empty() {
+            talk.warn(&format!(
+                "{}: below {COLD} K; if degrees Celsius are meant, add 273.15, for temperatures are in kelvin",
+                cold.join(", ")
+            ));
+        }
+        let (mut escaped, mut area) = (0.0, 0.0);
+        for (&share, &of) in rows.escaped.iter().zip(&table.area) {
+            if !share.is_nan() {
+                escaped += share * of;
+                area += of;
+            }
+        }
+        if arguments.ambient.is_none() && escaped > OPEN * area {
+            talk.warn(&format!(
+                "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--ambient KELVIN` \
+                 says how warm it is, and `--ambient 0` that it is cold space",
+                percent(escaped / area)
+            ));
+        }
+        let lost = self.undetermined.patches.iter().filter(|&&is| is).count();
+        if lost > 0 {
+            talk.warn(&format!(
+                "nothing determines the temperature of {}, of {}: they are adiabatic, and see nothing that has one; \
+                 the solution has 0 K there",
+                counted(lost as u64, "patch"),
+                self.undetermined.names
+            ));
+        }
+    }
+
+    pub(super) fn recorded(&self) -> Surfaces {
+        Surfaces::Heat {
+            materials: self.thermal.iter().map(Recorded::of).collect(),
+            ambient: self.ambient,
+            ground: self.ground,
+        }
+    }
+
+    /// The surface of a patch, in words.
+    pub(super) fn shown(&self, patch: usize) -> String {
+        self.thermal[self.kind_of_patch[patch] as usize].shown()
+    }
+
+    pub(super) fn solve(
+        &self,
+        factors: &OutOfCore<'_>,
+        options: SolveOptions,
+        progress: &mut dyn FnMut(Step) -> bool,
+    ) -> Result<HeatSolution, SolveError> {
+        match &self.network {
+            None => solve_heat(factors, &self.heat, options, progress),
+            Some((network, heat)) => match solve_heat(&network.factors, heat, options, progress) {
+                Ok(found) => Ok(spread(network, found)),
+                Err(SolveError::Impossible { patch: surface, count }) => Err(SolveError::Impossible {
+                    patch: network.of_patch.iter().position(|&of| of as usize == surface).unwrap_or(0),
+                    count,
+                }),
+                Err(error) => Err(error),
+            },
+        }
+    }
+
+    /// The surfaces with most of the residual of a solution that did not converge, as the end of a sentence.
+    pub(super) fn unsettled(&self, found: &HeatSolution) -> Option<String> {
+        if found.solution.converged {
+            return None;
+        }
+        let mut left: Vec<(f64, usize)> = (0..self.thermal.len()).map(|kind| (0.0, kind)).collect();
+        for (patch, &kind) in self.kind_of_patch.iter().enumerate() {
+            let (sent, received) = (found.solution.radiosity.of(patch)[0], found.solution.irradiance.of(patch)[0]);
+            let reflected = found.problem.reflectance.of(patch)[0] * received;
+            let off = found.problem.emission.of(patch)[0] + reflected - sent;
+            left[kind as usize].0 += self.heat.area[patch] * off.abs();
+        }
+        left.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let worst = left.iter().take(UNSETTLED_SHOWN).filter(|(off, _)| *off > 0.0);
+        let worst: Vec<String> = worst
+            .map(|&(off, kind)| format!("{} ({} W)", self.thermal[kind].shown(), figures(off)))
+            .collect();
+        Some(format!("; most is left of {}", worst.join(", ")))
+    }
+
+    /// Results by surface, where they are asked for.
+    pub(super) fn by_surface(&self, table: &PatchTable, rows: &RowTable, found: &HeatSolution) -> Option<Results> {
+        let by = self.by?;
+        let temperature: Vec<f64> = (found.temperature.iter().enumerate())
+            .map(|(patch, &kelvin)| {
+                let is_open = self.undetermined.patches.get(patch).copied().unwrap_or(false);
+                if is_open { f64::NAN } else { kelvin }
+            })
+            .collect();
+        let outside = self.heat.outside.as_deref();
+        let names = [&*self.manifest.objects, &*self.manifest.materials];
+        let of = (table, rows, names);
+        let (surfaces, balance) = heat_by_surface(of, by.group(), &found.solution, outside, &temperature);
+        let enclosures = self.enclosures.as_ref();
+        Some(Results::new(by, surfaces, balance, enclosures.map(|found| (found, of))).with_emissivities(self.of_scene))
+    }
+}
+
+/// The solution of a network, given to the patches of its surfaces.
+fn spread(network: &Network, found: HeatSolution) -> HeatSolution {
+    let patches = network.of_patch.len();
+    let of = |block: &Block| {
+        Block::from_fn(patches, block.columns(), |patch, column| {
+            block.of(network.of_patch[patch] as usize)[column]
+        })
+    };
+    let vector = |values: &[f64]| -> Vec<f64> {
+        let surfaces = network.of_patch.iter();
+        surfaces.map(|&surface| values[surface as usize]).collect()
+    };
+    HeatSolution {
+        temperature: vector(&found.temperature),
+        problem: Problem {
+            reflectance: of(&found.problem.reflectance),
+            bands: found.problem.bands,
+            emission: of(&found.problem.emission),
+            outside: found.problem.outside.as_ref().map(of),
+            returned: found.problem.returned.as_deref().map(vector),
+        },
+        solution: Solution {
+            radiosity: of(&found.solution.radiosity),
+            irradiance: of(&found.solution.irradiance),
+            ..found.solution
+        },
+    }
+}
+
+/// The share of each patch's view that leaves the scene below the horizon, by its sky rows.
+fn below_horizon(arguments: &Arguments, store: &Store, escaped: &[f64]) -> Result<Vec<f64>> {
+    let path = match &arguments.sky {
+        Some(path) => path.clone(),
+        None => stored::sky(store).map_err(|error| {
+            hinted(
+                error.context("`--ground` needs to know what leaves the scene below the horizon"),
+                format!(
+                    "`hemicube sky SCENE --store {}` computes it, with `--up` where the scene does not say",
+                    store.directory().display()
+                ),
+            )
+        })?,
+    };
+    let sky = StoredSky::open(&path)?;
+    if sky.rows() != escaped.len() {
+        bail!(
+            "`{}` is of {} patches, and the matrix of {}",
+            path.display(),
+            sky.rows(),
+            escaped.len()
+        );
+    }
+    let share = |row: usize| {
+        let (columns, shares) = sky.row(row);
+        // Column 0 is the ground.
+        let ground = columns.iter().position(|&column| column == 0).map_or(0.0, |at| shares[at]);
+        let whole: f64 = shares.iter().sum();
+        let escaped = escaped[row];
+        // A sky of a resolution of its own loses another share: the part of it below the horizon is what counts.
+        if whole > 0.0 && escaped > 0.0 {
+            Ok(escaped * (ground / whole).min(1.0))
+        } else if escaped > OPEN {
+            Err(anyhow!(
+                "`{}` says nothing of where {} of the view of patch {row} leaves the scene",
+                path.display(),
+                percent(escaped)
+            ))
+        } else {
+            Ok(0.0)
+        }
+    };
+    (0..escaped.len()).map(share).collect()
+}

@@ -1,0 +1,385 @@
+//! Heat by surface: a table on the terminal, `.csv` and `.json`.
+
+use crate::escape::shown;
+use crate::report::{Listing, PendingFile, count, counted, percent, table};
+use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
+use hemicube::analysis::surfaces::{HeatBalance, SurfaceHeat};
+use hemicube::analysis::zones::{GroupBy, table_text};
+use hemicube::solve::Enclosures;
+use hemicube::store::{PatchTable, RowTable};
+use serde::Serialize;
+use std::io::Write;
+use std::path::Path;
+
+/// Surfaces in the table on the terminal; the others are in the files.
+const SURFACES_SHOWN: usize = 40;
+/// Enclosures named.
+const ENCLOSURES_SHOWN: usize = 6;
+/// Names of an enclosure.
+const NAMES_SHOWN: usize = 3;
+
+/// Grouping of patches into surfaces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum By {
+    /// Objects of one name
+    Object,
+    /// Materials of one name
+    Material,
+    /// Faces of the scene's file
+    Face,
+}
+
+impl By {
+    pub(super) fn group(self) -> GroupBy {
+        match self {
+            Self::Object => GroupBy::Object,
+            Self::Material => GroupBy::Material,
+            Self::Face => GroupBy::Face,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Object => "object",
+            Self::Material => "material",
+            Self::Face => "face",
+        }
+    }
+}
+
+/// A file of results by surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Format {
+    Csv,
+    Json,
+}
+
+impl Format {
+    pub(super) fn of(path: &Path) -> Result<Self> {
+        match path.extension().map(std::ffi::OsStr::to_ascii_lowercase) {
+            Some(extension) if extension == "csv" => Ok(Self::Csv),
+            Some(extension) if extension == "json" => Ok(Self::Json),
+            _ => bail!(
+                "`--surfaces {}`: a name that ends in .csv or .json is needed",
+                path.display()
+            ),
+        }
+    }
+}
+
+/// Patches that exchange heat with each other.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Enclosure {
+    patches: u64,
+    area: f64,
+    /// Part of its view that leaves the scene.
+    escaped: f64,
+    /// Names of its objects, or of its materials where objects have none.
+    names: Vec<String>,
+}
+
+/// Results by surface.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Results {
+    by: By,
+    surfaces: Vec<SurfaceHeat>,
+    balance: HeatBalance,
+    /// The balance's error as a part of the heat that flows.
+    relative_error: f64,
+    enclosures: Vec<Enclosure>,
+    /// Patches that see no other.
+    alone: u64,
+    /// Number of surfaces with emissivities of the scene's file, and the least and greatest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    emissivities_of_scene: Option<(usize, f64, f64)>,
+}
+
+/// The tables of a matrix, and the names of its objects and materials.
+type Tables<'a> = (&'a PatchTable, &'a RowTable, [&'a [String]; 2]);
+
+impl Results {
+    pub(super) fn new(
+        by: By,
+        surfaces: Vec<SurfaceHeat>,
+        balance: HeatBalance,
+        found: Option<(&Enclosures, Tables<'_>)>,
+    ) -> Self {
+        let (enclosures, alone) = found.map_or((Vec::new(), 0), |(found, of)| enclosures_of(found, of));
+        Self {
+            by,
+            surfaces,
+            balance,
+            relative_error: balance.relative_error(),
+            enclosures,
+            alone,
+            emissivities_of_scene: None,
+        }
+    }
+
+    pub(super) fn with_emissivities(mut self, of_scene: Option<(usize, f64, f64)>) -> Self {
+        self.emissivities_of_scene = of_scene;
+        self
+    }
+
+    /// The table and what it adds up to.
+    pub(super) fn text(&self) -> String {
+        let mut places: Vec<usize> = (0..self.surfaces.len()).collect();
+        if places.len() > SURFACES_SHOWN {
+            // Most heat first, and then in the file's order again.
+            let heat = |place: &usize| self.surfaces[*place].heat.abs();
+            places.sort_by(|a, b| heat(b).total_cmp(&heat(a)).then(a.cmp(b)));
+            places.truncate(SURFACES_SHOWN);
+            places.sort_unstable();
+        }
+        let kelvin = |surface: &SurfaceHeat, at: usize| {
+            let found = surface.temperature.map(|values| format!("{:.2}", values[at]));
+            found.unwrap_or_else(|| "–".to_owned())
+        };
+        let headings = [
+            self.by.name(),
+            "patches",
+            "area",
+            "heat, W",
+            "flux, W/m²",
+            "mean, K",
+            "least, K",
+            "most, K",
+            "radiosity, W/m²",
+        ];
+        let rows = places.iter().map(|&place| {
+            let surface = &self.surfaces[place];
+            [
+                name_of(&surface.name),
+                count(surface.patches.into()),
+                five(surface.area),
+                five(surface.heat),
+                five(surface.flux),
+                kelvin(surface, 0),
+                kelvin(surface, 1),
+                kelvin(surface, 2),
+                five(surface.radiosity),
+            ]
+        });
+        let mut text = format!("\n{}\n", table(headings, rows));
+        let mut list = Listing::default();
+        let left_out = self.surfaces.len() - places.len();
+        if left_out > 0 {
+            list.add(
+                "surfaces",
+                format!(
+                    "{} with less heat are left out; `--surfaces FILE.csv` has all",
+                    count(left_out as u64)
+                ),
+            );
+        }
+        list.add("heat", self.sum());
+        if let Some((number, least, most)) = self.emissivities_of_scene {
+            let range = if least == most {
+                format!("{least}")
+            } else {
+                format!("{least} to {most}")
+            };
+            list.add(
+                "emissivity",
+                format!(
+                    "of {} as the scene's file has it: {range}",
+                    counted(number as u64, "surface")
+                ),
+            );
+        }
+        for (at, enclosure) in self.enclosures.iter().enumerate().take(ENCLOSURES_SHOWN) {
+            list.add(&format!("enclosure {}", at + 1), enclosure.text());
+        }
+        if self.enclosures.len() > ENCLOSURES_SHOWN {
+            let more = (self.enclosures.len() - ENCLOSURES_SHOWN) as u64;
+            list.add("enclosures", format!("{} more", count(more)));
+        }
+        if self.alone > 0 {
+            list.add("alone", format!("{} that see no other", counted(self.alone, "patch")));
+        }
+        text.push_str(&list.text());
+        text
+    }
+
+    fn sum(&self) -> String {
+        let HeatBalance {
+            given_off,
+            taken_up,
+            surroundings,
+            error,
+        } = self.balance;
+        format!(
+            "{} W given off, {} W taken up, {} W to the surroundings; error {} W, {} of it: A[i] F[i, j] is not A[j] \
+             F[j, i]",
+            five(given_off),
+            five(-taken_up),
+            five(surroundings),
+            five(error),
+            percent(self.relative_error)
+        )
+    }
+
+    /// Writes a file.
+    pub(super) fn write(&self, path: &Path) -> Result<()> {
+        let cannot = || format!("`{}` cannot be written", path.display());
+        let text = match Format::of(path)? {
+            Format::Json => serde_json::to_string_pretty(self).context("the results are no JSON")? + "\n",
+            Format::Csv => self.csv(),
+        };
+        let mut file = PendingFile::create(path)?;
+        file.write_all(text.as_bytes()).with_context(cannot)?;
+        file.commit()
+    }
+
+    /// The surfaces and, last, the surroundings: heat adds up to the error.
+    fn csv(&self) -> String {
+        let mut text = format!(
+            "{},patches,area,heat_W,flux_W_per_m2,mean_K,least_K,most_K,mean_of_K,radiosity_W_per_m2,irradiance_W_per_m2\n",
+            self.by.name()
+        );
+        for surface in &self.surfaces {
+            let [mean, least, most] = surface
+                .temperature
+                .map_or_else(|| [const { String::new() }; 3], |values| values.map(|kelvin| kelvin.to_string()));
+            text.push_str(&format!(
+                "{},{},{},{},{},{mean},{least},{most},{},{},{}\n",
+                field(&surface.name),
+                surface.patches,
+                surface.area,
+                surface.heat,
+                surface.flux,
+                surface.mean_of_kelvin.map_or_else(String::new, |kelvin| kelvin.to_string()),
+                surface.radiosity,
+                surface.irradiance
+            ));
+        }
+        if self.balance.surroundings != 0.0 {
+            text.push_str(&format!("(surroundings),,,{},,,,,,,\n", -self.balance.surroundings));
+        }
+        text
+    }
+}
+
+impl Enclosure {
+    fn text(&self) -> String {
+        let first: Vec<String> = self.names.iter().take(NAMES_SHOWN).map(|name| name_of(name)).collect();
+        let more = self.names.len().saturating_sub(NAMES_SHOWN);
+        let names = match more {
+            0 => first.join(", "),
+            more => format!("{} and {} more", first.join(", "), count(more as u64)),
+        };
+        let lost = if self.escaped > 0.0 {
+            format!("{} of its view leaves the scene", percent(self.escaped))
+        } else {
+            "closed".to_owned()
+        };
+        format!("{} of {names}; {lost}", counted(self.patches, "patch"))
+    }
+}
+
+/// Enclosures of two patches or more, the largest first, and the number of patches alone.
+fn enclosures_of(found: &Enclosures, (table, rows, [objects, materials]): Tables<'_>) -> (Vec<Enclosure>, u64) {
+    let mut all = Vec::new();
+    let mut alone = 0;
+    for patches in found.patches() {
+        if patches.len() < 2 {
+            alone += patches.len() as u64;
+            continue;
+        }
+        let (mut area, mut escaped) = (0.0, 0.0);
+        let mut names: Vec<String> = Vec::new();
+        let mut seen = std::collections::HashSet::new();
+        for &patch in &patches {
+            let patch = patch as usize;
+            area += table.area[patch];
+            escaped += table.area[patch] * Some(rows.escaped[patch]).filter(|share| !share.is_nan()).unwrap_or(0.0);
+            let object = objects.get(table.object[patch] as usize);
+            let material = materials.get(table.material[patch] as usize);
+            let name = object.filter(|name| !name.is_empty()).or(material);
+            let name = name.map_or("", String::as_str);
+            if seen.insert(name) {
+                names.push(name.to_owned());
+            }
+        }
+        all.push(Enclosure {
+            patches: patches.len() as u64,
+            area,
+            escaped: if area > 0.0 { escaped / area } else { 0.0 },
+            names,
+        });
+    }
+    all.sort_by(|a, b| b.patches.cmp(&a.patches));
+    (all, alone)
+}
+
+/// A name for people.
+fn name_of(name: &str) -> String {
+    if name.is_empty() {
+        "(without a name)".to_owned()
+    } else {
+        shown(name).into_owned()
+    }
+}
+
+/// A field of a table; names may hold anything.
+fn field(text: &str) -> String {
+    let text = &*table_text(text);
+    if text.contains(['"', ',', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+/// Formats five significant figures, without an exponent if readable.
+fn five(value: f64) -> String {
+    let magnitude = value.abs();
+    if magnitude == 0.0 || !magnitude.is_finite() {
+        return if value == 0.0 { "0".to_owned() } else { value.to_string() };
+    }
+    #[allow(clippy::cast_possible_truncation, reason = "within ±308")]
+    let exponent = magnitude.log10().floor() as i32;
+    match 4 - exponent {
+        decimals @ 0..=8 => format!("{value:.*}", usize::try_from(decimals).unwrap_or(0)),
+        _ => format!("{value:.4e}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn five_figures() {
+        let values = [0.0, 1564.87, -12.345_67, 0.000_123_456, 99_999.0, 1.5e7, 3e-9];
+        let shown = ["0", "1564.9", "-12.346", "0.00012346", "99999", "1.5000e7", "3.0000e-9"];
+        assert_eq!(values.map(five), shown);
+    }
+
+    #[test]
+    fn many_surfaces_show_those_with_most_heat_and_fields_are_quoted() {
+        let surface = |at: usize| SurfaceHeat {
+            name: format!("wall, {at}"),
+            patches: 1,
+            area: 1.0,
+            heat: at as f64,
+            flux: at as f64,
+            temperature: None,
+            mean_of_kelvin: None,
+            radiosity: 0.0,
+            irradiance: 0.0,
+        };
+        let balance = HeatBalance {
+            given_off: 2.0,
+            surroundings: 2.0,
+            ..HeatBalance::default()
+        };
+        let results = Results::new(By::Object, (0..50).map(surface).collect(), balance, None);
+        let text = results.text();
+        assert!(text.contains("wall, 49") && !text.contains("wall, 9 ") && text.contains("10 with less heat"));
+        let csv = results.csv();
+        assert!(csv.contains("\n\"wall, 3\",1,1,3,3,,,,,0,0\n") && csv.ends_with("(surroundings),,,-2,,,,,,,\n"));
+    }
+}

@@ -1,0 +1,440 @@
+//! Exchange of radiation between surfaces: Gebhart factors, total exchange areas, conductances and resistances.
+//!
+//! Surfaces are zones of a stored matrix, or its own patches. Each is grey in a band, diffuse, and of one radiosity, as
+//! the surfaces of textbooks' enclosures are (Siegel & Howell 2002, chapter 7): cut them where that is too coarse.
+//!
+//! ```text
+//! G_ij = F'_ij ε_j + Σ_k F'_ik ρ_k G_kj    Gebhart factor: part of i's emission that j absorbs (Gebhart 1961)
+//! A_i 𝓕_ij = A_i ε_i G_ij                  total exchange area, script F; Q_ij = A_i 𝓕_ij σ (T_i⁴ − T_j⁴)
+//! C_ij = σ A_i 𝓕_ij                        radiative conductance, W/K⁴
+//! (1 − ε_i) / (A_i ε_i)                    resistance of a surface, per unit of area (Oppenheim 1956)
+//! 1 / (A_i F_ij)                           resistance between two radiosities
+//! ```
+//!
+//! F' is F with, on its diagonal, what a surface's view neither meets nor loses ([`RowTable::returned`]); what leaves
+//! the scene is absorbed by the surroundings, the last column. Then Σ_j G_ij + G_i,surroundings = 1 by construction, and
+//! A_i 𝓕_ij = A_j 𝓕_ji as far as A_i F_ij = A_j F_ji: [`Exchange::conservation`] and [`Exchange::reciprocity`] measure
+//! both.
+//!
+//! A column of G is the irradiance where surface j alone emits ε_j: [`solve`] finds some tens of them at once, by
+//! products with F'. No elimination, because that takes N³ operations where scenes of many surfaces have sparse F.
+//!
+//! [`RowTable::returned`]: crate::store::RowTable::returned
+//! [`solve`]: crate::solve::solve
+
+use super::zones::{GroupBy, zones};
+use crate::solve::{
+    Block, Factors, Heat, InMemory, Method, Problem, STEFAN_BOLTZMANN, SolveError, SolveOptions, solve,
+};
+use crate::store::{Part, Store};
+
+/// Most surfaces: their factors take 8 N² bytes a band.
+pub const SURFACES_MAX: usize = 20_000;
+/// Columns solved together.
+const AT_ONCE: usize = 64;
+/// Relative residual of a column.
+const TOLERANCE: f64 = 1e-10;
+/// Products with F for a column.
+const PRODUCTS_MAX: u32 = 2000;
+
+/// Surfaces of one radiosity each, and the form factors between them.
+#[derive(Clone, Debug)]
+pub struct Network {
+    /// Names of objects or materials, or numbers of faces or patches from 0.
+    pub names: Vec<String>,
+    /// Areas, in the square of the scene's unit.
+    pub area: Vec<f64>,
+    /// Number of patches of each.
+    pub patches: Vec<u32>,
+    /// The surface of each patch of the matrix.
+    pub of_patch: Vec<u32>,
+    /// Part of each surface's view that leaves the scene.
+    pub escaped: Vec<f64>,
+    /// Part that exchanges nothing: 1 − Σ F − escaped.
+    pub returned: Vec<f64>,
+    /// The form factors.
+    pub factors: InMemory,
+}
+
+impl Network {
+    /// The surfaces of a stored matrix; its own patches without `by`.
+    ///
+    /// # Errors
+    /// [`SolveError::Problem`] for more than [`SURFACES_MAX`] surfaces, and errors of reading.
+    pub fn new(store: &Store, by: Option<GroupBy>) -> Result<Self, SolveError> {
+        let too_many = |count: usize| {
+            Err(SolveError::Problem(format!(
+                "{count} surfaces are more than {SURFACES_MAX}, and a factor between each two of them would take {} GB; \
+                 take larger ones: by object or material",
+                count.saturating_mul(count) / 125_000_000
+            )))
+        };
+        let table = store.patches()?;
+        let Some(by) = by else {
+            if table.len() > SURFACES_MAX {
+                return too_many(table.len());
+            }
+            return Self::of_patches(store);
+        };
+        let zones = zones(store, by)?;
+        if zones.len() > SURFACES_MAX {
+            return too_many(zones.len());
+        }
+        let rows: Vec<Vec<(u32, f64)>> = zones.iter().map(|zone| zone.factors.clone()).collect();
+        let (_, of_patch) = super::zones::zones_of(&table, super::zones::names_of(store.manifest()), by);
+        Ok(Self::built(
+            zones.iter().map(|zone| zone.name.clone()).collect(),
+            zones.iter().map(|zone| (zone.area, zone.patches, zone.escaped)).collect(),
+            of_patch,
+            &rows,
+        ))
+    }
+
+    fn of_patches(store: &Store) -> Result<Self, SolveError> {
+        store.require_complete()?;
+        let (table, lost) = (store.patches()?, store.row_table()?);
+        let mut rows = vec![Vec::new(); table.len()];
+        for row in store.rows()? {
+            let (patch, row) = row?;
+            let entries = row.indices.iter().zip(&row.data);
+            rows[patch.0 as usize] = entries
+                .map(|(&column, &factor)| (column, f64::from(factor)))
+                .collect();
+        }
+        let known = |share: f64| if share.is_nan() { 0.0 } else { share };
+        let measures = (table.area.iter().zip(&lost.escaped)).map(|(&area, &escaped)| (area, 1, known(escaped)));
+        Ok(Self::built(
+            (0..table.len()).map(|patch| patch.to_string()).collect(),
+            measures.collect(),
+            (0..).take(table.len()).collect(),
+            &rows,
+        ))
+    }
+
+    /// A network of area, number of patches and escaped share of each surface, and its rows.
+    fn built(
+        names: Vec<String>,
+        measures: Vec<(f64, u32, f64)>,
+        of_patch: Vec<u32>,
+        rows: &[Vec<(u32, f64)>],
+    ) -> Self {
+        let mut part = Part {
+            indptr: vec![0],
+            ..Part::default()
+        };
+        let mut returned = Vec::new();
+        for ((surface, row), &(_, _, escaped)) in (0u32..).zip(rows).zip(&measures) {
+            let mut sum = 0.0;
+            for &(to, factor) in row.iter().filter(|(_, factor)| *factor != 0.0) {
+                #[allow(clippy::cast_possible_truncation, reason = "rounding to f32 is what parts hold")]
+                let factor = factor as f32;
+                part.indices.push(to.cast_signed());
+                part.data.push(factor);
+                sum += f64::from(factor);
+            }
+            part.rows.push(surface);
+            part.indptr.push(i64::try_from(part.data.len()).unwrap_or(i64::MAX));
+            returned.push(1.0 - sum - escaped);
+        }
+        Self {
+            names,
+            area: measures.iter().map(|&(area, ..)| area).collect(),
+            patches: measures.iter().map(|&(_, patches, _)| patches).collect(),
+            escaped: measures.iter().map(|&(.., escaped)| escaped).collect(),
+            of_patch,
+            returned,
+            factors: InMemory::new(rows.len(), vec![part]),
+        }
+    }
+
+    /// Number of surfaces.
+    pub fn len(&self) -> usize {
+        self.area.len()
+    }
+
+    /// True without surfaces.
+    pub fn is_empty(&self) -> bool {
+        self.area.is_empty()
+    }
+
+    /// The value of each surface, from one of each patch.
+    ///
+    /// # Errors
+    /// The surface that has two different ones.
+    pub fn of_surfaces<T: Clone + PartialEq>(&self, of_patch: impl Fn(usize) -> T) -> Result<Vec<T>, String> {
+        let mut found: Vec<Option<T>> = vec![None; self.len()];
+        for (patch, &surface) in self.of_patch.iter().enumerate() {
+            let value = of_patch(patch);
+            match &found[surface as usize] {
+                Some(known) if *known != value => return Err(self.names[surface as usize].clone()),
+                Some(_) => {}
+                None => found[surface as usize] = Some(value),
+            }
+        }
+        Ok(found.into_iter().flatten().collect())
+    }
+
+    /// The exchange areas A_i F_ij of surfaces that see each other, each pair once (i ≤ j): the mean of both
+    /// directions.
+    pub fn pairs(&self) -> Result<Vec<(u32, u32, f64)>, SolveError> {
+        let mut areas: std::collections::BTreeMap<(u32, u32), f64> = std::collections::BTreeMap::new();
+        let part = self.factors.run(0)?;
+        for (row, &surface) in part.rows.iter().enumerate() {
+            let (columns, data) = part.row(row);
+            for (&column, &factor) in columns.iter().zip(data) {
+                let to = column.cast_unsigned();
+                let whole = self.area[surface as usize] * f64::from(factor);
+                let share = if to == surface { whole } else { whole / 2.0 };
+                *areas.entry((surface.min(to), surface.max(to))).or_insert(0.0) += share;
+            }
+        }
+        Ok(areas.into_iter().map(|((a, b), area)| (a, b, area)).collect())
+    }
+
+    /// The heat exchanged by the network: the conditions of its surfaces take the places of patches'.
+    ///
+    /// # Errors
+    /// The surface whose patches differ in a condition or an emissivity.
+    pub fn heat(&self, of_patches: &Heat) -> Result<Heat, String> {
+        let outside = of_patches.outside.as_ref();
+        let sums = outside.map(|outside| {
+            let mut sums = vec![0.0; self.len()];
+            for (patch, &surface) in self.of_patch.iter().enumerate() {
+                sums[surface as usize] += of_patches.area[patch] * outside[patch];
+            }
+            let mean = |(sum, area): (f64, &f64)| if *area > 0.0 { sum / area } else { 0.0 };
+            sums.into_iter().zip(&self.area).map(mean).collect()
+        });
+        Ok(Heat {
+            area: self.area.clone(),
+            emissivity: self.of_surfaces(|patch| of_patches.emissivity[patch])?,
+            given: self.of_surfaces(|patch| of_patches.given[patch])?,
+            nodes: of_patches.nodes.clone(),
+            outside: sums,
+            returned: self.returned.clone(),
+        })
+    }
+}
+
+/// Exchange factors of a network in one band or more.
+#[derive(Clone, Debug)]
+pub struct Exchange {
+    /// Emissivity of each surface, band by band.
+    pub emissivity: Vec<Vec<f64>>,
+    /// G_ij, row by row, with the surroundings as the last column: N × (N + 1) a band.
+    pub gebhart: Vec<Vec<f64>>,
+    /// Products with F.
+    pub products: u32,
+}
+
+impl Exchange {
+    /// Finds the factors of a network; `emissivity` is from 0 to 1, one vector a band. `progress` is told the columns
+    /// done and their number, and says whether to go on.
+    ///
+    /// # Errors
+    /// [`SolveError::Problem`] for emissivities of other surfaces or out of range, and for a column that does not
+    /// converge: a closed enclosure that absorbs nothing; [`SolveError::Interrupted`] when `progress` returned false.
+    ///
+    /// ```
+    /// use hemicube::analysis::exchange::{Exchange, Network};
+    /// use hemicube::analysis::zones::GroupBy;
+    /// # use hemicube::accuracy::correct::Correction;
+    /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
+    /// # let folder = tempfile::tempdir()?;
+    /// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+    ///
+    /// let network = Network::new(&store, Some(GroupBy::Object))?;
+    /// let exchange = Exchange::new(&network, &[vec![0.8; network.len()]], 0, &mut |_, _| true)?;
+    /// assert!(exchange.conservation(0) < 1e-8, "each row adds up to 1");
+    /// let (floor, light) = (0, 1);
+    /// let (there, back) = (exchange.area(&network, 0, floor, light), exchange.area(&network, 0, light, floor));
+    /// assert!((there / back - 1.0).abs() < 0.1, "reciprocal as far as the patches are: {there} and {back}");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn new(
+        network: &Network,
+        emissivity: &[Vec<f64>],
+        threads: usize,
+        progress: &mut dyn FnMut(usize, usize) -> bool,
+    ) -> Result<Self, SolveError> {
+        let count = network.len();
+        if emissivity.iter().any(|band| band.len() != count) {
+            return Err(SolveError::Problem(format!("emissivities are not of {count} surfaces")));
+        }
+        if let Some(bad) = emissivity.iter().flatten().find(|value| !(0.0..=1.0).contains(*value)) {
+            return Err(SolveError::Problem(format!("an emissivity is {bad}; it is from 0 to 1")));
+        }
+        let mut exchange = Self {
+            emissivity: emissivity.to_vec(),
+            gebhart: Vec::new(),
+            products: 0,
+        };
+        let whole = emissivity.len() * (count + 1);
+        for (band, emissivity) in emissivity.iter().enumerate() {
+            let mut gebhart = vec![0.0; count * (count + 1)];
+            for first in (0..=count).step_by(AT_ONCE) {
+                let end = (first + AT_ONCE).min(count + 1);
+                if !progress(band * (count + 1) + first, whole) {
+                    return Err(SolveError::Interrupted);
+                }
+                let found = columns(network, emissivity, first..end, threads, &mut || {
+                    progress(band * (count + 1) + first, whole)
+                })?;
+                exchange.products += found.1;
+                for row in 0..count {
+                    gebhart[row * (count + 1) + first..row * (count + 1) + end].copy_from_slice(found.0.of(row));
+                }
+            }
+            exchange.gebhart.push(gebhart);
+        }
+        progress(whole, whole);
+        Ok(exchange)
+    }
+
+    /// Number of surfaces.
+    fn len(&self, band: usize) -> usize {
+        self.emissivity[band].len()
+    }
+
+    /// G_ij; `to` = N: the surroundings.
+    pub fn gebhart(&self, band: usize, from: usize, to: usize) -> f64 {
+        self.gebhart[band][from * (self.len(band) + 1) + to]
+    }
+
+    /// A_i 𝓕_ij, the total exchange area; `to` = N: with the surroundings.
+    pub fn area(&self, network: &Network, band: usize, from: usize, to: usize) -> f64 {
+        network.area[from] * self.emissivity[band][from] * self.gebhart(band, from, to)
+    }
+
+    /// σ A_i 𝓕_ij, in W/K⁴ where the scene's unit is the metre.
+    pub fn conductance(&self, network: &Network, band: usize, from: usize, to: usize) -> f64 {
+        STEFAN_BOLTZMANN * self.area(network, band, from, to)
+    }
+
+    /// The largest |Σ_j G_ij − 1| of a row.
+    pub fn conservation(&self, band: usize) -> f64 {
+        let width = self.len(band) + 1;
+        let off = |row: &[f64]| (row.iter().sum::<f64>() - 1.0).abs();
+        self.gebhart[band].chunks_exact(width).map(off).fold(0.0, f64::max)
+    }
+
+    /// √Σ (A_i 𝓕_ij − A_j 𝓕_ji)² / √Σ (A_i 𝓕_ij)², over all pairs.
+    pub fn reciprocity(&self, network: &Network, band: usize) -> f64 {
+        let (mut off, mut whole) = (0.0, 0.0);
+        for i in 0..network.len() {
+            for j in 0..network.len() {
+                let there = self.area(network, band, i, j);
+                off += (there - self.area(network, band, j, i)).powi(2);
+                whole += there * there;
+            }
+        }
+        if whole > 0.0 { (off / whole).sqrt() } else { 0.0 }
+    }
+}
+
+/// Some columns of G, the last being that of the surroundings, and the products that it took.
+fn columns(
+    network: &Network,
+    emissivity: &[f64],
+    range: std::ops::Range<usize>,
+    threads: usize,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Result<(Block, u32), SolveError> {
+    let (count, width) = (network.len(), range.len());
+    let column = |at: usize| range.start + at;
+    let problem = Problem {
+        reflectance: Block::from_fn(count, 1, |surface, _| 1.0 - emissivity[surface]),
+        bands: vec![0; width],
+        emission: Block::from_fn(count, width, |surface, at| {
+            if column(at) == surface { emissivity[surface] } else { 0.0 }
+        }),
+        outside: Some(Block::from_fn(count, width, |surface, at| {
+            if column(at) == count { network.escaped[surface] } else { 0.0 }
+        })),
+        returned: Some(network.returned.clone()),
+    };
+    let options = SolveOptions {
+        method: Method::Gmres { restart: 40 },
+        tolerance: TOLERANCE,
+        max_iterations: PRODUCTS_MAX,
+        threads,
+    };
+    let solved = solve(&network.factors, &problem, options, &mut |_| go_on())?;
+    if let Some(at) = solved.residuals.iter().position(|residual| *residual > TOLERANCE) {
+        let name = network.names.get(column(at)).map_or("the surroundings", String::as_str);
+        return Err(SolveError::Problem(format!(
+            "what `{name}` absorbs did not settle: the residual is {:.1e} after {PRODUCTS_MAX} products; its enclosure \
+             absorbs next to nothing",
+            solved.residuals[at]
+        )));
+    }
+    Ok((solved.irradiance, solved.iterations))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A network of areas, escaped shares and dense rows.
+    fn network(area: &[f64], escaped: &[f64], rows: &[Vec<f64>]) -> Network {
+        let rows: Vec<Vec<(u32, f64)>> = rows
+            .iter()
+            .map(|row| (0..).zip(row).map(|(to, &factor)| (to, factor)).collect())
+            .collect();
+        let measures = area.iter().zip(escaped).map(|(&area, &escaped)| (area, 1, escaped)).collect();
+        let names = (0..area.len()).map(|surface| format!("s{surface}")).collect();
+        Network::built(names, measures, (0..).take(area.len()).collect(), &rows)
+    }
+
+    fn exchange(network: &Network, emissivity: &[f64]) -> Exchange {
+        Exchange::new(network, &[emissivity.to_vec()], 1, &mut |_, _| true).expect("a network")
+    }
+
+    /// Concentric spheres: A₁𝓕₁₂ = A₁ / (1/ε₁ + (A₁/A₂)(1/ε₂ − 1)) (Siegel & Howell 2002, chapter 7).
+    #[test]
+    fn concentric_spheres_are_the_textbooks() {
+        let spheres = network(&[1.0, 4.0], &[0.0; 2], &[vec![0.0, 1.0], vec![0.25, 0.75]]);
+        let found = exchange(&spheres, &[0.3, 0.7]);
+        let wanted = 1.0 / (1.0 / 0.3 + 0.25 * (1.0 / 0.7 - 1.0));
+        assert!((found.area(&spheres, 0, 0, 1) / wanted - 1.0).abs() < 1e-7);
+        assert!(found.conservation(0) < 1e-8 && found.reciprocity(&spheres, 0) < 1e-7);
+        // Black surfaces absorb what they see.
+        let black = exchange(&spheres, &[1.0, 1.0]);
+        assert!((black.gebhart(0, 1, 1) - 0.75).abs() < 1e-9 && black.gebhart(0, 1, 0) == 0.25);
+    }
+
+    /// Two plates that lose half of their view: the surroundings are a black surface, and take part in conservation.
+    #[test]
+    fn what_escapes_is_absorbed_by_the_surroundings() {
+        let plates = network(&[2.0, 2.0], &[0.5; 2], &[vec![0.0, 0.5], vec![0.5, 0.0]]);
+        let found = exchange(&plates, &[0.8, 0.4]);
+        // By series: G₀ₛ = ½ + ½ ρ₁ (½ + ½ ρ₀ G₀ₛ…).
+        let (r0, r1) = (0.2, 0.6);
+        let out = (0.5 + 0.25 * r1) / (1.0 - 0.25 * r0 * r1);
+        assert!((found.gebhart(0, 0, 2) - out).abs() < 1e-9);
+        assert!(found.conservation(0) < 1e-9);
+    }
+
+    #[test]
+    fn unsound_networks_are_refused_and_an_error_of_reciprocity_is_measured() {
+        let room = network(&[1.0, 1.0], &[0.0; 2], &[vec![0.0, 1.0], vec![1.0, 0.0]]);
+        let refused = |emissivity: &[f64]| {
+            let found = Exchange::new(&room, &[emissivity.to_vec()], 1, &mut |_, _| true);
+            found.expect_err("unsound").to_string()
+        };
+        assert!(refused(&[0.5]).contains("2 surfaces"));
+        assert!(refused(&[0.5, 1.5]).contains("1.5"));
+        let stopped = Exchange::new(&room, &[vec![0.5; 2]], 1, &mut |_, _| false);
+        assert!(matches!(stopped, Err(SolveError::Interrupted)));
+        // Areas that do not fit the factors: rows still add up, directions do not agree.
+        let uneven = network(&[1.0, 2.0], &[0.0; 2], &[vec![0.0, 1.0], vec![1.0, 0.0]]);
+        let found = exchange(&uneven, &[0.5, 0.5]);
+        assert!(found.conservation(0) < 1e-9 && found.reciprocity(&uneven, 0) > 0.3);
+    }
+
+    #[test]
+    fn pairs_are_reciprocal_once_each() {
+        let spheres = network(&[1.0, 4.0], &[0.0; 2], &[vec![0.0, 1.0], vec![0.25, 0.75]]);
+        assert_eq!(spheres.pairs().expect("a network"), [(0, 1, 1.0), (1, 1, 3.0)]);
+    }
+}

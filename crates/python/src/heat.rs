@@ -1,0 +1,333 @@
+//! Heat by the names of surfaces: properties as a dictionary, results by object, material or face.
+
+use crate::attended::{Attendant, attended};
+use crate::errors;
+use crate::matrix::{Matrix, Use};
+use crate::numbers;
+use crate::solve::{KELVIN_MAX, Manner};
+use hemicube::analysis::surfaces::{HeatBalance, SurfaceHeat, heat_by_surface};
+use hemicube::analysis::zones::GroupBy;
+use hemicube::solve::{
+    Factors, Heat, HeatSolution, Named, Properties, PropertyError, Solution, SolveOptions, Tables, Temperature,
+    Undetermined, enclosures, solve_heat,
+};
+use hemicube::store::PatchTable;
+use numpy::PyArray1;
+use pyo3::exceptions::{PyKeyError, PyRuntimeWarning};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::ffi::CString;
+
+/// A temperature: kelvin, or text such as '20 °C'.
+pub(crate) fn kelvin(given: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
+    if let Ok(text) = given.extract::<String>() {
+        let read = text.parse::<Temperature>();
+        return read
+            .map(Temperature::kelvin)
+            .map_err(|error| errors::input(format!("`{name}`: {error}")));
+    }
+    let kelvin: f64 = given.extract()?;
+    if kelvin.is_nan() {
+        return Err(errors::input(format!("`{name}` is NaN; a temperature in kelvin is needed")));
+    }
+    if !(0.0..=KELVIN_MAX).contains(&kelvin) {
+        return Err(errors::input(format!(
+            "a temperature is {kelvin}; it is in kelvin, from 0 on, or NaN for an adiabatic patch"
+        )));
+    }
+    Ok(kelvin)
+}
+
+/// The ground's temperature, and the share of each patch's view that ends on it.
+pub(crate) fn ground(
+    matrix: &Matrix,
+    ground: Option<&Bound<'_, PyAny>>,
+    below: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Option<(f64, Vec<f64>)>> {
+    match (ground, below) {
+        (None, None) => Ok(None),
+        (Some(ground), Some(below)) => {
+            let below = numbers::vector(below, "below_horizon", matrix.patch_count())?;
+            if let Some(wrong) = below.iter().find(|share| !(0.0..=1.0).contains(*share)) {
+                return Err(errors::input(format!(
+                    "`below_horizon` has {wrong}; shares of a view are from 0 to 1"
+                )));
+            }
+            Ok(Some((kelvin(ground, "ground")?, below)))
+        }
+        _ => Err(errors::input(
+            "`ground` and `below_horizon` go together: `sky(scene).ground` is the share of each patch's view",
+        )),
+    }
+}
+
+/// An error of properties, with its next step.
+pub(crate) fn wrong(error: PropertyError) -> PyErr {
+    let step = error.step.map(|step| format!("; {step}"));
+    errors::input(error.reason + &step.unwrap_or_default())
+}
+
+/// Properties of a matrix's patches from a dictionary.
+pub(crate) fn properties_of(matrix: &Matrix, table: &PatchTable, given: &Bound<'_, PyAny>) -> PyResult<Properties> {
+    let py = given.py();
+    let keywords = PyDict::new(py);
+    // NumPy's numbers are numbers.
+    keywords.set_item("default", py.import("builtins")?.getattr("float")?)?;
+    let text: String = py
+        .import("json")?
+        .call_method("dumps", (given,), Some(&keywords))?
+        .extract()?;
+    let tables: Tables = serde_json::from_str(&text)
+        .map_err(|error| errors::input(format!("`properties` is no dictionary of properties: {error}")))?;
+    let [objects, materials] = matrix.names();
+    let named = Named {
+        objects,
+        materials,
+        object: &table.object,
+        material: &table.material,
+    };
+    Properties::new(named, None, tables).map_err(wrong)
+}
+
+/// Looking for enclosures and solving, once there is a matrix.
+struct Solving<'a, 'py> {
+    py: Python<'py>,
+    heat: &'a Heat,
+    escaped: &'a [f64],
+    named: Named<'a>,
+    options: SolveOptions,
+    progress: Option<&'a Bound<'py, PyAny>>,
+}
+
+impl Use<PyResult<(HeatSolution, Undetermined)>> for Solving<'_, '_> {
+    fn with(self, factors: &dyn Factors) -> PyResult<(HeatSolution, Undetermined)> {
+        let (heat, escaped, named, options) = (self.heat, self.escaped, self.named, self.options);
+        attended(self.py, self.progress, |attendant: Attendant<'_, (u32, f64)>| {
+            let found = enclosures(factors).map_err(|error| errors::solving(&error))?;
+            let open = heat.require_temperatures(&found, escaped, named);
+            let open = open.map_err(|error| errors::solving(&error))?;
+            let solved = solve_heat(factors, heat, options, &mut |step| {
+                attendant.tell((step.iteration, step.residual))
+            });
+            Ok((solved.map_err(|error| errors::solving(&error))?, open))
+        })?
+    }
+}
+
+/// Solves the exchange of heat between surfaces with `given` properties; the solution and the irradiance from outside.
+/// Temperatures that nothing determines are NaN, with a warning.
+pub(crate) fn solve(
+    py: Python<'_>,
+    matrix: &Matrix,
+    given: &Bound<'_, PyAny>,
+    (ambient, ground): (f64, Option<(f64, Vec<f64>)>),
+    manner: Manner<'_, '_>,
+) -> PyResult<(HeatSolution, Option<Vec<f64>>)> {
+    let (table, rows) = (matrix.patches()?, matrix.table()?);
+    let properties = properties_of(matrix, &table, given)?;
+    let thermal = properties.thermal().map_err(wrong)?;
+    let heat = Heat::new(&thermal, properties.kind_of_patch(), &table.area, &rows);
+    let mut heat = heat.map_err(|error| errors::solving(&error))?;
+    match &ground {
+        None => heat.surround(&[(ambient, &rows.escaped)]),
+        Some((ground, below)) => {
+            // Shares of a sky of its own resolution may exceed what escapes by the matrix.
+            let below: Vec<f64> = below.iter().zip(&rows.escaped).map(|(below, all)| below.min(*all)).collect();
+            let above: Vec<f64> = rows.escaped.iter().zip(&below).map(|(all, below)| all - below).collect();
+            heat.surround(&[(ambient, &above), (*ground, &below)]);
+        }
+    }
+    let [objects, materials] = matrix.names();
+    let named = Named {
+        objects,
+        materials,
+        object: &table.object,
+        material: &table.material,
+    };
+    let solving = Solving {
+        py,
+        heat: &heat,
+        escaped: &rows.escaped,
+        named,
+        options: manner.options,
+        progress: manner.progress,
+    };
+    let (mut found, open) = matrix.lend(py, manner.memory / 2, solving)?;
+    if open.patches.contains(&true) {
+        let text = format!(
+            "nothing determines the temperature of {}: they are adiabatic, and see nothing that has one",
+            open.names
+        );
+        let text = CString::new(text.replace('\0', " ")).unwrap_or_default();
+        PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)?;
+        for (kelvin, _) in found.temperature.iter_mut().zip(&open.patches).filter(|(_, open)| **open) {
+            *kelvin = f64::NAN;
+        }
+    }
+    for note in properties.notes() {
+        let text = CString::new(note.replace('\0', " ")).unwrap_or_default();
+        PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)?;
+    }
+    Ok((found, heat.outside))
+}
+
+/// Heat by surface of a solution.
+pub(crate) fn by_surface(
+    matrix: &Matrix,
+    solved: &Solution,
+    outside: Option<&[f64]>,
+    temperature: &[f64],
+    by: &str,
+) -> PyResult<HeatBySurface> {
+    let by = group(by)?;
+    if solved.radiosity.patches() != matrix.patch_count() {
+        return Err(errors::input(format!(
+            "the solution is of {} patches, and the matrix of {}",
+            solved.radiosity.patches(),
+            matrix.patch_count()
+        )));
+    }
+    let (table, rows) = (matrix.patches()?, matrix.table()?);
+    let of = (&table, &rows, matrix.names());
+    let (surfaces, balance) = heat_by_surface(of, by, solved, outside, temperature);
+    Ok(HeatBySurface { surfaces, balance })
+}
+
+/// The grouping of a name.
+pub(crate) fn group(by: &str) -> PyResult<GroupBy> {
+    match by {
+        "object" => Ok(GroupBy::Object),
+        "material" => Ok(GroupBy::Material),
+        "face" => Ok(GroupBy::Face),
+        other => Err(errors::input(format!(
+            "`by` is `{other}`; object, material or face is needed"
+        ))),
+    }
+}
+
+/// Heat by surface, a number each, in the order of `names`. `heats["floor"]` is the net heat of a surface in W, and
+/// `to_dict()` has all columns, as for `pandas.DataFrame`.
+#[pyclass(frozen, module = "hemicube")]
+#[derive(Debug)]
+pub(crate) struct HeatBySurface {
+    surfaces: Vec<SurfaceHeat>,
+    balance: HeatBalance,
+}
+
+impl HeatBySurface {
+    fn column<'py>(&self, py: Python<'py>, of: impl Fn(&SurfaceHeat) -> f64) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.surfaces.iter().map(of).collect())
+    }
+}
+
+fn temperature(surface: &SurfaceHeat, at: usize) -> f64 {
+    surface.temperature.map_or(f64::NAN, |values| values[at])
+}
+
+#[pymethods]
+impl HeatBySurface {
+    /// Name of each surface: of its object or material, or the number of its face.
+    #[getter]
+    fn names(&self) -> Vec<String> {
+        self.surfaces.iter().map(|surface| surface.name.clone()).collect()
+    }
+
+    /// Area of each surface: (k,).
+    #[getter]
+    fn areas<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |surface| surface.area)
+    }
+
+    /// Net heat of each surface in W, positive where it gives heat off: (k,).
+    #[getter]
+    fn heat<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |surface| surface.heat)
+    }
+
+    /// Mean net flux of each surface in W/m²: (k,).
+    #[getter]
+    fn flux<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |surface| surface.flux)
+    }
+
+    /// Mean temperature of each surface in kelvin, by area: (k,). NaN where nothing determines it.
+    #[getter]
+    fn temperature<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |surface| temperature(surface, 0))
+    }
+
+    /// Least temperature of a patch of each surface in kelvin: (k,).
+    #[getter]
+    fn least_temperature<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |surface| temperature(surface, 1))
+    }
+
+    /// Greatest temperature of a patch of each surface in kelvin: (k,).
+    #[getter]
+    fn greatest_temperature<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |surface| temperature(surface, 2))
+    }
+
+    /// Mean radiosity of each surface in W/m²: (k,).
+    #[getter]
+    fn radiosity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |surface| surface.radiosity)
+    }
+
+    /// Mean irradiance of each surface in W/m²: (k,).
+    #[getter]
+    fn irradiance<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |surface| surface.irradiance)
+    }
+
+    /// The sum of all heat in W: `given_off` + `taken_up` = `surroundings` + `error`.
+    #[getter]
+    fn balance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let dict = PyDict::new(py);
+        for (name, value) in [
+            ("given_off", self.balance.given_off),
+            ("taken_up", self.balance.taken_up),
+            ("surroundings", self.balance.surroundings),
+            ("error", self.balance.error),
+        ] {
+            dict.set_item(name, value)?;
+        }
+        Ok(dict)
+    }
+
+    /// All columns by name.
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let dict = PyDict::new(py);
+        dict.set_item("name", self.names())?;
+        dict.set_item("area", self.areas(py))?;
+        dict.set_item("heat", self.heat(py))?;
+        dict.set_item("flux", self.flux(py))?;
+        dict.set_item("temperature", self.temperature(py))?;
+        dict.set_item("least_temperature", self.least_temperature(py))?;
+        dict.set_item("greatest_temperature", self.greatest_temperature(py))?;
+        dict.set_item("radiosity", self.radiosity(py))?;
+        dict.set_item("irradiance", self.irradiance(py))?;
+        Ok(dict)
+    }
+
+    /// Number of surfaces.
+    fn __len__(&self) -> usize {
+        self.surfaces.len()
+    }
+
+    /// Net heat of a surface in W, by its name.
+    fn __getitem__(&self, name: &str) -> PyResult<f64> {
+        let found = self.surfaces.iter().find(|surface| surface.name == name);
+        let found = found.ok_or_else(|| PyKeyError::new_err(format!("there is no surface `{name}`; `names` has them")));
+        Ok(found?.heat)
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "<hemicube.HeatBySurface of {} surfaces, {:.4e} W given off, error {:.1e} W>",
+            self.surfaces.len(),
+            self.balance.given_off,
+            self.balance.error
+        )
+    }
+}
