@@ -88,3 +88,10 @@ ensure_display() {
     # minifb asks for these by name, too, and goes on only where it finds them.
     case $(/sbin/ldconfig -p 2>/dev/null) in *libXcursor.so.1*) ;; *) ensure_packages none:libxcursor1 ;; esac
 }
+
+# ensure_solvers — CalculiX, OpenFOAM and PETSc's Python, which read the files that `export --for` writes.
+ensure_solvers() {
+    local missing=(ccx:calculix-ccx viewFactorsGen:openfoam)
+    /usr/bin/python3 -c 'import petsc4py' 2>/dev/null || missing+=(none:python3-petsc4py)
+    ensure_packages "${missing[@]}"
+}

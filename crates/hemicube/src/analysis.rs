@@ -1,6 +1,7 @@
-//! Analyses of a stored matrix: checked, compared, added up by zones, balanced.
+//! Analyses of a stored matrix: checked, compared, added up by zones, balanced. Interchange factors of surfaces.
 
 pub mod balance;
 pub mod check;
 pub mod compare;
+pub mod interchange;
 pub mod zones;

@@ -208,6 +208,17 @@ impl Folder {
                 skip(&self.test, "no mpirun", "HEMICUBE_REQUIRE_CLUSTER");
                 None
             }
+            "ccx" | "viewFactorsGen" | "petsc4py" => {
+                let is_there = match what {
+                    "petsc4py" => "/usr/bin/python3 -c 'import petsc4py'".to_owned(),
+                    program => format!("command -v {program}"),
+                };
+                if self.bash(&is_there, TIME_LIMIT, &[]).1.is_some_and(|status| status.success()) {
+                    return Some(vec![("WM_PROJECT_DIR", "/usr/share/openfoam".into())]);
+                }
+                skip(&self.test, &format!("no {what}"), "HEMICUBE_REQUIRE_SOLVERS");
+                None
+            }
             backend => {
                 let there = vec![("HEMICUBE_BACKEND_PATH", profile_folder().into_os_string())];
                 let listed = self.bash("hemicube backends list", TIME_LIMIT, &there).0;
