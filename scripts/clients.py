@@ -168,7 +168,7 @@ def calculix(program, case, cells, folder):
     ours, own = {}, {}
     corners = [p for _, quad, _, _ in faces for p in quad]
     write_obj(folder / "faces.obj", corners, [(body, range(4 * k, 4 * k + 4)) for k, (body, *_) in enumerate(faces)])
-    factors(program, folder, ["--for", "calculix", "-o", "ours.vwf"], ours)
+    factors(program, folder, ["--for", "calculix", "ours.vwf"], ours)
     calculix_deck(folder / "ours.inp", faces, "*VIEWFACTOR, READ, INPUT=ours.vwf")
     calculix_deck(folder / "own.inp", faces, "*VIEWFACTOR, WRITE")
     one = {"OMP_NUM_THREADS": "1", "CCX_NPROC_VIEWFACTOR": "1"}
@@ -176,8 +176,8 @@ def calculix(program, case, cells, folder):
         run(["ccx", name], folder, measures, name, **one)
         measures["temperature"] = calculix_temperature(folder / f"{name}.dat")
         measures["error_kelvin"] = measures["temperature"] - exact(case)
-    apart = factor_difference(folder / "ours.vwf", folder / "own.vwf")
-    return {"solver": "CalculiX", "case": case, "faces": len(faces), "exact": exact(case), "ours": ours, "own": own, **apart}
+        measures["by_factors"] = balance(folder / f"{name}.vwf", faces)
+    return {"solver": "CalculiX", "case": case, "faces": len(faces), "exact": exact(case), "ours": ours, "own": own}
 
 
 def vwf(path):
@@ -190,10 +190,39 @@ def vwf(path):
     return [struct.unpack(f"<{len(record) // 8}d", record) for record in records[1:]]
 
 
-def factor_difference(ours, own):
-    """The largest difference of two files' form factors, and of a row's sum from 1 before it was scaled."""
-    (_, a, _), (_, b, _) = vwf(ours), vwf(own)
-    return {"factors_apart": max(abs(x - y) for x, y in zip(a, b))}
+def matrix(path):
+    """The rows of a CalculiX file."""
+    diagonal, others, _ = vwf(path)
+    count = len(diagonal)
+    half, place = count * (count - 1) // 2, 0
+    rows = [[0.0] * count for _ in range(count)]
+    for column in range(count):
+        rows[column][column] = diagonal[column]
+        for row in range(column + 1, count):
+            rows[row][column], rows[column][row] = others[place], others[half + place]
+            place += 1
+    return rows
+
+
+def area(quad):
+    """Of a rectangle."""
+    return math.dist(quad[0], quad[1]) * math.dist(quad[1], quad[2])
+
+
+def balance(path, faces):
+    """The free body's temperature by the form factors of a file: what it sends beyond itself is what arrives."""
+    sent = arrives = 0.0
+    for row, (body, quad, *_) in zip(matrix(path), faces):
+        if body != "free":
+            continue
+        to = {"hot": 0.0, "cold": 0.0, "free": 0.0}
+        for factor, (other, *_) in zip(row, faces):
+            to[other] += factor
+        sent += area(quad) * (1.0 - to["free"])
+        arrives += area(quad) * (to["hot"] * HOT**4 + to["cold"] * COLD**4)
+    return (arrives / sent) ** 0.25
+
+
 
 FOAM = "FoamFile {{ version 2.0; format ascii; class {}; object {}; }}\n"
 SCHEMES = (
@@ -313,7 +342,7 @@ def openfoam(program, case, cells, folder):
         if name == "own":
             run(["viewFactorsGen"], folder, measures, "viewFactorsGen")
         else:
-            factors(program, folder, ["--for", "openfoam", "-o", "constant"], measures)
+            factors(program, folder, ["--for", "openfoam", "constant"], measures)
         run(["buoyantSimpleFoam"], folder, measures, f"solver-{name}")
         heat = foam_heat(folder, patches, cells)
         # What the body exchanges with the two others, per T⁴: A_r (F_r1 + F_r2).
@@ -324,6 +353,32 @@ def openfoam(program, case, cells, folder):
     return {"solver": "OpenFOAM", "case": case, "faces": count, "exact": wanted, **found}
 
 
+def faults(result):
+    """What does not hold of a result."""
+    ours, own = result["ours"], result["own"]
+    found = []
+    if abs(ours["error_kelvin"]) >= abs(own["error_kelvin"]):
+        found.append("our temperature is not nearer to the closed form")
+    for name in ("ours", "own"):
+        # CalculiX prints seven digits.
+        if "by_factors" in result[name] and abs(result[name]["by_factors"] - result[name]["temperature"]) > 2e-3:
+            found.append(f"the temperature by {name} is not what the form factors say")
+    return [f"{result['solver']}, {result['case']}: {fault}" for fault in found]
+
+
+def table(results):
+    """Lines of Markdown."""
+    yield "| solver, cavity | faces | closed form K | ours K | its own K | ours s, MB | its own s, MB |"
+    yield "|---|---|---|---|---|---|---|"
+    for result in results:
+        ours, own = result["ours"], result["own"]
+        cost = lambda of: f"{of['seconds']:.1f}, {of['megabytes']:.0f}"
+        yield (
+            f"| {result['solver']}, {result['case']} | {result['faces']} | {result['exact']:.4f} "
+            f"| {ours['error_kelvin']:+.4f} | {own['error_kelvin']:+.4f} | {cost(ours)} | {cost(own)} |"
+        )
+
+
 def main():
     # Debian's OpenFOAM finds its defaults by this.
     os.environ.setdefault("WM_PROJECT_DIR", "/usr/share/openfoam")
@@ -331,15 +386,15 @@ def main():
     results = []
     with tempfile.TemporaryDirectory() as place:
         for case in ("closed", "occluded"):
-            folder = Path(place) / f"calculix-{case}"
-            folder.mkdir()
-            results.append(calculix(str(program), case, 8, folder))
-            print(json.dumps(results[-1]), flush=True)
-            folder = Path(place) / f"openfoam-{case}"
-            folder.mkdir()
-            results.append(openfoam(str(program), case, 12, folder))
-            print(json.dumps(results[-1]), flush=True)
+            for solver, cells in ((calculix, 8), (openfoam, 12)):
+                folder = Path(place) / f"{solver.__name__}-{case}"
+                folder.mkdir()
+                results.append(solver(str(program), case, cells, folder))
     out.write_text(json.dumps(results, indent=1) + "\n")
+    print("\n".join(table(results)))
+    wrong = [fault for result in results for fault in faults(result)]
+    if wrong:
+        sys.exit("error: " + "; ".join(wrong))
 
 
 if __name__ == "__main__":

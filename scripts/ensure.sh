@@ -92,6 +92,7 @@ ensure_display() {
 # ensure_solvers — CalculiX, OpenFOAM and PETSc's Python, which read the files that `export --for` writes.
 ensure_solvers() {
     local missing=(ccx:calculix-ccx viewFactorsGen:openfoam)
-    /usr/bin/python3 -c 'import petsc4py' 2>/dev/null || missing+=(none:python3-petsc4py)
+    compgen -G '/usr/lib/petscdir/*/*/lib/python3/dist-packages/petsc4py' >/dev/null && [ -e /usr/lib/python3/dist-packages/petsc4py.pth ] ||
+        missing+=(none:python3-petsc4py)
     ensure_packages "${missing[@]}"
 }

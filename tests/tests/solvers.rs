@@ -5,6 +5,7 @@
 #[path = "solvers/readers.rs"]
 mod readers;
 
+use hemicube_tests::readers::petsc_folder;
 use hemicube_tests::runs::{Place, Ran, command_in, finish};
 use hemicube_tests::scenes::{program, skip};
 use readers::{Dense, calculix, elmer, energyplus, epjson, openfoam, petsc, udales, view3d, view3d_binary};
@@ -35,7 +36,9 @@ const SURFACES: [&str; 7] = ["floor", "hearth", "ceiling", "south", "east", "nor
 fn computed() -> Place {
     let place = Place::new();
     place.write("room.obj", room());
-    place.line("compute room.obj -o F --subdivide 1 --tolerance 0.5% --quiet").is(0);
+    place
+        .line("compute room.obj -o F --subdivide 1 --tolerance 0.5% --quiet")
+        .is(0);
     place.line("balance F -o B --closure --quiet").is(0);
     place
 }
@@ -43,12 +46,21 @@ fn computed() -> Place {
 /// Areas and form factors of zones, by the table that the program writes of them.
 fn zones(place: &Place, store: &str, by: &str) -> (Vec<f64>, Dense) {
     let name = format!("{store}-{by}.csv");
-    place.line(&format!("export {store} {name} --by {by} --overwrite --quiet")).is(0);
+    place
+        .line(&format!("export {store} {name} --by {by} --overwrite --quiet"))
+        .is(0);
     let text = std::fs::read_to_string(place.path(name)).expect("a table");
-    let rows: Vec<Vec<String>> = text.lines().skip(1).map(|line| line.split(',').map(str::to_owned).collect()).collect();
+    let rows: Vec<Vec<String>> = text
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').map(str::to_owned).collect())
+        .collect();
     let number = |text: &String| text.parse::<f64>().expect("a number");
     let areas = rows.iter().map(|row| number(&row[2])).collect();
-    (areas, rows.iter().map(|row| row[6..].iter().map(number).collect()).collect())
+    (
+        areas,
+        rows.iter().map(|row| row[6..].iter().map(number).collect()).collect(),
+    )
 }
 
 fn read(place: &Place, name: &str) -> Vec<u8> {
@@ -70,7 +82,9 @@ fn apart(a: &Dense, b: &Dense) -> f64 {
 }
 
 fn transposed(matrix: &Dense) -> Dense {
-    (0..matrix.len()).map(|column| matrix.iter().map(|row| row[column]).collect()).collect()
+    (0..matrix.len())
+        .map(|column| matrix.iter().map(|row| row[column]).collect())
+        .collect()
 }
 
 /// A file holds the matrix, neither its transpose nor another order of it: for both it must be seen to differ.
@@ -90,38 +104,60 @@ fn files_of_faces_hold_the_matrix_from_row_to_column() {
     let (areas, faces) = zones(&place, "B", "face");
     assert_eq!(faces.len(), 10);
     for (i, row) in faces.iter().enumerate() {
-        assert!((row.iter().sum::<f64>() - 1.0).abs() < 1e-6, "row {i} is of a closed box");
+        assert!(
+            (row.iter().sum::<f64>() - 1.0).abs() < 1e-6,
+            "row {i} is of a closed box"
+        );
         for (j, factor) in row.iter().enumerate() {
-            assert!((areas[i] * factor - areas[j] * faces[j][i]).abs() < 1e-6, "({i}, {j}) is reciprocal");
+            assert!(
+                (areas[i] * factor - areas[j] * faces[j][i]).abs() < 1e-6,
+                "({i}, {j}) is reciprocal"
+            );
         }
     }
 
-    place.line("export B --for elmer -o ViewFactors.dat").is(0).says(&["10 faces", "mesh.boundary"]);
+    place
+        .line("export B --for elmer -o ViewFactors.dat")
+        .is(0)
+        .says(&["10 faces", "mesh.boundary"]);
     holds(&elmer(&text(&place, "ViewFactors.dat"), 10), &faces, NEAR);
 
-    place.line("export B --for udales -o vfsparse.inp.064").is(0).says(&["lvfsparse = .true.", "reciprocal"]);
+    place
+        .line("export B --for udales -o vfsparse.inp.064")
+        .is(0)
+        .says(&["lvfsparse = .true.", "reciprocal"]);
     let (found, sky, entries) = udales(&text(&place, "vfsparse.inp.064"), &text(&place, "svf.inp.064"));
     holds(&found, &faces, NEAR);
     for (row, sky) in found.iter().zip(&sky) {
         assert!((row.iter().sum::<f64>() + sky - 1.0).abs() < 1e-6 && *sky >= 0.0);
     }
-    let ran = place.line("export B --for udales -o vfsparse.inp.064 --overwrite --json -").is(0);
+    let ran = place
+        .line("export B --for udales -o vfsparse.inp.064 --overwrite --json -")
+        .is(0);
     ran.clone().says(&[&format!("nnz = {entries}")]);
     assert_eq!(ran.json()["entries"], entries);
 
     std::fs::create_dir_all(place.path("case/constant/polyMesh")).expect("a folder");
-    place.line("export B --for openfoam -o case/constant").is(0).says(&["smoothing false"]);
+    place
+        .line("export B --for openfoam -o case/constant")
+        .is(0)
+        .says(&["smoothing false"]);
     let files = ["F", "globalFaceFaces", "mapDist"].map(|name| text(&place, &format!("case/constant/{name}")));
     holds(&openfoam(&files), &faces, NEAR);
 
-    place.line("export B --for calculix -o box.vwf").is(0).says(&["*VIEWFACTOR, READ"]);
+    place
+        .line("export B --for calculix -o box.vwf")
+        .is(0)
+        .says(&["*VIEWFACTOR, READ"]);
     let (version, found, outside) = calculix(&read(&place, "box.vwf"));
     assert_eq!(version, "Version 2.20");
     holds(&found, &faces, 1e-15);
     for (row, outside) in found.iter().zip(outside) {
         assert!((row.iter().sum::<f64>() + outside - 1.0).abs() < 1e-6);
     }
-    place.line("export B --for calculix --program-version 2.21 -o new.vwf").is(0);
+    place
+        .line("export B --for calculix --program-version 2.21 -o new.vwf")
+        .is(0);
     assert_eq!(calculix(&read(&place, "new.vwf")).0, "Version 2.21");
 }
 
@@ -136,7 +172,10 @@ fn files_of_surfaces_hold_the_matrix_by_name() {
     let wanted: Vec<String> = SURFACES.map(str::to_owned).to_vec();
     for (zone, names, found) in [
         energyplus(&text(&place, "factors.idf")),
-        epjson(&text(&place, "factors.epJSON"), "zone_or_zonelist_or_space_or_spacelist_name"),
+        epjson(
+            &text(&place, "factors.epJSON"),
+            "zone_or_zonelist_or_space_or_spacelist_name",
+        ),
     ] {
         assert_eq!((zone.as_str(), &names), ("Room", &wanted));
         holds(&found, &objects, NEAR);
@@ -144,7 +183,9 @@ fn files_of_surfaces_hold_the_matrix_by_name() {
             assert!((row.iter().sum::<f64>() - 1.0).abs() < 1e-6);
         }
     }
-    place.line("export B --for energyplus --zone Room --program-version 9.6 -o old.epJSON").is(0);
+    place
+        .line("export B --for energyplus --zone Room --program-version 9.6 -o old.epJSON")
+        .is(0);
     epjson(&text(&place, "old.epJSON"), "zone_or_zonelist_name");
 
     place.line("export B --for view3d -o room.vf").is(0);
@@ -155,31 +196,44 @@ fn files_of_surfaces_hold_the_matrix_by_name() {
     place.line("export B --for view3d-binary -o room.bin").is(0);
     let binary = view3d_binary(&read(&place, "room.bin"));
     holds(&binary.factors, &objects, 1e-7);
-    assert_eq!(binary.emittances, file.emittances.iter().map(|_| f64::from(0.999_f32)).collect::<Vec<_>>());
+    assert_eq!(
+        binary.emittances,
+        file.emittances.iter().map(|_| f64::from(0.999_f32)).collect::<Vec<_>>()
+    );
 }
 
 #[test]
 fn petsc_loads_the_matrix() {
     let place = computed();
-    place.line("export F --for petsc -o F.petsc").is(0).says(&["80 patches", "petsc4py"]);
+    place
+        .line("export F --for petsc -o F.petsc")
+        .is(0)
+        .says(&["80 patches", "petsc4py"]);
     place.line("export F F.npy --quiet").is(0);
     let dense: Dense = {
         let bytes = read(&place, "F.npy");
         let values = &bytes[bytes.len() - 4 * 80 * 80..];
         let value = |b: &[u8]| f64::from(f32::from_le_bytes(b.try_into().expect("four bytes")));
-        values.chunks(320).map(|row| row.chunks(4).map(value).collect()).collect()
+        values
+            .chunks(320)
+            .map(|row| row.chunks(4).map(value).collect())
+            .collect()
     };
     let found = petsc(&read(&place, "F.petsc"));
     assert!(apart(&found, &dense) == 0.0 && apart(&transposed(&found), &dense) > FAR);
 
-    let python = std::env::var("HEMICUBE_PETSC_PYTHON").unwrap_or_else(|_| "/usr/bin/python3".to_owned());
+    let Some(folder) = petsc_folder() else {
+        return skip("petsc_loads_the_matrix", "no petsc4py", "HEMICUBE_REQUIRE_SOLVERS");
+    };
     let code = "from petsc4py import PETSc\nF = PETSc.Mat().load(PETSc.Viewer().createBinary('F.petsc', 'r'))\n\
                 x = F.createVecRight(); x.set(1.0); y = F.createVecLeft(); F.mult(x, y)\nprint(F.getType(), *y.array)";
-    let output = Command::new(python).args(["-c", code]).current_dir(place.path("")).output();
-    let output = match output {
-        Ok(output) if output.status.success() => output,
-        _ => return skip("petsc_loads_the_matrix", "no Python with petsc4py", "HEMICUBE_REQUIRE_SOLVERS"),
-    };
+    let mut python = Command::new("/usr/bin/python3");
+    python
+        .args(["-c", code])
+        .current_dir(place.path(""))
+        .env("PETSC_DIR", folder);
+    let output = python.output().expect("Debian's Python");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let words = String::from_utf8_lossy(&output.stdout).into_owned();
     let mut words = words.split_whitespace();
     assert_eq!(words.next(), Some("seqaij"));
@@ -196,12 +250,16 @@ fn rows_come_in_the_solvers_order() {
     let (_, faces) = zones(&place, "B", "face");
     let order = [9, 0, 8, 1, 7, 2, 6, 3, 5, 4];
     place.write("order.txt", order.map(|face: usize| format!("{face}\n")).concat());
-    place.line("export B --for elmer --order order.txt -o ordered.dat").is(0);
+    place
+        .line("export B --for elmer --order order.txt -o ordered.dat")
+        .is(0);
     let wanted: Dense = order.map(|i| order.map(|j| faces[i][j]).to_vec()).to_vec();
     assert!(apart(&elmer(&text(&place, "ordered.dat"), 10), &wanted) < NEAR && apart(&wanted, &faces) > FAR);
 
     place.write("names.txt", "west\neast\nfloor\nhearth\nnorth\nsouth\nceiling\n");
-    place.line("export B --for energyplus --zone R --order names.txt -o ordered.idf").is(0);
+    place
+        .line("export B --for energyplus --zone R --order names.txt -o ordered.idf")
+        .is(0);
     assert_eq!(energyplus(&text(&place, "ordered.idf")).1[..2], ["west", "east"]);
     for (lines, expected) in [
         ("0\n1\n1\n", "line 3 of the order: face `1` comes a second time"),
@@ -209,7 +267,10 @@ fn rows_come_in_the_solvers_order() {
         ("0\n1\n", "the order lacks face `2`"),
     ] {
         place.write("bad.txt", lines);
-        place.line("export B --for elmer --order bad.txt -o bad.dat").is(2).says(&[expected, "name each face once"]);
+        place
+            .line("export B --for elmer --order bad.txt -o bad.dat")
+            .is(2)
+            .says(&[expected, "name each face once"]);
         assert!(!place.path("bad.dat").exists());
     }
 }
@@ -217,30 +278,51 @@ fn rows_come_in_the_solvers_order() {
 #[test]
 fn what_a_solver_lacks_is_said_with_the_next_step() {
     let place = computed();
-    place.line("export F --for udales -o vfsparse.inp.001").is(2).says(&["differ by", "hemicube balance"]);
-    place.line("export B --for udales -o vfsparse.txt").is(2).says(&["vfsparse.inp.NNN"]);
-    place.line("export B --for energyplus -o f.idf").is(2).says(&["--zone NAME"]);
-    place.line("export B --for energyplus --zone R -o f.txt").is(2).says(&[".idf` or `.epJSON"]);
+    place
+        .line("compute room.obj -o P --correction pixel --resolution 16 --quiet")
+        .is(0);
+    place
+        .line("export P --for udales -o vfsparse.inp.001")
+        .is(2)
+        .says(&["differ by", "hemicube balance P"]);
+    place
+        .line("export B --for udales -o vfsparse.txt")
+        .is(2)
+        .says(&["vfsparse.inp.NNN"]);
+    place
+        .line("export B --for energyplus -o f.idf")
+        .is(2)
+        .says(&["--zone NAME"]);
+    place
+        .line("export B --for energyplus --zone R -o f.txt")
+        .is(2)
+        .says(&[".idf` or `.epJSON"]);
     place.line("export B --for openfoam -o .").is(2).says(&["polyMesh"]);
-    place.line("export B --for elmer --zone R -o f.dat").is(2).says(&["`--zone` has no meaning"]);
+    place
+        .line("export B --for elmer --zone R -o f.dat")
+        .is(2)
+        .says(&["`--zone` has no meaning"]);
     place.line("export B --for fluent -o f.s2s").is(2).says(&["calculix"]);
 
     // A hole in the ceiling: rows cannot sum to 1.
     let open = room().replacen("f 7 12 11 8\n", "", 1);
     place.write("open.obj", open);
     place.line("compute open.obj -o O --tolerance 1% --quiet").is(0);
-    place
-        .line("export O --for energyplus --zone R -o f.idf")
-        .is(2)
-        .says(&["escapes", "rows must sum to 1", "hemicube inspect"]);
+    place.line("export O --for energyplus --zone R -o f.idf").is(2).says(&[
+        "escapes",
+        "rows must sum to 1",
+        "hemicube inspect",
+    ]);
     // Two rooms are two enclosures.
     let second = room().replace("\nv ", "\nv 1").replacen("v ", "v 1", 1);
     let mut two = room();
     for line in second.lines() {
         two += &match line.split_once(' ') {
             Some(("f", faces)) => {
-                let moved: Vec<String> =
-                    faces.split(' ').map(|v| (v.parse::<u32>().expect("a vertex") + 12).to_string()).collect();
+                let moved: Vec<String> = faces
+                    .split(' ')
+                    .map(|v| (v.parse::<u32>().expect("a vertex") + 12).to_string())
+                    .collect();
                 format!("f {}\n", moved.join(" "))
             }
             Some(("o", name)) => format!("o {name}-2\n"),
@@ -280,24 +362,63 @@ const L_ROOM_IN_PLANES: &str = "T L shaped room\nC  encl=1 list=2 eps=1.e-5\nF  
     2. 1. 3. 1. 3. 3. 2. 3.\nS 10 Q 0 7 0.90 srf-7c\n3. 0. 3. 0 180\n0. 0. 2. 0. 2. 1. 0. 1.\n\
     S 11 Q 0 8 0.90 srf-8b\n0. 0. 0. 180. 0.\n0. 1. 1. 1. 1. 3. 0. 3.\nS 12 q 0 8 0.90 srf-8c\n0. 0. 0. 180. 0.\n\
     1. 0. 3. 0. 3. 1. 1. 1.\nEnd of data\n";
-/// What View3D 4.0.0 prints for the L-shaped room in planes.
-const L_FACTORS: [[f64; 8]; 8] = [
-    [0.0, 0.113147, 0.378091, 0.027473, 0.032905, 0.182349, 0.133016, 0.133019],
-    [0.339441, 0.0, 0.318989, 0.0, 0.0, 0.098715, 0.121428, 0.121427],
-    [0.567137, 0.159494, 0.0, 0.0, 0.0, 0.041210, 0.116080, 0.116079],
-    [0.041210, 0.0, 0.0, 0.0, 0.159494, 0.567138, 0.116080, 0.116079],
-    [0.098714, 0.0, 0.0, 0.318988, 0.0, 0.339442, 0.121428, 0.121427],
-    [0.182349, 0.032905, 0.027473, 0.378092, 0.113147, 0.0, 0.133017, 0.133016],
-    [0.239429, 0.072857, 0.139296, 0.139295, 0.072857, 0.239430, 0.0, 0.096836],
-    [0.239434, 0.072856, 0.139295, 0.139295, 0.072856, 0.239429, 0.096836, 0.0],
-];
-/// What it prints for the same room with `emit=1`: the first, the second, the third and the seventh row.
-const L_INTERCHANGE: [(usize, [f64; 8]); 4] = [
-    (0, [0.030132, 0.099218, 0.314268, 0.032561, 0.030812, 0.159022, 0.116993, 0.116993]),
-    (1, [0.297654, 0.009602, 0.273178, 0.007439, 0.003718, 0.092436, 0.107986, 0.107986]),
-    (2, [0.471402, 0.136589, 0.025214, 0.006158, 0.003720, 0.048841, 0.104038, 0.104038]),
-    (6, [0.210588, 0.064792, 0.124846, 0.124846, 0.064792, 0.210588, 0.010932, 0.088616]),
-];
+/// F between perpendicular rectangles with a common edge of length `edge`, from the one of depth `from` to the one of
+/// depth `to` (Siegel & Howell 2002, configuration C-14).
+fn perpendicular(edge: f64, from: f64, to: f64) -> f64 {
+    let (h, w) = (to / edge, from / edge);
+    let (h2, w2, root) = (h * h, w * w, (h * h + w * w).sqrt());
+    let first = (1.0 + w2) * (1.0 + h2) / (1.0 + h2 + w2);
+    let second = (w2 * (1.0 + w2 + h2) / ((1.0 + w2) * (w2 + h2))).powf(w2);
+    let third = (h2 * (1.0 + h2 + w2) / ((1.0 + h2) * (h2 + w2))).powf(h2);
+    let angles = w * (1.0 / w).atan() + h * (1.0 / h).atan() - root * (1.0 / root).atan();
+    (angles + 0.25 * (first * second * third).ln()) / (std::f64::consts::PI * w)
+}
+
+/// F from wall 2 of the L-shaped room to wall 6, past the corner at (1, 1), by midpoints: from y on x = 3, what lies
+/// below 1.5 − y / 2 on x = 0 is in sight. The error falls with n⁻²: two of them are extrapolated (Richardson).
+fn past_the_corner() -> f64 {
+    let sum = |n: u32| {
+        let middle = |k: u32, length: f64| length * (f64::from(k) + 0.5) / f64::from(n);
+        let mut sum = 0.0;
+        for i in 0..n {
+            let y = middle(i, 1.0);
+            let seen = 1.5 - y / 2.0;
+            for j in 0..n {
+                let across = 9.0 + (y - middle(j, seen)).powi(2);
+                for k in 0..n {
+                    for l in 0..n {
+                        let r2 = across + (middle(k, 3.0) - middle(l, 3.0)).powi(2);
+                        sum += seen / (r2 * r2);
+                    }
+                }
+            }
+        }
+        // cos cos = 9 / r²; dA dA' = seen · 9 / n⁴, of an area of 3.
+        sum * 9.0 * 9.0 / (3.0 * std::f64::consts::PI * f64::from(n).powi(4))
+    };
+    let (coarse, fine) = (sum(16), sum(32));
+    fine + (fine - coarse) / 3.0
+}
+
+/// Interchange factors of grey surfaces by following what each emits through its reflections.
+fn interchange(factors: &Dense, emittance: f64) -> Dense {
+    let count = factors.len();
+    let of = |from: usize| {
+        let mut arrives = vec![0.0; count];
+        for _ in 0..60 {
+            let leaves: Vec<f64> = (0..count)
+                .map(|k| if k == from { emittance } else { 0.0 } + (1.0 - emittance) * arrives[k])
+                .collect();
+            arrives = factors
+                .iter()
+                .map(|row| row.iter().zip(&leaves).map(|(f, j)| f * j).sum())
+                .collect();
+        }
+        arrives.into_iter().map(|h: f64| emittance * h).collect::<Vec<f64>>()
+    };
+    // What j absorbs of i's is A_i 𝓕_ij: here it is taken at j, 𝓕_ji.
+    transposed(&(0..count).map(of).collect())
+}
 
 /// A run of the program by another name, in a folder, as a script would have it.
 fn by_name(place: &Place, name: &str, arguments: &[&str]) -> Ran {
@@ -306,7 +427,11 @@ fn by_name(place: &Place, name: &str, arguments: &[&str]) -> Ran {
         std::os::unix::fs::symlink(program(), &link).expect("a link");
     }
     let mut command = command_in(&link, &place.path(""));
-    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
     finish(place.spawn(command))
 }
 
@@ -334,7 +459,9 @@ fn view3ds_own_examples_have_its_numbers() {
     }
     let obstruction = found("View3D", OBSTRUCTION);
     assert_eq!((obstruction.encl, obstruction.emittances), (0, vec![0.5; 3]));
-    let [first, second, third] = obstruction.factors.as_slice() else { panic!("three rows") };
+    let [first, second, third] = obstruction.factors.as_slice() else {
+        panic!("three rows")
+    };
     assert!((first[1] - 0.149_868_671_773_8).abs() < 1e-6 && (second[0] - 0.149_868_671_773_8).abs() < 1e-6);
     // Parallel rectangles, offset: what View3D prints. The obstruction faces up.
     assert!((second[2] - 0.103_813).abs() < 1e-5 && (third[1] - 0.415_254).abs() < 1e-5);
@@ -342,16 +469,28 @@ fn view3ds_own_examples_have_its_numbers() {
 
     let planes = found("view3d", L_ROOM_IN_PLANES);
     assert_eq!(planes.areas, [9.0, 3.0, 6.0, 6.0, 3.0, 9.0, 5.0, 5.0]);
-    assert!(apart(&planes.factors, &L_FACTORS.map(|row| row.to_vec()).to_vec()) < 1e-5);
+    let hidden = past_the_corner();
+    // The integral of another program, to its last digit; View3D prints 0.098715 for it.
+    assert!((hidden - 0.098_670_742_7).abs() < 1e-7, "{hidden}");
+    for (i, j, exact) in [
+        (0, 1, perpendicular(3.0, 3.0, 1.0)),
+        (3, 4, perpendicular(3.0, 2.0, 1.0)),
+        (2, 1, perpendicular(3.0, 2.0, 1.0)),
+        (1, 5, hidden),
+        (4, 0, hidden),
+    ] {
+        let found = planes.factors[i][j];
+        assert!((found - exact).abs() < 2e-6, "F[{i}, {j}] is {found}, exactly {exact}");
+    }
     assert_eq!((planes.encl, planes.emit), (1, 0));
     let black = found("view3d", &L_ROOM.replace("emit=1", ""));
     assert!(apart(&black.factors, &planes.factors) < 1e-5, "both geometry formats");
     let grey = found("view3d", L_ROOM);
     assert_eq!((grey.encl, grey.emit, grey.emittances), (1, 1, vec![0.9; 8]));
-    for (row, wanted) in L_INTERCHANGE {
-        let found = &grey.factors[row];
-        assert!((found.iter().sum::<f64>() - 0.9).abs() < 5e-6);
-        assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-5), "row {row}: {found:?}");
+    assert!(apart(&grey.factors, &interchange(&black.factors, 0.9)) < 5e-6);
+    assert!(apart(&grey.factors, &black.factors) > FAR);
+    for row in &grey.factors {
+        assert!((row.iter().sum::<f64>() - 0.9).abs() < 5e-6);
     }
     let log = text(&place, "View3D.log");
     assert!(log.contains("Final view factors:") && log.contains("Name: srf-1, sum of view factors:  0.900000"));
@@ -379,7 +518,9 @@ fn view3ds_forms_and_control_lines() {
         read(&place, "out.vf")
     });
     // Obstructions have no row and hide what is behind them.
-    let scene = OBSTRUCTION.replace("S 3 9 10 11 12 0 0 0.50 zeq0.5", "O 3 9 10 11 12").replace("encl=0", "encl=0 eps=1e-5");
+    let scene = OBSTRUCTION
+        .replace("S 3 9 10 11 12 0 0 0.50 zeq0.5", "O 3 9 10 11 12")
+        .replace("encl=0", "encl=0 eps=1e-5");
     place.write("in.vs3", scene);
     run().is(0);
     let hidden = view3d(&text(&place, "out.vf"));
@@ -389,17 +530,27 @@ fn view3ds_forms_and_control_lines() {
     write("C row=1 col=4");
     run().is(0);
     assert_eq!(text(&place, "out.vf"), "");
-    assert!(text(&place, "View3D.log").contains("F[1][4] = 1.99825e-1"), "{}", text(&place, "View3D.log"));
+    assert!(
+        text(&place, "View3D.log").contains("F[1][4] = 1.99825e-1"),
+        "{}",
+        text(&place, "View3D.log")
+    );
 
     // What View3D refuses ends with its status, 1, and is in the log.
-    by_name(&place, "view3d", &["missing.vs3", "out.vf"]).is(1).says(&["missing.vs3"]);
+    by_name(&place, "view3d", &["missing.vs3", "out.vf"])
+        .is(1)
+        .says(&["missing.vs3"]);
     assert!(text(&place, "View3D.log").contains("FATAL"));
     for arguments in [&["?"][..], &[], &["a", "b", "c"]] {
-        by_name(&place, "view3d", arguments).is(1).says(&["usage: view3d <input file> <output file>"]);
+        by_name(&place, "view3d", arguments)
+            .is(1)
+            .says(&["usage: view3d <input file> <output file>"]);
     }
     write("C out=3");
     run().is(1).says(&["in.vs3:2: out=3 is no form of output"]);
-    by_name(&place, "view3d", &["in.vs3", "in.vs3"]).is(2).says(&["which is to be read"]);
+    by_name(&place, "view3d", &["in.vs3", "in.vs3"])
+        .is(2)
+        .says(&["which is to be read"]);
     // A surface that faces outwards sees nothing: no enclosure.
     place.write("in.vs3", CUBE.replace("S 1 1 2 3 4", "S 1 4 3 2 1"));
     run().is(1).says(&["surface 1 (`zeq0`) sees nothing"]);

@@ -188,9 +188,7 @@ impl<'a> Faces<'a> {
         }
         let zones = zones(store, by)?;
         // A zone with a row has factors or shares; one of occluders has nothing.
-        let is_computed = |zone: &Zone| {
-            !zone.factors.is_empty() || zone.escaped + zone.blocked + zone.unselected > 0.0
-        };
+        let is_computed = |zone: &Zone| !zone.factors.is_empty() || zone.escaped + zone.blocked + zone.unselected > 0.0;
         let faces = (0..)
             .zip(&zones)
             .filter(|(_, zone)| is_computed(zone))
@@ -221,7 +219,10 @@ impl<'a> Faces<'a> {
         let mut taken = vec![false; self.faces.len()];
         let mut order = Vec::with_capacity(names.len());
         let word = self.grouping.word();
-        let next = format!("name each {word} once, a line each, in the order of {}'s rows", self.program);
+        let next = format!(
+            "name each {word} once, a line each, in the order of {}'s rows",
+            self.program
+        );
         for (line, name) in (1..).zip(names) {
             let place = by_name.get(name.as_str()).copied();
             match place.filter(|&place| !std::mem::replace(&mut taken[place], true)) {
@@ -272,7 +273,12 @@ impl<'a> Faces<'a> {
         let source = self.faces[place].source;
         let mut row: Vec<(u32, f64)> = match &self.rows {
             Rows::Stored => match self.store.row(InputPatch(source))? {
-                Some(row) => row.indices.iter().copied().zip(row.data.iter().map(|&f| f64::from(f))).collect(),
+                Some(row) => row
+                    .indices
+                    .iter()
+                    .copied()
+                    .zip(row.data.iter().map(|&f| f64::from(f)))
+                    .collect(),
                 None => Vec::new(),
             },
             Rows::Zones(zones) => zones[source as usize].factors.clone(),
@@ -323,7 +329,7 @@ impl<'a> Faces<'a> {
         if needs.sums != Sums::Free && found.sums[1] > 1.0 + SUM_ERROR {
             return Err(self.unfit(
                 format!("{} sums to {:.6}, above 1", self.named(most), found.sums[1]),
-                self.balance(if needs.sums == Sums::One { " --closure" } else { "" }),
+                self.balance("--closure"),
             ));
         }
         if needs.sums == Sums::One && found.sums[0] < 1.0 - SUM_ERROR {
@@ -334,7 +340,7 @@ impl<'a> Faces<'a> {
         {
             return Err(self.unfit(
                 format!("A[i] F[i, j] and A[j] F[j, i] differ by {residual:.1e} of their norm"),
-                self.balance(""),
+                self.balance("--reciprocity"),
             ));
         }
         Ok(found)
@@ -342,7 +348,7 @@ impl<'a> Faces<'a> {
 
     fn balance(&self, option: &str) -> String {
         let store = self.store.directory().display();
-        format!("`hemicube balance {store} -o balanced.hemicube{option}`, and export that")
+        format!("`hemicube balance {store} -o balanced.hemicube {option}`, and export that")
     }
 
     fn not_closed(&self, place: usize, sum: f64) -> Error {
@@ -359,7 +365,10 @@ impl<'a> Faces<'a> {
                 "close the scene: `hemicube inspect` names its holes and surfaces that face outwards",
             );
         }
-        self.unfit(format!("{named} sums to {sum:.6}, and rows must sum to 1"), self.balance(" --closure"))
+        self.unfit(
+            format!("{named} sums to {sum:.6}, and rows must sum to 1"),
+            self.balance("--closure"),
+        )
     }
 
     /// Refuses what the disk has no room for.
@@ -418,7 +427,11 @@ impl Probe {
 
     fn residual(&self) -> f64 {
         let square = self.sums.iter().map(|sum| sum * sum).sum::<f64>() / PROBES as f64;
-        if self.norm > 0.0 { (square / self.norm).sqrt() } else { 0.0 }
+        if self.norm > 0.0 {
+            (square / self.norm).sqrt()
+        } else {
+            0.0
+        }
     }
 }
 

@@ -3,14 +3,14 @@
 use serde_json::Value;
 
 /// A matrix by rows.
-pub type Dense = Vec<Vec<f64>>;
+pub(crate) type Dense = Vec<Vec<f64>>;
 
 fn numbers(text: &str) -> impl Iterator<Item = f64> {
     text.split_whitespace().map(|word| word.parse().expect("a number"))
 }
 
 /// Elmer: for each row its number of entries, then `i j F` from 1; `i` is skipped there, held against the row here.
-pub fn elmer(text: &str, rows: usize) -> Dense {
+pub(crate) fn elmer(text: &str, rows: usize) -> Dense {
     let mut words = numbers(text);
     let mut next = || words.next().expect("the file goes on");
     let mut matrix = vec![vec![0.0; rows]; rows];
@@ -26,13 +26,19 @@ pub fn elmer(text: &str, rows: usize) -> Dense {
 }
 
 /// uDALES: lines `i j F` from 1, and a header line before a sky view factor a line; the matrix, these, the lines.
-pub fn udales(factors: &str, sky: &str) -> (Dense, Vec<f64>, u64) {
-    let sky: Vec<f64> = sky.lines().skip(1).map(|line| line.trim().parse().expect("a number")).collect();
+pub(crate) fn udales(factors: &str, sky: &str) -> (Dense, Vec<f64>, u64) {
+    let sky: Vec<f64> = sky
+        .lines()
+        .skip(1)
+        .map(|line| line.trim().parse().expect("a number"))
+        .collect();
     let mut matrix = vec![vec![0.0; sky.len()]; sky.len()];
     let mut lines = 0;
     for line in factors.lines() {
         let words: Vec<f64> = numbers(line).collect();
-        let [i, j, factor] = words[..] else { panic!("three words: {line}") };
+        let [i, j, factor] = words[..] else {
+            panic!("three words: {line}")
+        };
         matrix[i as usize - 1][j as usize - 1] = factor;
         lines += 1;
     }
@@ -43,16 +49,42 @@ pub fn udales(factors: &str, sky: &str) -> (Dense, Vec<f64>, u64) {
 fn foam(text: &str, name: &str, class: &str) -> Vec<String> {
     let (head, body) = text.split_once('}').expect("a header");
     let entry = |word: &str| {
-        let line = head.lines().find(|line| line.trim_start().starts_with(word)).expect("an entry");
-        line.trim().trim_end_matches(';').rsplit(' ').next().expect("a value").to_owned()
+        let line = head
+            .lines()
+            .find(|line| line.trim_start().starts_with(word))
+            .expect("an entry");
+        line.trim()
+            .trim_end_matches(';')
+            .rsplit(' ')
+            .next()
+            .expect("a value")
+            .to_owned()
     };
-    assert_eq!((entry("object").as_str(), entry("class").as_str(), entry("format").as_str()), (name, class, "ascii"));
-    body.replace('(', " ( ").replace(')', " ) ").split_whitespace().map(str::to_owned).collect()
+    assert_eq!(
+        (
+            entry("object").as_str(),
+            entry("class").as_str(),
+            entry("format").as_str()
+        ),
+        (name, class, "ascii")
+    );
+    body.replace('(', " ( ")
+        .replace(')', " ) ")
+        .split_whitespace()
+        .map(str::to_owned)
+        .collect()
 }
 
 /// A list of OpenFOAM: its number, `(`, its elements, `)`.
-fn list<T>(words: &mut std::slice::Iter<'_, String>, element: &dyn Fn(&mut std::slice::Iter<'_, String>) -> T) -> Vec<T> {
-    let count: usize = words.next().expect("a number of elements").parse().expect("a number of elements");
+fn list<T>(
+    words: &mut std::slice::Iter<'_, String>,
+    element: &dyn Fn(&mut std::slice::Iter<'_, String>) -> T,
+) -> Vec<T> {
+    let count: usize = words
+        .next()
+        .expect("a number of elements")
+        .parse()
+        .expect("a number of elements");
     assert_eq!(words.next().map(String::as_str), Some("("));
     let elements = (0..count).map(|_| element(words)).collect();
     assert_eq!(words.next().map(String::as_str), Some(")"));
@@ -60,8 +92,9 @@ fn list<T>(words: &mut std::slice::Iter<'_, String>, element: &dyn Fn(&mut std::
 }
 
 /// OpenFOAM: `F`, `globalFaceFaces`, `mapDist`; the last must be the map of one process.
-pub fn openfoam([factors, faces, map]: &[String; 3]) -> Dense {
-    let number = |words: &mut std::slice::Iter<'_, String>| words.next().expect("a word").parse::<f64>().expect("a number");
+pub(crate) fn openfoam([factors, faces, map]: &[String; 3]) -> Dense {
+    let number =
+        |words: &mut std::slice::Iter<'_, String>| words.next().expect("a word").parse::<f64>().expect("a number");
     let rows = |text: &str, name: &str, class: &str| {
         let words = foam(text, name, class);
         let mut words = words.iter();
@@ -69,7 +102,10 @@ pub fn openfoam([factors, faces, map]: &[String; 3]) -> Dense {
         assert!(words.next().is_none());
         rows
     };
-    let (factors, faces) = (rows(factors, "F", "scalarListList"), rows(faces, "globalFaceFaces", "labelListList"));
+    let (factors, faces) = (
+        rows(factors, "F", "scalarListList"),
+        rows(faces, "globalFaceFaces", "labelListList"),
+    );
     let count = factors.len();
     let words = foam(map, "mapDist", "mapDistribute");
     let mut words = words.iter();
@@ -78,7 +114,10 @@ pub fn openfoam([factors, faces, map]: &[String; 3]) -> Dense {
         let lists = list(&mut words, &|words| list(words, &number));
         assert_eq!(lists, [(0..count).map(|face| face as f64).collect::<Vec<_>>()]);
     }
-    assert_eq!(words.cloned().collect::<Vec<_>>(), ["0", "0", "0", "(", ")", "0", "(", ")"]);
+    assert_eq!(
+        words.cloned().collect::<Vec<_>>(),
+        ["0", "0", "0", "(", ")", "0", "(", ")"]
+    );
     let mut matrix = vec![vec![0.0; count]; count];
     for ((row, factors), faces) in matrix.iter_mut().zip(factors).zip(faces) {
         assert_eq!(factors.len(), faces.len());
@@ -99,7 +138,11 @@ fn records(mut bytes: &[u8]) -> Vec<Vec<u8>> {
         let length = before.unsigned_abs() as usize;
         let (piece, rest) = bytes[4..].split_at(length);
         assert_eq!(mark(rest).unsigned_abs() as usize, length);
-        assert_eq!(mark(rest) < 0, goes_on, "a negative length after a piece that has one before it");
+        assert_eq!(
+            mark(rest) < 0,
+            goes_on,
+            "a negative length after a piece that has one before it"
+        );
         match records.last_mut() {
             Some(record) if goes_on => record.extend(piece),
             _ => records.push(piece.to_vec()),
@@ -112,13 +155,18 @@ fn records(mut bytes: &[u8]) -> Vec<Vec<u8>> {
 }
 
 fn doubles(bytes: &[u8]) -> Vec<f64> {
-    bytes.chunks(8).map(|bytes| f64::from_le_bytes(bytes.try_into().expect("eight bytes"))).collect()
+    bytes
+        .chunks(8)
+        .map(|bytes| f64::from_le_bytes(bytes.try_into().expect("eight bytes")))
+        .collect()
 }
 
 /// CalculiX: version, matrix, shares of the environment.
-pub fn calculix(bytes: &[u8]) -> (String, Dense, Vec<f64>) {
+pub(crate) fn calculix(bytes: &[u8]) -> (String, Dense, Vec<f64>) {
     let records = records(bytes);
-    let [version, diagonal, others, outside] = &records[..] else { panic!("four records") };
+    let [version, diagonal, others, outside] = &records[..] else {
+        panic!("four records")
+    };
     assert_eq!(version.len(), 80);
     let (diagonal, others) = (doubles(diagonal), doubles(others));
     let count = diagonal.len();
@@ -157,24 +205,35 @@ fn by_name(triples: &[(String, String, f64)]) -> (Vec<String>, Dense) {
 }
 
 /// EnergyPlus, IDF: fields by commas up to a semicolon, comments after `!`.
-pub fn energyplus(text: &str) -> (String, Vec<String>, Dense) {
-    let code: String = text.lines().map(|line| line.split('!').next().unwrap_or_default()).collect();
+pub(crate) fn energyplus(text: &str) -> (String, Vec<String>, Dense) {
+    let code: String = text
+        .lines()
+        .map(|line| line.split('!').next().unwrap_or_default())
+        .collect();
     let (object, rest) = code.split_once(';').expect("an object");
     assert!(rest.trim().is_empty(), "one object");
     let fields: Vec<&str> = object.split(',').map(str::trim).collect();
     assert_eq!(fields[0], "ZoneProperty:UserViewFactors:BySurfaceName");
     let triples: Vec<_> = fields[2..]
         .chunks(3)
-        .map(|triple| (triple[0].to_owned(), triple[1].to_owned(), triple[2].parse().expect("a number")))
+        .map(|triple| {
+            (
+                triple[0].to_owned(),
+                triple[1].to_owned(),
+                triple[2].parse().expect("a number"),
+            )
+        })
         .collect();
     let (names, matrix) = by_name(&triples);
     (fields[1].to_owned(), names, matrix)
 }
 
 /// EnergyPlus, epJSON, with the zone in a field of this name.
-pub fn epjson(text: &str, zone: &str) -> (String, Vec<String>, Dense) {
+pub(crate) fn epjson(text: &str, zone: &str) -> (String, Vec<String>, Dense) {
     let model: Value = serde_json::from_str(text).expect("JSON");
-    let objects = model["ZoneProperty:UserViewFactors:BySurfaceName"].as_object().expect("objects");
+    let objects = model["ZoneProperty:UserViewFactors:BySurfaceName"]
+        .as_object()
+        .expect("objects");
     assert_eq!((model.as_object().expect("a model").len(), objects.len()), (1, 1));
     let object = objects.values().next().expect("one");
     let word = |value: &Value| value.as_str().expect("text").to_owned();
@@ -182,14 +241,20 @@ pub fn epjson(text: &str, zone: &str) -> (String, Vec<String>, Dense) {
         .as_array()
         .expect("pairs")
         .iter()
-        .map(|pair| (word(&pair["from_surface"]), word(&pair["to_surface"]), pair["view_factor"].as_f64().expect("a number")))
+        .map(|pair| {
+            (
+                word(&pair["from_surface"]),
+                word(&pair["to_surface"]),
+                pair["view_factor"].as_f64().expect("a number"),
+            )
+        })
         .collect();
     let (names, matrix) = by_name(&triples);
     (word(&object[zone]), names, matrix)
 }
 
 /// PETSc: big-endian, `MatLoad`'s order.
-pub fn petsc(bytes: &[u8]) -> Dense {
+pub(crate) fn petsc(bytes: &[u8]) -> Dense {
     let mut at = 0;
     let mut whole = || {
         at += 4;
@@ -201,7 +266,9 @@ pub fn petsc(bytes: &[u8]) -> Dense {
     let places: Vec<usize> = (0..entries).map(|_| whole()).collect();
     assert_eq!(lengths.iter().sum::<usize>(), entries);
     assert_eq!(bytes.len() - at, 8 * entries);
-    let mut values = bytes[at..].chunks(8).map(|b| f64::from_be_bytes(b.try_into().expect("eight bytes")));
+    let mut values = bytes[at..]
+        .chunks(8)
+        .map(|b| f64::from_be_bytes(b.try_into().expect("eight bytes")));
     let mut places = places.into_iter();
     let mut matrix = vec![vec![0.0; columns]; rows];
     for (row, length) in matrix.iter_mut().zip(lengths) {
@@ -217,20 +284,22 @@ pub fn petsc(bytes: &[u8]) -> Dense {
 
 /// A view factor file of View3D.
 #[derive(Debug)]
-pub struct ViewFactors {
-    pub form: u32,
-    pub encl: u32,
-    pub emit: u32,
-    pub areas: Vec<f64>,
-    pub factors: Dense,
-    pub emittances: Vec<f64>,
+pub(crate) struct ViewFactors {
+    pub(crate) form: u32,
+    pub(crate) encl: u32,
+    pub(crate) emit: u32,
+    pub(crate) areas: Vec<f64>,
+    pub(crate) factors: Dense,
+    pub(crate) emittances: Vec<f64>,
 }
 
 impl ViewFactors {
     /// The header by View3D's `"%s %s %d %d %d %d"`, then n areas, n² factors, n emittances.
     fn of(head: &str, mut numbers: impl Iterator<Item = f64>) -> Self {
         let words: Vec<&str> = head.split_whitespace().collect();
-        let ["View3D", _, form, encl, emit, count] = words[..] else { panic!("a header: {head}") };
+        let ["View3D", _, form, encl, emit, count] = words[..] else {
+            panic!("a header: {head}")
+        };
         let number = |word: &str| word.parse::<u32>().expect("a number");
         let count = number(count) as usize;
         let mut take = || numbers.by_ref().take(count).collect::<Vec<f64>>();
@@ -247,13 +316,13 @@ impl ViewFactors {
     }
 }
 
-pub fn view3d(text: &str) -> ViewFactors {
+pub(crate) fn view3d(text: &str) -> ViewFactors {
     let (head, rest) = text.split_at(31);
     assert!(head.ends_with('\n'), "30 characters and a line end");
     ViewFactors::of(head, numbers(rest))
 }
 
-pub fn view3d_binary(bytes: &[u8]) -> ViewFactors {
+pub(crate) fn view3d_binary(bytes: &[u8]) -> ViewFactors {
     let (head, rest) = bytes.split_at(32);
     let head = std::str::from_utf8(head).expect("text");
     assert!(head.ends_with("\r\n"));

@@ -70,7 +70,7 @@ pub(crate) struct Arguments {
     #[arg(value_name = "OUT", help = output_help(), required_unless_present = "named_output")]
     output: Option<PathBuf>,
     /// OUT, by an option
-    #[arg(short, long = "output", value_name = "OUT", conflicts_with = "output")]
+    #[arg(short = 'o', long = "output", value_name = "OUT", conflicts_with = "output")]
     named_output: Option<PathBuf>,
     /// The format, where OUT's extension does not say
     #[arg(long, value_name = "FORMAT", value_parser = format_names())]
@@ -153,7 +153,10 @@ impl Arguments {
 
     /// OUT; one of the two is there.
     fn output(&self) -> &Path {
-        self.output.as_deref().or(self.named_output.as_deref()).unwrap_or(Path::new(""))
+        self.output
+            .as_deref()
+            .or(self.named_output.as_deref())
+            .unwrap_or(Path::new(""))
     }
 }
 

@@ -47,7 +47,10 @@ impl SolverWriter for Calculix {
 
     fn forecast(&self, faces: &Faces<'_>, _: &Found, path: &Path) -> Result<Option<u64>> {
         if faces.len() > FACES_MAX {
-            return Err(too_large(path, "CalculiX counts no more than 46,341 faces of a cavity, as a full matrix"));
+            return Err(too_large(
+                path,
+                "CalculiX counts no more than 46,341 faces of a cavity, as a full matrix",
+            ));
         }
         let count = faces.len() as u64;
         Ok(Some(8 * count * (count + 1) + 112))
@@ -58,7 +61,8 @@ impl SolverWriter for Calculix {
         let count = job.faces.len();
         let mut version = format!("Version {}", job.options.version.unwrap_or(VERSION)).into_bytes();
         version.resize(80, b' ');
-        let mut record = Record::begin(job, files, 80, PIECE)?;
+        let mut put = |bytes: &[u8]| job.put(files, 0, bytes);
+        let mut record = Record::begin(&mut put, 80, PIECE)?;
         record.push(&version)?;
         record.end()?;
         // Entries below the diagonal by column.
@@ -77,11 +81,11 @@ impl SolverWriter for Calculix {
             diagonal.extend(f64::to_le_bytes(own));
             outside.extend(f64::to_le_bytes(f64::max(1.0 - sum, 0.0)));
         }
-        let mut record = Record::begin(job, files, diagonal.len() as u64, PIECE)?;
+        let mut record = Record::begin(&mut put, diagonal.len() as u64, PIECE)?;
         record.push(&diagonal)?;
         record.end()?;
         let entries = count as u64 * (count as u64 - 1);
-        let mut record = Record::begin(job, files, 8 * entries, PIECE)?;
+        let mut record = Record::begin(&mut put, 8 * entries, PIECE)?;
         let mut bytes = Vec::new();
         let dense = |entries: &[(u32, f64)], place: usize, bytes: &mut Vec<u8>| {
             let first = place + 1;
@@ -100,7 +104,7 @@ impl SolverWriter for Calculix {
             record.push(&bytes)?;
         }
         record.end()?;
-        let mut record = Record::begin(job, files, outside.len() as u64, PIECE)?;
+        let mut record = Record::begin(&mut put, outside.len() as u64, PIECE)?;
         record.push(&outside)?;
         record.end()
     }
@@ -114,9 +118,8 @@ impl SolverWriter for Calculix {
 }
 
 /// A record of Fortran, written in pieces.
-struct Record<'a, 'b, 'c> {
-    job: &'a SolverJob<'a>,
-    files: &'b mut [Cancellable<'c>],
+struct Record<'a> {
+    put: &'a mut dyn FnMut(&[u8]) -> Result<()>,
     /// Bytes of the record still to come, those of the present piece included.
     left: u64,
     /// Bytes of the present piece still to come.
@@ -127,11 +130,11 @@ struct Record<'a, 'b, 'c> {
     is_first: bool,
 }
 
-impl<'a, 'b, 'c> Record<'a, 'b, 'c> {
-    fn begin(job: &'a SolverJob<'a>, files: &'b mut [Cancellable<'c>], bytes: u64, piece_max: u64) -> Result<Self> {
+impl<'a> Record<'a> {
+    /// Begins a record of so many bytes, in pieces of at most `piece_max` below 2³¹.
+    fn begin(put: &'a mut dyn FnMut(&[u8]) -> Result<()>, bytes: u64, piece_max: u64) -> Result<Self> {
         let mut record = Self {
-            job,
-            files,
+            put,
             left: bytes,
             in_piece: 0,
             piece: 0,
@@ -158,7 +161,7 @@ impl<'a, 'b, 'c> Record<'a, 'b, 'c> {
         #[allow(clippy::cast_possible_truncation, reason = "a piece is below 2³¹ bytes")]
         let length = self.piece as i32;
         let length = if is_negative { -length } else { length };
-        self.job.put(self.files, 0, &length.to_le_bytes())
+        (self.put)(&length.to_le_bytes())
     }
 
     fn push(&mut self, mut bytes: &[u8]) -> Result<()> {
@@ -170,7 +173,7 @@ impl<'a, 'b, 'c> Record<'a, 'b, 'c> {
             }
             let count = bytes.len().min(usize::try_from(self.in_piece).unwrap_or(usize::MAX));
             let (now, later) = bytes.split_at(count);
-            self.job.put(self.files, 0, now)?;
+            (self.put)(now)?;
             self.in_piece -= count as u64;
             self.left -= count as u64;
             bytes = later;
@@ -180,5 +183,35 @@ impl<'a, 'b, 'c> Record<'a, 'b, 'c> {
 
     fn end(mut self) -> Result<()> {
         self.close()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_record_is_in_pieces() {
+        let written = |piece_max| {
+            let mut bytes = Vec::new();
+            let mut put = |more: &[u8]| {
+                bytes.extend_from_slice(more);
+                Ok(())
+            };
+            let mut record = Record::begin(&mut put, 10, piece_max).unwrap();
+            record.push(b"abc").unwrap();
+            record.push(b"defghij").unwrap();
+            record.end().unwrap();
+            bytes
+        };
+        let of = |parts: &[(i32, &[u8], i32)]| -> Vec<u8> {
+            let each = |&(before, bytes, after): &(i32, &[u8], i32)| {
+                [&before.to_le_bytes()[..], bytes, &after.to_le_bytes()[..]].concat()
+            };
+            parts.iter().flat_map(each).collect()
+        };
+        assert_eq!(written(PIECE), of(&[(10, b"abcdefghij", 10)]));
+        // GNU Fortran: the sign before says that another follows, after that another came before.
+        assert_eq!(written(4), of(&[(-4, b"abcd", 4), (-4, b"efgh", -4), (2, b"ij", -2)]));
     }
 }

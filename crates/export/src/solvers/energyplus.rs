@@ -54,7 +54,10 @@ impl SolverWriter for EnergyPlus {
 
     fn forecast(&self, faces: &Faces<'_>, _: &Found, path: &Path) -> Result<Option<u64>> {
         if faces.len() > SURFACES_MAX {
-            return Err(too_large(path, "EnergyPlus takes all pairs of surfaces, and this writer 4,096 surfaces"));
+            return Err(too_large(
+                path,
+                "EnergyPlus takes all pairs of surfaces, and this writer 4,096 surfaces",
+            ));
         }
         names_are_good(faces)?;
         is_one_enclosure(faces)?;
@@ -67,7 +70,10 @@ impl SolverWriter for EnergyPlus {
             return Err(faces.unfit("no zone is named", "name the zone or enclosure by `--zone NAME`"));
         };
         if let Some(c) = forbidden(zone) {
-            return Err(faces.unfit(format!("zone `{zone}` has `{c}`"), "IDF keeps `,`, `;` and `!` to itself"));
+            return Err(faces.unfit(
+                format!("zone `{zone}` has `{c}`"),
+                "IDF keeps `,`, `;` and `!` to itself",
+            ));
         }
         let json = is_json(&job.paths[0]) == Some(true);
         let count = faces.len();
@@ -87,7 +93,9 @@ impl SolverWriter for EnergyPlus {
             let mut next = row.iter().peekable();
             text.clear();
             for (column, to) in faces.faces.iter().enumerate() {
-                let factor = next.next_if(|&&(at, _)| at as usize == column).map_or(0.0, |&(_, factor)| factor);
+                let factor = next
+                    .next_if(|&&(at, _)| at as usize == column)
+                    .map_or(0.0, |&(_, factor)| factor);
                 let is_last = place + 1 == count && column + 1 == count;
                 // Writing to a string cannot fail.
                 let _ = match json {
@@ -144,7 +152,9 @@ fn names_are_good(faces: &Faces<'_>) -> Result<()> {
         let problem = match forbidden(&face.name) {
             Some(c) => Some(format!("has `{}`", c.escape_default())),
             None if face.name.trim().is_empty() => Some("is empty".to_owned()),
-            None if !taken.insert(face.name.trim().to_uppercase()) => Some("differs from another by case only".to_owned()),
+            None if !taken.insert(face.name.trim().to_uppercase()) => {
+                Some("differs from another by case only".to_owned())
+            }
             None => None,
         };
         if let Some(problem) = problem {

@@ -13,9 +13,9 @@
 //! All big-endian. A PETSc configured with 64-bit indices writes and reads 64-bit integers; this is the default form.
 
 use super::{SolverJob, SolverWriter};
+use crate::Result;
 use crate::faces::{Faces, Found, Grouping, Needs, Sums};
 use crate::write::{Cancellable, too_large};
-use crate::Result;
 use std::path::{Path, PathBuf};
 
 /// Marks a matrix.
@@ -56,7 +56,12 @@ impl SolverWriter for Petsc {
             reason = "`forecast` has counted, and patches are fewer than 2³¹"
         )]
         let whole = |number: u64| (number as i32).to_be_bytes();
-        let head = [whole(CLASS.unsigned_abs().into()), whole(count as u64), whole(count as u64), whole(job.found.entries)];
+        let head = [
+            whole(CLASS.unsigned_abs().into()),
+            whole(count as u64),
+            whole(count as u64),
+            whole(job.found.entries),
+        ];
         job.put(files, 0, head.as_flattened())?;
         let mut bytes = Vec::new();
         for pass in 0..3 {

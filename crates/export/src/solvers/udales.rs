@@ -78,6 +78,9 @@ impl SolverWriter for Udales {
     }
 
     fn next(&self, _: &Faces<'_>, found: &Found, _: &[PathBuf]) -> String {
-        format!("uDALES: `lvfsparse = .true.` and `nnz = {}` in &ENERGYBALANCE", found.entries)
+        format!(
+            "uDALES: `lvfsparse = .true.` and `nnz = {}` in &ENERGYBALANCE",
+            found.entries
+        )
     }
 }

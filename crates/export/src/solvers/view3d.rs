@@ -13,9 +13,9 @@
 //! ```
 
 use super::{SolverJob, SolverWriter};
+use crate::Result;
 use crate::faces::{Faces, Found, Grouping, Needs, Sums};
 use crate::write::Cancellable;
-use crate::Result;
 use hemicube::analysis::zones::GroupBy;
 use std::fmt::Write as _;
 use std::io::{self, Write};
@@ -40,7 +40,9 @@ pub enum View3dForm {
 impl View3dForm {
     /// The form of a number `out`.
     pub fn of(out: u64) -> Option<Self> {
-        [Self::Text, Self::Binary, Self::Sparse].get(usize::try_from(out).ok()?).copied()
+        [Self::Text, Self::Binary, Self::Sparse]
+            .get(usize::try_from(out).ok()?)
+            .copied()
     }
 
     fn out(self) -> u8 {
@@ -90,7 +92,9 @@ pub fn write_view3d<E: From<io::Error>>(
         );
         write!(out, "{name:30}{}", if binary { "\r\n" } else { "\n" })?;
         match binary {
-            true => areas.iter().try_for_each(|&area| out.write_all(&single(area).to_le_bytes()))?,
+            true => areas
+                .iter()
+                .try_for_each(|&area| out.write_all(&single(area).to_le_bytes()))?,
             false => out.write_all(line(areas.iter().map(|&area| single(area).to_string()).collect()).as_bytes())?,
         }
     }
@@ -120,7 +124,9 @@ pub fn write_view3d<E: From<io::Error>>(
     }
     match head.form {
         View3dForm::Sparse => {}
-        View3dForm::Binary => emittances.iter().try_for_each(|&e| out.write_all(&single(e).to_le_bytes()))?,
+        View3dForm::Binary => emittances
+            .iter()
+            .try_for_each(|&e| out.write_all(&single(e).to_le_bytes()))?,
         View3dForm::Text => out.write_all(line(emittances.iter().map(|e| format!("{e:.3}")).collect()).as_bytes())?,
     }
     Ok(())
@@ -128,7 +134,11 @@ pub fn write_view3d<E: From<io::Error>>(
 
 /// The emittance of a face: of a material called `emissivity 0.9`, as View3D's scenes are read; otherwise [`BLACK`].
 fn emittance(faces: &Faces<'_>, place: usize) -> f64 {
-    let material = faces.store.manifest().materials.get(faces.faces[place].material as usize);
+    let material = faces
+        .store
+        .manifest()
+        .materials
+        .get(faces.faces[place].material as usize);
     let given = material.and_then(|name| name.strip_prefix("emissivity ")?.parse().ok());
     given.unwrap_or(BLACK)
 }
@@ -157,7 +167,10 @@ fn write(form: View3dForm, job: &SolverJob<'_>, files: &mut [Cancellable<'_>]) -
         Failure::Row(error) => error,
         Failure::File(error) => crate::write::on_write(&job.paths[0], error),
     };
-    write_view3d(&mut buffer, head, &areas, &emittances, |place| faces.row(place).map_err(Failure::Row)).map_err(fail)?;
+    write_view3d(&mut buffer, head, &areas, &emittances, |place| {
+        faces.row(place).map_err(Failure::Row)
+    })
+    .map_err(fail)?;
     buffer.flush().map_err(Failure::File).map_err(fail)
 }
 

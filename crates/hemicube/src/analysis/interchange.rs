@@ -66,7 +66,11 @@ pub fn interchange(exchange: &[f64], areas: &[f64], emittances: &[f64]) -> Resul
         lower[i * count + i] += area / (1.0 - emittance);
     }
     factorise(&mut lower, count)?;
-    let scale: Vec<f64> = areas.iter().zip(emittances).map(|(area, e)| area * e / (1.0 - e)).collect();
+    let scale: Vec<f64> = areas
+        .iter()
+        .zip(emittances)
+        .map(|(area, e)| area * e / (1.0 - e))
+        .collect();
     let mut found = vec![0.0; count * count];
     let mut column = vec![0.0; count];
     for (j, &emittance) in emittances.iter().enumerate() {
@@ -161,7 +165,9 @@ mod tests {
         // Irradiation of each face for unit emissive power of face 0: H = F (ε e₀ + ρ H).
         let mut h = [0.0; 6];
         for _ in 0..400 {
-            let j: Vec<f64> = (0..6).map(|k| f64::from(u8::from(k == 0)) * emittances[0] + (1.0 - emittances[k]) * h[k]).collect();
+            let j: Vec<f64> = (0..6)
+                .map(|k| f64::from(u8::from(k == 0)) * emittances[0] + (1.0 - emittances[k]) * h[k])
+                .collect();
             for i in 0..6 {
                 h[i] = (0..6).filter(|&k| k != i).map(|k| 0.2 * j[k]).sum();
             }

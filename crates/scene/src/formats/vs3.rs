@@ -106,9 +106,15 @@ pub fn study(bytes: &[u8]) -> Result<Study, Error> {
     let mut study = reader.study;
     for surface in &reader.surfaces {
         if let Some(to) = surface.combined_with
-            && reader.surfaces.get(to).is_none_or(|to| to.combined_with.is_some() || to.kind != Kind::Radiating)
+            && reader
+                .surfaces
+                .get(to)
+                .is_none_or(|to| to.combined_with.is_some() || to.kind != Kind::Radiating)
         {
-            let reason = format!("surface {} is no surface to combine with: it is part of another", to + 1);
+            let reason = format!(
+                "surface {} is no surface to combine with: it is part of another",
+                to + 1
+            );
             return Err(Error::malformed(reason).at(surface.line));
         }
         study.surfaces.push(StudySurface {
@@ -259,10 +265,15 @@ impl Reader<'_> {
 
     /// `name=value` pairs, separated by blanks, `=` and `,` in any number.
     fn controls(&mut self, words: &[&str]) {
-        let mut parts = words.iter().flat_map(|word| word.split(['=', ','])).filter(|part| !part.is_empty());
+        let mut parts = words
+            .iter()
+            .flat_map(|word| word.split(['=', ',']))
+            .filter(|part| !part.is_empty());
         while let Some(name) = parts.next() {
             let value = parts.next().unwrap_or_default().to_owned();
-            self.study.controls.push((name.to_ascii_lowercase(), value, self.words.line));
+            self.study
+                .controls
+                .push((name.to_ascii_lowercase(), value, self.words.line));
         }
     }
 

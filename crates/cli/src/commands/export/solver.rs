@@ -49,7 +49,11 @@ fn order(path: &Path) -> Result<Vec<String>> {
     let failed = || format!("`{}` cannot be read", path.display());
     let bytes = std::fs::metadata(path).with_context(failed)?.len();
     if bytes > ORDER_BYTES_MAX {
-        return Err(anyhow!("`{}` has {}, more than an order of rows", path.display(), size(bytes)));
+        return Err(anyhow!(
+            "`{}` has {}, more than an order of rows",
+            path.display(),
+            size(bytes)
+        ));
     }
     let text = std::fs::read_to_string(path).with_context(failed)?;
     Ok(text.lines().map(|line| line.trim().to_owned()).collect())

@@ -84,7 +84,10 @@ impl Exchange {
         }
         let found = interchange(&dense, &self.areas, emittances)?;
         for (row, found) in self.rows.iter_mut().zip(found.chunks_exact(count)) {
-            *row = (0..).zip(found.iter().copied()).filter(|&(_, area)| area > 0.0).collect();
+            *row = (0..)
+                .zip(found.iter().copied())
+                .filter(|&(_, area)| area > 0.0)
+                .collect();
         }
         Ok(())
     }
@@ -98,7 +101,10 @@ impl Exchange {
     /// F_ij of a row, ascending by column.
     pub(super) fn factors(&self, row: usize) -> Vec<(u32, f64)> {
         let area = self.areas[row];
-        self.sorted(row).into_iter().map(|(column, exchanged)| (column, exchanged / area)).collect()
+        self.sorted(row)
+            .into_iter()
+            .map(|(column, exchanged)| (column, exchanged / area))
+            .collect()
     }
 }
 
@@ -110,7 +116,15 @@ mod tests {
     fn an_enclosure_is_closed_and_reciprocal() {
         let mut exchange = Exchange::new(3);
         exchange.areas = vec![1.0, 2.0, 3.0];
-        for (i, j, area) in [(0, 1, 0.4), (1, 0, 0.42), (0, 2, 0.55), (2, 0, 0.6), (1, 2, 1.5), (2, 1, 1.4), (2, 2, 1.1)] {
+        for (i, j, area) in [
+            (0, 1, 0.4),
+            (1, 0, 0.42),
+            (0, 2, 0.55),
+            (2, 0, 0.6),
+            (1, 2, 1.5),
+            (2, 1, 1.4),
+            (2, 2, 1.1),
+        ] {
             exchange.add(i, j, area);
         }
         exchange.symmetrise();
@@ -120,7 +134,11 @@ mod tests {
             let sum: f64 = factors.iter().map(|&(_, factor)| factor).sum();
             assert!((sum - 1.0).abs() < 1e-6, "row {row}: {sum}");
             for (column, factor) in factors {
-                let back = exchange.factors(column as usize).iter().find(|&&(to, _)| to as usize == row).map(|&(_, f)| f);
+                let back = exchange
+                    .factors(column as usize)
+                    .iter()
+                    .find(|&&(to, _)| to as usize == row)
+                    .map(|&(_, f)| f);
                 let back = back.unwrap_or_default() * exchange.areas[column as usize];
                 assert!((factor * exchange.areas[row] - back).abs() < 1e-12);
             }
