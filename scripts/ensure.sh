@@ -88,3 +88,11 @@ ensure_display() {
     # minifb asks for these by name, too, and goes on only where it finds them.
     case $(/sbin/ldconfig -p 2>/dev/null) in *libXcursor.so.1*) ;; *) ensure_packages none:libxcursor1 ;; esac
 }
+
+# ensure_solvers — CalculiX, OpenFOAM and PETSc's Python, which read the files that `export --for` writes.
+ensure_solvers() {
+    local missing=(ccx:calculix-ccx viewFactorsGen:openfoam)
+    compgen -G '/usr/lib/petscdir/*/*/lib/python3/dist-packages/petsc4py' >/dev/null && [ -e /usr/lib/python3/dist-packages/petsc4py.pth ] ||
+        missing+=(none:python3-petsc4py)
+    ensure_packages "${missing[@]}"
+}

@@ -13,6 +13,7 @@
 //! | `HEMICUBE_NODE_MODULES` | where npm installed gltf-validator |
 //! | `HEMICUBE_REQUIRE_NODE=1` | a test that would skip for want of it or of Node fails |
 //! | `HEMICUBE_REQUIRE_OCTAVE=1` | a test of `./test --full` that would skip for want of GNU Octave fails |
+//! | `HEMICUBE_REQUIRE_SOLVERS=1` | a test that would skip for want of CalculiX, OpenFOAM or petsc4py fails |
 //! | `HEMICUBE_MDBOOK` | mdbook, which makes web pages of `docs` |
 //! | `HEMICUBE_REQUIRE_MDBOOK=1` | a test that would skip for want of it fails |
 //! | `HEMICUBE_REQUIRE_BROWSER=1` | a test that would skip for want of Chromium and its driver fails |

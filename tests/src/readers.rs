@@ -3,6 +3,7 @@
 use crate::scenes::skip;
 use serde_json::Value;
 use std::ffi::{OsStr, OsString};
+use std::path::PathBuf;
 use std::process::Command;
 
 /// A Python with `modules`, or a skip: `HEMICUBE_PYTHON`, otherwise `python3`. `HEMICUBE_REQUIRE_PYTHON=1` makes a
@@ -33,6 +34,17 @@ pub fn python(test: &str, modules: &[&str]) -> Option<OsString> {
     let reason = format!("no Python with {}", modules.join(", "));
     skip(test, &reason, "HEMICUBE_REQUIRE_PYTHON");
     None
+}
+
+/// The folder of Debian's PETSc with petsc4py, for `PETSC_DIR`, by which `/usr/bin/python3` finds it; `None` without it.
+pub fn petsc_folder() -> Option<PathBuf> {
+    let named = std::env::var_os("PETSC_DIR").map(PathBuf::from);
+    let versions = std::fs::read_dir("/usr/lib/petscdir").into_iter().flatten().flatten();
+    let builds = versions.flat_map(|version| std::fs::read_dir(version.path()).into_iter().flatten().flatten());
+    let mut found: Vec<PathBuf> = named.into_iter().chain(builds.map(|build| build.path())).collect();
+    found.retain(|folder| folder.join("lib/python3/dist-packages/petsc4py").is_dir());
+    found.sort();
+    found.pop()
 }
 
 /// Runs a program and parses its JSON.

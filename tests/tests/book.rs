@@ -221,6 +221,7 @@ page_tests! {
     accuracy: "docs/accuracy.md",
     extremes: "docs/extremes.md",
     peers: "docs/peers.md",
+    recipes: "docs/recipes.md",
 }
 
 #[test]

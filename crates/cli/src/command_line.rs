@@ -63,6 +63,7 @@ pub(crate) enum Command {
         command: commands::view::View,
     },
     Report(Box<commands::report::Arguments>),
+    View3d(commands::view3d::Arguments),
     Interactive(commands::interactive::Arguments),
     Generate(commands::generate::Arguments),
     Manual(commands::manual::Arguments),
@@ -93,6 +94,7 @@ impl Command {
             Self::Points(arguments) => arguments.paths(),
             Self::View { command } => command.paths(),
             Self::Report(arguments) => arguments.paths(),
+            Self::View3d(arguments) => arguments.paths(),
             Self::Generate(arguments) => arguments.paths(),
             Self::Backends { command } => command.paths(),
             // They write into folders of their own, by their own rules.

@@ -19,3 +19,4 @@ pub(crate) mod sky;
 pub(crate) mod solve;
 pub(crate) mod tradeoff;
 pub(crate) mod view;
+pub(crate) mod view3d;

@@ -59,6 +59,9 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
+    let Some(arguments) = commands::view3d::arguments_of(arguments.into_iter().collect()) else {
+        return Ok(commands::view3d::usage());
+    };
     let mut arguments = command_line::join_json(arguments);
     if arguments.len() == 1 && commands::interactive::is_wanted() {
         arguments.push("interactive".into());
@@ -127,6 +130,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>, unread: &[String]) -> Result
         Command::Points(arguments) => commands::points::run(&arguments, talk),
         Command::View { command } => commands::view::run(&command, talk),
         Command::Report(arguments) => commands::report::run(&arguments, talk),
+        Command::View3d(arguments) => commands::view3d::run(&arguments, talk),
         Command::Generate(arguments) => commands::generate::run(&arguments, talk),
         Command::Manual(arguments) => commands::manual::run(&arguments, Cli::command()),
         Command::Completions(arguments) => commands::manual::completions(&arguments, Cli::command()),

@@ -1,7 +1,7 @@
 //! The table of exports: one row a file format. The program's help, messages and dialogue come of it.
 //!
 //! A new format is a module of this folder, declared below, with a [`MatrixWriter`] or a [`PatchWriter`], and a row of
-//! the table.
+//! the table. A new solver's is a module of `solvers` with a [`SolverWriter`], and a row of the third table.
 
 mod array;
 mod gltf;
@@ -12,7 +12,9 @@ mod table;
 mod text;
 mod vtk;
 
+use crate::faces::Needs;
 use crate::matrix::Export;
+use crate::solvers::{self, SolverWriter};
 use crate::write::Cancellable;
 use crate::{Error, PatchResults, Result, WriteOptions};
 use serde::Serialize;
@@ -218,6 +220,62 @@ exports! {
     Csv, ["csv"], "", "A table: patches", [Results], "", table::Csv;
     /// NumPy arrays, a row a patch.
     Npz, ["npz"], "", "NumPy arrays: patches", [Results], "", table::Npz;
+}
+
+exports! {
+    /// A solver, and its file format. The label is its name for [`SolverFormat::named_as`].
+    ///
+    /// ```
+    /// use hemicube_export::SolverFormat;
+    ///
+    /// assert_eq!(SolverFormat::named_as("openfoam"), Some(SolverFormat::OpenFoam));
+    /// assert!(SolverFormat::named_as("fluent").is_none());
+    /// ```
+    SolverFormat: SolverWriter;
+    /// PETSc's binary AIJ matrix, from 0.
+    Petsc, ["petsc"], "petsc", "PETSc: a binary AIJ matrix for `MatLoad`", [], "", solvers::Petsc;
+    /// View3D's text, `out=0`.
+    View3d, ["vf"], "view3d", "View3D: its text file (`out=0`)", [], "", solvers::View3d;
+    /// View3D's binary file, `out=1`.
+    View3dBinary, ["vf"], "view3d-binary", "View3D: its binary file (`out=1`)", [], "", solvers::View3dBinary;
+    /// EnergyPlus' user view factors by surface name.
+    EnergyPlus, ["epjson", "idf"], "energyplus",
+        "EnergyPlus: user view factors by surface name, OUT an .epJSON or .idf", [], "", solvers::EnergyPlus;
+    /// uDALES' sparse view factors and sky view factors, from 1.
+    Udales, ["inp"], "udales", "uDALES: OUT vfsparse.inp.NNN, and svf.inp.NNN beside it", [FromOne], "",
+        solvers::Udales;
+    /// Elmer's `ViewFactors.dat`, from 1.
+    Elmer, ["dat"], "elmer", "Elmer: ViewFactors.dat", [FromOne], "", solvers::Elmer;
+    /// OpenFOAM's `F`, `globalFaceFaces` and `mapDist`.
+    OpenFoam, ["foam"], "openfoam", "OpenFOAM (.com): F, globalFaceFaces, mapDist; OUT is the case's `constant`", [],
+        "", solvers::OpenFoam;
+    /// CalculiX's `.vwf`.
+    Calculix, ["vwf"], "calculix", "CalculiX: a .vwf for `*VIEWFACTOR, READ`", [], "", solvers::Calculix;
+}
+
+impl SolverFormat {
+    /// The solver of a name such as `elmer`.
+    pub fn named_as(name: &str) -> Option<Self> {
+        Self::ALL.iter().copied().find(|format| format.label() == name)
+    }
+
+    /// What the solver needs of a matrix.
+    ///
+    /// # Errors
+    /// [`Error::NotBuilt`] if its writer is not compiled in.
+    pub fn needs(self) -> Result<Needs> {
+        Ok(self.writer()?.needs())
+    }
+
+    /// The number of the first row and of the first column in its files: 0 or 1.
+    pub fn first_index(self) -> u32 {
+        u32::from(self.has(Trait::FromOne))
+    }
+
+    /// The solver's name for people.
+    pub fn program(self) -> &'static str {
+        self.about().split(':').next().unwrap_or_default()
+    }
 }
 
 impl ExportFormat {

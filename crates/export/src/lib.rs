@@ -1,13 +1,20 @@
 //! Exports: the matrix, and the results of its patches on the model, as files for other programs.
 //!
-//! [`export`] writes the matrix, in an [`ExportFormat`]; [`write_patches`] writes [`PatchResults`], in a
-//! [`PatchFormat`]. Both formats come from one table, `formats.rs`.
+//! [`export`] writes the matrix, in an [`ExportFormat`]; [`export_for`] writes it for a radiation solver, a
+//! [`SolverFormat`], with what that needs or not at all; [`write_patches`] writes [`PatchResults`], in a
+//! [`PatchFormat`]. All formats come from one table, `formats.rs`.
 //!
 //! | matrix | |
 //! |---|---|
 //! | `.npz`, `.npy` | SciPy: CSR; NumPy: dense |
 //! | `.mtx`, `.txt` | Matrix Market; MATLAB and Octave |
 //! | `.parquet` | DuckDB, pyarrow, Spark: triplets (feature `parquet`) |
+//!
+//! | solver | |
+//! |---|---|
+//! | `petsc` | `MatLoad` |
+//! | `view3d`, `view3d-binary`, `energyplus` | surfaces by name |
+//! | `elmer`, `udales`, `openfoam`, `calculix` | faces of the mesh in its order |
 //!
 //! | patches | |
 //! |---|---|
@@ -51,12 +58,17 @@
 //! mantissas do not compress, and both would cost more build time than the rest of this crate.
 
 mod ascii;
+mod faces;
 mod formats;
 mod matrix;
 mod patches;
+mod solvers;
 mod write;
 
-pub use formats::{ExportFormat, Named, PatchFormat, listed};
+pub use faces::{Found, Grouping, Needs, PROBES, RECIPROCITY_ERROR, SUM_ERROR, Sums};
+pub use formats::{ExportFormat, Named, PatchFormat, SolverFormat, listed};
 pub use matrix::{ExportOptions, ExportReport, export, export_with_sky};
 pub use patches::{Colors, Column, Legend, PatchResults, Values, scale_color};
+pub use solvers::view3d::{View3dForm, View3dHead, write_view3d};
+pub use solvers::{SolverOptions, SolverReport, Written, export_for};
 pub use write::{Error, Result, WriteOptions, write_patches};

@@ -158,7 +158,7 @@ fn write(
 }
 
 /// Refuses an export larger than the room on the disk.
-fn require_room(path: &Path, forecast: &Forecast) -> Result<()> {
+pub(crate) fn require_room(path: &Path, forecast: &Forecast) -> Result<()> {
     let directory = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),

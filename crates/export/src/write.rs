@@ -66,6 +66,18 @@ pub enum Error {
         /// The limit.
         most: u64,
     },
+    /// The matrix lacks what the solver needs.
+    #[error("`{}` has no matrix for {program}: {reason}", store.display())]
+    Unfit {
+        /// The store.
+        store: PathBuf,
+        /// The solver.
+        program: &'static str,
+        /// The thing and the bound.
+        reason: String,
+        /// The next step.
+        next: String,
+    },
     /// Writing was cancelled; nothing is left of the file.
     #[error("`{}` was not written: it was interrupted", path.display())]
     Interrupted {

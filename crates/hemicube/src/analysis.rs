@@ -1,8 +1,9 @@
-//! Analyses of a stored matrix: checked, compared, added up by zones, balanced.
+//! Analyses of a stored matrix: checked, compared, added up by zones, balanced. Interchange factors of surfaces.
 
 pub mod balance;
 pub mod check;
 pub mod compare;
 pub mod exchange;
 pub mod surfaces;
+pub mod interchange;
 pub mod zones;

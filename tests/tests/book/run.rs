@@ -2,7 +2,7 @@
 //! that the book uses: `hemicube` and `./run` are the program, `cargo run --example` what is built already.
 
 use super::page::{Block, Page};
-use hemicube_tests::readers::python;
+use hemicube_tests::readers::{petsc_folder, python};
 use hemicube_tests::runs::Place;
 use hemicube_tests::scenes::{profile_folder, program, say, scenes_or_skip, skip, unpack, workspace};
 use std::ffi::OsString;
@@ -206,6 +206,21 @@ impl Folder {
                     return Some(Vec::new());
                 }
                 skip(&self.test, "no mpirun", "HEMICUBE_REQUIRE_CLUSTER");
+                None
+            }
+            "petsc4py" => {
+                if let Some(folder) = petsc_folder() {
+                    return Some(vec![("PETSC_DIR", folder.into_os_string())]);
+                }
+                skip(&self.test, "no petsc4py", "HEMICUBE_REQUIRE_SOLVERS");
+                None
+            }
+            "ccx" | "viewFactorsGen" => {
+                let there = self.bash(&format!("command -v {what}"), TIME_LIMIT, &[]).1;
+                if there.is_some_and(|status| status.success()) {
+                    return Some(vec![("WM_PROJECT_DIR", "/usr/share/openfoam".into())]);
+                }
+                skip(&self.test, &format!("no {what}"), "HEMICUBE_REQUIRE_SOLVERS");
                 None
             }
             backend => {

@@ -1,6 +1,7 @@
 //! `hemicube export`: the matrix, or results of its patches, in files for other programs.
 
 mod patches;
+mod solver;
 
 use crate::args::{Report as ReportArguments, Talk, UpAxis};
 use crate::exit::{self, Exit, hinted};
@@ -29,7 +30,23 @@ const EXAMPLES: &str = "  \
   hemicube export room.hemicube zones.csv --by object            # form factors between objects
   hemicube export room.hemicube room.vtp --scene room.obj        # ParaView: each patch with its results
   hemicube export room.hemicube room.glb --scene room.obj --up y --show seen
-  hemicube export room.hemicube patches.csv                      # a line a patch";
+  hemicube export room.hemicube patches.csv                      # a line a patch
+  hemicube export box.hemicube --for elmer -o mesh/ViewFactors.dat
+  hemicube export zone.hemicube --for energyplus --zone 'Zone 1' -o factors.idf";
+
+/// Arguments without a meaning for a solver.
+const NOT_FOR_SOLVERS: [&str; 10] = [
+    "format",
+    "with_sky",
+    "allow_incomplete",
+    "patches",
+    "scene",
+    "show",
+    "range",
+    "solution",
+    "up",
+    "allow_large",
+];
 
 /// Arguments without a meaning for zones.
 const OF_PATCHES: [&str; 8] = [
@@ -50,13 +67,16 @@ pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
-    #[arg(value_name = "OUT", help = output_help())]
-    pub(crate) output: PathBuf,
+    #[arg(value_name = "OUT", help = output_help(), required_unless_present = "named_output")]
+    output: Option<PathBuf>,
+    /// OUT, by an option
+    #[arg(short = 'o', long = "output", value_name = "OUT", conflicts_with = "output")]
+    named_output: Option<PathBuf>,
     /// The format, where OUT's extension does not say
     #[arg(long, value_name = "FORMAT", value_parser = format_names())]
     format: Option<String>,
     /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table, `.csv`,
-    /// or what View3D writes, `.vf`
+    /// or what View3D writes, `.vf`; with `--for`, the solver's rows
     #[arg(long, value_name = "WHAT", conflicts_with_all = OF_PATCHES)]
     by: Option<ZoneName>,
     /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --store` found
@@ -69,6 +89,20 @@ pub(crate) struct Arguments {
     /// Accept a matrix of which parts are missing; their rows become empty
     #[arg(long)]
     allow_incomplete: bool,
+    /// Write the matrix as a solver reads it, or say what it lacks for that and the next step. Rows are the faces of the
+    /// scene's file in its order; for petsc patches, for view3d and energyplus objects
+    #[arg(long = "for", value_name = "PROGRAM", value_parser = solver::names(), conflicts_with_all = NOT_FOR_SOLVERS,
+        help_heading = "Solvers")]
+    program: Option<String>,
+    /// A text file with the solver's order of rows: a line each, the face's number from 0 or the object's name
+    #[arg(long, value_name = "FILE", requires = "program", help_heading = "Solvers")]
+    pub(crate) order: Option<PathBuf>,
+    /// EnergyPlus: the zone or enclosure of the surfaces
+    #[arg(long, value_name = "NAME", requires = "program", help_heading = "Solvers")]
+    zone: Option<String>,
+    /// The solver's version, where its files tell it: CalculiX's [default: 2.20], EnergyPlus' [default: 22.1 or later]
+    #[arg(long, value_name = "VERSION", requires = "program", help_heading = "Solvers")]
+    program_version: Option<String>,
     #[arg(long, help_heading = "Patches", help = format!(
         "What is known of each patch, in place of the matrix, where OUT is a {}, which may be either",
         either(" or "),
@@ -106,13 +140,23 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// Paths that the command reads and writes.
     pub(crate) fn paths(&self) -> Paths {
-        let columns = self.with_sky.then(|| self.output.with_extension("columns.csv"));
+        let columns = self.with_sky.then(|| self.output().with_extension("columns.csv"));
+        let outputs = solver::files(self).unwrap_or_else(|| vec![self.output().to_owned()]);
         Paths::default()
             .store([&self.store])
             .reads(&self.scene)
-            .writes("OUT", [&self.output], self.overwrite)
+            .reads(&self.order)
+            .writes("OUT", &outputs, self.overwrite)
             .writes("--with-sky", &columns, self.overwrite)
             .reports(&self.report)
+    }
+
+    /// OUT; one of the two is there.
+    fn output(&self) -> &Path {
+        self.output
+            .as_deref()
+            .or(self.named_output.as_deref())
+            .unwrap_or(Path::new(""))
     }
 }
 
@@ -252,8 +296,8 @@ impl Target {
     /// # Errors
     /// When they do not say, or contradict each other.
     fn of(arguments: &Arguments) -> Result<Self> {
+        let output = arguments.output();
         let Arguments {
-            output,
             format,
             patches,
             scene,
@@ -327,6 +371,9 @@ impl Target {
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
+    if let Some(program) = &arguments.program {
+        return solver::run(arguments, program, json, talk);
+    }
     if let Some(by) = arguments.by {
         return export_zones(arguments, by, json, talk);
     }
@@ -339,7 +386,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let sky = if arguments.with_sky {
         Some(SkyColumns::open(
             &store,
-            &arguments.output,
+            arguments.output(),
             format,
             arguments.overwrite,
         )?)
@@ -353,8 +400,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             cancel: Some(cancel),
         };
         match &sky {
-            Some(sky) => export_with_sky(&store, &sky.rows, &arguments.output, format, options),
-            None => export(&store, &arguments.output, format, options),
+            Some(sky) => export_with_sky(&store, &sky.rows, arguments.output(), format, options),
+            None => export(&store, arguments.output(), format, options),
         }
     });
     let Some(found) = found.map_err(|error| match error.downcast_ref() {
@@ -408,7 +455,7 @@ fn interruptible<T>(
 ) -> Result<Option<T>> {
     let cancel = exit::watch_interrupts()?;
     let _guard = exit::InterruptGuard::new();
-    let bar = Bar::spinner(talk, &format!("writing `{}`", arguments.output.display()));
+    let bar = Bar::spinner(talk, &format!("writing `{}`", arguments.output().display()));
     let written = write(WriteOptions {
         overwrite: arguments.overwrite,
         cancel,
@@ -512,17 +559,17 @@ struct ZonesReport<'a> {
 }
 
 fn export_zones(arguments: &Arguments, by: ZoneName, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
-    let format = ZoneFormat::of(&arguments.output)?;
+    let format = ZoneFormat::of(arguments.output())?;
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let bar = Bar::spinner(talk, &format!("adding up `{}`", arguments.store.display()));
     let found = zones(&store, by.into())?;
     let materials = &store.manifest().materials;
-    let bytes = write_zones(&found, materials, &arguments.output, format, arguments.overwrite)?;
+    let bytes = write_zones(&found, materials, arguments.output(), format, arguments.overwrite)?;
     drop(bar);
     talk.say(&format!(
         "`{}`: {}, {} of {}",
-        arguments.output.display(),
+        arguments.output().display(),
         size(bytes),
         counted(found.len() as u64, "zone"),
         counted(store.patch_count().into(), "patch"),
@@ -532,7 +579,7 @@ fn export_zones(arguments: &Arguments, by: ZoneName, json: Option<JsonReport>, t
             schema: SCHEMA,
             program: "hemicube",
             version: env!("CARGO_PKG_VERSION"),
-            path: &arguments.output,
+            path: arguments.output(),
             format,
             by: by.into(),
             bytes,

@@ -15,7 +15,7 @@
 //! - `M` (masking surface): an error: what it covers sees nothing else, so leave both out
 //! - `emit`: the name of the material, `emissivity 0.9`, for tables of materials to refer to
 //! - `T`: the title, skipped
-//! - `C`, `X`: settings of View3D, skipped, counted
+//! - `C`, `X`: settings of View3D, skipped, counted; [`study`] has them
 //! - `!`, `/`: a comment, to the end of the line
 //! - `E`, `*`: the end; what follows is not read
 //!
@@ -50,9 +50,82 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         findings: Findings::default(),
         vertices: Vec::new(),
         surfaces: Vec::new(),
+        study: Study::default(),
     };
     reader.elements()?;
     reader.scene(Bounds::new(bytes.len(), options))
+}
+
+/// A View3D file as View3D's own command takes it: its settings, and the surfaces that become rows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Study {
+    /// The last title.
+    pub title: String,
+    /// `name`, `value` of the control lines in their order, names in lower case; and the line of each.
+    pub controls: Vec<(String, String, u64)>,
+    /// The surfaces in their order: a triangle's `face` is an index into them.
+    pub surfaces: Vec<StudySurface>,
+}
+
+/// A surface of a [`Study`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct StudySurface {
+    /// Its name; empty for an obstruction.
+    pub name: String,
+    /// The surface with which it is reported as one, from 0.
+    pub combined_with: Option<usize>,
+    /// Its emittance as written; 0 for an obstruction.
+    pub emittance: f64,
+    /// True if it becomes a row: no obstruction, no null surface.
+    pub radiates: bool,
+}
+
+/// Reads the settings and surfaces of a View3D scene.
+///
+/// # Errors
+/// As [`read`], and for surfaces combined in a chain, by View3D's rule.
+///
+/// ```
+/// use hemicube_scene::vs3;
+///
+/// let text = b"T a wall\nC encl=1 out=1\nF 3\nV 1 0 0 0\nV 2 1 0 0\nV 3 1 0 1\nS 1 1 2 3 0 0 0 .9 wall\n";
+/// let study = vs3::study(text)?;
+/// assert_eq!((&*study.title, &*study.surfaces[0].name), ("a wall", "wall"));
+/// assert_eq!(study.controls[1], ("out".to_owned(), "1".to_owned(), 2));
+/// # Ok::<(), hemicube_scene::Error>(())
+/// ```
+pub fn study(bytes: &[u8]) -> Result<Study, Error> {
+    let text = String::from_utf8_lossy(crate::text::unmarked(bytes)?);
+    let mut reader = Reader {
+        words: Words::new(&text),
+        findings: Findings::default(),
+        vertices: Vec::new(),
+        surfaces: Vec::new(),
+        study: Study::default(),
+    };
+    reader.elements()?;
+    let mut study = reader.study;
+    for surface in &reader.surfaces {
+        if let Some(to) = surface.combined_with
+            && reader
+                .surfaces
+                .get(to)
+                .is_none_or(|to| to.combined_with.is_some() || to.kind != Kind::Radiating)
+        {
+            let reason = format!(
+                "surface {} is no surface to combine with: it is part of another",
+                to + 1
+            );
+            return Err(Error::malformed(reason).at(surface.line));
+        }
+        study.surfaces.push(StudySurface {
+            name: surface.name.clone(),
+            combined_with: surface.combined_with,
+            emittance: surface.emittance,
+            radiates: surface.kind == Kind::Radiating,
+        });
+    }
+    Ok(study)
 }
 
 /// The words of a file with their lines, without comments, up to the end-of-information element.
@@ -67,7 +140,9 @@ impl<'a> Words<'a> {
         let mut lines = VecDeque::new();
         for (number, line) in (1..).zip(text.lines()) {
             let code = line.split(['!', '/']).next().unwrap_or_default();
-            let words: Vec<&str> = code.split_whitespace().collect();
+            // View3D's separators.
+            let is_separator = |c: char| c.is_whitespace() || c == ',';
+            let words: Vec<&str> = code.split(is_separator).filter(|word| !word.is_empty()).collect();
             match words.first().and_then(|word| word.chars().next()) {
                 None => continue,
                 Some('*' | 'E' | 'e') => break,
@@ -93,6 +168,7 @@ struct Surface {
     base: Option<usize>,
     /// From 0.
     combined_with: Option<usize>,
+    emittance: f64,
     material: String,
     name: String,
 }
@@ -109,6 +185,7 @@ struct Reader<'a> {
     findings: Findings,
     vertices: Vec<DVec3>,
     surfaces: Vec<Surface>,
+    study: Study,
 }
 
 impl Reader<'_> {
@@ -149,8 +226,13 @@ impl Reader<'_> {
         while let Some(words) = self.words.next_line() {
             let element = words[0].chars().next().map(|c| c.to_ascii_uppercase());
             match element {
-                Some('T') => {}
-                Some('C' | 'X') => self.findings.count("line of View3D's settings, not used"),
+                Some('T') => self.study.title = words[1..].join(" "),
+                Some('C' | 'X') => {
+                    self.findings.count("line of View3D's settings, not used");
+                    if element == Some('C') {
+                        self.controls(&words[1..]);
+                    }
+                }
                 Some('F') => {
                     planes = match words.get(1).map(|form| form.to_ascii_lowercase()).as_deref() {
                         Some("3") => Some(false),
@@ -182,6 +264,20 @@ impl Reader<'_> {
         Ok(())
     }
 
+    /// `name=value` pairs, separated by blanks, `=` and `,` in any number.
+    fn controls(&mut self, words: &[&str]) {
+        let mut parts = words
+            .iter()
+            .flat_map(|word| word.split(['=', ',']))
+            .filter(|part| !part.is_empty());
+        while let Some(name) = parts.next() {
+            let value = parts.next().unwrap_or_default().to_owned();
+            self.study
+                .controls
+                .push((name.to_ascii_lowercase(), value, self.words.line));
+        }
+    }
+
     fn surface(&mut self, words: &[&str], kind: Kind, planes: Option<bool>) -> Result<(), Error> {
         let Some(planes) = planes else {
             return self.fail("a surface before the line `F 3` or `F 3a`, which says how surfaces are written");
@@ -199,6 +295,7 @@ impl Reader<'_> {
             corners: Vec::new(),
             base: None,
             combined_with: None,
+            emittance: 0.0,
             material: String::new(),
             name: String::new(),
         };
@@ -212,6 +309,7 @@ impl Reader<'_> {
             surface.base = before(self, attributes, "base surface")?;
             surface.combined_with = before(self, attributes + 1, "combination surface")?;
             let emissivity = self.number(words.get(attributes + 2), "the emissivity")?;
+            surface.emittance = emissivity;
             surface.material = format!("emissivity {emissivity}");
             surface.name = (*words.get(attributes + 3).unwrap_or(&"")).to_owned();
         }

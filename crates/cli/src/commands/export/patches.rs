@@ -43,7 +43,7 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
         return Err(hinted(
             anyhow!(
                 "`{}` needs the corners of the patches, which the matrix does not keep",
-                arguments.output.display()
+                arguments.output().display()
             ),
             format!(
                 "name the scene's file with `--scene`: it was computed from `{}`",
@@ -70,7 +70,7 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
         results.colors = Some(colors(&results, &column, arguments.range)?);
     }
     let Some(bytes) = super::interruptible(arguments, talk, |options| {
-        write_patches(&results, &arguments.output, format, options)
+        write_patches(&results, arguments.output(), format, options)
     })?
     else {
         return Ok(Exit::Interrupted);
@@ -81,7 +81,7 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
     };
     talk.say(&format!(
         "`{}`: {}, {} with {}",
-        arguments.output.display(),
+        arguments.output().display(),
         size(bytes),
         counted(results.patch_count() as u64, "patch"),
         columns.join(", ")
@@ -98,7 +98,7 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
             schema: SCHEMA,
             program: "hemicube",
             version: env!("CARGO_PKG_VERSION"),
-            path: &arguments.output,
+            path: arguments.output(),
             format,
             patches: results.patch_count(),
             columns,

@@ -1,0 +1,132 @@
+//! `hemicube export --for`: the matrix in a radiation solver's files.
+
+use super::{Arguments, interruptible};
+use crate::args::Talk;
+use crate::exit::{Exit, hinted};
+use crate::report::{self, JsonReport, SCHEMA, count, counted, size};
+use anyhow::{Context, Result, anyhow};
+use clap::builder::{PossibleValue, PossibleValuesParser};
+use hemicube::store::Store;
+use hemicube_export::{Error, Grouping, SolverFormat, SolverOptions, SolverReport, export_for};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Bytes of a file of an order, at most: a name of 100 characters for each of 10⁷ faces.
+const ORDER_BYTES_MAX: u64 = 1 << 30;
+
+/// The solvers, for `--for`.
+pub(super) fn names() -> PossibleValuesParser {
+    let named = |format: &SolverFormat| PossibleValue::new(format.label()).help(format.about());
+    SolverFormat::ALL.iter().map(named).collect::<Vec<_>>().into()
+}
+
+/// The files that OUT stands for, if it stands for others than itself.
+pub(super) fn files(arguments: &Arguments) -> Option<Vec<PathBuf>> {
+    let output = arguments.output();
+    match SolverFormat::named_as(arguments.program.as_deref()?)? {
+        SolverFormat::OpenFoam => Some(["F", "globalFaceFaces", "mapDist"].map(|name| output.join(name)).into()),
+        SolverFormat::Udales => {
+            let name = output.file_name()?.to_string_lossy().replace("vfsparse", "svf");
+            Some(vec![output.to_owned(), output.with_file_name(name)])
+        }
+        _ => None,
+    }
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    schema: u32,
+    program: &'static str,
+    version: &'static str,
+    #[serde(rename = "for")]
+    solver: &'static str,
+    #[serde(flatten)]
+    export: &'a SolverReport,
+}
+
+/// Names of rows, a line each; an empty last line is none.
+fn order(path: &Path) -> Result<Vec<String>> {
+    let failed = || format!("`{}` cannot be read", path.display());
+    let bytes = std::fs::metadata(path).with_context(failed)?.len();
+    if bytes > ORDER_BYTES_MAX {
+        return Err(anyhow!(
+            "`{}` has {}, more than an order of rows",
+            path.display(),
+            size(bytes)
+        ));
+    }
+    let text = std::fs::read_to_string(path).with_context(failed)?;
+    Ok(text.lines().map(|line| line.trim().to_owned()).collect())
+}
+
+pub(super) fn run(arguments: &Arguments, program: &str, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
+    let Some(format) = SolverFormat::named_as(program) else {
+        return Err(anyhow!("there is no solver `{program}`"));
+    };
+    for (name, given, wanted) in [
+        ("--zone", arguments.zone.is_some(), format == SolverFormat::EnergyPlus),
+        (
+            "--program-version",
+            arguments.program_version.is_some(),
+            matches!(format, SolverFormat::EnergyPlus | SolverFormat::Calculix),
+        ),
+    ] {
+        if given && !wanted {
+            return Err(hinted(
+                anyhow!("`{name}` has no meaning for {}", format.program()),
+                "leave it out; `hemicube export --help` says which solvers it is for",
+            ));
+        }
+    }
+    report::require_matrix(&arguments.store)?;
+    let store = Store::open(&arguments.store)?;
+    let order = arguments.order.as_deref().map(order).transpose()?;
+    let written = interruptible(arguments, talk, |write| {
+        let options = SolverOptions {
+            grouping: arguments.by.map(|by| Grouping::By(by.into())),
+            order: order.as_deref(),
+            zone: arguments.zone.as_deref(),
+            version: arguments.program_version.as_deref(),
+            write,
+        };
+        export_for(&store, arguments.output(), format, &options)
+    });
+    let found = written.map_err(|error| match error.downcast_ref() {
+        Some(Error::Unfit { next, .. }) => {
+            let next = next.clone();
+            hinted(error, next)
+        }
+        _ => error,
+    })?;
+    let Some(found) = found else {
+        return Ok(Exit::Interrupted);
+    };
+    for file in &found.files {
+        talk.say(&format!("`{}`: {}", file.path.display(), size(file.bytes)));
+    }
+    let rows = match found.grouping {
+        Grouping::Patch => counted(found.rows, "patch"),
+        grouping => counted(found.rows, grouping.word()),
+    };
+    let reciprocity = match found.found.reciprocity {
+        Some(residual) => format!(", reciprocal to {residual:.0e}"),
+        None => String::new(),
+    };
+    talk.say(&format!(
+        "{rows}, {} entries; rows sum to {:.6} to {:.6}{reciprocity}",
+        count(found.found.entries),
+        found.found.sums[0],
+        found.found.sums[1]
+    ));
+    talk.say(&found.next);
+    if let Some(json) = json {
+        json.write(&Report {
+            schema: SCHEMA,
+            program: "hemicube",
+            version: env!("CARGO_PKG_VERSION"),
+            solver: format.label(),
+            export: &found,
+        })?;
+    }
+    Ok(Exit::Done)
+}
