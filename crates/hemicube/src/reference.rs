@@ -25,6 +25,7 @@
 //!
 //! Rows depend on the scene, the settings and the emitter only.
 
+mod aggregate;
 mod facing;
 mod hemisphere;
 mod measure;
@@ -32,6 +33,7 @@ mod pair;
 mod random;
 mod visibility;
 
+pub use aggregate::rows_of_patches;
 pub use measure::{EstimatedRow, Interval, Measured, errors_against};
 
 use crate::Model;

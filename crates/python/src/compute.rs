@@ -238,7 +238,17 @@ pub(crate) fn compute(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Matrix> {
     let scene = scene.get();
-    let count = u32::try_from(scene.patches.len()).unwrap_or(u32::MAX);
+    let kind = match patches {
+        None => PatchKind::Triangle,
+        Some(name) => PatchKind::of_name(name).ok_or_else(|| {
+            errors::input(format!(
+                "`patches` is `{name}`; triangle, face, object or material is needed"
+            ))
+        })?,
+    };
+    let grouping = Grouping::new(&scene.input, &scene.patches, kind);
+    let count = grouping.as_ref().map_or(scene.patches.len(), Grouping::len);
+    let count = u32::try_from(count).unwrap_or(u32::MAX);
     let choice = match (rows, sample_rows) {
         (None, None) => RowChoice::All,
         (Some((start, end)), None) if start < end && end <= count => RowChoice::Range { start, end },
@@ -267,6 +277,7 @@ pub(crate) fn compute(
         receivers,
         occluders,
         min_factor,
+        patches: kind,
         form: match store {
             None => None,
             Some("plain") => Some(Form::Plain),
