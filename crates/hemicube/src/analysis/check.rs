@@ -20,6 +20,7 @@
 
 pub mod verdict;
 
+use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
 use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, PatchTable, Result, RowShares, RowSums, Store};
 use hemicube_scene::InputPatch;
@@ -173,6 +174,9 @@ pub struct CheckReport {
     pub complete: bool,
     /// Patches of the scene.
     pub patch_count: u32,
+    /// Their kind; absent in JSON for triangles.
+    #[serde(skip_serializing_if = "PatchKind::is_triangle")]
+    pub patch_kind: PatchKind,
     /// Rows present.
     pub rows: u64,
     /// Entries present.
@@ -602,6 +606,7 @@ impl Tally {
             failures: self.failures,
             complete: store.manifest().complete,
             patch_count: self.patch_count,
+            patch_kind: store.manifest().patch_kind(),
             rows: of_rows.len() as u64,
             entries: self.entries,
             form: store.manifest().form,

@@ -2,11 +2,12 @@
 //!
 //! ```text
 //! F_IJ = Σ_{i∈I} A_i Σ_{j∈J} F_ij / Σ_{i∈I} A_i        X_I = Σ_{i∈I} A_i X_i / Σ_{i∈I} A_i
-//! e_I² = Σ_{i∈I} (A_i e_i)² / (Σ_{i∈I} A_i)²
+//! e_I = Σ_{i∈I} A_i e_i / Σ_{i∈I} A_i
 //! ```
 //!
-//! X are the shares *escaped*, *blocked* and *unselected*, e the expected errors of rows: those of elements are taken
-//! for independent. Workers add up the columns of an element's row, in the order of columns; the collector adds up
+//! X are the shares *escaped*, *blocked* and *unselected*, e the expected errors of rows, √Σ (F − true F)². Errors of
+//! the columns of one patch are taken for independent, those of its elements for equal: neighbours see the same
+//! penumbrae (`docs/accuracy.md` has measurements). Workers add up the columns of an element's row, in the order of columns; the collector adds up
 //! elements, in the order of work. Both are in f64 and do not depend on threads or batches. Weights, hemicubes and rays
 //! are added up in integers. Memory: the open row, and one element's row a worker, 8 bytes a patch each.
 
@@ -62,7 +63,7 @@ pub(super) struct OpenRow<'a> {
     area: f64,
     whole_area: f64,
     shares: [f64; 3],
-    squared_error: f64,
+    error: f64,
     sums: RowSums,
     hemicubes: u64,
     rays: u64,
@@ -84,7 +85,7 @@ impl<'a> OpenRow<'a> {
             area: 0.0,
             whole_area: 0.0,
             shares: [0.0; 3],
-            squared_error: 0.0,
+            error: 0.0,
             sums: RowSums::default(),
             hemicubes: 0,
             rays: 0,
@@ -119,7 +120,7 @@ impl<'a> OpenRow<'a> {
         for (sum, share) in self.shares.iter_mut().zip(part.shares[row].to_array()) {
             *sum += area * share;
         }
-        self.squared_error += (area * f64::from(part.errors[row])).powi(2);
+        self.error += area * f64::from(part.errors[row]);
         let of_row = &part.sums[row];
         self.sums.visible += of_row.visible;
         self.sums.escaped += of_row.escaped;
@@ -140,7 +141,7 @@ impl<'a> OpenRow<'a> {
             part.indices.push(patch.cast_signed());
             part.data.push(narrow(exchange / self.area));
         }
-        let mut error = narrow(self.squared_error.sqrt() / self.area);
+        let mut error = narrow(self.error / self.area);
         let change = small_entries::keep(part, start, self.plan.min_factor, self.plan.form, &mut error);
         let is_known = self.hemicubes > 0;
         part.rows.push(patch.0);
@@ -157,7 +158,7 @@ impl<'a> OpenRow<'a> {
         // More than fit are refused by the store: the weights then do not sum to the hemicubes'.
         part.hemicubes.push(u32::try_from(std::mem::take(&mut self.hemicubes)).unwrap_or(u32::MAX));
         part.rays.push(u32::try_from(std::mem::take(&mut self.rays)).unwrap_or(u32::MAX));
-        (self.area, self.squared_error) = (0.0, 0.0);
+        (self.area, self.error) = (0.0, 0.0);
         Some((std::mem::take(&mut self.whole_area), change))
     }
 }

@@ -115,10 +115,12 @@ impl PatchTable {
         let Some(patch) = self.material.iter().position(|&material| material == Self::SEVERAL) else {
             return Ok(());
         };
+        let manifest = store.manifest();
+        let name = self.name(patch, manifest.patch_kind(), &manifest.objects, &manifest.materials);
         let reason = format!(
             "has patches of several materials, `{}` the first, and properties are given by material; compute it by \
              `--patches face` or `--patches material`",
-            self.name(patch, store).unwrap_or_default()
+            name.unwrap_or_default()
         );
         Err(Error::unsupported(store.directory(), reason))
     }
@@ -132,20 +134,24 @@ impl PatchTable {
     }
 
     /// The name of a patch of several elements: of its object or material, or the number of its face, from 0, with
-    /// `back` for a back; `None` for triangles.
+    /// `back` for a back; `None` for triangles. Objects and materials are the manifest's.
     ///
     /// # Panics
     /// When there is no such patch.
-    pub fn name<'a>(&self, patch: usize, store: &'a Store) -> Option<std::borrow::Cow<'a, str>> {
-        let manifest = store.manifest();
-        let named = |names: &'a [String], index: u32| names.get(index as usize).map_or("", String::as_str).into();
-        match manifest.patch_kind() {
+    pub fn name(&self, patch: usize, kind: PatchKind, objects: &[String], materials: &[String]) -> Option<String> {
+        let named = |names: &[String], index: u32| names.get(index as usize).cloned().unwrap_or_default();
+        match kind {
             PatchKind::Triangle => None,
-            PatchKind::Object => Some(named(&manifest.objects, self.object[patch])),
-            PatchKind::Material => Some(named(&manifest.materials, self.material[patch])),
-            PatchKind::Face if self.side[patch] == 0 => Some(self.face[patch].to_string().into()),
-            PatchKind::Face => Some(format!("{} back", self.face[patch]).into()),
+            PatchKind::Object => Some(named(objects, self.object[patch])),
+            PatchKind::Material => Some(named(materials, self.material[patch])),
+            PatchKind::Face if self.side[patch] == 0 => Some(self.face[patch].to_string()),
+            PatchKind::Face => Some(format!("{} back", self.face[patch])),
         }
+    }
+
+    /// The names of all patches of several elements, as of [`Self::name`]; `None` for triangles.
+    pub fn names(&self, kind: PatchKind, objects: &[String], materials: &[String]) -> Option<Vec<String>> {
+        (0..self.len()).map(|patch| self.name(patch, kind, objects, materials)).collect()
     }
 }
 
